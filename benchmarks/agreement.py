@@ -75,4 +75,6 @@ def _distance(one: NDArray[Any], other: NDArray[Any]) -> tuple[float, float]:
 
 def _standard_errors(difference: float, error: float) -> float:
     """0 if both are the same constant, as in a saturated band."""
-    return float(abs(difference) / error) if error else (0.0 if difference == 0 else float("inf"))
+    return (
+        float(abs(difference) / error) if error else (0.0 if difference == 0 else float("inf"))
+    )

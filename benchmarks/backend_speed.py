@@ -58,15 +58,37 @@ def main() -> None:
 
 def parsed() -> argparse.Namespace:
     """The command-line options."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mpx", type=float, nargs="+", default=[1, 4, 12], help="million pixels")
-    parser.add_argument("--electrons", type=float, nargs="+", default=[1, 1000, 30000], help="mean photoelectrons")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
-        "--content", nargs="+", default=list(CONTENTS), choices=CONTENTS, help="spatial distribution of the light"
+        "--mpx", type=float, nargs="+", default=[1, 4, 12], help="million pixels"
+    )
+    parser.add_argument(
+        "--electrons",
+        type=float,
+        nargs="+",
+        default=[1, 1000, 30000],
+        help="mean photoelectrons",
+    )
+    parser.add_argument(
+        "--content",
+        nargs="+",
+        default=list(CONTENTS),
+        choices=CONTENTS,
+        help="spatial distribution of the light",
     )
     parser.add_argument("--turns", type=int, default=5, help="measured turns (default 5)")
-    parser.add_argument("--engines", nargs="+", default=["numpy", "drjit", "numpy64"], choices=ENGINES)
-    parser.add_argument("--parts", nargs="+", default=list(PARTS), choices=PARTS, help="what to measure (default all)")
+    parser.add_argument(
+        "--engines", nargs="+", default=["numpy", "drjit", "numpy64"], choices=ENGINES
+    )
+    parser.add_argument(
+        "--parts",
+        nargs="+",
+        default=list(PARTS),
+        choices=PARTS,
+        help="what to measure (default all)",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     return parser.parse_args()
 
@@ -76,11 +98,19 @@ def cases(options: argparse.Namespace) -> dict[str, Any]:
     rows = []
     for mpx, electrons, content in product(options.mpx, options.electrons, options.content):
         photons = photon_map(full_chain(), electrons, content, shape_of(mpx))
-        tasks = {name: next_frame(name, photons, full_chain()) for name in (PLAIN, *options.engines)}
+        tasks = {
+            name: next_frame(name, photons, full_chain()) for name in (PLAIN, *options.engines)
+        }
         found = speeds(alternate(tasks, options.turns), photons.size, PLAIN)
         rows.append({"mpx": mpx, "electrons": electrons, "content": content, "engines": found})
-    ratios = {name: [row["engines"][name]["ratio_to_plain"] for row in rows] for name in options.engines}
-    summary = {name: {"min_ratio": min(all_), "median_ratio": statistics.median(all_)} for name, all_ in ratios.items()}
+    ratios = {
+        name: [row["engines"][name]["ratio_to_plain"] for row in rows]
+        for name in options.engines
+    }
+    summary = {
+        name: {"min_ratio": min(all_), "median_ratio": statistics.median(all_)}
+        for name, all_ in ratios.items()
+    }
     return {"rows": rows, "summary": summary}
 
 
@@ -88,12 +118,22 @@ def single(options: argparse.Namespace) -> dict[str, Any]:
     """Speed of frames of new photon maps each, computed by an object that keeps maps and kernels."""
     rows = []
     for mpx in options.mpx:
-        maps = [photon_map(full_chain(), level, "ramp", shape_of(mpx)) for level in (300, 3000, 30_000)]
-        tasks: dict[str, Callable[[], object]] = {PLAIN: next_frame(PLAIN, maps[0], full_chain())}
+        maps = [
+            photon_map(full_chain(), level, "ramp", shape_of(mpx))
+            for level in (300, 3000, 30_000)
+        ]
+        tasks: dict[str, Callable[[], object]] = {
+            PLAIN: next_frame(PLAIN, maps[0], full_chain())
+        }
         for name in options.engines:
             tasks[f"{name} sensor"] = next_exposure(name, maps)
             tasks[f"{name} stream"] = next_frame(name, maps[0], full_chain())
-        rows.append({"mpx": mpx, "engines": speeds(alternate(tasks, options.turns), maps[0].size, PLAIN)})
+        rows.append(
+            {
+                "mpx": mpx,
+                "engines": speeds(alternate(tasks, options.turns), maps[0].size, PLAIN),
+            }
+        )
     return {"rows": rows}
 
 
@@ -102,8 +142,13 @@ def short(options: argparse.Namespace) -> dict[str, Any]:
     cameras = {"full_chain": full_chain(), "shot_read_quantise": shot_read_quantise()}
     found = {}
     for engine in (PLAIN, *options.engines):
-        tasks = {name: next_frame(engine, middle_light(options), camera) for name, camera in cameras.items()}
-        found[engine] = speeds(alternate(tasks, options.turns), middle_light(options).size, "full_chain")
+        tasks = {
+            name: next_frame(engine, middle_light(options), camera)
+            for name, camera in cameras.items()
+        }
+        found[engine] = speeds(
+            alternate(tasks, options.turns), middle_light(options).size, "full_chain"
+        )
     return found
 
 
@@ -116,7 +161,8 @@ def first(options: argparse.Namespace) -> dict[str, Any]:
         for _ in range(options.turns):
             with tempfile.TemporaryDirectory() as home:
                 fresh, cached = (
-                    in_child("backend_speed", "first_frame", engine, mpx, electrons, home=home) for _ in "12"
+                    in_child("backend_speed", "first_frame", engine, mpx, electrons, home=home)
+                    for _ in "12"
                 )
             turns.append((fresh, cached))
         found[engine] = {
@@ -219,7 +265,9 @@ def middle(values: list[float]) -> float:
 
 def middle_light(options: argparse.Namespace) -> NDArray[np.float64]:
     """A ramp of the median size and level."""
-    return photon_map(full_chain(), middle(options.electrons), "ramp", shape_of(middle(options.mpx)))
+    return photon_map(
+        full_chain(), middle(options.electrons), "ramp", shape_of(middle(options.mpx))
+    )
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {

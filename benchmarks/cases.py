@@ -51,7 +51,9 @@ CONTENTS: dict[str, Callable[[tuple[int, int]], NDArray[np.float64]]] = {
 """Relative light of mean 1: constant, a ramp from 0 to 2 from left to right, and uniform random from 0 to 2."""
 
 
-def photon_map(camera: ms.Camera, electrons: float, content: str, shape: tuple[int, int]) -> NDArray[np.float64]:
+def photon_map(
+    camera: ms.Camera, electrons: float, content: str, shape: tuple[int, int]
+) -> NDArray[np.float64]:
     """Mean photons per pixel that give ``electrons`` photoelectrons on average, (H, W)."""
     return CONTENTS[content](shape) * (electrons / reference_qe(camera))
 

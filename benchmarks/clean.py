@@ -23,7 +23,11 @@ QUIET = {
     "readout.reset": "true_cds",
     "adc.black_level_dn": 20,
 }
-CURVED = {"source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04, "readout.ve_nonlinearity": 1.0}
+CURVED = {
+    "source_follower.vv_nonlinearity": 1.05,
+    "adc.gamma": 1.04,
+    "readout.ve_nonlinearity": 1.0,
+}
 RTS = {
     "dark_current.rts_fraction": 0.3,
     "dark_current.rts_amplitude_e_per_s": 3000.0,
@@ -34,7 +38,10 @@ HOT = [{"weight": 0.2, "family": "uniform", "low": 1000.0, "high": 90000.0, "uni
 CHANGED: dict[str, dict[str, object]] = {
     "0.1 DN of noise": QUIET,
     "RTS pixels": RTS,
-    "RTN pixels": {"source_follower.rtn_pixel_fraction": 0.3, "source_follower.rtn_pixel_amplitude_e": 60.0},
+    "RTN pixels": {
+        "source_follower.rtn_pixel_fraction": 0.3,
+        "source_follower.rtn_pixel_amplitude_e": 60.0,
+    },
     "read noise of its own in every pixel": {"source_follower.read_noise_cv": 0.5},
     "gains of columns": {"readout.prnu_col": 0.03, "pixel.dsnu_e": 8.0},
     "curves": CURVED,
@@ -89,18 +96,30 @@ def print_cost() -> None:
 
 def main() -> None:
     """Print a table: dark, half and full."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cost", action="store_true", help="processor seconds instead")
     if parser.parse_args().cost:
         print_cost()
         return
-    print("| camera | light | largest z | rms z | variance over theory | CPU s |\n|---|---|---|---|---|---|")
+    print(
+        "| camera | light | largest z | rms z | variance over theory | CPU s |\n|---|---|---|---|---|---|"
+    )
     for name, camera in cases():
         one = ms.expose(np.ones(SHAPE), camera, ms.Exposure(0.0)).detected.mean_e.max()
         top = min(camera.pixel.full_well_e, (2**camera.adc.bits - 1) / gain_dn_per_e(camera))
-        for light, share in (("dark", 0.0), ("100 e-", 100 / top), ("half", 0.5), ("at the clip", 0.995)):
+        for light, share in (
+            ("dark", 0.0),
+            ("100 e-", 100 / top),
+            ("half", 0.5),
+            ("at the clip", 0.995),
+        ):
             largest, rms, ratio, seconds = compare(camera, np.full(SHAPE, share * top / one))
-            print(f"| {name} | {light} | {largest:.2f} | {rms:.3f} | {ratio:.4f} | {seconds:.2f} |", flush=True)
+            print(
+                f"| {name} | {light} | {largest:.2f} | {rms:.3f} | {ratio:.4f} | {seconds:.2f} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -45,10 +45,21 @@ TRIMMED = 0.01
 
 def main() -> None:
     """Parse the options, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=int, default=32, help="width and height in pixels (default 32)")
-    parser.add_argument("--frames", type=int, default=200, help="frames for the statistics (default 200)")
-    parser.add_argument("--exposure-s", type=float, default=0.02, help="exposure time (default 0.02: about 1000 e-)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--size", type=int, default=32, help="width and height in pixels (default 32)"
+    )
+    parser.add_argument(
+        "--frames", type=int, default=200, help="frames for the statistics (default 200)"
+    )
+    parser.add_argument(
+        "--exposure-s",
+        type=float,
+        default=0.02,
+        help="exposure time (default 0.02: about 1000 e-)",
+    )
     parser.add_argument("--turns", type=int, default=3, help="measured turns (default 3)")
     parser.add_argument(
         "--quick",
@@ -68,10 +79,14 @@ def main() -> None:
     print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
-def compensated_frames(exposure: ms.Exposure, size: int, frames: int) -> Iterator[RenderedFrame]:
+def compensated_frames(
+    exposure: ms.Exposure, size: int, frames: int
+) -> Iterator[RenderedFrame]:
     """Frames with compensated render noise that keep their electrons."""
     parameters = {"width": size, "height": size}
-    return ms.render_frames(SCENE, CAMERA, exposure, frames=frames, keep=("electrons",), parameters=parameters)
+    return ms.render_frames(
+        SCENE, CAMERA, exposure, frames=frames, keep=("electrons",), parameters=parameters
+    )
 
 
 def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
@@ -81,7 +96,13 @@ def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
     tasks = {
         "frame": lambda seed: next(frames).light,
         "render": lambda seed: ms.render(
-            SCENE, CAMERA, exposure, seed=seed, noise_ratio=RATIO, spectral="channels", parameters=parameters
+            SCENE,
+            CAMERA,
+            exposure,
+            seed=seed,
+            noise_ratio=RATIO,
+            spectral="channels",
+            parameters=parameters,
         ),
     }
     wall: dict[str, list[float]] = {name: [] for name in tasks}
@@ -120,7 +141,9 @@ def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, An
     share, render = variance[free] / mean[free], (np.mean(noise, axis=0)[free] / mean[free])
     quiet = render <= np.quantile(render, 1 - TRIMMED)
     degrees = len(counts) - 1
-    third = stats.kstat(counts[:, free], 3, axis=0)  # of a Poisson count its variance is about 6 mean³/frames
+    third = stats.kstat(
+        counts[:, free], 3, axis=0
+    )  # of a Poisson count its variance is about 6 mean³/frames
     chance = stats.chi2.cdf(share * degrees, degrees)
     normal = np.where(free, (counts - mean) / np.sqrt(np.maximum(variance, 1e-9)), 0.0)
     pairs = (free[:, 1:] & free[:, :-1]).sum() * len(counts)
@@ -133,11 +156,17 @@ def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, An
         "variance_over_mean": float(share.mean()),
         "standard_error": float(np.sqrt(2 / degrees / share.size)),
         "without_noisiest_1_percent": float(share[quiet].mean()),
-        "median_variance_over_mean": float(np.median(share) * degrees / stats.chi2.median(degrees)),
+        "median_variance_over_mean": float(
+            np.median(share) * degrees / stats.chi2.median(degrees)
+        ),
         "largest": float(share.max()),
-        "third_moment_over_mean": float((third / mean[free] ** 2).sum() / (1 / mean[free]).sum()),
+        "third_moment_over_mean": float(
+            (third / mean[free] ** 2).sum() / (1 / mean[free]).sum()
+        ),
         "third_moment_standard_error": float(np.sqrt(6 / len(counts) / (1 / mean[free]).sum())),
-        "third_moment_without_noisiest": float((third / mean[free] ** 2)[quiet].sum() / (1 / mean[free])[quiet].sum()),
+        "third_moment_without_noisiest": float(
+            (third / mean[free] ** 2)[quiet].sum() / (1 / mean[free])[quiet].sum()
+        ),
         "samples_per_frame": float(np.mean(samples)),
         "noisy_pixels": "; ".join(sorted(notes)),
         "above_shot_noise": float(np.mean(above)),

@@ -44,20 +44,36 @@ CHUNK = 250
 def main() -> int:
     """Parse the options, compute, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--means", type=float, nargs="+", default=MEANS, help="mean photoelectrons")
-    parser.add_argument("--ratios", type=float, nargs="+", default=RATIOS, help="render variance over mean")
-    parser.add_argument("--limit", type=float, default=compensation.LIMIT, help="largest compensated v/μ")
+    parser.add_argument(
+        "--means", type=float, nargs="+", default=MEANS, help="mean photoelectrons"
+    )
+    parser.add_argument(
+        "--ratios", type=float, nargs="+", default=RATIOS, help="render variance over mean"
+    )
+    parser.add_argument(
+        "--limit", type=float, default=compensation.LIMIT, help="largest compensated v/μ"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     compensation.LIMIT = options.limit
-    rows = [row(name, mean, ratio) for name in DISTRIBUTIONS for mean in options.means for ratio in options.ratios]
-    print(json.dumps({"limit": options.limit, "rows": rows})) if options.json else show(options.limit, rows)
+    rows = [
+        row(name, mean, ratio)
+        for name in DISTRIBUTIONS
+        for mean in options.means
+        for ratio in options.ratios
+    ]
+    print(json.dumps({"limit": options.limit, "rows": rows})) if options.json else show(
+        options.limit, rows
+    )
     return 0
 
 
 def normal(mean: float, ratio: float) -> Renders:
     """Means with a normal distribution, at equally spaced probabilities."""
-    return known(np.maximum(mean + math.sqrt(ratio * mean) * stats.norm.ppf(probabilities(NODES)), 0.0), ratio * mean)
+    return known(
+        np.maximum(mean + math.sqrt(ratio * mean) * stats.norm.ppf(probabilities(NODES)), 0.0),
+        ratio * mean,
+    )
 
 
 def skewed(mean: float, ratio: float) -> Renders:
@@ -67,7 +83,9 @@ def skewed(mean: float, ratio: float) -> Renders:
 
 def measured(mean: float, ratio: float) -> Renders:
     """Renders of eight gamma passes, scaled to the exact mean and variance of x and mean of the estimated variances."""
-    passes = np.random.default_rng(1).gamma(mean / (PASSES * ratio), PASSES * ratio, (RENDERS, PASSES))
+    passes = np.random.default_rng(1).gamma(
+        mean / (PASSES * ratio), PASSES * ratio, (RENDERS, PASSES)
+    )
     x, variance_e2 = passes.mean(axis=1), passes.var(axis=1, ddof=1) / PASSES
     x = np.maximum(mean + (x - x.mean()) * math.sqrt(ratio * mean) / x.std(), 0.0)
     return x, variance_e2 * (ratio * mean / variance_e2.mean()), np.full(RENDERS, 1 / RENDERS)
@@ -82,7 +100,12 @@ def fireflies(mean: float, ratio: float) -> Renders:
     return mean + height * (share - FIREFLY), spread, stats.binom.pmf(bright, PASSES, FIREFLY)
 
 
-DISTRIBUTIONS = {"normal": normal, "skewed": skewed, "measured": measured, "fireflies": fireflies}
+DISTRIBUTIONS = {
+    "normal": normal,
+    "skewed": skewed,
+    "measured": measured,
+    "fireflies": fireflies,
+}
 
 
 def probabilities(count: int) -> Array:
@@ -103,16 +126,22 @@ class Arguments:
         return 0.0
 
 
-def total_distribution(renders: Renders, compensated: bool, counts: Array) -> tuple[Array, float]:
+def total_distribution(
+    renders: Renders, compensated: bool, counts: Array
+) -> tuple[Array, float]:
     """P(N = n) over all renders for each of ``counts``, and the share of renders not compensated completely."""
     probability, short = np.zeros(counts.size), 0.0
     for start in range(0, renders[0].size, CHUNK):
         x, variance_e2, weight = (column[start : start + CHUNK, None] for column in renders)
-        used_e2, _ = compensation.compensable(x, 0.0, variance_e2 if compensated else 0.0 * variance_e2)
+        used_e2, _ = compensation.compensable(
+            x, 0.0, variance_e2 if compensated else 0.0 * variance_e2
+        )
         frame: Any = Arguments()
         whole, rest = compensation.reserved(x, used_e2, frame)
         without, with_one = (stats.poisson.pmf(counts - whole - one, rest) for one in (0, 1))
-        probability += np.sum(weight * ((1 - frame.chance) * without + frame.chance * with_one), axis=0)
+        probability += np.sum(
+            weight * ((1 - frame.chance) * without + frame.chance * with_one), axis=0
+        )
         short += float(np.sum(weight * (used_e2 < variance_e2)))
     return probability, short
 
@@ -122,7 +151,9 @@ def row(name: str, mean: float, ratio: float) -> dict[str, Any]:
     renders = DISTRIBUTIONS[name](mean, ratio)
     reach = 10 * math.sqrt(mean * (1 + ratio)) + 30
     highest = max(mean, float(renders[0].max())) + reach
-    counts = np.arange(max(0.0, math.floor(min(mean, float(renders[0].min())) - reach)), highest)
+    counts = np.arange(
+        max(0.0, math.floor(min(mean, float(renders[0].min())) - reach)), highest
+    )
     found: dict[str, Any] = {"distribution": name, "mean": mean, "ratio": ratio}
     for label, compensated in (("uncompensated", False), ("compensated", True)):
         probability, short = total_distribution(renders, compensated, counts)
@@ -136,7 +167,12 @@ def shape(probability: Array, counts: Array, mean: float) -> dict[str, float]:
     second, third, fourth = (float(np.sum(probability * away**k)) for k in (2, 3, 4))
     distance = float(np.abs(np.cumsum(probability) - stats.poisson.cdf(counts, mean)).max())
     kurtosis = fourth / second**2 - 3 - 1 / mean
-    return {"variance": second / mean, "third": third / mean, "kurtosis": kurtosis, "distance": distance}
+    return {
+        "variance": second / mean,
+        "third": third / mean,
+        "kurtosis": kurtosis,
+        "distance": distance,
+    }
 
 
 def show(limit: float, rows: list[dict[str, Any]]) -> None:
@@ -144,7 +180,9 @@ def show(limit: float, rows: list[dict[str, Any]]) -> None:
     print(f"limit {limit:.4g}; uncompensated → compensated")
     for r in rows:
         before, after = r["uncompensated"], r["compensated"]
-        cells = [f"{n} {before[n]:.3f} → {after[n]:.3f}" for n in ("variance", "third", "kurtosis")]
+        cells = [
+            f"{n} {before[n]:.3f} → {after[n]:.3f}" for n in ("variance", "third", "kurtosis")
+        ]
         distance = f"distance {before['distance']:.4f} → {after['distance']:.4f}"
         print(f"{r['distribution']:<10}{r['mean']:>7g} e-  v/μ {r['ratio']:<5g} {'  '.join(cells)}  {distance}  "
               f"short {after['short']:.2f}")  # fmt: skip

@@ -44,15 +44,25 @@ PILOT_SPP = 64
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=Path, nargs="+", default=[SCENES / f"{name}.xml" for name in SHIPPED])
+    parser.add_argument(
+        "--scenes", type=Path, nargs="+", default=[SCENES / f"{name}.xml" for name in SHIPPED]
+    )
     parser.add_argument("--spp", type=int, nargs="+", default=[64, 128, 512, 2048])
     parser.add_argument("--width", type=int, default=96, help="columns of the pictures")
-    parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of the reference")
+    parser.add_argument(
+        "--reference", type=int, default=16384, help="samples per pixel of the reference"
+    )
     parser.add_argument("--seeds", type=int, default=4, help="renders of each kind")
     parser.add_argument(
-        "--rays", type=int, help="of the guides, per pixel, a power of two from 2; by default as needed"
+        "--rays",
+        type=int,
+        help="of the guides, per pixel, a power of two from 2; by default as needed",
     )
-    parser.add_argument("--references", type=Path, help="folder that keeps the references from one run to the next")
+    parser.add_argument(
+        "--references",
+        type=Path,
+        help="folder that keeps the references from one run to the next",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.rays:
@@ -62,10 +72,15 @@ def main() -> None:
         print(json.dumps(rows))
         return
     for row in rows:
-        print(f"{row['scene']}, {row['spp']} samples; equal time: {', '.join(f'{x:.3g}' for x in row['equal_time'])}")
+        print(
+            f"{row['scene']}, {row['spp']} samples; equal time: {', '.join(f'{x:.3g}' for x in row['equal_time'])}"
+        )
         for kind in ("raw", "denoised"):
             one = row[kind]
-            found = ", ".join(f"{name} {one[name]:.4g}" for name in ("median", "mean", "p95", "bias", "z1", "z2"))
+            found = ", ".join(
+                f"{name} {one[name]:.4g}"
+                for name in ("median", "mean", "p95", "bias", "z1", "z2")
+            )
             print(f"    {kind:9s}{found}, {one['seconds']:.2f} s")
 
 
@@ -85,7 +100,10 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
             found = [made(job, spp, seed, kind == "denoised") for seed in range(options.seeds)]
             row[kind] = errors(found, *expected)
         longer = row["denoised"]["seconds"] / row["raw"]["seconds"]
-        row["equal_time"] = [row["raw"][x] / longer / max(row["denoised"][x], 1e-30) for x in ("median", "mean", "p95")]
+        row["equal_time"] = [
+            row["raw"][x] / longer / max(row["denoised"][x], 1e-30)
+            for x in ("median", "mean", "p95")
+        ]
         rows.append(row)
     return rows
 
@@ -103,26 +121,37 @@ def reference(job: PreparedRender, scene: Path, options: argparse.Namespace) -> 
 
 def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> tuple[float, Array, Array]:
     """Seconds, mean photoelectrons and their standard error, (H, W), of one render."""
-    renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, Kept.of(denoise, raw_light=True))
+    renderer = Renderer(
+        job.scene, job.camera, job.exposure, job.bands, Kept.of(denoise, raw_light=True)
+    )
     started = time.perf_counter()
-    replace(job, renderer=renderer, denoise=denoise).render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))
+    replace(job, renderer=renderer, denoise=denoise).render(
+        hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp})
+    )
     mean, variance = renderer.electrons()
     return time.perf_counter() - started, mean, np.sqrt(variance)
 
 
-def errors(found: list[tuple[float, Array, Array]], expected: Array, uncertainty: Array) -> dict[str, float]:
+def errors(
+    found: list[tuple[float, Array, Array]], expected: Array, uncertainty: Array
+) -> dict[str, float]:
     """Figures of renders against a reference with standard errors of its own."""
     below = (expected > 0) & (expected < CAMERA.pixel.full_well_e)
     reference = expected[below]
     apart = [np.abs(mean[below] - reference) for _, mean, _ in found]
     ratio = np.concatenate([x**2 / reference for x in apart])
-    sigmas = [np.maximum(np.hypot(sigma, uncertainty)[below], 1e-12 * reference) for _, _, sigma in found]
+    sigmas = [
+        np.maximum(np.hypot(sigma, uncertainty)[below], 1e-12 * reference)
+        for _, _, sigma in found
+    ]
     z = np.concatenate([x / sigma for x, sigma in zip(apart, sigmas, strict=True)])
     return {
         "median": float(np.median(ratio)),
         "mean": float(ratio.mean()),
         "p95": float(np.percentile(ratio, 95)),
-        "bias": float(np.mean([mean[below].sum() / reference.sum() - 1 for _, mean, _ in found])),
+        "bias": float(
+            np.mean([mean[below].sum() / reference.sum() - 1 for _, mean, _ in found])
+        ),
         "z1": float((z < 1).mean()),
         "z2": float((z < 2).mean()),
         "seconds": float(np.median([seconds for seconds, _, _ in found])),

@@ -34,9 +34,15 @@ def main() -> int:
     """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--means", type=mean_number, nargs="+", default=MEANS, help="means of the Poisson counts [events]"
+        "--means",
+        type=mean_number,
+        nargs="+",
+        default=MEANS,
+        help="means of the Poisson counts [events]",
     )
-    parser.add_argument("--stride", type=int, default=1, help="use every N-th input (default 1: all)")
+    parser.add_argument(
+        "--stride", type=int, default=1, help="use every N-th input (default 1: all)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if problem := backend_problem("llvm"):
@@ -44,14 +50,17 @@ def main() -> int:
     backend, stride = DrJitBackend("llvm"), options.stride
     result = {
         "inputs": -(-ALL // stride),
-        "poisson": [check_poisson(backend, float(np.float32(mean)), stride) for mean in options.means],
+        "poisson": [
+            check_poisson(backend, float(np.float32(mean)), stride) for mean in options.means
+        ],
         "zero_mean_is_zero": only_zeros(backend, stride),
         "normal": check_normal(backend, stride),
     }
     print(json.dumps(result)) if options.json else show(result)
     return (
         0
-        if result["zero_mean_is_zero"] and all(r["within_limits"] for r in (*result["poisson"], result["normal"]))
+        if result["zero_mean_is_zero"]
+        and all(r["within_limits"] for r in (*result["poisson"], result["normal"]))
         else 1
     )
 
@@ -70,7 +79,8 @@ def chunks(backend: DrJitBackend, stride: int, share: int = 1) -> Iterator[tuple
         number = backend.dr.arange(backend.uint, min(CHUNK, total - start))
         offset = start * stride + stride // 2
         yield (
-            number * backend.dr.opaque(backend.uint, stride) + backend.dr.opaque(backend.uint, offset),
+            number * backend.dr.opaque(backend.uint, stride)
+            + backend.dr.opaque(backend.uint, offset),
             f"{start / total:4.0%}",
         )
     print(end="\r\033[K", file=sys.stderr)
@@ -81,7 +91,9 @@ def show_progress(text: str) -> None:
     print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
 
 
-def poisson_counts(backend: DrJitBackend, mean: float, stride: int) -> tuple[int, NDArray[np.int64]]:
+def poisson_counts(
+    backend: DrJitBackend, mean: float, stride: int
+) -> tuple[int, NDArray[np.int64]]:
     """The lowest count of the histogram, and the histogram of all counts."""
     dr, reach = backend.dr, 7 * math.sqrt(mean) + 20
     lowest = max(0, math.floor(mean - reach))
@@ -94,7 +106,9 @@ def poisson_counts(backend: DrJitBackend, mean: float, stride: int) -> tuple[int
         dr.scatter_add(tally, backend.uint(1), backend.uint(counts - lowest), inside)
         seen += tally.numpy()
     if seen.sum() != -(-ALL // stride):
-        raise RuntimeError(f"counts for mean {mean:g} are outside {lowest} … {lowest + seen.size}")
+        raise RuntimeError(
+            f"counts for mean {mean:g} are outside {lowest} … {lowest + seen.size}"
+        )
     return lowest, seen
 
 
@@ -122,7 +136,9 @@ def check_poisson(backend: DrJitBackend, mean: float, stride: int) -> dict[str, 
         "variation": 0.5 * float(np.abs(share - exact).sum() + 1 - exact.sum()),
         "mean": float(np.sum(share * (n - mean))) / mean,
     }
-    found["variance"] = (float(np.sum(share * (n - mean) ** 2)) - (found["mean"] * mean) ** 2) / mean - 1
+    found["variance"] = (
+        float(np.sum(share * (n - mean) ** 2)) - (found["mean"] * mean) ** 2
+    ) / mean - 1
     limits = poisson_limits(mean, int(seen.sum()))
     within_limits = all(abs(found[name]) <= limits[name] for name in limits)
     return {"electrons": mean, **found, "limits": limits, "within_limits": within_limits}
@@ -132,7 +148,9 @@ def only_zeros(backend: DrJitBackend, stride: int) -> bool:
     """Whether every input gives exactly 0 for the mean 0."""
     for bits, progress in chunks(backend, stride):
         show_progress(f"Poisson, mean 0: {progress}")
-        if not backend.dr.all(backend.poisson(bits, backend.dr.opaque(backend.float, 0.0, len(bits))) == 0):
+        if not backend.dr.all(
+            backend.poisson(bits, backend.dr.opaque(backend.float, 0.0, len(bits))) == 0
+        ):
             return False
     return True
 
@@ -145,10 +163,17 @@ def check_normal(backend: DrJitBackend, stride: int) -> dict[str, Any]:
         exact = -special.ndtri((bits.numpy() + 0.5) * 2.0**-32)
         for sign, asked in ((1, bits), (-1, ~bits)):
             z = backend.normal(asked).numpy().astype(np.float64)
-            count, total, squares = count + z.size, total + float(z.sum()), squares + float(np.dot(z, z))
+            count, total, squares = (
+                count + z.size,
+                total + float(z.sum()),
+                squares + float(np.dot(z, z)),
+            )
             largest = max(largest, float(np.abs(z - sign * exact).max()))
     found = {"mean": total / count, "variance": squares / count - 1, "largest_error": largest}
-    limits = {**NORMAL_LIMITS, "variance": NORMAL_LIMITS["variance"] + 3 / count}  # the tails beyond the last inputs
+    limits = {
+        **NORMAL_LIMITS,
+        "variance": NORMAL_LIMITS["variance"] + 3 / count,
+    }  # the tails beyond the last inputs
     within_limits = all(abs(found[name]) <= limits[name] for name in limits)
     return {**found, "limits": limits, "within_limits": within_limits}
 

@@ -30,17 +30,23 @@ def bare_camera(sigma_dn: float, dn_per_e: float = 0.125, **fields: float) -> ms
         "readout.sense_gain_uv_per_e": 5.0,
         "adc.full_scale_v": 5e-6 * highest / dn_per_e,
     }
-    return table1.replace(**changes, **{name.replace("__", "."): value for name, value in fields.items()})
+    return table1.replace(
+        **changes, **{name.replace("__", "."): value for name, value in fields.items()}
+    )
 
 
 def mean_and_variance(camera: ms.Camera, electrons: float) -> tuple[float, float]:
     """E[code] and Var[code] at so many mean photoelectrons."""
     gain = gain_dn_per_e(camera)
-    sigma = SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(camera) * gain
+    sigma = (
+        SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(camera) * gain
+    )
     counts = np.arange(0, electrons + 12 * np.sqrt(electrons) + 30)
     ideal = black_level_dn(camera) + gain * np.minimum(counts, camera.pixel.full_well_e)
     codes = np.arange(1, 2**camera.adc.bits)
-    above = stats.poisson.pmf(counts, electrons) @ special.ndtr((ideal[:, None] - codes + 0.5) / sigma)
+    above = stats.poisson.pmf(counts, electrons) @ special.ndtr(
+        (ideal[:, None] - codes + 0.5) / sigma
+    )
     mean = float(above.sum())
     return mean, float(above @ (2.0 * codes - 1)) - mean**2
 
@@ -52,7 +58,11 @@ def slopes(camera: ms.Camera, electrons: float, name: str) -> tuple[float, float
         if name == "photons":
             ends.append(mean_and_variance(camera, electrons * factor))
         else:
-            ends.append(mean_and_variance(camera.replace(**{name: value_of(name, camera) * factor}), electrons))
+            ends.append(
+                mean_and_variance(
+                    camera.replace(**{name: value_of(name, camera) * factor}), electrons
+                )
+            )
     return (ends[0][0] - ends[1][0]) / (2 * STEP), (ends[0][1] - ends[1][1]) / (2 * STEP)
 
 

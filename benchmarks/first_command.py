@@ -26,16 +26,32 @@ VARIANTS = ("scalar_spectral", "llvm_ad_spectral")
 def main() -> None:
     """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=5, help="warm runs of each variant (default 5)")
     parser.add_argument(
-        "--width", type=int, default=384, help="width in pixels, of which the height is 2/3 (default 384)"
+        "--runs", type=int, default=5, help="warm runs of each variant (default 5)"
+    )
+    parser.add_argument(
+        "--width",
+        type=int,
+        default=384,
+        help="width in pixels, of which the height is 2/3 (default 384)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
-    turns = [{name: once(name, options.width) for name in VARIANTS} for _ in range(options.runs + 1)]
+    turns = [
+        {name: once(name, options.width) for name in VARIANTS} for _ in range(options.runs + 1)
+    ]
     results = {name: digest([turn[name] for turn in turns]) for name in VARIANTS}
     if options.json:
-        print(json.dumps({"width": options.width, "runs": options.runs, "cpus": os.cpu_count(), "variants": results}))
+        print(
+            json.dumps(
+                {
+                    "width": options.width,
+                    "runs": options.runs,
+                    "cpus": os.cpu_count(),
+                    "variants": results,
+                }
+            )
+        )
         return
     print(
         f"{options.width} × {options.width * 2 // 3}, {options.runs} runs, {os.cpu_count()} CPUs: "
@@ -56,10 +72,19 @@ def main() -> None:
 def once(variant: str, width: int) -> dict[str, Any]:
     """One whole process: seconds, seconds of rendering, and peak memory."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
-        arguments = ["render", str(ROOT / "scenes" / "first_frame.xml"), "-o", folder, "--variant", variant]
+        arguments = [
+            "render",
+            str(ROOT / "scenes" / "first_frame.xml"),
+            "-o",
+            folder,
+            "--variant",
+            variant,
+        ]
         arguments += ["-D", f"width={width}", "-D", f"height={width * 2 // 3}"]
         start = time.perf_counter()
-        child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *arguments], stdout=output, stderr=output)
+        child = subprocess.Popen(
+            [sys.executable, "-m", "mitsuba_sensor", *arguments], stdout=output, stderr=output
+        )
         _, status, usage = os.wait4(child.pid, 0)
         seconds = time.perf_counter() - start
         child.returncode = os.waitstatus_to_exitcode(status)

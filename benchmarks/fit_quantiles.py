@@ -45,11 +45,15 @@ TAIL_SHARE = 1.5e-4
 def main() -> int:
     """Parse the options, fit, print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="compare with the tables of the package")
+    parser.add_argument(
+        "--check", action="store_true", help="compare with the tables of the package"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     found = {**fit_normal(), **fit_log(), **fit_exp(), **fit_poisson()}
-    in_package = {name: list(getattr(arrays if name == "EXP_TAIL" else quantiles, name)) for name in found}
+    in_package = {
+        name: list(getattr(arrays if name == "EXP_TAIL" else quantiles, name)) for name in found
+    }
     apart = {name: difference(found[name]["table"], in_package[name]) for name in found}
     if options.json:
         print(json.dumps({name: {**fit, "apart": apart[name]} for name, fit in found.items()}))
@@ -72,7 +76,10 @@ def minimax(basis: Array, values: Array, weights: Array) -> tuple[Array, float]:
     ones, unknown = np.ones((len(rest), 1)), basis.shape[1] + 1
     limits = np.block([[q, -ones], [-q, -ones]])
     solved = optimize.linprog(
-        np.eye(unknown)[-1], limits, np.concatenate([rest, -rest]) / unit, bounds=[(None, None)] * unknown
+        np.eye(unknown)[-1],
+        limits,
+        np.concatenate([rest, -rest]) / unit,
+        bounds=[(None, None)] * unknown,
     )
     return np.linalg.solve(r, (near + solved.x[:-1] * unit) / scale), float(solved.fun * unit)
 
@@ -84,7 +91,9 @@ def powers(x: Array, terms: int) -> Array:
 
 def chebyshev_nodes(low: float, high: float, count: int = 2000) -> Array:
     """Points between low and high, dense at both ends, without the ends."""
-    return (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    return (low + high) / 2 - (high - low) / 2 * np.cos(
+        np.pi * (np.arange(count) + 0.5) / count
+    )
 
 
 def entry(coefficients: Any, error: float, of: str) -> dict[str, Any]:
@@ -126,7 +135,9 @@ def fit_exp() -> dict[str, Any]:
 
 def fit_poisson() -> dict[str, Any]:
     """SKEW, SHIFT and SMALL together: the error in standard deviations, weighted by the normal density."""
-    bases, values, weights = zip(*(poisson_rows(float(mean)) for mean in POISSON_MEANS), strict=True)
+    bases, values, weights = zip(
+        *(poisson_rows(float(mean)) for mean in POISSON_MEANS), strict=True
+    )
     c, error = minimax(np.concatenate(bases), np.concatenate(values), np.concatenate(weights))
     of = "standard deviations at the centre, weighted by density"
     first, second = SKEW_TERMS, SKEW_TERMS + SHIFT_TERMS
@@ -141,7 +152,10 @@ def poisson_rows(mean: float) -> tuple[Array, Array, Array]:
     """For one mean: the columns z²·sᵏ, sᵏ and sᵏ/mean, the values they are fitted to, and the weights."""
     x, z = poisson_points(mean)
     s = z / math.sqrt(mean)
-    skew, shift = powers(s, SKEW_TERMS + 1)[:, 1:] * (z * z)[:, None], powers(s, SHIFT_TERMS + 1)[:, 1:]
+    skew, shift = (
+        powers(s, SKEW_TERMS + 1)[:, 1:] * (z * z)[:, None],
+        powers(s, SHIFT_TERMS + 1)[:, 1:],
+    )
     basis = np.concatenate([skew, shift, powers(s, SMALL_TERMS) / mean], axis=1)
     rest = x - mean - math.sqrt(mean) * z - (z * z / 6 + 1 / 3)
     density = np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
@@ -154,9 +168,15 @@ def poisson_points(mean: float) -> tuple[Array, Array]:
     From the end of the count 0, a little below x = 1, or from the clip at LOWEST_S, to the last input.
     """
     guess = chebyshev_nodes(-LARGEST_NORMAL, LARGEST_NORMAL, 241)
-    x = np.concatenate([np.linspace(0.9, 3, 22), mean + math.sqrt(mean) * guess + guess * guess / 6 + 1 / 3])
+    x = np.concatenate(
+        [np.linspace(0.9, 3, 22), mean + math.sqrt(mean) * guess + guess * guess / 6 + 1 / 3]
+    )
     x = x[x >= 0.9]
-    z = np.where(x > mean, -special.ndtri(special.gammainc(x, mean)), special.ndtri(special.gammaincc(x, mean)))
+    z = np.where(
+        x > mean,
+        -special.ndtri(special.gammainc(x, mean)),
+        special.ndtri(special.gammaincc(x, mean)),
+    )
     kept = (z >= quantiles.LOWEST_S * math.sqrt(mean)) & (np.abs(z) <= LARGEST_NORMAL)
     return x[kept], z[kept]
 

@@ -50,9 +50,18 @@ class Trip:
     def stack(self, photons: float, time_s: float, frames: int, seed: int) -> Stack:
         """Frames of uniform light."""
         exposure = ms.Exposure(time_s, KELVIN)
-        made = ms.expose(photons, self.camera, exposure, frames=frames, serial=self.serial, seed=seed)
+        made = ms.expose(
+            photons, self.camera, exposure, frames=frames, serial=self.serial, seed=seed
+        )
         name = "flat" if photons else "dark"
-        return Stack(made.digital, time_s, photons, KELVIN, bits=self.camera.adc.bits, source=f"{name}_{time_s:g}s")
+        return Stack(
+            made.digital,
+            time_s,
+            photons,
+            KELVIN,
+            bits=self.camera.adc.bits,
+            source=f"{name}_{time_s:g}s",
+        )
 
     def bench(self) -> Bench:
         """Bias, dark frames of three times, and flat fields, one of them with more frames."""
@@ -60,10 +69,17 @@ class Trip:
         longest = min(0.1 * self.end_e / rate, 600.0)
         bias = self.stack(0.0, 0.0, self.frames, first)
         times = (FLAT_S, 0.3 * longest, longest)
-        darks = [self.stack(0.0, time, self.frames, first + 1 + k) for k, time in enumerate(times)]
+        darks = [
+            self.stack(0.0, time, self.frames, first + 1 + k) for k, time in enumerate(times)
+        ]
         half = LEVELS[int(np.argmin(np.abs(np.array(LEVELS) - 0.5)))]
         flats = [
-            self.stack(level * self.end_e / 0.6, FLAT_S, self.frames if level == half else 4, first + 10 + k)
+            self.stack(
+                level * self.end_e / 0.6,
+                FLAT_S,
+                self.frames if level == half else 4,
+                first + 10 + k,
+            )
             for k, level in enumerate(LEVELS)
         ]
         return Bench((bias,), tuple(darks), tuple(flats))
@@ -72,7 +88,9 @@ class Trip:
         """What the figures of the fit should be; of black level and dark current those of this chip."""
         camera, gain = self.camera, gain_dn_per_e(self.camera)
         maps = ms.fpn_maps(camera, serial=self.serial)
-        offsets = sum(float(maps[name].mean()) for name in ("dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e"))
+        offsets = sum(
+            float(maps[name].mean()) for name in ("dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e")
+        )
         follower, readout, pixel = camera.source_follower, camera.readout, camera.pixel
         found = {
             "K": gain,
@@ -118,7 +136,9 @@ def random_trip(seed: int, size: int = 80, frames: int = 24) -> Trip:
         "dark_current.rate_e_per_s": between(5, 200),
         "dark_current.doubling_k": None,
         "dark_current.cv": between(0.1, 0.5),
-        "dark_current.distribution": str(rng.choice(["lognormal", "gamma", "gaussian", "wald"])),
+        "dark_current.distribution": str(
+            rng.choice(["lognormal", "gamma", "gaussian", "wald"])
+        ),
         "source_follower.read_noise_e": read,
         "source_follower.read_noise_cv": between(0.1, 0.4),
         "readout.sense_gain_uv_per_e": sense_uv,
@@ -132,7 +152,9 @@ def random_trip(seed: int, size: int = 80, frames: int = 24) -> Trip:
         "adc.black_level_dn": float(math.ceil(8 * gain * read + 4)),
     }
     if rng.random() < 0.25:
-        changes["source_follower.vv_nonlinearity"] = 1 + between(0.01, 0.08) * (-1) ** int(rng.integers(2))
+        changes["source_follower.vv_nonlinearity"] = 1 + between(0.01, 0.08) * (-1) ** int(
+            rng.integers(2)
+        )
     if rng.random() < 0.25:
         changes["source_follower.read_noise_distribution"] = "student"
         changes["source_follower.read_noise_shape"] = between(4.0, 12.0)
@@ -144,11 +166,15 @@ def found_of(twin: Twin) -> dict[str, Quantity]:
     one, found = twin.base, {name: figure.quantity for name, figure in twin.figures().items()}
     for name, (value, low, high) in one.dark.offsets.spread().items():
         symbol = f"DSNU_{name}"
-        found[symbol] = Quantity(symbol, "", value, low, high, "DN", "").divided(one.gain.quantity, "e-")
+        found[symbol] = Quantity(symbol, "", value, low, high, "DN", "").divided(
+            one.gain.quantity, "e-"
+        )
     return found
 
 
-def results(seeds: range, size: int = 80, frames: int = 24) -> Iterator[tuple[int, str, float, Quantity]]:
+def results(
+    seeds: range, size: int = 80, frames: int = 24
+) -> Iterator[tuple[int, str, float, Quantity]]:
     """(seed, symbol, value that was put in, figure) of every parameter of every camera."""
     for seed in seeds:
         trip = random_trip(seed, size, frames)
@@ -163,7 +189,8 @@ def distances(trip: Trip) -> tuple[Distance, ...]:
     fitted, rest = held_out(trip.bench())
     twin = fit(fitted)
     return frame_distances(
-        rest.biases[0], Simulated(twin, ms.load_camera(twin.tables()), twin.maps).like(rest.biases[0], 0)
+        rest.biases[0],
+        Simulated(twin, ms.load_camera(twin.tables()), twin.maps).like(rest.biases[0], 0),
     )
 
 
@@ -173,12 +200,19 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--size", type=int, default=80, help="rows; 16 columns more")
-    parser.add_argument("--frames", type=int, default=24, help="of bias, of each dark stack and of one flat field")
+    parser.add_argument(
+        "--frames",
+        type=int,
+        default=24,
+        help="of bias, of each dark stack and of one flat field",
+    )
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.seeds)
     rows: dict[str, list[tuple[float, bool, int]]] = {}
     for seed, symbol, value_in, one in results(seeds, asked.size, asked.frames):
-        rows.setdefault(symbol, []).append((one.value / value_in - 1, one.covers(value_in), seed))
+        rows.setdefault(symbol, []).append(
+            (one.value / value_in - 1, one.covers(value_in), seed)
+        )
     print(f"{'':12}  n    covered  median |error|  95 %  largest (seed)")
     for symbol, some in rows.items():
         errors = np.abs([one[0] for one in some])

@@ -44,10 +44,14 @@ def open_stream(
     """Frames (H, W), one per ``next()``. FPN maps are computed here."""
     if name == PLAIN:
         return PlainChain(photons, camera, exposure, seed)
-    return ms.stream(photons, camera, exposure, seed=seed, serial=serial, frames=ENDLESS, **ENGINES[name])
+    return ms.stream(
+        photons, camera, exposure, seed=seed, serial=serial, frames=ENDLESS, **ENGINES[name]
+    )
 
 
-def next_frame(name: str, photons: NDArray[np.float64], camera: ms.Camera) -> Callable[[], NDArray[Any]]:
+def next_frame(
+    name: str, photons: NDArray[np.float64], camera: ms.Camera
+) -> Callable[[], NDArray[Any]]:
     """A task for ``alternate``: the next frame of an open stream.
 
     A compiled backend computes several frames per turn, as in a stream, where one frame is computed while the next is

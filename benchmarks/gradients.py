@@ -50,16 +50,28 @@ TASKS = {"ten_parameters": TEN, "all_photons": ("photons",), "both": ("photons",
 
 def main() -> None:
     """Parse the options, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--mpx", type=float, nargs="+", default=[1, 4], help="million pixels")
     parser.add_argument("--electrons", type=float, default=1000, help="mean photoelectrons")
     parser.add_argument("--turns", type=int, default=9, help="measured turns (default 9)")
-    parser.add_argument("--sigma-dn", type=float, nargs="+", help="read noises [DN] at which errors are measured")
-    parser.add_argument("--frames", type=int, default=4, help="frames of a megapixel for the errors (default 4)")
+    parser.add_argument(
+        "--sigma-dn",
+        type=float,
+        nargs="+",
+        help="read noises [DN] at which errors are measured",
+    )
+    parser.add_argument(
+        "--frames", type=int, default=4, help="frames of a megapixel for the errors (default 4)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.sigma_dn:
-        show_errors([found for sigma in options.sigma_dn for found in errors(sigma, options.frames)], options.json)
+        show_errors(
+            [found for sigma in options.sigma_dn for found in errors(sigma, options.frames)],
+            options.json,
+        )
         return
     rows = [row(mpx, options.electrons, options.turns) for mpx in options.mpx]
     if options.json:
@@ -68,7 +80,9 @@ def main() -> None:
     for found in rows:
         print(f"{found['mpx']:g} Mpx, {found['electrons']:g} e-, {options.turns} turns")
         for name, task in found["tasks"].items():
-            print(f"  {name:15} {task['seconds'] * 1e3:8.1f} ms   {task['times_plain']:5.2f} × plain")
+            print(
+                f"  {name:15} {task['seconds'] * 1e3:8.1f} ms   {task['times_plain']:5.2f} × plain"
+            )
 
 
 CASES: dict[str, tuple[float, dict[str, float]]] = {
@@ -117,7 +131,9 @@ def errors(sigma_dn: float, frames: int) -> list[dict[str, Any]]:
     return rows
 
 
-def sampled(camera: ms.Camera, electrons: float, mean: float, frames: int) -> dict[str, list[tuple[float, float]]]:
+def sampled(
+    camera: ms.Camera, electrons: float, mean: float, frames: int
+) -> dict[str, list[tuple[float, float]]]:
     """Name → mean over the pixels, and its standard error, of dcode and of 2·(code − mean)·dcode, by ln(parameter)."""
     photons = np.full((SIDE, SIDE), electrons / reference_qe(camera))
     stream = differentiable(photons, camera, EXPOSURE, NAMES)
@@ -128,10 +144,15 @@ def sampled(camera: ms.Camera, electrons: float, mean: float, frames: int) -> di
         for name in NAMES:
             scale = photons[0, 0] if name == "photons" else value_of(name, camera)
             slope = frame.forward(name).astype(float) * scale
-            for kept, values in zip(moved[name], (slope, 2 * (frame.codes - mean) * slope), strict=True):
+            for kept, values in zip(
+                moved[name], (slope, 2 * (frame.codes - mean) * slope), strict=True
+            ):
                 kept.append(np.array([values.mean(), values.var() / values.size]))
     averages = {name: [np.mean(kept, axis=0) for kept in both] for name, both in moved.items()}
-    return {name: [(float(a), float(np.sqrt(v / frames))) for a, v in both] for name, both in averages.items()}
+    return {
+        name: [(float(a), float(np.sqrt(v / frames))) for a, v in both]
+        for name, both in averages.items()
+    }
 
 
 def differences(camera: ms.Camera, electrons: float, frames: int) -> tuple[float, float]:
@@ -139,7 +160,11 @@ def differences(camera: ms.Camera, electrons: float, frames: int) -> tuple[float
     step, ends = DIFFERENCE / np.sqrt(electrons), []
     for factor in (1 + step, 1 - step):
         photons = np.full((SIDE, SIDE), electrons / reference_qe(camera) * factor)
-        ends.append(ms.expose(photons, camera, EXPOSURE, frames=frames, engine="drjit").digital.astype(float))
+        ends.append(
+            ms.expose(photons, camera, EXPOSURE, frames=frames, engine="drjit").digital.astype(
+                float
+            )
+        )
     moved = (ends[0] - ends[1]) / (2 * step)
     return float(moved.mean()), float(moved.std() / np.sqrt(moved.size))
 
@@ -150,7 +175,11 @@ def show_errors(rows: list[dict[str, Any]], as_json: bool) -> None:
         print(json.dumps({**machine(), "rows": rows}))
         return
     for found in rows:
-        shown = [f"{what} {x[0]:.4f} ± {x[1]:.4f}" for what, x in found.items() if isinstance(x, list)]
+        shown = [
+            f"{what} {x[0]:.4f} ± {x[1]:.4f}"
+            for what, x in found.items()
+            if isinstance(x, list)
+        ]
         label = f"{found['sigma_dn']:5g} DN  {found['case']:27} {found['parameter']:29}"
         print(label, "   ".join(shown) or "(no derivative)")
 
@@ -163,7 +192,10 @@ def row(mpx: float, electrons: float, turns: int) -> dict[str, Any]:
     tasks |= {name: gradient(photons, parameters) for name, parameters in TASKS.items()}
     seconds = alternate(tasks, turns)
     found = {
-        name: {"seconds": statistics.median(those), "times_plain": ratio(those, seconds["plain"])}
+        name: {
+            "seconds": statistics.median(those),
+            "times_plain": ratio(those, seconds["plain"]),
+        }
         for name, those in seconds.items()
     }
     return {"mpx": mpx, "electrons": electrons, "tasks": found}

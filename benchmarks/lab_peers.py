@@ -48,7 +48,10 @@ def bench(number: int, side: int) -> Bench:
     """The same for the same number."""
     chance = np.random.default_rng([1288, number])
     base = ms.load_camera("konnik_table1")
-    well, bits = float(np.exp(chance.uniform(*np.log((5e3, 5e4))))), int(chance.choice([10, 12, 14]))
+    well, bits = (
+        float(np.exp(chance.uniform(*np.log((5e3, 5e4))))),
+        int(chance.choice([10, 12, 14])),
+    )
     swing, efficiency = well * 5e-6 * chance.uniform(0.9, 1.3), float(chance.uniform(0.3, 0.9))
     fields = {
         "pixel.full_well_e": well,
@@ -61,19 +64,34 @@ def bench(number: int, side: int) -> Bench:
     camera = base.replace(**fields)
     gain = gain_dn_per_e(camera)
     noise_e = 0.42 / gain * chance.uniform(1, 8)
-    unit = _theory(camera, 0.0, side)  # proportional to the white noise but for the dark current
+    unit = _theory(
+        camera, 0.0, side
+    )  # proportional to the white noise but for the dark current
     white = 15.0 * noise_e / math.sqrt(max(float(unit.mean()) - 1 / 12, 1e-12)) * gain
     black = 10 + 10 * gain * noise_e
-    camera = camera.replace(**{"source_follower.white_nv_per_rthz": white, "adc.black_level_dn": black})
+    camera = camera.replace(
+        **{"source_follower.white_nv_per_rthz": white, "adc.black_level_dn": black}
+    )
     top = min(well, (2**bits - 1 - black) / gain) / efficiency
     light = np.concatenate([[0.0], LEVELS * top])
     ends = 0.85 * top, 1.05 * top
     missing = minimize_scalar(
-        lambda x: -float(_theory(camera, x, side).mean()), bounds=ends, options={"xatol": 1e-3 * top}
+        lambda x: -float(_theory(camera, x, side).mean()),
+        bounds=ends,
+        options={"xatol": 1e-3 * top},
     )
     dark = math.sqrt(float(_theory(camera, 0.0, side).mean()) - 1 / 12) / gain
-    frames = [ms.expose(np.full((side, side), one), camera, EXPOSURE, frames=16, seed=i) for i, one in enumerate(light)]
-    true = {"K": gain, "QE": efficiency, "sigma_d": dark, "saturation": float(missing.x), "linearity": 0.0}
+    frames = [
+        ms.expose(np.full((side, side), one), camera, EXPOSURE, frames=16, seed=i)
+        for i, one in enumerate(light)
+    ]
+    true = {
+        "K": gain,
+        "QE": efficiency,
+        "sigma_d": dark,
+        "saturation": float(missing.x),
+        "linearity": 0.0,
+    }
     return Bench(camera, true, light, [one.digital for one in frames])
 
 
@@ -100,7 +118,10 @@ def of_emva1288(series: Bench) -> Figures:
     from emva1288.process.routines import get_int_imgs
 
     images = [get_int_imgs(list(frames[:2])) for frames in series.frames]
-    sums = [{name: one[name].sum() for name in ("sum", "pvar")} | {"dmean": one["dmean"]} for one in images]
+    sums = [
+        {name: one[name].sum() for name in ("sum", "pvar")} | {"dmean": one["dmean"]}
+        for one in images
+    ]
     time, middle = EXPOSURE.time_s, len(images) // 2
     given = {
         "temporal": {time: dict(zip(series.light.tolist(), sums, strict=True))},
@@ -125,13 +146,20 @@ def of_getframes(series: Bench) -> Figures:
     from getframes.analysis.characterize import characterize_flat, stack_statistics
 
     black = float(series.frames[0].mean())
-    stacks = {float(x): stack_statistics(one) for x, one in zip(series.light[1:], series.frames[1:], strict=True)}
+    stacks = {
+        float(x): stack_statistics(one)
+        for x, one in zip(series.light[1:], series.frames[1:], strict=True)
+    }
     found = characterize_flat(stacks, bias_adu=black)
     full = math.nan if found.full_well_e is None else found.full_well_e / series.true["QE"]
     return {"K": 1 / found.gain_e_per_adu, "sigma_d": found.read_noise_e, "saturation": full}
 
 
-PACKAGES: dict[str, Callable[[Bench], Figures]] = {"ours": ours, "emva1288": of_emva1288, "getframes": of_getframes}
+PACKAGES: dict[str, Callable[[Bench], Figures]] = {
+    "ours": ours,
+    "emva1288": of_emva1288,
+    "getframes": of_getframes,
+}
 
 
 def compared(count: int, side: int) -> dict[str, Any]:
@@ -148,22 +176,35 @@ def compared(count: int, side: int) -> dict[str, Any]:
                 continue
             for figure, value in found.items():
                 true = series.true[figure]
-                error_percent = abs(value) if figure == "linearity" else 100 * abs(value / true - 1)
+                error_percent = (
+                    abs(value) if figure == "linearity" else 100 * abs(value / true - 1)
+                )
                 errors[name].setdefault(figure, []).append(error_percent)
     summary = {
         name: {
-            figure: {"rms": float(np.sqrt(np.mean(np.square(one)))), "largest": float(np.max(one))}
+            figure: {
+                "rms": float(np.sqrt(np.mean(np.square(one)))),
+                "largest": float(np.max(one)),
+            }
             for figure, one in of.items()
         }
         for name, of in errors.items()
     }
-    return {"cameras": count, "pixels": side**2, "limits": LIMITS, "errors": summary, "missing": missing}
+    return {
+        "cameras": count,
+        "pixels": side**2,
+        "limits": LIMITS,
+        "errors": summary,
+        "missing": missing,
+    }
 
 
 def table(found: dict[str, Any]) -> str:
     """One row per figure."""
     packages = [name for name, of in found["errors"].items() if of]
-    lines = [f"{found['cameras']} cameras, {found['pixels']} pixels, errors [%]: root mean square (largest)"]
+    lines = [
+        f"{found['cameras']} cameras, {found['pixels']} pixels, errors [%]: root mean square (largest)"
+    ]
     lines += [f"{'':12}{'limit':>8}" + "".join(f"{name:>20}" for name in packages)]
     for figure, limit in LIMITS.items():
         cells = [found["errors"][name].get(figure) for name in packages]
@@ -173,7 +214,9 @@ def table(found: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cameras", type=int, default=20)
     parser.add_argument("--pixels", type=int, default=128, help="rows, and as many columns")
     parser.add_argument("--json", action="store_true")

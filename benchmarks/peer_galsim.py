@@ -18,11 +18,15 @@ from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 VERSION = galsim.__version__
 
 
-def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure) -> Iterator[NDArray[Any]]:
+def frames(
+    photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure
+) -> Iterator[NDArray[Any]]:
     """Endless frames (H, W) uint16. GalSim does not clip at the ends of the ADC range, so NumPy does."""
     qe = reference_qe(camera)
     dn_per_e, dark_dn = gain_dn_per_e(camera), black_level_dn(camera)
-    read_noise_e = SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(camera)
+    read_noise_e = SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(
+        camera
+    )
     noise = galsim.CCDNoise(galsim.BaseDeviate(2), gain=1 / dn_per_e, read_noise=read_noise_e)
     while True:
         image = galsim.ImageF((photons * (qe * dn_per_e)).astype(np.float32))

@@ -25,17 +25,23 @@ VERSION = getframes.__version__
 ZERO_CELSIUS_K = 273.15
 
 
-def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure) -> Iterator[NDArray[Any]]:
+def frames(
+    photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure
+) -> Iterator[NDArray[Any]]:
     """Endless frames (H, W) uint32, in float32 as ours, each with a seed of its own."""
     simulated = getframes.Camera(config_of(camera, photons.shape, exposure), precision="single")
     rate = (photons / exposure.time_s).astype(np.float32)
     kept = getframes.DetectorWorkspace()
     for seed in count(2):
         celsius = exposure.temperature_k - ZERO_CELSIUS_K
-        yield simulated.expose(rate, exposure.time_s, celsius, seed=seed, include_truth=False, workspace=kept).data
+        yield simulated.expose(
+            rate, exposure.time_s, celsius, seed=seed, include_truth=False, workspace=kept
+        ).data
 
 
-def config_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure) -> getframes.CameraConfig:
+def config_of(
+    camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure
+) -> getframes.CameraConfig:
     """The parameters of getframes."""
     read_noise_v = SourceFollowerNoise.from_camera(camera, ()).sigma_v
     return getframes.CameraConfig(

@@ -28,13 +28,20 @@ from mitsuba_sensor.stages.gains import adc_gain_dn_per_v, volts_per_electron
 VERSION = pyxel.__version__
 
 
-def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure) -> Iterator[NDArray[Any]]:
+def frames(
+    photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure
+) -> Iterator[NDArray[Any]]:
     """Endless frames (H, W) uint16, one call of ``run_mode`` each; detector and pipeline are built once."""
     np.random.seed(2)
     mode = Exposure(Readout(times=[exposure.time_s]))
-    detector, pipeline = detector_of(camera, photons.shape, exposure), pipeline_of(camera, photons, exposure)
+    detector, pipeline = (
+        detector_of(camera, photons.shape, exposure),
+        pipeline_of(camera, photons, exposure),
+    )
     while True:
-        yield pyxel.run_mode(mode=mode, detector=detector, pipeline=pipeline)["/bucket/image"].to_numpy()[0]
+        yield pyxel.run_mode(mode=mode, detector=detector, pipeline=pipeline)[
+            "/bucket/image"
+        ].to_numpy()[0]
 
 
 def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure) -> CMOS:
@@ -54,11 +61,15 @@ def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure
     )
 
 
-def pipeline_of(camera: ms.Camera, photons: NDArray[np.float64], exposure: ms.Exposure) -> DetectionPipeline:
+def pipeline_of(
+    camera: ms.Camera, photons: NDArray[np.float64], exposure: ms.Exposure
+) -> DetectionPipeline:
     """The models in the order of the pipeline."""
     dark_e_per_s = dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
     read_noise_v = (
-        SourceFollowerNoise.from_camera(camera, ()).sigma_v * camera.source_follower.gain * camera.readout.cds_gain
+        SourceFollowerNoise.from_camera(camera, ()).sigma_v
+        * camera.source_follower.gain
+        * camera.readout.cds_gain
     )
     return DetectionPipeline(
         photon_collection=[
@@ -75,7 +86,9 @@ def pipeline_of(camera: ms.Camera, photons: NDArray[np.float64], exposure: ms.Ex
         ],
         charge_measurement=[
             model("pyxel.models.charge_measurement.simple_measurement"),
-            model("pyxel.models.charge_measurement.output_node_noise", std_deviation=read_noise_v),
+            model(
+                "pyxel.models.charge_measurement.output_node_noise", std_deviation=read_noise_v
+            ),
         ],
         readout_electronics=[model("pyxel.models.readout_electronics.simple_adc")],
     )

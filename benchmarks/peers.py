@@ -47,7 +47,9 @@ def main() -> None:
         for peer in options.peers
         if importlib.util.find_spec(peer) is None
     }
-    found = {peer: None if peer in missing else compared(peer, options) for peer in options.peers}
+    found = {
+        peer: None if peer in missing else compared(peer, options) for peer in options.peers
+    }
     results = {**machine(), "turns": options.turns, "missing": missing, "peers": found}
     if options.json:
         print(json.dumps(results))
@@ -60,10 +62,16 @@ def main() -> None:
 
 def parsed() -> argparse.Namespace:
     """The command-line options."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--peers", nargs="+", default=list(CAMERAS), choices=CAMERAS)
-    parser.add_argument("--mpx", type=float, nargs="+", default=[1, 4], help="million pixels (default 1 and 4)")
-    parser.add_argument("--electrons", type=float, default=1000, help="mean photoelectrons (default 1000)")
+    parser.add_argument(
+        "--mpx", type=float, nargs="+", default=[1, 4], help="million pixels (default 1 and 4)"
+    )
+    parser.add_argument(
+        "--electrons", type=float, default=1000, help="mean photoelectrons (default 1000)"
+    )
     parser.add_argument("--turns", type=int, default=5, help="measured turns (default 5)")
     parser.add_argument("--engines", nargs="+", default=["numpy", "drjit"], choices=ENGINES)
     parser.add_argument("--json", action="store_true", help="print JSON only")
@@ -80,13 +88,17 @@ def compared(peer: str, options: argparse.Namespace) -> dict[str, Any]:
         found = agreement(stack(open_stream(engine, light, camera), COMPARED_FRAMES), theirs)
         agreed[engine] = found.as_json()
         if not found:
-            raise SystemExit(f"{peer} and the backend {engine} disagree, so their speeds are not comparable: {found}")
+            raise SystemExit(
+                f"{peer} and the backend {engine} disagree, so their speeds are not comparable: {found}"
+            )
     rows = []
     for mpx in options.mpx:
         photons = photon_map(camera, options.electrons, "ramp", shape_of(mpx))
         tasks = {peer: partial(next, module.frames(photons, camera, EXPOSURE))}
         tasks |= {engine: next_frame(engine, photons, camera) for engine in options.engines}
-        rows.append({"mpx": mpx, "speeds": speeds(alternate(tasks, options.turns), photons.size, peer)})
+        rows.append(
+            {"mpx": mpx, "speeds": speeds(alternate(tasks, options.turns), photons.size, peer)}
+        )
     return {"version": module.VERSION, "agreement": agreed, "rows": rows}
 
 

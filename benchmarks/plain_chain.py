@@ -22,8 +22,22 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 
 STAGES = {
-    *("quantum_efficiency", "prnu", "dark_current", "shot_noise", "full_well", "sense_node", "nonlinear_sense_node"),
-    *("reset_noise", "source_follower_noise", "source_follower", "nonlinear_source_follower", "dsnu_column"),
+    *(
+        "quantum_efficiency",
+        "prnu",
+        "dark_current",
+        "shot_noise",
+        "full_well",
+        "sense_node",
+        "nonlinear_sense_node",
+    ),
+    *(
+        "reset_noise",
+        "source_follower_noise",
+        "source_follower",
+        "nonlinear_source_follower",
+        "dsnu_column",
+    ),
     *("cds_gain", "integral_nonlinearity", "adc"),
 }
 """The stages of the simple chain."""
@@ -37,7 +51,9 @@ def stages_of(camera: ms.Camera) -> dict[str, Any]:
     stages = {stage.key(): stage for stage in camera.stages}
     for name, stage in stages.items():
         if name not in STAGES and (name not in IDLE or getattr(stage, IDLE[name])):
-            raise ValueError(f"{camera.name} has a stage {name}, which the simple chain does not have.")
+            raise ValueError(
+                f"{camera.name} has a stage {name}, which the simple chain does not have."
+            )
     return stages
 
 
@@ -47,7 +63,13 @@ class PlainChain:
     Monochrome, with normal PRNU, log-normal dark-current FPN and independent columns.
     """
 
-    def __init__(self, photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure, seed: int = 1) -> None:
+    def __init__(
+        self,
+        photons: NDArray[np.float64],
+        camera: ms.Camera,
+        exposure: ms.Exposure,
+        seed: int = 1,
+    ) -> None:
         stages = stages_of(camera)
         self.photons, self.random = photons, np.random.default_rng(seed)
         self.qe = reference_qe(camera)
@@ -59,7 +81,11 @@ class PlainChain:
         self.follower_v = stages["source_follower_noise"].sigma_v
         self._curves(stages)
         adc = stages["adc"]
-        self.dn_per_v, self.black_level_dn, self.highest_dn = adc.gain_dn_per_v, adc.black_level_dn, adc.highest
+        self.dn_per_v, self.black_level_dn, self.highest_dn = (
+            adc.gain_dn_per_v,
+            adc.black_level_dn,
+            adc.highest,
+        )
 
     def _make_fpn_maps(self, prnu: Any, dark: Any, columns: Any) -> None:
         """Gain and dark current of every pixel and offset of every column, by the names of ``ms.fpn_maps``."""
@@ -80,7 +106,9 @@ class PlainChain:
         self.node_swing_v = node.v_ref_v / alpha if alpha else 0.0
         follower = stages.get("nonlinear_source_follower") or stages["source_follower"]
         self.gain = follower.gain
-        self.vv_per_v = (follower.ratio - 1) / follower.full_swing_v if hasattr(follower, "ratio") else 0.0
+        self.vv_per_v = (
+            (follower.ratio - 1) / follower.full_swing_v if hasattr(follower, "ratio") else 0.0
+        )
         self.cds_gain = stages["cds_gain"].gain
         inl = stages.get("integral_nonlinearity")
         self.inl_per_v = math.log(inl.gamma) / inl.full_scale_v if inl else 0.0
@@ -136,9 +164,15 @@ def compare(camera: ms.Camera, electrons: float, mpx: float, frames: int) -> Agr
 def main() -> None:
     """Parse the options, compare both cameras, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--mpx", type=float, default=0.25, help="million pixels of a frame (default 0.25)")
-    parser.add_argument("--electrons", type=float, default=1000, help="mean photoelectrons (default 1000)")
-    parser.add_argument("--frames", type=int, default=16, help="frames of each stack, 2 or more (default 16)")
+    parser.add_argument(
+        "--mpx", type=float, default=0.25, help="million pixels of a frame (default 0.25)"
+    )
+    parser.add_argument(
+        "--electrons", type=float, default=1000, help="mean photoelectrons (default 1000)"
+    )
+    parser.add_argument(
+        "--frames", type=int, default=16, help="frames of each stack, 2 or more (default 16)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     cameras = {"full_chain": full_chain(), "shot_read_quantise": shot_read_quantise()}

@@ -54,10 +54,24 @@ LIMIT = 4.0
 def main() -> int:
     """Parse the options, compute, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 10_000), help="first, and the one after the last")
-    parser.add_argument("--frames-every", type=int, default=20, help="frames of every n-th case")
-    parser.add_argument("--file", type=Path, help="results, one a line; numbers that are there are not computed again")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no case later than this")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        nargs=2,
+        default=(0, 10_000),
+        help="first, and the one after the last",
+    )
+    parser.add_argument(
+        "--frames-every", type=int, default=20, help="frames of every n-th case"
+    )
+    parser.add_argument(
+        "--file",
+        type=Path,
+        help="results, one a line; numbers that are there are not computed again",
+    )
+    parser.add_argument(
+        "--minutes", type=float, default=float("inf"), help="begin no case later than this"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     found = {} if options.file is None or not options.file.exists() else read(options.file)
@@ -68,7 +82,9 @@ def main() -> int:
             if options.file is not None:
                 with options.file.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(found[number]) + "\n")
-    summary = summed_up([one for number, one in found.items() if number in range(*options.seeds)])
+    summary = summed_up(
+        [one for number, one in found.items() if number in range(*options.seeds)]
+    )
     print(json.dumps(summary) if options.json else text_of(summary))
     return 1 if summary["failed"] else 0
 
@@ -84,8 +100,16 @@ def result(one: Case, with_frames: bool) -> Result:
     started = time.process_time()
     plan = ms.plan(one.camera, one.exposure, one.photons, one.tolerance_dn)
     taken = time.process_time() - started
-    said = {"number": one.number, "camera": one.camera.name, "scene": one.scene, "tolerance_dn": one.tolerance_dn}
-    moved = {"left_out": plan.left_out, "working": [e.stage for e in plan.effects if not e.kept and e.largest_dn]}
+    said = {
+        "number": one.number,
+        "camera": one.camera.name,
+        "scene": one.scene,
+        "tolerance_dn": one.tolerance_dn,
+    }
+    moved = {
+        "left_out": plan.left_out,
+        "working": [e.stage for e in plan.effects if not e.kept and e.largest_dn],
+    }
     found: Result = {**said, **moved, "plan_s": taken, "theory": by_theory(one, plan)}
     return {**found, **by_frames(one, plan)} if with_frames else found
 
@@ -95,11 +119,16 @@ def by_theory(one: Case, plan: ms.Plan) -> dict[str, float]:
 
     Stages that change nothing stay in both: frames without them are the same, and the sums of the theory are rounded.
     """
-    idle = {effect.stage for effect in plan.effects if not effect.kept and not effect.largest_dn}
+    idle = {
+        effect.stage for effect in plan.effects if not effect.kept and not effect.largest_dn
+    }
     out = [stage for stage in without(plan.whole, plan.stages) if stage.label not in idle]
     occupied = light_levels(plan.light).light_e
     some = occupied[np.unique(np.linspace(0, occupied.size - 1, LEVELS).astype(int))]
-    over = np.max([moved(plan, out, float(level_e)) for level_e in some], axis=0) / one.tolerance_dn
+    over = (
+        np.max([moved(plan, out, float(level_e)) for level_e in some], axis=0)
+        / one.tolerance_dn
+    )
     return dict(zip(("mean", "temporal", "spatial"), over.tolist(), strict=True))
 
 
@@ -107,7 +136,9 @@ def moved(plan: ms.Plan, out: list[Stage], level_e: float) -> list[float]:
     """Change of the mean, and roots of the changes of the variances, less four standard errors [DN]."""
     averages = []
     for stages in (plan.whole, without(plan.whole, out)):
-        light = Detected(ms.Photons(np.full((1, 1), level_e)), Electrons(np.full((1, 1), level_e)))
+        light = Detected(
+            ms.Photons(np.full((1, 1), level_e)), Electrons(np.full((1, 1), level_e))
+        )
         given = {name: values[:1, :1] for name, values in plan.frame.window.given.items()}
         frame = replace(plan.frame, window=SensorWindow(1, (1, 1), given=given))
         averages.append(FrameTheory(stages, light, frame).averages(stages[-1]))
@@ -141,19 +172,29 @@ def by_frames(one: Case, plan: ms.Plan) -> Result:
         seconds.append(time.process_time() - started)
         frames.append(np.stack(stacks))
     window = SensorWindow(0, photons.mean.shape[:2], photons.origin, backend=NUMPY_FLOAT64)
-    light = np.asarray(total(plan.whole[0].sample(photons, Frame(one.exposure, window)))) * np.ones(window.shape)
+    light = np.asarray(
+        total(plan.whole[0].sample(photons, Frame(one.exposure, window)))
+    ) * np.ones(window.shape)
     excess = {
         f"{name} of the {where}": value
-        for where, here in {"darkest": light <= light.min(), "brightest": light >= light.max() * 0.999}.items()
+        for where, here in {
+            "darkest": light <= light.min(),
+            "brightest": light >= light.max() * 0.999,
+        }.items()
         for name, value in of_pixels(*frames, here, one.tolerance_dn).items()
     }
     for axis, name in ((1, "columns"), (2, "rows")):
-        excess |= {f"{kind} of {name}": x for kind, x in of_lines(*frames, axis, one.tolerance_dn).items()}
+        excess |= {
+            f"{kind} of {name}": x
+            for kind, x in of_lines(*frames, axis, one.tolerance_dn).items()
+        }
     excess["pixels moved"] = moved_pixels(one, plan, photons)
     return {"frames": excess, "frames_s": seconds}
 
 
-def of_pixels(whole: Array, kept: Array, here: NDArray[np.bool_], tolerance: float) -> dict[str, float]:
+def of_pixels(
+    whole: Array, kept: Array, here: NDArray[np.bool_], tolerance: float
+) -> dict[str, float]:
     """Mean, temporal and spatial variance of some pixels; of stacks (serials, 2, H, W)."""
     a, b = whole[..., here], kept[..., here]
     return {
@@ -203,8 +244,12 @@ def moved_pixels(one: Case, plan: ms.Plan, photons: ms.Photons) -> float:
     shape, per_e, counts = photons.mean.shape[:2], gain_dn_per_e(one.camera), []
     highest = converter_of(plan.whole).highest
     for serial in range(SERIALS):
-        frame = Frame(one.exposure, SensorWindow(serial, shape, photons.origin, backend=NUMPY_FLOAT64))
-        whole, kept = (before_count(chain, photons, frame) for chain in (plan.whole, plan.stages))
+        frame = Frame(
+            one.exposure, SensorWindow(serial, shape, photons.origin, backend=NUMPY_FLOAT64)
+        )
+        whole, kept = (
+            before_count(chain, photons, frame) for chain in (plan.whole, plan.stages)
+        )
         codes = np.minimum(np.stack(np.broadcast_arrays(whole, kept)) * per_e, highest)
         counts.append(np.count_nonzero(np.abs(codes[0] - codes[1]) > one.tolerance_dn))
     scale = plan.range.rows * plan.range.columns / (shape[0] * shape[1])
@@ -214,9 +259,17 @@ def moved_pixels(one: Case, plan: ms.Plan, photons: ms.Photons) -> float:
 
 def before_count(stages: Chain, photons: ms.Photons, frame: Frame) -> Array:
     """Mean electrons of every pixel."""
-    fixed = [stage for stage in stages if not stage.counts_electrons and stage.domain == "electrons"]
-    fixed = [stage for stage in fixed if stage.saturation_e is None and stage.label != "quantum yield"]
-    return np.asarray(total(sample(fixed, photons, replace(frame, _blocks={}))), dtype=np.float64)
+    fixed = [
+        stage for stage in stages if not stage.counts_electrons and stage.domain == "electrons"
+    ]
+    fixed = [
+        stage
+        for stage in fixed
+        if stage.saturation_e is None and stage.label != "quantum yield"
+    ]
+    return np.asarray(
+        total(sample(fixed, photons, replace(frame, _blocks={}))), dtype=np.float64
+    )
 
 
 def summed_up(found: Iterable[Result]) -> Result:
@@ -231,7 +284,8 @@ def summed_up(found: Iterable[Result]) -> Result:
     failed = sorted(
         one["number"]
         for one in cases
-        if max(one["theory"].values()) > 1 + 1e-6 or max(one.get("frames", {"": 0.0}).values()) > LIMIT
+        if max(one["theory"].values()) > 1 + 1e-6
+        or max(one.get("frames", {"": 0.0}).values()) > LIMIT
     )
     timed = np.array([one["frames_s"] for one in cases if "frames_s" in one]).reshape(-1, 2)
     return {
@@ -255,7 +309,10 @@ def text_of(summary: Result) -> str:
         f"{summary['time_saved']:.0%} of the frames' time saved",
         "worst: theory in tolerances (at most 1); frames in standard errors beyond the tolerance (at most 4)",
     ]
-    lines += [f"  {name:<40} {one['value']:8.3g}   case {one['number']}" for name, one in summary["worst"].items()]
+    lines += [
+        f"  {name:<40} {one['value']:8.3g}   case {one['number']}"
+        for name, one in summary["worst"].items()
+    ]
     return "\n".join([*lines, f"failed: {summary['failed'] or 'none'}"])
 
 

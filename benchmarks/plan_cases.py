@@ -17,7 +17,15 @@ TOLERANCES_DN = 0.005, 5.0
 
 OF_CMOS = "source_follower.rtn_uv", "readout.ktc_residual"
 
-SCENES = ("flat", "dark", "ramp", "bright minority", "one saturated pixel", "bright line", "dim")
+SCENES = (
+    "flat",
+    "dark",
+    "ramp",
+    "bright minority",
+    "one saturated pixel",
+    "bright line",
+    "dim",
+)
 
 
 @dataclass(frozen=True)
@@ -46,7 +54,9 @@ def case(number: int) -> Case:
     return Case(number, camera, exposure, photons, tolerance, scene)
 
 
-def _fields(chance: np.random.Generator, base: ms.Camera, exposure: ms.Exposure) -> dict[str, Any]:
+def _fields(
+    chance: np.random.Generator, base: ms.Camera, exposure: ms.Exposure
+) -> dict[str, Any]:
     """Fields of the camera: each left as it is, set to zero, or drawn over many decades."""
     wide = {
         "pixel.prnu": (1e-6, 0.1),
@@ -83,18 +93,24 @@ def _fields(chance: np.random.Generator, base: ms.Camera, exposure: ms.Exposure)
     if fields.get("readout.ve_nonlinearity"):
         fields["readout.ve_nonlinearity"] = min(fields["readout.ve_nonlinearity"], 0.2)
     fields["pixel.prnu_distribution"] = str(chance.choice(["gaussian", "lognormal"]))
-    fields["dark_current.distribution"] = str(chance.choice(["lognormal", "gamma", "wald", "logistic"]))
+    fields["dark_current.distribution"] = str(
+        chance.choice(["lognormal", "gamma", "wald", "logistic"])
+    )
     if chance.random() < 0.25:
         weight, low = float(10 ** chance.uniform(-6, -1)), float(10 ** chance.uniform(-2, 5))
         part = {"weight": weight, "family": "uniform", "low": low, "high": low * 3, "unit": "e"}
         fields["dark_current.components"] = [part]
     fields["adc.bits"] = int(chance.choice([6, 8, 10, 12, 14, 16]))
     if chance.random() < 0.4:
-        fields["adc.black_level_dn"] = float(chance.integers(0, 1 + 2 ** fields["adc.bits"] // 8))
+        fields["adc.black_level_dn"] = float(
+            chance.integers(0, 1 + 2 ** fields["adc.bits"] // 8)
+        )
     return fields
 
 
-def _scene(chance: np.random.Generator, name: str, shape: tuple[int, int]) -> NDArray[np.float64]:
+def _scene(
+    chance: np.random.Generator, name: str, shape: tuple[int, int]
+) -> NDArray[np.float64]:
     """Light as a share of that which fills the well."""
     top = float(10 ** chance.uniform(-4, 0.5))
     low = top * float(10 ** chance.uniform(-4, -0.5)) * (chance.random() < 0.8)
@@ -117,7 +133,9 @@ def _scene(chance: np.random.Generator, name: str, shape: tuple[int, int]) -> ND
     return scene
 
 
-def _photons(chance: np.random.Generator, camera: ms.Camera, scene: NDArray[np.float64]) -> ms.Photons:
+def _photons(
+    chance: np.random.Generator, camera: ms.Camera, scene: NDArray[np.float64]
+) -> ms.Photons:
     """Photons of no wavelength, or of one between the ends of the QE curves."""
     well = camera.pixel.full_well_e
     if chance.random() < 0.4:

@@ -36,19 +36,29 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "quantum yield": {"quantum_efficiency.quantum_yield": [2.0, 2.0]},
     "all non-linearities": {},
 }
-OPTIONS["all non-linearities"] = {key: value for change in list(OPTIONS.values())[1:5] for key, value in change.items()}
+OPTIONS["all non-linearities"] = {
+    key: value for change in list(OPTIONS.values())[1:5] for key, value in change.items()
+}
 
 
 def main() -> None:
     """Parse the options, compare, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pixels", type=int, default=400_000, help="pixels of each frame (default 400000)")
-    parser.add_argument("--bits", type=int, nargs="+", default=BITS, help="resolutions (default 8 12 14 16)")
+    parser.add_argument(
+        "--pixels", type=int, default=400_000, help="pixels of each frame (default 400000)"
+    )
+    parser.add_argument(
+        "--bits", type=int, nargs="+", default=BITS, help="resolutions (default 8 12 14 16)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     start = time.perf_counter()
     rows = [
-        compared(PLAIN.replace(**{"adc.bits": bits, "pixel.full_well_e": well}), f"{well:g} e-", options.pixels)
+        compared(
+            PLAIN.replace(**{"adc.bits": bits, "pixel.full_well_e": well}),
+            f"{well:g} e-",
+            options.pixels,
+        )
         for well in FULL_WELLS_E
         for bits in options.bits
     ]
@@ -58,18 +68,26 @@ def main() -> None:
         for bits in options.bits
     ]
     if options.json:
-        print(json.dumps({"pixels": options.pixels, "rows": rows, "seconds": time.perf_counter() - start}))
+        print(
+            json.dumps(
+                {"pixels": options.pixels, "rows": rows, "seconds": time.perf_counter() - start}
+            )
+        )
         return
     print(f"{'':24}{'bits':>5}{'pixels that differ':>20}{'largest':>10}   plan")
     for row in rows:
         share = f"{100 * row['share_of_pixels']:.3g} %"
-        print(f"{row['case']:24}{row['bits']:>5}{share:>20}{row['largest_dn']:>7g} DN   {row['plan']}")
+        print(
+            f"{row['case']:24}{row['bits']:>5}{share:>20}{row['largest_dn']:>7g} DN   {row['plan']}"
+        )
 
 
 def compared(camera: ms.Camera, case: str, pixels: int) -> dict[str, Any]:
     """One frame in both precisions, and the precision that the plan chooses."""
     width = 1000
-    light = np.linspace(0, 1.1 * camera.pixel.full_well_e / 0.3, pixels // width * width).reshape(-1, width)
+    light = np.linspace(
+        0, 1.1 * camera.pixel.full_well_e / 0.3, pixels // width * width
+    ).reshape(-1, width)
     single, double = (
         ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital
         for precision in ("float32", "float64")

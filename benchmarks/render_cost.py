@@ -47,13 +47,28 @@ Seconds = dict[str, float]
 
 def main() -> None:
     """Parse the options, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--variants", nargs="+", default=["llvm_ad_spectral", "scalar_spectral"])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--variants", nargs="+", default=["llvm_ad_spectral", "scalar_spectral"]
+    )
     parser.add_argument("--spp", type=int, nargs="+", default=[16, 128])
-    parser.add_argument("--size", type=int, default=96, help="width and height in pixels (default 96)")
-    parser.add_argument("--turns", type=int, default=5, help="warm renders of each kind (default 5)")
-    parser.add_argument("--processes", type=int, default=3, help="processes of each kind with kernels (default 3)")
-    parser.add_argument("--default", action="store_true", help="only the default and plain, of one band")
+    parser.add_argument(
+        "--size", type=int, default=96, help="width and height in pixels (default 96)"
+    )
+    parser.add_argument(
+        "--turns", type=int, default=5, help="warm renders of each kind (default 5)"
+    )
+    parser.add_argument(
+        "--processes",
+        type=int,
+        default=3,
+        help="processes of each kind with kernels (default 3)",
+    )
+    parser.add_argument(
+        "--default", action="store_true", help="only the default and plain, of one band"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     found: dict[str, Any] = {}
@@ -73,11 +88,15 @@ def processes(case: tuple[str, int, int], count: int, of: Sequence[str]) -> dict
     kinds = ("plain 1 band", *(kind for kind in of if kind in OURS))
     with tempfile.TemporaryDirectory() as home:
         turns = [
-            {kind: in_child("render_cost", "whole", *case, kind, time.time(), home=home) for kind in kinds}
+            {
+                kind: in_child("render_cost", "whole", *case, kind, time.time(), home=home)
+                for kind in kinds
+            }
             for _ in range(count + 1)
         ]
     first, others = (
-        {kind: [turn[kind] for turn in those] for kind in kinds} for those in (turns[:1], turns[1:] or turns[:1])
+        {kind: [turn[kind] for turn in those] for kind in kinds}
+        for those in (turns[:1], turns[1:] or turns[:1])
     )
     return {"first process": summary(first), "second process": summary(others)}
 
@@ -85,19 +104,24 @@ def processes(case: tuple[str, int, int], count: int, of: Sequence[str]) -> dict
 def summary(found: dict[str, list[Seconds]]) -> dict[str, Seconds]:
     """Medians, and processor seconds over those of plain Mitsuba, of the same sampler, and of the colour filters."""
     medians = {
-        kind: {name: statistics.median(one[name] for one in runs) for name in runs[0]} for kind, runs in found.items()
+        kind: {name: statistics.median(one[name] for one in runs) for name in runs[0]}
+        for kind, runs in found.items()
     }
     seconds = {kind: [one["cpu_s"] for one in runs] for kind, runs in found.items()}
     for kind, median in medians.items():
         film = "30 bands" if "30" in kind else "1 band"
         bases = {"plain": f"plain {film}", "same": f"same {film}", "channels": "ours channels"}
         median |= {
-            f"over_{name}": ratio(seconds[kind], seconds[base]) for name, base in bases.items() if base in seconds
+            f"over_{name}": ratio(seconds[kind], seconds[base])
+            for name, base in bases.items()
+            if base in seconds
         }
     return medians
 
 
-def warm(variant: str, size: int, spp: int, turns: int, kinds: Sequence[str]) -> dict[str, list[Seconds]]:
+def warm(
+    variant: str, size: int, spp: int, turns: int, kinds: Sequence[str]
+) -> dict[str, list[Seconds]]:
     """Wall-clock and processor seconds of every kind, in turns, after one turn that is not counted."""
     renders = {kind: renderer(kind, variant, size, spp) for kind in kinds}
     found: dict[str, list[Seconds]] = {kind: [] for kind in kinds}
@@ -105,7 +129,10 @@ def warm(variant: str, size: int, spp: int, turns: int, kinds: Sequence[str]) ->
         for kind, render in renders.items():
             wall, processor = time.perf_counter(), time.process_time()
             render(turn)
-            one = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - processor}
+            one = {
+                "wall_s": time.perf_counter() - wall,
+                "cpu_s": time.process_time() - processor,
+            }
             found[kind] += [one] if turn else []
     return found
 
@@ -129,19 +156,28 @@ def renderer(
 
     (name, options), exposure = OURS[kind], ms.Exposure(0.02)
     camera = ms.load_camera(name)
-    asked: dict[str, Any] = {"variant": variant, "spp": spp, "parameters": {"width": size, "height": size}, **options}
+    asked: dict[str, Any] = {
+        "variant": variant,
+        "spp": spp,
+        "parameters": {"width": size, "height": size},
+        **options,
+    }
     asked["progress"] = lambda step: first_pass() if step.done else None
     return lambda seed: ms.render(SCENE, camera, exposure, seed=seed, **asked).data
 
 
-def plain(bands: int, variant: str, size: int, spp: int, sampler: str) -> Callable[[int], np.ndarray]:
+def plain(
+    bands: int, variant: str, size: int, spp: int, sampler: str
+) -> Callable[[int], np.ndarray]:
     """The same with plain Mitsuba alone."""
     import mitsuba as mi
 
     mi.set_variant(variant)
     mi.set_log_level(mi.LogLevel.Error)  # it warns of 132 samples, on stdout
     scene = mi.load_file(SCENE, width=str(size), height=str(size))
-    sensor = sensor_like(mi, scene.sensors()[0], size, np.linspace(LOW_NM, HIGH_NM, bands + 1).tolist(), sampler)
+    sensor = sensor_like(
+        mi, scene.sensors()[0], size, np.linspace(LOW_NM, HIGH_NM, bands + 1).tolist(), sampler
+    )
     return lambda seed: np.array(mi.render(scene, sensor=sensor, seed=seed, spp=spp))
 
 

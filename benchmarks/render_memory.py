@@ -40,7 +40,9 @@ def measure(columns: int, rows: int, spp: int, options: tuple[str, ...]) -> Meas
         size = ("-D", f"width={columns}", "-D", f"height={rows}", "--spp", str(spp))
         arguments = ("render", str(SCENE), "-o", folder, *size, *options)
         start = time.perf_counter()
-        child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *arguments], stdout=subprocess.DEVNULL)
+        child = subprocess.Popen(
+            [sys.executable, "-m", "mitsuba_sensor", *arguments], stdout=subprocess.DEVNULL
+        )
         _, status, usage = os.wait4(child.pid, 0)
         seconds = time.perf_counter() - start
         child.returncode = os.waitstatus_to_exitcode(status)
@@ -54,7 +56,11 @@ def main() -> None:
     """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--spp", type=int, default=16)
-    parser.add_argument("--quick", action="store_true", help="one render of 48 × 32 pixels: a check of the script")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="one render of 48 × 32 pixels: a check of the script",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     columns, rows = (48, 32) if options.quick else (1920, 1200)
@@ -65,7 +71,9 @@ def main() -> None:
         return
     print(f"{columns} × {rows}, {options.spp} samples")
     for name, one in found.items():
-        print(f"{name:30} peak {one.peak_mib:5.0f} MiB   {one.seconds:5.0f} s   files {one.written_mib:4.0f} MiB")
+        print(
+            f"{name:30} peak {one.peak_mib:5.0f} MiB   {one.seconds:5.0f} s   files {one.written_mib:4.0f} MiB"
+        )
 
 
 if __name__ == "__main__":

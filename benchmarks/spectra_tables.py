@@ -38,7 +38,9 @@ def main() -> None:
     observer = colour.MSDS_CMFS[OBSERVER]
     write_table("observer", observer.wavelengths, observer.values)
     surfaces = read_training_data_rawtoaces_v1()
-    write_table("surfaces", surfaces.wavelengths, np.maximum(surfaces.values, 0.0))  # some are -1e-16
+    write_table(
+        "surfaces", surfaces.wavelengths, np.maximum(surfaces.values, 0.0)
+    )  # some are -1e-16
 
 
 if __name__ == "__main__":

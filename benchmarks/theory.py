@@ -57,25 +57,35 @@ class Compared:
         return self.close or abs(self.z) <= ERRORS
 
 
-def theory_of(case: Case, shape: tuple[int, int] = SHAPE) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def theory_of(
+    case: Case, shape: tuple[int, int] = SHAPE
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Mean, temporal and spatial variance of the codes [DN, DN²], their standard errors, and processor seconds."""
     start = time.process_time()
     frame = Frame(case.exposure, SensorWindow(0, shape, given=dict(case.maps)))
-    found = FrameTheory(case.camera.stages, detect(case.photons(shape), case.camera.stages[0], frame), frame).averages(
-        case.camera.stages[-1]
-    )
+    found = FrameTheory(
+        case.camera.stages, detect(case.photons(shape), case.camera.stages[0], frame), frame
+    ).averages(case.camera.stages[-1])
     return np.array(found[:3]), np.array(found.errors), time.process_time() - start
 
 
-def frames_of(case: Case, serial: int, count: int, shape: tuple[int, int]) -> NDArray[np.float64]:
+def frames_of(
+    case: Case, serial: int, count: int, shape: tuple[int, int]
+) -> NDArray[np.float64]:
     """Frames of one serial, (count, H, W) [DN]; with a seed of its own."""
     photons = case.photons(shape)
-    options: dict[str, Any] = {"serial": serial, "seed": serial, "engine": "numpy", "maps": dict(case.maps)}
+    options: dict[str, Any] = {
+        "serial": serial,
+        "seed": serial,
+        "engine": "numpy",
+        "maps": dict(case.maps),
+    }
     if photons.variance_e2 is None:
         found = ms.expose(photons, case.camera, case.exposure, frames=count, **options).digital
     else:  # frames of one render, one at a time
         one = (
-            ms.expose(photons, case.camera, case.exposure, first_frame=k, **options).digital[0] for k in range(count)
+            ms.expose(photons, case.camera, case.exposure, first_frame=k, **options).digital[0]
+            for k in range(count)
         )
         found = np.stack(list(one))
     return found.astype(np.float64)
@@ -87,8 +97,15 @@ def measured(
     """Mean, temporal and spatial variance of frames, and their standard errors, (3,) each."""
     height, width = case.tile
     tiles = (shape[0] // height, height, shape[1] // width, width)
-    means, squares, temporal, reference = [], [], [], 0.0  # the last one: squares of small numbers are exact
-    first = zlib.crc32(f"{case.name} {case.level_e:g}".encode()) % 10**6  # other serials for every case
+    means, squares, temporal, reference = (
+        [],
+        [],
+        [],
+        0.0,
+    )  # the last one: squares of small numbers are exact
+    first = (
+        zlib.crc32(f"{case.name} {case.level_e:g}".encode()) % 10**6
+    )  # other serials for every case
     for serial in range(first, first + serials):
         stack = frames_of(case, serial, count, shape)
         reference = reference or float(stack.mean())
@@ -98,13 +115,17 @@ def measured(
         temporal.append(stack.var(axis=0, ddof=1).mean())
     mean, square, own = np.array(means), np.array(squares), np.array(temporal)
     average = mean.mean(axis=0)
-    lost = mean.var(axis=0, ddof=1).mean() / serials  # by taking the average of these serials for the expected mean
+    lost = (
+        mean.var(axis=0, ddof=1).mean() / serials
+    )  # by taking the average of these serials for the expected mean
     fixed = (square - 2 * average * mean + average**2).mean(axis=(1, 2)) - own / count + lost
     values = np.stack([mean.mean(axis=(1, 2)) + reference, own, fixed])
     return values.mean(axis=1), values.std(axis=1, ddof=1) / math.sqrt(serials)
 
 
-def compared(case: Case, serials: int, count: int, shape: tuple[int, int] = SHAPE) -> dict[str, Any]:
+def compared(
+    case: Case, serials: int, count: int, shape: tuple[int, int] = SHAPE
+) -> dict[str, Any]:
     """One row of the table."""
     expected, own_errors, seconds = theory_of(case, shape)
     found, errors = measured(case, serials, count, shape)
@@ -126,17 +147,38 @@ def compared(case: Case, serials: int, count: int, shape: tuple[int, int] = SHAP
 
 def main() -> int:
     """Parse the options, compare, print the table; 1 where one case disagrees."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--serials", type=int, default=64, help="serials of each case (default 64)")
-    parser.add_argument("--frames", type=int, default=4, help="frames of each serial (default 4)")
-    parser.add_argument("--cases", nargs="+", default=[""], help="only the cases whose name contains one of these")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
-        "--random", type=int, nargs="+", default=(), help="instead: so many random cases [from this one]"
+        "--serials", type=int, default=64, help="serials of each case (default 64)"
+    )
+    parser.add_argument(
+        "--frames", type=int, default=4, help="frames of each serial (default 4)"
+    )
+    parser.add_argument(
+        "--cases",
+        nargs="+",
+        default=[""],
+        help="only the cases whose name contains one of these",
+    )
+    parser.add_argument(
+        "--random",
+        type=int,
+        nargs="+",
+        default=(),
+        help="instead: so many random cases [from this one]",
     )
     parser.add_argument("--json", action="store_true", help="print JSON only")
-    parser.add_argument("--full", action="store_true", help="random cases about full well and full scale")
+    parser.add_argument(
+        "--full", action="store_true", help="random cases about full well and full scale"
+    )
     options = parser.parse_args()
-    chosen = [case for case in cases() if any(text.lower() in case.name.lower() for text in options.cases)]
+    chosen = [
+        case
+        for case in cases()
+        if any(text.lower() in case.name.lower() for text in options.cases)
+    ]
     if options.random:
         first = options.random[1] if len(options.random) > 1 else 0
         make = full_case if options.full else random_case
@@ -156,10 +198,20 @@ def main() -> int:
 def show(row: dict[str, Any], *, header: bool = False) -> None:
     """Print one row."""
     if header:
-        print(f"{'case':30}{'level':>9}" + "".join(f"{name:>30}{'z':>6}" for name in QUANTITIES) + "  verdict")
-    cells = "".join(f"{row[q]['theory']:>15.4f}{row[q]['frames']:>15.4f}{row[q]['z']:>6.1f}" for q in QUANTITIES)
+        print(
+            f"{'case':30}{'level':>9}"
+            + "".join(f"{name:>30}{'z':>6}" for name in QUANTITIES)
+            + "  verdict"
+        )
+    cells = "".join(
+        f"{row[q]['theory']:>15.4f}{row[q]['frames']:>15.4f}{row[q]['z']:>6.1f}"
+        for q in QUANTITIES
+    )
     verdict = "ok" if row["ok"] else "NOT"
-    print(f"{row['case'][:29]:30}{row['level_e']:>9.4g}{cells}  {verdict:4}{row['seconds']:.2f} s", flush=True)
+    print(
+        f"{row['case'][:29]:30}{row['level_e']:>9.4g}{cells}  {verdict:4}{row['seconds']:.2f} s",
+        flush=True,
+    )
 
 
 def summarise(rows: Sequence[dict[str, Any]]) -> None:
@@ -168,8 +220,12 @@ def summarise(rows: Sequence[dict[str, Any]]) -> None:
     z = max(abs(worst[q]["z"]) for q in QUANTITIES)
     times = sorted(row["seconds"] for row in rows)
     good, close = (sum(row[key] for row in rows) for key in ("ok", "close"))
-    print(f"{len(rows)} cases, {good} ok, {close} of them within 0.3 % or 0.01 DN; worst z {z:.1f} ({worst['case']})")
-    print(f"processor time of a theory: median {times[len(times) // 2]:.2f} s, largest {times[-1]:.2f} s")
+    print(
+        f"{len(rows)} cases, {good} ok, {close} of them within 0.3 % or 0.01 DN; worst z {z:.1f} ({worst['case']})"
+    )
+    print(
+        f"processor time of a theory: median {times[len(times) // 2]:.2f} s, largest {times[-1]:.2f} s"
+    )
 
 
 if __name__ == "__main__":

@@ -15,7 +15,9 @@ from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.core import Electrons, Frame, Moments
 from mitsuba_sensor.core.types import Array
 
-TABLE1, BAYER, RGBIR, CCD = (ms.load_camera(n) for n in ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82"))
+TABLE1, BAYER, RGBIR, CCD = (
+    ms.load_camera(n) for n in ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82")
+)
 V_PER_E = 5e-6  # Table 1
 SHAPE = (8, 1024)
 EXPOSURE = ms.Exposure(0.1)
@@ -44,7 +46,9 @@ class Case:
         if self.light is not None:
             return self.light(self.level_e, shape)
         curves = len(self.camera.quantum_efficiency.curves)
-        return ms.Photons(np.full((*shape, curves), self.level_e), np.arange(curves) + 500.0, detected=True)
+        return ms.Photons(
+            np.full((*shape, curves), self.level_e), np.arange(curves) + 500.0, detected=True
+        )
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,9 @@ class SkewedGain(ms.Stage):
         z = frame.window.fixed_map("skewed_gain", lambda backend, bits: backend.normal(bits))
         number = frame.number
         sign = (z > number(0.0)) * number(2.0) - number(1.0)
-        return replace(electrons, light=electrons.light * (number(1.0) + number(self.share) * sign))
+        return replace(
+            electrons, light=electrons.light * (number(1.0) + number(self.share) * sign)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Spatial variance (share·mean)²."""
@@ -87,20 +93,35 @@ def changed(camera: ms.Camera, **changes: Any) -> ms.Camera:
     return camera.replace(**{name.replace("__", "."): value for name, value in changes.items()})
 
 
-def with_gain(camera: ms.Camera, dn_per_e: float, bits: int, full_well_e: float, **changes: Any) -> ms.Camera:
+def with_gain(
+    camera: ms.Camera, dn_per_e: float, bits: int, full_well_e: float, **changes: Any
+) -> ms.Camera:
     """An overall system gain K, at 5 µV/e-."""
-    changes |= {"adc__full_scale_v": 2**bits / dn_per_e * V_PER_E, "adc__bits": bits, "pixel__full_well_e": full_well_e}
+    changes |= {
+        "adc__full_scale_v": 2**bits / dn_per_e * V_PER_E,
+        "adc__bits": bits,
+        "pixel__full_well_e": full_well_e,
+    }
     return changed(camera, **changes)
 
 
 def with_read_noise(camera: ms.Camera, sigma_e: float, **changes: Any) -> ms.Camera:
     """Read noise as one number."""
-    return changed(camera, source_follower__read_noise_e=sigma_e, source_follower__white_nv_per_rthz=None, **changes)
+    return changed(
+        camera,
+        source_follower__read_noise_e=sigma_e,
+        source_follower__white_nv_per_rthz=None,
+        **changes,
+    )
 
 
 def telegraph(**changes: Any) -> ms.Camera:
     """K 1 DN/e-, read noise 0.2 e-, steps of 1 e-: the noise hides no code."""
-    step = {"source_follower__rtn_pixel_amplitude_e": 1.0, "adc__black_level_dn": 10.3, "readout__dsnu_col": 0.0}
+    step = {
+        "source_follower__rtn_pixel_amplitude_e": 1.0,
+        "adc__black_level_dn": 10.3,
+        "readout__dsnu_col": 0.0,
+    }
     return with_read_noise(with_gain(TABLE1, 1.0, 12, 4000.0), 0.2, **(step | changes))
 
 
@@ -123,21 +144,33 @@ def dnl_table(bits: int, rms_lsb: float) -> dict[str, float]:
 
 def of_band(wavelength_nm: float) -> Light:
     """Photons of one wavelength."""
-    return lambda level, shape: ms.Photons(np.full((*shape, 1), level), np.array([wavelength_nm]))
+    return lambda level, shape: ms.Photons(
+        np.full((*shape, 1), level), np.array([wavelength_nm])
+    )
 
 
 def compensated(share: float) -> Light:
     """Renders whose variance is a share of their mean photoelectrons, on Table 1 (QE 0.6)."""
 
     def light(level: float, shape: tuple[int, int]) -> ms.Photons:
-        return ms.Photons(np.full(shape, level / 0.6), variance_e2=np.full(shape, share * level))
+        return ms.Photons(
+            np.full(shape, level / 0.6), variance_e2=np.full(shape, share * level)
+        )
 
     return light
 
 
 def cases() -> list[Case]:
     """All of them."""
-    return [*_dark_currents(), *_clips(), *_converters(), *_few_electrons(), *_light(), *_own_stages(), *_once_wrong()]
+    return [
+        *_dark_currents(),
+        *_clips(),
+        *_converters(),
+        *_few_electrons(),
+        *_light(),
+        *_own_stages(),
+        *_once_wrong(),
+    ]
 
 
 def _dark_currents() -> list[Case]:
@@ -151,7 +184,9 @@ def _dark_currents() -> list[Case]:
     for family in ("lognormal", "gamma", "wald", "gaussian", "logistic", "ar"):
         for cv, seconds in ((0.4, 1.0), (2.0, 1.0), (10.0, 8.0)):
             camera = changed(TABLE1, dark_current__distribution=family, dark_current__cv=cv)
-            found.append(Case(f"{family} cv {cv:g}, {seconds:g} s", camera, 3000.0, dark(seconds)))
+            found.append(
+                Case(f"{family} cv {cv:g}, {seconds:g} s", camera, 3000.0, dark(seconds))
+            )
     rts = {"rts_fraction": 0.01, "rts_amplitude_e_per_s": 9000.0, "rts_switching": 1.0}
     rts = {f"dark_current__{name}": value for name, value in rts.items()}
     found += [Case("RTS pixels, 900 e-", changed(TABLE1, **rts), e) for e in (0.0, 32_500.0)]
@@ -160,17 +195,28 @@ def _dark_currents() -> list[Case]:
 
 
 def _clips() -> list[Case]:
-    both = with_read_noise(with_gain(TABLE1, 0.02, 4, 600.0), 30.0, pixel__prnu=0.3, adc__black_level_dn=1.0)
-    narrow = with_read_noise(with_gain(TABLE1, 0.12, 4, 33e3), 3.0, pixel__prnu=0.02, adc__black_level_dn=1.0)
+    both = with_read_noise(
+        with_gain(TABLE1, 0.02, 4, 600.0), 30.0, pixel__prnu=0.3, adc__black_level_dn=1.0
+    )
+    narrow = with_read_noise(
+        with_gain(TABLE1, 0.12, 4, 33e3), 3.0, pixel__prnu=0.02, adc__black_level_dn=1.0
+    )
     return [
         *(Case("Table 1", TABLE1, e) for e in (0.0, 3e3, 32_700.0, 33_000.0, 34_000.0, 1e6)),
         *(Case("PRNU 2 % between two clips", narrow, e) for e in (30.0, 65.0, 110.0)),
         *(Case("both clips at once", both, e) for e in (0.0, 100.0, 500.0)),
         Case("PRNU 20 % about the full well", changed(TABLE1, pixel__prnu=0.2), 33_000.0),
         Case("black level 0", changed(TABLE1, adc__black_level_dn=0.0), 0.0),
-        Case("full well below the converter", changed(TABLE1, adc__full_scale_v=0.25), 33_000.0),
+        Case(
+            "full well below the converter", changed(TABLE1, adc__full_scale_v=0.25), 33_000.0
+        ),
         *(
-            Case("full well 1 e-, 1 bit", changed(TABLE1, pixel__full_well_e=1.0, adc__bits=1), e, dark(1e-4))
+            Case(
+                "full well 1 e-, 1 bit",
+                changed(TABLE1, pixel__full_well_e=1.0, adc__bits=1),
+                e,
+                dark(1e-4),
+            )
             for e in (0.3, 2.0)
         ),
         Case("full well 33000 e-, 1 bit", changed(TABLE1, adc__bits=1), 16_300.0),
@@ -181,21 +227,43 @@ def _converters() -> list[Case]:
     dnl = changed(TABLE1, adc__bits=8, adc__dnl_lsb=dnl_table(8, 0.4), adc__black_level_dn=10.0)
     vv = {"source_follower__vv_nonlinearity": 1.05}
     ve = {"readout__ve_nonlinearity": 1.0}
-    hot_curve = with_read_noise(with_gain(hot(200.0, 900.0, 0.02), 4.0, 2, 1700.0, adc__gamma=0.97), 3.7)
+    hot_curve = with_read_noise(
+        with_gain(hot(200.0, 900.0, 0.02), 4.0, 2, 1700.0, adc__gamma=0.97), 3.7
+    )
     hot_curve = changed(hot_curve, readout__prnu_col=0.04)
     curved = changed(TABLE1, **vv, **ve, adc__gamma=1.04, readout__sense_gain_uv_per_e=40.0)
     return [
         *(Case("8 bit, DNL 0.4 LSB rms", dnl, e) for e in (0.0, 700.0, 30_000.0)),
         *(Case("V/V 1.05", changed(TABLE1, **vv), e) for e in (5e3, 32_900.0)),
-        *(Case("V/e 1 at 40 µV/e-", changed(TABLE1, **ve, readout__sense_gain_uv_per_e=40.0), e) for e in (5e3, 3e4)),
+        *(
+            Case(
+                "V/e 1 at 40 µV/e-", changed(TABLE1, **ve, readout__sense_gain_uv_per_e=40.0), e
+            )
+            for e in (5e3, 3e4)
+        ),
         *(Case("V/V, V/e and ADC non-linear", curved, e) for e in (5e3, 32_500.0)),
         Case("hot pixels far beyond a curve", hot_curve, 30.0, dark(1e-3)),
         Case("16 bit", changed(TABLE1, adc__bits=16), 30_000.0),
         Case("24 bit", changed(TABLE1, adc__bits=24), 1000.0),
-        Case("PRNU_col 1 %, DSNU 30 e-", changed(TABLE1, readout__prnu_col=0.01, pixel__dsnu_e=30.0), 2e4),
-        Case("PRNU_col 2 % at the full well", changed(TABLE1, readout__prnu_col=0.02), 32_800.0),
-        Case("row and column noise", changed(TABLE1, readout__row_noise_e=40.0, readout__column_noise_e=25.0), 100.0),
-        Case("read noise of its own in every pixel", telegraph(source_follower__read_noise_cv=1.0), 0.0, dark(1e-4)),
+        Case(
+            "PRNU_col 1 %, DSNU 30 e-",
+            changed(TABLE1, readout__prnu_col=0.01, pixel__dsnu_e=30.0),
+            2e4,
+        ),
+        Case(
+            "PRNU_col 2 % at the full well", changed(TABLE1, readout__prnu_col=0.02), 32_800.0
+        ),
+        Case(
+            "row and column noise",
+            changed(TABLE1, readout__row_noise_e=40.0, readout__column_noise_e=25.0),
+            100.0,
+        ),
+        Case(
+            "read noise of its own in every pixel",
+            telegraph(source_follower__read_noise_cv=1.0),
+            0.0,
+            dark(1e-4),
+        ),
         *(
             Case(
                 f"RTN pixels, black level {level:g} DN",
@@ -211,11 +279,21 @@ def _converters() -> list[Case]:
 
 def _few_electrons() -> list[Case]:
     found = []
-    quiet = {"readout__dsnu_col": 1e-4, "adc__black_level_dn": 10.3, "dark_current__fom_na_per_cm2": 1e-3}
-    for gain, sigma, bits, well in ((0.5, 0.15, 12, 7000.0), (7.3, 0.27, 16, 7000.0), (1.0003, 0.2, 14, 9000.0)):
+    quiet = {
+        "readout__dsnu_col": 1e-4,
+        "adc__black_level_dn": 10.3,
+        "dark_current__fom_na_per_cm2": 1e-3,
+    }
+    for gain, sigma, bits, well in (
+        (0.5, 0.15, 12, 7000.0),
+        (7.3, 0.27, 16, 7000.0),
+        (1.0003, 0.2, 14, 9000.0),
+    ):
         camera = with_read_noise(with_gain(TABLE1, gain, bits, well, **quiet), sigma)
         found += [Case(f"qCMOS K {gain:g}, {sigma:g} e-", camera, e) for e in (0.3, 4.0, 300.0)]
-    edge = with_read_noise(with_gain(TABLE1, 0.125, 12, 30_000.0, **quiet), 0.05, adc__black_level_dn=16.0)
+    edge = with_read_noise(
+        with_gain(TABLE1, 0.125, 12, 30_000.0, **quiet), 0.05, adc__black_level_dn=16.0
+    )
     return [*found, *(Case("4 e- at a code edge", edge, e) for e in (4.0, 40.0))]
 
 
@@ -231,13 +309,25 @@ def _light() -> list[Case]:
         "dark_fpn": rng.gamma(2.0, 0.5, SHAPE),
     }
     return [
-        *(Case("900 nm on a mosaic", RGBIR, p, light=of_band(900.0), tile=(4, 4)) for p in (100.0, 40_000.0)),
-        *(Case("620 nm on a mosaic", BAYER, p, light=of_band(620.0), tile=(2, 2)) for p in (9.0, 90_000.0)),
+        *(
+            Case("900 nm on a mosaic", RGBIR, p, light=of_band(900.0), tile=(4, 4))
+            for p in (100.0, 40_000.0)
+        ),
+        *(
+            Case("620 nm on a mosaic", BAYER, p, light=of_band(620.0), tile=(2, 2))
+            for p in (9.0, 90_000.0)
+        ),
         *(Case("quantum yield", ultraviolet, p, light=of_band(450.0)) for p in (5.0, 4000.0)),
         Case("quantum yield, RTS pixels", switching, 300.0, light=of_band(450.0)),
         Case("compensated render, RTS pixels", dim, 300.0, light=compensated(0.3)),
-        *(Case("compensated render", TABLE1, e, light=compensated(0.16)) for e in (8.0, 5000.0, 32_800.0)),
-        *(Case(f"measured {name}", TABLE1, 31_000.0, dark(0.5), maps={name: maps[name]}) for name in maps),
+        *(
+            Case("compensated render", TABLE1, e, light=compensated(0.16))
+            for e in (8.0, 5000.0, 32_800.0)
+        ),
+        *(
+            Case(f"measured {name}", TABLE1, 31_000.0, dark(0.5), maps={name: maps[name]})
+            for name in maps
+        ),
         *_measured(rng),
         Case("scientific CCD", CCD, 1e4, dark(1.0)),
     ]
@@ -253,16 +343,24 @@ def _measured(rng: np.random.Generator) -> list[Case]:
     }
     low = changed(TABLE1, adc__black_level_dn=5.0, dark_current__fom_na_per_cm2=0.0)
     sigma = {"read_noise": 8.0 * np.exp(rng.standard_normal(SHAPE))}
-    coarse = with_read_noise(with_gain(TABLE1, 0.07, 2, 900.0), 8.0, source_follower__read_noise_cv=1.0)
+    coarse = with_read_noise(
+        with_gain(TABLE1, 0.07, 2, 900.0), 8.0, source_follower__read_noise_cv=1.0
+    )
     return [
-        *(Case("measured maps, low clip", low, e, dark(1e-3), maps=offsets) for e in (10.0, 300.0)),
+        *(
+            Case("measured maps, low clip", low, e, dark(1e-3), maps=offsets)
+            for e in (10.0, 300.0)
+        ),
         Case("measured maps, high clip", low, 32_900.0, dark(1e-3), maps=offsets),
         Case("measured read noise, 2 bit", coarse, 40.0, dark(1e-3), maps=sigma),
     ]
 
 
 def _own_stages() -> list[Case]:
-    before, behind = TABLE1.with_stage(SkewedGain(), after="prnu"), TABLE1.with_stage(SupplyNoise(), after="cds_gain")
+    before, behind = (
+        TABLE1.with_stage(SkewedGain(), after="prnu"),
+        TABLE1.with_stage(SupplyNoise(), after="cds_gain"),
+    )
     return [
         *(Case("own stage before the count", before, e) for e in (500.0, 15_000.0)),
         *(Case("own stage behind the count", behind, e) for e in (0.0, 33_000.0)),
@@ -301,7 +399,12 @@ def random_case(number: int) -> Case:
     def maybe(chance: float, value: Any, other: Any) -> Any:
         return value if rng.random() < chance else other
 
-    bits, well, gain, read = int(rng.integers(1, 17)), log(1.0, 2e5), log(0.01, 20.0), log(0.05, 100.0)
+    bits, well, gain, read = (
+        int(rng.integers(1, 17)),
+        log(1.0, 2e5),
+        log(0.01, 20.0),
+        log(0.05, 100.0),
+    )
     changes: dict[str, Any] = {
         "pixel__prnu": maybe(0.7, log(1e-3, 0.3), 0.0),
         "pixel__prnu_distribution": str(rng.choice(["gaussian", "lognormal"])),
@@ -315,15 +418,29 @@ def random_case(number: int) -> Case:
         "dark_current__rate_e_per_s": log(0.01, 1e5),
         "dark_current__at_temperature_k": 300.0,
         "dark_current__cv": maybe(0.8, log(0.01, 10.0), 0.0),
-        "dark_current__distribution": str(rng.choice(["lognormal", "gamma", "wald", "gaussian", "logistic"])),
+        "dark_current__distribution": str(
+            rng.choice(["lognormal", "gamma", "wald", "gaussian", "logistic"])
+        ),
         "source_follower__vv_nonlinearity": maybe(0.25, rng.uniform(0.8, 1.2), 1.0),
         "readout__ve_nonlinearity": maybe(0.25, rng.uniform(0.0, 1.0), 0.0),
         "adc__gamma": maybe(0.25, rng.uniform(0.8, 1.3), None),
     }
     if rng.random() < 0.3:
         low = log(1.0, 1e5)
-        uniform = {"weight": log(1e-3, 0.3), "family": "uniform", "low": low, "high": low * log(1.1, 30), "unit": "e"}
-        normal = {"weight": log(1e-2, 0.3), "family": "normal", "mean": low, "sigma": low * log(0.01, 2.0), "unit": "e"}
+        uniform = {
+            "weight": log(1e-3, 0.3),
+            "family": "uniform",
+            "low": low,
+            "high": low * log(1.1, 30),
+            "unit": "e",
+        }
+        normal = {
+            "weight": log(1e-2, 0.3),
+            "family": "normal",
+            "mean": low,
+            "sigma": low * log(0.01, 2.0),
+            "unit": "e",
+        }
         changes["dark_current__components"] = [maybe(0.5, uniform, normal)]
     if rng.random() < 0.2:
         changes["dark_current__rts_fraction"] = log(1e-2, 1.0)

@@ -42,7 +42,9 @@ def seconds_of(task: Callable[[], object]) -> float:
     return (time.perf_counter() - start) / getattr(task, "runs", 1)
 
 
-def speeds(seconds: Mapping[str, list[float]], pixels: int, base: str) -> dict[str, dict[str, float]]:
+def speeds(
+    seconds: Mapping[str, list[float]], pixels: int, base: str
+) -> dict[str, dict[str, float]]:
     """Median seconds, Mpx/s, and the speed relative to ``base``, of every task."""
     return {
         name: {

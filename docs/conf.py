@@ -38,8 +38,14 @@ def _complete(_app: Any, page: str, source: list[str]) -> None:
     source[0] = with_generated_parts(source[0])
     if page == "index":
         for title, pages in pages_of(source[0]).items():
-            source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n" + "\n".join(pages) + "\n```\n"
+            source[0] += (
+                f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n"
+                + "\n".join(pages)
+                + "\n```\n"
+            )
 
 
-def _as_bullets(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
+def _as_bullets(
+    _app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]
+) -> None:
     lines[:] = with_bullets(lines)

@@ -48,8 +48,19 @@ def pages_of(index: str) -> dict[str, list[str]]:
 
 def command_line() -> str:
     """Every command with all its options, by typer's own generator; without the title, which the page has."""
-    arguments = [sys.executable, "-m", "typer", "mitsuba_sensor.cli", "utils", "docs", "--name", "mitsuba-sensor"]
-    made = subprocess.run(arguments, capture_output=True, text=True, check=True, encoding="utf-8").stdout
+    arguments = [
+        sys.executable,
+        "-m",
+        "typer",
+        "mitsuba_sensor.cli",
+        "utils",
+        "docs",
+        "--name",
+        "mitsuba-sensor",
+    ]
+    made = subprocess.run(
+        arguments, capture_output=True, text=True, check=True, encoding="utf-8"
+    ).stdout
     return made.partition("\n")[2]
 
 
@@ -57,9 +68,13 @@ def api() -> str:
     """Every public name, functions first."""
     names = sorted(ms.__all__, key=str.lower)
     functions = [name for name in names if inspect.isfunction(getattr(ms, name))]
-    parts = {"Functions": functions, "Classes": [name for name in names if name not in functions]}
+    parts = {
+        "Functions": functions,
+        "Classes": [name for name in names if name not in functions],
+    }
     return "\n\n".join(
-        f"## {title}\n\n" + "\n\n".join(f"### {name}\n\n{documented(ms, name)}" for name in those)
+        f"## {title}\n\n"
+        + "\n\n".join(f"### {name}\n\n{documented(ms, name)}" for name in those)
         for title, those in parts.items()
     )
 
@@ -119,8 +134,14 @@ def _stage(stage: type[Stage]) -> str:
     facts = f"Behind it: {domain} [{UNITS[domain]}]. Paper: {stage.paper}. Source: {where}."
     directive = documented(sys.modules[stage.__module__], stage.__name__)
     names = set(stage.fields.model_fields) if stage.fields else set()
-    entries = [x for one in TABLES if one.path == stage.table for x in one.entries if x.name in names]
-    keys = f"\n\nKeys of a camera file in `[{stage.table}]`:\n\n{markdown_rows(entries)}" if entries else ""
+    entries = [
+        x for one in TABLES if one.path == stage.table for x in one.entries if x.name in names
+    ]
+    keys = (
+        f"\n\nKeys of a camera file in `[{stage.table}]`:\n\n{markdown_rows(entries)}"
+        if entries
+        else ""
+    )
     title = stage.label[:1].upper() + stage.label[1:]
     return f"## {title}\n\n{facts}\n\n{directive}{keys}"
 
@@ -128,5 +149,7 @@ def _stage(stage: type[Stage]) -> str:
 def _parameters(parameters: Iterable[PluginParameter]) -> str:
     lines = ["| parameter | unit | default | what it is | XML |", "|---|---|---|---|---|"]
     for one in parameters:
-        lines.append(f"| `{one.name}` | {one.unit or '–'} | {one.default} | {one.meaning} | `{one.xml}` |")
+        lines.append(
+            f"| `{one.name}` | {one.unit or '–'} | {one.default} | {one.meaning} | `{one.xml}` |"
+        )
     return "\n".join(lines)

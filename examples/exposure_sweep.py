@@ -28,7 +28,9 @@ for time_s in (0.001, 0.01, 0.1, 1.0):
     exposure = ms.Exposure(time_s)
     frames = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
     last, counts = frames.report["stages"][-1], frames.report["counts"]
-    print(f"{time_s:10g} {last['mean_frame']:9.1f} {last['sigma_expected']:11.2f} {counts['clipped_full_well']:29d}")
+    print(
+        f"{time_s:10g} {last['mean_frame']:9.1f} {last['sigma_expected']:11.2f} {counts['clipped_full_well']:29d}"
+    )
     previews.append(preview(frames.digital[0], camera))
     if len(sys.argv) > 1:
         Path(sys.argv[1]).mkdir(parents=True, exist_ok=True)

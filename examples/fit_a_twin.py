@@ -43,12 +43,18 @@ def stack(photons: float, time_s: float, frames: int, seed: int) -> ms.lab.Stack
     """Frames of uniform light."""
     taken = ms.expose(photons, camera, ms.Exposure(time_s), frames=frames, seed=seed)
     name = f"{'flat' if photons else 'dark'}_{time_s:g}s"
-    return ms.lab.Stack(taken.digital, time_s, photons, 298.15, bits=camera.adc.bits, source=name)
+    return ms.lab.Stack(
+        taken.digital, time_s, photons, 298.15, bits=camera.adc.bits, source=name
+    )
 
 
 levels = (0.02, 0.06, 0.12, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2)
-darks = [stack(0.0, time_s, 32, seed) for seed, time_s in enumerate((0.0, 0.01, LONG_S), start=1)]
-flats = [stack(x * WELL_E / QE, 0.01, 32 if x == 0.5 else 4, 10 + k) for k, x in enumerate(levels)]
+darks = [
+    stack(0.0, time_s, 32, seed) for seed, time_s in enumerate((0.0, 0.01, LONG_S), start=1)
+]
+flats = [
+    stack(x * WELL_E / QE, 0.01, 32 if x == 0.5 else 4, 10 + k) for k, x in enumerate(levels)
+]
 twin = ms.lab.fit(ms.lab.Bench((darks[0],), tuple(darks[1:]), tuple(flats)))
 made = camera_from(twin.tables(), "twin")
 
@@ -64,7 +70,9 @@ put_in = {
 }
 rows = [(name, value, found[name].quantity) for name, value in put_in.items()]
 for name, value, q in rows:
-    print(f"{name:10} put in {value:8.4g}   came back {q.value:8.4g} ({q.low:.4g} to {q.high:.4g}) {q.unit}")
+    print(
+        f"{name:10} put in {value:8.4g}   came back {q.value:8.4g} ({q.low:.4g} to {q.high:.4g}) {q.unit}"
+    )
 
 frames = ms.expose(0.0, made, ms.Exposure(LONG_S), maps=twin.maps, frames=32, seed=99)
 real = stack(0.0, LONG_S, 32, 98).frames
@@ -76,8 +84,13 @@ if len(sys.argv) > 1:
     left, middle, right = figure.subplots(1, 3)
     low, high = np.quantile(darks[0].frames, (0.01, 0.99))
     short = ms.expose(0.0, made, ms.Exposure(0.0), maps=twin.maps, seed=100)
-    for axes, frame, title in ((left, darks[0].frames[0], "camera"), (middle, short.digital[0], "twin")):
-        shown = axes.imshow(frame[:120, :160], cmap="gray", vmin=low, vmax=high, interpolation="nearest")
+    for axes, frame, title in (
+        (left, darks[0].frames[0], "camera"),
+        (middle, short.digital[0], "twin"),
+    ):
+        shown = axes.imshow(
+            frame[:120, :160], cmap="gray", vmin=low, vmax=high, interpolation="nearest"
+        )
         axes.set(title=f"bias frame of the {title}", xlabel="column", ylabel="row")
         axes.title.set_size(10)
     figure.colorbar(shown, ax=middle, label="code [DN]")
@@ -85,7 +98,12 @@ if len(sys.argv) > 1:
     for values, style, name in ((real, "-", "camera"), (frames.digital, "--", "twin")):
         share = np.histogram(values, edges)[0] / values.size
         right.plot(edges[:-1] + 0.5, share, style, label=name)
-    right.set(xlabel="code [DN]", ylabel="share of the values [1]", yscale="log", title=f"dark frames of {LONG_S:g} s")
+    right.set(
+        xlabel="code [DN]",
+        ylabel="share of the values [1]",
+        yscale="log",
+        title=f"dark frames of {LONG_S:g} s",
+    )
     right.title.set_size(10)
     right.legend(frameon=False)
     figure.savefig(sys.argv[1], dpi=110)

@@ -25,7 +25,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("camera", nargs="?", default="konnik_table1")
     parser.add_argument("--serial", type=int, default=1)
-    parser.add_argument("--size", type=int, default=192, help="rows and columns that are measured")
+    parser.add_argument(
+        "--size", type=int, default=192, help="rows and columns that are measured"
+    )
     parser.add_argument("-o", "--out", type=Path, default=Path("photon_transfer.png"))
     options = parser.parse_args()
     camera = ms.load_camera(options.camera)
@@ -35,7 +37,10 @@ def main() -> None:
         print(f"filter {measured.filter_name}" if measured.filter_name else "all pixels")
         for figure in measured.figures.values():
             print(f"    {figure}")
-    write_drawing(options.out, png(Drawing(f"{options.camera}: photon transfer", measured.drawings[CURVE])))
+    write_drawing(
+        options.out,
+        png(Drawing(f"{options.camera}: photon transfer", measured.drawings[CURVE])),
+    )
 
 
 if __name__ == "__main__":

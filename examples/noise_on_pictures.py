@@ -23,13 +23,17 @@ ELECTRONS = (2000.0, 200.0, 20.0)  # behind white
 clean = np.asarray(Image.open(SOURCE).convert("RGB"))[ROWS, COLUMNS]
 shown = [clean]
 for white_e in ELECTRONS:
-    noise = ms.SensorNoise("raspberry_pi_hq", white_e=white_e, values="srgb", output="developed", serial=7)
+    noise = ms.SensorNoise(
+        "raspberry_pi_hq", white_e=white_e, values="srgb", output="developed", serial=7
+    )
     raw = ms.SensorNoise("raspberry_pi_hq", white_e=white_e, values="srgb", serial=7)
     noisy = noise(clean, sample=1)
     frames = np.stack([raw(clean, sample).image for sample in range(32)]).astype(float)
     sigma_dn = np.sqrt(float(noisy.variance_dn2.mean()))
     measured_dn = np.sqrt(frames.var(axis=0, ddof=1).mean())
-    print(f"white of {white_e:6g} e-: temporal noise {sigma_dn:.2f} DN by theory, {measured_dn:.2f} DN in 32 frames")
+    print(
+        f"white of {white_e:6g} e-: temporal noise {sigma_dn:.2f} DN by theory, {measured_dn:.2f} DN in 32 frames"
+    )
     shown.append(np.clip(np.rint(255 * noisy.image), 0, 255).astype(np.uint8))
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "noise_on_pictures.png")

@@ -46,17 +46,28 @@ class AmpGlow(ms.Stage):
 
 def main() -> None:
     """Check the stage, expose a camera with it to darkness, and print what theory says of the frame."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("amp_glow"), help="folder of the frame")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "-o", "--out", type=Path, default=Path("amp_glow"), help="folder of the frame"
+    )
     out = parser.parse_args().out
-    camera, glow = ms.load_camera("konnik_table1"), AmpGlow(rate_e_per_s=100_000.0, length_px=80.0)
+    camera, glow = (
+        ms.load_camera("konnik_table1"),
+        AmpGlow(rate_e_per_s=100_000.0, length_px=80.0),
+    )
     print(ms.check_stage(glow, camera=camera, after="dark_current").explain())
 
     glowing = camera.with_stage(glow, after="dark_current")
     frames = ms.expose(np.zeros((256, 256)), glowing, ms.Exposure(time_s=0.1))
     last = frames.report["stages"][-1]
-    print(f"mean: {last['mean_frame']:.2f} DN in the frame, {last['mean_expected']:.2f} DN in theory")
-    print(f"σ: {last['sigma_frame']:.2f} DN in the frame, {last['sigma_expected']:.2f} DN in theory")
+    print(
+        f"mean: {last['mean_frame']:.2f} DN in the frame, {last['mean_expected']:.2f} DN in theory"
+    )
+    print(
+        f"σ: {last['sigma_frame']:.2f} DN in the frame, {last['sigma_expected']:.2f} DN in theory"
+    )
     print(frames.noise_budget().explain())
     frames.save(out)
     print(out / "frame.png")

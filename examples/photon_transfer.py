@@ -32,11 +32,18 @@ dn = np.stack(stacks)  # (serials, frames, levels, columns)
 measured_mean, temporal = dn.mean(axis=(0, 1, 3)), dn.var(axis=1, ddof=1).mean(axis=(0, 2))
 spatial = np.maximum(dn.mean(axis=1).var(axis=2, ddof=1).mean(axis=0) - temporal / FRAMES, 0)
 
-print("electrons   mean DN: theory, frames   temporal σ: theory, frames   spatial σ: theory, frames")
+print(
+    "electrons   mean DN: theory, frames   temporal σ: theory, frames   spatial σ: theory, frames"
+)
 for k, electrons in enumerate(LEVELS_E):
-    pairs = (theory_mean[k], measured_mean[k]), (theory_temporal[k], temporal[k]), (theory_spatial[k], spatial[k])
+    pairs = (
+        (theory_mean[k], measured_mean[k]),
+        (theory_temporal[k], temporal[k]),
+        (theory_spatial[k], spatial[k]),
+    )
     mean, *sigmas = (
-        f"{one**power:15.3f} {other**power:9.3f}" for (one, other), power in zip(pairs, (1, 0.5, 0.5), strict=True)
+        f"{one**power:15.3f} {other**power:9.3f}"
+        for (one, other), power in zip(pairs, (1, 0.5, 0.5), strict=True)
     )
     print(f"{electrons:9.0f} {mean} {sigmas[0]} {sigmas[1]}")
 
@@ -51,7 +58,9 @@ if len(sys.argv) > 1:
         ):
             axes.plot(LEVELS_E, line**0.5, color=color, label=f"{name} σ, theory")
             axes.plot(LEVELS_E, dots**0.5, "o", color=color, ms=4, label=f"{name} σ, frames")
-        axes.set(xscale=scale, yscale=scale, xlabel="mean photoelectrons per pixel", ylabel="σ [DN]")
+        axes.set(
+            xscale=scale, yscale=scale, xlabel="mean photoelectrons per pixel", ylabel="σ [DN]"
+        )
         axes.axvline(camera.pixel.full_well_e, color="0.6", lw=1, ls=":", label="full well")
     figure.axes[0].set(ylim=(1, 30))
     figure.axes[1].set(xlim=(27_500, 38_000), ylim=(0, 26))

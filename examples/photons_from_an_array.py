@@ -16,12 +16,16 @@ import mitsuba_sensor as ms
 camera = ms.load_camera("konnik_table1")
 exposure = ms.Exposure(time_s=0.1)
 
-ramp = np.linspace(0.0, 60_000.0, 512)  # mean photons per pixel at the camera's reference wavelength
+ramp = np.linspace(
+    0.0, 60_000.0, 512
+)  # mean photons per pixel at the camera's reference wavelength
 photons = np.tile(ramp, (64, 1))
 frames = ms.expose(photons, camera, exposure, seed=1, serial=7, frames=32)
 
 mean = frames.digital.mean(axis=0)
-variance = frames.digital.var(axis=0, ddof=1)  # over frames: temporal noise only, no fixed-pattern noise
+variance = frames.digital.var(
+    axis=0, ddof=1
+)  # over frames: temporal noise only, no fixed-pattern noise
 print(f"K by theory: {frames.report['K_dn_per_e']:.4f} DN/e-")
 print("mean DN   variance DN²")
 for column in range(0, 512, 64):
@@ -33,10 +37,14 @@ if len(sys.argv) > 1:
 
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
-    axes.plot(mean.mean(axis=0), variance.mean(axis=0), ".", ms=4, label="512 columns of 32 frames")
+    axes.plot(
+        mean.mean(axis=0), variance.mean(axis=0), ".", ms=4, label="512 columns of 32 frames"
+    )
     black_dn, gain = camera.adc.black_level_dn or mean[:, 0].mean(), frames.report["K_dn_per_e"]
     line = np.array([black_dn, 3500.0])
-    axes.plot(line, gain * (line - black_dn) + variance[:, 0].mean(), label="slope K, by theory")
+    axes.plot(
+        line, gain * (line - black_dn) + variance[:, 0].mean(), label="slope K, by theory"
+    )
     axes.set(xlabel="mean [DN]", ylabel="temporal variance [DN²]")
     axes.legend(frameon=False)
     figure.savefig(sys.argv[1], dpi=110)

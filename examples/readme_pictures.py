@@ -26,7 +26,11 @@ def main(irradiance_file: str, folder: str) -> None:
     frames = ms.expose(light)  # camera and exposure are those of the render
     exposure, illuminant = frames.first.exposure, frames.light.illuminant
     short = ms.expose(light, exposure=replace(exposure, time_s=exposure.time_s / SHORTER))
-    shown = {"": (frames.digital, 1.0), "_clean": (frames.clean, 1.0), "_tenth": (short.digital, SHORTER)}
+    shown = {
+        "": (frames.digital, 1.0),
+        "_clean": (frames.clean, 1.0),
+        "_tenth": (short.digital, SHORTER),
+    }
     for name, (images, gain) in shown.items():
         picture = preview(images[0], frames.camera, gain, illuminant=illuminant)
         write_png(pictures / f"first_frame{name}.png", picture)

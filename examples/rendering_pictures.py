@@ -24,7 +24,11 @@ ROW_TIME_US = 40.0  # 256 rows in 10 ms, while the fan turns by a quarter
 def fan(shutter: str, size: int, spp: int) -> np.ndarray:
     """A preview of the turning fan with one kind of shutter."""
     camera = ms.load_camera("konnik_table1").replace(
-        **{"sensor.shutter": shutter, "sensor.row_time_us": ROW_TIME_US * 256 / size, "pixel.fill_factor": 1.0}
+        **{
+            "sensor.shutter": shutter,
+            "sensor.row_time_us": ROW_TIME_US * 256 / size,
+            "pixel.fill_factor": 1.0,
+        }
     )
     irradiance = ms.render(
         SCENES / "rolling_fan.xml", camera, EXPOSURE, spp=spp, wavelength_nm=550, bandwidth_nm=300,
@@ -49,16 +53,22 @@ def color_checker(size: int, spp: int) -> np.ndarray:
     """frame.png of a ColorChecker in the Bayer camera."""
     camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.1)
     window = {"width": size * 3 // 2, "height": size}
-    irradiance = ms.render(SCENES / "color_checker.xml", camera, exposure, spp=spp, parameters=window)
+    irradiance = ms.render(
+        SCENES / "color_checker.xml", camera, exposure, spp=spp, parameters=window
+    )
     frame = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
     known = irradiance.rendered_for
-    return preview(frame.digital[0], camera, illuminant=None if known is None else known.illuminant)
+    return preview(
+        frame.digital[0], camera, illuminant=None if known is None else known.illuminant
+    )
 
 
 def aovs(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth (near is bright) and normals (x, y, z as red, green, blue) of the still life."""
     aov = render_aovs(
-        SCENES / "still_life.xml", ms.load_camera("bayer_2mp"), parameters={"width": size, "height": size * 3 // 4}
+        SCENES / "still_life.xml",
+        ms.load_camera("bayer_2mp"),
+        parameters={"width": size, "height": size * 3 // 4},
     )
     hit = np.isfinite(aov.depth_m)
     near, far = np.percentile(aov.depth_m[hit], (0, 95))
@@ -77,9 +87,15 @@ def main() -> None:
     depth, normal = aovs(options.size)
     pictures = {f"fan_{s}": fan(s, options.size, options.spp) for s in ("global", "rolling")}
     boxes = {"cornell_render": False, "cornell_denoised": True}
-    pictures |= {name: box(denoise, options.size, options.spp) for name, denoise in boxes.items()}
+    pictures |= {
+        name: box(denoise, options.size, options.spp) for name, denoise in boxes.items()
+    }
     pictures["color_checker"] = color_checker(options.size, options.spp)
-    for name, picture in {**pictures, "still_life_depth": depth, "still_life_normal": normal}.items():
+    for name, picture in {
+        **pictures,
+        "still_life_depth": depth,
+        "still_life_normal": normal,
+    }.items():
         write_png(options.folder / f"{name}.png", picture)
         print(options.folder / f"{name}.png")
 

@@ -22,19 +22,38 @@ from mitsuba_sensor.pages.html_page import text
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "color_checker", "still_life", "step_wedge")
-TINY = ("--width", "12", "--frames", "4", "--variant", "scalar_spectral")  # which compiles nothing
+TINY = (
+    "--width",
+    "12",
+    "--frames",
+    "4",
+    "--variant",
+    "scalar_spectral",
+)  # which compiles nothing
 PRECISE = ("cornell_box", "step_wedge")
 SMALL = {"work-precision": ("--width", "48"), "ablation": ("--width", "64")}
-SHORT = ("--camera", "bayer_2mp", "--exposure-s", "0.02", *SMALL["ablation"])  # its dark current cannot be seen
+SHORT = (
+    "--camera",
+    "bayer_2mp",
+    "--exposure-s",
+    "0.02",
+    *SMALL["ablation"],
+)  # its dark current cannot be seen
 QUICK = [("ablation-step_wedge", ("ablation", "scenes/step_wedge.xml", *TINY))]
 EVERY = [
     ("paper", ()),
     ("stress", ("stress",)),
     *(
-        (f"work-precision-{name}", ("work-precision", f"scenes/{name}.xml", *SMALL["work-precision"]))
+        (
+            f"work-precision-{name}",
+            ("work-precision", f"scenes/{name}.xml", *SMALL["work-precision"]),
+        )
         for name in PRECISE
     ),
-    *((f"ablation-{name}", ("ablation", f"scenes/{name}.xml", *SMALL["ablation"])) for name in SCENES),
+    *(
+        (f"ablation-{name}", ("ablation", f"scenes/{name}.xml", *SMALL["ablation"]))
+        for name in SCENES
+    ),
     ("ablation-color_checker-bayer_2mp", ("ablation", "scenes/color_checker.xml", *SHORT)),
 ]
 
@@ -60,14 +79,25 @@ def main() -> None:
 def studied(name: str, arguments: tuple[str, ...], folder: Path) -> list[str]:
     """One study in Markdown; its picture is copied into the folder, of the paper's every picture."""
     program = STUDY if arguments else PAPER
-    command = shlex.join(("mitsuba-sensor", "study", *arguments) if arguments else ("python", *PAPER))
+    command = shlex.join(
+        ("mitsuba-sensor", "study", *arguments) if arguments else ("python", *PAPER)
+    )
     print(command, flush=True)
     work = (folder / "work" / name).resolve()
-    done = subprocess.run([sys.executable, *program, *arguments, "-o", str(work)], cwd=ROOT, stdout=subprocess.DEVNULL)
-    if done.returncode not in (0, 1):  # 1: something that must hold does not, which the page says
+    done = subprocess.run(
+        [sys.executable, *program, *arguments, "-o", str(work)],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+    )
+    if done.returncode not in (
+        0,
+        1,
+    ):  # 1: something that must hold does not, which the page says
         raise SystemExit(f"{command} ended with {done.returncode}")
     found = json.loads((work / "study.json").read_text(encoding="utf-8"))
-    numbered = sorted(work.glob("paper-*.png"), key=lambda path: int(path.stem.partition("-")[2]))
+    numbered = sorted(
+        work.glob("paper-*.png"), key=lambda path: int(path.stem.partition("-")[2])
+    )
     pictures = {f"{name}.png": work / f"{arguments[0] if arguments else name}.png"}
     pictures |= {path.name: path for path in numbered}
     for file, picture in pictures.items():
@@ -75,7 +105,10 @@ def studied(name: str, arguments: tuple[str, ...], folder: Path) -> list[str]:
     verdict, made = "all holds" if found["passed"] else "**not all holds**", found["machine"]
     return [
         f"## {found['title']}: {verdict}",
-        *("", f"`{command}` ({found['seconds']:.0f} s on {made['cpus']} processors, {made['processor']})"),
+        *(
+            "",
+            f"`{command}` ({found['seconds']:.0f} s on {made['cpus']} processors, {made['processor']})",
+        ),
         "",
         *(f"![{file.removesuffix('.png')}]({file})" for file in pictures),
         "",
@@ -87,13 +120,24 @@ def studied(name: str, arguments: tuple[str, ...], folder: Path) -> list[str]:
 
 def compared(part: dict[str, Any]) -> bool:
     """Whether it is a table of what others have published."""
-    return part["kind"] == "table" and any("published" in name or name == "why" for name in part["columns"])
+    return part["kind"] == "table" and any(
+        "published" in name or name == "why" for name in part["columns"]
+    )
 
 
 def in_markdown(part: dict[str, Any]) -> list[str]:
     """A table of a study, with its title and its note."""
-    rows = (part["columns"], ["---"] * len(part["columns"]), *([text(cell) for cell in row] for row in part["rows"]))
-    return [f"**{part['title']}.** {part['note']}", "", *(f"| {' | '.join(row)} |" for row in rows), ""]
+    rows = (
+        part["columns"],
+        ["---"] * len(part["columns"]),
+        *([text(cell) for cell in row] for row in part["rows"]),
+    )
+    return [
+        f"**{part['title']}.** {part['note']}",
+        "",
+        *(f"| {' | '.join(row)} |" for row in rows),
+        "",
+    ]
 
 
 if __name__ == "__main__":

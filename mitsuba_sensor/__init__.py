@@ -10,7 +10,9 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # the public names: in __init__.pyi
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(
+    __name__, __file__
+)  # the public names: in __init__.pyi
 
 from .render.plugins.plugin_hook import watch  # noqa: E402, behind lazy_loader, which keeps `render` the function
 

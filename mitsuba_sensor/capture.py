@@ -73,16 +73,22 @@ class Capture:
         All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
         """
         gain = float(self.metadata["options"]["preview_gain"])
-        with output_folder(os.fspath(folder), CAPTURE_FILES if self.rendered else FRAME_FILES) as scratch:
+        with output_folder(
+            os.fspath(folder), CAPTURE_FILES if self.rendered else FRAME_FILES
+        ) as scratch:
             write_frames(scratch, self.frames, self.metadata, gain)
             if self.metadata["options"]["clean"]:
-                for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
+                for name, values in zip(
+                    CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True
+                ):
                     tiff.write_tiff(scratch / name, values)
             if self.metadata["options"]["dng"]:
                 for number, name in enumerate(dng_names(self.frames)):
                     write_dng(scratch / name, self.frames, number)
             if self.rendered and not self.metadata["options"]["no_irradiance"]:
-                exr.write_irradiance_exr(scratch / "irradiance.exr", self.light, self.metadata["options"]["half"])
+                exr.write_irradiance_exr(
+                    scratch / "irradiance.exr", self.light, self.metadata["options"]["half"]
+                )
             if self.aovs is not None:
                 exr.write_aovs_exr(scratch / "aovs.exr", self.aovs)
 
@@ -105,9 +111,17 @@ def capture(
     progress : called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
     Everything is checked before the first ray is traced. Raises InputError.
     """
-    request = Request(source, camera, checked_exposure(camera, exposure), complete(CaptureOptions, options), progress)
+    request = Request(
+        source,
+        camera,
+        checked_exposure(camera, exposure),
+        complete(CaptureOptions, options),
+        progress,
+    )
     check_asked_files(request.options)
-    if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and is_exr(source)):
+    if isinstance(source, Irradiance) or (
+        isinstance(source, str | os.PathLike) and is_exr(source)
+    ):
         exposed = expose_light(request)
     elif request.options["render_noise"] == "shared":
         exposed = render_once(request)
@@ -163,14 +177,18 @@ def expose_light(request: Request) -> Exposed:
         light = source if isinstance(source, Irradiance) else read_irradiance(source)
         light = light.before_denoising() if request.options["raw_light"] else light
     asked = request.options["serial"], request.options["gain"]
-    photons, camera, exposure, serial = collected(light, request.camera, request.exposure, *asked)
+    photons, camera, exposure, serial = collected(
+        light, request.camera, request.exposure, *asked
+    )
     options: CaptureOptions = {**request.options, "serial": serial}
     metering = request.exposure
     if metering is None and light.rendered_for is None:
         metering = Metering()
     origin = {
         "irradiance": path,
-        "as_rendered": light.rendered_for.shared_with(camera, exposure, serial) if light.rendered_for else [],
+        "as_rendered": light.rendered_for.shared_with(camera, exposure, serial)
+        if light.rendered_for
+        else [],
         "metering": metering.record(exposure) if isinstance(metering, Metering) else None,
     }
     sensor = prepare_planned_exposure(
@@ -188,12 +206,18 @@ def render_once(request: Request) -> Exposed:
     rendering = denoised_if_possible(part_of(RenderOptions, options))
     with timed(request.times_s, "render"):
         started = time.monotonic()
-        render = prepare(cast(Scene, request.source), request.camera, request.exposure, **rendering)
+        render = prepare(
+            cast(Scene, request.source), request.camera, request.exposure, **rendering
+        )
         if options["chain"] == "konnik2014" and len(render.bands) != 1:
-            raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
+            raise InputError(
+                "chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550."
+            )
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
-        light = render.render(sensor.first.seed, render.stop_criterion(rendering), progress, started=started)
+        light = render.render(
+            sensor.first.seed, render.stop_criterion(rendering), progress, started=started
+        )
         render.renderer.release()
     with timed(request.times_s, "expose"):
         exposure = render.exposure_of(light)
@@ -207,15 +231,26 @@ def render_each_frame(request: Request) -> Exposed:
     options, noise = request.options, request.options["render_noise"]
     assert noise != "shared"
     if options["chain"] != "physical":
-        raise InputError(f"render_noise is {noise!r}, which is for the physical chain; leave the chain out.")
+        raise InputError(
+            f"render_noise is {noise!r}, which is for the physical chain; leave the chain out."
+        )
     with timed(request.times_s, "render and expose"):
-        scene, series_options = cast(Scene, request.source), part_of(FrameSeriesOptions, options)
-        series = FrameSeries.prepare(scene, request.camera, request.exposure, series_options, noise)
+        scene, series_options = (
+            cast(Scene, request.source),
+            part_of(FrameSeriesOptions, options),
+        )
+        series = FrameSeries.prepare(
+            scene, request.camera, request.exposure, series_options, noise
+        )
         check_frame_files(series.sensor, options)
         renders, parts = [], list[Frames]()
         for render in series.renders(request.progress):
             renders.append(render)
-            parts.append(Frames.exposed(render.exposed) if parts else Frames.exposed_with_report(render.exposed))
+            parts.append(
+                Frames.exposed(render.exposed)
+                if parts
+                else Frames.exposed_with_report(render.exposed)
+            )
     left = {
         "uncompensated": float(np.mean([render.uncompensated for render in renders])),
         "above_shot_noise": float(np.mean([render.above_shot_noise for render in renders])),
@@ -225,7 +260,11 @@ def render_each_frame(request: Request) -> Exposed:
 
 
 def exposed_of_scene(
-    request: Request, render: PreparedRender, light: Irradiance, frames: Frames, left: Mapping[str, float] | None = None
+    request: Request,
+    render: PreparedRender,
+    light: Irradiance,
+    frames: Frames,
+    left: Mapping[str, float] | None = None,
 ) -> Exposed:
     """The frames of a scene.  left : what the noise of renders for every frame leaves in the frames."""
     options = request.options
@@ -255,7 +294,9 @@ def expose_with_progress(sensor: PreparedExposure, progress: Progress | None) ->
     def tell(done: int) -> None:
         seconds = time.monotonic() - began
         left_s = seconds / done * (count - done) if done else math.nan
-        progress(RenderProgress(done, count, seconds=seconds, seconds_left=left_s, doing="exposing"))
+        progress(
+            RenderProgress(done, count, seconds=seconds, seconds_left=left_s, doing="exposing")
+        )
 
     tell(0)
     return Frames.exposed_with_report(replace(sensor, told=tell))
@@ -284,14 +325,21 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
         source = frames.light.source
         assert isinstance(source, CollectedLight)
         of_frames, band_error = frames_metadata(frames), source.band_error(frames.camera)
-    bands = {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm, **band_error._asdict()}
+    bands = {
+        "wavelengths_nm": light.wavelengths_nm,
+        "bandwidths_nm": light.bandwidths_nm,
+        **band_error._asdict(),
+    }
     return {
         "origin": {**exposed.origin, "scene_sha256": statistics["scene_sha256"]},
         **of_frames,
         "options": used(CaptureOptions, options),
         "chain": options["chain"],
         "bands": bands,
-        "counts": {**of_frames["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
+        "counts": {
+            **of_frames["counts"],
+            **{name: statistics[name] for name in ("negative", "non_finite")},
+        },
         "render": statistics,
         "render_noise": noise,
         "effects": planned.get("stages", []),

@@ -16,7 +16,13 @@ class LightOptions(FrameOptions, total=False):
 
     preview_gain: Annotated[
         float,
-        Option("Brighten frame.png by this factor, with its noise; not frame.tiff.", 1.0, low=0, high=1e9, example="2"),
+        Option(
+            "Brighten frame.png by this factor, with its noise; not frame.tiff.",
+            1.0,
+            low=0,
+            high=1e9,
+            example="2",
+        ),
     ]
     clean: Annotated[
         bool,
@@ -48,7 +54,9 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
             panel="Frames and seeds",
         ),
     ]
-    no_irradiance: Annotated[bool, Option("Write no irradiance.exr, which exposes the same light again.", False)]
+    no_irradiance: Annotated[
+        bool, Option("Write no irradiance.exr, which exposes the same light again.", False)
+    ]
     half: Annotated[
         bool,
         Option(
@@ -57,16 +65,25 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
             False,
         ),
     ]
-    aovs: Annotated[bool, Option("Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False)]
+    aovs: Annotated[
+        bool,
+        Option(
+            "Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False
+        ),
+    ]
 
 
 def refuse_render_options(options: Mapping[str, object]) -> None:
     """Raise InputError for options of a render where the light is rendered already."""
-    of_light = {one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)} | {"gain"}
+    of_light = {
+        one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)
+    } | {"gain"}
     for one in declared(CaptureOptions):
         usual = one.option.default
         value = options.get(one.name, usual)
-        if one.name not in of_light and not (isinstance(value, type(usual)) and value == usual):  # value: any object
+        if one.name not in of_light and not (
+            isinstance(value, type(usual)) and value == usual
+        ):  # value: any object
             raise InputError(
                 f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
             )
@@ -77,4 +94,6 @@ def check_asked_files(options: CaptureOptions) -> None:
     if options["clean"]:
         check_clean(options["chain"])
     if options["half"] and options["no_irradiance"]:
-        raise InputError("half is the precision of irradiance.exr, which is not to be written; leave one of both out.")
+        raise InputError(
+            "half is the precision of irradiance.exr, which is not to be written; leave one of both out."
+        )

@@ -71,5 +71,7 @@ def prepare_light(
     check_types(camera, exposure)
     assert camera is not None and isinstance(exposure, Exposure)
     photons = placed_photons(light, camera, options)
-    sensor = prepare_planned_exposure(camera, exposure, photons.shape[:2], photons.origin, options)
+    sensor = prepare_planned_exposure(
+        camera, exposure, photons.shape[:2], photons.origin, options
+    )
     return sensor.of(photons)

@@ -53,7 +53,12 @@ class Sensor:
     """
 
     def __init__(
-        self, camera: Camera, *, serial: int = 1, maps: dict[str, ArrayLike] | None = None, most_bytes: float = 2**30
+        self,
+        camera: Camera,
+        *,
+        serial: int = 1,
+        maps: dict[str, ArrayLike] | None = None,
+        most_bytes: float = 2**30,
     ) -> None:
         self.camera, self.serial, self.maps = camera, serial, maps
         self.most_bytes = require("most_bytes", most_bytes, 0.0, math.inf, "bytes, e.g. 2**30")
@@ -75,20 +80,30 @@ class Sensor:
 
     @documents(ExposeOptions)
     def expose(
-        self, photons: Photons | ArrayLike | Irradiance, exposure: Exposure, **options: Unpack[ExposeOptions]
+        self,
+        photons: Photons | ArrayLike | Irradiance,
+        exposure: Exposure,
+        **options: Unpack[ExposeOptions],
     ) -> Frames:
         """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
         frames = self.frames(photons, exposure, options)
         warn_of(frames.exposure_notes)
         return frames
 
-    def frames(self, photons: Photons | ArrayLike | Irradiance, exposure: Exposure, options: ExposeOptions) -> Frames:
+    def frames(
+        self,
+        photons: Photons | ArrayLike | Irradiance,
+        exposure: Exposure,
+        options: ExposeOptions,
+    ) -> Frames:
         """What :meth:`expose` returns, without a warning."""
         made, before = self._counted(photons, exposure, options)
         try:
             return Frames.exposed(made)
         except Exception:
-            with COUNTING:  # what was not taken has no number, unless another thread has gone on from it
+            with (
+                COUNTING
+            ):  # what was not taken has no number, unless another thread has gone on from it
                 if self.frames_taken == made.first.index + made.count:
                     self.frames_taken = before
             raise
@@ -98,7 +113,10 @@ class Sensor:
 
     @documents(ExposeOptions)
     def stream(
-        self, photons: Photons | ArrayLike | Irradiance, exposure: Exposure, **options: Unpack[ExposeOptions]
+        self,
+        photons: Photons | ArrayLike | Irradiance,
+        exposure: Exposure,
+        **options: Unpack[ExposeOptions],
     ) -> Iterator[NDArray[np.unsignedinteger]]:
         """The frames one at a time, as of :func:`stream`; all of them count as taken from now on."""
         made = self._counted(photons, exposure, options)[0]
@@ -106,26 +124,40 @@ class Sensor:
         warn_of(made.notes)
         return frames
 
-    def _counted(self, photons: Any, exposure: Exposure, options: ExposeOptions) -> tuple[PreparedExposure, int]:
+    def _counted(
+        self, photons: Any, exposure: Exposure, options: ExposeOptions
+    ) -> tuple[PreparedExposure, int]:
         """Ready to take the next frames, which nobody else takes from now on, and ``frames_taken`` before these."""
         with COUNTING:
             made, before = self._prepared(photons, exposure, options), self.frames_taken
             self.frames_taken = max(before, made.first.index + made.count)
         return made, before
 
-    def _prepared(self, photons: Any, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
+    def _prepared(
+        self, photons: Any, exposure: Exposure, options: ExposeOptions
+    ) -> PreparedExposure:
         for name in FIXED:
             if name in options:
-                raise InputError(f"{name} belongs to the sensor; pass it to Sensor(camera, …), or use expose.")
+                raise InputError(
+                    f"{name} belongs to the sensor; pass it to Sensor(camera, …), or use expose."
+                )
         begin: ExposeOptions = {"first_frame": self.frames_taken}
         given: ExposeOptions = {**begin, **options, "serial": self.serial, "maps": self.maps}
         made = prepare_light(photons, self.camera, exposure, given)
         window = made.first.window
         backend = window.backend
-        key = (window.shape, window.origin, type(backend), backend.precision, backend.bytes_of_numpy)
+        key = (
+            window.shape,
+            window.origin,
+            type(backend),
+            backend.precision,
+            backend.bytes_of_numpy,
+        )
         strips = self._kept.pop(key, None) or StripWindows(window)
         self._kept[key] = strips  # the last one is the one that was used last
-        return replace(made, first=replace(made.first, window=strips.window, _blocks={}), strips=strips)
+        return replace(
+            made, first=replace(made.first, window=strips.window, _blocks={}), strips=strips
+        )
 
     def _drop(self) -> None:
         while len(self._kept) > 1 and self.bytes > self.most_bytes:

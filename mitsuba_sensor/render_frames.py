@@ -69,4 +69,6 @@ def _frames_of(series: FrameSeries, progress: Progress | None) -> Iterator[Rende
         frames = Frames.exposed(render.exposed)
         if not number:
             warn_of((*render.light.notes, *frames.exposure_notes))
-        yield RenderedFrame(frames, render.light, render.photons, render.uncompensated, render.above_shot_noise)
+        yield RenderedFrame(
+            frames, render.light, render.photons, render.uncompensated, render.above_shot_noise
+        )

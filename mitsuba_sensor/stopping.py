@@ -19,7 +19,9 @@ from pathlib import Path
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Ctrl-C, kill, a terminal that closes
 TRIES = 50  # at undoing: the other threads still run and may write meanwhile
 
-whole_step = threading.RLock()  # held while something must happen whole or not at all, and while the program stops
+whole_step = (
+    threading.RLock()
+)  # held while something must happen whole or not at all, and while the program stops
 _undoings: list[Callable[[], object]] = []
 _written: deque[Path] = deque(maxlen=16)  # the last ones
 _remarks: list[Callable[[], str | None]] = []
@@ -71,7 +73,9 @@ def stop_at_signals() -> None:
         return
     numbers = _not_ignored()
     for number in numbers:
-        signal.signal(number, signal.SIG_DFL)  # what a second one does, which comes while the first is at work
+        signal.signal(
+            number, signal.SIG_DFL
+        )  # what a second one does, which comes while the first is at work
     signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     threading.Thread(target=_wait_for, args=(numbers,), name="signals", daemon=True).start()
 

@@ -31,9 +31,24 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     size = SMALL if given.small else FULL
     command = f"python reproduction/paper_pages.py{' --small' if given.small else ''}"
-    folder = StudyFolder(given.out, "paper", {"size": repr(size)}, {"command": command}, RECORDS, every_picture=True)
+    folder = StudyFolder(
+        given.out,
+        "paper",
+        {"size": repr(size)},
+        {"command": command},
+        RECORDS,
+        every_picture=True,
+    )
     study = folder.run(partial(measure_paper, size=size), folder.measurements(), tell)
-    print("\n".join((study.title, *study.findings, f"{study.data['seconds']} s, page: {given.out / 'study.html'}")))
+    print(
+        "\n".join(
+            (
+                study.title,
+                *study.findings,
+                f"{study.data['seconds']} s, page: {given.out / 'study.html'}",
+            )
+        )
+    )
     return 0 if study.passed else 1
 
 

@@ -80,7 +80,9 @@ def head(**values: object) -> str:
     return HEAD.format(unit=unit, factor=1 / (np.pi * unit), **values)
 
 
-def square(x: float, y: float, half_x: float, half_y: float, reflectance: str, z: float = 0.0) -> str:
+def square(
+    x: float, y: float, half_x: float, half_y: float, reflectance: str, z: float = 0.0
+) -> str:
     """One matt rectangle; ``reflectance`` is the spectrum element."""
     return (
         f'    <shape type="rectangle">\n'
@@ -101,7 +103,11 @@ def table(wavelengths_nm: np.ndarray, values: np.ndarray) -> str:
     """A tabulated reflectance, held constant down to 360 and up to 830 nm."""
     first, last = (360.0, values[0]), (830.0, values[-1])
     pairs = [first, *zip(wavelengths_nm, values, strict=True), last]
-    return '<spectrum name="reflectance" value="' + ", ".join(f"{w:g}:{v:.6g}" for w, v in pairs) + '"/>'
+    return (
+        '<spectrum name="reflectance" value="'
+        + ", ".join(f"{w:g}:{v:.6g}" for w, v in pairs)
+        + '"/>'
+    )
 
 
 def color_checker() -> str:
@@ -119,7 +125,9 @@ def color_checker() -> str:
     text += square(0, 0, 0.2, 0.2, even(FRAME_REFLECTANCE), z=-0.001)
     for k, (name, patch) in enumerate(colour.SDS_COLOURCHECKERS["ISO 17321-1"].items()):
         x, y = 0.05 * (k % 6) - 0.125, 0.075 - 0.05 * (k // 6)
-        text += f"    <!-- {name} -->\n" + square(x, y, 0.02, 0.02, table(patch.wavelengths, patch.values))
+        text += f"    <!-- {name} -->\n" + square(
+            x, y, 0.02, 0.02, table(patch.wavelengths, patch.values)
+        )
     return text + "</scene>\n"
 
 

@@ -60,7 +60,9 @@ WELL_KNOWN = {
 }
 
 
-@pytest.mark.parametrize("folder", [BENCHMARKS, BENCHMARKS.parent / "examples"], ids=lambda folder: folder.name)
+@pytest.mark.parametrize(
+    "folder", [BENCHMARKS, BENCHMARKS.parent / "examples"], ids=lambda folder: folder.name
+)
 def test_no_script_has_the_name_of_a_package(folder: Path) -> None:
     """A script's folder comes first on the path of imports, so that its neighbours would hide the package."""
     taken = WELL_KNOWN | sys.stdlib_module_names | set(packages_distributions())
@@ -83,7 +85,11 @@ def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whol
         assert row["engines"]["plain"]["ratio_to_plain"] == 1
     assert_speeds(speed["cases"]["summary"], *engines)
     (row,) = speed["single"]["rows"]
-    assert_speeds(row["engines"], "plain", *(f"{name} {what}" for name in engines for what in ("sensor", "stream")))
+    assert_speeds(
+        row["engines"],
+        "plain",
+        *(f"{name} {what}" for name in engines for what in ("sensor", "stream")),
+    )
     for engine in ("plain", *engines):
         assert_speeds(speed["short"][engine], "full_chain", "shot_read_quantise")
 
@@ -102,18 +108,24 @@ def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
     if speed["refused"]:
         pytest.skip(speed["refused"]["drjit"])
     first, changed = speed["first"]["drjit"], speed["changed"]["drjit"]
-    assert all(first[name] > 0 for name in ("fresh_first_s", "cached_first_s", "steady_s", "compile_s"))
+    assert all(
+        first[name] > 0 for name in ("fresh_first_s", "cached_first_s", "steady_s", "compile_s")
+    )
     assert math.isfinite(first["cached_compile_s"])
     assert changed["first_s"] > 0
     for name, row in changed["streams"].items():
         assert row["seconds"] > 0
-        assert row["compiled_kernels"] == 0, f"another {name} compiled {row['compiled_kernels']} kernels"
+        assert row["compiled_kernels"] == 0, (
+            f"another {name} compiled {row['compiled_kernels']} kernels"
+        )
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("peer", ["pyxel", "galsim", "getframes"])
 def test_a_peer_agrees_or_says_how_to_install_it(peer: str) -> None:
-    result = run("peers.py", "--peers", peer, "--mpx", "0.01", "--turns", "1", "--engines", "numpy")
+    result = run(
+        "peers.py", "--peers", peer, "--mpx", "0.01", "--turns", "1", "--engines", "numpy"
+    )
     found = result["peers"][peer]
     if found is None:
         assert "pip install" in result["missing"][peer]
@@ -139,7 +151,11 @@ def test_coverage_of_the_error_bars_is_a_share_of_the_pixels() -> None:
 @pytest.mark.exhaustive
 def test_the_memory_of_a_render_is_measured_in_a_process_of_its_own() -> None:
     (found,) = run("render_memory.py", "--quick").values()
-    assert 100 < found["peak_mib"] < 2000 and found["seconds"] > 0 and 0.1 < found["written_mib"] < 10
+    assert (
+        100 < found["peak_mib"] < 2000
+        and found["seconds"] > 0
+        and 0.1 < found["written_mib"] < 10
+    )
 
 
 def assert_positive(tree: Any) -> None:
@@ -153,14 +169,18 @@ def test_a_render_is_timed_against_plain_mitsuba_in_one_process_and_in_new_ones(
     arguments = "--variants scalar_spectral --spp 16 --size 8 --turns 1 --processes 0"
     (found,) = run("render_cost.py", *arguments.split()).values()
     assert_positive(found)
-    assert {"plain 1 band", "ours 1 band", "ours channels", "ours 30 bands"} <= set(found["warm"])
+    assert {"plain 1 band", "ours 1 band", "ours channels", "ours 30 bands"} <= set(
+        found["warm"]
+    )
 
 
 @pytest.mark.exhaustive
 def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     found = run("compensated_frames.py", "--quick")
     assert_positive(found["time"])
-    assert found["frames"]["variance_over_mean"] == pytest.approx(1, abs=5 * found["frames"]["standard_error"])
+    assert found["frames"]["variance_over_mean"] == pytest.approx(
+        1, abs=5 * found["frames"]["standard_error"]
+    )
 
 
 def test_cases_of_plans_are_cameras_that_exist() -> None:
@@ -173,10 +193,14 @@ def test_cases_of_plans_are_cameras_that_exist() -> None:
 def test_plans_of_random_cameras_are_compared_and_continued(tmp_path: Path) -> None:
     """One case, then the same one from the file and a second."""
     file = str(tmp_path / "plans.jsonl")
-    first = run("plan_adversaries.py", "--seeds", "2", "3", "--frames-every", "2", "--file", file)
+    first = run(
+        "plan_adversaries.py", "--seeds", "2", "3", "--frames-every", "2", "--file", file
+    )
     assert (first["cases"], first["with_frames"], first["failed"]) == (1, 1, [])
     assert {name.split(":")[0] for name in first["worst"]} == {"theory", "frames"}
-    more = run("plan_adversaries.py", "--seeds", "2", "4", "--frames-every", "2", "--file", file)
+    more = run(
+        "plan_adversaries.py", "--seeds", "2", "4", "--frames-every", "2", "--file", file
+    )
     assert more["cases"] == len(Path(file).read_text(encoding="utf-8").splitlines()) == 2
 
 

@@ -27,7 +27,10 @@ MISTAKES = re.findall(r"^\| `([\w.]+) = (\S+)` \| (error|warning): (.+) \|$", PA
 
 def test_the_tables_of_all_keys_are_made_of_the_schema() -> None:
     """`mitsuba-sensor cameras fields` prints them, from the first heading of a table on."""
-    assert PAGE.partition("### Top of the file")[2] == markdown(Camera).partition("### Top of the file")[2] + "\n"
+    assert (
+        PAGE.partition("### Top of the file")[2]
+        == markdown(Camera).partition("### Top of the file")[2] + "\n"
+    )
 
 
 def test_each_line_of_the_worked_example_is_in_the_camera_file() -> None:
@@ -42,14 +45,18 @@ def test_each_line_of_the_worked_example_is_in_the_camera_file() -> None:
 def test_the_example_is_the_camera_of_the_data_sheet() -> None:
     """0.075 LSB/e- and 13 e- in 10 bits, 125 e-/s at 25 °C, QE 60 % at 550 nm and 8 % at 900; every number sourced."""
     camera = ms.load_camera(EXAMPLE)
-    assert gain_dn_per_e(camera) == pytest.approx(0.075, rel=1e-5) and not ms.check_camera(EXAMPLE)
+    assert gain_dn_per_e(camera) == pytest.approx(0.075, rel=1e-5) and not ms.check_camera(
+        EXAMPLE
+    )
     assert camera.qe([550.0, 900.0]).tolist() == [[0.6, 0.08]]
     assert camera.dark_current.cv == pytest.approx(3 / 0.075 / 125)
     missing = re.findall(r'(?m)^# ("[\w.]+") = ""$', camera.to_toml())
     assert not missing
 
 
-@pytest.mark.parametrize(("dotted", "value", "level", "said"), MISTAKES, ids=[one[0] for one in MISTAKES])
+@pytest.mark.parametrize(
+    ("dotted", "value", "level", "said"), MISTAKES, ids=[one[0] for one in MISTAKES]
+)
 def test_a_mistake_of_the_page_gets_the_sentence_of_the_page(
     dotted: str, value: str, level: str, said: str, tmp_path: Path
 ) -> None:
@@ -57,7 +64,9 @@ def test_a_mistake_of_the_page_gets_the_sentence_of_the_page(
     meant = "full_well_e" if key == "full_wel_e" else key
     text = re.sub(rf"(?m)^{meant} = .*\n", "", EXAMPLE.read_text("utf-8"))
     path = tmp_path / "mine.toml"
-    path.write_text(text.replace(f"\n[{table}]\n", f"\n[{table}]\n{key} = {value}\n"), encoding="utf-8")
+    path.write_text(
+        text.replace(f"\n[{table}]\n", f"\n[{table}]\n{key} = {value}\n"), encoding="utf-8"
+    )
     found = ms.check_camera(path)
     assert (found[0].level, found[0].text) == (level, said)
 
@@ -66,14 +75,21 @@ def test_the_page_shows_every_kind_of_mistake() -> None:
     assert len(MISTAKES) == 10
 
 
-def test_the_commands_of_the_page_run_in_their_order(checkout_folder: Path, cli: Callable[..., Any]) -> None:
+def test_the_commands_of_the_page_run_in_their_order(
+    checkout_folder: Path, cli: Callable[..., Any]
+) -> None:
     """Renders of 16 columns, 16 samples and one wavelength here."""
     assert len(COMMANDS) == 6
     for command in COMMANDS:
         program, *arguments = shlex.split(command, comments=True)
         done = cli(*arguments, *(SMALL if arguments[0] == "render" else ()))
         assert program == "mitsuba-sensor" and done.exit_code == 0, (command, done.stderr)
-    assert {path.name for path in checkout_folder.iterdir()} >= {"my.toml", "cold.toml", "my", "cmv4000"}
+    assert {path.name for path in checkout_folder.iterdir()} >= {
+        "my.toml",
+        "cold.toml",
+        "my",
+        "cmv4000",
+    }
 
 
 def test_the_gain_settings_of_the_page_are_those_of_a_camera() -> None:

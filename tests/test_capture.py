@@ -30,32 +30,48 @@ RENDER = {"spp": 16, "wavelength_nm": 550.0, "variant": "scalar_spectral"}
 
 @pytest.fixture(scope="module")
 def captured(scene_file: Path) -> ms.Capture:
-    return ms.capture(scene_file, CAMERA, EXPOSURE, seed=3, serial=4, frames=2, aovs=True, **RENDER)
+    return ms.capture(
+        scene_file, CAMERA, EXPOSURE, seed=3, serial=4, frames=2, aovs=True, **RENDER
+    )
 
 
-def test_a_capture_is_render_collect_and_expose_in_one(captured: ms.Capture, scene_file: Path) -> None:
+def test_a_capture_is_render_collect_and_expose_in_one(
+    captured: ms.Capture, scene_file: Path
+) -> None:
     light = ms.render(scene_file, CAMERA, EXPOSURE, seed=3, **RENDER)
-    frames = ms.expose(ms.collect(light, CAMERA, EXPOSURE), CAMERA, EXPOSURE, seed=3, serial=4, frames=2)
+    frames = ms.expose(
+        ms.collect(light, CAMERA, EXPOSURE), CAMERA, EXPOSURE, seed=3, serial=4, frames=2
+    )
     np.testing.assert_array_equal(captured.light.data, light.data)
     np.testing.assert_array_equal(captured.frames.digital, frames.digital)
     assert captured.metadata["stages"] == frames.report["stages"]
 
 
-def test_the_aovs_of_a_capture_are_those_of_a_pass_of_their_own(captured: ms.Capture, scene_file: Path) -> None:
+def test_the_aovs_of_a_capture_are_those_of_a_pass_of_their_own(
+    captured: ms.Capture, scene_file: Path
+) -> None:
     alone = render_aovs(scene_file, CAMERA, exposure=EXPOSURE, variant="scalar_spectral")
     assert captured.aovs is not None
     for name in ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px"):
-        np.testing.assert_array_equal(getattr(captured.aovs, name), getattr(alone, name), err_msg=name)
+        np.testing.assert_array_equal(
+            getattr(captured.aovs, name), getattr(alone, name), err_msg=name
+        )
 
 
 def test_the_files_hold_what_the_capture_holds(captured: ms.Capture, tmp_path: Path) -> None:
     captured.save(tmp_path / "out")
     names = {"frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "out" / "frame.tiff"), captured.frames.digital)
-    np.testing.assert_array_equal(read_irradiance_exr(tmp_path / "out" / "irradiance.exr").data, captured.light.data)
+    np.testing.assert_array_equal(
+        tifffile.imread(tmp_path / "out" / "frame.tiff"), captured.frames.digital
+    )
+    np.testing.assert_array_equal(
+        read_irradiance_exr(tmp_path / "out" / "irradiance.exr").data, captured.light.data
+    )
     aovs = read_aovs_exr(tmp_path / "out" / "aovs.exr")
-    np.testing.assert_array_equal(aovs.depth_m, captured.aovs.depth_m if captured.aovs else None)
+    np.testing.assert_array_equal(
+        aovs.depth_m, captured.aovs.depth_m if captured.aovs else None
+    )
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
     assert report["seeds"] == {"seed": 3, "serial": 4, "first_frame": 0}
 
@@ -65,7 +81,11 @@ def test_irradiance_is_written_small_or_not_at_all(scene_file: Path, tmp_path: P
     options = {"spp": 16, "variant": "scalar_spectral", "wavelength_nm": 550.0}
     shots = {
         name: ms.capture(scene_file, CAMERA, EXPOSURE, **options, **more)
-        for name, more in (("float", {}), ("half", {"half": True}), ("none", {"no_irradiance": True}))
+        for name, more in (
+            ("float", {}),
+            ("half", {"half": True}),
+            ("none", {"no_irradiance": True}),
+        )
     }
     for name, shot in shots.items():
         shot.save(tmp_path / name)
@@ -73,7 +93,10 @@ def test_irradiance_is_written_small_or_not_at_all(scene_file: Path, tmp_path: P
     half = read_irradiance_exr(tmp_path / "half" / "irradiance.exr")
     np.testing.assert_allclose(half.data, shots["float"].light.data, rtol=2.0**-11)
     assert (half.data != shots["float"].light.data).any()
-    assert not (tmp_path / "none" / "irradiance.exr").exists() and (tmp_path / "none" / "frame.tiff").exists()
+    assert (
+        not (tmp_path / "none" / "irradiance.exr").exists()
+        and (tmp_path / "none" / "frame.tiff").exists()
+    )
     with pytest.raises(ms.InputError, match="half is the precision"):
         ms.capture(scene_file, CAMERA, EXPOSURE, half=True, no_irradiance=True)
     shots["none"].save(tmp_path / "float")
@@ -84,28 +107,49 @@ def test_irradiance_is_written_small_or_not_at_all(scene_file: Path, tmp_path: P
 
 def test_every_option_stands_in_the_metadata(captured: ms.Capture) -> None:
     assert list(captured.metadata["options"]) == [one.name for one in declared(CaptureOptions)]
-    assert captured.metadata["options"]["spp"] == 16 and captured.metadata["options"]["noise_ratio"] is None
+    assert (
+        captured.metadata["options"]["spp"] == 16
+        and captured.metadata["options"]["noise_ratio"] is None
+    )
 
 
-def test_light_that_is_there_already_gives_the_same_frames(captured: ms.Capture, tmp_path: Path) -> None:
+def test_light_that_is_there_already_gives_the_same_frames(
+    captured: ms.Capture, tmp_path: Path
+) -> None:
     """From the file, and from the object; and no irradiance.exr is written again."""
     captured.save(tmp_path)
     for source in (tmp_path / "irradiance.exr", captured.light):
         again = ms.capture(source, CAMERA, EXPOSURE, seed=3, serial=4, frames=2)
         np.testing.assert_array_equal(again.frames.digital, captured.frames.digital)
     again.save(tmp_path / "again")
-    assert {path.name for path in (tmp_path / "again").iterdir()} == {"frame.tiff", "frame.png", "frame.json"}
+    assert {path.name for path in (tmp_path / "again").iterdir()} == {
+        "frame.tiff",
+        "frame.png",
+        "frame.json",
+    }
 
 
 @pytest.mark.parametrize("render_noise", [exhaustive("per-frame"), "compensated"])
-def test_frames_with_a_render_each_are_those_of_render_frames(scene_file: Path, render_noise: Any) -> None:
-    found = ms.capture(scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER)
-    each = list(ms.render_frames(scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER))
-    np.testing.assert_array_equal(found.frames.digital, np.concatenate([one.frames.digital for one in each]))
+def test_frames_with_a_render_each_are_those_of_render_frames(
+    scene_file: Path, render_noise: Any
+) -> None:
+    found = ms.capture(
+        scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER
+    )
+    each = list(
+        ms.render_frames(
+            scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER
+        )
+    )
+    np.testing.assert_array_equal(
+        found.frames.digital, np.concatenate([one.frames.digital for one in each])
+    )
     np.testing.assert_array_equal(found.light.data, each[0].light.data)
     uncompensated = float(np.mean([one.uncompensated for one in each]))
     assert found.metadata["origin"]["uncompensated"] == uncompensated
-    assert found.metadata["origin"]["above_shot_noise"] == float(np.mean([one.above_shot_noise for one in each]))
+    assert found.metadata["origin"]["above_shot_noise"] == float(
+        np.mean([one.above_shot_noise for one in each])
+    )
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
@@ -114,13 +158,28 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "a serial": ({"serial": 1.5}, "serial is 1.5"),
     "too many frames": ({"frames": 2, "first_frame": 2**32 - 1}, "frames is 2 from 4294967295"),
     "an unknown map": ({"maps": {"prnv": np.ones((12, 16))}}, "Did you mean 'prnu'"),
-    "a map of another size": ({"maps": {"prnu": np.ones((12, 15))}}, r"maps\['prnu'\] has shape \(12, 15\)"),
+    "a map of another size": (
+        {"maps": {"prnu": np.ones((12, 15))}},
+        r"maps\['prnu'\] has shape \(12, 15\)",
+    ),
     "NaN in a map": ({"maps": {"prnu": np.full((12, 16), np.nan)}}, "NaN"),
     "an unknown engine": ({"engine": "numpi"}, "Did you mean 'numpy'"),
-    "float64 on a compiled engine": ({"engine": "drjit", "precision": "float64"}, "compiled engines are float32"),
-    "the published chain in float32": ({"chain": "konnik2014", "precision": "float32"}, "float64 only"),
-    "the published chain of a cube": ({"chain": "konnik2014", "wavelength_nm": None}, "has one wavelength"),
-    "the published chain, compensated": ({"chain": "konnik2014", "render_noise": "compensated"}, "physical chain"),
+    "float64 on a compiled engine": (
+        {"engine": "drjit", "precision": "float64"},
+        "compiled engines are float32",
+    ),
+    "the published chain in float32": (
+        {"chain": "konnik2014", "precision": "float32"},
+        "float64 only",
+    ),
+    "the published chain of a cube": (
+        {"chain": "konnik2014", "wavelength_nm": None},
+        "has one wavelength",
+    ),
+    "the published chain, compensated": (
+        {"chain": "konnik2014", "render_noise": "compensated"},
+        "physical chain",
+    ),
     "render noise": ({"render_noise": "each"}, "render_noise is 'each'; it must be one of"),
     "subframes of nothing": ({"subframes": 4}, "nothing moves"),
     "a width": ({"width": 17}, "width is 17"),
@@ -136,8 +195,12 @@ def test_what_cannot_be_made_is_refused_before_the_first_ray(
         ms.capture(scene_file, CAMERA, EXPOSURE, **{**RENDER, **options})
 
 
-@pytest.mark.parametrize("option", [{"spp": 4}, {"render_noise": "per-frame"}, {"aovs": True}, {"width": 8}])
-def test_options_of_a_render_are_refused_for_light_that_is_rendered_already(light: Any, option: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "option", [{"spp": 4}, {"render_noise": "per-frame"}, {"aovs": True}, {"width": 8}]
+)
+def test_options_of_a_render_are_refused_for_light_that_is_rendered_already(
+    light: Any, option: dict[str, Any]
+) -> None:
     with pytest.raises(ms.InputError, match="rendered already"):
         ms.capture(light, CAMERA, EXPOSURE, **option)
 
@@ -145,25 +208,40 @@ def test_options_of_a_render_are_refused_for_light_that_is_rendered_already(ligh
 def test_frames_of_light_that_is_there_are_told_one_by_one(light: Any) -> None:
     steps: list[RenderProgress] = []
     exposure, frames = ms.Exposure(0.1), {"frames": 3, "first_frame": 7}
-    told = ms.capture(light, ms.load_camera("konnik_table1"), exposure, progress=steps.append, **frames)  # type: ignore[arg-type]
-    assert [(step.done, step.expected, step.doing) for step in steps] == [(k, 3, "exposing") for k in range(4)]
+    told = ms.capture(
+        light, ms.load_camera("konnik_table1"), exposure, progress=steps.append, **frames
+    )  # type: ignore[arg-type]
+    assert [(step.done, step.expected, step.doing) for step in steps] == [
+        (k, 3, "exposing") for k in range(4)
+    ]
     assert np.isnan(steps[0].seconds_left) and steps[-1].seconds_left == 0
     assert [step.seconds for step in steps] == sorted(step.seconds for step in steps)
     silent = ms.capture(light, ms.load_camera("konnik_table1"), exposure, **frames)  # type: ignore[arg-type]
     np.testing.assert_array_equal(told.frames.digital, silent.frames.digital)
 
 
-@pytest.mark.parametrize(("shape", "origin"), [((2, 1901), (0, 0)), ((2, 8), (1299, 0)), ((2, 8), (1298, 1892))])
+@pytest.mark.parametrize(
+    ("shape", "origin"), [((2, 1901), (0, 0)), ((2, 8), (1299, 0)), ((2, 8), (1298, 1892))]
+)
 def test_an_array_that_extends_beyond_the_sensor_is_noted(
     shape: tuple[int, int], origin: tuple[int, int], tmp_path: Path
 ) -> None:
     """Any list of pixels is allowed as an array; only the last of the three is on the sensor of 1900 × 1300."""
-    ms.expose(np.full(shape, 1e4), ms.load_camera("konnik_table1"), ms.Exposure(0.1), origin=origin).save(tmp_path)
+    ms.expose(
+        np.full(shape, 1e4), ms.load_camera("konnik_table1"), ms.Exposure(0.1), origin=origin
+    ).save(tmp_path)
     notes = [
-        note for note in json.loads((tmp_path / "frame.json").read_text("utf-8"))["notes"] if "1900 × 1300" in note
+        note
+        for note in json.loads((tmp_path / "frame.json").read_text("utf-8"))["notes"]
+        if "1900 × 1300" in note
     ]
-    field = {1901: ["sensor.columns=1901"], 8: ["sensor.rows=1301"] if origin[0] == 1299 else []}[shape[1]]
-    assert len(notes) == len(field) and all(text in note for text, note in zip(field, notes, strict=True))
+    field = {
+        1901: ["sensor.columns=1901"],
+        8: ["sensor.rows=1301"] if origin[0] == 1299 else [],
+    }[shape[1]]
+    assert len(notes) == len(field) and all(
+        text in note for text, note in zip(field, notes, strict=True)
+    )
 
 
 def test_light_needs_a_camera(light: Any) -> None:
@@ -186,7 +264,9 @@ def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[Any
 
 @pytest.mark.parametrize("frames", [exhaustive(1), 3])
 @pytest.mark.parametrize("render_noise", ["shared", "compensated"])
-@pytest.mark.parametrize("command_line", [exhaustive(False), True], ids=["Python", "command line"])
+@pytest.mark.parametrize(
+    "command_line", [exhaustive(False), True], ids=["Python", "command line"]
+)
 def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     frames: int, render_noise: Any, command_line: bool, scene_file: Path, tmp_path: Path, cli: Any,
     monkeypatch: pytest.MonkeyPatch,
@@ -195,7 +275,9 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
 
     What plan() compares in float32 and float64 is no frame: a window of light levels, of another shape.
     """
-    camera = CAMERA.replace(**{"adc.bits": 14})  # another object, whose chain nobody has built yet
+    camera = CAMERA.replace(
+        **{"adc.bits": 14}
+    )  # another object, whose chain nobody has built yet
     parsed = counted(monkeypatch, scene_settings, "parse_scene")
     counted_elsewhere = [counted(monkeypatch, scene, "parse_scene")]
     built = counted(monkeypatch, camera_module, "chain")
@@ -205,7 +287,9 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
         original = kind.sample
 
         def sample(self: Any, signal: Any, frame: Any, original: Any = original) -> Any:
-            theory = sys._getframe(1).f_code.co_name == "moments"  # the mean photoelectrons are those of the frame
+            theory = (
+                sys._getframe(1).f_code.co_name == "moments"
+            )  # the mean photoelectrons are those of the frame
             if frame.window.shape[1] == 16 and frame.window.serial == 7 and not theory:
                 pixels[type(self).__name__] += frame.window.shape[0] * frame.window.shape[1]
             return original(self, signal, frame)
@@ -214,8 +298,24 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     built.clear()
     options = {"frames": frames, "serial": 7, "render_noise": render_noise, **RENDER}
     if command_line:
-        arguments = ["--spp", 16, "--wavelength-nm", 550, "--variant", "scalar_spectral", "--serial", 7]
-        arguments += ["--set", "adc.bits=14", "--frames", frames, "--render-noise", render_noise]
+        arguments = [
+            "--spp",
+            16,
+            "--wavelength-nm",
+            550,
+            "--variant",
+            "scalar_spectral",
+            "--serial",
+            7,
+        ]
+        arguments += [
+            "--set",
+            "adc.bits=14",
+            "--frames",
+            frames,
+            "--render-noise",
+            render_noise,
+        ]
         done = cli("render", scene_file, "-o", tmp_path, *arguments)
         assert done.exit_code == 0, done.stderr
     else:
@@ -224,12 +324,16 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     assert len(built) == 1 and not built_elsewhere
     once = 12 * 16
     expected = {type(stage).__name__: frames * once for stage in camera.stages}
-    expected[type(camera.stages[0]).__name__] = once if render_noise == "shared" else frames * once  # once per light
+    expected[type(camera.stages[0]).__name__] = (
+        once if render_noise == "shared" else frames * once
+    )  # once per light
     assert pixels == expected
 
 
 @pytest.mark.parametrize("render_noise", ["shared", "per-frame", "compensated"])
-def test_signals_that_are_kept_belong_to_every_frame(scene_file: Path, render_noise: Any) -> None:
+def test_signals_that_are_kept_belong_to_every_frame(
+    scene_file: Path, render_noise: Any
+) -> None:
     """Without dark current too, where dark electrons are one 0 for all pixels."""
     keep = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
     options: Any = {"frames": 2, "first_frame": 5, "render_noise": render_noise, **RENDER}

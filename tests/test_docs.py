@@ -21,7 +21,11 @@ from helpers.pages import blocks, fenced, lines
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.render.scene.plugin_parameters import FILM_PARAMETERS, PASSED_ON_PARAMETERS, SENSOR_PARAMETERS
+from mitsuba_sensor.render.scene.plugin_parameters import (
+    FILM_PARAMETERS,
+    PASSED_ON_PARAMETERS,
+    SENSOR_PARAMETERS,
+)
 from mitsuba_sensor.render.scene.scene_settings import parse
 from mitsuba_sensor.stages.chain import ORDER
 
@@ -55,7 +59,9 @@ def parsed(arguments: list[str]) -> None:
     """Let the command line's own parser read a command; it raises where an option or an argument is wrong."""
     command: Any = typer.main.get_command(app)
     while hasattr(command, "resolve_command"):
-        context = command.make_context(command.name, list(arguments), help_option_names=[], allow_extra_args=True)
+        context = command.make_context(
+            command.name, list(arguments), help_option_names=[], allow_extra_args=True
+        )
         _, command, arguments = command.resolve_command(context, arguments)
     command.make_context(command.name, list(arguments))
 
@@ -84,7 +90,9 @@ def run_python(text: str, names: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", WITH_CODE)
-def test_the_code_of_a_page_runs_in_its_order(name: str, checkout_folder: Path, cli: Callable[..., Any]) -> None:
+def test_the_code_of_a_page_runs_in_its_order(
+    name: str, checkout_folder: Path, cli: Callable[..., Any]
+) -> None:
     """Renders have 16 columns and 16 samples. Python goes on with the names of the blocks before it."""
     names: dict[str, Any] = {}
     for block in blocks(PAGES[name]):
@@ -95,12 +103,18 @@ def test_the_code_of_a_page_runs_in_its_order(name: str, checkout_folder: Path, 
                 elif "&&" in command:
                     run(command.partition("&& ")[2], cli)
         elif block.language == "xml" and (file := re.match(r"<!-- ([\w.]+) -->\n", block.text)):
-            (checkout_folder / file.group(1)).write_text(block.text.partition("\n")[2], encoding="utf-8")
-        elif block.language == "python" and not ("needs LLVM" in block.text and backend_problem("llvm")):
+            (checkout_folder / file.group(1)).write_text(
+                block.text.partition("\n")[2], encoding="utf-8"
+            )
+        elif block.language == "python" and not (
+            "needs LLVM" in block.text and backend_problem("llvm")
+        ):
             run_python(block.text, names)
 
 
-@pytest.mark.parametrize("command", ["render -o out", "render a.xml -o out --sp 3", "studi", "study stress a.xml"])
+@pytest.mark.parametrize(
+    "command", ["render -o out", "render a.xml -o out --sp 3", "studi", "study stress a.xml"]
+)
 def test_a_command_that_does_not_exist_is_not_parsed(command: str) -> None:
     with pytest.raises(Exception, match=r"[Mm]issing|No such|unexpected"):
         parsed(command.split())
@@ -135,23 +149,38 @@ def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 def test_the_command_line_page_has_every_command_and_every_option_in_its_place() -> None:
     page = GENERATED.command_line()
-    parts = dict(zip(*[iter(re.split(r"^#+ `(mitsuba-sensor .+)`$", page, flags=re.M)[1:])] * 2, strict=True))
+    parts = dict(
+        zip(
+            *[iter(re.split(r"^#+ `(mitsuba-sensor .+)`$", page, flags=re.M)[1:])] * 2,
+            strict=True,
+        )
+    )
     found = dict(commands(typer.main.get_command(app), "mitsuba-sensor"))
     assert len(found) > 15 and set(parts) == set(found) - {"mitsuba-sensor"}
     for name, text in parts.items():
         for option in found[name].params:
-            assert all(re.search(rf"(?<![\w-]){re.escape(one)}(?![\w-])", text) for one in option.opts if one[0] == "-")
+            assert all(
+                re.search(rf"(?<![\w-]){re.escape(one)}(?![\w-])", text)
+                for one in option.opts
+                if one[0] == "-"
+            )
 
 
 def test_the_api_page_has_every_public_name_once() -> None:
-    named = re.findall(r"auto(function|class|data):: mitsuba_sensor\.(\w+)$", GENERATED.api(), re.M)
+    named = re.findall(
+        r"auto(function|class|data):: mitsuba_sensor\.(\w+)$", GENERATED.api(), re.M
+    )
     assert sorted(name for _, name in named) == sorted(ms.__all__)
-    assert all((kind == "function") == inspect.isfunction(getattr(ms, name)) for kind, name in named)
+    assert all(
+        (kind == "function") == inspect.isfunction(getattr(ms, name)) for kind, name in named
+    )
 
 
 def test_the_page_of_the_stages_has_them_in_the_order_of_the_chain_with_their_keys() -> None:
     page = GENERATED.stages()
-    assert re.findall(r"autoclass:: [\w.]+\.(\w+)$", page, re.M) == [stage.__name__ for stage in ORDER]
+    assert re.findall(r"autoclass:: [\w.]+\.(\w+)$", page, re.M) == [
+        stage.__name__ for stage in ORDER
+    ]
     for part, stage in zip(page.split("\n## "), ORDER, strict=True):
         keys = set(stage.fields.model_fields) if stage.fields else set()
         assert set(re.findall(r"^\| `(\w+)` \|", part, re.M)) == keys
@@ -163,7 +192,9 @@ SCENE = """<scene version="3.0.0"><sensor type="camera">{sensor}
 
 def test_every_plugin_parameter_of_the_page_is_read_as_its_example_says(tmp_path: Path) -> None:
     """All examples together are one scene, but for the metering, which takes the place of an exposure time."""
-    given = {one.name: one for one in (*FILM_PARAMETERS, *SENSOR_PARAMETERS, *PASSED_ON_PARAMETERS)}
+    given = {
+        one.name: one for one in (*FILM_PARAMETERS, *SENSOR_PARAMETERS, *PASSED_ON_PARAMETERS)
+    }
     tables = GENERATED.film(), GENERATED.sensor()
     assert [re.findall(r"^\| `(\w+)` \|", one, re.M) for one in tables] == [
         [one.name for one in FILM_PARAMETERS],
@@ -171,17 +202,34 @@ def test_every_plugin_parameter_of_the_page_is_read_as_its_example_says(tmp_path
     ]
     film, sensor = ("\n".join(re.findall(r"`(<.+>)` \|$", one, re.M)) for one in tables)
     path = tmp_path / "scene.xml"
-    path.write_text(SCENE.format(film=film.replace(given["exposure_s"].xml, ""), sensor=sensor), encoding="utf-8")
+    path.write_text(
+        SCENE.format(film=film.replace(given["exposure_s"].xml, ""), sensor=sensor),
+        encoding="utf-8",
+    )
     assert parse(path, {}).settings.meter == given["meter"].example
-    path.write_text(SCENE.format(film=film.replace(given["meter"].xml, ""), sensor=sensor), encoding="utf-8")
+    path.write_text(
+        SCENE.format(film=film.replace(given["meter"].xml, ""), sensor=sensor), encoding="utf-8"
+    )
     found = parse(path, {}).settings
     assert found.camera is not None and found.camera.name == given["camera"].example
-    for name in ("exposure_s", "temperature_k", "seed", "serial", "wavelength_nm", "bandwidth_nm", "focal_length_mm"):
+    for name in (
+        "exposure_s",
+        "temperature_k",
+        "seed",
+        "serial",
+        "wavelength_nm",
+        "bandwidth_nm",
+        "focal_length_mm",
+    ):
         assert getattr(found, name) == float(given[name].example), name
     assert {name: str(value) for name, value in found.size.items()} == {
         name: given[name].example for name in found.size
     }
-    assert len(found.size) == 6 and found.spectral == given["spectral"].example and found.unit_m == 0.01
+    assert (
+        len(found.size) == 6
+        and found.spectral == given["spectral"].example
+        and found.unit_m == 0.01
+    )
     assert found.camera.lens.f_number == 2.8 and found.camera.lens.pupil_magnification == 1.1
     assert found.camera.lens.transmission_curve == (0.9, 0.95) and found.focus_distance_m == 2
 
@@ -189,9 +237,14 @@ def test_every_plugin_parameter_of_the_page_is_read_as_its_example_says(tmp_path
 def test_the_scene_of_the_plugin_page_is_one(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     text = fenced(PAGES["plugins"], "xml")
-    path.write_text(f'<scene version="3.0.0">{text}<emitter type="constant"/></scene>', encoding="utf-8")
+    path.write_text(
+        f'<scene version="3.0.0">{text}<emitter type="constant"/></scene>', encoding="utf-8"
+    )
     settings = parse(path, {}).settings
-    assert settings.camera is not None and (settings.camera.adc.bits, settings.exposure_s) == (14, 0.1)
+    assert settings.camera is not None and (settings.camera.adc.bits, settings.exposure_s) == (
+        14,
+        0.1,
+    )
 
 
 def test_every_example_is_in_the_gallery_with_a_picture() -> None:
@@ -205,7 +258,15 @@ def test_every_example_is_in_the_gallery_with_a_picture() -> None:
 
 
 def test_a_description_of_a_parameter_becomes_a_bullet() -> None:
-    text = ["Sum |U|².", "a : first.  b, c : second", "    goes on.", "Raises InputError.", "", "Options:", "    d : x"]
+    text = [
+        "Sum |U|².",
+        "a : first.  b, c : second",
+        "    goes on.",
+        "Raises InputError.",
+        "",
+        "Options:",
+        "    d : x",
+    ]
     assert GENERATED.with_bullets(text) == [
         r"Sum \|U\|².", "", "* ``a``: first.", "* ``b, c``: second", "  goes on.", "", "Raises InputError.", "",
         "Options:", "", "    * ``d``: x",

@@ -12,7 +12,11 @@ from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 
 PAGE = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
-ROWS = [row for row in re.findall(r"^\| (.+) \| (.+) \| (.+) \| (.+) \|$", PAGE, re.M) if row[3] != "file"]
+ROWS = [
+    row
+    for row in re.findall(r"^\| (.+) \| (.+) \| (.+) \| (.+) \|$", PAGE, re.M)
+    if row[3] != "file"
+]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
@@ -21,7 +25,10 @@ def test_a_row_names_files_and_names_that_exist(row: tuple[str, str, str, str]) 
     files = [ROOT / "mitsuba_sensor" / name for name in re.findall(r"`([^`]+)`", row[3])]
     missing = [str(path) for path in files if not path.is_file()]
     assert files and not missing
-    text, known = "\n".join(path.read_text(encoding="utf-8") for path in files), fields_of(Camera)
+    text, known = (
+        "\n".join(path.read_text(encoding="utf-8") for path in files),
+        fields_of(Camera),
+    )
     names = re.findall(r"`([^`]+)`", row[2])
     assert names
     for name in names:
@@ -35,7 +42,13 @@ def test_a_row_names_files_and_names_that_exist(row: tuple[str, str, str, str]) 
 
 def test_every_effect_and_every_key_of_a_camera_file_is_in_the_glossary() -> None:
     """The tables themselves and the inside of a lens prescription have no row."""
-    effects = {path.name for path in (ROOT / "mitsuba_sensor" / "stages" / "effects").glob("[!_]*.py")}
+    effects = {
+        path.name for path in (ROOT / "mitsuba_sensor" / "stages" / "effects").glob("[!_]*.py")
+    }
     assert effects == {name for name in effects if f"`stages/effects/{name}`" in PAGE}
-    keys = {key for key in fields_of(Camera) if "." in key and not key.startswith("lens.prescription.")}
+    keys = {
+        key
+        for key in fields_of(Camera)
+        if "." in key and not key.startswith("lens.prescription.")
+    }
     assert keys == {key for key in keys if f"`{key}`" in PAGE}

@@ -49,14 +49,18 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_an_exposure_takes_camera_time_temperature_and_serial_of_the_light(rendered: Path, tmp_path: Path) -> None:
+def test_an_exposure_takes_camera_time_temperature_and_serial_of_the_light(
+    rendered: Path, tmp_path: Path
+) -> None:
     """The same bytes without a single flag."""
     found = run("expose", rendered / "irradiance.exr", "-o", tmp_path)
     assert (tmp_path / "frame.tiff").read_bytes() == (rendered / "frame.tiff").read_bytes()
     assert (tmp_path / "frame.png").read_bytes() == (rendered / "frame.png").read_bytes()
     assert found["origin"]["as_rendered"] == ["camera", "exposure", "serial"]
     in_python = ms.capture(rendered / "irradiance.exr")
-    np.testing.assert_array_equal(in_python.frames.digital, tifffile.imread(rendered / "frame.tiff")[None])
+    np.testing.assert_array_equal(
+        in_python.frames.digital, tifffile.imread(rendered / "frame.tiff")[None]
+    )
 
 
 @pytest.mark.parametrize(
@@ -68,7 +72,9 @@ def test_an_exposure_takes_camera_time_temperature_and_serial_of_the_light(rende
         (("--serial", 2), ["camera", "exposure"]),
     ],
 )
-def test_what_is_told_otherwise_is_not_taken(rendered: Path, tmp_path: Path, flags: Any, kept: list[str]) -> None:
+def test_what_is_told_otherwise_is_not_taken(
+    rendered: Path, tmp_path: Path, flags: Any, kept: list[str]
+) -> None:
     found = run("expose", rendered / "irradiance.exr", "-o", tmp_path, *flags)
     assert found["origin"]["as_rendered"] == kept
     assert found["camera"]["pixel"]["prnu"] == (0.02 if "--camera" not in flags else 0.005)
@@ -77,13 +83,20 @@ def test_what_is_told_otherwise_is_not_taken(rendered: Path, tmp_path: Path, fla
 
 def test_a_plan_is_for_the_camera_of_the_light(rendered: Path) -> None:
     found = run("plan", rendered / "irradiance.exr", "--tolerance-dn", 1)
-    assert found["camera"] == "bayer_2mp" and found["range"]["exposure"] == {"time_s": 0.03, "temperature_k": 310}
+    assert found["camera"] == "bayer_2mp" and found["range"]["exposure"] == {
+        "time_s": 0.03,
+        "temperature_k": 310,
+    }
 
 
 def test_every_output_knows_first_pixel_filters_and_levels(rendered: Path) -> None:
     """The window begins at row 217, column 25 of the sensor, whose first rows are R G and G B."""
     image = json.loads((rendered / "frame.json").read_text("utf-8"))["image"]
-    wanted = {"origin": [217, 25], "cfa_pattern": [["B", "G"], ["G", "R"]], "white_level_dn": 4095}
+    wanted = {
+        "origin": [217, 25],
+        "cfa_pattern": [["B", "G"], ["G", "R"]],
+        "white_level_dn": 4095,
+    }
     assert {name: image[name] for name in wanted} == wanted and image["black_level_dn"] == 4
     texts = Image.open(rendered / "frame.png").text  # type: ignore[attr-defined]
     assert {name: json.loads(texts[name]) for name in wanted} == wanted
@@ -91,7 +104,10 @@ def test_every_output_knows_first_pixel_filters_and_levels(rendered: Path) -> No
         tags = file.pages[0].tags  # type: ignore[union-attr]
         assert json.loads(tags["ImageDescription"].value) == image
         assert (tags["BlackLevel"].value, tags["WhiteLevel"].value) == (4, 4095)
-        assert tuple(tags["CFARepeatPatternDim"].value) == (2, 2) and bytes(tags["CFAPattern"].value) == b"\2\1\1\0"
+        assert (
+            tuple(tags["CFARepeatPatternDim"].value) == (2, 2)
+            and bytes(tags["CFAPattern"].value) == b"\2\1\1\0"
+        )
 
 
 def test_white_in_a_crop_is_white(rendered: Path) -> None:
@@ -110,10 +126,14 @@ def test_light_without_a_camera_says_so(rendered: Path) -> None:
         ms.capture(replace(light, rendered_for=replace(light.rendered_for, camera=None)))
 
 
-def test_the_command_line_says_which_camera_it_takes_where_none_is_known(rendered: Path, tmp_path: Path) -> None:
+def test_the_command_line_says_which_camera_it_takes_where_none_is_known(
+    rendered: Path, tmp_path: Path
+) -> None:
     light = exr.read_irradiance_exr(rendered / "irradiance.exr")
     exr.write_irradiance_exr(tmp_path / "x.exr", replace(light, rendered_for=None))
-    done = CliRunner().invoke(app, ["plan", str(tmp_path / "x.exr"), "--exposure-s", "0.01", "--json"])
+    done = CliRunner().invoke(
+        app, ["plan", str(tmp_path / "x.exr"), "--exposure-s", "0.01", "--json"]
+    )
     assert done.exit_code == 0 and json.loads(done.stdout)["camera"] == "konnik_table1"
     assert "the camera is konnik_table1 unless --camera names another" in done.stderr
 

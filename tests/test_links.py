@@ -22,21 +22,40 @@ PACKAGE = ROOT / "mitsuba_sensor"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 SCRIPTS = sorted(
-    path for folder in ("benchmarks", "reproduction", "examples", "tests") for path in (ROOT / folder).rglob("*.py")
+    path
+    for folder in ("benchmarks", "reproduction", "examples", "tests")
+    for path in (ROOT / folder).rglob("*.py")
 )
-FOLDERS = ("mitsuba_sensor", "docs", "examples", "benchmarks", "reproduction", "scenes", "tests")
+FOLDERS = (
+    "mitsuba_sensor",
+    "docs",
+    "examples",
+    "benchmarks",
+    "reproduction",
+    "scenes",
+    "tests",
+)
 
 
 def without_code(text: str) -> str:
     """Markdown without fenced blocks and without `code`, in which brackets are no links."""
-    return re.sub(r"`[^`\n]*`", "", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE))
+    return re.sub(
+        r"`[^`\n]*`", "", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    )
 
 
 @cache
 def anchors(page: Path) -> set[str]:
     """The anchors that GitHub gives to the headings of a page."""
-    headings = re.findall(r"^#+ +(.*)$", re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.S | re.M), re.M)
-    return {re.sub(r"[^\w\- ]", "", re.sub(r"\[(.*?)\]\(.*?\)", r"\1", h).lower()).replace(" ", "-") for h in headings}
+    headings = re.findall(
+        r"^#+ +(.*)$",
+        re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.S | re.M),
+        re.M,
+    )
+    return {
+        re.sub(r"[^\w\- ]", "", re.sub(r"\[(.*?)\]\(.*?\)", r"\1", h).lower()).replace(" ", "-")
+        for h in headings
+    }
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -55,7 +74,11 @@ def test_every_link_image_and_anchor_of_a_page_resolves(page: Path) -> None:
 @cache
 def files() -> tuple[str, ...]:
     """The files of the repository, with a slash before each."""
-    return tuple("/" + str(path.relative_to(ROOT)) for folder in FOLDERS for path in (ROOT / folder).rglob("*.*"))
+    return tuple(
+        "/" + str(path.relative_to(ROOT))
+        for folder in FOLDERS
+        for path in (ROOT / folder).rglob("*.*")
+    )
 
 
 def missing_files(text: str) -> list[str]:
@@ -63,14 +86,18 @@ def missing_files(text: str) -> list[str]:
     named = re.findall(r"(?<![\w./*-])[\w./-]*\w\.(?:py|md)\b", text)
     named += re.findall(rf"(?<![\w./*-])(?:{'|'.join(FOLDERS)})/[\w./-]+\.\w+", text)
     paths = {name: "/" + re.sub(r"^(\.{1,2}/)+", "", name) for name in named}
-    return [name for name, path in paths.items() if not any(file.endswith(path) for file in files())]
+    return [
+        name for name, path in paths.items() if not any(file.endswith(path) for file in files())
+    ]
 
 
 @cache
 def names_of_tests() -> set[str]:
     """The names of all test files and test functions."""
     paths = sorted((ROOT / "tests").rglob("test_*.py"))
-    functions = [re.findall(r"^def (test_\w+)", path.read_text("utf-8"), re.M) for path in paths]
+    functions = [
+        re.findall(r"^def (test_\w+)", path.read_text("utf-8"), re.M) for path in paths
+    ]
     return {path.stem for path in paths} | {name for those in functions for name in those}
 
 
@@ -81,7 +108,9 @@ def test_files_and_tests_that_a_page_names_exist(page: Path) -> None:
         return
     named = re.findall(r"`(test_\w+?)(…?)`", text)
     unknown = [
-        name for name, more in named if not any(t == name or (more and t.startswith(name)) for t in names_of_tests())
+        name
+        for name, more in named
+        if not any(t == name or (more and t.startswith(name)) for t in names_of_tests())
     ]
     assert not missing_files(text) + unknown
 
@@ -115,7 +144,11 @@ def resolved(name: str, module: ModuleType) -> bool:
     name = name.removeprefix("mitsuba_sensor.").removeprefix(".")
     if any(has(start, name) for start in (module, builtins, top, *classes)):
         return True
-    packages = (module.__package__ or "", (module.__package__ or "").rpartition(".")[0], "mitsuba_sensor")
+    packages = (
+        module.__package__ or "",
+        (module.__package__ or "").rpartition(".")[0],
+        "mitsuba_sensor",
+    )
     return any(below(package, name) for package in packages if package)
 
 
@@ -134,7 +167,10 @@ def below(package: str, name: str) -> bool:
 def has(start: Any, dotted: str) -> bool:
     """Whether ``start.dotted`` exists; a field of a dataclass or of a pydantic model counts."""
     for part in dotted.split("."):
-        fields = {*getattr(start, "__dataclass_fields__", ()), *getattr(start, "model_fields", ())}
+        fields = {
+            *getattr(start, "__dataclass_fields__", ()),
+            *getattr(start, "model_fields", ()),
+        }
         if part in fields:
             return True
         if not hasattr(start, part):
@@ -151,5 +187,9 @@ def test_functions_classes_and_modules_that_docstrings_name_exist() -> None:
         )
         for line, text in prose(path):
             names = re.findall(r":(?:func|class|mod|meth|attr|data|exc|obj):`~?([\w.]+)`", text)
-            found += [f"{path.relative_to(ROOT)}:{line}: {name}" for name in names if not resolved(name, module)]
+            found += [
+                f"{path.relative_to(ROOT)}:{line}: {name}"
+                for name in names
+                if not resolved(name, module)
+            ]
     assert not found, "\n".join(found)

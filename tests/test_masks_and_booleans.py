@@ -27,14 +27,20 @@ MASKED: dict[str, Callable[[Path], Any]] = {
     "plan": lambda _: ms.plan(TABLE1, EXPOSURE, HIDDEN),
     "derivatives": lambda _: ms.differentiable(HIDDEN, TABLE1, EXPOSURE, "photons"),
     "variance": lambda _: ms.expose(ms.Photons(ONES, variance_e2=HIDDEN), TABLE1, EXPOSURE),
-    "wavelengths": lambda _: ms.expose(ONES, TABLE1, EXPOSURE, wavelengths_nm=np.ma.masked_array(NM, [True])),
+    "wavelengths": lambda _: ms.expose(
+        ONES, TABLE1, EXPOSURE, wavelengths_nm=np.ma.masked_array(NM, [True])
+    ),
     "map": lambda _: ms.expose(ONES, TABLE1, EXPOSURE, maps={"prnu": HIDDEN}),
     "light": lambda _: ms.collect(HIDDEN, TABLE1, EXPOSURE),
     "field": lambda _: ms.collect(HIDDEN * (1 + 1j), TABLE1, EXPOSURE),
     "image": lambda _: ms.SensorNoise(TABLE1, white_e=100.0)(HIDDEN),
     "measured frames": lambda _: ms.lab.Stack(HIDDEN[None], 0.01),
-    "frames of a file": lambda folder: ms.write_tiff(folder / "x.tiff", HIDDEN.astype(np.uint16)),
-    "datasheet": lambda _: TABLE1.replace(**{"quantum_efficiency.curves": np.ma.masked_array(NM, [True])}),
+    "frames of a file": lambda folder: ms.write_tiff(
+        folder / "x.tiff", HIDDEN.astype(np.uint16)
+    ),
+    "datasheet": lambda _: TABLE1.replace(
+        **{"quantum_efficiency.curves": np.ma.masked_array(NM, [True])}
+    ),
     "QE": lambda _: TABLE1.qe(np.ma.masked_array(NM, [True])),
 }
 
@@ -42,7 +48,10 @@ MASKED: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.parametrize("case", MASKED)
 def test_masked_values_are_refused_with_their_number(case: str, tmp_path: Path) -> None:
     """NumPy drops the mask and goes on with what is under it."""
-    with pytest.raises(ms.InputError, match=r"has \d masked value\(s\), of which nothing is known; pass numbers"):
+    with pytest.raises(
+        ms.InputError,
+        match=r"has \d masked value\(s\), of which nothing is known; pass numbers",
+    ):
         MASKED[case](tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -62,7 +71,9 @@ NUMBERS: dict[str, Callable[[Any], Any]] = {
     "tolerance": lambda yes: ms.plan(TABLE1, EXPOSURE, ONES, tolerance_dn=yes),
     "irradiance": lambda yes: ms.uniform_light(yes, (2, 2)),
     "wavelength of light": lambda yes: ms.collect(ONES, TABLE1, EXPOSURE, wavelengths_nm=yes),
-    "width of a band": lambda yes: ms.collect(ONES[..., None], TABLE1, EXPOSURE, wavelengths_nm=NM, bandwidths_nm=yes),
+    "width of a band": lambda yes: ms.collect(
+        ONES[..., None], TABLE1, EXPOSURE, wavelengths_nm=NM, bandwidths_nm=yes
+    ),
     "field of a camera": lambda yes: TABLE1.replace(**{"pixel.full_well_e": yes}),
     "QE": lambda yes: TABLE1.qe([yes]),
     "preview": lambda yes: ms.expose(ONES, TABLE1, EXPOSURE).preview(gain=yes),
@@ -81,13 +92,16 @@ def test_a_boolean_is_no_number(case: str, yes: Any) -> None:
 
 @pytest.mark.parametrize("name", ["konnik_table1", "bayer_2mp", "rgbir_2mp"])
 @pytest.mark.parametrize("engine", ["numpy", pytest.param("drjit", marks=needs_llvm)])
-def test_photoelectrons_are_exposed_of_each_filter_or_of_each_pixel(name: str, engine: Any) -> None:
+def test_photoelectrons_are_exposed_of_each_filter_or_of_each_pixel(
+    name: str, engine: Any
+) -> None:
     """Without wavelengths: the QE is applied already. A pixel takes the layer of its own filter, at any origin."""
     camera, at = ms.load_camera(name), (3, 2)
     layers = np.random.default_rng(5).uniform(0, 5e3, (6, 8, len(camera.filter_names)))
     own = np.take_along_axis(layers, camera.filter_index((6, 8), at)[..., None], axis=2)[..., 0]
     by_filter, by_pixel = (
-        ms.expose(ms.Photons(mean, detected=True), camera, EXPOSURE, origin=at, engine=engine) for mean in (layers, own)
+        ms.expose(ms.Photons(mean, detected=True), camera, EXPOSURE, origin=at, engine=engine)
+        for mean in (layers, own)
     )
     np.testing.assert_allclose(by_filter.detected.mean_e, own, rtol=1e-6)
     np.testing.assert_array_equal(by_pixel.digital, by_filter.digital)
@@ -96,13 +110,25 @@ def test_photoelectrons_are_exposed_of_each_filter_or_of_each_pixel(name: str, e
 @pytest.mark.parametrize(
     ("layers", "options", "said"),
     [
-        (2, {}, r"shape \(4, 4, 2\) and is detected already; it must be \(H, W\), or \(H, W, 3\)"),
-        (3, {"keep": "photons"}, "of this light only the photoelectrons are known; keep 'photoelectrons'"),
+        (
+            2,
+            {},
+            r"shape \(4, 4, 2\) and is detected already; it must be \(H, W\), or \(H, W, 3\)",
+        ),
+        (
+            3,
+            {"keep": "photons"},
+            "of this light only the photoelectrons are known; keep 'photoelectrons'",
+        ),
     ],
 )
-def test_photoelectrons_that_mean_nothing_are_refused(layers: int, options: Any, said: str) -> None:
+def test_photoelectrons_that_mean_nothing_are_refused(
+    layers: int, options: Any, said: str
+) -> None:
     with pytest.raises(ms.InputError, match=said):
-        ms.expose(ms.Photons(np.ones((4, 4, layers)), detected=True), BAYER, EXPOSURE, **options)
+        ms.expose(
+            ms.Photons(np.ones((4, 4, layers)), detected=True), BAYER, EXPOSURE, **options
+        )
 
 
 def test_the_published_chain_does_not_detect_photoelectrons_again() -> None:

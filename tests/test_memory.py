@@ -74,7 +74,9 @@ on_linux = pytest.mark.skipif(
 
 
 def bytes_per_pixel(script: str, *arguments: str) -> float:
-    done = subprocess.run([sys.executable, "-c", PEAK + script, *arguments], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK + script, *arguments], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     return float(done.stdout.splitlines()[-1])
 

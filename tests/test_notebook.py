@@ -22,7 +22,9 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.light.irradiance import RenderedFor
 
-MONO, BAYER, RGBIR = (ms.load_camera(name) for name in ("konnik_table1", "bayer_2mp", "rgbir_2mp"))
+MONO, BAYER, RGBIR = (
+    ms.load_camera(name) for name in ("konnik_table1", "bayer_2mp", "rgbir_2mp")
+)
 EXPOSURE = ms.Exposure(0.01)
 MOST_BYTES = 300_000
 VOID = ("img",)  # elements without an end
@@ -55,7 +57,9 @@ def shown(thing: Any) -> tuple[Page, np.ndarray]:
     html = thing._repr_html_()
     assert len(html.encode()) < MOST_BYTES
     found = re.findall(r"base64,([^\"]+)", html)
-    return Page(html), np.array(Image.open(io.BytesIO(base64.b64decode(found[0])))) if found else np.empty(0)
+    return Page(html), np.array(
+        Image.open(io.BytesIO(base64.b64decode(found[0])))
+    ) if found else np.empty(0)
 
 
 def noisy(camera: ms.Camera, shape: tuple[int, int], **options: Any) -> ms.Frames:
@@ -71,7 +75,9 @@ def test_dir_has_the_public_names_and_modules_are_imported_as_ever() -> None:
 
 @pytest.mark.parametrize("camera", [MONO, BAYER, RGBIR], ids=lambda camera: camera.name)
 @pytest.mark.parametrize("shape", [(1, 1), (3, 3), (1, 1900), (240, 250), (700, 300)])
-def test_frames_of_any_shape_show_their_first_one(camera: ms.Camera, shape: tuple[int, int]) -> None:
+def test_frames_of_any_shape_show_their_first_one(
+    camera: ms.Camera, shape: tuple[int, int]
+) -> None:
     """Small frames are the preview itself, pixel by pixel; larger ones have its proportions."""
     frames = noisy(camera, shape)
     page, picture = shown(frames)
@@ -79,12 +85,16 @@ def test_frames_of_any_shape_show_their_first_one(camera: ms.Camera, shape: tupl
     if shape[0] * shape[1] < 60_000:
         np.testing.assert_array_equal(picture, frames.preview())
     else:
-        assert picture.shape[0] / picture.shape[1] == pytest.approx(shape[0] / shape[1], rel=0.05)
+        assert picture.shape[0] / picture.shape[1] == pytest.approx(
+            shape[0] / shape[1], rel=0.05
+        )
 
 
 def test_a_picture_of_a_large_frame_has_the_colours_of_the_whole() -> None:
     """A flat field from bins of 2 × 2 red, green, blue and infrared pixels each: the median colour of the preview."""
-    frames = ms.expose(np.full((600, 400, 1), 1500.0), RGBIR, EXPOSURE, wavelengths_nm=[600.0], origin=(1, 3))
+    frames = ms.expose(
+        np.full((600, 400, 1), 1500.0), RGBIR, EXPOSURE, wavelengths_nm=[600.0], origin=(1, 3)
+    )
     _, picture = shown(frames)
     assert picture.shape[:2] < (600, 400)
     whole = np.median(frames.preview().reshape(-1, 3), axis=0)
@@ -110,12 +120,23 @@ def test_no_text_becomes_an_element() -> None:
 
 def test_camera_plan_and_budget_show_their_numbers() -> None:
     frames = noisy(MONO, (16, 16))
-    plan, budget = ms.plan(MONO, EXPOSURE, frames.light, tolerance_dn=0.02), frames.noise_budget()
+    plan, budget = (
+        ms.plan(MONO, EXPOSURE, frames.light, tolerance_dn=0.02),
+        frames.noise_budget(),
+    )
     for effect in plan.effects:
-        assert f"{effect.stage}\n{'kept' if effect.kept else 'left out'}\n" in shown(plan)[0].text
+        assert (
+            f"{effect.stage}\n{'kept' if effect.kept else 'left out'}\n" in shown(plan)[0].text
+        )
     for entry in budget.entries:
-        assert f"{entry.source}\n{entry.mean_dn:.5g}\n{entry.rms_dn:.4g}\n" in shown(budget)[0].text
-    assert all(text in shown(MONO)[0].text for text in ("1900 × 1300 pixels", "33000 e-", "12 bits", "f/2.8"))
+        assert (
+            f"{entry.source}\n{entry.mean_dn:.5g}\n{entry.rms_dn:.4g}\n"
+            in shown(budget)[0].text
+        )
+    assert all(
+        text in shown(MONO)[0].text
+        for text in ("1900 × 1300 pixels", "33000 e-", "12 bits", "f/2.8")
+    )
 
 
 def test_the_longest_bar_of_a_budget_is_that_of_the_largest_variance() -> None:
@@ -129,11 +150,21 @@ def test_light_of_one_wavelength_is_grey_and_of_the_visible_has_its_colour(light
     """A red band beside dark ones is red; in a single band nothing is known of colours."""
     data = np.zeros((4, 5, 3), np.float32)
     data[..., 2] = 1e-5
-    red = replace(light, data=data, wavelengths_nm=np.array([450.0, 550.0, 620.0]), bandwidths_nm=np.full(3, 10.0))
+    red = replace(
+        light,
+        data=data,
+        wavelengths_nm=np.array([450.0, 550.0, 620.0]),
+        bandwidths_nm=np.full(3, 10.0),
+    )
     page, picture = shown(red)
     assert "5 × 4 pixels" in page.text
     assert (picture[..., 0] == 255).all() and (picture[..., 1:] < 100).all()
-    one = replace(light, data=data[..., 2:], wavelengths_nm=np.array([850.0]), bandwidths_nm=np.array([10.0]))
+    one = replace(
+        light,
+        data=data[..., 2:],
+        wavelengths_nm=np.array([850.0]),
+        bandwidths_nm=np.array([10.0]),
+    )
     assert shown(one)[1].shape == (4, 5)
 
 
@@ -150,19 +181,31 @@ def taken() -> ms.Capture:
     return ms.capture(scene, BAYER, ms.Exposure(0.02, 310.0), serial=9, seed=4, spp=4, width=24)
 
 
-def test_a_preview_is_the_frame_png_in_the_light_of_the_scene(taken: ms.Capture, tmp_path: Path) -> None:
+def test_a_preview_is_the_frame_png_in_the_light_of_the_scene(
+    taken: ms.Capture, tmp_path: Path
+) -> None:
     taken.save(tmp_path)
-    np.testing.assert_array_equal(np.array(Image.open(tmp_path / "frame.png")), taken.frames.preview())
+    np.testing.assert_array_equal(
+        np.array(Image.open(tmp_path / "frame.png")), taken.frames.preview()
+    )
     alone = noisy(BAYER, (6, 6))
-    assert (alone.preview(gain=2.0).mean() > alone.preview().mean()) and alone.light.illuminant is None
+    assert (
+        alone.preview(gain=2.0).mean() > alone.preview().mean()
+    ) and alone.light.illuminant is None
 
 
-def test_frames_save_what_a_capture_saves_but_the_light(taken: ms.Capture, tmp_path: Path) -> None:
+def test_frames_save_what_a_capture_saves_but_the_light(
+    taken: ms.Capture, tmp_path: Path
+) -> None:
     taken.save(tmp_path / "capture")
     taken.frames.save(tmp_path / "frames")
     for name in ("frame.tiff", "frame.png"):
-        assert (tmp_path / "frames" / name).read_bytes() == (tmp_path / "capture" / name).read_bytes()
-    frames, whole = (json.loads((tmp_path / one / "frame.json").read_text()) for one in ("frames", "capture"))
+        assert (tmp_path / "frames" / name).read_bytes() == (
+            tmp_path / "capture" / name
+        ).read_bytes()
+    frames, whole = (
+        json.loads((tmp_path / one / "frame.json").read_text()) for one in ("frames", "capture")
+    )
     same = set(frames) - {"notes", "counts"}
     assert {"camera", "exposure", "seeds", "image", "colour", "stages"} < same
     assert {name: frames[name] for name in same} == {name: whole[name] for name in same}
@@ -174,7 +217,11 @@ def test_no_clean_frame_of_an_older_capture_stays_beside_frames_that_are_saved(
     ms.capture(taken.light, clean=True).save(tmp_path)
     assert (tmp_path / "clean.tiff").exists() and (tmp_path / "temporal_variance.tiff").exists()
     taken.frames.save(tmp_path)
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["frame.json", "frame.png", "frame.tiff"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == [
+        "frame.json",
+        "frame.png",
+        "frame.tiff",
+    ]
 
 
 def test_frames_are_saved_all_or_none(tmp_path: Path) -> None:
@@ -190,7 +237,9 @@ def test_an_exposure_of_light_is_that_of_its_photons(taken: ms.Capture) -> None:
     np.testing.assert_array_equal(ms.expose(light, seed=4).digital, taken.frames.digital)
     np.testing.assert_array_equal(next(ms.stream(light, seed=4)), taken.frames.digital[0])
     other = ms.expose(ms.collect(light, BAYER, EXPOSURE), BAYER, EXPOSURE, serial=2)
-    np.testing.assert_array_equal(ms.expose(light, BAYER, EXPOSURE, serial=2).digital, other.digital)
+    np.testing.assert_array_equal(
+        ms.expose(light, BAYER, EXPOSURE, serial=2).digital, other.digital
+    )
     sensor = ms.Sensor(BAYER, serial=2)
     np.testing.assert_array_equal(sensor.expose(light, EXPOSURE).digital, other.digital)
 
@@ -205,7 +254,9 @@ def test_light_that_remembers_nothing_needs_a_camera_and_is_metered(light: Any) 
 
 
 def test_light_in_place_of_photons_is_one_sentence(light: Any) -> None:
-    with pytest.raises(InputError, match=r"photons is not numeric; pass .* collect\(light, camera, exposure\)"):
+    with pytest.raises(
+        InputError, match=r"photons is not numeric; pass .* collect\(light, camera, exposure\)"
+    ):
         ms.plan(MONO, EXPOSURE, light)
     with pytest.raises(InputError, match="camera is None; pass a Camera"):
         ms.expose(np.ones((2, 2)))
@@ -215,7 +266,12 @@ def test_a_tiff_of_raw_frames_comes_back(tmp_path: Path) -> None:
     frames = noisy(MONO, (5, 6), frames=2)
     ms.write_tiff(str(tmp_path / "a.tiff"), frames.digital)
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tiff"), frames.digital)
-    for wrong in (frames.digital.astype(np.int64), "text", np.empty((0, 3), np.uint16), frames.digital[0, 0]):
+    for wrong in (
+        frames.digital.astype(np.int64),
+        "text",
+        np.empty((0, 3), np.uint16),
+        frames.digital[0, 0],
+    ):
         with pytest.raises(InputError, match="frames"):
             ms.write_tiff(tmp_path / "b.tiff", wrong)  # type: ignore[arg-type]
     assert not (tmp_path / "b.tiff").exists()
@@ -223,7 +279,9 @@ def test_a_tiff_of_raw_frames_comes_back(tmp_path: Path) -> None:
 
 def test_in_a_terminal_frames_light_and_photons_are_one_line_each() -> None:
     """Not their arrays."""
-    found = ms.capture(SCENES / "step_wedge.xml", BAYER, EXPOSURE, spp=1, parameters={"width": 16})
+    found = ms.capture(
+        SCENES / "step_wedge.xml", BAYER, EXPOSURE, spp=1, parameters={"width": 16}
+    )
     for one in (found, found.frames, found.light, found.photons, ms.Photons(np.ones((2, 3)))):
         assert re.fullmatch(r"<\w+: .{5,250}>", repr(one)), repr(one)
     assert "of bayer_2mp at 0.01 s" in repr(found) and " × 16, " in repr(found.light)

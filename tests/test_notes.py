@@ -42,7 +42,9 @@ def of_bayer(tmp_path_factory: pytest.TempPathFactory) -> Any:
         return ms.render(write_scene(folder, scene_text(SKY)), BAYER, EXPOSURE, **SMALL)
 
 
-def test_light_of_another_camera_is_told_in_python_once_at_the_line_of_the_call(of_bayer: Any) -> None:
+def test_light_of_another_camera_is_told_in_python_once_at_the_line_of_the_call(
+    of_bayer: Any,
+) -> None:
     """sony_imx174 sees 350 to 1000 nm: 30.4 % of a flat spectrum were not rendered for it."""
     said = "nothing was rendered beyond 390 to 710 nm, where the mono pixels of this camera detect 30.4%"
     sensor, photons = ms.Sensor(WIDER), ms.collect(of_bayer, WIDER, EXPOSURE)
@@ -68,8 +70,9 @@ def test_a_lens_that_the_light_did_not_come_through_is_told(of_bayer: Any) -> No
     """Four times less light would come through it; the frames are those of the first lens."""
     slower = BAYER.replace(**{"lens.f_number": 5.6})
     frames, (warning,) = told(lambda: ms.expose(of_bayer, slower, EXPOSURE))
-    assert "behind the lens of bayer_2mp (f/2.8) already, and the lens of bayer_2mp (f/5.6) is not" in str(
-        warning.message
+    assert (
+        "behind the lens of bayer_2mp (f/2.8) already, and the lens of bayer_2mp (f/5.6) is not"
+        in str(warning.message)
     )
     np.testing.assert_array_equal(frames.digital, ms.expose(of_bayer).digital)
 
@@ -82,23 +85,34 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
     write_irradiance_exr(tmp_path / "light.exr", noisy)
     odd = ms.Exposure(1e-3, 25.0)
     frames = ms.capture(tmp_path / "light.exr", WIDER, odd).frames
-    for part in ("if 25 is in °C, write 298.15", "is the render's, not the camera's", "30.4% of a flat spectrum"):
+    for part in (
+        "if 25 is in °C, write 298.15",
+        "is the render's, not the camera's",
+        "30.4% of a flat spectrum",
+    ):
         assert sum(part in note for note in frames.notes) == 1
     flags = ("--camera", "sony_imx174", "--exposure-s", "0.001", "--temperature-k", "25")
-    printed, caught = told(lambda: cli("expose", tmp_path / "light.exr", "-o", tmp_path / "out", *flags))
+    printed, caught = told(
+        lambda: cli("expose", tmp_path / "light.exr", "-o", tmp_path / "out", *flags)
+    )
     assert not caught and "SensorWarning" not in printed.stderr
     shown = " ".join(printed.stdout.split())
     assert all(f"note: {note}" in shown for note in frames.notes)
     frames.save(tmp_path / "alone")
     for folder in ("out", "alone"):
-        assert json.loads((tmp_path / folder / "frame.json").read_text("utf-8"))["notes"] == list(frames.notes)
+        assert json.loads((tmp_path / folder / "frame.json").read_text("utf-8"))[
+            "notes"
+        ] == list(frames.notes)
     assert " · ".join(frames.notes) in html.unescape(frames._repr_html_())
 
 
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: ms.expose(np.full((2, 1901), 9.0), TABLE1, EXPOSURE), "1901 × 2 pixels, and konnik_table1 has 1900"),
+        (
+            lambda: ms.expose(np.full((2, 1901), 9.0), TABLE1, EXPOSURE),
+            "1901 × 2 pixels, and konnik_table1 has 1900",
+        ),
         (
             lambda: ms.expose(FIVE, TABLE1, EXPOSURE, wavelengths_nm=[1200.0]),
             "100 % of the photons are in a band at 1200",
@@ -107,20 +121,32 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
             lambda: ms.expose(FIVE[..., 0], TABLE1, EXPOSURE, wavelengths_nm=[0.55]),
             "not detected: the QE curve of konnik",
         ),
-        (lambda: ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS), "100% of the pixels are saturated at 0.01 s; "),
-        (lambda: ms.expose(FIVE, TABLE1, ms.Exposure(0.01, 25.0), **BANDS), "if 25 is in °C, write 298.15"),
         (
-            lambda: ms.expose(FIVE, TABLE1.replace(**{"pixel.pitch_x_um": 5.7e-6}), EXPOSURE, **BANDS),
+            lambda: ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS),
+            "100% of the pixels are saturated at 0.01 s; ",
+        ),
+        (
+            lambda: ms.expose(FIVE, TABLE1, ms.Exposure(0.01, 25.0), **BANDS),
+            "if 25 is in °C, write 298.15",
+        ),
+        (
+            lambda: ms.expose(
+                FIVE, TABLE1.replace(**{"pixel.pitch_x_um": 5.7e-6}), EXPOSURE, **BANDS
+            ),
             "pixel.pitch_x_um is 5.7e-06, and 0.3 to 200 is usual: if 5.7e-06 is in metres, write 5.7",
         ),
         (
-            lambda: ms.expose(FIVE, TABLE1.replace(**{"adc.full_scale_v": 0.165 / 200}), EXPOSURE, **BANDS),
+            lambda: ms.expose(
+                FIVE, TABLE1.replace(**{"adc.full_scale_v": 0.165 / 200}), EXPOSURE, **BANDS
+            ),
             "and a full well fills 200 of it; if the highest code is a full well, leave it out, or write 0.165",
         ),
     ],
     ids=["size", "band", "micrometres", "clipped", "celsius", "datasheet", "full scale"],
 )
-def test_a_result_that_was_probably_not_meant_is_a_warning_and_a_note(call: Callable[[], Any], said: str) -> None:
+def test_a_result_that_was_probably_not_meant_is_a_warning_and_a_note(
+    call: Callable[[], Any], said: str
+) -> None:
     frames, (warning,) = told(call)
     assert said in str(warning.message) and sum(said in note for note in frames.notes) == 1
 
@@ -135,7 +161,9 @@ def test_photons_that_an_infrared_filter_absorbs_are_a_note_and_no_warning() -> 
     both = np.concatenate([FIVE, 3 * FIVE], axis=2)
     frames, none = told(lambda: ms.expose(both, BAYER, EXPOSURE, wavelengths_nm=[550.0, 850.0]))
     (note,) = frames.notes
-    assert not none and note.startswith("75 % of the photons are in a band at 850 nm and not detected")
+    assert not none and note.startswith(
+        "75 % of the photons are in a band at 850 nm and not detected"
+    )
 
 
 @pytest.mark.parametrize(("share", "noted"), [(0.15, False), (0.3, True)])
@@ -143,41 +171,66 @@ def test_saturated_pixels_are_noted_from_a_fifth_of_them_on(share: float, noted:
     """The share is that of the pixels; of a flat field at the full well half of them."""
     photons = np.where(np.arange(400).reshape(20, 20) < 400 * share, 1e6, 10.0)
     frames, caught = told(lambda: ms.expose(photons[..., None], TABLE1, EXPOSURE, **BANDS))
-    assert len(caught) == noted and any(f"{share:.0%} of the pixels" in note for note in frames.notes) == noted
+    assert (
+        len(caught) == noted
+        and any(f"{share:.0%} of the pixels" in note for note in frames.notes) == noted
+    )
     well = TABLE1.pixel.full_well_e / float(TABLE1.qe([550.0])[0, 0])
     low_scale = TABLE1.replace(**{"adc.full_scale_v": 0.33})
-    (note,) = told(lambda: ms.expose(np.full((8, 8, 1), well), low_scale, ms.Exposure(0.0), **BANDS))[0].notes
+    (note,) = told(
+        lambda: ms.expose(np.full((8, 8, 1), well), low_scale, ms.Exposure(0.0), **BANDS)
+    )[0].notes
     assert note.startswith("50% of the pixels are saturated")
 
 
-def test_what_is_black_in_a_scene_is_a_warning_of_its_render_and_not_of_its_frames(tmp_path: Path) -> None:
+def test_what_is_black_in_a_scene_is_a_warning_of_its_render_and_not_of_its_frames(
+    tmp_path: Path,
+) -> None:
     """D65 ends at 830 nm; the camera sees on to 1000."""
     path = write_scene(
-        tmp_path, scene_text('<emitter type="constant"><spectrum type="d65" name="radiance"/></emitter>')
+        tmp_path,
+        scene_text('<emitter type="constant"><spectrum type="d65" name="radiance"/></emitter>'),
     )
     light, (warning,) = told(lambda: ms.render(path, WIDER, EXPOSURE, **SMALL))
-    assert "black outside 360 to 830 nm" in str(warning.message) and warning.filename == __file__
-    assert light.notes == light.statistics.notes and str(warning.message) in " · ".join(light.notes)
+    assert (
+        "black outside 360 to 830 nm" in str(warning.message) and warning.filename == __file__
+    )
+    assert light.notes == light.statistics.notes and str(warning.message) in " · ".join(
+        light.notes
+    )
     frames, others = told(lambda: ms.expose(light))
-    assert not any("black outside" in str(one.message) for one in others) and set(light.notes) < set(frames.notes)
+    assert not any("black outside" in str(one.message) for one in others) and set(
+        light.notes
+    ) < set(frames.notes)
     assert len(told(lambda: ms.capture(path, WIDER, EXPOSURE, **SMALL))[1]) == 1
-    series = ms.render_frames(path, WIDER, EXPOSURE, render_noise="per-frame", frames=2, **SMALL)
+    series = ms.render_frames(
+        path, WIDER, EXPOSURE, render_noise="per-frame", frames=2, **SMALL
+    )
     assert [len(told(lambda: next(series))[1]) for _ in range(2)] == [1, 0]
 
 
-def test_noise_of_a_render_for_every_frame_is_no_grain_of_the_picture(of_bayer: Any, tmp_path: Path) -> None:
+def test_noise_of_a_render_for_every_frame_is_no_grain_of_the_picture(
+    of_bayer: Any, tmp_path: Path
+) -> None:
     """Only where all frames share a render, its noise stays in their mean."""
     few = {**SMALL, "spp": 2}
     path = write_scene(
-        tmp_path, scene_text(SKY, '<shape type="sphere"><point name="center" z="4" x="0" y="0"/></shape>')
+        tmp_path,
+        scene_text(
+            SKY, '<shape type="sphere"><point name="center" z="4" x="0" y="0"/></shape>'
+        ),
     )
     shared = ms.capture(path, TABLE1, ms.Exposure(0.1), **few).frames
-    own = next(ms.render_frames(path, TABLE1, ms.Exposure(0.1), render_noise="per-frame", **few)).frames
+    own = next(
+        ms.render_frames(path, TABLE1, ms.Exposure(0.1), render_noise="per-frame", **few)
+    ).frames
     assert any("is the render's" in note for note in shared.notes)
     assert not any("is the render's" in note for note in own.notes)
 
 
-def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Neither a report nor a plan nor another frame is computed for a warning."""
     from mitsuba_sensor.output import frames
     from mitsuba_sensor.theory import planned_exposure

@@ -39,13 +39,18 @@ def study(kit: Kit) -> Study:
 
 
 def table(study: Study, title: str) -> Table:
-    return next(part for part in study.parts if isinstance(part, Table) and part.title.startswith(title))
+    return next(
+        part for part in study.parts if isinstance(part, Table) and part.title.startswith(title)
+    )
 
 
 def checks(study: Study) -> Iterator[tuple[Any, ...]]:
     """What, unit, closed form, measured, may differ by, verdict."""
     yield from (
-        row for part in study.parts if isinstance(part, Table) and part.columns[-1] == "verdict" for row in part.rows
+        row
+        for part in study.parts
+        if isinstance(part, Table) and part.columns[-1] == "verdict"
+        for row in part.rows
     )
 
 
@@ -58,50 +63,75 @@ def check(study: Study, name: str) -> tuple[Any, ...]:
 
 def test_the_closed_forms_are_those_of_table_1() -> None:
     """K = 4096/33 000; c4(64) = 0.996040; V/V 1.05: 1.025 at half a well, 1.05 and slope 1.10 at a full one."""
-    assert pytest.approx(0.1241212, abs=5e-8) == GAIN and c4(64) == pytest.approx(0.996040, abs=5e-7)
+    assert pytest.approx(0.1241212, abs=5e-8) == GAIN and c4(64) == pytest.approx(
+        0.996040, abs=5e-7
+    )
     curved = Response(vv=1.05)
-    for electrons, ratio, slope in ((1e-3, 1.0, 1.0), (WELL / 2, 1.025, 1.05), (WELL, 1.05, 1.10)):
+    for electrons, ratio, slope in (
+        (1e-3, 1.0, 1.0),
+        (WELL / 2, 1.025, 1.05),
+        (WELL, 1.05, 1.10),
+    ):
         assert float(curved.signal(electrons)) / GAIN / electrons == pytest.approx(ratio)
         assert float(curved.slope(electrons)) / GAIN == pytest.approx(slope)
 
 
-def test_the_slope_of_every_response_is_its_derivative_and_its_inverse_gives_the_electrons_back() -> None:
+def test_the_slope_of_every_response_is_its_derivative_and_its_inverse_gives_the_electrons_back() -> (
+    None
+):
     for response in (*RESPONSES.values(), transfer.NARROW):
         for electrons in (200.0, 5e3, 2e4, 3.2e4):
             rise = float(response.signal(electrons + 1) - response.signal(electrons - 1)) / 2
             assert float(response.slope(electrons)) == pytest.approx(rise, rel=1e-7)
             signal = response.signal(electrons) - response.signal(100.0)
-            assert float(response.electrons(signal, 100.0)) == pytest.approx(electrons, rel=1e-6)
+            assert float(response.electrons(signal, 100.0)) == pytest.approx(
+                electrons, rel=1e-6
+            )
 
 
-def test_at_equal_dn_the_vv_curve_lowers_the_snr_of_a_full_well_by_7_percent_and_the_adc_raises_it() -> None:
+def test_at_equal_dn_the_vv_curve_lowers_the_snr_of_a_full_well_by_7_percent_and_the_adc_raises_it() -> (
+    None
+):
     """−6.85 % against a linear camera with the gain of small signals; shot noise alone."""
-    snr = float(Response(vv=1.05).signal(WELL) / Response(vv=1.05).slope(WELL)) / math.sqrt(WELL)
+    snr = float(Response(vv=1.05).signal(WELL) / Response(vv=1.05).slope(WELL)) / math.sqrt(
+        WELL
+    )
     assert snr / math.sqrt(1.05 * WELL) - 1 == pytest.approx(-0.0685, abs=5e-5)
     for level in (500.0, 2000.0, 3800.0):
-        linear, adc = (float(RESPONSES[name].snr(level, 0.0)) for name in (camera.LINEAR, camera.ONLY_ADC))
+        linear, adc = (
+            float(RESPONSES[name].snr(level, 0.0)) for name in (camera.LINEAR, camera.ONLY_ADC)
+        )
         assert adc > linear
 
 
-def test_the_expected_non_whiteness_is_1_0007_for_white_lines_and_1_4427_for_columns_alone() -> None:
+def test_the_expected_non_whiteness_is_1_0007_for_white_lines_and_1_4427_for_columns_alone() -> (
+    None
+):
     white = [pattern.expected_f(row, pattern.WITHOUT, FULL) for row in TABLE_2]
     assert white == pytest.approx([1.00065] * 4, abs=1e-5)
     assert pattern.median_power(0.01, 512) == pytest.approx(0.01 + 0.99 * math.log(2), rel=1e-3)
 
 
 @pytest.mark.parametrize("white", [0.1, 0.5, 0.96])
-def test_the_median_of_a_spectrum_is_that_of_columns_and_white_noise_drawn_at_random(white: float) -> None:
+def test_the_median_of_a_spectrum_is_that_of_columns_and_white_noise_drawn_at_random(
+    white: float,
+) -> None:
     """20 000 frequencies of 40 lines: |a + b|² averaged, to 5 standard errors of the median or less (3 %)."""
     rng = np.random.default_rng(3)
     normal = rng.standard_normal((2, 41, 20_000))
     both = (normal[0] + 1j * normal[1]) / math.sqrt(2)
-    power = np.square(np.abs(math.sqrt(1 - white) * both[0] + math.sqrt(white) * both[1:])).mean(axis=0)
+    power = np.square(
+        np.abs(math.sqrt(1 - white) * both[0] + math.sqrt(white) * both[1:])
+    ).mean(axis=0)
     assert pattern.median_power(white, 40) == pytest.approx(np.median(power), rel=0.03)
 
 
 def test_a_check_that_is_1_percent_off_or_not_a_number_fails() -> None:
     assert Check("K", "DN/e-", 1.0, 1.0 + 4e-3, 5e-3).holds
-    assert not Check("K", "DN/e-", 1.0, 1.01, 5e-3).holds and not Check("K", "DN/e-", 1.0, math.nan, 5e-3).holds
+    assert (
+        not Check("K", "DN/e-", 1.0, 1.01, 5e-3).holds
+        and not Check("K", "DN/e-", 1.0, math.nan, 5e-3).holds
+    )
 
 
 # What is measured
@@ -130,11 +160,15 @@ def test_everything_that_must_hold_does(study: Study) -> None:
         ("100 s: mean, saturated", 4095, 0.0),
     ],
 )
-def test_a_measured_number_is_that_of_its_closed_form(study: Study, name: str, closed_form: float, off: float) -> None:
+def test_a_measured_number_is_that_of_its_closed_form(
+    study: Study, name: str, closed_form: float, off: float
+) -> None:
     """off : relative, about 5 standard errors of this small form."""
     _, _, expected, measured, allowed, _ = check(study, name)
     assert expected == pytest.approx(closed_form, rel=1e-4 if closed_form != -6.85 else 1e-3)
-    assert measured == pytest.approx(expected, rel=off) and allowed <= max(2 * off * abs(expected), 1e-12)
+    assert measured == pytest.approx(expected, rel=off) and allowed <= max(
+        2 * off * abs(expected), 1e-12
+    )
 
 
 def test_the_full_form_would_see_a_prnu_that_is_1_percent_off() -> None:
@@ -168,7 +202,9 @@ def test_published_numbers_stand_beside_ours(study: Study) -> None:
 def test_every_gap_has_its_sentence(study: Study) -> None:
     gaps = table(study, "What the text prints").rows
     text = " ".join(str(why) for _, why in gaps)
-    assert "Fig. 7" in {where for where, _ in gaps} and all(str(why).endswith(".") for _, why in gaps)
+    assert "Fig. 7" in {where for where, _ in gaps} and all(
+        str(why).endswith(".") for _, why in gaps
+    )
     for part in (
         "without data",
         "F = 0.999",
@@ -206,9 +242,14 @@ def test_the_page_has_units_everywhere_and_eight_series_at_most(study: Study) ->
 
 
 def test_figures_of_two_scales_are_drawn_in_both(study: Study) -> None:
-    plots = {part.title: (part.log_x, part.log_y) for part in study.parts if isinstance(part, Plot)}
+    plots = {
+        part.title: (part.log_x, part.log_y) for part in study.parts if isinstance(part, Plot)
+    }
     for figure in ("Fig. 3", "Fig. 4"):
-        assert {scales for title, scales in plots.items() if title.startswith(figure)} == {(False, False), (True, True)}
+        assert {scales for title, scales in plots.items() if title.startswith(figure)} == {
+            (False, False),
+            (True, True),
+        }
 
 
 def test_the_terminal_shows_40_lines_at_most(study: Study) -> None:
@@ -224,15 +265,27 @@ def test_nothing_is_measured_twice(kit: Kit, study: Study, tmp_path: Path) -> No
     assert json.dumps(same.to_dict()) == json.dumps(study.to_dict())
 
 
-def test_the_command_writes_every_picture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_command_writes_every_picture(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def short(kit: Kit) -> Study:
         kit.measure("one", 1.0, lambda: 1)
-        plots = tuple(Plot(f"plot {k}", "x [s]", "y [DN]", (Line("a", (1.0, 2.0), (1.0, 2.0)),)) for k in range(3))
+        plots = tuple(
+            Plot(f"plot {k}", "x [s]", "y [DN]", (Line("a", (1.0, 2.0), (1.0, 2.0)),))
+            for k in range(3)
+        )
         return study_of("paper", "title", [Section(("found",), True, plots)])
 
     monkeypatch.setattr(paper_pages, "measure_paper", lambda kit, size: short(kit))
     for _ in range(2):
         assert paper_pages.main(["-o", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))["passed"]
-    left = {"study.html", "study.json", "measurements", "paper.png", "paper-2.png", "paper-3.png"}
+    left = {
+        "study.html",
+        "study.json",
+        "measurements",
+        "paper.png",
+        "paper-2.png",
+        "paper-3.png",
+    }
     assert {path.name for path in (tmp_path / "out").iterdir()} == left

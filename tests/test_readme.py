@@ -31,7 +31,8 @@ COMMANDS = [FIRST] + [line for line in SHELL if line.startswith("mitsuba-sensor"
 
 
 LATER = [
-    line if re.search("night|mitsuba-sensor plan|cameras new", line) else exhaustive(line) for line in COMMANDS[1:]
+    line if re.search("night|mitsuba-sensor plan|cameras new", line) else exhaustive(line)
+    for line in COMMANDS[1:]
 ]
 """The first command is run by itself."""
 
@@ -47,14 +48,22 @@ class Checkout:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.ran = folder, set[str]()
-        for name in ("scenes", "examples"):  # no links: a dataset reads nothing outside of the folder
+        for name in (
+            "scenes",
+            "examples",
+        ):  # no links: a dataset reads nothing outside of the folder
             shutil.copytree(ROOT / name, folder / name)
 
     def run(self, command: str) -> str:
         """Run a line in a shell that finds this environment's programs; its standard output."""
         path = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
         done = subprocess.run(
-            command, shell=True, cwd=self.folder, env={**os.environ, "PATH": path}, capture_output=True, text=True
+            command,
+            shell=True,
+            cwd=self.folder,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
         )
         assert done.returncode == 0, f"{command}\n{done.stderr}"
         self.ran.add(command)
@@ -63,7 +72,9 @@ class Checkout:
     def run_after_what_it_reads(self, command: str) -> str:
         """The same, after the first command that writes a file that this one reads."""
         for earlier in COMMANDS[: COMMANDS.index(command)]:
-            if earlier not in self.ran and written_by(earlier) in command.replace(f"-o {written_by(command)}", ""):
+            if earlier not in self.ran and written_by(earlier) in command.replace(
+                f"-o {written_by(command)}", ""
+            ):
                 self.run(earlier)
         return self.run(command)
 
@@ -85,17 +96,31 @@ def test_the_first_command_makes_the_picture_of_the_readme(checkout: Checkout) -
     raw = tifffile.imread(out / "frame.tiff")
     report = json.loads((out / "frame.json").read_text(encoding="utf-8"))
     assert raw.shape == (256, 384) and raw.dtype == np.uint16
-    assert {path.name for path in out.iterdir()} == {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
+    assert {path.name for path in out.iterdir()} == {
+        "frame.tiff",
+        "frame.png",
+        "irradiance.exr",
+        "frame.json",
+    }
     assert np.mean(raw == 2 ** report["camera"]["adc"]["bits"] - 1) < 0.05
     metering = report["origin"]["metering"]
     assert (metering["percentile"], metering["share_of_saturation"]) == (95, 0.7)
-    if report["render"]["variant"].startswith("llvm"):  # the light of scalar variants is denoised without guides
+    if report["render"]["variant"].startswith(
+        "llvm"
+    ):  # the light of scalar variants is denoised without guides
         assert report["render_noise"]["share_of_variance_median"] < 0.1 and not report["notes"]
-    shown, own = (np.asarray(Image.open(path)) for path in (ROOT / "docs/images/first_frame.png", out / "frame.png"))
-    assert np.corrcoef(shown.ravel(), own.ravel())[0, 1] > 0.9  # 0.96 where another time was metered: other noise
+    shown, own = (
+        np.asarray(Image.open(path))
+        for path in (ROOT / "docs/images/first_frame.png", out / "frame.png")
+    )
+    assert (
+        np.corrcoef(shown.ravel(), own.ravel())[0, 1] > 0.9
+    )  # 0.96 where another time was metered: other noise
 
 
-@pytest.mark.parametrize("command", LATER, ids=lambda line: " ".join(shlex.split(line, comments=True)[1:5]))
+@pytest.mark.parametrize(
+    "command", LATER, ids=lambda line: " ".join(shlex.split(line, comments=True)[1:5])
+)
 def test_a_command_of_the_readme_runs(command: str, checkout: Checkout) -> None:
     checkout.run_after_what_it_reads(command)
 
@@ -110,7 +135,12 @@ def test_the_readme_is_read_in_a_few_minutes() -> None:
 
 def test_the_readme_says_what_the_commands_cost() -> None:
     """Size of the download and of what it becomes, seconds and minutes, number of processors."""
-    for said in (r"\d+ MB of packages", r"\d+ MB on disk", r"\d+ s with LLVM", r"\d+ minutes on two cores"):
+    for said in (
+        r"\d+ MB of packages",
+        r"\d+ MB on disk",
+        r"\d+ s with LLVM",
+        r"\d+ minutes on two cores",
+    ):
         assert re.search(said, README), said
 
 

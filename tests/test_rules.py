@@ -16,9 +16,22 @@ MODULES = sorted(TESTS.rglob("test_*.py"))
 WAITS = TESTS / "helpers" / "waiting.py"
 """Waits for other processes end with a failure instead of never, and need a clock for that."""
 
-CLOCKS = {"monotonic", "perf_counter", "process_time", "thread_time", "clock_gettime", "ru_utime", "ru_stime"}
+CLOCKS = {
+    "monotonic",
+    "perf_counter",
+    "process_time",
+    "thread_time",
+    "clock_gettime",
+    "ru_utime",
+    "ru_stime",
+}
 CLOCKS |= {f"{name}_ns" for name in CLOCKS if "ru_" not in name}
-CLOCKS_OF_MODULES = {("time", "time"), ("time", "time_ns"), ("os", "times"), ("datetime", "now")}
+CLOCKS_OF_MODULES = {
+    ("time", "time"),
+    ("time", "time_ns"),
+    ("os", "times"),
+    ("datetime", "now"),
+}
 MODULES_WITH_CLOCKS = {"timeit", "cProfile", "profile"}
 
 
@@ -29,7 +42,11 @@ def clock_reads(tree: ast.Module) -> Iterator[str]:
             names = {alias.name for alias in node.names} & MODULES_WITH_CLOCKS
         elif isinstance(node, ast.ImportFrom):
             imported = {alias.name for alias in node.names}
-            names = {name for name in imported if name in CLOCKS or (node.module, name) in CLOCKS_OF_MODULES}
+            names = {
+                name
+                for name in imported
+                if name in CLOCKS or (node.module, name) in CLOCKS_OF_MODULES
+            }
             names |= {node.module or ""} & MODULES_WITH_CLOCKS
         elif isinstance(node, ast.Attribute):
             owner = getattr(node.value, "attr", getattr(node.value, "id", ""))
@@ -45,7 +62,8 @@ def test_no_test_reads_a_clock() -> None:
     reads = {
         path.relative_to(TESTS).as_posix(): found
         for path in (*MODULES, *TESTS.rglob("helpers/*.py"))
-        if path != WAITS and (found := list(clock_reads(ast.parse(path.read_text(encoding="utf-8")))))
+        if path != WAITS
+        and (found := list(clock_reads(ast.parse(path.read_text(encoding="utf-8")))))
     }
     assert not reads, reads
 
@@ -84,7 +102,11 @@ def test_every_module_has_quick_tests() -> None:
     without = []
     for path in MODULES:
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        tests = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
+        tests = [
+            node
+            for node in ast.walk(tree)
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+        ]
         marks = [{ast.unparse(mark) for mark in test.decorator_list} for test in tests]
         if all("pytest.mark.exhaustive" in names for names in marks) and tests:
             without.append(path.relative_to(TESTS).as_posix())

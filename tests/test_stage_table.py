@@ -14,14 +14,27 @@ def test_the_page_of_the_stages_has_the_table_that_is_made_of_the_effects() -> N
     assert stage_table() in (ROOT / "docs" / "stages.md").read_text("utf-8"), stage_table()
 
 
-def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_the_chip() -> None:
-    table, geometry = stage_table(), {"pixel.pitch_x_um", "pixel.pitch_y_um", "pixel.fill_factor"}
-    fields = {name for name in fields_of(Camera) if "." in name and name.split(".")[0] not in ("lens", "sensor")}
-    assert {name for name in fields if f"`{name}`" not in table and name.count(".") == 1} == geometry
+def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_the_chip() -> (
+    None
+):
+    table, geometry = (
+        stage_table(),
+        {"pixel.pitch_x_um", "pixel.pitch_y_um", "pixel.fill_factor"},
+    )
+    fields = {
+        name
+        for name in fields_of(Camera)
+        if "." in name and name.split(".")[0] not in ("lens", "sensor")
+    }
+    assert {
+        name for name in fields if f"`{name}`" not in table and name.count(".") == 1
+    } == geometry
 
 
 def test_every_effect_has_a_file_and_a_test_that_names_it() -> None:
-    tests = "".join(path.read_text("utf-8") for path in (ROOT / "tests/sensor").rglob("test_*.py"))
+    tests = "".join(
+        path.read_text("utf-8") for path in (ROOT / "tests/sensor").rglob("test_*.py")
+    )
     for effect in ORDER:
         assert effect.__module__.startswith("mitsuba_sensor.stages.effects.")
         assert effect.__name__ in tests, f"no test in tests/sensor names {effect.__name__}"

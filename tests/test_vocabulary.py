@@ -38,13 +38,26 @@ WORDS = (
     Word(r"brimming|flooded", "saturated"),
     Word(r"pedestals?", "black level"),
     Word(r"blinking|blinks?", "RTS (random telegraph signal)"),
-    Word(r"spend(s|ing|able)?|(un)?spent|unspendable", "compensate, compensated render noise; use, take (time)"),
+    Word(
+        r"spend(s|ing|able)?|(un)?spent|unspendable",
+        "compensate, compensated render noise; use, take (time)",
+    ),
     Word(r"shoot(s|ing)?", "render a frame"),
-    Word(r"devices?", "sensor window; chip, serial", allowed=r"GPU|CUDA|cuda|oidn\.Device|=device-width"),
+    Word(
+        r"devices?",
+        "sensor window; chip, serial",
+        allowed=r"GPU|CUDA|cuda|oidn\.Device|=device-width",
+    ),
     Word(r"rooms?", "domain (photons, electrons, volts, DN)", allowed=r"room temperature"),
     Word(r"words?", "random bits; options, arguments; text, label"),
-    Word(r"truth", "AOVs; reference", allowed=r"include_truth=False"),  # the keyword of getframes
-    Word(r"(column|row|pixel) offsets?", "DSNU_col, DSNU_row, DSNU_pixel in names", allowed=r"(column|row|pixel) off"),
+    Word(
+        r"truth", "AOVs; reference", allowed=r"include_truth=False"
+    ),  # the keyword of getframes
+    Word(
+        r"(column|row|pixel) offsets?",
+        "DSNU_col, DSNU_row, DSNU_pixel in names",
+        allowed=r"(column|row|pixel) off",
+    ),
     Word(r"column gains?", "PRNU_col in names", allowed=r"column gain"),
     Word(r"light electrons?", "photoelectrons"),
     Word(r"dark laws?", "dark-current model"),
@@ -87,7 +100,11 @@ SUFFIXES = (".py", ".md", ".toml", ".xml")
 def files_of(name: str) -> list[Path]:
     """The file of this name, or the files below the folder of this name."""
     path = ROOT / name
-    return [path] if path.is_file() else [file for file in sorted(path.rglob("*")) if file.suffix in SUFFIXES]
+    return (
+        [path]
+        if path.is_file()
+        else [file for file in sorted(path.rglob("*")) if file.suffix in SUFFIXES]
+    )
 
 
 def faults(text: str, name: str) -> list[str]:
@@ -108,15 +125,23 @@ def faults_of_first_line(path: Path) -> list[str]:
     """What is wrong with the first line of a module, which must be one sentence."""
     docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     first, name = docstring.partition("\n")[0], str(path.relative_to(ROOT))
-    if not re.fullmatch(r"([A-Z`(µσ0-9]|[a-z(), -]+: ).{12,}[^.]\.", first) or re.search(r"[a-z)]\. [A-Z]", first):
-        return [f"{name}: the first line must be one sentence that says what the module computes: {first!r}"]
+    if not re.fullmatch(r"([A-Z`(µσ0-9]|[a-z(), -]+: ).{12,}[^.]\.", first) or re.search(
+        r"[a-z)]\. [A-Z]", first
+    ):
+        return [
+            f"{name}: the first line must be one sentence that says what the module computes: {first!r}"
+        ]
     return faults(first, name)
 
 
 @pytest.mark.parametrize("name", SCANNED)
 def test_no_word_of_the_table_is_used(name: str) -> None:
     assert files_of(name)
-    found = [fault for path in files_of(name) for fault in faults(path.read_text("utf-8"), str(path.relative_to(ROOT)))]
+    found = [
+        fault
+        for path in files_of(name)
+        for fault in faults(path.read_text("utf-8"), str(path.relative_to(ROOT)))
+    ]
     assert not found, "\n".join(found)
 
 
@@ -129,7 +154,10 @@ def test_the_first_line_of_every_module_says_what_it_computes(name: str) -> None
 
 def helps(command: Any, name: str = "mitsuba-sensor") -> dict[str, str]:
     """What the help of a command and of all commands below it says, by name; options with their names."""
-    options = [" ".join((*option.opts, str(getattr(option, "help", "") or ""))) for option in command.params]
+    options = [
+        " ".join((*option.opts, str(getattr(option, "help", "") or "")))
+        for option in command.params
+    ]
     found = {name: "\n".join((name, command.help or "", command.epilog or "", *options))}
     for inner_name, inner in getattr(command, "commands", {}).items():
         found |= helps(inner, f"{name} {inner_name}")
@@ -140,11 +168,22 @@ def test_the_help_of_the_command_line_uses_no_word_of_the_table() -> None:
     texts = helps(typer.main.get_command(app))
     found = [fault for name, text in texts.items() for fault in faults(text, name)]
     for name, text in texts.items():
-        found += [f"{name}: {old}: use {new}" for old, new in RETIRED_OPTIONS.items() if re.search(rf"{old}\b", text)]
+        found += [
+            f"{name}: {old}: use {new}"
+            for old, new in RETIRED_OPTIONS.items()
+            if re.search(rf"{old}\b", text)
+        ]
     assert len(texts) > 8 and not found, "\n".join(found)
 
 
 def test_a_word_is_found_in_names_and_in_prose_but_not_inside_others() -> None:
-    assert len(faults("class RowOffset: self.column_offset_v = 1\nlanes = 2  # the pedestal", "x.py")) == 3
+    assert (
+        len(
+            faults(
+                "class RowOffset: self.column_offset_v = 1\nlanes = 2  # the pedestal", "x.py"
+            )
+        )
+        == 3
+    )
     assert not faults("keyword planes doorway reword an eyepiece", "x.py")
     assert not faults("memory of the device on CUDA", "x.py")

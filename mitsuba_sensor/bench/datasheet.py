@@ -25,7 +25,9 @@ class Said(NamedTuple):
     high: float
 
 
-def expected(camera: Camera, exposure: Exposure, efficiency: float | None, pixels: int) -> dict[str, Said]:
+def expected(
+    camera: Camera, exposure: Exposure, efficiency: float | None, pixels: int
+) -> dict[str, Said]:
     """Figures by symbol, of so many pixels behind one colour filter. What the camera does not have is 0.
 
     Means over the pixels of one chip differ from the model's by what is left of its fixed patterns, 4 σ/√pixels here.
@@ -34,7 +36,12 @@ def expected(camera: Camera, exposure: Exposure, efficiency: float | None, pixel
     exposure : of the flat fields and of the dark frames beside them.
     efficiency : QE of the filter for the light; without it there is none.
     """
-    figures, readout, pixel, dark = emva_figures(camera, exposure), camera.readout, camera.pixel, camera.dark_current
+    figures, readout, pixel, dark = (
+        emva_figures(camera, exposure),
+        camera.readout,
+        camera.pixel,
+        camera.dark_current,
+    )
     gain, full_e = figures.system_gain_dn_per_e, figures.saturation_e
     exact = {
         "K": gain,
@@ -59,7 +66,9 @@ def expected(camera: Camera, exposure: Exposure, efficiency: float | None, pixel
     if not dark.components and not dark.rts_fraction:
         rate = mean_dark_e(camera, Exposure(1.0, exposure.temperature_k))
         found["µ_I.mean"] = _about(rate, SIGMAS * dark.cv / math.sqrt(pixels))
-        spread = math.hypot(pixel.dsnu_e * readout.dsnu_residual, mean_dark_e(camera, exposure) * dark.cv)
+        spread = math.hypot(
+            pixel.dsnu_e * readout.dsnu_residual, mean_dark_e(camera, exposure) * dark.cv
+        )
         found["DSNU1288_pixel"] = Said(spread, spread, spread)
         if rate > 0:
             found["T_d"] = _about(_doubling_k(camera, exposure.temperature_k), 0.0)

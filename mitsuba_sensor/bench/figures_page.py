@@ -12,12 +12,28 @@ from ..lab.statistics.estimators import z_limit
 from ..pages.page import Drawing, MarkedRow, Part, Section, Study, study_of, table
 from .datasheet import Said
 
-MAIN = ("K", "η", "LE", "σ_d", "µ_e.sat", "SNR_max", "DR", "PRNU1288", "DSNU1288", "σ_row", "σ_col", "µ_I.mean", "T_d")
+MAIN = (
+    "K",
+    "η",
+    "LE",
+    "σ_d",
+    "µ_e.sat",
+    "SNR_max",
+    "DR",
+    "PRNU1288",
+    "DSNU1288",
+    "σ_row",
+    "σ_col",
+    "µ_I.mean",
+    "T_d",
+)
 MAIN_HEADINGS = "symbol | measured | from | to | unit | datasheet"
 HEADINGS = "symbol | figure | measured | from | to | unit | datasheet | z | section | note"
 
 
-def figures_of(bench: Bench, progress: Callable[[int, int, str], None]) -> tuple[Measurement, ...]:
+def figures_of(
+    bench: Bench, progress: Callable[[int, int, str], None]
+) -> tuple[Measurement, ...]:
     """What all instruments find in the frames of a bench; told the instruments done, all of them, and the next one."""
     titles, filters = [], len(bench.of_filters())
 
@@ -29,7 +45,10 @@ def figures_of(bench: Bench, progress: Callable[[int, int, str], None]) -> tuple
 
 
 def characterized(
-    name: str, measured: Sequence[Measurement], datasheet: Mapping[str, Mapping[str, Said]], **about: object
+    name: str,
+    measured: Sequence[Measurement],
+    datasheet: Mapping[str, Mapping[str, Said]],
+    **about: object,
 ) -> Study:
     """The study of one camera.
 
@@ -42,16 +61,30 @@ def characterized(
         said = datasheet.get(part.filter_name, {})
         compared += sum(figure.symbol in said for figure in part.figures.values())
         figures[part.filter_name or "all pixels"] = {
-            "figures": [{**figure.to_dict(), **beside_datasheet(figure, said)} for figure in part.figures.values()],
+            "figures": [
+                {**figure.to_dict(), **beside_datasheet(figure, said)}
+                for figure in part.figures.values()
+            ],
             "notes": part.notes,
             "refused": part.refused,
         }
     limit = z_limit(compared)
-    sections = [filter_section(part, datasheet.get(part.filter_name, {}), limit) for part in measured]
-    return study_of("characterize", f"{name} in the laboratory", sections, measured=figures, z_limit=limit, **about)
+    sections = [
+        filter_section(part, datasheet.get(part.filter_name, {}), limit) for part in measured
+    ]
+    return study_of(
+        "characterize",
+        f"{name} in the laboratory",
+        sections,
+        measured=figures,
+        z_limit=limit,
+        **about,
+    )
 
 
-def filter_section(measured: Measurement, datasheet: Mapping[str, Said], limit: float) -> Section:
+def filter_section(
+    measured: Measurement, datasheet: Mapping[str, Said], limit: float
+) -> Section:
     """Figures behind one filter: those that are compared with the datasheet must be its own, none may be hidden."""
     where = f" behind {measured.filter_name}" if measured.filter_name else ""
     rows = [figure_row(figure, datasheet, limit) for figure in measured.figures.values()]
@@ -66,8 +99,13 @@ def filter_section(measured: Measurement, datasheet: Mapping[str, Said], limit: 
     for symbol, _, value, _, _, unit, said, *_ in wrong:
         findings.append(f"{symbol}{where}: measured {value:.4g}, datasheet {said:.4g} {unit}")
     if measured.hidden:
-        findings.append(f"no value{where}, since values of the frames are clipped: {', '.join(measured.hidden)}")
-    findings += [f"not measured{where}: {title}: {sentence}" for title, sentence in measured.refused.items()]
+        findings.append(
+            f"no value{where}, since values of the frames are clipped: {', '.join(measured.hidden)}"
+        )
+    findings += [
+        f"not measured{where}: {title}: {sentence}"
+        for title, sentence in measured.refused.items()
+    ]
     findings += [f"{note}{where}" for note in measured.notes]
     main: list[MarkedRow] = []
     for mark, cells in rows:
@@ -84,9 +122,19 @@ def filter_section(measured: Measurement, datasheet: Mapping[str, Said], limit: 
 def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) -> MarkedRow:
     """A figure with its interval beside the datasheet's, marked where both are compared."""
     beside = beside_datasheet(figure, datasheet)
-    interval = [x if math.isfinite(x) else None for x in (figure.value, figure.low, figure.high)]
+    interval = [
+        x if math.isfinite(x) else None for x in (figure.value, figure.low, figure.high)
+    ]
     said = beside.get("datasheet"), beside.get("z")
-    cells = (figure.symbol, figure.name, *interval, figure.unit, *said, figure.section, figure.note)
+    cells = (
+        figure.symbol,
+        figure.name,
+        *interval,
+        figure.unit,
+        *said,
+        figure.section,
+        figure.note,
+    )
     if not beside or not math.isfinite(figure.value):
         return "", cells
     return ("good" if abs(beside["z"]) < limit else "bad"), cells
@@ -98,7 +146,9 @@ def beside_datasheet(figure: Quantity, datasheet: Mapping[str, Said]) -> dict[st
         return {}
     said = datasheet[figure.symbol]
     nearest = min(max(figure.value, said.low), said.high)
-    half_width = figure.high - figure.value if nearest > figure.value else figure.value - figure.low
+    half_width = (
+        figure.high - figure.value if nearest > figure.value else figure.value - figure.low
+    )
     error = half_width / TWO_SIDED
     if error > 0:
         return {"datasheet": said.value, "z": (figure.value - nearest) / error}

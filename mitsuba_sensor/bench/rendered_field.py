@@ -52,8 +52,13 @@ def rendered_field(camera: Camera) -> Field:
     }
     second = Exposure(1.0)
     photons = collect(render(scene, camera, second, spp=SAMPLES, denoise=False), camera, second)
-    mean, centres = np.asarray(photons.mean, np.float64).mean(axis=(0, 1)), np.asarray(photons.wavelengths_nm)
+    mean, centres = (
+        np.asarray(photons.mean, np.float64).mean(axis=(0, 1)),
+        np.asarray(photons.wavelengths_nm),
+    )
     even = math.pi * RADIANCE * transmittance(camera, centres) / (4 * camera.lens.f_number**2)
     widths = photons.bandwidths_nm
-    known = collect(even[None, None], camera, second, wavelengths_nm=centres, bandwidths_nm=widths).total[0, 0]
+    known = collect(
+        even[None, None], camera, second, wavelengths_nm=centres, bandwidths_nm=widths
+    ).total[0, 0]
     return Field(mean / known, centres, camera.qe(centres, widths) @ (mean / mean.sum()))

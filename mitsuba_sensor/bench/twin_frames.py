@@ -57,5 +57,9 @@ class Simulated:
             pixels = index == number
             response = self.twin.base.responses.get(name) or self.twin.base.brightest
             level = response.straight(np.array([max(float(signal[pixels].mean()), 0.0)]))[0]
-            found[pixels] = level / self.twin.base.gain.quantity.value / max(float(efficiency[number]), 1e-6)
+            found[pixels] = (
+                level
+                / self.twin.base.gain.quantity.value
+                / max(float(efficiency[number]), 1e-6)
+            )
         return found

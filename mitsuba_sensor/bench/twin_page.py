@@ -14,7 +14,13 @@ from ..lab.frames.bench import Bench
 from ..lab.frames.stack import Stack
 from ..lab.frames.temporal import temporal
 from ..lab.measure.correlation import correlation
-from ..lab.measure.distance import SIGNIFICANCE, Distance, FigureDistance, figure_distances, frame_distances
+from ..lab.measure.distance import (
+    SIGNIFICANCE,
+    Distance,
+    FigureDistance,
+    figure_distances,
+    frame_distances,
+)
 from ..lab.measure.line_noise import line_noise
 from ..lab.quantity import Quantity
 from ..lab.statistics.estimators import z_limit
@@ -44,7 +50,11 @@ class Compared(NamedTuple):
 
 
 def twin_study(
-    twin: Twin, camera: ms.Camera, benches: tuple[Bench, Bench], report: Report | None = None, **about: object
+    twin: Twin,
+    camera: ms.Camera,
+    benches: tuple[Bench, Bench],
+    report: Report | None = None,
+    **about: object,
 ) -> Study:
     """Figures of a twin, and its distance from the camera.
 
@@ -61,19 +71,40 @@ def twin_study(
     if report is not None:
         report(len(held_out), len(held_out) + 1, "photon transfer of the twin")
     residuals = list(variance_residuals(benches[0].flats, simulated))
-    sections = [figures_section(twin), distances_section(compared), transfer_section(twin, residuals)]
+    sections = [
+        figures_section(twin),
+        distances_section(compared),
+        transfer_section(twin, residuals),
+    ]
     data = {
-        "figures": {name: one.quantity.to_dict() | {"frames": one.frames} for name, one in twin.figures().items()},
-        "distances": [{"stack": one.name, **distance._asdict()} for one in compared for distance in one.distances],
+        "figures": {
+            name: one.quantity.to_dict() | {"frames": one.frames}
+            for name, one in twin.figures().items()
+        },
+        "distances": [
+            {"stack": one.name, **distance._asdict()}
+            for one in compared
+            for distance in one.distances
+        ],
         "residuals": residuals,
         "notes": list(twin.notes),
     }
-    return study_of("twin", f"Twin of a camera: {camera.name}", sections, camera=camera.name, **data, **about)
+    return study_of(
+        "twin",
+        f"Twin of a camera: {camera.name}",
+        sections,
+        camera=camera.name,
+        **data,
+        **about,
+    )
 
 
 def chosen_stacks(held_out: Bench) -> list[Stack]:
     """The shortest and the longest dark, and the flats with most frames."""
-    darks = sorted((*held_out.biases, *held_out.darks), key=lambda one: (one.exposure_s, one.temperature_k or 0.0))
+    darks = sorted(
+        (*held_out.biases, *held_out.darks),
+        key=lambda one: (one.exposure_s, one.temperature_k or 0.0),
+    )
     flats = sorted(held_out.flats, key=len, reverse=True)
     ends = [darks[0], darks[-1]] if len(darks) > 1 else darks
     return [*ends, *flats[: MOST_STACKS - len(ends)]]
@@ -102,15 +133,22 @@ def line_figures(stack: Stack) -> list[Quantity]:
     return [figure for figure in figures if math.isfinite(figure.value)]
 
 
-def variance_residuals(flats: Sequence[Stack], simulated: Simulated) -> Iterator[dict[str, float]]:
+def variance_residuals(
+    flats: Sequence[Stack], simulated: Simulated
+) -> Iterator[dict[str, float]]:
     """Temporal variance of every flat field and of the twin's, in the middle of the frames."""
     twin, tile = simulated.twin, flats[0].tile
     base = twin.base
     rows = middle_part(flats[0].shape[0], len(tile) or 1)
     columns = middle_part(flats[0].shape[1], len(tile[0]) if tile else 1)
-    size = {"sensor.rows": rows.stop - rows.start, "sensor.columns": columns.stop - columns.start}
+    size = {
+        "sensor.rows": rows.stop - rows.start,
+        "sensor.columns": columns.stop - columns.start,
+    }
     part_twin = replace(twin, settings=(replace(base, dark=base.dark.of(rows, columns)),))
-    part = Simulated(part_twin, simulated.camera.replace(**size), cut_maps(simulated.maps, rows, columns))
+    part = Simulated(
+        part_twin, simulated.camera.replace(**size), cut_maps(simulated.maps, rows, columns)
+    )
     for number, flat in enumerate(flats):
         real = flat.window(rows, columns)
         level_dn = float(real.mean.mean()) - base.dark.black.quantity.value
@@ -135,12 +173,16 @@ def middle_part(size: int, step: int) -> slice:
     return slice(first, first + part)
 
 
-def cut_maps(maps: Mapping[str, Float64Array], rows: slice, columns: slice) -> dict[str, Float64Array]:
+def cut_maps(
+    maps: Mapping[str, Float64Array], rows: slice, columns: slice
+) -> dict[str, Float64Array]:
     """These rows and columns of maps, of which some have one row or one column."""
     cut = {}
     for name, values in maps.items():
         height, width = values.shape
-        cut[name] = values[rows if height > 1 else slice(None), columns if width > 1 else slice(None)]
+        cut[name] = values[
+            rows if height > 1 else slice(None), columns if width > 1 else slice(None)
+        ]
     return cut
 
 
@@ -152,17 +194,36 @@ def figures_section(twin: Twin) -> Section:
         for name, figure in replace(twin, settings=(setting,)).figures().items():
             quantity = figure.quantity
             interval = quantity.value, quantity.low, quantity.high
-            rows.append(("", (f"{prefix}{name}", quantity.name, *interval, quantity.unit or "1", figure.frames)))
-    shown = table("Figures", "symbol | name | value | from | to | unit | frames", rows, "95 % intervals.")
+            rows.append(
+                (
+                    "",
+                    (
+                        f"{prefix}{name}",
+                        quantity.name,
+                        *interval,
+                        quantity.unit or "1",
+                        figure.frames,
+                    ),
+                )
+            )
+    shown = table(
+        "Figures", "symbol | name | value | from | to | unit | frames", rows, "95 % intervals."
+    )
     gain = twin.base.gain.quantity
-    return Section((f"K is {gain.value:.4g} ({gain.low:.4g} to {gain.high:.4g}) DN/e-", *twin.notes), True, (shown,))
+    return Section(
+        (f"K is {gain.value:.4g} ({gain.low:.4g} to {gain.high:.4g}) DN/e-", *twin.notes),
+        True,
+        (shown,),
+    )
 
 
 def distances_section(compared: Sequence[Compared]) -> Section:
     """Tests of Kolmogorov and Smirnov; all of them together fail 1 % of the exact twins."""
     tests = [(one.name, distance) for one in compared for distance in one.distances]
     if not tests:
-        return Section(("no stack has 8 frames or more: nothing was held out to compare with",), True, ())
+        return Section(
+            ("no stack has 8 frames or more: nothing was held out to compare with",), True, ()
+        )
     limit = SIGNIFICANCE / len(tests)
     rows: list[MarkedRow] = []
     failed = []
@@ -172,7 +233,9 @@ def distances_section(compared: Sequence[Compared]) -> Section:
         failed += [f"{name}: {test.name}"] if mark == "bad" else []
     verdict = f"{len(failed)} fail: {'; '.join(failed)}" if failed else "all pass"
     text = f"{len(tests)} tests of Kolmogorov and Smirnov on held-out frames: {verdict}"
-    shown = table("Held-out frames beside the twin's", "stack | of | D [1] | p [1] | compared", rows)
+    shown = table(
+        "Held-out frames beside the twin's", "stack | of | D [1] | p [1] | compared", rows
+    )
     figures = [(one.name, figure) for one in compared for figure in one.figures]
     most = z_limit(max(len(figures), 1))
     beside: list[MarkedRow] = []

@@ -24,7 +24,19 @@ MOST_ROWS, MOST_COLUMNS = 1024, 1024
 FLAT_S = 0.01
 """Exposure time of the flat fields; the light varies (EMVA 1288 R4 5.3, method with constant exposure time)."""
 
-LEVELS = (0.005, 0.01, 0.02, 0.04, *np.arange(0.08, 0.95, 0.06), 0.93, 0.96, 0.99, 1.02, 1.06, 1.12)
+LEVELS = (
+    0.005,
+    0.01,
+    0.02,
+    0.04,
+    *np.arange(0.08, 0.95, 0.06),
+    0.93,
+    0.96,
+    0.99,
+    1.02,
+    1.06,
+    1.12,
+)
 """Of the flat fields, over saturation."""
 
 MANY, SOME, FEW = 32, 8, 4
@@ -69,7 +81,10 @@ class Shot:
 
 
 def virtual_bench(
-    camera: Camera, setup: Setup, field: Field | None = None, report: Callable[[int, int], None] | None = None
+    camera: Camera,
+    setup: Setup,
+    field: Field | None = None,
+    report: Callable[[int, int], None] | None = None,
 ) -> Bench:
     """All stacks of this camera.
 
@@ -78,7 +93,9 @@ def virtual_bench(
     report : called with the stacks that are taken, and all of them.
     Raises InputError for a camera that sees nothing at the wavelength.
     """
-    wavelength_nm = best_wavelength_nm(camera) if setup.wavelength_nm is None else setup.wavelength_nm
+    wavelength_nm = (
+        best_wavelength_nm(camera) if setup.wavelength_nm is None else setup.wavelength_nm
+    )
     light = field_at(camera, wavelength_nm) if field is None else field
     shots = list(_shots(camera, setup, light))
     sensor, taken = Sensor(camera, serial=setup.serial), dict[str, list[Stack]]()
@@ -117,7 +134,9 @@ def _shots(camera: Camera, setup: Setup, light: Field) -> Iterator[Shot]:
     levels = np.unique(np.round(np.outer(wells, LEVELS), 6))
     halves = {float(levels[np.abs(levels - 0.5 * well).argmin()]) for well in wells}
     for level in levels:
-        yield Shot("flat", float(level), FLAT_S, kelvin, MANY if float(level) in halves else FEW)
+        yield Shot(
+            "flat", float(level), FLAT_S, kelvin, MANY if float(level) in halves else FEW
+        )
     longest_s = _longest_dark_s(camera, kelvin)
     for share in DARK_TIMES:
         yield Shot("dark", 0.0, share * longest_s, kelvin, SOME)
@@ -126,13 +145,19 @@ def _shots(camera: Camera, setup: Setup, light: Field) -> Iterator[Shot]:
             yield Shot("dark", 0.0, share * longest_s, kelvin + warmer_k, FEW)
     ramp = np.linspace(0.0, 1.1 * wells[0], shape[1])
     yield Shot(
-        "scene", np.broadcast_to(ramp, (min(GRADIENT_ROWS, shape[0]), shape[1])), FLAT_S, kelvin, GRADIENT_FRAMES
+        "scene",
+        np.broadcast_to(ramp, (min(GRADIENT_ROWS, shape[0]), shape[1])),
+        FLAT_S,
+        kelvin,
+        GRADIENT_FRAMES,
     )
 
 
 def _longest_dark_s(camera: Camera, temperature_k: float) -> float:
     rate = float(mean_dark_e(camera, Exposure(1.0, temperature_k)))
-    return min(DARK_SHARE * camera.pixel.full_well_e / rate, LONGEST_S) if rate > 0 else LONGEST_S
+    return (
+        min(DARK_SHARE * camera.pixel.full_well_e / rate, LONGEST_S) if rate > 0 else LONGEST_S
+    )
 
 
 def bench_shape(camera: Camera) -> tuple[int, int]:

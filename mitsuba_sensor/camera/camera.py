@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from ..core import Doubt, Exposure, InputError, nearest, numbers, refuse_masked
 from ..core.band_average import photon_averages
@@ -17,7 +24,13 @@ from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSect
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import Chain, Stage
 from .camera_toml import camera_file
-from .datasheet_checks import check_gains, check_technology, checked_source, noise_sources, with_checked_sources
+from .datasheet_checks import (
+    check_gains,
+    check_technology,
+    checked_source,
+    noise_sources,
+    with_checked_sources,
+)
 from .datasheet_errors import doubts, faults, fields_of
 from .figures import EmvaFigures, emva_figures
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
@@ -29,9 +42,13 @@ SHORT = Exposure(0.0)
 UNSET = " None unsets a field; on the command line: --set FIELD=none."
 
 
-def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -> type[CameraTable]:
+def _table(
+    name: str, description: str, base: type[CameraTable] = CameraTable
+) -> type[CameraTable]:
     """The table of this name with the fields of every effect that belong there, in the order of the chain."""
-    kinds = dict.fromkeys(effect.fields for effect in ORDER if effect.fields is not None and effect.table == name)
+    kinds = dict.fromkeys(
+        effect.fields for effect in ORDER if effect.fields is not None and effect.table == name
+    )
     bases: Any = (*reversed(kinds), base)  # pydantic takes the fields of the last base first
     title = f"{name.title().replace('_', '')}Table"  # the name that it has in this module, where pickle looks for it
     return cast(type[CameraTable], create_model(title, __base__=bases, __doc__=description))
@@ -46,7 +63,9 @@ if TYPE_CHECKING:
     AdcTable: TypeAlias = CameraTable
 else:
     PixelTable = _table("pixel", "One pixel.", PixelGeometry)
-    QuantumEfficiencyTable = _table("quantum_efficiency", "Electrons per photon, and the colour filters.")
+    QuantumEfficiencyTable = _table(
+        "quantum_efficiency", "Electrons per photon, and the colour filters."
+    )
     DarkCurrentTable = _table("dark_current", "Electrons that come without light.")
     SourceFollowerTable = _table("source_follower", "Noise and gain of the pixel's amplifier.")
     ReadoutTable = _table("readout", "From charge to the voltage that the converter measures.")
@@ -56,7 +75,11 @@ else:
 def _known_field(name: str) -> str:
     """The key of a source, which must be a field of a camera."""
     if name not in fields_of(Camera):
-        raise ValueError(f"{name!r} is no field of a camera.{nearest(name, fields_of(Camera))}".removesuffix("."))
+        raise ValueError(
+            f"{name!r} is no field of a camera.{nearest(name, fields_of(Camera))}".removesuffix(
+                "."
+            )
+        )
     return name
 
 
@@ -64,9 +87,13 @@ class Camera(FileTable):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again."""
 
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])
-    description: str = Field("", description="one line for people", examples=["the sensor of the paper"])
+    description: str = Field(
+        "", description="one line for people", examples=["the sensor of the paper"]
+    )
     gain: str | None = Field(
-        None, description="the setting of gains that all other numbers hold for, as at_gain writes it", examples=["800"]
+        None,
+        description="the setting of gains that all other numbers hold for, as at_gain writes it",
+        examples=["800"],
     )
     sensor: Annotated[SensorSection, AfterValidator(with_checked_sources)]
     pixel: PixelTable
@@ -110,7 +137,9 @@ class Camera(FileTable):
                     f"gain is to be {value!r}, and its numbers too; take camera.at_gain({value!r}), or --gain {value}."
                 )
             if dotted not in known:
-                raise InputError(f"{dotted} is not a field of a camera.{nearest(dotted, known)}")
+                raise InputError(
+                    f"{dotted} is not a field of a camera.{nearest(dotted, known)}"
+                )
             *path, last = dotted.split(".")
             table = data
             for name in path:
@@ -123,7 +152,9 @@ class Camera(FileTable):
                     if other != last and f"quantum_efficiency.{other}" not in changes:
                         table.pop(other, None)
             sources = data["sources"]
-            data["sources"] = {key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")}
+            data["sources"] = {
+                key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")
+            }
             if path and value is not None:
                 data["sources"][dotted] = "set by the user"
         camera = checked_camera(data, self.name)
@@ -149,9 +180,13 @@ class Camera(FileTable):
         """
         places = {effect.key(): effect for effect in ORDER[:-1]}
         if not isinstance(stage, Stage):
-            raise InputError(f"stage is {stage!r}; pass an instance of a class derived from mitsuba_sensor.Stage.")
+            raise InputError(
+                f"stage is {stage!r}; pass an instance of a class derived from mitsuba_sensor.Stage."
+            )
         if not isinstance(after, str) or after not in places:
-            raise InputError(f"after is {after!r}; it must be one of {', '.join(places)}.{nearest(str(after), places)}")
+            raise InputError(
+                f"after is {after!r}; it must be one of {', '.join(places)}.{nearest(str(after), places)}"
+            )
         if stage.domain != places[after].domain:
             raise InputError(
                 f"{type(stage).__name__} delivers {stage.domain}, and behind {after} are {places[after].domain}; "
@@ -177,7 +212,9 @@ class Camera(FileTable):
         camera._added = tuple(one for one in self._added if one[1].key() not in off)
         return camera
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+    def model_copy(
+        self, *, update: Mapping[str, Any] | None = None, deep: bool = False
+    ) -> Self:
         """A copy, as of every pydantic model, with a chain of its own; :meth:`replace` checks the values too."""
         camera = super().model_copy(update=update, deep=deep)
         for made in ("stages", "notes"):
@@ -188,7 +225,11 @@ class Camera(FileTable):
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
         added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
         extra = {"added_stages": added, "notes": list(self.notes)}
-        return {**self.model_dump(), "sources": dict(self.sources), **{name: x for name, x in extra.items() if x}}
+        return {
+            **self.model_dump(),
+            "sources": dict(self.sources),
+            **{name: x for name, x in extra.items() if x},
+        }
 
     def to_toml(self) -> str:
         """The text of a camera file that loads again to an equal camera, with every key that there is explained.
@@ -204,7 +245,11 @@ class Camera(FileTable):
     def notes(self) -> tuple[str, ...]:
         """Sentences about values of the datasheet that are allowed and may surprise; each begins with its field."""
         unusual = [Doubt(text) for _, text in doubts(self.model_dump(), Camera)]
-        return (*unusual, *(note for effect in ORDER for note in effect.notes(self)), *gain_notes(self))
+        return (
+            *unusual,
+            *(note for effect in ORDER for note in effect.notes(self)),
+            *gain_notes(self),
+        )
 
     @property
     def added(self) -> tuple[Stage, ...]:
@@ -248,13 +293,21 @@ class Camera(FileTable):
         """From the first to the last wavelength at which any filter sees anything [nm]."""
         points = self.quantum_efficiency.wavelengths_nm
         curves = self.quantum_efficiency.curves.values()
-        seen = [i for i in range(len(points)) if any(curve[i] > 0 for curve in curves)] or [0, len(points) - 1]
+        seen = [i for i in range(len(points)) if any(curve[i] > 0 for curve in curves)] or [
+            0,
+            len(points) - 1,
+        ]
         return points[max(seen[0] - 1, 0)], points[min(seen[-1] + 1, len(points) - 1)]
 
-    def qe(self, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None = None) -> NDArray[np.float64]:
+    def qe(
+        self, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
         """Quantum efficiency of every filter at (B,) wavelengths, (F, B); or averaged over bands, weighted by photons
         of a flat spectrum."""
-        points, curves = np.array(self.quantum_efficiency.wavelengths_nm), self.quantum_efficiency.curves.values()
+        points, curves = (
+            np.array(self.quantum_efficiency.wavelengths_nm),
+            self.quantum_efficiency.curves.values(),
+        )
 
         def at(nm: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.array([np.interp(nm, points, curve, 0.0, 0.0) for curve in curves])
@@ -264,7 +317,9 @@ class Camera(FileTable):
             return at(centres)
         return photon_averages(at, points, centres, np.asarray(bandwidths_nm, dtype=np.float64))
 
-    def filter_index(self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)) -> NDArray[np.intp]:
+    def filter_index(
+        self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)
+    ) -> NDArray[np.intp]:
         """Filter number of every pixel of a window, (H, W)."""
         tile = np.array(self.tile)
         rows = (np.arange(shape[0]) + origin[0]) % tile.shape[0]

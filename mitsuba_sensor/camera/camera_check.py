@@ -59,17 +59,24 @@ def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, .
         return _findings(plain_tables(name), CameraText("", "the dict"), [])
     text, file, folder = camera_text(name)
     readable, broken = _readable(text)
-    unread = [CameraFinding("error", file, line, "", f"not valid TOML: {said}.") for line, said in broken]
+    unread = [
+        CameraFinding("error", file, line, "", f"not valid TOML: {said}.")
+        for line, said in broken
+    ]
     if readable is None:
         return tuple(unread)
     return _findings(toml_tables(readable), CameraText(readable, file, folder), unread)
 
 
-def _findings(data: dict[str, Any], source: CameraText, unread: list[CameraFinding]) -> tuple[CameraFinding, ...]:
+def _findings(
+    data: dict[str, Any], source: CameraText, unread: list[CameraFinding]
+) -> tuple[CameraFinding, ...]:
     """Errors and warnings of these tables.  source : where they stand.  unread : the lines that are no TOML."""
     lines, file = TomlLines(source.text), source.where
     found, notes = _all_faults(data, source.folder, lines)
-    errors = [CameraFinding("error", file, lines(one.loc), _field(one.loc), one.text) for one in found]
+    errors = [
+        CameraFinding("error", file, lines(one.loc), _field(one.loc), one.text) for one in found
+    ]
     wrong = {one.field for one in errors}
     warnings = [
         CameraFinding("warning", file, lines(tuple(field.split("."))), field, f"{said}.")
@@ -99,7 +106,10 @@ def _readable(text: str) -> tuple[str | None, list[tuple[int | None, str]]]:
             mended = f'{key}= "?"'
             too_many = len(broken) == MOST_BROKEN
             if not number or too_many or _is_toml(row) or not _is_toml(mended):
-                return None, [*broken, (number, f"{said}; the rest is checked when this is right")]
+                return None, [
+                    *broken,
+                    (number, f"{said}; the rest is checked when this is right"),
+                ]
             broken.append((number, f"{said}{_toml_hint(value)}"))
             rows[number - 1] = mended
         else:
@@ -121,14 +131,20 @@ def _toml_hint(value: str) -> str:
         return f"; a number has a decimal point, write {bare.replace(',', '.')}"
     if re.fullmatch(r"[+-]?\.\d+|[+-]?\d+\.", bare):
         return f"; a decimal point has digits on both sides, write {float(bare)}"
-    return f'; a text needs quotes, write "{bare}"' if re.fullmatch(r"[^\W\d][\w -]*", bare) else ""
+    return (
+        f'; a text needs quotes, write "{bare}"'
+        if re.fullmatch(r"[^\W\d][\w -]*", bare)
+        else ""
+    )
 
 
 def _place(finding: CameraFinding) -> int:
     return finding.line or 0
 
 
-def _all_faults(data: dict[str, Any], folder: str, lines: TomlLines) -> tuple[list[Fault], list[tuple[str, str]]]:
+def _all_faults(
+    data: dict[str, Any], folder: str, lines: TomlLines
+) -> tuple[list[Fault], list[tuple[str, str]]]:
     """What is wrong, with misspelt fields renamed until nothing new is found; and the notes, by field."""
     found: dict[tuple[Loc, str], Fault] = {}
     while True:
@@ -144,7 +160,9 @@ def _all_faults(data: dict[str, Any], folder: str, lines: TomlLines) -> tuple[li
             return list(found.values()), [(note.split()[0], note) for note in camera.notes]
 
 
-def _renamed(data: dict[str, Any], found: list[Fault], lines: TomlLines) -> tuple[dict[str, Any], bool]:
+def _renamed(
+    data: dict[str, Any], found: list[Fault], lines: TomlLines
+) -> tuple[dict[str, Any], bool]:
     """The data with misspelt fields under the names that were meant, and other unknown ones left out; whether any."""
     data, changed = copy.deepcopy(data), False
     for one in found:
@@ -200,7 +218,14 @@ class TomlLines:
 
     def __call__(self, path: KeyPath) -> int | None:
         """The line of a key, or of the innermost table or list around it that has one."""
-        return next((self._lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in self._lines), None)
+        return next(
+            (
+                self._lines[path[:end]]
+                for end in range(len(path), 0, -1)
+                if path[:end] in self._lines
+            ),
+            None,
+        )
 
     def rename(self, old: KeyPath, new: KeyPath) -> None:
         """Find what has one name under another one too."""
@@ -224,7 +249,9 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Headers and assignments, each with the number of its first line; one goes on while a bracket is open."""
     start, first, number, open_brackets = 0, 1, 1, 0
     position = 0
-    for line in without_strings(text).split("\n"):  # a string of several lines is in one of these
+    for line in without_strings(text).split(
+        "\n"
+    ):  # a string of several lines is in one of these
         end = position + len(line)
         number += text.count("\n", position, end) + 1
         open_brackets += sum(map(line.count, "[{")) - sum(map(line.count, "]}"))

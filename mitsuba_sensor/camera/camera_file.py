@@ -103,7 +103,11 @@ def camera_from(data: dict[str, Any], where: str) -> Camera:
 
 def list_cameras() -> list[str]:
     """Names of the cameras that ship with the package."""
-    return sorted(file.name.removesuffix(".toml") for file in SHIPPED.iterdir() if file.name.endswith(".toml"))
+    return sorted(
+        file.name.removesuffix(".toml")
+        for file in SHIPPED.iterdir()
+        if file.name.endswith(".toml")
+    )
 
 
 def camera_schema() -> dict[str, Any]:

@@ -26,17 +26,33 @@ def camera_file(camera: Camera) -> str:
     """The commented file, which loads again to an equal camera. Raises InputError for added stages."""
     if camera.added:
         stages = ", ".join(type(stage).__name__ for stage in camera.added)
-        raise InputError(f"A camera file cannot hold the stage {stages}; call with_stage again after load_camera.")
+        raise InputError(
+            f"A camera file cannot hold the stage {stages}; call with_stage again after load_camera."
+        )
     data, known = camera.model_dump(), list(tables(type(camera)))
     headers, parts, names = {one.path for one in known}, [HEAD.rstrip()], list[str]()
     for table in known:
         for number, values in enumerate(_filled(table.path, data)):
-            keys = [one for one in table.entries if _is_key(table.path, one.name, values, headers)]
-            given = {one.name for one in keys if _is_set(table, one, values[one.name], camera.sources)}
-            parts.append("\n".join((_lines if number == 0 else _short)(table, keys, values, given)))
-            names += [] if table.of_list else [f"{table.path}.{x}" for x in given if not isinstance(values[x], str)]
+            keys = [
+                one for one in table.entries if _is_key(table.path, one.name, values, headers)
+            ]
+            given = {
+                one.name
+                for one in keys
+                if _is_set(table, one, values[one.name], camera.sources)
+            }
+            parts.append(
+                "\n".join((_lines if number == 0 else _short)(table, keys, values, given))
+            )
+            names += (
+                []
+                if table.of_list
+                else [f"{table.path}.{x}" for x in given if not isinstance(values[x], str)]
+            )
     sources = [f"{toml_of(name)} = {toml_of(text)}" for name, text in camera.sources.items()]
-    missing = [f'# {toml_of(name)} = ""' for name in sorted(names) if name not in camera.sources]
+    missing = [
+        f'# {toml_of(name)} = ""' for name in sorted(names) if name not in camera.sources
+    ]
     parts.append("\n".join((OF_SOURCES, "[sources]", *sources, *missing)))
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
 
@@ -56,19 +72,31 @@ def _is_key(path: str, name: str, values: Mapping[str, Any], headers: Collection
     return inside != "sources" and not (inside in headers and values[name])
 
 
-def _lines(table: Table, keys: Sequence[Entry], values: Mapping[str, Any], given: Collection[str]) -> Iterator[str]:
+def _lines(
+    table: Table, keys: Sequence[Entry], values: Mapping[str, Any], given: Collection[str]
+) -> Iterator[str]:
     """A table with its keys, each explained."""
     if table.path:
-        yield from textwrap.wrap(table.meaning, WIDTH, initial_indent="# ", subsequent_indent="# ")
+        yield from textwrap.wrap(
+            table.meaning, WIDTH, initial_indent="# ", subsequent_indent="# "
+        )
         yield table.header
     for one in keys:
         value = values[one.name]
         yield ""
-        yield from textwrap.wrap(_explained(one), WIDTH, initial_indent="# ", subsequent_indent="#   ")
-        yield from _set(one, value) if one.name in given else [f"# {one.name} = {toml_of(one.example)}"]
+        yield from textwrap.wrap(
+            _explained(one), WIDTH, initial_indent="# ", subsequent_indent="#   "
+        )
+        yield from (
+            _set(one, value)
+            if one.name in given
+            else [f"# {one.name} = {toml_of(one.example)}"]
+        )
 
 
-def _short(table: Table, keys: Sequence[Entry], values: Mapping[str, Any], given: Collection[str]) -> Iterator[str]:
+def _short(
+    table: Table, keys: Sequence[Entry], values: Mapping[str, Any], given: Collection[str]
+) -> Iterator[str]:
     """The second table of a list, and every further one: only what is set."""
     yield table.header
     for one in keys:

@@ -54,7 +54,9 @@ class _Question:
         return hash(self.own)
 
 
-@lru_cache(maxsize=64)  # a fit takes 20 ms, and every file of every sample of a dataset asks for it
+@lru_cache(
+    maxsize=64
+)  # a fit takes 20 ms, and every file of every sample of a dataset asks for it
 def _fit(asked: _Question) -> ColourMatrix | None:
     camera, illuminant = asked.camera, asked.light
     order = colour_order(camera.filter_names)
@@ -66,10 +68,15 @@ def _fit(asked: _Question) -> ColourMatrix | None:
         if not _detected(camera, light, order):
             return None
     electrons, middles = _electrons(camera, light), light.wavelengths_nm
-    white, surfaces = electrons.sum(axis=1), np.vstack([spectra.surfaces(middles), np.ones(middles.size)])
+    white, surfaces = (
+        electrons.sum(axis=1),
+        np.vstack([spectra.surfaces(middles), np.ones(middles.size)]),
+    )
     balance = np.ones(white.size)
     balance[order] = white[order].max() / white[order]
-    raw = surfaces @ electrons.T * balance / white[order].max()  # white is 1 behind red, green and blue
+    raw = (
+        surfaces @ electrons.T * balance / white[order].max()
+    )  # white is 1 behind red, green and blue
     return ColourMatrix(balance, _fitted(raw, _seen(surfaces, light), order[1]), name)
 
 
@@ -89,7 +96,9 @@ def _detected(camera: Camera, light: Illuminant, order: list[int]) -> bool:
     """Whether red, green and blue detect this light, and an observer sees it."""
     found = _electrons(camera, light).sum(axis=1)[order]
     seen = spectra.photopic(light.wavelengths_nm) @ light.power
-    return bool(found.min() > LEAST_SHARE * found.mean() and seen > LEAST_SHARE * light.power.sum())
+    return bool(
+        found.min() > LEAST_SHARE * found.mean() and seen > LEAST_SHARE * light.power.sum()
+    )
 
 
 def standard_light(camera: Camera, name: str) -> Illuminant:
@@ -113,7 +122,11 @@ def _fitted(raw: Float64Array, wanted: Float64Array, last: int) -> Float64Array:
     """
     from scipy.optimize import least_squares
 
-    white, lab, others = spectra.daylight_xyz(), spectra.lab(wanted), np.arange(raw.shape[1]) != last
+    white, lab, others = (
+        spectra.daylight_xyz(),
+        spectra.lab(wanted),
+        np.arange(raw.shape[1]) != last,
+    )
     off = raw[:, others] - raw[:, [last]] * raw[-1, others]
 
     def found(free: Float64Array) -> Float64Array:
@@ -122,8 +135,12 @@ def _fitted(raw: Float64Array, wanted: Float64Array, last: int) -> Float64Array:
 
     def distances(free: Float64Array) -> Float64Array:
         off_by = (spectra.lab(white * found(free)) - lab).ravel()
-        robust = off_by / np.sqrt(1 + np.abs(off_by))  # squared: a distance, but small ones squared
-        return np.append(robust, 100 * NOISE * len(raw) ** 0.5 * free)  # about L* for Y, of every surface
+        robust = off_by / np.sqrt(
+            1 + np.abs(off_by)
+        )  # squared: a distance, but small ones squared
+        return np.append(
+            robust, 100 * NOISE * len(raw) ** 0.5 * free
+        )  # about L* for Y, of every surface
 
     start = np.linalg.lstsq(off, wanted / white - raw[:, [last]], rcond=None)[0]
     columns = np.empty((3, raw.shape[1]))

@@ -35,7 +35,10 @@ def check_technology(camera: Datasheet) -> None:
 
 def check_gains(camera: Datasheet) -> None:
     """Raise ValueError where the gains of several tables, each in its range, have a product beyond LARGEST."""
-    well, node_v = camera.pixel.full_well_e, camera.pixel.full_well_e * sense_gain_v_per_e(camera)
+    well, node_v = (
+        camera.pixel.full_well_e,
+        camera.pixel.full_well_e * sense_gain_v_per_e(camera),
+    )
     swings = node_v, node_v * camera.source_follower.gain, full_well_swing_v(camera)
     if max(swings) > LARGEST:
         raise ValueError(
@@ -61,17 +64,23 @@ def checked_source(name: object, more: Iterable[str] = ()) -> str:
     """
     known = (*noise_sources(), *more)
     if not isinstance(name, str):
-        raise InputError(f"without names {name!r}; give names of noise sources: {', '.join(known)}.")
+        raise InputError(
+            f"without names {name!r}; give names of noise sources: {', '.join(known)}."
+        )
     key = name.strip().lower().replace(" ", "_").replace("-", "_")
     if key in known:
         return key
     remedy = next((effect.no_noise for effect in ORDER if effect.key() == key), "")
     if remedy:
         raise InputError(f"without names {name!r}, which is no noise source; {remedy}.")
-    raise InputError(f"without names {name!r}; the noise sources are {', '.join(known)}.{nearest(key, known)}")
+    raise InputError(
+        f"without names {name!r}; the noise sources are {', '.join(known)}.{nearest(key, known)}"
+    )
 
 
 def with_checked_sources(section: SensorSection) -> SensorSection:
     """The table with the keys of its ``without`` in the order of the chain, each once. Raises InputError."""
     off = {checked_source(name) for name in section.without}
-    return section.model_copy(update={"without": tuple(name for name in noise_sources() if name in off)})
+    return section.model_copy(
+        update={"without": tuple(name for name in noise_sources() if name in off)}
+    )

@@ -17,7 +17,12 @@ Loc: TypeAlias = tuple[str | int, ...]
 
 KEY = "[key]"  # where pydantic's errors name a key of a table instead of its value
 # Pydantic's kinds of error → what such a file calls the thing that was expected.
-PLAIN = {"model_type": "a table", "dict_type": "a table", "tuple_type": "a list", "string_type": "a text in quotes"}
+PLAIN = {
+    "model_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "string_type": "a text in quotes",
+}
 
 
 @cache
@@ -33,7 +38,11 @@ def fields_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def _kinds(annotation: Any) -> tuple[Any, ...]:
-    return get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+    return (
+        get_args(annotation)
+        if get_origin(annotation) in (Union, types.UnionType)
+        else (annotation,)
+    )
 
 
 class Fault(NamedTuple):
@@ -52,17 +61,26 @@ class Fault(NamedTuple):
 
 def faults(error: ValidationError, model: type[BaseModel], kind: str = "camera") -> list[Fault]:
     """Everything that is wrong; a misspelt field that is missing under its right name counts once."""
-    found = [(tuple(x for x in one["loc"] if x != KEY), one) for one in error.errors(include_url=False)]
+    found = [
+        (tuple(x for x in one["loc"] if x != KEY), one)
+        for one in error.errors(include_url=False)
+    ]
     missing = {_dotted(loc) for loc, one in found if one["type"] == "missing"}
-    meant = {loc: _meant(loc, missing) for loc, one in found if one["type"] == "extra_forbidden"}
+    meant = {
+        loc: _meant(loc, missing) for loc, one in found if one["type"] == "extra_forbidden"
+    }
     return [
-        Fault(loc, _text(loc, one, model, kind), loc in meant, meant.get(loc, ""), _of_table(one))
+        Fault(
+            loc, _text(loc, one, model, kind), loc in meant, meant.get(loc, ""), _of_table(one)
+        )
         for loc, one in found
         if one["type"] != "missing" or _dotted(loc) not in meant.values()
     ]
 
 
-def sentence(error: ValidationError, model: type[BaseModel], where: str, kind: str = "camera") -> str:
+def sentence(
+    error: ValidationError, model: type[BaseModel], where: str, kind: str = "camera"
+) -> str:
     """The first thing that is wrong, in one sentence.  kind : of the file."""
     return f"{where}: {faults(error, model, kind)[0].text}"
 
@@ -77,7 +95,9 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
     path, what, value = _dotted(loc), one["type"], repr(one["input"])
     field, names = _field(loc, model)
     if what == "extra_forbidden":
-        known = [name for name in (*fields_of(model), *names) if not path.startswith(f"{name}.")]
+        known = [
+            name for name in (*fields_of(model), *names) if not path.startswith(f"{name}.")
+        ]
         return f"{path} is not a field of a {kind} file.{nearest(path, known)}"
     if what == "missing":
         return f"{path} is missing; {_way_out(path, field)}"
@@ -115,7 +135,11 @@ def doubts(data: Mapping[str, Any], model: type[BaseModel]) -> list[tuple[str, s
     found = []
     for name, field in fields_of(model).items():
         usual = usual_of(field)
-        unusual = [x for x in _numbers(_value_at(data, name)) if not usual.includes(x)] if usual else []
+        unusual = (
+            [x for x in _numbers(_value_at(data, name)) if not usual.includes(x)]
+            if usual
+            else []
+        )
         verb = "is" if isinstance(_value_at(data, name), int | float) else "has"
         found += [(name, usual.doubt(name, x, verb)) for x in unusual[:1] if usual]
     return found
@@ -130,7 +154,13 @@ def _value_at(data: object, dotted: str) -> object:
 
 def _numbers(value: object) -> Iterator[float]:
     """The numbers in a value, which may be a list or a table of them."""
-    inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
+    inner = (
+        value.values()
+        if isinstance(value, Mapping)
+        else value
+        if isinstance(value, list | tuple)
+        else ()
+    )
     for one in inner:
         yield from _numbers(one)
     if _is_number(value):
@@ -139,7 +169,11 @@ def _numbers(value: object) -> Iterator[float]:
 
 def _is_number(value: object) -> TypeGuard[float]:
     """Whether it is a number that a float can hold."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and abs(value) <= sys.float_info.max
+    )
 
 
 def usual_of(field: FieldInfo) -> Usual | None:
@@ -149,14 +183,23 @@ def usual_of(field: FieldInfo) -> Usual | None:
 
 def _field(loc: Loc, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
     """The last declared field on the way to a value, and the dotted names of the fields beside the value."""
-    field, table, is_key = None, model, False  # is_key : an index of a list, or a name that the file chooses
+    field, table, is_key = (
+        None,
+        model,
+        False,
+    )  # is_key : an index of a list, or a name that the file chooses
     for part in loc:
         if not is_key:
             if part not in table.model_fields:
                 break
             field = table.model_fields[str(part)]
             kinds = _kinds(field.annotation)
-            inside = [kind for outer in kinds for kind in (outer, *get_args(outer)) if isinstance(kind, type)]
+            inside = [
+                kind
+                for outer in kinds
+                for kind in (outer, *get_args(outer))
+                if isinstance(kind, type)
+            ]
             table = next((kind for kind in inside if issubclass(kind, BaseModel)), table)
         is_key = not is_key and any(get_origin(kind) in (tuple, dict) for kind in kinds)
     return field, [".".join(map(str, (*loc[:-1], name))) for name in table.model_fields]

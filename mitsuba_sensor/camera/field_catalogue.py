@@ -49,8 +49,16 @@ class Table(NamedTuple):
 def tables(model: type[BaseModel], path: str = "", of_list: bool = False) -> Iterator[Table]:
     """The tables of a kind of file, each before those inside of it."""
     schema = model.model_json_schema()
-    inner = {name: found for name, info in model.model_fields.items() if (found := _inner(info.annotation))}
-    sections = {name for name, (_, many) in inner.items() if not many and not _optional(model.model_fields[name])}
+    inner = {
+        name: found
+        for name, info in model.model_fields.items()
+        if (found := _inner(info.annotation))
+    }
+    sections = {
+        name
+        for name, (_, many) in inner.items()
+        if not many and not _optional(model.model_fields[name])
+    }
     entries = tuple(
         entry(name, info, schema["properties"][name])
         for name, info in model.model_fields.items()
@@ -69,7 +77,13 @@ def entry(name: str, info: FieldInfo, schema: dict[str, Any]) -> Entry:
     meaning = text.replace(unit.group(), "") if unit else text
     example = info.examples[0] if info.examples else None
     return Entry(
-        name, unit.group(1) if unit else "", _allowed(schema), usual.text if usual else "", default, meaning, example
+        name,
+        unit.group(1) if unit else "",
+        _allowed(schema),
+        usual.text if usual else "",
+        default,
+        meaning,
+        example,
     )
 
 
@@ -84,17 +98,26 @@ def markdown(model: type[BaseModel]) -> str:
 
 def markdown_rows(entries: Iterable[Entry]) -> str:
     """Keys as one table of Markdown."""
-    lines = ["| key | unit | allowed | usual | default | what it does |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| key | unit | allowed | usual | default | what it does |",
+        "|---|---|---|---|---|---|",
+    ]
     for x in entries:
         default = x.default if x.default in ("required", "") else f"`{x.default}`"
         cells = (f"`{x.name}`", x.unit, x.allowed, x.usual, default, x.meaning)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") or "–" for cell in cells) + " |")
+        lines.append(
+            "| " + " | ".join(cell.replace("|", "\\|") or "–" for cell in cells) + " |"
+        )
     return "\n".join(lines)
 
 
 def _inner(annotation: Any) -> tuple[type[BaseModel], bool] | None:
     """The table, or the table of a list, that a field holds; and whether it is a list of them."""
-    kinds = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+    kinds = (
+        get_args(annotation)
+        if get_origin(annotation) in (Union, types.UnionType)
+        else (annotation,)
+    )
     for kind in kinds:
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             return kind, False
@@ -126,7 +149,11 @@ def _kind(schema: dict[str, Any]) -> str:
     if "enum" in schema:
         return " or ".join(toml_of(one) for one in schema["enum"])
     if schema["type"] in ("number", "integer"):
-        return ", ".join(filter(None, ("whole number" if schema["type"] == "integer" else "", _range(schema))))
+        return ", ".join(
+            filter(
+                None, ("whole number" if schema["type"] == "integer" else "", _range(schema))
+            )
+        )
     if schema["type"] == "array":
         return _array(schema)
     inner = schema.get("additionalProperties")
@@ -140,7 +167,11 @@ def _array(schema: dict[str, Any]) -> str:
         return f"{len(items)} numbers: {'; '.join(dict.fromkeys(items))}"
     least = f" of at least {schema['minItems']}" if schema.get("minItems", 0) > 1 else ""
     inner = _kind(schema["items"])
-    return f"list of {inner.replace('list', 'lists', 1)}" if inner.startswith("list") else f"list{least}, each {inner}"
+    return (
+        f"list of {inner.replace('list', 'lists', 1)}"
+        if inner.startswith("list")
+        else f"list{least}, each {inner}"
+    )
 
 
 def _range(schema: dict[str, Any]) -> str:
@@ -150,12 +181,20 @@ def _range(schema: dict[str, Any]) -> str:
     if above is not None or low == SMALLEST:
         ends.append(f"above {above or 0:g}")
     elif low not in (None, -LARGEST):
-        ends.append(f"{low:g} or more" if high in (None, LARGEST) and below is None else f"from {low:g}")
+        ends.append(
+            f"{low:g} or more" if high in (None, LARGEST) and below is None else f"from {low:g}"
+        )
     if below is not None:
         ends.append(f"below {below:.4g}")
     elif high not in (None, LARGEST):
-        ends.append(f"to {high:.10g}" if ends and ends[0].startswith("from") else f"at most {high:.10g}")
-    return " ".join(ends) if ends[-1:] and ends[-1].startswith("to ") else ", ".join(ends) or "any number"
+        ends.append(
+            f"to {high:.10g}" if ends and ends[0].startswith("from") else f"at most {high:.10g}"
+        )
+    return (
+        " ".join(ends)
+        if ends[-1:] and ends[-1].startswith("to ")
+        else ", ".join(ends) or "any number"
+    )
 
 
 LONGEST = 110
@@ -171,7 +210,9 @@ def toml_of(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.0f}" if value.is_integer() and abs(value) < 1e7 else repr(value)
     if isinstance(value, Mapping):
-        inside = ", ".join(f"{key_of(key)} = {toml_of(x)}" for key, x in value.items() if x is not None)
+        inside = ", ".join(
+            f"{key_of(key)} = {toml_of(x)}" for key, x in value.items() if x is not None
+        )
         return f"{{ {inside} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml_of, value))}]"

@@ -74,14 +74,24 @@ class EmvaFigures:
             Figure("overall system gain", "K", self.system_gain_dn_per_e, "DN/e-", "2.1"),
             Figure("temporal dark noise", "σ_d", self.temporal_dark_noise_e, "e- rms", "2.2"),
             Figure("saturation capacity", "µ_e.sat", self.saturation_e, "e-", "2.4"),
-            Figure("absolute sensitivity threshold", "µ_e.min", self.absolute_sensitivity_e, "e-", "2.4"),
+            Figure(
+                "absolute sensitivity threshold",
+                "µ_e.min",
+                self.absolute_sensitivity_e,
+                "e-",
+                "2.4",
+            ),
             Figure("maximum SNR", "SNR_max", self.snr_max_db, "dB", "2.4"),
             Figure("dynamic range", "DR", self.dynamic_range_db, "dB", "2.4"),
         )
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {**asdict(self), "snr_max_db": self.snr_max_db, "dynamic_range_db": self.dynamic_range_db}
+        return {
+            **asdict(self),
+            "snr_max_db": self.snr_max_db,
+            "dynamic_range_db": self.dynamic_range_db,
+        }
 
 
 def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
@@ -93,7 +103,9 @@ def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     swing = propagate(stages[len(well) + 1 : -1], dark)
     noise_e = math.sqrt(float(np.mean(swing.temporal))) / volts_per_electron(camera)
     full_e = max(saturation_e(camera) - float(np.mean(dark.mean)), 0.0)
-    shot = 1.0 if any(stage.counts_electrons for stage in stages) else 0.0  # variance of one photoelectron
+    shot = (
+        1.0 if any(stage.counts_electrons for stage in stages) else 0.0
+    )  # variance of one photoelectron
     still_e = math.sqrt(noise_e**2 + QUANTISATION_DN2 / gain**2)
     least_e = math.sqrt(still_e**2 + shot / 4) + shot / 2
     snr_max = math.sqrt(full_e) if shot else full_e / still_e
@@ -118,11 +130,15 @@ BEYOND_ALL_DN = 1e12
 def saturation_e(camera: Camera) -> float:
     """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
     full_well_e = float(camera.pixel.full_well_e)
-    dark_dn, full_dn = (_beyond_converter_dn(electrons, camera) for electrons in (0.0, full_well_e))
+    dark_dn, full_dn = (
+        _beyond_converter_dn(electrons, camera) for electrons in (0.0, full_well_e)
+    )
     if full_dn <= 0:
         return full_well_e
     if dark_dn >= 0:
-        raise InputError(f"darkness is at the highest code of {camera.name}; give adc.black_level_dn a smaller value.")
+        raise InputError(
+            f"darkness is at the highest code of {camera.name}; give adc.black_level_dn a smaller value."
+        )
     straight_e = full_well_e * dark_dn / (dark_dn - full_dn)
     if abs(_beyond_converter_dn(straight_e, camera)) < STRAIGHT * (full_dn - dark_dn):
         return straight_e
@@ -138,10 +154,14 @@ def saturation_dn(camera: Camera) -> int:
 
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
-    level = Moments(np.float64(electrons), 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
+    level = Moments(
+        np.float64(electrons), 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1)))
+    )
     for stage in camera.stages:
         if stage.domain == "volts":
             level = replace(stage.moments(level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)
-    beyond_dn = float(converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest)
+    beyond_dn = float(
+        converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest
+    )
     return beyond_dn if math.isfinite(beyond_dn) else BEYOND_ALL_DN

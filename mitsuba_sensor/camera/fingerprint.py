@@ -10,7 +10,11 @@ from .camera import Camera
 def response_fingerprint(camera: Camera) -> str:
     """A hash of the camera's QE curves and the transmission of its lens."""
     section = camera.quantum_efficiency
-    lens = camera.lens.transmission, camera.lens.transmission_curve, camera.lens.transmission_wavelengths_nm
+    lens = (
+        camera.lens.transmission,
+        camera.lens.transmission_curve,
+        camera.lens.transmission_wavelengths_nm,
+    )
     return _hash((section.wavelengths_nm, sorted(section.curves.items()), lens))
 
 

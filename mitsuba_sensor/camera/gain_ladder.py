@@ -38,7 +38,9 @@ SAME = 1e-6
 class GainSetting(FileTable):
     """One gain setting: the numbers that it has in place of those above."""
 
-    iso: Positive | None = Field(None, description="ISO number of the setting, or name", examples=[800])
+    iso: Positive | None = Field(
+        None, description="ISO number of the setting, or name", examples=[800]
+    )
     name: Annotated[str, Field(min_length=1)] | None = Field(
         None, description="name of the setting, or iso", examples=["high conversion gain"]
     )
@@ -49,17 +51,26 @@ class GainSetting(FileTable):
         description="read noise; sets source_follower.read_noise_e [e- rms]", examples=[3.0]
     )
     read_noise_shape: Annotated[float | None, Field(strict=True)] = optional(
-        "shape of the distribution of the read noise; sets source_follower.read_noise_shape", -0.05
+        "shape of the distribution of the read noise; sets source_follower.read_noise_shape",
+        -0.05,
     )
-    black_level_dn: NotNegative | None = optional("code of darkness; sets adc.black_level_dn [DN]", 64)
+    black_level_dn: NotNegative | None = optional(
+        "code of darkness; sets adc.black_level_dn [DN]", 64
+    )
     full_well_e: Annotated[
-        Annotated[float, Field(ge=1, le=1e30, strict=True)] | None, Usual.of(200, 1e8, THOUSANDS)
+        Annotated[float, Field(ge=1, le=1e30, strict=True)] | None,
+        Usual.of(200, 1e8, THOUSANDS),
     ] = optional("saturation capacity; sets pixel.full_well_e [e-]", 33000)
     sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = optional(
-        "conversion gain of the sense node; sets readout.sense_gain_uv_per_e, and with it the kTC noise [µV/e-]", 50.0
+        "conversion gain of the sense node; sets readout.sense_gain_uv_per_e, and with it the kTC noise [µV/e-]",
+        50.0,
     )
-    row_noise_e: NotNegative | None = optional("temporal row noise; sets readout.row_noise_e [e- rms]", 0.3)
-    column_noise_e: NotNegative | None = optional("temporal column noise; sets readout.column_noise_e [e- rms]", 0.2)
+    row_noise_e: NotNegative | None = optional(
+        "temporal row noise; sets readout.row_noise_e [e- rms]", 0.3
+    )
+    column_noise_e: NotNegative | None = optional(
+        "temporal column noise; sets readout.column_noise_e [e- rms]", 0.2
+    )
 
     @model_validator(mode="after")
     def _one_label(self) -> Self:
@@ -76,7 +87,9 @@ class GainSetting(FileTable):
 def label_of(setting: object) -> str:
     """800, 800.0, "800" → "800"; another text as it is. Raises InputError for what is neither number nor text."""
     if isinstance(setting, bool) or not isinstance(setting, str | int | float):
-        raise InputError(f"gain is {setting!r}; pass an ISO number or the name of a gain setting, e.g. 800.")
+        raise InputError(
+            f"gain is {setting!r}; pass an ISO number or the name of a gain setting, e.g. 800."
+        )
     try:
         return f"{float(setting):.10g}"
     except (ValueError, OverflowError):
@@ -87,7 +100,9 @@ def _fits(gains: tuple[GainSetting, ...]) -> tuple[GainSetting, ...]:
     """Every setting has a name of its own, and the same numbers: else they would depend on the one set before."""
     for label, count in Counter(one.label for one in gains).items():
         if count > 1:
-            raise ValueError(f"{count} gain settings are called {label!r}; give each another iso or name")
+            raise ValueError(
+                f"{count} gain settings are called {label!r}; give each another iso or name"
+            )
     for field in SET:
         with_it = [one.label for one in gains if getattr(one, field) is not None]
         without = [one.label for one in gains if getattr(one, field) is None]
@@ -106,11 +121,19 @@ def check_gain(camera: Camera) -> None:
     for one in camera.gains:
         if one.read_noise_shape is not None:
             try:
-                check_shape(camera.source_follower.read_noise_distribution, one.read_noise_shape)
+                check_shape(
+                    camera.source_follower.read_noise_distribution, one.read_noise_shape
+                )
             except ValueError as error:
-                raise ValueError(f"gain setting {one.label!r}: {error}; or unset gains") from None
-    if camera.gain is not None and camera.gain not in (known := [one.label for one in camera.gains]):
-        raise ValueError(f"gain is {camera.gain!r}; its settings are {', '.join(known) or 'none: add [[gains]]'}")
+                raise ValueError(
+                    f"gain setting {one.label!r}: {error}; or unset gains"
+                ) from None
+    if camera.gain is not None and camera.gain not in (
+        known := [one.label for one in camera.gains]
+    ):
+        raise ValueError(
+            f"gain is {camera.gain!r}; its settings are {', '.join(known) or 'none: add [[gains]]'}"
+        )
 
 
 def at_gain(camera: Camera, setting: float | str) -> Camera:
@@ -122,27 +145,47 @@ def at_gain(camera: Camera, setting: float | str) -> Camera:
     if label not in found:
         if not found:
             remedy = "add [[gains]] to its file, or leave the gain out"
-            raise InputError(f"gain is {label!r}, and {camera.name} has no gain settings; {remedy}.")
+            raise InputError(
+                f"gain is {label!r}, and {camera.name} has no gain settings; {remedy}."
+            )
         known = ", ".join(found)
-        raise InputError(f"gain is {label!r}; the gain settings of {camera.name} are {known}.{nearest(label, found)}")
+        raise InputError(
+            f"gain is {label!r}; the gain settings of {camera.name} are {known}.{nearest(label, found)}"
+        )
     changes = _changes(camera, found[label])
-    of_ladder = {field: f"gain setting {label}" for field, value in changes.items() if value is not None}
+    of_ladder = {
+        field: f"gain setting {label}" for field, value in changes.items() if value is not None
+    }
     changed = camera.replace(**changes)
-    return changed.model_copy(update={"gain": label, "sources": {**changed.sources, **of_ladder}})
+    return changed.model_copy(
+        update={"gain": label, "sources": {**changed.sources, **of_ladder}}
+    )
 
 
 def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
     """The fields of the camera at this setting. Full scale: V_FS = A_SN·A_SF·A_CDS·2^bits/K."""
-    given = {field: value for name, field in SET.items() if (value := getattr(setting, name)) is not None}
+    given = {
+        field: value
+        for name, field in SET.items()
+        if (value := getattr(setting, name)) is not None
+    }
     sense_v, well_e = sense_gain_v_per_e(camera), camera.pixel.full_well_e
-    new_sense_v = sense_v if setting.sense_gain_uv_per_e is None else setting.sense_gain_uv_per_e * 1e-6
+    new_sense_v = (
+        sense_v if setting.sense_gain_uv_per_e is None else setting.sense_gain_uv_per_e * 1e-6
+    )
     per_e_v = new_sense_v * camera.source_follower.gain * camera.readout.cds_gain
     given["adc.full_scale_v"] = per_e_v * 2.0**camera.adc.bits / setting.gain_dn_per_e
     if camera.source_follower.white_nv_per_rthz is not None:
-        given["source_follower.white_nv_per_rthz"] = None  # the read noise is given in electrons now
+        given["source_follower.white_nv_per_rthz"] = (
+            None  # the read noise is given in electrons now
+        )
     swing = well_e * sense_v / (given.get("pixel.full_well_e", well_e) * new_sense_v)
     offsets = {field: getattr(camera.readout, field.partition(".")[2]) for field in OFFSETS}
-    kept = {} if math.isclose(swing, 1) else {field: value * swing for field, value in offsets.items() if value}
+    kept = (
+        {}
+        if math.isclose(swing, 1)
+        else {field: value * swing for field, value in offsets.items() if value}
+    )
     return {**given, **kept}
 
 
@@ -159,5 +202,6 @@ def gain_notes(camera: Camera) -> tuple[str, ...]:
         f"gain is {found.label!r}, whose {name} is {wanted:.6g}, and the camera's is "
         f"{'not set' if has is None else f'{has:.6g}'}; call camera.at_gain after all other changes, or leave gain out"
         for name, has in numbers.items()
-        if (wanted := getattr(found, name)) is not None and (has is None or not math.isclose(has, wanted, rel_tol=SAME))
+        if (wanted := getattr(found, name)) is not None
+        and (has is None or not math.isclose(has, wanted, rel_tol=SAME))
     )

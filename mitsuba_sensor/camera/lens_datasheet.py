@@ -5,7 +5,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from ..stages.datasheet import Chance, FileTable, Fraction, Nanometres, NotNegative, Positive, optional
+from ..stages.datasheet import (
+    Chance,
+    FileTable,
+    Fraction,
+    Nanometres,
+    NotNegative,
+    Positive,
+    optional,
+)
 from ..stages.usual_range import METRES_TO_MM, PERCENT, Usual
 from .lens_file import read_lens
 
@@ -27,9 +35,13 @@ TABLES = (  # values, their positions, and the value on the axis
 class SurfaceSection(FileTable):
     """One surface of a lens and the medium behind it, towards the sensor."""
 
-    radius_mm: Number | None = optional("radius, positive with its centre towards the sensor; none: a plane [mm]", 29.5)
+    radius_mm: Number | None = optional(
+        "radius, positive with its centre towards the sensor; none: a plane [mm]", 29.5
+    )
     thickness_mm: NotNegative = optional("distance to the next surface [mm]", 3.76, 0.0)
-    semi_diameter_mm: Positive = Field(description="half the clear aperture [mm]", examples=[12.6])
+    semi_diameter_mm: Positive = Field(
+        description="half the clear aperture [mm]", examples=[12.6]
+    )
     index: Index = optional("refractive index behind the surface at 587.56 nm", 1.67, 1.0)
     abbe: Positive | None = optional("Abbe number of the glass behind it, for dispersion", 47.1)
     sellmeier: tuple[Number, Number, Number, Number, Number, Number] | None = optional(
@@ -37,7 +49,9 @@ class SurfaceSection(FileTable):
         [1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653],
     )
     conic: Number = optional("conic constant, -1 is a paraboloid", -1.0, 0.0)
-    aspheric: tuple[Number, ...] = optional("A4, A6, … of the sag A4·r⁴ + A6·r⁶ + … [mm⁻³, mm⁻⁵, …]", [1e-6], ())
+    aspheric: tuple[Number, ...] = optional(
+        "A4, A6, … of the sag A4·r⁴ + A6·r⁶ + … [mm⁻³, mm⁻⁵, …]", [1e-6], ()
+    )
     stop: Flag = optional("whether this is the aperture stop", True, False)
 
     @model_validator(mode="after")
@@ -58,29 +72,46 @@ class PrescriptionSection(FileTable):
     source: str = optional("source of its numbers", "US patent 2,673,491", "")
     surfaces: Annotated[tuple[SurfaceSection, ...], Field(min_length=2, max_length=99)] = Field(
         description="from the scene to the sensor",
-        examples=[[{"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True}, {"radius_mm": 50, "semi_diameter_mm": 9}]],
+        examples=[
+            [
+                {"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True},
+                {"radius_mm": 50, "semi_diameter_mm": 9},
+            ]
+        ],
     )
 
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, data: object, info: ValidationInfo) -> object:
-        return read_lens(data, (info.context or {}).get("folder", ".")) if isinstance(data, str) else data
+        return (
+            read_lens(data, (info.context or {}).get("folder", "."))
+            if isinstance(data, str)
+            else data
+        )
 
     @model_validator(mode="after")
     def _is_a_lens(self) -> Self:
-        stops = [number for number, surface in enumerate(self.surfaces, start=1) if surface.stop]
+        stops = [
+            number for number, surface in enumerate(self.surfaces, start=1) if surface.stop
+        ]
         if len(stops) != 1:
-            raise ValueError(f"{len(stops)} surfaces are the aperture stop; mark exactly one with stop = true")
+            raise ValueError(
+                f"{len(stops)} surfaces are the aperture stop; mark exactly one with stop = true"
+            )
         last = self.surfaces[-1]
         if last.index != 1 or last.sellmeier is not None:
-            raise ValueError("the last surface has glass behind it; the sensor is in air, index = 1")
+            raise ValueError(
+                "the last surface has glass behind it; the sensor is in air, index = 1"
+            )
         return self
 
 
 class LensSection(FileTable):
     """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
 
-    f_number: Annotated[Positive, Usual(0.5, 130)] = optional("focal length over pupil diameter N", 2.8, 2.8)
+    f_number: Annotated[Positive, Usual(0.5, 130)] = optional(
+        "focal length over pupil diameter N", 2.8, 2.8
+    )
     transmission: Annotated[Fraction, Usual.of(0.01, 1, PERCENT)] = optional(
         "fraction of the light that passes", 0.95, 1.0
     )
@@ -106,14 +137,19 @@ class LensSection(FileTable):
     distortion_percent: tuple[Percent, ...] | None = optional(
         "distortion as a table: 100·(real/ideal image height − 1)", [0, -1, -3]
     )
-    distortion_heights_mm: Heights = optional("ideal image heights of distortion_percent, from 0 [mm]", [0.0, 2.0, 4.0])
+    distortion_heights_mm: Heights = optional(
+        "ideal image heights of distortion_percent, from 0 [mm]", [0.0, 2.0, 4.0]
+    )
     prescription: PrescriptionSection | None = optional(
-        "sequential lens: name of a built-in one, path of a .json or .dat file, or its table", "double_gauss"
+        "sequential lens: name of a built-in one, path of a .json or .dat file, or its table",
+        "double_gauss",
     )
     focal_length_mm: Annotated[Positive | None, Usual.of(0.3, 1e4, METRES_TO_MM)] = optional(
         "scale the prescription to this focal length [mm]", 25.0
     )
-    focus_m: Positive | None = optional("focus distance of the prescription, instead of the scene's [m]", 2.0)
+    focus_m: Positive | None = optional(
+        "focus distance of the prescription, instead of the scene's [m]", 2.0
+    )
     dispersion: Flag = optional("trace every wavelength with its own index", True, False)
 
     @model_validator(mode="after")
@@ -124,13 +160,21 @@ class LensSection(FileTable):
         if self.prescription is None:
             for name in ("focal_length_mm", "focus_m", "dispersion"):
                 if getattr(self, name):
-                    raise ValueError(f"{name} belongs to a prescription; give one, e.g. prescription = 'double_gauss'")
+                    raise ValueError(
+                        f"{name} belongs to a prescription; give one, e.g. prescription = 'double_gauss'"
+                    )
             return self
         for name in ("relative_illumination", "distortion", "distortion_percent"):
             if getattr(self, name) is not None:
-                raise ValueError(f"a prescription has its own {name}, which is traced; leave {name} out")
-        if self.dispersion and not any(s.abbe or s.sellmeier for s in self.prescription.surfaces):
-            raise ValueError("dispersion needs glasses with abbe or sellmeier, and the prescription has none")
+                raise ValueError(
+                    f"a prescription has its own {name}, which is traced; leave {name} out"
+                )
+        if self.dispersion and not any(
+            s.abbe or s.sellmeier for s in self.prescription.surfaces
+        ):
+            raise ValueError(
+                "dispersion needs glasses with abbe or sellmeier, and the prescription has none"
+            )
         return self
 
     def _tables(self) -> None:
@@ -142,8 +186,12 @@ class LensSection(FileTable):
             if values is None:
                 continue
             if len(values) != len(axis) or len(values) < 2:
-                raise ValueError(f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each")
+                raise ValueError(
+                    f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each"
+                )
             if any(b <= a for a, b in pairwise(axis)):
                 raise ValueError(f"{axis_name} must increase from each point to the next")
             if on_axis is not None and (axis[0], values[0]) != (0, on_axis):
-                raise ValueError(f"{name} must start with {on_axis:g} at the height 0, the axis")
+                raise ValueError(
+                    f"{name} must start with {on_axis:g} at the height 0, the axis"
+                )

@@ -22,7 +22,11 @@ COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
 
 def list_lenses() -> list[str]:
     """Names of the lenses that the package contains."""
-    return sorted(file.name.removesuffix(".json") for file in BUILT_IN.iterdir() if file.name.endswith(".json"))
+    return sorted(
+        file.name.removesuffix(".json")
+        for file in BUILT_IN.iterdir()
+        if file.name.endswith(".json")
+    )
 
 
 def read_lens(name: str, folder: str) -> dict[str, object]:
@@ -38,7 +42,9 @@ def read_lens(name: str, folder: str) -> dict[str, object]:
         require_small(path, "the lens")
         text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"the lens {name!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise ValueError(
+            f"the lens {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None
     return from_dat(text, path.stem) if path.suffix == ".dat" else from_json(text, path.stem)
 
 
@@ -49,11 +55,18 @@ def from_json(text: str, name: str) -> dict[str, object]:
     except ValueError as error:  # also of numbers with thousands of digits
         raise ValueError(f"the lens {name!r} is not valid JSON: {error}") from None
     surfaces = data.get("surfaces") if isinstance(data, dict) else None
-    if not isinstance(surfaces, list) or not all(isinstance(surface, dict) for surface in surfaces):
-        raise ValueError(f"the lens {name!r} has no list of surfaces; it must be {{'surfaces': [{{…}}, …]}}")
+    if not isinstance(surfaces, list) or not all(
+        isinstance(surface, dict) for surface in surfaces
+    ):
+        raise ValueError(
+            f"the lens {name!r} has no list of surfaces; it must be {{'surfaces': [{{…}}, …]}}"
+        )
     if any("semi_aperture" in surface for surface in surfaces):
         rows = [_iset_row(surface, name) for surface in surfaces]
-        names = {"name": str(data.get("name") or name), "source": str(data.get("description") or "")}
+        names = {
+            "name": str(data.get("name") or name),
+            "source": str(data.get("description") or ""),
+        }
         return {**names, "surfaces": _surfaces(rows, name)}
     return {"name": name, **data}
 
@@ -67,19 +80,31 @@ def from_dat(text: str, name: str) -> dict[str, object]:
         rows = rows[1:]
     for row in rows:
         if len(row) not in (4, 5):
-            raise ValueError(f"the lens {name!r} has a line of {len(row)} numbers; each must be {COLUMNS}")
+            raise ValueError(
+                f"the lens {name!r} has a line of {len(row)} numbers; each must be {COLUMNS}"
+            )
     try:
-        numbers = [[float(number) for number in (*row, "0")[:5]] for row in rows]  # an Abbe number of 0 is none
+        numbers = [
+            [float(number) for number in (*row, "0")[:5]] for row in rows
+        ]  # an Abbe number of 0 is none
     except ValueError:
-        raise ValueError(f"the lens {name!r} has a line that is not numbers; each must be {COLUMNS}") from None
-    flat = [(radius, gap, index, diameter / 2, abbe, 0.0) for radius, gap, index, diameter, abbe in numbers]
+        raise ValueError(
+            f"the lens {name!r} has a line that is not numbers; each must be {COLUMNS}"
+        ) from None
+    flat = [
+        (radius, gap, index, diameter / 2, abbe, 0.0)
+        for radius, gap, index, diameter, abbe in numbers
+    ]
     return {"name": name, "source": "; ".join(comments), "surfaces": _surfaces(flat, name)}
 
 
 def _iset_row(surface: dict[str, object], name: str) -> Row:
     """radius, thickness, index, semi-diameter, Abbe number (0 is none), conic constant."""
     try:
-        radius, semi, conic = (_number(surface.get(key, 0.0)) for key in ("radius", "semi_aperture", "conic_constant"))
+        radius, semi, conic = (
+            _number(surface.get(key, 0.0))
+            for key in ("radius", "semi_aperture", "conic_constant")
+        )
         return radius, _number(surface["thickness"]), _number(surface["ior"]), semi, 0.0, conic
     except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError(
@@ -99,7 +124,9 @@ def _surfaces(rows: list[Row], name: str) -> list[dict[str, object]]:
     before = [1.0, *behind[:-1]]
     planes = [i for i, row in enumerate(rows) if row[0] == 0 and before[i] == behind[i] == 1.0]
     if not planes:
-        raise ValueError(f"the lens {name!r} has no aperture stop; add a line with radius 0 and air on both sides")
+        raise ValueError(
+            f"the lens {name!r} has no aperture stop; add a line with radius 0 and air on both sides"
+        )
     return [
         {
             "radius_mm": radius or None,

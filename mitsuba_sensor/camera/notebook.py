@@ -19,7 +19,9 @@ def camera_html(camera: Camera) -> str:
     efficiency = max(max(curve) for curve in camera.quantum_efficiency.curves.values())
     found = {
         "sensor": f"{sensor.columns} × {sensor.rows} pixels of {pixel.pitch_x_um:g} × {pixel.pitch_y_um:g} µm",
-        "colour filters": ", ".join(camera.filter_names) if len(camera.filter_names) > 1 else "none",
+        "colour filters": ", ".join(camera.filter_names)
+        if len(camera.filter_names) > 1
+        else "none",
         "quantum efficiency": f"at most {efficiency:.3g}, {low:g} to {high:g} nm",
         "full well": f"{pixel.full_well_e:g} e-",
         "converter": f"{camera.adc.bits} bits, black level {converter.black_level_dn:g} DN",
@@ -31,6 +33,10 @@ def camera_html(camera: Camera) -> str:
     if camera.notes:
         found["notes"] = " ".join(camera.notes)
     figures = figures_if_any(camera)
-    found |= {f"{one.name} {one.symbol}": f"{one.value:.4g} {one.unit}" for one in figures.table()} if figures else {}
+    found |= (
+        {f"{one.name} {one.symbol}": f"{one.value:.4g} {one.unit}" for one in figures.table()}
+        if figures
+        else {}
+    )
     about = f"{camera.name}: {camera.description}" if camera.description else camera.name
     return fragment(about, facts(found))

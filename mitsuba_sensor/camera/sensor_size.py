@@ -7,16 +7,24 @@ from ..core import Doubt, InputError
 from .camera import Camera
 
 
-def check_on_sensor(what: str, shape: tuple[int, ...], origin: tuple[int, int], camera: Camera) -> None:
+def check_on_sensor(
+    what: str, shape: tuple[int, ...], origin: tuple[int, int], camera: Camera
+) -> None:
     """Raise InputError where a window of (rows, columns) from this first pixel on ends beyond the sensor."""
     if said := _beyond(shape, origin, camera):
         raise InputError(f"{what} has {said}.")
 
 
-def size_note(shape: tuple[int, ...], origin: tuple[int, int], camera: Camera) -> tuple[str, ...]:
+def size_note(
+    shape: tuple[int, ...], origin: tuple[int, int], camera: Camera
+) -> tuple[str, ...]:
     """The same for frames of such a window, as a note."""
     said = _beyond(shape, origin, camera)
-    return (Doubt(f"the frame has {said}; the fixed pattern goes on beyond the sensor"),) if said else ()
+    return (
+        (Doubt(f"the frame has {said}; the fixed pattern goes on beyond the sensor"),)
+        if said
+        else ()
+    )
 
 
 def _beyond(shape: tuple[int, ...], origin: tuple[int, int], camera: Camera) -> str:

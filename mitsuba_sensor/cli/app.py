@@ -31,7 +31,9 @@ from .options import Flag, Flags
 class PrintableConsole(Console):
     """A console whose styles are our own: control characters in the texts themselves are escaped."""
 
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
         """Pieces of text with a style; those of a progress bar that move the cursor stay as they are."""
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else printable(text, keep="\n"), style, control)
@@ -46,8 +48,14 @@ NO_SCENE = SceneSettings()
 out, err = PrintableConsole(), PrintableConsole(stderr=True)
 
 
-UsageError: Any = typer.BadParameter.__base__  # of click, which new versions of typer bring along
-PICTURES, THINGS, CHECKS = "From a scene to frames", "Cameras and scenes", "How good, and whether it works"
+UsageError: Any = (
+    typer.BadParameter.__base__
+)  # of click, which new versions of typer bring along
+PICTURES, THINGS, CHECKS = (
+    "From a scene to frames",
+    "Cameras and scenes",
+    "How good, and whether it works",
+)
 COMMANDS = (
     "render",
     "expose",
@@ -94,7 +102,9 @@ class CommandGroup(TyperGroup):
 def _say(error: Exception) -> None:
     """One sentence on stderr."""
     with stopping.whole_step:  # not if a stop has removed what this thread misses now
-        err.print(f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True)
+        err.print(
+            f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True
+        )
 
 
 app = typer.Typer(
@@ -117,7 +127,13 @@ def _show_version(asked: bool) -> None:
 @app.callback()
 def program(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
+        bool,
+        typer.Option(
+            "--version",
+            is_eager=True,
+            callback=_show_version,
+            help="Show the version and exit.",
+        ),
     ] = False,
 ) -> None:
     """What is asked of the program itself."""
@@ -139,10 +155,16 @@ def render_input(scene: str, flags: Flags) -> tuple[RenderInput, dict[str, Flag]
 
 def other_flags(flags: Flags) -> dict[str, Flag]:
     """All flags but those of camera and exposure."""
-    return {name: value for name, value in flags.items() if name not in options.CameraFlags.__annotations__}
+    return {
+        name: value
+        for name, value in flags.items()
+        if name not in options.CameraFlags.__annotations__
+    }
 
 
-def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tuple[ms.Camera, ms.Exposure | Metering]:
+def camera_and_exposure(
+    flags: Flags, settings: SceneSettings = NO_SCENE
+) -> tuple[ms.Camera, ms.Exposure | Metering]:
     """The named camera behind the scene's lens, else the scene's own, else the default one; the exposure likewise, else
     how it is metered.
 
@@ -158,11 +180,15 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
 
 
 def _exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure | Metering:
-    temperature_k = first_given(flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K)
+    temperature_k = first_given(
+        flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K
+    )
     asked, meter = flags.get("exposure_s"), flags.get("meter")
     if meter is not None:
         if asked not in (None, "auto"):
-            raise InputError(f"--exposure-s {asked:g} gives the time that --meter {meter} is to find; leave one out.")
+            raise InputError(
+                f"--exposure-s {asked:g} gives the time that --meter {meter} is to find; leave one out."
+            )
         return Metering.of_text(meter, temperature_k)
     time_s: float | str | None = first_given(asked, settings.exposure_s)
     if time_s is None or isinstance(time_s, str):
@@ -174,10 +200,16 @@ def settings_of(known: RenderedFor | None, flags: Flags) -> SceneSettings:
     """Camera and exposure that an irradiance was rendered for, as if a scene named them; says so if it has none."""
     if (known is None or known.camera is None) and flags.get("camera") is None:
         default = f"the camera is {options.DEFAULT_CAMERA} unless --camera names another"
-        err.print(f"note: this irradiance names no camera; {default}", highlight=False, soft_wrap=True)
+        err.print(
+            f"note: this irradiance names no camera; {default}", highlight=False, soft_wrap=True
+        )
     if known is None:
         return NO_SCENE
-    return SceneSettings(known.camera, exposure_s=known.exposure.time_s, temperature_k=known.exposure.temperature_k)
+    return SceneSettings(
+        known.camera,
+        exposure_s=known.exposure.time_s,
+        temperature_k=known.exposure.temperature_k,
+    )
 
 
 def changes_of(flags: Flags) -> dict[str, Any]:
@@ -196,7 +228,9 @@ def show(what: object, as_json: bool) -> None:
 def _sentence(error: BaseException) -> str:
     if isinstance(error, UsageError):
         usage: Any = error
-        path = " ".join(["mitsuba-sensor", *(usage.ctx.command_path.split()[1:] if usage.ctx else ())])
+        path = " ".join(
+            ["mitsuba-sensor", *(usage.ctx.command_path.split()[1:] if usage.ctx else ())]
+        )
         return f"{usage.format_message().rstrip('.')}; see: {path} -h"
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); render a smaller picture (--width), fewer bands or fewer frames."

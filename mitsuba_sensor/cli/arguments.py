@@ -22,7 +22,9 @@ Scene = Annotated[
 IrradianceFile = Annotated[
     str,
     typer.Argument(
-        metavar="IRRADIANCE.exr", help="Irradiance on the sensor, as `render` wrote it.", autocompletion=shell_files
+        metavar="IRRADIANCE.exr",
+        help="Irradiance on the sensor, as `render` wrote it.",
+        autocompletion=shell_files,
     ),
 ]
 SceneOrIrradiance = Annotated[
@@ -45,7 +47,10 @@ Out = Annotated[
     ),
 ]
 NewFile = Annotated[
-    str, typer.Argument(metavar="FILE.toml", help="The camera file to write.", autocompletion=shell_files)
+    str,
+    typer.Argument(
+        metavar="FILE.toml", help="The camera file to write.", autocompletion=shell_files
+    ),
 ]
 ImportedFiles = Annotated[
     list[str],
@@ -71,7 +76,9 @@ CameraFile = Annotated[
 CameraName = Annotated[
     str,
     typer.Argument(
-        metavar="NAME", help="A name from `cameras list`, or the path of a .toml.", autocompletion=camera_names
+        metavar="NAME",
+        help="A name from `cameras list`, or the path of a .toml.",
+        autocompletion=camera_names,
     ),
 ]
 MapFile = Annotated[
@@ -118,6 +125,13 @@ ToleranceDn = Annotated[
 ]
 Toml = Annotated[
     bool,
-    typer.Option("--toml", help="A camera file with every key explained, to copy and change.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--toml",
+        help="A camera file with every key explained, to copy and change.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.", rich_help_panel=OUTPUT)]
+Json = Annotated[
+    bool,
+    typer.Option("--json", help="Only JSON on stdout, for programs.", rich_help_panel=OUTPUT),
+]

@@ -21,7 +21,8 @@ from .app import THINGS, app, changes_of, show
 from .tables import FittedTable, short
 
 cameras = typer.Typer(
-    no_args_is_help=True, help="The cameras that ship with the package, their lenses, and camera files of your own."
+    no_args_is_help=True,
+    help="The cameras that ship with the package, their lenses, and camera files of your own.",
 )
 app.add_typer(cameras, name="cameras", rich_help_panel=THINGS)
 
@@ -34,11 +35,17 @@ def list_command(as_json: arguments.Json = False) -> None:
     for one in known:
         size = f"{one.sensor.columns} × {one.sensor.rows}"
         table.add_row(one.name, one.sensor.technology, size, one.description)
-    found = [{"name": x.name, "description": x.description, "gains": [one.label for one in x.gains]} for x in known]
+    found = [
+        {"name": x.name, "description": x.description, "gains": [one.label for one in x.gains]}
+        for x in known
+    ]
     show(found if as_json else table, as_json)
 
 
-@cameras.command("new", epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14")
+@cameras.command(
+    "new",
+    epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14",
+)
 @options.flags(options.NewCameraFlags)
 def new_camera(name: arguments.NewFile, **flags: options.Flag) -> None:
     """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
@@ -46,15 +53,28 @@ def new_camera(name: arguments.NewFile, **flags: options.Flag) -> None:
     It loads as the camera that it is like; `cameras check FILE` says what is wrong after a change.
     """
     file = _camera_file(name, flags["force"])
-    camera = ms.load_camera(flags["like"]).replace(**changes_of(flags)).without(*flags["without"] or ())
+    camera = (
+        ms.load_camera(flags["like"])
+        .replace(**changes_of(flags))
+        .without(*flags["without"] or ())
+    )
     texts.write_page(file, camera.to_toml())
-    show(f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}", False)
+    show(
+        f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}",
+        False,
+    )
 
 
-@cameras.command("import", epilog="Example: mitsuba-sensor cameras import imx477.json -o my.toml --set adc.bits=12")
+@cameras.command(
+    "import",
+    epilog="Example: mitsuba-sensor cameras import imx477.json -o my.toml --set adc.bits=12",
+)
 @options.flags(options.ImportFlags)
 def import_command(
-    sources: arguments.ImportedFiles, out: arguments.CameraFile, as_json: arguments.Json = False, **flags: options.Flag
+    sources: arguments.ImportedFiles,
+    out: arguments.CameraFile,
+    as_json: arguments.Json = False,
+    **flags: options.Flag,
 ) -> None:
     """Make a camera file of what another program measured: noise models, calibrations, reports, presets.
 
@@ -67,10 +87,20 @@ def import_command(
     like = ms.load_camera(flags["like"])
     camera = import_camera(sources, like.replace(**changes_of(flags)), flags["name"])
     texts.write_page(file, camera.to_toml())
-    assumed = sorted(field for field, text in camera.sources.items() if text.startswith("assumed"))
-    said = {"file": str(file), "name": camera.name, "sources": dict(camera.sources), "assumed": assumed}
+    assumed = sorted(
+        field for field, text in camera.sources.items() if text.startswith("assumed")
+    )
+    said = {
+        "file": str(file),
+        "name": camera.name,
+        "sources": dict(camera.sources),
+        "assumed": assumed,
+    }
     text = f"{file} is {camera.description}; {len(assumed)} of {len(camera.sources)} numbers are assumed"
-    show(said if as_json else f"{text} (see [sources]); mitsuba-sensor cameras check {file}", as_json)
+    show(
+        said if as_json else f"{text} (see [sources]); mitsuba-sensor cameras check {file}",
+        as_json,
+    )
 
 
 @cameras.command("check", epilog="Example: mitsuba-sensor cameras check my.toml")
@@ -81,23 +111,38 @@ def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) ->
     """
     found = ms.check_camera(name)
     errors = sum(one.level == "error" for one in found)
-    show([one.to_dict() for one in found] if as_json else "\n".join(map(str, (*found, _verdict(name, found)))), as_json)
+    show(
+        [one.to_dict() for one in found]
+        if as_json
+        else "\n".join(map(str, (*found, _verdict(name, found)))),
+        as_json,
+    )
     if errors:
         raise typer.Exit(2)
 
 
 @cameras.command("show", epilog="Example: mitsuba-sensor cameras show konnik_table1")
-def show_camera(name: arguments.CameraName, as_toml: arguments.Toml = False, as_json: arguments.Json = False) -> None:
+def show_camera(
+    name: arguments.CameraName, as_toml: arguments.Toml = False, as_json: arguments.Json = False
+) -> None:
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
     camera = ms.load_camera(name)
     if as_toml:
         return show(camera.to_toml().rstrip("\n"), False)
     fields = camera.model_dump(mode="json")
     table = FittedTable(("field", "value", "source"))
-    for field, value in _flat({key: x for key, x in fields.items() if key not in ("sources", "gains")}).items():
-        table.add_row(field, Text(short(value)), Text(short(camera.sources.get(field, "")), style="dim"))
+    for field, value in _flat(
+        {key: x for key, x in fields.items() if key not in ("sources", "gains")}
+    ).items():
+        table.add_row(
+            field, Text(short(value)), Text(short(camera.sources.get(field, "")), style="dim")
+        )
     figures = figures_if_any(camera)
-    found = {"sources": dict(camera.sources), "notes": list(camera.notes), "emva1288": figures and figures.to_dict()}
+    found = {
+        "sources": dict(camera.sources),
+        "notes": list(camera.notes),
+        "emva1288": figures and figures.to_dict(),
+    }
     show({**fields, **found} if as_json else table, as_json)
     if camera.gains and not as_json:
         show(_settings(camera), False)
@@ -109,7 +154,8 @@ def show_camera(name: arguments.CameraName, as_toml: arguments.Toml = False, as_
 
 def _figure_table(figures: EmvaFigures) -> FittedTable:
     table = FittedTable(
-        ("symbol", "value", "unit", "what it is"), title="EMVA 1288, from the datasheet, short exposure"
+        ("symbol", "value", "unit", "what it is"),
+        title="EMVA 1288, from the datasheet, short exposure",
     )
     for one in figures.table():
         table.add_row(one.symbol, f"{one.value:.5g}", one.unit, one.name)
@@ -147,11 +193,18 @@ def lenses(as_json: arguments.Json = False) -> None:
     from ..camera.lens_file import list_lenses
     from ..optics.paraxial import cardinal_points
 
-    default = ms.load_camera(options.DEFAULT_CAMERA).replace(**{"lens.f_number": 64.0})  # every lens can close so far
+    default = ms.load_camera(options.DEFAULT_CAMERA).replace(
+        **{"lens.f_number": 64.0}
+    )  # every lens can close so far
     known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]
-    lengths = [(one.prescription, cardinal_points(one).focal_length) for one in known if one.prescription is not None]
+    lengths = [
+        (one.prescription, cardinal_points(one).focal_length)
+        for one in known
+        if one.prescription is not None
+    ]
     found = [
-        {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source} for x, f in lengths
+        {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source}
+        for x, f in lengths
     ]
     table = FittedTable(("lens", "focal length", "surfaces", "source"))
     for x, f in lengths:
@@ -161,7 +214,9 @@ def lenses(as_json: arguments.Json = False) -> None:
 
 def _settings(camera: ms.Camera) -> FittedTable:
     """One row per gain setting, with what it has in place of the camera's own numbers."""
-    names = [name for name in ("gain_dn_per_e", *SET) if getattr(camera.gains[0], name) is not None]
+    names = [
+        name for name in ("gain_dn_per_e", *SET) if getattr(camera.gains[0], name) is not None
+    ]
     table = FittedTable(("gain setting", *names), caption=camera.sources.get("gains", ""))
     for one in camera.gains:
         chosen = " (set)" if one.label == camera.gain else ""
@@ -173,16 +228,24 @@ def _camera_file(name: str, force: bool) -> Path:
     """The path of a camera file to write. Raises InputError."""
     file = Path(name)
     if file.suffix != ".toml":
-        raise InputError(f"{name or 'an empty text'} is no name of a camera file; let it end in .toml.")
+        raise InputError(
+            f"{name or 'an empty text'} is no name of a camera file; let it end in .toml."
+        )
     if file.exists() and not (force and file.is_file()):
-        remedy = "--force writes over it, or give another name" if file.is_file() else "give another name"
+        remedy = (
+            "--force writes over it, or give another name"
+            if file.is_file()
+            else "give another name"
+        )
         raise InputError(f"{file} exists already; {remedy}.")
     return file
 
 
 def _verdict(name: str, found: Sequence[CameraFinding]) -> str:
     """The last line of a check."""
-    counts = [(sum(one.level == level for one in found), level) for level in ("error", "warning")]
+    counts = [
+        (sum(one.level == level for one in found), level) for level in ("error", "warning")
+    ]
     said = ", ".join(f"{n} {level}{'s' if n > 1 else ''}" for n, level in counts if n)
     return f"{name}: {said or 'nothing is wrong'}"
 
@@ -191,5 +254,9 @@ def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, object]:
     """Nested fields under dotted names."""
     flat: dict[str, object] = {}
     for key, value in fields.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+        flat |= (
+            _flat(value, f"{prefix}{key}.")
+            if isinstance(value, dict)
+            else {f"{prefix}{key}": value}
+        )
     return flat

@@ -23,11 +23,26 @@ from ..sensor.metering import Metering
 from ..stages.gains import gain_dn_per_e
 from ..stopping import undone_if_stopped
 from . import arguments, options, terminal
-from .app import CHECKS, PICTURES, THINGS, app, camera_and_exposure, err, other_flags, render_input, settings_of, show
+from .app import (
+    CHECKS,
+    PICTURES,
+    THINGS,
+    app,
+    camera_and_exposure,
+    err,
+    other_flags,
+    render_input,
+    settings_of,
+    show,
+)
 from .options import number
 from .tables import FittedTable
 
-LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a finding of lint → its style
+LEVELS = {
+    "black": "bold red",
+    "wrong": "bold yellow",
+    "note": "dim",
+}  # of a finding of lint → its style
 
 
 @app.command(
@@ -36,7 +51,10 @@ LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a fi
 )
 @options.flags(options.CameraFlags, CaptureOptions)
 def render(
-    scene: arguments.Scene, out_dir: arguments.Out, as_json: arguments.Json = False, **flags: options.Flag
+    scene: arguments.Scene,
+    out_dir: arguments.Out,
+    as_json: arguments.Json = False,
+    **flags: options.Flag,
 ) -> None:
     """Render SCENE and expose a camera to it.
 
@@ -44,8 +62,13 @@ def render(
     asked for): all, or none.
     """
     given, asked = render_input(scene, flags)
-    with output_folder(out_dir, CAPTURE_FILES) as folder, terminal.render_progress(err, asked) as progress:
-        found = ms.capture(given.scene, given.camera, given.exposure, progress=progress, **asked)
+    with (
+        output_folder(out_dir, CAPTURE_FILES) as folder,
+        terminal.render_progress(err, asked) as progress,
+    ):
+        found = ms.capture(
+            given.scene, given.camera, given.exposure, progress=progress, **asked
+        )
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
 
@@ -56,7 +79,10 @@ def render(
 )
 @options.flags(options.CameraFlags, UnitOptions, LightOptions, RawLightOptions)
 def expose(
-    irradiance: arguments.IrradianceFile, out_dir: arguments.Out, as_json: arguments.Json = False, **flags: options.Flag
+    irradiance: arguments.IrradianceFile,
+    out_dir: arguments.Out,
+    as_json: arguments.Json = False,
+    **flags: options.Flag,
 ) -> None:
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 
@@ -66,9 +92,17 @@ def expose(
     refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)
     _refuse_lens(flags, unit)
-    camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
-    asked = any(x is not None for x in (unit, wavelength_nm, fov_deg))  # of another program's light
-    light = ms.read_irradiance(irradiance, unit, wavelength_nm, camera, fov_deg) if asked else irradiance
+    camera, exposure = camera_and_exposure(
+        flags, settings_of(exr.rendered_for(irradiance), flags)
+    )
+    asked = any(
+        x is not None for x in (unit, wavelength_nm, fov_deg)
+    )  # of another program's light
+    light = (
+        ms.read_irradiance(irradiance, unit, wavelength_nm, camera, fov_deg)
+        if asked
+        else irradiance
+    )
     bar = terminal.render_progress(err, {}, "reading the light")
     with output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
         found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
@@ -94,29 +128,44 @@ def plan(
     from ..render.light.photons import metered
     from ..render.passes.requirements import render_requirements
 
-    tolerance = require("tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02")
+    tolerance = require(
+        "tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02"
+    )
     unit, fov_deg = flags.pop("unit"), flags.pop("fov_deg")
     if source.lower().endswith(".exr"):
         _refuse_lens(flags, unit)
         wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
-        camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(source), flags))
+        camera, exposure = camera_and_exposure(
+            flags, settings_of(exr.rendered_for(source), flags)
+        )
         light = ms.read_irradiance(source, unit, wavelength_nm, camera, fov_deg)
         light = light.before_denoising() if flags["raw_light"] else light
     else:
         if unit is not None or fov_deg is not None:
-            raise InputError(f"{source} is a scene, which is rendered; leave --unit and --fov-deg out.")
+            raise InputError(
+                f"{source} is a scene, which is rendered; leave --unit and --fov-deg out."
+            )
         given, asked = render_input(source, flags)
         camera, exposure = given.camera, given.exposure
         with terminal.render_progress(err, asked) as progress:
             light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
     if isinstance(exposure, Metering):
         exposure = metered(light, camera, exposure)
-    found = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance)
+    found = ms.plan(
+        camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance
+    )
     needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance)
     if as_json:
         seconds = dict(zip(("whole_chain", "plan"), found.seconds, strict=True))
-        show({**found.to_dict(), "render": [asdict(need) for need in needs], "seconds_per_frame": seconds}, True)
+        show(
+            {
+                **found.to_dict(),
+                "render": [asdict(need) for need in needs],
+                "seconds_per_frame": seconds,
+            },
+            True,
+        )
     else:
         show(terminal.plan_sheet(found, needs), False)
 
@@ -136,8 +185,12 @@ def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
     rich_help_panel=THINGS,
     epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps",
 )
-@options.flags(options.CameraFlags, options.MapFlags, without=("exposure_s", "meter", "temperature_k"))
-def fpn_maps(out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: options.Flag) -> None:
+@options.flags(
+    options.CameraFlags, options.MapFlags, without=("exposure_s", "meter", "temperature_k")
+)
+def fpn_maps(
+    out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
     """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
 
     To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
@@ -152,11 +205,23 @@ def fpn_maps(out_file: arguments.MapFile, as_json: arguments.Json = False, **fla
         ("rows", asked["rows"], camera.sensor.rows),
         ("width", asked["width"], camera.sensor.columns),
     ):
-        require(name, first_given(given, pixels), 1, pixels, f"pixels, at most those of {camera.name}")
-    shape = first_given(asked["rows"], camera.sensor.rows), first_given(asked["width"], camera.sensor.columns)
+        require(
+            name,
+            first_given(given, pixels),
+            1,
+            pixels,
+            f"pixels, at most those of {camera.name}",
+        )
+    shape = (
+        first_given(asked["rows"], camera.sensor.rows),
+        first_given(asked["width"], camera.sensor.columns),
+    )
     found = ms.fpn_maps(camera, shape, serial=asked["serial"])
     npz.write_fpn_maps(path, found)
-    spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
+    spread = {
+        name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape}
+        for name, x in found.items()
+    }
     show(spread if as_json else terminal.map_list(spread, str(out_file)), as_json)
 
 
@@ -173,13 +238,28 @@ def doctor(as_json: arguments.Json = False) -> None:
         raise typer.Exit(1)
 
 
-@app.command(rich_help_panel=THINGS, epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
+@app.command(
+    rich_help_panel=THINGS,
+    epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp",
+)
 @options.flags(
     options.CameraFlags,
     SceneOptions,
-    without=("exposure_s", "meter", "temperature_k", "gain", "settings", "without", "width", "motion", "look_at"),
+    without=(
+        "exposure_s",
+        "meter",
+        "temperature_k",
+        "gain",
+        "settings",
+        "without",
+        "width",
+        "motion",
+        "look_at",
+    ),
 )
-def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: options.Flag) -> None:
+def lint(
+    scene: arguments.Scene, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
@@ -188,14 +268,21 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: optio
 
     given, _ = render_input(scene, flags)
     camera, (low, high) = given.camera, given.camera.band_nm
-    findings = inspect_scene(given.scene.file, camera, flags["parameters"] or {}, flags["scene_unit"])
+    findings = inspect_scene(
+        given.scene.file, camera, flags["parameters"] or {}, flags["scene_unit"]
+    )
     if as_json:
         show([finding.to_dict() for finding in findings], True)
     else:
         table = FittedTable(("", "where", "what", "remedy"), keys=2)
         for one in findings:
-            table.add_row(Text(one.level, style=LEVELS[one.level]), *map(Text, (one.where, one.what, one.remedy)))
-        head = Text.assemble((Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm")
+            table.add_row(
+                Text(one.level, style=LEVELS[one.level]),
+                *map(Text, (one.where, one.what, one.remedy)),
+            )
+        head = Text.assemble(
+            (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm"
+        )
         show(Group(head, table if findings else Text("nothing to say", style="green")), False)
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)

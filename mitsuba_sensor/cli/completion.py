@@ -25,7 +25,11 @@ def camera_names(incomplete: str) -> list[str]:
 def camera_fields(incomplete: str) -> list[str]:
     """Fields of a camera, with the = that their value follows."""
     sections = {name: one.annotation for name, one in Camera.model_fields.items()}
-    names = [f"{name}.{field}=" for name, kind in sections.items() for field in getattr(kind, "model_fields", ())]
+    names = [
+        f"{name}.{field}="
+        for name, kind in sections.items()
+        for field in getattr(kind, "model_fields", ())
+    ]
     return one_of(names)(incomplete)
 
 

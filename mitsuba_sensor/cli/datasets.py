@@ -40,13 +40,23 @@ dataset = typer.Typer(
 )
 app.add_typer(dataset, name="dataset", rich_help_panel=THINGS)
 
-DatasetToml = Annotated[str, typer.Argument(metavar="FILE.toml", help="The dataset file.", autocompletion=shell_files)]
+DatasetToml = Annotated[
+    str,
+    typer.Argument(metavar="FILE.toml", help="The dataset file.", autocompletion=shell_files),
+]
 CountOnly = Annotated[
     bool,
-    typer.Option("--count-only", help="Count and check only; nothing is rendered.", rich_help_panel=arguments.OUTPUT),
+    typer.Option(
+        "--count-only",
+        help="Count and check only; nothing is rendered.",
+        rich_help_panel=arguments.OUTPUT,
+    ),
 ]
 DatasetFolder = Annotated[
-    str, typer.Argument(metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files)
+    str,
+    typer.Argument(
+        metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files
+    ),
 ]
 ExportFormat = Annotated[
     str,
@@ -58,10 +68,15 @@ ExportFormat = Annotated[
 ]
 
 
-@dataset.command("run", epilog="Example: mitsuba-sensor dataset run examples/low_light_pairs.toml -o pairs/")
+@dataset.command(
+    "run", epilog="Example: mitsuba-sensor dataset run examples/low_light_pairs.toml -o pairs/"
+)
 @options.flags(RootOptions, RunOptions)
 def run_command(
-    file: DatasetToml, out_dir: arguments.Out, as_json: arguments.Json = False, **flags: options.Flag
+    file: DatasetToml,
+    out_dir: arguments.Out,
+    as_json: arguments.Json = False,
+    **flags: options.Flag,
 ) -> None:
     """Make everything of a dataset that DIR does not have yet.
 
@@ -76,10 +91,15 @@ def run_command(
         raise typer.Exit(1)
 
 
-@dataset.command("plan", epilog="Example: mitsuba-sensor dataset plan examples/low_light_pairs.toml")
+@dataset.command(
+    "plan", epilog="Example: mitsuba-sensor dataset plan examples/low_light_pairs.toml"
+)
 @options.flags(RootOptions)
 def plan_command(
-    file: DatasetToml, count_only: CountOnly = False, as_json: arguments.Json = False, **flags: options.Flag
+    file: DatasetToml,
+    count_only: CountOnly = False,
+    as_json: arguments.Json = False,
+    **flags: options.Flag,
 ) -> None:
     """Say how many renders and samples a dataset has, and what disk and time it will take. Writes nothing.
 
@@ -98,13 +118,17 @@ def plan_command(
 
 @dataset.command("status", epilog="Example: mitsuba-sensor dataset status pairs/")
 @options.flags(RootOptions)
-def status_command(folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag) -> None:
+def status_command(
+    folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
     """Say how much of a dataset is there, and what could not be made. Reads records, no pictures."""
     store, plan = store_of(Path(folder)), plan_of(Path(folder), flags["roots"])
     held = holdings(store, plan)
     failed = {key: str(facts.get("why")) for key, facts in store.quarantined().items()}
     found = {"name": plan.file.name, **held._asdict(), "quarantine": failed}
-    head = f"{plan.file.name}: {held.there} of {held.samples} samples, {held.bytes / 1e6:.3g} MB"
+    head = (
+        f"{plan.file.name}: {held.there} of {held.samples} samples, {held.bytes / 1e6:.3g} MB"
+    )
     if held.others:
         head += (
             f"\n{held.others} samples of earlier files of the dataset too, {held.others_bytes / 1e6:.3g} MB, which "
@@ -118,14 +142,19 @@ def verify_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
     """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
     with steps_bar(err) as now:
         faults = list(verify(Path(folder), lambda done, total: now(done, total, "verified")))
-    show([fault._asdict() for fault in faults] if as_json else fault_sheet(folder, faults), as_json)
+    show(
+        [fault._asdict() for fault in faults] if as_json else fault_sheet(folder, faults),
+        as_json,
+    )
     if faults:
         raise typer.Exit(1)
 
 
 @dataset.command("repair", epilog="Example: mitsuba-sensor dataset repair pairs/")
 @options.flags(RootOptions, RunOptions, without=("shard",))
-def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag) -> None:
+def repair_command(
+    folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
     """Make again what `dataset verify` finds, and what is missing; everything else stays as it is."""
     place = Path(folder)
     store_of(place)
@@ -139,12 +168,17 @@ def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **fla
     head = f"entries that were not as they were written: {len(broken)}; samples made again: {found.made}"
     head += "".join(f"\n{remark}" for remark in found.remarks)
     failed = {one.view: one.failed for one in found.failed}
-    show({**_summary(found), "broken": broken} if as_json else _with_failed(head, failed), as_json)
+    show(
+        {**_summary(found), "broken": broken} if as_json else _with_failed(head, failed),
+        as_json,
+    )
     if found.failed:
         raise typer.Exit(1)
 
 
-@dataset.command("export", epilog="Example: mitsuba-sensor dataset export webdataset pairs/ -o shards/")
+@dataset.command(
+    "export", epilog="Example: mitsuba-sensor dataset export webdataset pairs/ -o shards/"
+)
 @options.flags(ExportOptions)
 def export_command(
     format: ExportFormat,
@@ -160,17 +194,31 @@ def export_command(
     from ..dataset.exports.export import export
 
     with steps_bar(err) as now:
-        count = export(folder, format, out_dir, progress=lambda done, total: now(done, total, "exported"), **flags)
+        count = export(
+            folder,
+            format,
+            out_dir,
+            progress=lambda done, total: now(done, total, "exported"),
+            **flags,
+        )
     found = {"samples": count, "format": format, "folder": out_dir}
-    said = f"{Path(out_dir)}: {count} samples as {format}; README.md there says how to read them"
+    said = (
+        f"{Path(out_dir)}: {count} samples as {format}; README.md there says how to read them"
+    )
     show(found if as_json else said, as_json)
 
 
 @contextmanager
 def samples_bar() -> Iterator[Show]:
     """A bar over samples, with the rate, a forecast and failures. Yields what :func:`dataset.run.run` shows to."""
-    texts = MofNCompleteColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    bar = Progress(BarColumn(), *texts, console=err, transient=True, disable=not err.is_terminal)
+    texts = (
+        MofNCompleteColumn(),
+        TextColumn("{task.description}", markup=False),
+        TimeElapsedColumn(),
+    )
+    bar = Progress(
+        BarColumn(), *texts, console=err, transient=True, disable=not err.is_terminal
+    )
     last: list[RunProgress] = []
     remark_if_stopped(partial(_kept, last))
     with bar as shown, undone_if_stopped(bar.stop):
@@ -182,7 +230,12 @@ def samples_bar() -> Iterator[Show]:
             rate = f"{speed:.2g} samples/s, " if speed else ""
             failed = f", {len(progress.failed)} views failed" if progress.failed else ""
             done = progress.there + progress.made
-            shown.update(task, total=progress.samples, completed=done, description=f"{rate}{progress.now}{failed}")
+            shown.update(
+                task,
+                total=progress.samples,
+                completed=done,
+                description=f"{rate}{progress.now}{failed}",
+            )
 
         yield tell
 
@@ -195,7 +248,11 @@ def _kept(last: list[RunProgress]) -> str | None:
 
 def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:
     """What a run made, and what it could not."""
-    head = Text.assemble((plan.file.name, "bold"), f": {found.made} samples made, {found.there} were there → ", folder)
+    head = Text.assemble(
+        (plan.file.name, "bold"),
+        f": {found.made} samples made, {found.there} were there → ",
+        folder,
+    )
     if found.changed:
         head.append(
             f"\n{folder} was made from another text of the file before; samples that this one does not have stay there "
@@ -207,7 +264,9 @@ def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableT
 
 def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> RenderableType:
     """A line for each scene, and the sums."""
-    table = FittedTable(("scene", "renders", "samples", "s/render", "s/sample", "MB/sample"), keys=1)
+    table = FittedTable(
+        ("scene", "renders", "samples", "s/render", "s/sample", "MB/sample"), keys=1
+    )
     for scene, (views, samples) in counts.by_scene.items():
         cost = found.scenes.get(scene) if found else None
         costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6) if cost else None
@@ -215,7 +274,11 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
         table.add_row(scene, str(views), str(samples), *cells)
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
     head = f"{plan.file.name}: {counts.samples} samples of {counts.views} renders{f' ({splits})' if splits else ''}"
-    takes = [] if found is None else [f"about {minutes(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
+    takes = (
+        []
+        if found is None
+        else [f"about {minutes(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
+    )
     return Group(Text(head, style="bold"), table, *map(Text, takes))
 
 
@@ -226,7 +289,11 @@ def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
     table = FittedTable(("what", "of", "key", "file"), keys=2)
     for one in faults[:MOST_SHOWN]:
         table.add_row(one.what, one.kind, one.key, Text(one.file))
-    more = [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")] if len(faults) > MOST_SHOWN else []
+    more = (
+        [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")]
+        if len(faults) > MOST_SHOWN
+        else []
+    )
     remedy = f"`mitsuba-sensor dataset repair {folder}` makes them again"
     if any(fault.kind == "dataset" and fault.file != INDEX for fault in faults):
         remedy = RESTORE.format(folder)
@@ -243,4 +310,9 @@ def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
 
 def _summary(found: RunProgress) -> dict[str, object]:
     failed = [{"view": one.view, "why": one.failed} for one in found.failed]
-    return {"made": found.made, "there": found.there, "failed": failed, "remarks": found.remarks}
+    return {
+        "made": found.made,
+        "there": found.there,
+        "failed": failed,
+        "remarks": found.remarks,
+    }

@@ -43,7 +43,10 @@ class CharacterizeFlags(TypedDict, total=False):
     bits: Annotated[
         int | None,
         Option(
-            "Of the frames on disk: resolution of the ADC. Default: what the files say.", low=1, high=32, panel=PANEL
+            "Of the frames on disk: resolution of the ADC. Default: what the files say.",
+            low=1,
+            high=32,
+            panel=PANEL,
         ),
     ]
     wavelength_nm: Annotated[
@@ -66,16 +69,25 @@ class CharacterizeFlags(TypedDict, total=False):
     ]
     serial: Annotated[
         int | None,
-        Option("Serial number of the simulated camera. Default: 1.", check=require_seed, panel=PANEL),
+        Option(
+            "Serial number of the simulated camera. Default: 1.",
+            check=require_seed,
+            panel=PANEL,
+        ),
     ]
-    seed: Annotated[int | None, Option("Seed of the simulated frames. Default: 1.", check=require_seed, panel=PANEL)]
+    seed: Annotated[
+        int | None,
+        Option("Seed of the simulated frames. Default: 1.", check=require_seed, panel=PANEL),
+    ]
 
 
 @app.command(
     rich_help_panel=CHECKS,
     epilog="Example: mitsuba-sensor characterize --camera bayer_2mp -o lab/; of a real one: --frames bench/ -o lab/",
 )
-@options.flags(options.CameraFlags, CharacterizeFlags, StudyFlags, without=("exposure_s", "meter", "force"))
+@options.flags(
+    options.CameraFlags, CharacterizeFlags, StudyFlags, without=("exposure_s", "meter", "force")
+)
 def characterize(**flags: Flag) -> None:
     """Measure a camera as EMVA 1288 does: K, QE, noise, saturation, non-uniformity, dark current, defects.
 
@@ -95,7 +107,10 @@ def characterize(**flags: Flag) -> None:
         texts.write_page(scratch / PAGE, html(made))
         texts.write_json(scratch / REPORT, made.to_dict())
     show(
-        made.to_dict() if flags["as_json"] else study_sheet(made, str(Path(folder) / PAGE), out.width), flags["as_json"]
+        made.to_dict()
+        if flags["as_json"]
+        else study_sheet(made, str(Path(folder) / PAGE), out.width),
+        flags["as_json"],
     )
     if not made.passed:
         raise typer.Exit(1)
@@ -111,12 +126,23 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
         raise InputError("--bits is for frames from disk; leave it out, or give --frames.")
     camera, temperature_k = _camera(flags)
     wavelength_nm = first_given(asked["wavelength_nm"], best_wavelength_nm(camera))
-    setup = Setup(temperature_k, wavelength_nm, first_given(asked["serial"], 1), first_given(asked["seed"], 1))
+    setup = Setup(
+        temperature_k,
+        wavelength_nm,
+        first_given(asked["serial"], 1),
+        first_given(asked["seed"], 1),
+    )
     with steps_bar(err) as progress:
         light = rendered_field(camera) if asked["rendered"] else field_at(camera, wavelength_nm)
-        bench = virtual_bench(camera, setup, light, lambda done, total: progress(done, total, "taking frames"))
+        bench = virtual_bench(
+            camera, setup, light, lambda done, total: progress(done, total, "taking frames")
+        )
         measured = figures_of(bench, progress)
-    about = {"camera": camera.name, **setup._asdict(), "light": "rendered" if asked["rendered"] else "exact"}
+    about = {
+        "camera": camera.name,
+        **setup._asdict(),
+        "light": "rendered" if asked["rendered"] else "exact",
+    }
     sheet = _datasheet(flags, bench, light.efficiency)
     return characterized(camera.name, measured, sheet, **about, **_made())
 
@@ -128,9 +154,13 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
 
     for name in ("rendered", "serial", "seed"):
         if asked[name]:
-            raise InputError(f"--{name} is for simulated frames, and --frames names real ones; leave one of them out.")
+            raise InputError(
+                f"--{name} is for simulated frames, and --frames names real ones; leave one of them out."
+            )
     with steps_bar(err) as progress:
-        bench = read_bench(asked["frames"] or "", lambda done, total: progress(done, total, "reading frames"))
+        bench = read_bench(
+            asked["frames"] or "", lambda done, total: progress(done, total, "reading frames")
+        )
         bench = _at_gain(bench, flags["gain"]).given(asked["bits"], asked["wavelength_nm"])
         measured = figures_of(bench, progress)
     name, sheet = Path(asked["frames"] or "").resolve().name, {}
@@ -138,19 +168,27 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
         camera, wavelength_nm = _camera(flags)[0], bench.wavelength_nm
         qe = None if wavelength_nm is None else camera.qe([wavelength_nm])[:, 0]
         name, sheet = camera.name, _datasheet(flags, bench, qe)
-    about = {"frames": asked["frames"], "camera": name, "stacks": [stack.source for stack in bench.stacks]}
+    about = {
+        "frames": asked["frames"],
+        "camera": name,
+        "stacks": [stack.source for stack in bench.stacks],
+    }
     return characterized(name, measured, sheet, **about, **_made())
 
 
 def _at_gain(bench: "Bench", gain: object) -> "Bench":
     """The stacks of one gain setting. Raises InputError where there are several and none is asked for."""
     if gain is None and len(bench.gains) > 1:
-        raise InputError(f"the frames have the gain settings {', '.join(bench.gains)}; choose one by --gain.")
+        raise InputError(
+            f"the frames have the gain settings {', '.join(bench.gains)}; choose one by --gain."
+        )
     if gain is None:
         return bench
     gain = str(gain)
     if gain not in bench.gains:
-        raise InputError(f"--gain {gain} is none of the gain settings of the frames: {', '.join(bench.gains)}.")
+        raise InputError(
+            f"--gain {gain} is none of the gain settings of the frames: {', '.join(bench.gains)}."
+        )
     return bench.at_gain(gain)
 
 
@@ -160,12 +198,16 @@ def _camera(flags: Flags) -> tuple[Camera, float]:
     return camera, exposure.temperature_k
 
 
-def _datasheet(flags: Flags, bench: "Bench", efficiency: Float64Array | None) -> "dict[str, dict[str, Said]]":
+def _datasheet(
+    flags: Flags, bench: "Bench", efficiency: Float64Array | None
+) -> "dict[str, dict[str, Said]]":
     """Figures of the datasheet in the exposure of the flat fields, by filter.  efficiency : QE of each filter."""
     from ..bench.datasheet import expected
 
     camera, temperature_k = _camera(flags)
-    exposure = Exposure(min((stack.exposure_s for stack in bench.flats), default=0.0), temperature_k)
+    exposure = Exposure(
+        min((stack.exposure_s for stack in bench.flats), default=0.0), temperature_k
+    )
     found = {}
     for name, part in bench.of_filters().items():
         kind = name.partition(" (")[0]  # G (2) is the second place of the filter G in the tile
@@ -177,4 +219,8 @@ def _datasheet(flags: Flags, bench: "Bench", efficiency: Float64Array | None) ->
 
 def _made() -> dict[str, object]:
     """How the report was made, for its foot."""
-    return {"command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]), "machine": machine(), "versions": versions()}
+    return {
+        "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
+        "machine": machine(),
+        "versions": versions(),
+    }

@@ -92,7 +92,12 @@ class NewCameraFlags(TypedDict, total=False):
     """What a new camera file begins with."""
 
     like: Annotated[
-        str, Option("Camera to start from: a name from `cameras list`, or a .toml.", DEFAULT_CAMERA, metavar="NAME")
+        str,
+        Option(
+            "Camera to start from: a name from `cameras list`, or a .toml.",
+            DEFAULT_CAMERA,
+            metavar="NAME",
+        ),
     ]
     settings: Settings
     without: Without
@@ -105,11 +110,16 @@ class ImportFlags(TypedDict, total=False):
     like: Annotated[
         str,
         Option(
-            "Camera whose numbers hold where the file says nothing: a name, or a .toml.", "bayer_2mp", metavar="NAME"
+            "Camera whose numbers hold where the file says nothing: a name, or a .toml.",
+            "bayer_2mp",
+            metavar="NAME",
         ),
     ]
     settings: Settings
-    name: Annotated[str | None, Option("Name of the camera. Default: what the file says, else its own name.")]
+    name: Annotated[
+        str | None,
+        Option("Name of the camera. Default: what the file says, else its own name."),
+    ]
     force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
 
 
@@ -117,10 +127,21 @@ class MapFlags(TypedDict, total=False):
     """Which FPN maps are written."""
 
     serial: Annotated[
-        int, Option("Serial number of the camera: selects its fixed-pattern noise.", 1, check=require_seed)
+        int,
+        Option(
+            "Serial number of the camera: selects its fixed-pattern noise.",
+            1,
+            check=require_seed,
+        ),
     ]
-    rows: Annotated[int | None, Option("Height of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
-    width: Annotated[int | None, Option("Width of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
+    rows: Annotated[
+        int | None,
+        Option("Height of the maps. Default: the whole sensor.", low=1, metavar="PIXELS"),
+    ]
+    width: Annotated[
+        int | None,
+        Option("Width of the maps. Default: the whole sensor.", low=1, metavar="PIXELS"),
+    ]
 
 
 class StudyFlags(TypedDict, total=False):
@@ -128,9 +149,15 @@ class StudyFlags(TypedDict, total=False):
 
     out: Annotated[
         str | None,
-        Option("Folder for the page. Default: study/ and the study's name.", flag="-o --out", metavar="DIR"),
+        Option(
+            "Folder for the page. Default: study/ and the study's name.",
+            flag="-o --out",
+            metavar="DIR",
+        ),
     ]
-    force: Annotated[bool, Option("Measure again what the folder holds already.", False, flag="--force")]
+    force: Annotated[
+        bool, Option("Measure again what the folder holds already.", False, flag="--force")
+    ]
     as_json: Annotated[bool, Option("Only JSON on stdout, for programs.", False, flag="--json")]
 
 
@@ -138,10 +165,19 @@ class WorkPrecisionFlags(TypedDict, total=False):
     """Flags of ``study work-precision``."""
 
     tolerance: Annotated[
-        float, Option("Relative error of a pixel's irradiance for which a setting is recommended.", 0.01)
+        float,
+        Option(
+            "Relative error of a pixel's irradiance for which a setting is recommended.", 0.01
+        ),
     ]
     seeds: Annotated[
-        int, Option("Independent runs of each setting; their spread makes the intervals.", 4, low=2, example="4")
+        int,
+        Option(
+            "Independent runs of each setting; their spread makes the intervals.",
+            4,
+            low=2,
+            example="4",
+        ),
     ]
     sides: Annotated[
         list[str] | None,
@@ -154,7 +190,11 @@ class WorkPrecisionFlags(TypedDict, total=False):
     ]
     variants: Annotated[
         list[str] | None,
-        Option("A Mitsuba variant to compare. Repeatable. Default: all that work.", flag="--variant", text=list[str]),
+        Option(
+            "A Mitsuba variant to compare. Repeatable. Default: all that work.",
+            flag="--variant",
+            text=list[str],
+        ),
     ]
 
 
@@ -162,7 +202,9 @@ class AblationFlags(TypedDict, total=False):
     """Flags of ``study ablation``."""
 
     tolerance_dn: Annotated[float, Option("Of the plan that is put to the test, in DN.", 0.02)]
-    frames: Annotated[int, Option("Frames of each of the 8 cameras that are measured.", 8, low=2, example="8")]
+    frames: Annotated[
+        int, Option("Frames of each of the 8 cameras that are measured.", 8, low=2, example="8")
+    ]
     spp: Annotated[
         int,
         Option(
@@ -173,8 +215,14 @@ class AblationFlags(TypedDict, total=False):
             example="32",
         ),
     ]
-    seed: Annotated[int | None, Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed)]
-    serial: Annotated[int | None, Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed)]
+    seed: Annotated[
+        int | None,
+        Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed),
+    ]
+    serial: Annotated[
+        int | None,
+        Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed),
+    ]
 
 
 PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
@@ -204,17 +252,31 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
     def with_flags(command: Command) -> Command:
         known = (one for kind in kinds for one in declared(kind) if one.option.flag is not None)
         found = {one.name: one for one in known if one.name not in without}
-        own = [p for p in inspect.signature(command, eval_str=True).parameters.values() if p.kind is not p.VAR_KEYWORD]
-        needed, optional = [p for p in own if p.default is p.empty], [p for p in own if p.default is not p.empty]
+        own = [
+            p
+            for p in inspect.signature(command, eval_str=True).parameters.values()
+            if p.kind is not p.VAR_KEYWORD
+        ]
+        needed, optional = (
+            [p for p in own if p.default is p.empty],
+            [p for p in own if p.default is not p.empty],
+        )
         kind = inspect.Parameter.KEYWORD_ONLY
-        made = [inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x)) for x in found.values()]
+        made = [
+            inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x))
+            for x in found.values()
+        ]
         parameters = [p.replace(kind=kind) for p in (*needed, *made, *optional)]
 
         def run(**values: Flag) -> None:
             read = {one.name: _read(one, values[one.name]) for one in found.values()}
             command(**{**values, **read})
 
-        run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
+        run.__name__, run.__doc__, run.__module__ = (
+            command.__name__,
+            command.__doc__,
+            command.__module__,
+        )
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {p.name: p.annotation for p in parameters}
         return run  # type: ignore[return-value]
@@ -227,7 +289,9 @@ def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     found = [[part.strip() for part in text.partition("=")] for text in texts]
     for text, (name, equals, _) in zip(texts, found, strict=True):
         if not name or not equals:
-            raise InputError(f"{option} {text!r} has no name and value; write {option} NAME=VALUE.")
+            raise InputError(
+                f"{option} {text!r} has no name and value; write {option} NAME=VALUE."
+            )
     return {name: value for name, _, value in found}
 
 
@@ -245,9 +309,17 @@ def _seconds(text: str) -> float:
         return float(value)
     parts = re.fullmatch(r"\s*([\d.,]+(?:e-?\d+)?)\s*(?:/\s*(\d+)|([a-zµ]*))\s*", text)
     meant = number(parts[1].replace(",", ".")) if parts else text
-    factor = (1 / int(parts[2]) if parts[2] else SECONDS.get(parts[3])) if parts and parts[2] != "0" else None
-    example = f"{meant * factor:.4g}" if factor is not None and not isinstance(meant, str) else "0.01"
-    raise InputError(f"--exposure-s {text!r} is no number of seconds; give seconds, e.g. {example}, or auto.")
+    factor = (
+        (1 / int(parts[2]) if parts[2] else SECONDS.get(parts[3]))
+        if parts and parts[2] != "0"
+        else None
+    )
+    example = (
+        f"{meant * factor:.4g}" if factor is not None and not isinstance(meant, str) else "0.01"
+    )
+    raise InputError(
+        f"--exposure-s {text!r} is no number of seconds; give seconds, e.g. {example}, or auto."
+    )
 
 
 def _read(one: Declared, value: Flag) -> Flag:
@@ -276,15 +348,24 @@ def _type(one: Declared) -> Flag:
 
 
 SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
-NUMBERS: dict[tuple[type, ...], str] = {(int,): "INTEGER", (float,): "NUMBER"}  # kinds of an option → its metavar
-READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option becomes its value, where typer does not know
+NUMBERS: dict[tuple[type, ...], str] = {
+    (int,): "INTEGER",
+    (float,): "NUMBER",
+}  # kinds of an option → its metavar
+READERS: dict[
+    str, Callable[[Flag], Flag]
+] = {  # how the text of an option becomes its value, where typer does not know
     "parameters": lambda texts: pairs("-D", texts),
     "settings": lambda texts: pairs("--set", texts),
-    "traverse": lambda texts: {k: [number(x) for x in v.split(",")] for k, v in pairs("--traverse", texts).items()},
+    "traverse": lambda texts: {
+        k: [number(x) for x in v.split(",")] for k, v in pairs("--traverse", texts).items()
+    },
     "exposure_s": lambda text: text if text == "auto" else _seconds(text),
     "maps": npz.read_fpn_maps,
 }
-PROPOSALS: dict[str, Callable[[str], list[str]]] = {  # for the value of an option, where its type does not say
+PROPOSALS: dict[
+    str, Callable[[str], list[str]]
+] = {  # for the value of an option, where its type does not say
     "camera": camera_names,
     "like": camera_names,
     "settings": camera_fields,

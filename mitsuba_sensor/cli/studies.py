@@ -37,9 +37,16 @@ app.add_typer(study, name="study", rich_help_panel=CHECKS)
 
 
 @study.command(
-    "work-precision", epilog="Example: mitsuba-sensor study work-precision scenes/step_wedge.xml --side sensor"
+    "work-precision",
+    epilog="Example: mitsuba-sensor study work-precision scenes/step_wedge.xml --side sensor",
 )
-@options.flags(options.CameraFlags, SceneOptions, WorkPrecisionFlags, StudyFlags, without=("motion", "variant"))
+@options.flags(
+    options.CameraFlags,
+    SceneOptions,
+    WorkPrecisionFlags,
+    StudyFlags,
+    without=("motion", "variant"),
+)
 def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
@@ -49,16 +56,25 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     from ..study.work_precision import RECORDS, SIDES
     from ..study.work_precision import work_precision as measured
 
-    asked: dict[str, Flag] = dict(complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags)))
+    asked: dict[str, Flag] = dict(
+        complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags))
+    )
     sides = tuple(asked.pop("sides") or SIDES)
-    found, _ = render_input(scene, {**flags, "variant": next(iter(asked["variants"] or ()), None)})
+    found, _ = render_input(
+        scene, {**flags, "variant": next(iter(asked["variants"] or ()), None)}
+    )
     subject, question = _subject(scene, found, flags)
     measure = partial(measured, subject=subject, sides=sides, **asked)
     _run("work-precision", flags, {**question, **asked}, measure, RECORDS)
 
 
-@study.command("ablation", epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001")
-@options.flags(options.CameraFlags, SceneOptions, AblationFlags, StudyFlags, without=("motion",))
+@study.command(
+    "ablation",
+    epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001",
+)
+@options.flags(
+    options.CameraFlags, SceneOptions, AblationFlags, StudyFlags, without=("motion",)
+)
 def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     """What each noise source and each feature of the render does to SCENE, and what leaving it out would save.
 
@@ -70,9 +86,20 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
     require("tolerance_dn", asked["tolerance_dn"], 0.0, 1e9, "digital numbers, e.g. 0.02")
     found, _ = render_input(scene, flags)
-    asked |= {name: first_given(asked[name], getattr(found.scene.settings, name), 1) for name in ("seed", "serial")}
-    subject, question = _subject(scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"])
-    _run("ablation", flags, {**question, **asked}, partial(measured, subject=subject, **asked), RECORDS)
+    asked |= {
+        name: first_given(asked[name], getattr(found.scene.settings, name), 1)
+        for name in ("seed", "serial")
+    }
+    subject, question = _subject(
+        scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"]
+    )
+    _run(
+        "ablation",
+        flags,
+        {**question, **asked},
+        partial(measured, subject=subject, **asked),
+        RECORDS,
+    )
 
 
 @study.command("stress", epilog="Example: mitsuba-sensor study stress -o study/stress")
@@ -85,19 +112,29 @@ def stress(**flags: Flag) -> None:
     _run("stress", flags, {}, measured, RECORDS)
 
 
-def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> "tuple[Subject, dict[str, Flag]]":
+def _subject(
+    scene: str, found: RenderInput, flags: Flags, **more: Flag
+) -> "tuple[Subject, dict[str, Flag]]":
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
     from ..render.passes.prepared import prepare
     from ..study.kit import Subject
 
     parameters = flags["parameters"] or {}
-    same = {name: flags[name] for name in ("scene_unit", "width", "integrator", "ignore_polarization")}
+    same = {
+        name: flags[name]
+        for name in ("scene_unit", "width", "integrator", "ignore_polarization")
+    }
     render = {"parameters": parameters, **same, **more}
     about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
     exposure = found.exposure
     if isinstance(exposure, Metering):
         exposure = prepare(scene, found.camera, exposure, **render).metered_first().exposure
-    question = {**about, "camera": found.camera.model_dump(), "exposure": asdict(exposure), "render": render}
+    question = {
+        **about,
+        "camera": found.camera.model_dump(),
+        "exposure": asdict(exposure),
+        "render": render,
+    }
     return Subject(scene, found.camera, exposure, render), question
 
 
@@ -114,11 +151,17 @@ def _run(
     """
     from ..study.running import PAGE, StudyFolder
 
-    refuse_empty(first_given(flags["out"], name), "-o", "give the name of a folder, e.g. -o study/out")
+    refuse_empty(
+        first_given(flags["out"], name), "-o", "give the name of a folder, e.g. -o study/out"
+    )
     path = Path(first_given(flags["out"], f"study/{name}"))
     about: dict[str, object] = {"command": _command()}
     if question:
-        about |= {"scene": question["scene"], "camera": question["camera"]["name"], "exposure": question["exposure"]}
+        about |= {
+            "scene": question["scene"],
+            "camera": question["camera"]["name"],
+            "exposure": question["exposure"],
+        }
     folder = StudyFolder(path, name, question, about, records)
     known = folder.measurements(flags["force"])
     remark_if_stopped(partial(_kept, known))
@@ -136,7 +179,10 @@ def _command() -> str:
     """The command that was given, without where it writes and how it shows what it found."""
     asked = []
     for before, argument in zip(sys.argv, sys.argv[1:], strict=False):
-        if argument not in ("-o", "--out", "--json", "--force") and before not in ("-o", "--out"):
+        if argument not in ("-o", "--out", "--json", "--force") and before not in (
+            "-o",
+            "--out",
+        ):
             asked.append(argument)
     return shlex.join(["mitsuba-sensor", *asked])
 

@@ -11,7 +11,13 @@ from ..pages import page
 from ..pages.html_page import text
 from .tables import FittedTable
 
-STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
+STYLES = {
+    "good": "green",
+    "bad": "bold red",
+    "best": "bold green",
+    "dim": "dim",
+    "": "",
+}  # of a mark
 MOST_LINES = 40
 """Of a study in the terminal; what does not fit stands in the page."""
 LAST_LINES = 2  # of the sentence about what does not fit, in a narrow terminal
@@ -21,13 +27,24 @@ NOTHING = 1e-30  # what is smaller is printed as 0
 
 def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
     """A study in the terminal of so many characters: findings, then the tables that fit, first those with faults."""
-    verdict = ("everything that must hold does", "bold green") if found.passed else ("not all holds", "bold red")
-    lines: list[RenderableType] = [Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))]
-    parts = [part for part in found.parts if isinstance(part, page.Grid | page.Table) and part.rows]
+    verdict = (
+        ("everything that must hold does", "bold green")
+        if found.passed
+        else ("not all holds", "bold red")
+    )
+    lines: list[RenderableType] = [
+        Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))
+    ]
+    parts = [
+        part for part in found.parts if isinstance(part, page.Grid | page.Table) and part.rows
+    ]
     parts.sort(key=lambda part: not _has_faults(part))
     pieces: dict[str, list[RenderableType]] = {
         "findings": [Text(f"• {finding}") for finding in found.findings],
-        "tables": [_grid(part) if isinstance(part, page.Grid) else _table(part, width) for part in parts],
+        "tables": [
+            _grid(part) if isinstance(part, page.Grid) else _table(part, width)
+            for part in parts
+        ],
     }
     left, hidden = MOST_LINES - LAST_LINES - height(lines[0], width), dict.fromkeys(pieces, 0)
     for kind, some in pieces.items():
@@ -36,7 +53,9 @@ def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
                 lines.append(piece)
                 left -= height(piece, width)
             hidden[kind] += not fits
-    if more := " and ".join(f"{number} more {kind}" for kind, number in hidden.items() if number):
+    if more := " and ".join(
+        f"{number} more {kind}" for kind, number in hidden.items() if number
+    ):
         lines.append(Text(f"{more} stand in the page", style="dim"))
     return Group(*lines)
 
@@ -55,7 +74,9 @@ def _has_faults(part: page.Grid | page.Table) -> bool:
 def _grid(part: page.Grid) -> RenderableType:
     drawn = FittedTable(("", *part.columns), title=part.title)
     for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
-        drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
+        drawn.add_row(
+            name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True))
+        )
     return drawn
 
 
@@ -67,7 +88,11 @@ def _table(table: page.Table, width: int) -> RenderableType:
     if set(table.marks) == {"good"}:
         return Text(f"{table.title}: all {len(table.rows)} rows as they must be")
     rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
-    shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
+    shown = (
+        rows
+        if len(rows) <= LONGEST
+        else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
+    )
     drawn = FittedTable(table.columns)
     for mark, row in shown:
         drawn.add_row(*map(_cell, row), style=STYLES[mark])
@@ -76,7 +101,9 @@ def _table(table: page.Table, width: int) -> RenderableType:
     hidden = {"rows": len(rows) - len(shown), "columns": len(columns) - count}
     more = " and ".join(f"{number} more {name}" for name, number in hidden.items() if number)
     said = [Text(f"{more} stand in the page", style="dim")] if more else []
-    return Group(Text(f"\n{table.title}", style="bold"), drawn.block(columns[:count], width), *said)
+    return Group(
+        Text(f"\n{table.title}", style="bold"), drawn.block(columns[:count], width), *said
+    )
 
 
 def _cell(value: object) -> str:

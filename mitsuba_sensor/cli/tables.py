@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from rich import box
 from rich.cells import cell_len
@@ -42,7 +43,9 @@ class FittedTable:
         self.rows.append(tuple(_printable_cell(cell) for cell in texts))
         self.styles.append(style)
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+    def __rich_console__(
+        self, console: Console, options: ConsoleOptions
+    ) -> Iterator[RenderableType]:
         """The table, or as many blocks as the width of the terminal asks for."""
         if self.title:
             yield Text(f"\n{self.title}", style="bold")
@@ -65,10 +68,13 @@ class FittedTable:
 
     def block(self, columns: Sequence[int], width: int) -> Table:
         """These columns in so many characters. Where that is not enough, names of rows are broken."""
-        drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, GAP - 1, 0, 0))
+        drawn = Table(
+            box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, GAP - 1, 0, 0)
+        )
         for column, characters in zip(columns, self._widths(columns, width), strict=True):
-            side = "right" if self._is_of_numbers(column) else "left"
-            drawn.add_column(self.headings[column], overflow="fold", width=characters, justify=side)  # type: ignore[arg-type]
+            side: Literal["right", "left"] = "right" if self._is_of_numbers(column) else "left"
+            heading = self.headings[column]
+            drawn.add_column(heading, overflow="fold", width=characters, justify=side)
         for row, style in zip(self.rows, self.styles, strict=True):
             drawn.add_row(*(row[column] for column in columns), style=style)
         return drawn
@@ -90,9 +96,15 @@ class FittedTable:
     def _range(self, column: int) -> tuple[int, int]:
         """Smallest width in which no number and no usual text breaks, and the one that takes a line for each row."""
         texts = [self.headings[column], *(row[column].plain for row in self.rows)]
-        pieces = [(cell_len(one), NUMBER.fullmatch(one)) for text in texts for one in text.split()]
-        least = max((size if number else min(size, LONGEST_PIECE) for size, number in pieces), default=1)
-        of_rows = max((cell_len(line) for text in texts[1:] for line in text.split("\n")), default=1)
+        pieces = [
+            (cell_len(one), NUMBER.fullmatch(one)) for text in texts for one in text.split()
+        ]
+        least = max(
+            (size if number else min(size, LONGEST_PIECE) for size, number in pieces), default=1
+        )
+        of_rows = max(
+            (cell_len(line) for text in texts[1:] for line in text.split("\n")), default=1
+        )
         heading = least if self._is_of_numbers(column) else cell_len(texts[0])
         return least, max(least, of_rows, heading)
 
@@ -122,7 +134,13 @@ def number(value: float | None) -> str:
 
 def rough(value: float) -> str:
     """Two significant digits, no more than six characters for most numbers."""
-    return "<0.001" if 0 < value < 1e-3 else f"{value:.0f}" if 10 <= value < 1e6 else f"{value:.2g}"
+    return (
+        "<0.001"
+        if 0 < value < 1e-3
+        else f"{value:.0f}"
+        if 10 <= value < 1e6
+        else f"{value:.2g}"
+    )
 
 
 def short(value: object) -> str:

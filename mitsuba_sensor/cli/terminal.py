@@ -26,8 +26,15 @@ if TYPE_CHECKING:
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 FILES = "report and files"  # the last step of a capture
-SIGNAL = ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")  # of a stage in a report
-SAID_AGAIN = 1.5  # a study says again how long it takes where that is so many times what it said before
+SIGNAL = (
+    "mean_frame",
+    "mean_expected",
+    "sigma_frame",
+    "sigma_expected",
+)  # of a stage in a report
+SAID_AGAIN = (
+    1.5  # a study says again how long it takes where that is so many times what it said before
+)
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -69,18 +76,31 @@ def render_progress(
     )
     bar = MovingBar(*columns, console=console, transient=True, disable=not console.is_terminal)
     with bar as progress, undone_if_stopped(bar.stop):
-        task = progress.add_task(now, total=None, share="", ratio="", left="", began=time.monotonic())
+        task = progress.add_task(
+            now, total=None, share="", ratio="", left="", began=time.monotonic()
+        )
 
         def show(step: RenderProgress) -> None:
-            name, over = step_name(step, count), step.doing != "rendering" and math.isnan(step.seconds_left)
+            name, over = (
+                step_name(step, count),
+                step.doing != "rendering" and math.isnan(step.seconds_left),
+            )
             if over or name == FILES:  # another step begins, of which nothing is known
                 progress.tasks[task].total = None
-            ratio = "" if math.isnan(step.noise_ratio) else f"render noise {number(step.noise_ratio)} × the sensor's"
+            ratio = (
+                ""
+                if math.isnan(step.noise_ratio)
+                else f"render noise {number(step.noise_ratio)} × the sensor's"
+            )
             progress.update(task, description=name, ratio=ratio)
             if not math.isnan(step.seconds_left) and name != FILES:
-                others = 0 if count == 1 else first + count - 1 - step.frame  # frames after this one
+                others = (
+                    0 if count == 1 else first + count - 1 - step.frame
+                )  # frames after this one
                 left_s = step.seconds_left + others * (step.seconds + step.seconds_left)
-                progress.update(task, total=time.monotonic() - progress.tasks[task].fields["began"] + left_s)
+                progress.update(
+                    task, total=time.monotonic() - progress.tasks[task].fields["began"] + left_s
+                )
 
         yield show
 
@@ -88,7 +108,9 @@ def render_progress(
 def step_name(step: RenderProgress, renders: int) -> str:
     """What is done now.  renders : how many there are."""
     if step.doing == "exposing":
-        return FILES if step.done == step.expected else f"frame {step.done + 1} of {step.expected}"
+        return (
+            FILES if step.done == step.expected else f"frame {step.done + 1} of {step.expected}"
+        )
     return step.doing if renders == 1 else f"{step.doing} frame {step.frame}"
 
 
@@ -98,8 +120,14 @@ def seconds_bar(console: Console) -> Iterator[Callable[[Forecast], None]]:
 
     A line says how long it takes as soon as a step was measured, and again where that was much too short.
     """
-    texts = TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TextColumn("{task.description}")
-    bar = Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal)
+    texts = (
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    bar = Progress(
+        BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
+    )
     said_s = 0.0
     with bar as progress, undone_if_stopped(bar.stop):
         task = progress.add_task("", total=None)
@@ -109,10 +137,20 @@ def seconds_bar(console: Console) -> Iterator[Callable[[Forecast], None]]:
             left = f"about {minutes(max(forecast.total_s - forecast.done_s, 0.0))} left"
             if forecast.done_s and forecast.total_s > SAID_AGAIN * said_s:
                 said_s = forecast.total_s
-                longest = f", {minutes(forecast.longest_s)} of it for {forecast.longest}" if forecast.longest else ""
-                console.print(f"this takes about {minutes(said_s)}{longest}", highlight=False, markup=False)
+                longest = (
+                    f", {minutes(forecast.longest_s)} of it for {forecast.longest}"
+                    if forecast.longest
+                    else ""
+                )
+                console.print(
+                    f"this takes about {minutes(said_s)}{longest}",
+                    highlight=False,
+                    markup=False,
+                )
             description = f"{left} [dim]{escape(forecast.now)}"
-            progress.update(task, completed=forecast.done_s, total=forecast.total_s, description=description)
+            progress.update(
+                task, completed=forecast.done_s, total=forecast.total_s, description=description
+            )
 
         yield tell
 
@@ -125,10 +163,14 @@ def steps_bar(console: Console) -> Iterator[Callable[[int, int, str], None]]:
         TextColumn("{task.description}", markup=False),
         TimeElapsedColumn(),
     )
-    bar = Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal)
+    bar = Progress(
+        BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
+    )
     with bar as progress, undone_if_stopped(bar.stop):
         task = progress.add_task("", total=1)
-        yield lambda done, total, now: progress.update(task, completed=done, total=total, description=now)
+        yield lambda done, total, now: progress.update(
+            task, completed=done, total=total, description=now
+        )
 
 
 def summary(report: Report, folder: str) -> RenderableType:
@@ -136,9 +178,15 @@ def summary(report: Report, folder: str) -> RenderableType:
     image, exposure = report["image"], report["exposure"]
     size = f"{image['columns']} × {image['rows']}, {image['frames']} frame{'s' if image['frames'] > 1 else ''}"
     metered = " (metered)" if report["origin"].get("metering") else ""
-    conditions = f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
-    gain = f" at gain {report['camera']['gain']}" if report["camera"]["gain"] is not None else ""
-    head = Text.assemble((report["camera"]["name"] + gain, "bold"), conditions, (folder, "bold"))
+    conditions = (
+        f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
+    )
+    gain = (
+        f" at gain {report['camera']['gain']}" if report["camera"]["gain"] is not None else ""
+    )
+    head = Text.assemble(
+        (report["camera"]["name"] + gain, "bold"), conditions, (folder, "bold")
+    )
     notes = (Text.assemble(("note: ", "bold yellow"), note) for note in report["notes"])
     return Group(head, _stages(report), *_facts(report), *notes)
 
@@ -147,16 +195,31 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
     held, whole_s, planned_s = plan.range, *plan.seconds
     head = f"{plan.camera}: what is left out moves no light level by more than {plan.tolerance_dn:g} DN in all"
-    light = f"{number(held.darkest_e)} … {number(held.brightest_e)} mean photoelectrons per pixel"
+    light = (
+        f"{number(held.darkest_e)} … {number(held.brightest_e)} mean photoelectrons per pixel"
+    )
     conditions = f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels"
     below = [e.stage for e in plan.effects if not e.kept and e.reason != IDLE]
-    stages = {reason: [e.stage for e in plan.effects if e.reason == reason] for reason in (NEEDED, IDLE)}
-    names = {"always needed": stages[NEEDED], "changes nothing": stages[IDLE], "left out beside that": below}
+    stages = {
+        reason: [e.stage for e in plan.effects if e.reason == reason]
+        for reason in (NEEDED, IDLE)
+    }
+    names = {
+        "always needed": stages[NEEDED],
+        "changes nothing": stages[IDLE],
+        "left out beside that": below,
+    }
     saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
     lists = {name: ", ".join(found) or "–" for name, found in names.items()}
     facts = {"holds for": f"{light}, {conditions}", **lists, "time": saved}
     lines = (_fact(name, text) for name, text in facts.items())
-    return Group(Text(head, style="bold"), _effects(plan), _needs(needs), *lines, Text(plan.float32.explain()))
+    return Group(
+        Text(head, style="bold"),
+        _effects(plan),
+        _needs(needs),
+        *lines,
+        Text(plan.float32.explain()),
+    )
 
 
 def _effects(plan: Plan) -> FittedTable:
@@ -187,7 +250,9 @@ def map_list(spread: Report, path: str) -> RenderableType:
     caption = "gains and dark factors are 1 on average; offsets are in electrons"
     table = FittedTable(("map", "shape", "mean", "σ"), caption=caption)
     for name, x in spread.items():
-        table.add_row(name, " × ".join(map(str, x["shape"])), number(x["mean"]), number(x["sigma"]))
+        table.add_row(
+            name, " × ".join(map(str, x["shape"])), number(x["mean"]), number(x["sigma"])
+        )
     return Group(Text(f"wrote {path}", style="bold"), table)
 
 
@@ -201,9 +266,16 @@ def diagnosis(findings: Report) -> RenderableType:
     for library in findings["llvm"]:
         version, path = str(library["version"] or "?"), Text(library["path"])
         llvm.add_row(version, yes[library["used"]], path, Text(library["reason"]))
-    versions = ", ".join(f"{name} {version or 'missing'}" for name, version in findings["versions"].items())
-    remedies = [Text.assemble(("do: ", "bold yellow"), command) for command in findings["remedies"]]
-    verdict = Text(f"renders with {findings['variant']}" if findings["works"] else "cannot render", style="bold")
+    versions = ", ".join(
+        f"{name} {version or 'missing'}" for name, version in findings["versions"].items()
+    )
+    remedies = [
+        Text.assemble(("do: ", "bold yellow"), command) for command in findings["remedies"]
+    ]
+    verdict = Text(
+        f"renders with {findings['variant']}" if findings["works"] else "cannot render",
+        style="bold",
+    )
     verdict.stylize("green" if findings["works"] else "red")
     return Group(variants, llvm, Text(versions, style="dim"), verdict, *remedies)
 
@@ -213,8 +285,14 @@ def _stages(report: Report) -> FittedTable:
     far it changes the noise of the raw frame."""
     effects = {effect["stage"]: effect for effect in report["effects"]}
     of_plan = ("temporal", "spatial") if effects else ()
-    caption = "temporal, spatial: how far this stage changes the noise of the raw frame [DN]" if effects else ""
-    table = FittedTable(("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption)
+    caption = (
+        "temporal, spatial: how far this stage changes the noise of the raw frame [DN]"
+        if effects
+        else ""
+    )
+    table = FittedTable(
+        ("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption
+    )
     idle = _idle_stages(report)
     for stage in report["stages"]:
         if stage["name"] in idle:
@@ -236,7 +314,9 @@ def _idle_stages(report: Report) -> list[str]:
 
 
 def _facts(report: Report) -> Iterator[Text]:
-    photons, counts, noise, render = (report[key] for key in ("photons", "counts", "render_noise", "render"))
+    photons, counts, noise, render = (
+        report[key] for key in ("photons", "counts", "render_noise", "render")
+    )
     ended = _ended(render["noise_ratio_asked"], render["ended_by"])
     yield _fact(
         "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
@@ -249,37 +329,64 @@ def _facts(report: Report) -> Iterator[Text]:
         f"{render['samples_per_pixel']} samples per pixel{ended}",
     )
     if most := noise["most_samples"]:
-        ratios = f"× {number(noise['most_samples_median'])} and {number(noise['most_samples_p95'])}"
+        ratios = (
+            f"× {number(noise['most_samples_median'])} and {number(noise['most_samples_p95'])}"
+        )
         more_s = minutes(noise["most_samples_more_s"])
-        yield _fact("with more samples", f"--spp {most:.0f} would have {ratios} and take {more_s} longer")
+        yield _fact(
+            "with more samples",
+            f"--spp {most:.0f} would have {ratios} and take {more_s} longer",
+        )
     if "uncompensated" in report["origin"]:
-        left, above = (f"{100 * report['origin'][name]:.2g} %" for name in ("uncompensated", "above_shot_noise"))
+        left, above = (
+            f"{100 * report['origin'][name]:.2g} %"
+            for name in ("uncompensated", "above_shot_noise")
+        )
         left = f"{left} of the shot noise's variance is left on top of it; {above} of the pixels have more render noise"
         yield _fact("a render for every frame", left)
     if done := render["denoised"]:
         before = f"× {number(done['raw_noise_ratio_median'])} median, {number(done['raw_noise_ratio_p95'])}"
         before = f"; without it {before} at the 95th percentile (--no-denoise)"
-        known = {"camera", "exposure"} <= set(report["origin"].get("as_rendered", ("camera", "exposure")))
-        yield _fact("denoised", f"by {done['by']}{before if known else ''}")  # before: of the exposure of the render
+        known = {"camera", "exposure"} <= set(
+            report["origin"].get("as_rendered", ("camera", "exposure"))
+        )
+        yield _fact(
+            "denoised", f"by {done['by']}{before if known else ''}"
+        )  # before: of the exposure of the render
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
-    yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
+    yield _fact(
+        "pixels",
+        ", ".join(f"{name} {number}" for name, number in seen.items())
+        or "none clipped, none bad",
+    )
     idle = _idle_stages(report)
     if report["left_out"]:
-        yield _fact("left out", f"{', '.join(report['left_out'])} (tolerance {report['options']['tolerance_dn']:g} DN)")
+        yield _fact(
+            "left out",
+            f"{', '.join(report['left_out'])} (tolerance {report['options']['tolerance_dn']:g} DN)",
+        )
     if idle:
         yield _fact("changes nothing", ", ".join(idle))
     single = report["float32"]
     if single and report["precision"] == "float32" and single["share_of_pixels"]:
         share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"
         advice = "" if single["precision"] == "float32" else "; --precision float64 is better"
-        yield _fact("float32", f"about {share} of the pixels differ from float64, by at most {most}{advice}")
-    yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
+        yield _fact(
+            "float32",
+            f"about {share} of the pixels differ from float64, by at most {most}{advice}",
+        )
+    yield _fact(
+        "seconds",
+        ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()),
+    )
 
 
 def _ended(asked: float | None, end: str) -> str:
     """Whether the noise ratio that was asked for was reached, and what ended the render."""
     reached = "reached" if end == "noise_ratio" else "not reached"
-    return ("" if asked is None else f"; {asked:g} was asked for and {reached}") + END.get(end, "")
+    return ("" if asked is None else f"; {asked:g} was asked for and {reached}") + END.get(
+        end, ""
+    )
 
 
 def minutes(seconds: float) -> str:

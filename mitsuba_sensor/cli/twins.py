@@ -38,19 +38,35 @@ class FitFlags(TypedDict, total=False):
         ),
     ]
     bits: Annotated[
-        int | None, Option("Resolution of the ADC. Default: what the files say.", low=1, high=24, panel=PANEL)
+        int | None,
+        Option(
+            "Resolution of the ADC. Default: what the files say.", low=1, high=24, panel=PANEL
+        ),
     ]
     wavelength_nm: Annotated[
         float | None,
-        Option("Of the light of the flat fields. Default: the manifest's.", low=100, high=1e4, panel=PANEL),
+        Option(
+            "Of the light of the flat fields. Default: the manifest's.",
+            low=100,
+            high=1e4,
+            panel=PANEL,
+        ),
     ]
-    force: Annotated[bool, Option("Write over an existing file.", False, flag="--force", panel=PANEL)]
+    force: Annotated[
+        bool, Option("Write over an existing file.", False, flag="--force", panel=PANEL)
+    ]
 
 
-@app.command(rich_help_panel=CHECKS, epilog="Example: mitsuba-sensor fit --frames bench/ -o my_camera.toml")
+@app.command(
+    rich_help_panel=CHECKS,
+    epilog="Example: mitsuba-sensor fit --frames bench/ -o my_camera.toml",
+)
 @options.flags(FitFlags)
 def fit(
-    frames: arguments.BenchFolder, out_file: arguments.TwinFile, as_json: arguments.Json = False, **flags: Flag
+    frames: arguments.BenchFolder,
+    out_file: arguments.TwinFile,
+    as_json: arguments.Json = False,
+    **flags: Flag,
 ) -> None:
     """Fit a twin of a camera to its bias, dark and flat frames.
 
@@ -76,9 +92,16 @@ def fit(
         twin = fitted(kept)
         camera = _camera(twin.tables(like.model_dump() if like else None), path.stem)
         benches = kept.at_gain(twin.base.name), held.at_gain(twin.base.name)
-        made = {"command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]), "machine": machine(), "versions": versions()}
+        made = {
+            "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
+            "machine": machine(),
+            "versions": versions(),
+        }
         found = twin_study(twin, camera, benches, progress, frames=frames, **made)
-    maps = {f"{path.stem}{_mark(one.name) if n else ''}.npz": maps_of(one) for n, one in enumerate(twin.settings)}
+    maps = {
+        f"{path.stem}{_mark(one.name) if n else ''}.npz": maps_of(one)
+        for n, one in enumerate(twin.settings)
+    }
     with output_folder(path.parent, (path.name, f"{path.stem}.html", *maps)) as scratch:
         texts.write_page(scratch / path.name, camera.to_toml())
         texts.write_page(scratch / f"{path.stem}.html", html(found))
@@ -96,13 +119,18 @@ def _target(out_file: str, force: bool) -> Path:
     if path.suffix != ".toml":
         raise InputError(f"{out_file} is no name of a camera file; let it end in .toml.")
     if path.exists() and not force:
-        raise InputError(f"{out_file} is there already; give another name, or --force to write over it.")
+        raise InputError(
+            f"{out_file} is there already; give another name, or --force to write over it."
+        )
     require_folder(path.parent)
     return path
 
 
 def _camera(tables: dict[str, Flag], name: str) -> Camera:
-    return camera_from({**tables, "name": name, "description": "twin of a camera, fitted from its frames"}, name)
+    return camera_from(
+        {**tables, "name": name, "description": "twin of a camera, fitted from its frames"},
+        name,
+    )
 
 
 def _mark(name: str) -> str:

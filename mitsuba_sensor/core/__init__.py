@@ -10,7 +10,16 @@ from .sensor_window import SensorWindow
 from .signals import CountedElectrons, Electrons, Photons, PhotonsOfBands
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
-__all__ = ["Array", "CountedElectrons", "DiskFull", "Electrons", "Exposure", "Float32Array", "Float64Array", "Frame"]
+__all__ = [
+    "Array",
+    "CountedElectrons",
+    "DiskFull",
+    "Electrons",
+    "Exposure",
+    "Float32Array",
+    "Float64Array",
+    "Frame",
+]
 __all__ += [
     "InputError",
     "Moments",
@@ -21,5 +30,13 @@ __all__ += [
     "check_types",
     "closest",
 ]
-__all__ += ["Doubt", "SensorWarning", "SourceOfLight", "closest", "first_given", "nearest", "numbers"]
+__all__ += [
+    "Doubt",
+    "SensorWarning",
+    "SourceOfLight",
+    "closest",
+    "first_given",
+    "nearest",
+    "numbers",
+]
 __all__ += ["refuse_masked", "require", "require_seed", "warn_of"]

@@ -43,7 +43,11 @@ def floor(x: Array) -> Array:
 
 def where(condition: Array, yes: Array, no: Array) -> Array:
     """``yes`` where ``condition`` holds, else ``no``."""
-    return np.where(condition, yes, no) if is_numpy(condition, yes, no) else drjit_module().select(condition, yes, no)
+    return (
+        np.where(condition, yes, no)
+        if is_numpy(condition, yes, no)
+        else drjit_module().select(condition, yes, no)
+    )
 
 
 def minimum(x: Array, y: Array) -> Array:
@@ -56,7 +60,9 @@ def maximum(x: Array, y: Array) -> Array:
     return np.maximum(x, y) if is_numpy(x, y) else drjit_module().select(x > y, x, y)
 
 
-def with_derivative_of(surrogate: Callable[..., Array], function: Callable[[Array], Array], x: Array) -> Array:
+def with_derivative_of(
+    surrogate: Callable[..., Array], function: Callable[[Array], Array], x: Array
+) -> Array:
     """``function(x)``, whose derivative, if one is computed, is that of ``surrogate(x, function(x))``."""
     if is_numpy(x) or not drjit_module().grad_enabled(x):
         return function(x)
@@ -80,19 +86,25 @@ def sqrt(x: Array) -> Array:
     """√x; its derivative at 0 is set to 0."""
     if is_numpy(x):
         return np.sqrt(x)
-    return with_derivative_of(lambda x, y: where(y > 0, x * (0.5 / y), 0.0), drjit_module().sqrt, x)
+    return with_derivative_of(
+        lambda x, y: where(y > 0, x * (0.5 / y), 0.0), drjit_module().sqrt, x
+    )
 
 
 def exp(x: Array) -> Array:
     """e^x."""
-    return with_derivative_of(lambda x, y: x * y, _exponential, x) if _is_float32(x) else np.exp(x)
+    return (
+        with_derivative_of(lambda x, y: x * y, _exponential, x) if _is_float32(x) else np.exp(x)
+    )
 
 
 def expm1(x: Array) -> Array:
     """e^x − 1 without cancellation."""
     if not _is_float32(x):
         return np.expm1(x)
-    return with_derivative_of(lambda x, y: x * (y + 1.0), partial(_exponential, minus_one=True), x)
+    return with_derivative_of(
+        lambda x, y: x * (y + 1.0), partial(_exponential, minus_one=True), x
+    )
 
 
 # ln 2 as a sum; the first term has ten bits, so that its multiples are exact in float32 (Cody & Waite 1980).
@@ -103,10 +115,15 @@ EXP_TAIL = (0.5000000096, 0.1666651817, 0.0416662037, 0.008368969906, 0.00139506
 
 def _exponential(x: Array, minus_one: bool = False) -> Array:
     """e^x or e^x − 1 from e^r − 1 and 2^n with x = r + n·ln 2, in float32; x is clipped to −69 … 88."""
-    x = minimum(maximum(x, -69.0), 88.0)  # below, a factor would be subnormal: Dr.Jit flushes it to 0, NumPy does not
+    x = minimum(
+        maximum(x, -69.0), 88.0
+    )  # below, a factor would be subnormal: Dr.Jit flushes it to 0, NumPy does not
     n = floor(x * (1 / math.log(2)) + 0.5)
     r = (x - n * LN2_HIGH) - n * LN2_LOW
-    fraction, power = r + (r * r) * polynomial(r, EXP_TAIL), from_float_bits((int32(n) + 127) << 23)
+    fraction, power = (
+        r + (r * r) * polynomial(r, EXP_TAIL),
+        from_float_bits((int32(n) + 127) << 23),
+    )
     return fraction * power + (power - 1.0 if minus_one else power)
 
 
@@ -130,7 +147,11 @@ def _add(fresh: Array, y: Array) -> Array:
 
 
 def _converted(x: Array, kind: str) -> Array:
-    return np.asarray(x).astype(kind) if is_numpy(x) else getattr(drjit_module(), f"{kind}_array_t")(x)(x)
+    return (
+        np.asarray(x).astype(kind)
+        if is_numpy(x)
+        else getattr(drjit_module(), f"{kind}_array_t")(x)(x)
+    )
 
 
 def _reinterpreted(x: Array, kind: str) -> Array:
@@ -140,8 +161,12 @@ def _reinterpreted(x: Array, kind: str) -> Array:
 
 
 # Numbers as an array of this type, and the 32 bits of numbers read as a signed integer or as a float32.
-float32, float64, int32 = (partial(_converted, kind=kind) for kind in ("float32", "float64", "int32"))
-signed_bits, from_float_bits = (partial(_reinterpreted, kind=kind) for kind in ("int32", "float32"))
+float32, float64, int32 = (
+    partial(_converted, kind=kind) for kind in ("float32", "float64", "int32")
+)
+signed_bits, from_float_bits = (
+    partial(_reinterpreted, kind=kind) for kind in ("int32", "float32")
+)
 
 
 def wide_product(x: Array, factor: int) -> tuple[Array, Array]:
@@ -156,7 +181,9 @@ def wide_product(x: Array, factor: int) -> tuple[Array, Array]:
 
 def xor3(fresh: Array, x: Array, key: Array) -> Array:
     """fresh ^ x ^ key, written into the memory of ``fresh`` where that has the shape of the result."""
-    if not isinstance(fresh, np.ndarray) or fresh.shape != np.broadcast_shapes(fresh.shape, np.shape(x)):
+    if not isinstance(fresh, np.ndarray) or fresh.shape != np.broadcast_shapes(
+        fresh.shape, np.shape(x)
+    ):
         return fresh ^ x ^ key
     fresh ^= x
     fresh ^= np.uint64(key)
@@ -167,7 +194,9 @@ def count_at_or_below(levels: Array, x: Array) -> Array:
     """How many of the sorted ``levels`` are ≤ x, as floats of the precision of ``x``."""
     if is_numpy(x):
         precision = np.asarray(x).dtype
-        return np.searchsorted(np.asarray(levels, dtype=precision), x, side="right").astype(precision)
+        return np.searchsorted(np.asarray(levels, dtype=precision), x, side="right").astype(
+            precision
+        )
     dr = drjit_module()
     index, table = dr.uint32_array_t(type(x)), type(x)(np.asarray(levels, dtype=np.float32))
     count = index(0)
@@ -193,10 +222,14 @@ def product(x: Array, y: Array) -> Array:
     return np.where(np.isnan(xy), np.float32(0), xy) if np.isnan(xy).any() else xy
 
 
-def replace_where(condition: Array, base: Array, function: Callable[..., Array], *arguments: Array) -> Array:
+def replace_where(
+    condition: Array, base: Array, function: Callable[..., Array], *arguments: Array
+) -> Array:
     """``function(*arguments)`` where ``condition`` holds, which is rare, else ``base``; computed only where needed."""
     if not is_numpy(condition):
-        return drjit_module().if_stmt((base, *arguments), condition, lambda _, *a: function(*a), lambda same, *_: same)
+        return drjit_module().if_stmt(
+            (base, *arguments), condition, lambda _, *a: function(*a), lambda same, *_: same
+        )
     needed = np.flatnonzero(condition)
     if needed.size:
         base = np.array(base)
@@ -204,7 +237,9 @@ def replace_where(condition: Array, base: Array, function: Callable[..., Array],
     return base
 
 
-def branch(condition: Array, yes: Callable[..., Array], no: Callable[..., Array], *arguments: Array) -> Array:
+def branch(
+    condition: Array, yes: Callable[..., Array], no: Callable[..., Array], *arguments: Array
+) -> Array:
     """``yes(*arguments)`` where ``condition`` holds, else ``no(*arguments)``; each computes its own pixels only."""
     if not is_numpy(condition):
         return drjit_module().if_stmt(arguments, condition, yes, no)
@@ -219,7 +254,11 @@ def branch(condition: Array, yes: Callable[..., Array], no: Callable[..., Array]
     return result
 
 
-def loop(going: Callable[..., Array], step: Callable[..., tuple[Array, ...]], state: tuple[Array, ...]) -> Array:
+def loop(
+    going: Callable[..., Array],
+    step: Callable[..., tuple[Array, ...]],
+    state: tuple[Array, ...],
+) -> Array:
     """Repeats ``state = step(*state)`` for every pixel while ``going(*state)`` holds; the last array of ``state``."""
     if not is_numpy(state[0]):
         return drjit_module().while_loop(state, going, step)[-1]
@@ -248,7 +287,9 @@ def weighted_sum(layers: Array, weights: Array) -> Array:
     weights = np.asarray(weights)
     with np.errstate(invalid="ignore"):
         one = weights.size == 1  # for which einsum is ten times slower
-        total = layers[..., 0] * weights[0] if one else np.einsum("...k,k->...", layers, weights)
+        total = (
+            layers[..., 0] * weights[0] if one else np.einsum("...k,k->...", layers, weights)
+        )
     if not weights.all() and np.isnan(np.min(total, initial=0.0)):  # ∞·0
         lost = np.isnan(total)
         total[lost] = product(layers[lost], weights).sum(axis=-1)
@@ -266,4 +307,8 @@ def as_index(x: Array) -> Array:
     return np.asarray(x).astype(np.intp)
 
 
-scalar_exp, scalar_log, scalar_sqrt = math.exp, math.log, math.sqrt  # of one Python number, in float64
+scalar_exp, scalar_log, scalar_sqrt = (
+    math.exp,
+    math.log,
+    math.sqrt,
+)  # of one Python number, in float64

@@ -48,7 +48,9 @@ class Backend:
 
     precision: Literal["float32", "float64"] = "float64"
     compiled: bool = False  # whether the stages are traced once and run as a kernel, not computed step by step
-    bytes_of_numpy: bool = True  # whether the digital numbers are NumPy's in the same precision, byte for byte
+    bytes_of_numpy: bool = (
+        True  # whether the digital numbers are NumPy's in the same precision, byte for byte
+    )
     # Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
     # temporary arrays leave the cache.
     strip_pixels: int = 2**17
@@ -65,17 +67,24 @@ class Backend:
         """An array of this backend as a NumPy array (H, W)."""
         return np.broadcast_to(np.asarray(signal), window.shape)
 
-    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]) -> PendingStrip:
+    def pending(
+        self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]
+    ) -> PendingStrip:
         """Digital numbers that go into ``out``, (H, W) of an integer type; and masks whose pixels are counted."""
         out[...] = signal
         done = PendingStrip()
-        done.counts = {name: int(np.sum(np.broadcast_to(mask, window.shape))) for name, mask in masks.items()}
+        done.counts = {
+            name: int(np.sum(np.broadcast_to(mask, window.shape)))
+            for name, mask in masks.items()
+        }
         return done
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute the FPN maps of the window now, once."""
 
-    def random_bits(self, block: int, window: SensorWindow, frame: int, key: int) -> tuple[Array, Array, Array, Array]:
+    def random_bits(
+        self, block: int, window: SensorWindow, frame: int, key: int
+    ) -> tuple[Array, Array, Array, Array]:
         """Four random 32-bit integers of ``block`` for every pixel of the window."""
         return random_bits_at(block, window.rows[:, None], window.columns[None, :], frame, key)
 
@@ -97,7 +106,9 @@ class Backend:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
         return distributions.poisson(bits, mean)
 
-    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+    def split(
+        self, bits: Array, count: Array, light: Array, dark: Array
+    ) -> tuple[Array, Array]:
         """A Poisson count of mean light + dark in two independent ones, by thinning: each electron is either."""
         counted = distributions.binomial(bits, count, dark, light)
         return count - counted, counted
@@ -128,10 +139,14 @@ class NumpyFloat32(Backend):
 
     def lognormal(self, bits: Array, cv: float) -> Array:
         variance = math.log1p(cv * cv)
-        return quantiles.lognormal(bits, self.number(math.sqrt(variance)), self.number(0.5 * variance))
+        return quantiles.lognormal(
+            bits, self.number(math.sqrt(variance)), self.number(0.5 * variance)
+        )
 
     def gamma(self, bits: Array, cv: float) -> Array:
-        series = distributions.gamma_series(cv, quantiles.CHEBYSHEV_REACH, quantiles.CHEBYSHEV_TERMS)
+        series = distributions.gamma_series(
+            cv, quantiles.CHEBYSHEV_REACH, quantiles.CHEBYSHEV_TERMS
+        )
         return quantiles.exp_chebyshev(bits, [self.number(c) for c in series])
 
     def distributed(self, bits: Array, distribution: NoiseDistribution) -> Array:
@@ -141,10 +156,17 @@ class NumpyFloat32(Backend):
         return quantiles.wald(z, u, self.number(cv))
 
     def poisson(self, bits: Array, mean: Array) -> Array:
-        return quantiles.poisson(bits, np.broadcast_to(np.asarray(mean, dtype=np.float32), bits.shape))
+        return quantiles.poisson(
+            bits, np.broadcast_to(np.asarray(mean, dtype=np.float32), bits.shape)
+        )
 
-    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
-        means = (np.broadcast_to(np.asarray(x, dtype=np.float32), bits.shape) for x in (count, dark, light))
+    def split(
+        self, bits: Array, count: Array, light: Array, dark: Array
+    ) -> tuple[Array, Array]:
+        means = (
+            np.broadcast_to(np.asarray(x, dtype=np.float32), bits.shape)
+            for x in (count, dark, light)
+        )
         counted = quantiles.binomial(bits, *means)
         return count - counted, counted
 

@@ -9,7 +9,9 @@ import numpy as np
 from .types import Float64Array
 
 Curves = Callable[[Float64Array], Float64Array]
-HALF = (3 / 5) ** 0.5 / 2  # Gauss's three nodes on an interval of 1, exact for polynomials of degree 5
+HALF = (
+    3 / 5
+) ** 0.5 / 2  # Gauss's three nodes on an interval of 1, exact for polynomials of degree 5
 NODES, WEIGHTS = np.array([0.5 - HALF, 0.5, 0.5 + HALF]), np.array([5.0, 8.0, 5.0]) / 18
 
 
@@ -36,4 +38,6 @@ def photon_averages(
 ) -> Float64Array:
     """Means over bands, weighted by the photons of a flat spectrum: ∫ curves·λ dλ / (λ_c·Δλ), (…, B)."""
     low, high = centres_nm - widths_nm / 2, centres_nm + widths_nm / 2
-    return band_integrals(lambda nm: curves(nm) * nm, points_nm, low, high) / (centres_nm * (high - low))
+    return band_integrals(lambda nm: curves(nm) * nm, points_nm, low, high) / (
+        centres_nm * (high - low)
+    )

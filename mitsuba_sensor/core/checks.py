@@ -14,9 +14,13 @@ Value = TypeVar("Value")
 def check_types(camera: object, exposure: object, optional: bool = False) -> None:
     """Raise InputError unless ``camera`` is a Camera and ``exposure`` an Exposure.  optional : either may be None."""
     if not hasattr(camera, "quantum_efficiency") and not (optional and camera is None):
-        raise InputError(f"camera is {camera!r}; pass a Camera, e.g. load_camera('konnik_table1').")
+        raise InputError(
+            f"camera is {camera!r}; pass a Camera, e.g. load_camera('konnik_table1')."
+        )
     if not isinstance(exposure, Exposure) and not (optional and exposure is None):
-        raise InputError(f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1).")
+        raise InputError(
+            f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1)."
+        )
 
 
 def refuse_masked(name: str, values: object) -> None:

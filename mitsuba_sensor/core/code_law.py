@@ -79,20 +79,29 @@ def code_moments(
     mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
     levels = None if inl_lsb is None else np.arange(1, highest + 1) - 0.5 + inl_lsb
     narrow = np.flatnonzero(~wide & ~inside)
-    if levels is not None and np.sum(s[s >= BLURRED * math.sqrt(2)]) > 4 * FINE * levels.size:  # else sums are faster
+    if (
+        levels is not None and np.sum(s[s >= BLURRED * math.sqrt(2)]) > 4 * FINE * levels.size
+    ):  # else sums are faster
         narrow = np.flatnonzero(s < BLURRED * math.sqrt(2))
         widest = MOST_BLURRED * levels.size  # beyond, x and σ count in units of each other
-        x, s = np.where(s > widest, x * (widest / np.maximum(s, widest)), x), np.minimum(s, widest)
+        x, s = (
+            np.where(s > widest, x * (widest / np.maximum(s, widest)), x),
+            np.minimum(s, widest),
+        )
         doubled = np.floor(np.log2(np.maximum(s / (BLURRED * math.sqrt(2)), 0.5))).astype(int)
         for times in np.unique(doubled[doubled >= 0]):
             here = np.flatnonzero(doubled == times)
-            mean[here], variance[here] = _blurred(levels.tobytes(), int(times)).moments(x[here], s[here])
+            mean[here], variance[here] = _blurred(levels.tobytes(), int(times)).moments(
+                x[here], s[here]
+            )
     for part in np.array_split(narrow, max(narrow.size // 2**15, 1)):
         mean[part], variance[part] = _summed(x[part], s[part], highest, levels)
     return mean.reshape(ideal.shape), variance.reshape(ideal.shape)
 
 
-def _integrated(x: Float64Array, s: Float64Array, highest: int) -> tuple[Float64Array, Float64Array]:
+def _integrated(
+    x: Float64Array, s: Float64Array, highest: int
+) -> tuple[Float64Array, Float64Array]:
     """Equal steps: Σ f(k − ½) = ∫ f − [f′]/24 + 7·[f‴]/5760 for f(t) = Φ((x − t)/s), and the same for 2(t − c)·f(t).
 
     Squares are about c, the place of the mean between the clips: nothing large is subtracted from its like.
@@ -105,21 +114,31 @@ def _integrated(x: Float64Array, s: Float64Array, highest: int) -> tuple[Float64
     for edge, sign in ((0.0, 1.0), (float(highest), -1.0)):
         u = (x - edge) / s
         below, density = scipy.special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
-        slope, second_slope, third = -density / s, -u * density / s**2, -(u * u - 1) * density / s**3
+        slope, second_slope, third = (
+            -density / s,
+            -u * density / s**2,
+            -(u * u - 1) * density / s**3,
+        )
         first += sign * (slope / 24 - 7 * third / 5760)
         slope_of_square = 2 * below + 2 * (edge - c) * slope
-        second += sign * (slope_of_square / 24 - 7 * (6 * second_slope + 2 * (edge - c) * third) / 5760)
+        second += sign * (
+            slope_of_square / 24 - 7 * (6 * second_slope + 2 * (edge - c) * third) / 5760
+        )
     return c + first, np.maximum(second - first**2, 0.0)
 
 
-def _clipped(x: Float64Array, s: Float64Array, c: Float64Array, highest: int) -> tuple[Float64Array, Float64Array]:
+def _clipped(
+    x: Float64Array, s: Float64Array, c: Float64Array, highest: int
+) -> tuple[Float64Array, Float64Array]:
     """E(y − c) and E(y − c)² of y = min(max(X, 0), highest) for normal X."""
     low, high = -x / s, (highest - x) / s
     p_low, p_high = scipy.special.ndtr(low), scipy.special.ndtr(-high)
     d_low, d_high = (np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi) for u in (low, high))
     inside = np.maximum(1 - p_low - p_high, 0.0)
     about_x = s * (d_low - d_high) + low * s * p_low + high * s * p_high
-    squared = s**2 * (inside - (high * d_high - low * d_low) + low**2 * p_low + high**2 * p_high)
+    squared = s**2 * (
+        inside - (high * d_high - low * d_low) + low**2 * p_low + high**2 * p_high
+    )
     return about_x + (x - c), squared + 2 * (x - c) * about_x + (x - c) ** 2
 
 
@@ -145,7 +164,10 @@ def _summed(
     centre = _code_of(x, highest, levels)
     mean, square = np.zeros(x.shape), np.zeros(x.shape)
     for sign in (1, -1):
-        here, j = np.arange(x.size), 1  # those whose noise reaches the transition that d = ±j lies behind
+        here, j = (
+            np.arange(x.size),
+            1,
+        )  # those whose noise reaches the transition that d = ±j lies behind
         while here.size:
             number = centre[here] + (j if sign > 0 else 1 - j)
             exists = (number >= 1) & (number <= highest)
@@ -185,7 +207,10 @@ class _Blurred:
         place = np.clip((x - self.first) * (FINE / self.sigma), 0.0, self.mean.size - 1.001)
         left = place.astype(np.intp)
         share = place - left
-        mean, variance = (part[left] + share * (part[left + 1] - part[left]) for part in (self.mean, self.variance))
+        mean, variance = (
+            part[left] + share * (part[left + 1] - part[left])
+            for part in (self.mean, self.variance)
+        )
         return mean, variance
 
 

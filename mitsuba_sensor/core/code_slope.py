@@ -44,29 +44,46 @@ class ExpectedCode:
     def code(self, signal: Array) -> Array:
         """The code of a signal without noise."""
         if self.inl_lsb is not None:
-            return arrays.count_at_or_below(np.arange(1, self.highest + 1) - 0.5 + self.inl_lsb, signal)
-        return arrays.minimum(arrays.maximum(arrays.floor(signal + 0.5), 0.0), float(self.highest))
+            return arrays.count_at_or_below(
+                np.arange(1, self.highest + 1) - 0.5 + self.inl_lsb, signal
+            )
+        return arrays.minimum(
+            arrays.maximum(arrays.floor(signal + 0.5), 0.0), float(self.highest)
+        )
 
     def moments(self, code: Array, signal: Array, sigma: Array) -> tuple[Array, Array]:
         """E[code] − ``code``, the code of the signal without noise, and Var[code]."""
         mean, square = self.dr.zeros(type(signal), 1), self.dr.zeros(type(signal), 1)
         scale = math.sqrt(0.5) / self.dr.maximum(sigma, 1e-30)
         for place, exists, level in self._levels(code):
-            apart, sign, away = (signal - level, 1.0, place) if place > 0 else (level - signal, -1.0, 1 - place)
+            apart, sign, away = (
+                (signal - level, 1.0, place) if place > 0 else (level - signal, -1.0, 1 - place)
+            )
             sure = apart >= 0 if place > 0 else apart > 0
-            chance = self.dr.select(sigma > 0, 0.5 + 0.5 * self.dr.erf(apart * scale), self.dr.select(sure, 1.0, 0.0))
+            chance = self.dr.select(
+                sigma > 0,
+                0.5 + 0.5 * self.dr.erf(apart * scale),
+                self.dr.select(sure, 1.0, 0.0),
+            )
             chance = self.dr.select(exists, chance, 0.0)
             mean, square = mean + sign * chance, square + (2.0 * away - 1.0) * chance
         return mean, self.dr.maximum(square - mean * mean, 0.0)
 
-    def weights(self, code: Array, signal: Array, sigma: Array, off: Array) -> tuple[Array, Array]:
+    def weights(
+        self, code: Array, signal: Array, sigma: Array, off: Array
+    ) -> tuple[Array, Array]:
         """Derivatives of the code by m and by σ.  off : the code less that of the signal without noise."""
         mean, variance = self.moments(code, signal, sigma)
         per_sigma = 1.0 / self.dr.maximum(sigma, LEAST_DN)
-        first, second = [self.dr.zeros(type(signal), 1)] * 2, [self.dr.zeros(type(signal), 1)] * 2
+        first, second = (
+            [self.dr.zeros(type(signal), 1)] * 2,
+            [self.dr.zeros(type(signal), 1)] * 2,
+        )
         for place, exists, level in self._levels(code):
             u = (level - signal) * per_sigma
-            density = self.dr.select(exists, self.dr.exp(-0.5 * u * u) * per_sigma / math.sqrt(2 * math.pi), 0.0)
+            density = self.dr.select(
+                exists, self.dr.exp(-0.5 * u * u) * per_sigma / math.sqrt(2 * math.pi), 0.0
+            )
             for k, term in enumerate((density, density * u)):
                 first[k], second[k] = first[k] + term, second[k] + (place - 0.5 - mean) * term
         share = per_variance(self.dr, off - mean, variance)
@@ -81,7 +98,9 @@ class ExpectedCode:
             exists = (number >= 1) & (number <= self.highest)
             level = number - 0.5
             if table is not None:
-                level = level + dr.gather(type(code), table, index(dr.maximum(number, 1.0)) - 1, exists)
+                level = level + dr.gather(
+                    type(code), table, index(dr.maximum(number, 1.0)) - 1, exists
+                )
             yield place, exists, level
 
 

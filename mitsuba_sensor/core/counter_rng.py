@@ -24,7 +24,9 @@ _M0, _M1 = 0xD2511F53, 0xCD9E8D57
 _W0, _W1 = 0x9E3779B9, 0xBB67AE85
 _MASK = 0xFFFF_FFFF
 
-FIXED_PATTERN = 0x8000_0000  # bit of the block number that is set for FPN maps and clear for temporal noise
+FIXED_PATTERN = (
+    0x8000_0000  # bit of the block number that is set for FPN maps and clear for temporal noise
+)
 FROM_NAME = 0x4000_0000  # bit for sources that are not in STREAMS; the 30 bits below it are a hash of the name
 
 # Noise source → stream (block, slot 0 … 3). Never change a line: the frames of a seed depend on it.
@@ -35,7 +37,11 @@ _SLOTS = {
     FIXED_PATTERN + 1: ("dsnu_col", "dsnu_row", "prnu_col", "dsnu_pixel"),
     FIXED_PATTERN + 2: ("rts_site", "rtn_site", "read_noise"),
 }
-STREAMS = {source: (block, slot) for block, sources in _SLOTS.items() for slot, source in enumerate(sources)}
+STREAMS = {
+    source: (block, slot)
+    for block, sources in _SLOTS.items()
+    for slot, source in enumerate(sources)
+}
 
 
 def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:

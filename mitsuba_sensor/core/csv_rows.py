@@ -19,4 +19,6 @@ def rows_of(text: str) -> list[list[str]]:
     try:
         return [[cell.strip().replace(",", ".") for cell in row] for row in rows]
     except csv.Error as error:
-        raise InputError(f"a line is no row of cells {SEPARATED}: {error}; correct it.") from None
+        raise InputError(
+            f"a line is no row of cells {SEPARATED}: {error}; correct it."
+        ) from None

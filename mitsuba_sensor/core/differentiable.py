@@ -26,7 +26,9 @@ from .quantiles import wald
 from .sensor_window import SensorWindow
 from .types import Array
 
-NEVER_COUNTED = 2.0**-32  # a Poisson mean below which the count is always 0, so that n/λ is set to its mean, 1
+NEVER_COUNTED = (
+    2.0**-32
+)  # a Poisson mean below which the count is always 0, so that n/λ is set to its mean, 1
 SLOTS = 512  # partial sums per parameter in which the threads add up derivatives in float32
 
 
@@ -49,7 +51,9 @@ class RecordingBackend(NumpyFloat32):
         self.numbers.append(float(value))
         return super().number(value)
 
-    def random_bits(self, block: int, window: SensorWindow, frame: int, key: int) -> tuple[Array, Array, Array, Array]:
+    def random_bits(
+        self, block: int, window: SensorWindow, frame: int, key: int
+    ) -> tuple[Array, Array, Array, Array]:
         """The median everywhere: the random numbers do not matter."""
         bits = np.full(window.shape, 2**31, dtype=np.uint32)
         return bits, bits, bits, bits
@@ -62,7 +66,9 @@ class DifferentiableBackend(DrJitBackend):
     random_numbers : those drawn in a frame. Once they are evaluated, derivatives cost little more.
     """
 
-    def __init__(self, backend: str, numbers: Sequence[CameraNumber], size: int = 1, start: int = 0) -> None:
+    def __init__(
+        self, backend: str, numbers: Sequence[CameraNumber], size: int = 1, start: int = 0
+    ) -> None:
         super().__init__(backend, differentiable=True)
         self._numbers, self._size, self._next = numbers, size, start
         self._constant = False
@@ -108,10 +114,15 @@ class DifferentiableBackend(DrJitBackend):
         """One float32 that the kernel reads as data, with the derivatives of the next of the recorded numbers."""
         known = self._numbers[self._next]
         self._next += 1
-        assert known.value == float(value), "the stages use the numbers of the camera in another order than recorded"
+        assert known.value == float(value), (
+            "the stages use the numbers of the camera in another order than recorded"
+        )
         if self._constant:
             return super().number(value)
-        slopes = {name: super(DifferentiableBackend, self).number(slope) for name, slope in known.slopes.items()}
+        slopes = {
+            name: super(DifferentiableBackend, self).number(slope)
+            for name, slope in known.slopes.items()
+        }
         return self.with_slopes(super().number(value), slopes)
 
     @property
@@ -136,16 +147,23 @@ class DifferentiableBackend(DrJitBackend):
     def poisson(self, bits: Array, mean: Array) -> Array:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
 
-        count = arrays.with_derivative_of(self._line, partial(super().poisson, bits), self.float(mean))
+        count = arrays.with_derivative_of(
+            self._line, partial(super().poisson, bits), self.float(mean)
+        )
         self.random_numbers.append(self.dr.detach(count))
         return count
 
-    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+    def split(
+        self, bits: Array, count: Array, light: Array, dark: Array
+    ) -> tuple[Array, Array]:
         """A Poisson count of mean light + dark in two, each with the derivatives of its own law."""
         means = self.float(light), self.float(dark)
         counts = super().split(bits, *(self.dr.detach(x) for x in (count, *means)))
         self.random_numbers += counts
-        return tuple(arrays.with_gradient(n, self._line, m, n) for n, m in zip(counts, means, strict=True))
+        return tuple(
+            arrays.with_gradient(n, self._line, m, n)
+            for n, m in zip(counts, means, strict=True)
+        )
 
     def _line(self, mean: Array, count: Array) -> Array:
         fixed = self.dr.detach(mean)
@@ -156,19 +174,29 @@ class DifferentiableBackend(DrJitBackend):
 
         def surrogate(probability: Array, happened: Array) -> Array:
             fixed = self.dr.detach(probability)
-            return probability * (0.5 / arrays.maximum(arrays.where(happened > 0, fixed, 1.0 - fixed), NEVER_COUNTED))
+            return probability * (
+                0.5
+                / arrays.maximum(arrays.where(happened > 0, fixed, 1.0 - fixed), NEVER_COUNTED)
+            )
 
-        return arrays.with_derivative_of(surrogate, partial(super().bernoulli, bits), probability)
+        return arrays.with_derivative_of(
+            surrogate, partial(super().bernoulli, bits), probability
+        )
 
     def wald(self, z: Array, u: Array, cv: float) -> Array:
         """Inverse Gaussian of mean 1, from a normal and a uniform."""
         return arrays.with_derivative_of(
-            lambda c, x: c * ((x - 1.0) / self.dr.detach(c)), partial(wald, z, u), self.number(cv)
+            lambda c, x: c * ((x - 1.0) / self.dr.detach(c)),
+            partial(wald, z, u),
+            self.number(cv),
         )
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute all FPN maps of the window and their derivatives, once."""
-        dr, maps = self.dr, {key: x for key, x in window.cached_values.items() if isinstance(x, self.float)}
+        dr, maps = (
+            self.dr,
+            {key: x for key, x in window.cached_values.items() if isinstance(x, self.float)},
+        )
         self._maps = {key: (dr.detach(x), {}) for key, x in maps.items()}
         for name in dict.fromkeys(name for _, slopes in self._leaves for name in slopes):
             for key, slope in zip(maps, self.forward(name, *maps.values()), strict=True):
@@ -179,7 +207,9 @@ class DifferentiableBackend(DrJitBackend):
     def renewed(self, window: SensorWindow) -> tuple["DifferentiableBackend", SensorWindow]:
         """A backend with new leaves for one frame, and the window whose FPN maps depend on them."""
         height, width = window.shape
-        backend = DifferentiableBackend(self._backend, self._numbers, height * width, self._next)
+        backend = DifferentiableBackend(
+            self._backend, self._numbers, height * width, self._next
+        )
         maps = {key: backend.with_slopes(x, slopes) for key, (x, slopes) in self._maps.items()}
         return backend, replace(window, backend=backend, _maps={**window.cached_values, **maps})
 
@@ -196,6 +226,8 @@ class DifferentiableBackend(DrJitBackend):
         dr, width = self.dr, 1 << (len(pixels) - 1).bit_length()
         sums, pixel = dr.zeros(self.float, SLOTS * width), dr.arange(self.uint, self._size)
         slot = (((pixel >> 12) << 3) | (pixel & 7)) & (SLOTS - 1)
-        parts = [dr.detach(x) for x in pixels.values()] + [self.float(0)] * (width - len(pixels))
+        parts = [dr.detach(x) for x in pixels.values()] + [self.float(0)] * (
+            width - len(pixels)
+        )
         dr.scatter_add(sums, self._packets(parts), slot, mode=dr.ReduceMode.Expand)
         return sums

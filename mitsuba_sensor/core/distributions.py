@@ -65,7 +65,9 @@ def lognormal_moment(cv: float, power: int) -> float:
 
     def both_tails(s: Float64Array) -> Float64Array:
         z = math.sqrt(variance) * normal_of(s)
-        return np.asarray(np.exp(power * (z - 0.5 * variance)) + np.exp(power * (-z - 0.5 * variance)))
+        return np.asarray(
+            np.exp(power * (z - 0.5 * variance)) + np.exp(power * (-z - 0.5 * variance))
+        )
 
     return sum_over_upper_half(both_tails)
 
@@ -81,7 +83,10 @@ def gamma(bits: RandomBits, cv: float) -> Float64Array:
 def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
     """Chebyshev coefficients of ln(gamma quantile) over z/reach; 41 terms hold it to 1e-4 of σ for a cv up to 2."""
     z = reach * np.cos(np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms))
-    return [float(c) for c in np.polynomial.chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
+    return [
+        float(c)
+        for c in np.polynomial.chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)
+    ]
 
 
 def _log_gamma(z: Float64Array, cv: float) -> Float64Array:
@@ -94,7 +99,9 @@ def _log_gamma(z: Float64Array, cv: float) -> Float64Array:
         scipy.special.gammainccinv(shape, scipy.special.ndtr(-z)),
         scipy.special.gammaincinv(shape, scipy.special.ndtr(z)),
     )
-    small = (scipy.special.log_ndtr(z) + scipy.special.gammaln(shape + 1)) / shape  # P(X < x) = x^k/Γ(k + 1) for x → 0
+    small = (
+        scipy.special.log_ndtr(z) + scipy.special.gammaln(shape + 1)
+    ) / shape  # P(X < x) = x^k/Γ(k + 1) for x → 0
     with np.errstate(divide="ignore"):
         logarithm: Float64Array = np.where((x > 1e-290) & (small > -600), np.log(x), small)
     return logarithm + 2 * math.log(cv)
@@ -109,7 +116,9 @@ def logistic(bits: RandomBits) -> Float64Array:
 def wald(z: Float64Array, u: Float64Array, cv: float) -> Float64Array:
     """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976)."""
     a = 0.5 * (cv * z) ** 2
-    root = 1 / (1 + a + np.sqrt(a * (a + 2)))  # the smaller root; the textbook difference goes negative in float32
+    root = 1 / (
+        1 + a + np.sqrt(a * (a + 2))
+    )  # the smaller root; the textbook difference goes negative in float32
     return np.where(u * (1 + root) <= 1, root, 1 / root)
 
 
@@ -119,7 +128,9 @@ def rectified_logistic(scale: float) -> tuple[float, float]:
         return 1.0, (math.pi * scale) ** 2 / 3
     edge = 1 / scale
     mean = scale * float(np.logaddexp(0.0, edge))
-    dilogarithm = -(math.pi**2) / 6 - edge * edge / 2 - float(scipy.special.spence(1 + math.exp(-edge)))  # Li₂(−e^edge)
+    dilogarithm = (
+        -(math.pi**2) / 6 - edge * edge / 2 - float(scipy.special.spence(1 + math.exp(-edge)))
+    )  # Li₂(−e^edge)
     return mean, -2 * scale**2 * dilogarithm - mean**2
 
 
@@ -161,11 +172,15 @@ def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
     bound = 4.0 * (1 / 40 + z * z / 80 + z**4 / 160) / lam
     count = np.maximum(np.floor(x), 0.0)
     doubt = np.flatnonzero((np.floor(x - bound) != np.floor(x + bound)) & (lam < EXACT_BELOW))
-    count[doubt] = _correct(count[doubt], s[doubt], lambda n: scipy.special.gammainc(n + 1.0, lam[doubt]))
+    count[doubt] = _correct(
+        count[doubt], s[doubt], lambda n: scipy.special.gammainc(n + 1.0, lam[doubt])
+    )
     return count
 
 
-def _correct(n: Float64Array, s: Float64Array, beyond: Callable[[Float64Array], Array]) -> Array:
+def _correct(
+    n: Float64Array, s: Float64Array, beyond: Callable[[Float64Array], Array]
+) -> Array:
     """The smallest count with P(N > n) ≤ s, from a first guess n.  beyond : P(N > n) of every element."""
     while (up := beyond(n) > s).any():
         n = n + up
@@ -185,7 +200,13 @@ def binomial(bits: RandomBits, number: Array, mean: Array, other: Array) -> Floa
     p = np.minimum(a, b) / np.maximum(a + b, 1e-300)
     variance = n * p * (1 - p)
     z, sigma = normal_of(s), np.sqrt(np.maximum(variance, 1e-300))
-    x = n * p + 0.5 + sigma * z + (1 - 2 * p) * (z * z - 1) / 6 + binomial_third(z * z, p * (1 - p)) * z / sigma
+    x = (
+        n * p
+        + 0.5
+        + sigma * z
+        + (1 - 2 * p) * (z * z - 1) / 6
+        + binomial_third(z * z, p * (1 - p)) * z / sigma
+    )
     bound = 8.0 * (1 / 40 + z * z / 80 + z**4 / 160) / sigma**2
     count = np.clip(np.floor(np.where(variance < 1, n * p, x)), 0.0, n)
     near = (variance < SEARCH_BELOW) | (np.floor(x - bound) != np.floor(x + bound))
@@ -193,7 +214,9 @@ def binomial(bits: RandomBits, number: Array, mean: Array, other: Array) -> Floa
     n_, p_ = n[doubt], p[doubt]
 
     def beyond(k: Float64Array) -> Array:
-        return np.where(k < n_, scipy.special.betainc(k + 1.0, np.maximum(n_ - k, 1.0), p_), 0.0)
+        return np.where(
+            k < n_, scipy.special.betainc(k + 1.0, np.maximum(n_ - k, 1.0), p_), 0.0
+        )
 
     count[doubt] = _correct(count[doubt], s[doubt], beyond)
     result: Float64Array = np.where(a > b, n - count, count)
@@ -221,5 +244,7 @@ def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64
 def _recursion(x: Float64Array, phi: float) -> Float64Array:
     """y_j = x_j + φ·y_{j−1} along the last axis; scipy.signal.lfilter has it too, and takes half a second to import."""
     along = np.moveaxis(x, -1, 0)
-    steps = accumulate(along.tolist() if x.ndim == 1 else along, lambda before, new: new + phi * before)  # floats: fast
+    steps = accumulate(
+        along.tolist() if x.ndim == 1 else along, lambda before, new: new + phi * before
+    )  # floats: fast
     return np.moveaxis(np.array(list(steps)), 0, -1)

@@ -26,13 +26,17 @@ class DrJitBackend(NumpyFloat32):
     """Dr.Jit in float32.  backend : "llvm" or "cuda".  differentiable : use the types that carry derivatives."""
 
     compiled = True
-    strip_pixels = 2**22  # per kernel launch: a map has exactly 16 MiB, and Dr.Jit rounds memory up to powers of two
+    strip_pixels = (
+        2**22
+    )  # per kernel launch: a map has exactly 16 MiB, and Dr.Jit rounds memory up to powers of two
 
     def __init__(self, backend: str = "llvm", differentiable: bool = False) -> None:
         self.dr: DrJitModule = drjit()
         self._backend = backend
         self.bytes_of_numpy = backend == "llvm"  # of CUDA it is not measured yet
-        module = importlib.import_module(f"drjit.{backend}.ad" if differentiable else f"drjit.{backend}")
+        module = importlib.import_module(
+            f"drjit.{backend}.ad" if differentiable else f"drjit.{backend}"
+        )
         self.float, self.uint, self.double = module.Float32, module.UInt32, module.Float64
 
     def __reduce__(self) -> tuple[type[Self], tuple[str]]:
@@ -49,11 +53,15 @@ class DrJitBackend(NumpyFloat32):
         if single is not values:
             np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
         if single.size == 1:
-            return DrJitBackend.number(self, float(single.ravel()[0]))  # of a map, not of the camera
+            return DrJitBackend.number(
+                self, float(single.ravel()[0])
+            )  # of a map, not of the camera
         if single.shape == window.shape:
             return self.float(single.ravel())
         column, row = self._coordinates(window)
-        return self.dr.gather(self.float, self.float(single.ravel()), column if single.shape[0] == 1 else row)
+        return self.dr.gather(
+            self.float, self.float(single.ravel()), column if single.shape[0] == 1 else row
+        )
 
     def filtered(self, layers: Float64Array, filters: Filters, window: SensorWindow) -> Array:
         """Layers (H, W, B) behind the filters, computed in float64 by the kernel, which reads them in place.
@@ -64,7 +72,10 @@ class DrJitBackend(NumpyFloat32):
         if len(filters.shares) == 1:
             share = dr.opaque(self.double, filters.shares[0])
         else:
-            number, pixel = self._tiled(filters.tile, window), dr.arange(self.uint, window.shape[0] * window.shape[1])
+            number, pixel = (
+                self._tiled(filters.tile, window),
+                dr.arange(self.uint, window.shape[0] * window.shape[1]),
+            )
             layer = dr.gather(self.uint, self.uint(filters.layers), number)
             value = dr.gather(self.double, value, pixel * layers.shape[2] + layer)
             share = dr.gather(self.double, self.double(filters.shares), number)
@@ -94,9 +105,15 @@ class DrJitBackend(NumpyFloat32):
         if isinstance(signal, float | int | np.ndarray):
             return np.broadcast_to(np.asarray(signal), window.shape)
         found = signal.numpy()
-        return np.broadcast_to(found[0], window.shape) if found.size == 1 else found.reshape(window.shape)
+        return (
+            np.broadcast_to(found[0], window.shape)
+            if found.size == 1
+            else found.reshape(window.shape)
+        )
 
-    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]) -> PendingStrip:
+    def pending(
+        self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]
+    ) -> PendingStrip:
         """Digital numbers, and masks, that one kernel launch computes."""
         return KernelLaunch(self.dr, self.uint(signal), out, masks)
 
@@ -104,18 +121,26 @@ class DrJitBackend(NumpyFloat32):
         """Compute all FPN maps of the window in one kernel, lines too: a look-up is slower than a load."""
         self.dr.eval([x for x in window.cached_values.values() if isinstance(x, self.float)])
 
-    def random_bits(self, block: int, window: SensorWindow, frame: int, key: int) -> tuple[Array, Array, Array, Array]:
+    def random_bits(
+        self, block: int, window: SensorWindow, frame: int, key: int
+    ) -> tuple[Array, Array, Array, Array]:
         """Four random 32-bit integers of ``block`` for every pixel of the window."""
         column, row = self._coordinates(window)
-        top, left, number, low, high = (self._opaque(value) for value in (*window.origin, frame, *split_key(key)))
+        top, left, number, low, high = (
+            self._opaque(value) for value in (*window.origin, frame, *split_key(key))
+        )
         return philox((column + left, row + top, number, self.uint(block)), (low, high))
 
     def poisson(self, bits: Array, mean: Array) -> Array:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
-        zeros = self.dr.zeros(self.float, len(bits))  # a branch has the length of its condition, not of its arguments
+        zeros = self.dr.zeros(
+            self.float, len(bits)
+        )  # a branch has the length of its condition, not of its arguments
         return poisson(bits, self.float(mean) + zeros)
 
-    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+    def split(
+        self, bits: Array, count: Array, light: Array, dark: Array
+    ) -> tuple[Array, Array]:
         """A Poisson count of mean light + dark in two independent ones."""
         zeros = self.dr.zeros(self.float, len(bits))
         counted = binomial(bits, *(self.float(x) + zeros for x in (count, dark, light)))
@@ -142,15 +167,30 @@ class DrJitBackend(NumpyFloat32):
 
     def _tiled(self, tile: tuple[tuple[int, ...], ...], window: SensorWindow) -> Array:
         """The number in the tile at every pixel; the tile begins at the sensor's first one."""
-        (rows, columns), (top, left), (column, row) = np.shape(tile), window.origin, self._coordinates(window)
-        y, x = (row + self._opaque(top % rows)) % rows, (column + self._opaque(left % columns)) % columns
-        return self.dr.gather(self.uint, self.uint([number for line in tile for number in line]), y * columns + x)
+        (rows, columns), (top, left), (column, row) = (
+            np.shape(tile),
+            window.origin,
+            self._coordinates(window),
+        )
+        y, x = (
+            (row + self._opaque(top % rows)) % rows,
+            (column + self._opaque(left % columns)) % columns,
+        )
+        return self.dr.gather(
+            self.uint, self.uint([number for line in tile for number in line]), y * columns + x
+        )
 
 
 def _is_ready(values: Array) -> bool:
     """Whether Dr.Jit can read an array in place: aligned float32, as detection.py makes it, within the limit."""
-    ready = isinstance(values, np.ndarray) and values.dtype == np.float32 and values.flags.c_contiguous
-    return bool(ready and values.ctypes.data % 64 == 0 and values.size and values.max() <= FLOAT32_LIMIT)
+    ready = (
+        isinstance(values, np.ndarray)
+        and values.dtype == np.float32
+        and values.flags.c_contiguous
+    )
+    return bool(
+        ready and values.ctypes.data % 64 == 0 and values.size and values.max() <= FLOAT32_LIMIT
+    )
 
 
 class KernelLaunch(PendingStrip):
@@ -160,7 +200,9 @@ class KernelLaunch(PendingStrip):
     kernel is launched after the wait for this one and before its codes are copied.
     """
 
-    def __init__(self, dr: DrJitModule, codes: Array, out: NumpyArray, masks: Mapping[str, Array]) -> None:
+    def __init__(
+        self, dr: DrJitModule, codes: Array, out: NumpyArray, masks: Mapping[str, Array]
+    ) -> None:
         self.dr, self.codes, self.out, self.masks = dr, codes, out, masks
 
     def launch(self) -> None:
@@ -171,4 +213,7 @@ class KernelLaunch(PendingStrip):
 
     def copy(self) -> None:
         np.copyto(self.out, self.computed.reshape(self.out.shape), casting="unsafe")
-        self.counts = {name: 0 if mask is False else self.dr.count(mask)[0] for name, mask in self.masks.items()}
+        self.counts = {
+            name: 0 if mask is False else self.dr.count(mask)[0]
+            for name, mask in self.masks.items()
+        }

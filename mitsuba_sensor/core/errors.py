@@ -12,7 +12,10 @@ from pathlib import Path
 
 from .printable import printable
 
-LONGEST_HEAD, LONGEST_END = 900, 450  # characters of a sentence, of which the end says the way out
+LONGEST_HEAD, LONGEST_END = (
+    900,
+    450,
+)  # characters of a sentence, of which the end says the way out
 
 
 class InputError(ValueError):
@@ -42,7 +45,9 @@ class DiskFull(InputError):
 
     def __str__(self) -> str:
         wanted = "" if self.size is None else f"{self.size} bytes were to be written; "
-        return self.sentence(f"cannot write {self.path}: {self.why}; {wanted}make space there, or give another place.")
+        return self.sentence(
+            f"cannot write {self.path}: {self.why}; {wanted}make space there, or give another place."
+        )
 
 
 class _ShortRepr(reprlib.Repr):
@@ -66,7 +71,9 @@ def shown(value: object) -> str:
 def require(name: str, value: float, low: float, high: float, remedy: str) -> float:
     """``value`` if it is a number in [low, high], else InputError.  name : with the unit.  remedy : what to pass."""
     try:
-        boolean = isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b"
+        boolean = (
+            isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b"
+        )
         number = float("" if boolean else value + 0)  # refuses a string such as "0.1"
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is {value!r}; it must be a number ({remedy}).") from None
@@ -82,7 +89,9 @@ def require_seed(name: str, value: int) -> int:
     except TypeError:  # no whole number, or an array of them
         number = -1
     if not 0 <= number < 2**64:
-        raise InputError(f"{name} is {value!r}; it must be a whole number from 0 to 2^64 - 1 (e.g. 1).")
+        raise InputError(
+            f"{name} is {value!r}; it must be a whole number from 0 to 2^64 - 1 (e.g. 1)."
+        )
     return number
 
 

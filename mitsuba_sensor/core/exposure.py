@@ -4,7 +4,10 @@ from dataclasses import dataclass
 
 from .errors import require
 
-LONGEST_S, HOTTEST_K = 1e12, 1e4  # beyond any camera: 30 000 years, and six times the melting point of silicon
+LONGEST_S, HOTTEST_K = (
+    1e12,
+    1e4,
+)  # beyond any camera: 30 000 years, and six times the melting point of silicon
 
 
 @dataclass(frozen=True)
@@ -20,4 +23,6 @@ class Exposure:
 
     def __post_init__(self) -> None:
         require("exposure time_s", self.time_s, 0.0, LONGEST_S, "seconds, e.g. 0.1")
-        require("temperature_k", self.temperature_k, 0.0, HOTTEST_K, "kelvin, e.g. 298.15 for 25 °C")
+        require(
+            "temperature_k", self.temperature_k, 0.0, HOTTEST_K, "kelvin, e.g. 298.15 for 25 °C"
+        )

@@ -32,7 +32,9 @@ class Frame:
     _blocks: dict[int, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "seed", require_seed("seed", self.seed))  # a NumPy integer would overflow
+        object.__setattr__(
+            self, "seed", require_seed("seed", self.seed)
+        )  # a NumPy integer would overflow
 
     @cached_property
     def key(self) -> int:
@@ -42,7 +44,9 @@ class Frame:
         """
         window, exposure = self.window, self.exposure
         conditions = float(exposure.time_s), float(exposure.temperature_k)
-        return key_of("temporal", self.seed, window.camera, window.serial, self.gain, *conditions)
+        return key_of(
+            "temporal", self.seed, window.camera, window.serial, self.gain, *conditions
+        )
 
     def on(self, backend: Backend) -> Self:
         """The same frame of the same camera, computed by ``backend``."""
@@ -56,16 +60,22 @@ class Frame:
         """The random bits of ``source`` in this frame, (H, W)."""
         block, slot = stream_of(source)
         if block not in self._blocks:
-            self._blocks[block] = self.window.backend.random_bits(block, self.window, self.index, self.key)
+            self._blocks[block] = self.window.backend.random_bits(
+                block, self.window, self.index, self.key
+            )
         return self._blocks[block][slot]
 
-    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: Array) -> RandomBits:
+    def random_bits_at(
+        self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: Array
+    ) -> RandomBits:
         """The random bits of ``source`` in frame ``frame_index`` at some pixels of the sensor, on NumPy.
 
         rows, columns : pixel coordinates on the sensor (not in the window); they broadcast with the frames.
         """
         block, slot = stream_of(source)
-        return random_bits_at(block, np.asarray(rows), np.asarray(columns), np.asarray(frame_index), self.key)[slot]
+        return random_bits_at(
+            block, np.asarray(rows), np.asarray(columns), np.asarray(frame_index), self.key
+        )[slot]
 
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
         """One standard normal per row of the window, new in every frame, (H, 1).
@@ -78,7 +88,9 @@ class Frame:
         """
         window = self.window
         if rows is not None:
-            return distributions.normal(self.random_bits_at(f"{source} (rows)", rows, [0], self.index))
+            return distributions.normal(
+                self.random_bits_at(f"{source} (rows)", rows, [0], self.index)
+            )
         return window.backend.from_numpy(self.row_normal(source, window.rows)[:, None], window)
 
     def column_normal(self, source: str, columns: ArrayLike | None = None) -> Array:
@@ -88,8 +100,12 @@ class Frame:
         """
         window = self.window
         if columns is not None:
-            return distributions.normal(self.random_bits_at(f"{source} (columns)", [0], columns, self.index))
-        return window.backend.from_numpy(self.column_normal(source, window.columns)[None, :], window)
+            return distributions.normal(
+                self.random_bits_at(f"{source} (columns)", [0], columns, self.index)
+            )
+        return window.backend.from_numpy(
+            self.column_normal(source, window.columns)[None, :], window
+        )
 
     def normal(self, source: str) -> Array:
         """Standard normal noise of ``source``, new in every frame, (H, W)."""
@@ -105,7 +121,9 @@ class Frame:
         """Poisson counts of ``source`` with this ``mean`` (scalar or (H, W)), (H, W)."""
         return self.window.backend.poisson(self.random_bits(source), mean)
 
-    def split(self, source: str, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+    def split(
+        self, source: str, count: Array, light: Array, dark: Array
+    ) -> tuple[Array, Array]:
         """A Poisson count of mean light + dark in two, of these means (scalars or (H, W)) and independent, (H, W)."""
         return self.window.backend.split(self.random_bits(source), count, light, dark)
 

@@ -64,7 +64,9 @@ def picture(png: bytes, columns: int, described: str) -> Picture:
 
 def fragment(title: str, *parts: Table | Picture) -> str:
     """What ``_repr_html_`` returns: a heading and its parts."""
-    return render_template(Path(__file__).with_name("fragment.html.j2"), title=title, parts=parts)
+    return render_template(
+        Path(__file__).with_name("fragment.html.j2"), title=title, parts=parts
+    )
 
 
 def render_template(template: Path, **values: object) -> str:
@@ -78,4 +80,10 @@ def environment(folder: Path) -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     loader = FileSystemLoader(folder)
-    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

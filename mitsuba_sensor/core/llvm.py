@@ -23,15 +23,29 @@ from types import ModuleType
 
 OLDEST_LLVM = 17
 LLVM_PATH = "DRJIT_LIBLLVM_PATH"
-NO_LIBRARY = os.devnull  # the path that Dr.Jit gets when no LLVM is usable; it then finds none and says so
+NO_LIBRARY = (
+    os.devnull
+)  # the path that Dr.Jit gets when no LLVM is usable; it then finds none and says so
 
 # Dr.Jit searches /usr/lib/<triplet> only; Linux distributions, Conda and Homebrew use the others.
-FOLDERS: tuple[str, ...] = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib")
+FOLDERS: tuple[str, ...] = (
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/lib",
+)
 FOLDERS += ("/usr/local/lib", "/usr/lib/llvm-*/lib", "/usr/lib/llvm/*/lib64")
 FOLDERS += ("/opt/homebrew/opt/llvm*/lib", "/usr/local/opt/llvm*/lib")
 # Of this interpreter's environment, where pip, Conda and uv put libraries.
-OWN_FOLDERS: tuple[str, ...] = (os.path.join(sys.prefix, "lib"), os.path.join(site.getuserbase(), "lib"))
-NAMES = ("libLLVM.dylib", "libLLVM-*.dylib") if sys.platform == "darwin" else ("libLLVM.so*", "libLLVM-*.so*")
+OWN_FOLDERS: tuple[str, ...] = (
+    os.path.join(sys.prefix, "lib"),
+    os.path.join(site.getuserbase(), "lib"),
+)
+NAMES = (
+    ("libLLVM.dylib", "libLLVM-*.dylib")
+    if sys.platform == "darwin"
+    else ("libLLVM.so*", "libLLVM-*.so*")
+)
 
 
 # What libLLVM of karellen-llvm-core needs, in the order of their needs. Its own links to them appear when Python is
@@ -39,7 +53,9 @@ NAMES = ("libLLVM.dylib", "libLLVM-*.dylib") if sys.platform == "darwin" else ("
 COMPANIONS = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
 ON_THE_INDEX = sys.platform == "linux" and os.uname().machine == "x86_64"
 INSTALL = (
-    "pip install karellen-llvm-core, or apt-get install libllvm19" if ON_THE_INDEX else "apt-get install libllvm19"
+    "pip install karellen-llvm-core, or apt-get install libllvm19"
+    if ON_THE_INDEX
+    else "apt-get install libllvm19"
 )
 
 
@@ -61,7 +77,9 @@ def find_llvm(folders: tuple[str, ...] = ()) -> list[LlvmLibrary]:
         found += [library for library in _libraries_in(OWN_FOLDERS) if library not in found]
     named = os.environ.get(LLVM_PATH, "")
     first = [inspect_llvm(named)] if named and named != NO_LIBRARY else []
-    return first + [library for library in found if not first or library.path != os.path.realpath(named)]
+    return first + [
+        library for library in found if not first or library.path != os.path.realpath(named)
+    ]
 
 
 def _libraries_in(folders: tuple[str, ...]) -> list[LlvmLibrary]:
@@ -84,7 +102,12 @@ def inspect_llvm(path: str) -> LlvmLibrary:
     if not version:
         return LlvmLibrary(real, 0, False, "has no LLVM version in its name or soname")
     if version < OLDEST_LLVM:
-        return LlvmLibrary(real, version, False, f"older than {OLDEST_LLVM}: Dr.Jit refuses it or aborts the process")
+        return LlvmLibrary(
+            real,
+            version,
+            False,
+            f"older than {OLDEST_LLVM}: Dr.Jit refuses it or aborts the process",
+        )
     return LlvmLibrary(real, version, True, "usable")
 
 
@@ -119,8 +142,12 @@ def guard_llvm() -> LlvmLibrary | None:
 def _load_companions(path: str) -> None:
     """Load the libraries that a libLLVM from the package index needs; they stand in a folder beside it."""
     for name in COMPANIONS:
-        for companion in glob.glob(os.path.join(os.path.dirname(path), "*-unknown-linux-gnu", name)):
-            with contextlib.suppress(OSError):  # then Dr.Jit has no LLVM, and backend_problem says why
+        for companion in glob.glob(
+            os.path.join(os.path.dirname(path), "*-unknown-linux-gnu", name)
+        ):
+            with contextlib.suppress(
+                OSError
+            ):  # then Dr.Jit has no LLVM, and backend_problem says why
                 ctypes.CDLL(companion)
 
 
@@ -172,6 +199,8 @@ def backend_problem(backend: str) -> str | None:
             return f"no LLVM that can be loaded ({path}: {_why_not_loaded(path)})"
         if version == 0:
             return f"no LLVM {OLDEST_LLVM} or newer on this machine"
-        if version < OLDEST_LLVM:  # Mitsuba was imported before this package, without guard_llvm
+        if (
+            version < OLDEST_LLVM
+        ):  # Mitsuba was imported before this package, without guard_llvm
             return f"only LLVM {version} in Dr.Jit, which aborts the process; import mitsuba_sensor before mitsuba"
     return None

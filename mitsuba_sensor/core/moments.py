@@ -39,11 +39,21 @@ class Moments:
 
     def add(self, *, mean: Array = 0.0, temporal: Array = 0.0, spatial: Array = 0.0) -> Moments:
         """An independent signal is added: all three add."""
-        return replace(self, mean=self.mean + mean, temporal=self.temporal + temporal, spatial=self.spatial + spatial)
+        return replace(
+            self,
+            mean=self.mean + mean,
+            temporal=self.temporal + temporal,
+            spatial=self.spatial + spatial,
+        )
 
     def scale(self, gain: Array) -> Moments:
         """The signal is multiplied by a constant."""
-        return replace(self, mean=self.mean * gain, temporal=self.temporal * gain**2, spatial=self.spatial * gain**2)
+        return replace(
+            self,
+            mean=self.mean * gain,
+            temporal=self.temporal * gain**2,
+            spatial=self.spatial * gain**2,
+        )
 
     def through(self, value: Array, slope: Array, curvature: Array) -> Moments:
         """A smooth function of the signal, by value, slope and curvature at the mean; second order in the noise."""
@@ -119,7 +129,11 @@ def _clip_above(m: Moments, edge: float) -> Moments:
     shortfall = s * (c * below + density)
     total = np.maximum(v * ((c * c + 1) * below + c * density) - shortfall**2, 0.0)
     kept_spatial = np.clip(v * _correlated(c, spatial[near] / v, below), 0.0, total)
-    mean[near], spatial[near], temporal[near] = edge - shortfall, kept_spatial, total - kept_spatial
+    mean[near], spatial[near], temporal[near] = (
+        edge - shortfall,
+        kept_spatial,
+        total - kept_spatial,
+    )
     return replace(m, mean=mean, temporal=temporal, spatial=spatial)
 
 
@@ -130,7 +144,11 @@ def _saturated(mean: Array, sigma: Array, edge: float) -> tuple[Array, Array]:
     c = np.log(edge / mean) / width + width / 2
     below, light, square = (scipy.special.ndtr(c - k * width) for k in (0, 1, 2))
     shortfall = edge * below - mean * light
-    squared = edge**2 * below - 2 * edge * (mean * light) + (mean * np.sqrt((1 + spread) * square)) ** 2
+    squared = (
+        edge**2 * below
+        - 2 * edge * (mean * light)
+        + (mean * np.sqrt((1 + spread) * square)) ** 2
+    )
     return edge - shortfall, np.maximum(squared - shortfall**2, 0.0)
 
 
@@ -141,6 +159,10 @@ def _correlated(c: Array, rho: Array, below: Array) -> Array:
     for node, weight in zip(nodes, weights, strict=True):
         theta = 0.5 * end * (node + 1)
         integral += (
-            0.5 * weight * end * np.cos(theta) * (below - 2 * scipy.special.owens_t(c, np.tan(math.pi / 4 - theta / 2)))
+            0.5
+            * weight
+            * end
+            * np.cos(theta)
+            * (below - 2 * scipy.special.owens_t(c, np.tan(math.pi / 4 - theta / 2)))
         )
     return integral

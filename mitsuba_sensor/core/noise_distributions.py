@@ -79,9 +79,19 @@ class NoiseDistribution(ABC):
         above = scipy.special.ndtr(-z)
         x = self.quantile(above)
         places, widths = self._normals(float(x[-1]))
-        chances = 0.5 * sum(scipy.special.ndtr((sign * places - x[:, None]) / widths) for sign in (-1, 1))
-        rows = np.vstack([chances / above[:, None] ** 0.25, KEEPING + 0 * widths, KEEPING * (places**2 + widths**2)])
-        found, _ = scipy.optimize.nnls(rows, np.array([*above**0.75, KEEPING, KEEPING]), maxiter=5000)
+        chances = 0.5 * sum(
+            scipy.special.ndtr((sign * places - x[:, None]) / widths) for sign in (-1, 1)
+        )
+        rows = np.vstack(
+            [
+                chances / above[:, None] ** 0.25,
+                KEEPING + 0 * widths,
+                KEEPING * (places**2 + widths**2),
+            ]
+        )
+        found, _ = scipy.optimize.nnls(
+            rows, np.array([*above**0.75, KEEPING, KEEPING]), maxiter=5000
+        )
         weights, means = np.concatenate([found, found]) / 2, np.concatenate([places, -places])
         used = weights > 0
         weights, means, variances = weights[used], means[used], np.tile(widths**2, 2)[used]
@@ -95,7 +105,9 @@ class NoiseDistribution(ABC):
             places = np.arange(0.0, FARTHEST + APART, APART)
             return places, np.full(places.size, WIDTH)
         number = math.ceil(math.log(farthest / 3 / NARROWEST) / math.log(RATIO)) + 1
-        return np.zeros(number), np.asarray(NARROWEST * RATIO ** np.arange(number), dtype=np.float64)
+        return np.zeros(number), np.asarray(
+            NARROWEST * RATIO ** np.arange(number), dtype=np.float64
+        )
 
     @cached_property
     def _sigma(self) -> float:
@@ -108,7 +120,11 @@ def _merged(parts: Mixture) -> Mixture:
     middle = parts.means == 0
     half = np.flatnonzero(middle)[: middle.sum() // 2]
     kept = np.concatenate([half, np.flatnonzero(~middle)])
-    return Mixture(parts.weights[kept] * np.where(middle[kept], 2, 1), parts.means[kept], parts.variances[kept])
+    return Mixture(
+        parts.weights[kept] * np.where(middle[kept], 2, 1),
+        parts.means[kept],
+        parts.variances[kept],
+    )
 
 
 @dataclass(frozen=True)
@@ -120,7 +136,9 @@ class TukeyLambda(NoiseDistribution):
         above, below = np.log(survival), np.log1p(-survival)
         if self.shape == 0:
             return np.asarray(below - above)
-        return np.asarray((np.expm1(self.shape * below) - np.expm1(self.shape * above)) / self.shape)
+        return np.asarray(
+            (np.expm1(self.shape * below) - np.expm1(self.shape * above)) / self.shape
+        )
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,9 @@ class SourceOfLight(Protocol):
     def notes_for(self, camera: Camera) -> tuple[str, ...]:
         """Notes on this light before a camera, which may be another one than it was rendered for."""
 
-    def render_noise(self, frames: RawFrames) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    def render_noise(
+        self, frames: RawFrames
+    ) -> tuple[dict[str, float | None], tuple[str, ...]]:
         """What the render's noise means in these frames, and the notes on it."""
 
 

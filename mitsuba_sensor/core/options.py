@@ -32,14 +32,20 @@ class Option:
     """What is to be known of one option beside its name and its type."""
 
     help: str  # what it does, with the unit; shown by help() and --help
-    default: Any = None  # the value of an option that is not given; None means "not given" everywhere
+    default: Any = (
+        None  # the value of an option that is not given; None means "not given" everywhere
+    )
     low: float = -inf  # the allowed range of a number, both ends included
     high: float = inf
     example: str = ""  # a good value, for the error's remedy
-    check: Callable[[str, Any], object] | None = None  # of name and value, instead of type and range; the value to use
+    check: Callable[[str, Any], object] | None = (
+        None  # of name and value, instead of type and range; the value to use
+    )
     flag: str | None = ""  # on the command line, where it is not --name; None where it has none
     metavar: str | None = None  # what stands for its value in --help
-    panel: str | None = None  # title above it in --help, where it is not that of all options declared with it
+    panel: str | None = (
+        None  # title above it in --help, where it is not that of all options declared with it
+    )
     text: Any = None  # its type on the command line, where it is read from a text there: Path for a file's name
 
 
@@ -55,12 +61,21 @@ class Declared:
     def kinds(self) -> tuple[Any, ...]:
         """The types that it may have, without None."""
         union = get_origin(self.type) in (Union, types.UnionType)
-        return tuple(kind for kind in (get_args(self.type) if union else (self.type,)) if kind is not types.NoneType)
+        return tuple(
+            kind
+            for kind in (get_args(self.type) if union else (self.type,))
+            if kind is not types.NoneType
+        )
 
     @property
     def choices(self) -> tuple[Any, ...]:
         """The values that a Literal allows; none for another type."""
-        return tuple(value for kind in self.kinds if get_origin(kind) is Literal for value in get_args(kind))
+        return tuple(
+            value
+            for kind in self.kinds
+            if get_origin(kind) is Literal
+            for value in get_args(kind)
+        )
 
     def checked(self, value: Any) -> Any:
         """The value to use. Raises InputError with the value, what is allowed, and an example."""
@@ -69,20 +84,30 @@ class Declared:
         if self.option.check is not None:
             return self.option.check(self.name, value)
         if self.choices and not (isinstance(value, str) and value in self.choices):
-            allowed = ", ".join(map(str, self.choices)) + f".{nearest(str(value), self.choices)}"
+            allowed = (
+                ", ".join(map(str, self.choices)) + f".{nearest(str(value), self.choices)}"
+            )
             raise InputError(f"{self.name} is {value!r}; it must be one of {allowed}")
         example = self.option.example and f" (e.g. {self.option.example})"
         if self.kinds in ((int,), (float,)):
             return self._number(value, example)
-        if len(self.kinds) == 1 and self.kinds[0] in NAMES and not isinstance(value, self.kinds[0]):
-            raise InputError(f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{example}.")
+        if (
+            len(self.kinds) == 1
+            and self.kinds[0] in NAMES
+            and not isinstance(value, self.kinds[0])
+        ):
+            raise InputError(
+                f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{example}."
+            )
         return value
 
     def _number(self, value: Any, example: str) -> float:
         """A number in the range; a whole one, however it is stored, where the type is int."""
         whole = self.kinds == (int,)
         noun = "a whole number" if whole else "a number"
-        numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+        numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(
+            value, bool
+        )
         if not numeric or (whole and value == value and value % 1):
             raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}.")
         remedy = noun + (example and f", e.g. {self.option.example}")
@@ -95,7 +120,9 @@ def declared(kind: Any) -> tuple[Declared, ...]:
     found = []
     for name, annotation in kind.__annotations__.items():
         if not isinstance(getattr(annotation, "__metadata__", (None,))[0], Option):
-            raise TypeError(f"{kind.__name__}.{name} must be declared as Annotated[type, Option(...)]")
+            raise TypeError(
+                f"{kind.__name__}.{name} must be declared as Annotated[type, Option(...)]"
+            )
         found.append(Declared(name, annotation.__origin__, annotation.__metadata__[0]))
     return tuple(found)
 
@@ -103,7 +130,9 @@ def declared(kind: Any) -> tuple[Declared, ...]:
 def complete(kind: type[Options], given: Mapping[str, object]) -> Options:
     """All options of this kind: those given, checked, and the default of every other one. Raises InputError."""
     refuse_unknown(given, kind)
-    found = {one.name: one.checked(given.get(one.name, one.option.default)) for one in declared(kind)}
+    found = {
+        one.name: one.checked(given.get(one.name, one.option.default)) for one in declared(kind)
+    }
     return cast(Options, found)
 
 
@@ -112,17 +141,23 @@ def refuse_unknown(given: Iterable[str], kind: type) -> None:
     names = [one.name for one in declared(kind)]
     for name in given:
         if name not in names:
-            raise InputError(f"{name!r} is not an option; the options are {', '.join(names)}.{nearest(name, names)}")
+            raise InputError(
+                f"{name!r} is not an option; the options are {', '.join(names)}.{nearest(name, names)}"
+            )
 
 
 def part_of(kind: type[Options], options: Mapping[str, Any]) -> Options:
     """Those of the options that this kind has: what to pass on to a function that takes fewer of them."""
-    return cast(Options, {one.name: options[one.name] for one in declared(kind) if one.name in options})
+    return cast(
+        Options, {one.name: options[one.name] for one in declared(kind) if one.name in options}
+    )
 
 
 def used(kind: type, options: Mapping[str, object]) -> dict[str, object]:
     """The options by name as plain values for a file of metadata; arrays by their names alone."""
-    return {one.name: _plain(options.get(one.name, one.option.default)) for one in declared(kind)}
+    return {
+        one.name: _plain(options.get(one.name, one.option.default)) for one in declared(kind)
+    }
 
 
 def documents(*kinds: type) -> Callable[[Function], Function]:
@@ -130,9 +165,18 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
 
     def with_signature(function: Function) -> Function:
         found = {one.name: one for kind in kinds for one in declared(kind)}
-        own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        own = [
+            p
+            for p in inspect.signature(function).parameters.values()
+            if p.kind is not p.VAR_KEYWORD
+        ]
         parameters = [
-            inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.option.default, annotation=one.type)
+            inspect.Parameter(
+                one.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=one.option.default,
+                annotation=one.type,
+            )
             for one in found.values()
         ]
         signature = inspect.signature(function).replace(parameters=[*own, *parameters])
@@ -147,7 +191,9 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         arrays = any(isinstance(item, np.ndarray) for item in value.values())
-        return sorted(value) if arrays else {str(key): _plain(item) for key, item in value.items()}
+        return (
+            sorted(value) if arrays else {str(key): _plain(item) for key, item in value.items()}
+        )
     if isinstance(value, str | bool | int | float | None):
         return value
     if isinstance(value, list | tuple):

@@ -32,7 +32,9 @@ def _escaped(text: str, keep: str, escape: Callable[[str], str]) -> str:
     strange = {
         ord(letter): escape(letter)
         for letter in letters
-        if not (letter.isprintable() or letter in keep or unicodedata.category(letter) == SPACES)
+        if not (
+            letter.isprintable() or letter in keep or unicodedata.category(letter) == SPACES
+        )
     }
     return text.translate(strange)
 

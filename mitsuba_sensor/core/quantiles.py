@@ -13,19 +13,53 @@ from . import arrays
 from .types import Array
 
 # z/x as a polynomial in w = −ln(1 − x²), x = 1 − 2·survival, for w ≤ 4: relative error 4e-7.
-CENTRE = (1.253314592, 0.3281080185, 0.01635788389, -0.003316699511, -1.955606575e-4, 8.646023542e-5, -6.095012219e-6)
+CENTRE = (
+    1.253314592,
+    0.3281080185,
+    0.01635788389,
+    -0.003316699511,
+    -1.955606575e-4,
+    8.646023542e-5,
+    -6.095012219e-6,
+)
 # |z| as a polynomial in √w for w > 4, that is |z| > 2.8: relative error 2e-6.
-TAIL = (0.138020056, 0.9906899686, 0.1851234197, -0.03989237447, 0.004375504154, -0.0001948238342)
+TAIL = (
+    0.138020056,
+    0.9906899686,
+    0.1851234197,
+    -0.03989237447,
+    0.004375504154,
+    -0.0001948238342,
+)
 # ln(1 + t)/t for 1 + t from √½ to √2: error of the logarithm 2e-7.
-LOG = (1.000003227, -0.5000196213, 0.3330338257, -0.2488143322, 0.2060383069, -0.1890119449, 0.1182914637)
+LOG = (
+    1.000003227,
+    -0.5000196213,
+    0.3330338257,
+    -0.2488143322,
+    0.2060383069,
+    -0.1890119449,
+    0.1182914637,
+)
 # Poisson quantile for a mean λ ≥ 10, s = z/√λ: λ + √λ·z + z²·SKEW(s) + SHIFT(s) + SMALL(s)/λ. The form is Temme's
 # uniform expansion (Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7); its functions of s are fitted.
-SKEW = (1 / 6, -0.01395293809, 0.003613032943, -0.001354436534, 0.0009754749891, -0.0003452336965)
+SKEW = (
+    1 / 6,
+    -0.01395293809,
+    0.003613032943,
+    -0.001354436534,
+    0.0009754749891,
+    -0.0003452336965,
+)
 SHIFT = (1 / 3, -0.0277541182, 0.007822504982, -0.00188953298)
 SMALL = (-0.01993274513, 0.01704197039)
 LOWEST_S = -1.33  # s is clipped here: for means from 10 to 22.7 the count is 0 below it; larger ones never reach it
-SEARCH_BELOW = 10.0  # smaller means are summed up from 0 in float64: their tail needs more than 24 bits
-UNROLLED = 5  # counts that are tried before the loop, without a test whether any pixel needs them
+SEARCH_BELOW = (
+    10.0  # smaller means are summed up from 0 in float64: their tail needs more than 24 bits
+)
+UNROLLED = (
+    5  # counts that are tried before the loop, without a test whether any pixel needs them
+)
 # |z| at the ends of the Chebyshev series, beyond the largest normal that can be drawn (6.3), and its terms.
 CHEBYSHEV_REACH, CHEBYSHEV_TERMS = 6.5, 41
 
@@ -88,7 +122,9 @@ def _chebyshev(twice: Array, coefficients: Sequence[Array]) -> Array:
 def normal_of(survival_probability: Array) -> Array:
     """The value that a standard normal exceeds with this probability; ±6.3 at most."""
     two_tails = 2.0 * arrays.minimum(survival_probability, 1.0 - survival_probability)
-    return _normal((1.0 - 2.0 * survival_probability) * 2.0**31, arrays.maximum(two_tails, 2.0**-32))
+    return _normal(
+        (1.0 - 2.0 * survival_probability) * 2.0**31, arrays.maximum(two_tails, 2.0**-32)
+    )
 
 
 def _normal(x: Array, two_tails: Array) -> Array:
@@ -143,7 +179,9 @@ def _search(bits: Array, mean: Array) -> Array:
     none = _exp_of_minus(rate)
     left, term = reach - none, none * rate
     count = arrays.where(left > 0, 1.0, rate * 0.0)
-    for n in range(1, UNROLLED):  # most pixels are done before the loop; left stays ≤ 0 once it is
+    for n in range(
+        1, UNROLLED
+    ):  # most pixels are done before the loop; left stays ≤ 0 once it is
         left, term = left * n - term, term * rate
         count = count + arrays.where(left > 0, 1.0, rate * 0.0)
     state = left * UNROLLED - term, term * rate, rate, count
@@ -162,7 +200,9 @@ def binomial(bits: Array, number: Array, mean: Array, other: Array) -> Array:
     """
     chance = arrays.minimum(mean, other) / arrays.maximum(mean + other, 1e-30)
     spread = number * chance * (1.0 - chance)
-    count = arrays.branch(spread < SEARCH_BELOW, _search_binomial, _expand_binomial, bits, number, chance)
+    count = arrays.branch(
+        spread < SEARCH_BELOW, _search_binomial, _expand_binomial, bits, number, chance
+    )
     return arrays.where(mean > other, number - count, count)
 
 
@@ -171,10 +211,18 @@ def _expand_binomial(bits: Array, number: Array, chance: Array) -> Array:
     z, mean = normal(bits), number * chance
     z2, pq = z * z, chance * (1.0 - chance)
     sigma = arrays.sqrt(mean * (1.0 - chance))
-    third = (1.0 - 6.0 * pq) * (z2 - 3.0) * (1 / 24) - (1.0 - 4.0 * pq) * (2.0 * z2 - 5.0) * (1 / 36) - 1 / 24
-    deviation = sigma * z + ((1.0 - 2.0 * chance) * (z2 - 1.0) * (1 / 6) + (third * z / sigma + 0.5))
+    third = (
+        (1.0 - 6.0 * pq) * (z2 - 3.0) * (1 / 24)
+        - (1.0 - 4.0 * pq) * (2.0 * z2 - 5.0) * (1 / 36)
+        - 1 / 24
+    )
+    deviation = sigma * z + (
+        (1.0 - 2.0 * chance) * (z2 - 1.0) * (1 / 6) + (third * z / sigma + 0.5)
+    )
     below = arrays.floor(mean)
-    return arrays.minimum(arrays.maximum(below + arrays.floor((mean - below) + deviation), 0.0), number)
+    return arrays.minimum(
+        arrays.maximum(below + arrays.floor((mean - below) + deviation), 0.0), number
+    )
 
 
 def _search_binomial(bits: Array, number: Array, chance: Array) -> Array:
@@ -182,9 +230,13 @@ def _search_binomial(bits: Array, number: Array, chance: Array) -> Array:
     reach = 0.5 + (arrays.float64(_signed(bits)) + 0.5) * 2.0**-32
     n, p = arrays.float64(number), arrays.float64(chance)
     y = p / (2.0 - p)  # ln(1 − p) = −2·artanh(y), y ≤ ⅓
-    none = _exp_of_minus(n * (2.0 * y * arrays.polynomial(y * y, [1 / (2 * k + 1) for k in range(12)])))
+    none = _exp_of_minus(
+        n * (2.0 * y * arrays.polynomial(y * y, [1 / (2 * k + 1) for k in range(12)]))
+    )
     state = n, p / (1.0 - p), reach - none, none, n * 0.0
-    return arrays.float32(arrays.loop(lambda n, odds, left, term, k: (left > 0) & (k < n), _next_of_n, state))
+    return arrays.float32(
+        arrays.loop(lambda n, odds, left, term, k: (left > 0) & (k < n), _next_of_n, state)
+    )
 
 
 def _next_of_n(n: Array, odds: Array, left: Array, term: Array, k: Array) -> tuple[Array, ...]:

@@ -25,7 +25,9 @@ class SensorWindow:
     serial: int
     shape: tuple[int, int]  # rows, columns
     origin: tuple[int, int] = (0, 0)  # row and column of the first pixel, in sensor coordinates
-    given: Mapping[str, Float64Array] = field(default_factory=dict)  # measured maps that replace the random ones
+    given: Mapping[str, Float64Array] = field(
+        default_factory=dict
+    )  # measured maps that replace the random ones
     backend: Backend = NUMPY_FLOAT64  # what computes the maps and the frames
     camera: str = ""  # name of the camera; serial number 1 of another one is another chip
     _maps: dict[Hashable, Array] = field(default_factory=dict)
@@ -33,11 +35,20 @@ class SensorWindow:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "serial", require_seed("serial", self.serial))  # a NumPy integer would overflow
+        object.__setattr__(
+            self, "serial", require_seed("serial", self.serial)
+        )  # a NumPy integer would overflow
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickled without its maps, which are made anew."""
-        return type(self), (self.serial, self.shape, self.origin, dict(self.given), self.backend, self.camera)
+        return type(self), (
+            self.serial,
+            self.shape,
+            self.origin,
+            dict(self.given),
+            self.backend,
+            self.camera,
+        )
 
     @cached_property
     def key(self) -> int:
@@ -57,14 +68,19 @@ class SensorWindow:
     def crop_rows(self, rows: slice) -> Self:
         """The window of the same camera that has only ``rows`` of this one."""
         given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
-        origin, shape = (self.origin[0] + rows.start, self.origin[1]), (rows.stop - rows.start, self.shape[1])
+        origin, shape = (
+            (self.origin[0] + rows.start, self.origin[1]),
+            (rows.stop - rows.start, self.shape[1]),
+        )
         return replace(self, shape=shape, origin=origin, given=given, _maps={})
 
     def measured_or(self, name: str, make: Callable[[], Array]) -> Array:
         """The FPN map called ``name``: the measured one if one was given, else ``make()``."""
         if name not in self.given:
             return make()
-        return self.cached(("given", name), lambda: self.backend.from_numpy(self.given[name], self))
+        return self.cached(
+            ("given", name), lambda: self.backend.from_numpy(self.given[name], self)
+        )
 
     def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the backend."""
@@ -85,7 +101,10 @@ class SensorWindow:
         """FPN map of ``source``, (H, W): ``distribution`` turns its random bits into values, once per window."""
         block, slot = stream_of(source, fixed=True)
         backend, key = self.backend, (source, distribution)
-        return self.cached(key, lambda: distribution(backend, backend.random_bits(block, self, 0, self.key)[slot]))
+        return self.cached(
+            key,
+            lambda: distribution(backend, backend.random_bits(block, self, 0, self.key)[slot]),
+        )
 
     def correlated(self, source: str, coupling: float) -> Array:
         """Standard normals (H, W) whose neighbours in rows and columns have correlation 2·coupling (separable AR)."""
@@ -95,18 +114,28 @@ class SensorWindow:
             rows, row_slice = _blocks(self.rows, distributions.AR_MAP_BLOCK)
             columns, column_slice = _blocks(self.columns, distributions.AR_MAP_BLOCK)
             with self._lock:
-                tiles = [[self._ar_tile(source, y, x, coupling, margin) for x in columns] for y in rows]
+                tiles = [
+                    [self._ar_tile(source, y, x, coupling, margin) for x in columns]
+                    for y in rows
+                ]
             return self.backend.from_numpy(np.block(tiles)[row_slice, column_slice], self)
 
         return self.cached((source, coupling), make)
 
-    def _ar_tile(self, source: str, y: int, x: int, coupling: float, margin: int) -> Float64Array:
+    def _ar_tile(
+        self, source: str, y: int, x: int, coupling: float, margin: int
+    ) -> Float64Array:
         """One tile of a fixed grid on the sensor, so that every window has the same values; the last one is kept."""
         if self._tiles.get((source, coupling, x), (None,))[0] != y:
             size = distributions.AR_MAP_BLOCK
-            rows, columns = np.arange(y - margin, y + size + margin), np.arange(x - margin, x + size + margin)
+            rows, columns = (
+                np.arange(y - margin, y + size + margin),
+                np.arange(x - margin, x + size + margin),
+            )
             white = distributions.normal(self._bits_at(source, rows[:, None], columns[None, :]))
-            tile = distributions.isotropic_ar(distributions.isotropic_ar(white, coupling, margin).T, coupling, margin).T
+            tile = distributions.isotropic_ar(
+                distributions.isotropic_ar(white, coupling, margin).T, coupling, margin
+            ).T
             self._tiles[source, coupling, x] = y, tile
         return self._tiles[source, coupling, x][1]
 
@@ -115,7 +144,9 @@ class SensorWindow:
 
         def make() -> Array:
             starts, window = _blocks((self.rows, self.columns)[axis], distributions.AR_BLOCK)
-            line = np.concatenate([self._ar_line(source, start, coupling, axis) for start in starts])[window]
+            line = np.concatenate(
+                [self._ar_line(source, start, coupling, axis) for start in starts]
+            )[window]
             return self.backend.from_numpy(line[None, :] if axis else line[:, None], self)
 
         return self.cached((source, coupling, axis), make)
@@ -124,9 +155,13 @@ class SensorWindow:
         margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
         along = np.arange(start - margin, start + distributions.AR_BLOCK + margin)
         place = (zero, along) if axis else (along, zero)
-        return distributions.isotropic_ar(distributions.normal(self._bits_at(source, *place)), coupling, margin)
+        return distributions.isotropic_ar(
+            distributions.normal(self._bits_at(source, *place)), coupling, margin
+        )
 
-    def _bits_at(self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> RandomBits:
+    def _bits_at(
+        self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]
+    ) -> RandomBits:
         block, slot = stream_of(source, fixed=True)
         return random_bits_at(block, rows, columns, 0, self.key)[slot]
 

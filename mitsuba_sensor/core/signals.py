@@ -73,7 +73,9 @@ class Photons:
 
     def crop_rows(self, rows: slice) -> Self:
         """The photons of ``rows`` of the window."""
-        variance_e2, in_band = (None if x is None else x[rows] for x in (self.variance_e2, self.in_band))
+        variance_e2, in_band = (
+            None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
+        )
         return replace(self, mean=self.mean[rows], variance_e2=variance_e2, in_band=in_band)
 
     def changed(self, **fields: Any) -> Self:
@@ -94,11 +96,15 @@ class PhotonsOfBands(Photons):
     _factor: Float64Array
 
     @classmethod
-    def of(cls, values: Float32Array, factor: Float64Array, wavelengths_nm: Float64Array) -> Self:
+    def of(
+        cls, values: Float32Array, factor: Float64Array, wavelengths_nm: Float64Array
+    ) -> Self:
         """values : (H, W, B).  factor : (B,), photons of a value of 1; where it is 0, so is ``mean``."""
         photons = cls.__new__(cls)
         known = {one.name: one.default for one in fields(Photons) if one.name != "mean"}
-        vars(photons).update(known | {"wavelengths_nm": wavelengths_nm, "_values": values, "_factor": factor})
+        vars(photons).update(
+            known | {"wavelengths_nm": wavelengths_nm, "_values": values, "_factor": factor}
+        )
         return photons
 
     @cached_property
@@ -132,21 +138,30 @@ class PhotonsOfBands(Photons):
     def strips(self) -> Iterator[Self]:
         """Parts of whole rows, of few megabytes."""
         step = max(VALUES_AT_ONCE // math.prod(self.shape[1:]), 1)
-        return (self.crop_rows(slice(first, first + step)) for first in range(0, self.shape[0], step))
+        return (
+            self.crop_rows(slice(first, first + step))
+            for first in range(0, self.shape[0], step)
+        )
 
     def crop_rows(self, rows: slice) -> Self:
         """The photons of ``rows`` of the window."""
         if self._values is None:
             return super().crop_rows(rows)
-        variance_e2, in_band = (None if x is None else x[rows] for x in (self.variance_e2, self.in_band))
-        return self.changed(_values=self._values[rows], variance_e2=variance_e2, in_band=in_band)
+        variance_e2, in_band = (
+            None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
+        )
+        return self.changed(
+            _values=self._values[rows], variance_e2=variance_e2, in_band=in_band
+        )
 
     def changed(self, **fields: Any) -> Self:
         """With other values of some fields."""
         if self._values is None or "mean" in fields:
             return super().changed(**fields)
         photons = self.__class__.__new__(self.__class__)
-        vars(photons).update({name: value for name, value in vars(self).items() if name != "mean"} | fields)
+        vars(photons).update(
+            {name: value for name, value in vars(self).items() if name != "mean"} | fields
+        )
         return photons
 
 
@@ -176,7 +191,9 @@ class Electrons:
 
     light: Array  # photoelectrons
     dark: Array = 0.0  # dark electrons
-    yield_mean: Array = 1.0  # electrons per interacting photon, where that is not 1 (ultraviolet)
+    yield_mean: Array = (
+        1.0  # electrons per interacting photon, where that is not 1 (ultraviolet)
+    )
     yield_variance: Array = 0.0
     variance_e2: Array = None  # as in Photons
 
@@ -185,7 +202,11 @@ class Electrons:
         """Photoelectrons and dark electrons together, (H, W)."""
         return self.light + self.dark
 
-    def changed(self, total: Callable[[Array], Array], parts: Callable[[Array, Array], tuple[Array, Array]]) -> Self:
+    def changed(
+        self,
+        total: Callable[[Array], Array],
+        parts: Callable[[Array, Array], tuple[Array, Array]],
+    ) -> Self:
         """Other electrons: ``parts(light, dark)``, whose sum is ``total(sum)``."""
         light, dark = parts(self.light, self.dark)
         return replace(self, light=light, dark=dark)
@@ -226,7 +247,11 @@ class CountedElectrons(Electrons):
         """Dark electrons."""
         return self._parts[1]
 
-    def changed(self, total: Callable[[Array], Array], parts: Callable[[Array, Array], tuple[Array, Array]]) -> Self:
+    def changed(
+        self,
+        total: Callable[[Array], Array],
+        parts: Callable[[Array, Array], tuple[Array, Array]],
+    ) -> Self:
         """The same; the parts of the others are drawn when somebody asks, too."""
         if self._count is None:
             return super().changed(total, parts)

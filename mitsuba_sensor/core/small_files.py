@@ -31,10 +31,14 @@ def require_small(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
     what : the file is, for the message: ``the camera file``.
     """
     found = path.stat()
-    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):  # of a folder reading it says so
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(
+        found.st_mode
+    ):  # of a folder reading it says so
         raise InputError(f"{what} {path} is no regular file; give the path of one.")
     if found.st_size > most_bytes:
-        raise InputError(f"{what} {path} has {found.st_size} bytes; it may have {most_bytes} at most.")
+        raise InputError(
+            f"{what} {path} has {found.st_size} bytes; it may have {most_bytes} at most."
+        )
 
 
 def toml_tables(text: str) -> dict[str, Any]:
@@ -44,7 +48,9 @@ def toml_tables(text: str) -> dict[str, Any]:
     are nested too deep, and numbers of thousands of digits.
     """
     if len(text) > MOST_BYTES:
-        raise tomllib.TOMLDecodeError(f"it has {len(text)} characters; it may have {MOST_BYTES} at most")
+        raise tomllib.TOMLDecodeError(
+            f"it has {len(text)} characters; it may have {MOST_BYTES} at most"
+        )
     if LONG_KEY.search(without_strings(text)):
         raise tomllib.TOMLDecodeError(f"a key has more than {DEEPEST} parts")
     try:
@@ -94,7 +100,9 @@ def beyond_limits(value: object) -> str:
             if isinstance(outer, dict | list):
                 parts = outer.values() if isinstance(outer, dict) else outer
                 inner.update((id(part), part) for part in parts)
-            elif isinstance(outer, int) and outer.bit_length() > MOST_BITS:  # hexadecimal: Python cannot print it
+            elif (
+                isinstance(outer, int) and outer.bit_length() > MOST_BITS
+            ):  # hexadecimal: Python cannot print it
                 return f"a whole number has {outer.bit_length()} bits; it may have {MOST_BITS} at most"
         level = list(inner.values())
         if not level:

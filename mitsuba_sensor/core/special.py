@@ -13,7 +13,9 @@ def sinh_integrals(x: float) -> float:
     """½[e^(−x)·Ei(x) − e^(x)·E₁(x)] for x > 0; 1/x² + 6/x⁴ where the factors would overflow."""
     if x > 500.0:
         return 1 / x**2 + 6 / x**4
-    return 0.5 * float(math.exp(-x) * scipy.special.expi(x) - math.exp(x) * scipy.special.exp1(x))
+    return 0.5 * float(
+        math.exp(-x) * scipy.special.expi(x) - math.exp(x) * scipy.special.exp1(x)
+    )
 
 
 def root(f: Callable[[float], float], low: float, high: float) -> float:
@@ -31,7 +33,9 @@ def largest(f: Callable[[float], float], low: float, high: float) -> float:
 
 def integral(f: Callable[[float], float], edges: Sequence[float]) -> float:
     """∫ f from the first edge to the last, piece by piece between the edges (adaptive quadrature)."""
-    return math.fsum(scipy.integrate.quad(f, a, b, epsrel=1e-10, limit=200)[0] for a, b in pairwise(edges))
+    return math.fsum(
+        scipy.integrate.quad(f, a, b, epsrel=1e-10, limit=200)[0] for a, b in pairwise(edges)
+    )
 
 
 def two_term_remainder(x: float) -> float:

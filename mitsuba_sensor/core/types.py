@@ -12,4 +12,6 @@ NumpyArray: TypeAlias = NDArray[Any]
 Float32Array: TypeAlias = NDArray[np.float32]
 Float64Array: TypeAlias = NDArray[np.float64]
 RandomBits: TypeAlias = NDArray[np.uint32]
-DrJitModule: TypeAlias = Any  # its members depend on how it was built; it is imported late, without types that fit
+DrJitModule: TypeAlias = (
+    Any  # its members depend on how it was built; it is imported late, without types that fit
+)

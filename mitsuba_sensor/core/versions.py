@@ -17,7 +17,10 @@ def versions() -> dict[str, str | None]:
     """Version of Python, of this package and of everything it stands on; None for what is not installed."""
     from importlib import metadata  # takes 20 ms to import
 
-    found: dict[str, str | None] = {"python": platform.python_version(), **dict.fromkeys(PACKAGES)}
+    found: dict[str, str | None] = {
+        "python": platform.python_version(),
+        **dict.fromkeys(PACKAGES),
+    }
     for name in PACKAGES:
         with suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)

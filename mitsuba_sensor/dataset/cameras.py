@@ -53,7 +53,9 @@ class Cameras:
 
     def of(self, one: Combination) -> VariedCamera:
         """The camera with all that varies in it; that it has the gain setting is checked. Raises InputError."""
-        varied = of_kind("camera", {SAME.get(name, name): value for name, value in one.values.items()})
+        varied = of_kind(
+            "camera", {SAME.get(name, name): value for name, value in one.values.items()}
+        )
         gain = one.values.get("gain")
         known = canonical({"entry": one.camera, "varied": varied, "gain": gain})
         if known not in self._varied:
@@ -62,7 +64,9 @@ class Cameras:
             camera = camera.replace(**changes) if changes else camera
             setting = None if gain is None else camera.at_gain(gain).gain
             sheet = camera.model_dump(mode="json", exclude={"description", "sources"})
-            fields = sorted({*fields_in(self.entries[one.camera].set), *varied} - {"description"})
+            fields = sorted(
+                {*fields_in(self.entries[one.camera].set), *varied} - {"description"}
+            )
             self._varied[known] = VariedCamera(camera, fields, sheet, key_of(sheet), setting)
         return self._varied[known]
 
@@ -97,7 +101,11 @@ def fields_in(tables: Config, table: str = "") -> Facts:
     found, known = dict[str, object](), fields_of(Camera)
     for name, value in tables.items():
         dotted = f"{table}{name}"
-        if isinstance(value, Mapping) and value and all(f"{dotted}.{one}" in known for one in value):
+        if (
+            isinstance(value, Mapping)
+            and value
+            and all(f"{dotted}.{one}" in known for one in value)
+        ):
             found |= fields_in(value, f"{dotted}.")
         else:
             found[dotted] = value
@@ -107,7 +115,13 @@ def fields_in(tables: Config, table: str = "") -> Facts:
 def of_light(camera: Camera, cube: bool) -> Facts:
     """What of the camera decides the light in front of its pixels. With a cube all that it detects is its band."""
     whole = camera.model_dump(mode="json", include={"lens", "sensor", "quantum_efficiency"})
-    sensor = {name: whole["sensor"][name] for name in ("columns", "rows", "shutter", "row_time_us")}
+    sensor = {
+        name: whole["sensor"][name] for name in ("columns", "rows", "shutter", "row_time_us")
+    }
     pitch = [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]
-    detected = {"band_nm": camera.band_nm} if cube else {"quantum_efficiency": whole["quantum_efficiency"]}
+    detected = (
+        {"band_nm": camera.band_nm}
+        if cube
+        else {"quantum_efficiency": whole["quantum_efficiency"]}
+    )
     return {"lens": whole["lens"], "sensor": sensor, "pitch_um": pitch, **detected}

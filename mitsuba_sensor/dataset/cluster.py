@@ -52,7 +52,9 @@ class ClusterWorkers:
         key = f"view-{self._begun}"
         self._under_way[key] = view
         with self._unless_lost():
-            future = self.client.submit(_in_worker, *self._asked, made_by(), view, key=key, pure=False)
+            future = self.client.submit(
+                _in_worker, *self._asked, made_by(), view, key=key, pure=False
+            )
             self._ended.add(future)
 
     def next_ended(self) -> tuple[PlannedView, Outcome | None]:
@@ -79,7 +81,9 @@ class ClusterWorkers:
 
 
 @contextmanager
-def cluster_workers(address: str, store: Store, told: Told, limits: TaskLimits) -> Iterator[ClusterWorkers]:
+def cluster_workers(
+    address: str, store: Store, told: Told, limits: TaskLimits
+) -> Iterator[ClusterWorkers]:
     """The workers of a scheduler. Raises InputError where there is none."""
     import distributed
     from distributed.utils import silence_logging_cmgr
@@ -105,5 +109,9 @@ def _in_worker(folder: str, limits: TaskLimits, versions: Config, view: PlannedV
 
     worker = distributed.get_worker()
     if (own := made_by()) != versions:
-        raise InputError(f"worker {worker.address} has {own}, and this run {versions}; give them the same versions.")
-    return run_task(folder, view, lambda what, done: worker.log_event(TOPIC, (what, done)), limits)
+        raise InputError(
+            f"worker {worker.address} has {own}, and this run {versions}; give them the same versions."
+        )
+    return run_task(
+        folder, view, lambda what, done: worker.log_event(TOPIC, (what, done)), limits
+    )

@@ -12,7 +12,17 @@ from .cluster import SchedulerLost, cluster_workers
 from .options import RunOptions
 from .planned import PlannedView
 from .store import Store
-from .task import Make, Outcome, TaskLimits, Told, deaths_of, note_death_of, quarantined_by_tries, run_task, usual_make
+from .task import (
+    Make,
+    Outcome,
+    TaskLimits,
+    Told,
+    deaths_of,
+    note_death_of,
+    quarantined_by_tries,
+    run_task,
+    usual_make,
+)
 from .workers import local_workers
 
 MOST_EARLY_DEATHS = 10
@@ -49,20 +59,31 @@ def outcomes(
     """
     left = iter(views)
     if options["scheduler"] is not None:
-        left = yield from _by_cluster(store, left, options, TaskLimits(options["timeout_s"], True, make), told, remark)
+        left = yield from _by_cluster(
+            store, left, options, TaskLimits(options["timeout_s"], True, make), told, remark
+        )
     limits = TaskLimits(options["timeout_s"], options["workers"] != 0, make)
     if options["workers"] == 0:
         for view in left:
-            yield quarantined_by_tries(store, view) or run_task(str(store.folder), view, told, limits)
+            yield quarantined_by_tries(store, view) or run_task(
+                str(store.folder), view, told, limits
+            )
         return
     if (first := next(left, None)) is None:  # no process where nothing is missing
         return
-    with local_workers(store, options["workers"] or 1, options["memory_gb"], told, limits) as workers:
+    with local_workers(
+        store, options["workers"] or 1, options["memory_gb"], told, limits
+    ) as workers:
         yield from _spread(workers, store, chain([first], left))
 
 
 def _by_cluster(
-    store: Store, views: Iterator[PlannedView], options: RunOptions, limits: TaskLimits, told: Told, remark: Remark
+    store: Store,
+    views: Iterator[PlannedView],
+    options: RunOptions,
+    limits: TaskLimits,
+    told: Told,
+    remark: Remark,
 ) -> Generator[Outcome, None, Iterator[PlannedView]]:
     """Outcomes of a Dask cluster; returns the views that are left where its scheduler has died."""
     address = options["scheduler"]
@@ -74,7 +95,9 @@ def _by_cluster(
         try:
             yield from _spread(workers, store, views)
         except SchedulerLost as lost:
-            remark(f"the Dask scheduler at {address} was gone; this machine alone has made the rest.")
+            remark(
+                f"the Dask scheduler at {address} was gone; this machine alone has made the rest."
+            )
             return chain(lost.under_way, views)
     return views
 
@@ -113,5 +136,9 @@ def _spread(workers: Workers, store: Store, views: Iterator[PlannedView]) -> Ite
 
 def usual_workers() -> int:
     """Processes that a machine can feed: a render uses all its cores, and while it writes another one renders."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = (
+        len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count() or 1
+    )
     return 2 if cores > 1 else 1

@@ -11,7 +11,15 @@ from ..files import durable
 from .record import KEY, MOST_BYTES, RECORD, Kind, Record, record_of
 
 What: TypeAlias = Literal[
-    "missing", "extra", "short", "long", "changed", "unreadable", "not a plain file", "of another entry", "stray"
+    "missing",
+    "extra",
+    "short",
+    "long",
+    "changed",
+    "unreadable",
+    "not a plain file",
+    "of another entry",
+    "stray",
 ]
 
 
@@ -37,9 +45,17 @@ def of_entry(folder: Path, kind: Kind, key: str) -> list[Fault]:
         found = dict(durable.plain_files(folder))
     except OSError:
         return [Fault(kind, key, RECORD, "unreadable")]
-    faults = [Fault(kind, key, name, "extra") for name in found if name not in record.files and name != RECORD]
+    faults = [
+        Fault(kind, key, name, "extra")
+        for name in found
+        if name not in record.files and name != RECORD
+    ]
     for name, (size, digest) in record.files.items():
-        what = what_is_wrong(folder / name, size, digest) if found.get(name, True) else "not a plain file"
+        what = (
+            what_is_wrong(folder / name, size, digest)
+            if found.get(name, True)
+            else "not a plain file"
+        )
         faults += [Fault(kind, key, name, what)] if what else []
     return sorted(faults)
 
@@ -80,7 +96,12 @@ def strays(folder: Path, kind: Kind) -> Iterator[Fault]:
     top = folder / kind
     for prefix in durable.names_of(top):
         here = top / prefix
-        if len(prefix) != 2 or set(prefix) - set("0123456789abcdef") or not here.is_dir() or here.is_symlink():
+        if (
+            len(prefix) != 2
+            or set(prefix) - set("0123456789abcdef")
+            or not here.is_dir()
+            or here.is_symlink()
+        ):
             yield Fault(kind, "", prefix, "stray")
             continue
         for name in durable.names_of(here):

@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import pydantic
 from pydantic import Field, PlainValidator, model_validator
@@ -25,9 +25,27 @@ from .values import check_value, plain_value, value_or_list
 
 LARGEST_BYTES = 2**22  # of a dataset file
 MOST_SAMPLES = 10**6
-OUTPUTS = ("raw", "dng", "clean", "electrons", "variance", "noise_budget", "preview", "aovs", "irradiance")
-Output = Literal["raw", "dng", "clean", "electrons", "variance", "noise_budget", "preview", "aovs", "irradiance"]
-OF_SCENE = ("parameters", "traverse", "motion", "scene_unit", "integrator", "ignore_polarization", "look_at")
+Output = Literal[
+    "raw",
+    "dng",
+    "clean",
+    "electrons",
+    "variance",
+    "noise_budget",
+    "preview",
+    "aovs",
+    "irradiance",
+]
+OUTPUTS: tuple[str, ...] = get_args(Output)
+OF_SCENE = (
+    "parameters",
+    "traverse",
+    "motion",
+    "scene_unit",
+    "integrator",
+    "ignore_polarization",
+    "look_at",
+)
 NOT_RENDER = (*OF_SCENE, "max_seconds", "repeatable", "raw_light", "variant", "gain")
 """What a [render] table does not have: what belongs to a scene, and what would differ from run to run."""
 Plain = Annotated[bool | float | int | str, PlainValidator(plain_value)]
@@ -63,14 +81,18 @@ def check_field(name: str) -> str:
     if name in FIELDS or (prefix in PREFIXES and dot and rest):
         return name
     known = (*FIELDS, *(f"{one}.NAME" for one in PREFIXES))
-    raise ValueError(f"cannot vary {name!r}; what can be varied: {', '.join(known)}.{nearest(name, known)}")
+    raise ValueError(
+        f"cannot vary {name!r}; what can be varied: {', '.join(known)}.{nearest(name, known)}"
+    )
 
 
 class CameraPath(FileTable):
     """Poses on a path through keys, evenly spaced from the first to the last one; positions and targets are
     interpolated linearly. Where the last key is the first pose again, the path is a loop: that pose is made once."""
 
-    views: Annotated[int, Field(ge=1, le=10**6, strict=True)] = Field(description="how many poses", examples=[12])
+    views: Annotated[int, Field(ge=1, le=10**6, strict=True)] = Field(
+        description="how many poses", examples=[12]
+    )
     keys: Annotated[tuple[KeyPose, ...], Field(min_length=2)] = Field(
         description="tables with time_s, origin_m and target_m",
         examples=[[{"time_s": 0, "origin_m": [0, 1, 4], "target_m": [0, 1, 0]}]],
@@ -80,7 +102,9 @@ class CameraPath(FileTable):
     def _look_at(self) -> Self:
         for key in self.keys:
             if key.origin_m is None or key.target_m is None:
-                raise ValueError("keys of a path need origin_m and target_m, e.g. origin_m = [0, 1, 4]")
+                raise ValueError(
+                    "keys of a path need origin_m and target_m, e.g. origin_m = [0, 1, 4]"
+                )
         times = [key.time_s for key in self.keys]
         if sorted(set(times)) != times:
             raise ValueError("keys must have increasing time_s")
@@ -92,7 +116,9 @@ class View(FileTable):
 
     origin_m: Vector = Field(description="position of the camera [m]", examples=[[0, 1, 4]])
     target_m: Vector = Field(description="a point that it looks at [m]", examples=[[0, 1, 0]])
-    up: Vector = Field((0.0, 1.0, 0.0), description="direction that is up in the image", examples=[[0, 1, 0]])
+    up: Vector = Field(
+        (0.0, 1.0, 0.0), description="direction that is up in the image", examples=[[0, 1, 0]]
+    )
 
     @model_validator(mode="after")
     def _is_a_pose(self) -> Self:
@@ -104,16 +130,30 @@ class SceneEntry(FileTable):
     """A scene, with values that are the same in all its samples."""
 
     name: Name = Field(description="how the scene is called", examples=["cornell"])
-    file: str = Field(description="a Mitsuba 3 scene file", examples=["scenes/cornell_box.xml"], min_length=1)
-    parameters: dict[str, Plain] = Field({}, description="values of its <default> names", examples=[{"width": 128}])
-    traverse: dict[str, Value] = Field(
-        {}, description="values by mi.traverse names", examples=[{"lamp.emitter.radiance.value": 2.0}]
+    file: str = Field(
+        description="a Mitsuba 3 scene file", examples=["scenes/cornell_box.xml"], min_length=1
     )
-    scene_unit: str | Number | None = optional("what a length of 1 in it is: m, mm, … or metres", "mm")
+    parameters: dict[str, Plain] = Field(
+        {}, description="values of its <default> names", examples=[{"width": 128}]
+    )
+    traverse: dict[str, Value] = Field(
+        {},
+        description="values by mi.traverse names",
+        examples=[{"lamp.emitter.radiance.value": 2.0}],
+    )
+    scene_unit: str | Number | None = optional(
+        "what a length of 1 in it is: m, mm, … or metres", "mm"
+    )
     integrator: str | None = optional("integrator in place of its own", "path")
-    ignore_polarization: Annotated[bool, Field(strict=True)] = optional("render polarisers unpolarised", True, False)
-    motion: str | dict[str, Any] | None = optional("what moves: a motion file or its tables", "motion.toml")
-    views: tuple[View, ...] = Field((), description="poses of the camera", examples=[[{"origin_m": [0, 1, 4]}]])
+    ignore_polarization: Annotated[bool, Field(strict=True)] = optional(
+        "render polarisers unpolarised", True, False
+    )
+    motion: str | dict[str, Any] | None = optional(
+        "what moves: a motion file or its tables", "motion.toml"
+    )
+    views: tuple[View, ...] = Field(
+        (), description="poses of the camera", examples=[[{"origin_m": [0, 1, 4]}]]
+    )
     path: CameraPath | None = optional("poses on a path", {"views": 12, "keys": []})
 
     @model_validator(mode="after")
@@ -132,11 +172,19 @@ class CameraEntry(FileTable):
     """A camera, with fields that are set in it."""
 
     camera: str = Field(
-        description="a name from `cameras list`, or the path of a .toml", examples=["bayer_2mp"], min_length=1
+        description="a name from `cameras list`, or the path of a .toml",
+        examples=["bayer_2mp"],
+        min_length=1,
     )
-    name: Name | None = optional("how the dataset calls it; by default its own name", "low_gain")
-    set: dict[str, Any] = Field({}, description="fields of its datasheet", examples=[{"adc.bits": 12}])
-    without: tuple[str, ...] = Field((), description="noise sources that are switched off", examples=[["prnu"]])
+    name: Name | None = optional(
+        "how the dataset calls it; by default its own name", "low_gain"
+    )
+    set: dict[str, Any] = Field(
+        {}, description="fields of its datasheet", examples=[{"adc.bits": 12}]
+    )
+    without: tuple[str, ...] = Field(
+        (), description="noise sources that are switched off", examples=[["prnu"]]
+    )
 
 
 class Distribution(FileTable):
@@ -145,8 +193,8 @@ class Distribution(FileTable):
     uniform: Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)] | None = optional(
         "lowest and highest value", [1.0, 5.0]
     )
-    log_uniform: Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)] | None = optional(
-        "lowest and highest value, evenly over their logarithm", [0.001, 0.1]
+    log_uniform: Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)] | None = (
+        optional("lowest and highest value, evenly over their logarithm", [0.001, 0.1])
     )
     normal: Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)] | None = optional(
         "mean and standard deviation", [298.0, 3.0]
@@ -154,7 +202,9 @@ class Distribution(FileTable):
     integer: Annotated[tuple[int, ...], Field(min_length=2, max_length=2)] | None = optional(
         "lowest and highest whole number", [1, 100]
     )
-    choice: Annotated[tuple[Value, ...], Field(min_length=1)] | None = optional("the values", [100, 200, 400])
+    choice: Annotated[tuple[Value, ...], Field(min_length=1)] | None = optional(
+        "the values", [100, 200, 400]
+    )
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
@@ -162,21 +212,33 @@ class Distribution(FileTable):
         if len(given) != 1:
             kinds = ", ".join(type(self).model_fields)
             raise ValueError(f"must have exactly one of {kinds}, e.g. {{ uniform = [1, 5] }}")
-        low, high = getattr(self, given[0]) if given[0] in ("uniform", "log_uniform", "integer") else (0, 1)
+        low, high = (
+            getattr(self, given[0])
+            if given[0] in ("uniform", "log_uniform", "integer")
+            else (0, 1)
+        )
         if high < low or (given[0] == "log_uniform" and low <= 0):
             positive = ", both above 0" if given[0] == "log_uniform" else ""
-            raise ValueError(f"{given[0]} is [{low}, {high}]; give the lowest and the highest value{positive}")
+            raise ValueError(
+                f"{given[0]} is [{low}, {high}]; give the lowest and the highest value{positive}"
+            )
         if self.normal is not None and self.normal[1] < 0:
-            raise ValueError(f"normal has a standard deviation of {self.normal[1]}; it must not be negative")
+            raise ValueError(
+                f"normal has a standard deviation of {self.normal[1]}; it must not be negative"
+            )
         return self
 
 
 class RandomSweep(FileTable):
     """Values drawn at random: the same for every camera and row, so that those can be compared."""
 
-    draws: Annotated[int, Field(ge=1, le=MOST_SAMPLES, strict=True)] = Field(description="how often", examples=[100])
+    draws: Annotated[int, Field(ge=1, le=MOST_SAMPLES, strict=True)] = Field(
+        description="how often", examples=[100]
+    )
     values: dict[str, Distribution] = Field(
-        description="what is drawn and how", examples=[{"exposure_s": {"log_uniform": [1e-3, 0.1]}}], min_length=1
+        description="what is drawn and how",
+        examples=[{"exposure_s": {"log_uniform": [1e-3, 0.1]}}],
+        min_length=1,
     )
 
 
@@ -187,9 +249,14 @@ class Splits(FileTable):
         description="split → share", examples=[{"train": 0.8, "test": 0.2}]
     )
     by: tuple[str, ...] = Field(
-        ("scene",), description="what makes another scene of it", examples=[["scene", "parameters.seed"]], min_length=1
+        ("scene",),
+        description="what makes another scene of it",
+        examples=[["scene", "parameters.seed"]],
+        min_length=1,
     )
-    chips: Count | None = optional("serial numbers of each split, of its own; instead of a varied serial", 2)
+    chips: Count | None = optional(
+        "serial numbers of each split, of its own; instead of a varied serial", 2
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -197,7 +264,9 @@ class Splits(FileTable):
             raise ValueError(f"shares sum to {sum(self.shares.values()):g}; let them sum to 1")
         for name in self.by:
             if name != "scene" and not name.startswith(("parameters.", "traverse.")):
-                raise ValueError(f"by has {name!r}; give scene, parameters.NAME or traverse.NAME")
+                raise ValueError(
+                    f"by has {name!r}; give scene, parameters.NAME or traverse.NAME"
+                )
         return self
 
 
@@ -205,26 +274,43 @@ class DatasetFile(FileTable):
     """A dataset: what is rendered and exposed, and which files each sample has."""
 
     name: Name = Field(description="how the dataset is called", examples=["low_light_pairs"])
-    description: str = Field("", description="one line for people", examples=["noisy and clean frames"])
-    licence: str = Field("", description="under which others may use it", examples=["CC-BY-4.0"])
-    seed: Seed = Field(1, description="of all random values, renders and temporal noise", examples=[1])
-    outputs: tuple[Output, ...] = Field(
-        ("raw", "clean", "variance", "preview"), description="files of each sample", examples=[["raw", "clean"]]
+    description: str = Field(
+        "", description="one line for people", examples=["noisy and clean frames"]
     )
-    render: dict[str, Any] = Field({}, description="options of every render", examples=[{"spp": 128, "width": 96}])
+    licence: str = Field(
+        "", description="under which others may use it", examples=["CC-BY-4.0"]
+    )
+    seed: Seed = Field(
+        1, description="of all random values, renders and temporal noise", examples=[1]
+    )
+    outputs: tuple[Output, ...] = Field(
+        ("raw", "clean", "variance", "preview"),
+        description="files of each sample",
+        examples=[["raw", "clean"]],
+    )
+    render: dict[str, Any] = Field(
+        {}, description="options of every render", examples=[{"spp": 128, "width": 96}]
+    )
     scenes: Annotated[tuple[SceneEntry, ...], Field(min_length=1)] = Field(
-        description="tables with name and file", examples=[[{"name": "cornell", "file": "scenes/cornell_box.xml"}]]
+        description="tables with name and file",
+        examples=[[{"name": "cornell", "file": "scenes/cornell_box.xml"}]],
     )
     cameras: Annotated[tuple[CameraEntry, ...], Field(min_length=1)] = Field(
         description="tables with camera", examples=[[{"camera": "bayer_2mp"}]]
     )
     grid: dict[str, Annotated[tuple[Value, ...], Field(min_length=1)]] = Field(
-        {}, description="values of which every combination is made", examples=[{"exposure_s": [0.001, 0.01]}]
+        {},
+        description="values of which every combination is made",
+        examples=[{"exposure_s": [0.001, 0.01]}],
     )
     list: tuple[dict[str, Value], ...] = Field(
-        (), description="values that belong together", examples=[[{"exposure_s": 0.01, "gain": 400}]]
+        (),
+        description="values that belong together",
+        examples=[[{"exposure_s": 0.01, "gain": 400}]],
     )
-    random: RandomSweep | None = optional("values drawn at random", {"draws": 100, "values": {}})
+    random: RandomSweep | None = optional(
+        "values drawn at random", {"draws": 100, "values": {}}
+    )
     splits: Splits | None = optional("train, test, …", {"shares": {"train": 0.8, "test": 0.2}})
 
     @model_validator(mode="after")
@@ -239,11 +325,16 @@ class DatasetFile(FileTable):
         for name, values in self.grid.items():
             _unique(f"grid.{name}", [repr(value) for value in values])
         _unique("grid, list and random", [check_field(SAME.get(name, name)) for name in given])
-        rows = [*self.list, *({name: value} for name, values in self.grid.items() for value in values)]
+        rows = [
+            *self.list,
+            *({name: value} for name, values in self.grid.items() for value in values),
+        ]
         for name, value in (pair for row in rows for pair in row.items()):
             check_value(name, value)
         if self.splits and self.splits.chips and "serial" in given:
-            raise ValueError("splits.chips is given and serial is varied too; leave one of them out")
+            raise ValueError(
+                "splits.chips is given and serial is varied too; leave one of them out"
+            )
         self._check_render()
         return self
 
@@ -251,7 +342,9 @@ class DatasetFile(FileTable):
         known = [one.name for one in declared(RenderOptions) if one.name not in NOT_RENDER]
         for name in self.render:
             if name not in known:
-                raise ValueError(f"render has {name!r}, which it cannot; its fields: {', '.join(known)}")
+                raise ValueError(
+                    f"render has {name!r}, which it cannot; its fields: {', '.join(known)}"
+                )
         try:
             complete(RenderOptions, self.render)
         except InputError as error:
@@ -276,19 +369,29 @@ def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:
     where, data = "the tables", source
     if not isinstance(source, Mapping):
         where = f"dataset file {os.fspath(source)!r}"
-        refuse_empty(os.fspath(source), "the dataset", "give the path of a dataset file, e.g. dataset.toml")
+        refuse_empty(
+            os.fspath(source),
+            "the dataset",
+            "give the path of a dataset file, e.g. dataset.toml",
+        )
         try:
             if Path(source).stat().st_size > LARGEST_BYTES:
-                raise InputError(f"{where} has more than {LARGEST_BYTES} bytes; is it a dataset file?")
+                raise InputError(
+                    f"{where} has more than {LARGEST_BYTES} bytes; is it a dataset file?"
+                )
             data = texts.read_toml(Path(source))
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"{where} is not valid TOML: {error}.") from None
         except RecursionError:
-            raise InputError(f"{where} is not valid TOML: its tables are nested too deeply.") from None
+            raise InputError(
+                f"{where} is not valid TOML: its tables are nested too deeply."
+            ) from None
         except (OSError, UnicodeDecodeError) as error:
             why = getattr(error, "strerror", None) or "it is not text"
             raise InputError(f"{where} cannot be read: {why}.") from None
     try:
         return DatasetFile.model_validate(data)
     except pydantic.ValidationError as error:
-        raise InputError(re.sub(r"\s+", " ", sentence(error, DatasetFile, where, "dataset"))) from None
+        raise InputError(
+            re.sub(r"\s+", " ", sentence(error, DatasetFile, where, "dataset"))
+        ) from None

@@ -20,7 +20,10 @@ SHORT_SPP = 32
 MOST_SCENES = 8  # that are measured; the others are taken for their mean
 MOST_SAMPLES = 4  # of a view that are measured
 START_S = 5.0  # until the processes of a run have loaded Mitsuba and compiled their first scene
-GAIN, CONTENTION = 1.5, 1.1  # two processes make samples faster, and renders, which use all cores, more slowly
+GAIN, CONTENTION = (
+    1.5,
+    1.1,
+)  # two processes make samples faster, and renders, which use all cores, more slowly
 
 
 @dataclass
@@ -63,7 +66,10 @@ def counts_of(plan: DatasetPlan) -> Counts:
     for view in plan.views():
         of_scene = found.by_scene.setdefault(view.scene, [0, 0])
         found.views, of_scene[0] = found.views + 1, of_scene[0] + 1
-        found.samples, of_scene[1] = found.samples + len(view.samples), of_scene[1] + len(view.samples)
+        found.samples, of_scene[1] = (
+            found.samples + len(view.samples),
+            of_scene[1] + len(view.samples),
+        )
         for sample in view.samples:
             found.by_split[sample.split] = found.by_split.get(sample.split, 0) + 1
     return found
@@ -71,7 +77,9 @@ def counts_of(plan: DatasetPlan) -> Counts:
 
 @restores_variant
 def forecast(
-    plan: DatasetPlan, workers: int, now: Callable[[int, int, str], object] = lambda done, total, what: None
+    plan: DatasetPlan,
+    workers: int,
+    now: Callable[[int, int, str], object] = lambda done, total, what: None,
 ) -> Forecast:
     """Measure a short render of the middle view of each scene, at most of eight. Raises InputError.
 
@@ -98,7 +106,13 @@ def cost_of(view: PlannedView) -> Cost:
     from .make import Rendered, is_timed
 
     spp = view.config["render"]["spp"]
-    short = replace(view, config={**view.config, "render": {**view.config["render"], "spp": min(spp or 1, SHORT_SPP)}})
+    short = replace(
+        view,
+        config={
+            **view.config,
+            "render": {**view.config["render"], "spp": min(spp or 1, SHORT_SPP)},
+        },
+    )
     if spp:
         Rendered.of(short)  # compiles
     whole = not spp or is_timed(view)
@@ -111,12 +125,18 @@ def cost_of(view: PlannedView) -> Cost:
     with tempfile.TemporaryDirectory() as folder:
         if view.outputs:
             started = time.monotonic()
-            view_bytes = _bytes(Store(Path(folder)).commit("views", view.key, rendered.write).files)
+            view_bytes = _bytes(
+                Store(Path(folder)).commit("views", view.key, rendered.write).files
+            )
             render_s += time.monotonic() - started
         step = max(len(view.samples) // MOST_SAMPLES, 1)
-        for number, sample in enumerate((view.samples[0], *view.samples[::step][:MOST_SAMPLES])):
+        for number, sample in enumerate(
+            (view.samples[0], *view.samples[::step][:MOST_SAMPLES])
+        ):
             started = time.monotonic()
-            record = Store(Path(folder) / str(number)).commit("samples", sample.key, partial(rendered.expose, sample))
+            record = Store(Path(folder) / str(number)).commit(
+                "samples", sample.key, partial(rendered.expose, sample)
+            )
             took.append(time.monotonic() - started)
             sizes.append(_bytes(record.files))
     return Cost(render_s, fmean(took[1:]), view_bytes, round(fmean(sizes[1:])))
@@ -128,7 +148,9 @@ def _bytes(files: Mapping[str, tuple[int, str]]) -> int:
 
 def _middle_views(plan: DatasetPlan, counts: Counts) -> Iterator[tuple[str, PlannedView]]:
     """The middle view of each of the first scenes."""
-    wanted = {scene: views // 2 for scene, (views, _) in list(counts.by_scene.items())[:MOST_SCENES]}
+    wanted = {
+        scene: views // 2 for scene, (views, _) in list(counts.by_scene.items())[:MOST_SCENES]
+    }
     seen: Counter[str] = Counter()
     for view in plan.views():
         if wanted.get(view.scene) == seen[view.scene]:

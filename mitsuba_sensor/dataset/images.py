@@ -22,12 +22,16 @@ MOST_SRGB = 2.0
 def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Array:
     """Proportional to light, times a factor."""
     if kind != "srgb":
-        return np.asarray(np.multiply(values, factor, dtype=np.float32, casting="unsafe"), np.float32)
+        return np.asarray(
+            np.multiply(values, factor, dtype=np.float32, casting="unsafe"), np.float32
+        )
     if values.dtype == np.uint8:
         levels = _inverse_srgb(np.linspace(0, 1, EIGHT_BITS + 1, dtype=np.float32))
         return np.asarray(np.take(levels * factor, values), np.float32)
     if values.dtype.kind in "iu":
-        raise InputError(f"image is {values.dtype} and values 'srgb'; pass uint8, or floats from 0 to 1.")
+        raise InputError(
+            f"image is {values.dtype} and values 'srgb'; pass uint8, or floats from 0 to 1."
+        )
     if values.max(initial=0) > MOST_SRGB:
         raise InputError(
             f"image has values up to {values.max():g} and values 'srgb'; pass uint8, or floats from 0 to 1."
@@ -37,15 +41,21 @@ def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Arr
 
 def _inverse_srgb(encoded: Float32Array) -> Float32Array:
     """Inverse transfer curve of IEC 61966-2-1."""
-    curved = ((np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
-    return np.asarray(np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32)
+    curved = (
+        (np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)
+    ) ** np.float32(2.4)
+    return np.asarray(
+        np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32
+    )
 
 
 def as_array(image: Image) -> NDArray[Any]:
     """Of an array or a tensor; booleans, text and complex numbers are refused."""
     if hasattr(image, "detach"):
         image = image.detach().cpu()
-        image = (image.float() if image.is_floating_point() else image).numpy()  # NumPy has no bfloat16
+        image = (
+            image.float() if image.is_floating_point() else image
+        ).numpy()  # NumPy has no bfloat16
     refuse_masked("image", image)
     array = np.asarray(image)
     if array.dtype.kind not in "iuf":
@@ -55,4 +65,8 @@ def as_array(image: Image) -> NDArray[Any]:
 
 def as_given(found: NDArray[Any], given: Image) -> Image:
     """A tensor beside the one that came in, of floats, for its integers are few; else as it is."""
-    return given.new_empty(0).float().new_tensor(found.astype(np.float32)) if hasattr(given, "new_tensor") else found
+    return (
+        given.new_empty(0).float().new_tensor(found.astype(np.float32))
+        if hasattr(given, "new_tensor")
+        else found
+    )

@@ -20,7 +20,13 @@ DIGITS = 24  # hexadecimal: 96 bits, so that no two of 10^9 samples have the sam
 
 def canonical(config: Config) -> str:
     """Strict JSON of plain values with sorted keys and no spaces: equal configurations, equal text; 1.0 is 1."""
-    return json.dumps(_plain(config), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return json.dumps(
+        _plain(config),
+        sort_keys=True,
+        separators=(",", ":"),
+        ensure_ascii=False,
+        allow_nan=False,
+    )
 
 
 def _plain(value: object) -> object:
@@ -48,7 +54,10 @@ def made_by() -> dict[str, str | None]:
 
     All other libraries read, write and draw, or are known to give the same bits in every version.
     """
-    return {"mitsuba-sensor": __version__, **{name: versions()[name] for name in ("mitsuba", "drjit", "pyoidn")}}
+    return {
+        "mitsuba-sensor": __version__,
+        **{name: versions()[name] for name in ("mitsuba", "drjit", "pyoidn")},
+    }
 
 
 def seed_of(key: str) -> int:

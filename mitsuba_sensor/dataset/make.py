@@ -87,10 +87,14 @@ class Rendered:
             columns, rows = prepared.scene.view.crop_size
             check_dng(camera_of(parsed.settings, lead), (rows, columns))
         light = prepared.render(seed, prepared.stop_criterion(complete(RenderOptions, options)))
-        if config["render"]["spectral"] == "cube" and light.rendered_for is not None:  # for cameras with filters too
+        if (
+            config["render"]["spectral"] == "cube" and light.rendered_for is not None
+        ):  # for cameras with filters too
             known = replace(light.rendered_for, illuminant=illuminant_of(prepared.at_rest))
             light = replace(light, rendered_for=known)
-        still = replace(light.statistics, seconds=0.0, seconds_per_sample=0.0)  # a file has no times: it is repeatable
+        still = replace(
+            light.statistics, seconds=0.0, seconds_per_sample=0.0
+        )  # a file has no times: it is repeatable
         rate = light.statistics.seconds_per_sample
         return cls(view, prepared, replace(light, statistics=still), parsed.settings, rate)
 
@@ -105,8 +109,15 @@ class Rendered:
             exr.write_aovs_exr(folder / "aovs.exr", self.aovs)
         if "irradiance" in self.view.outputs:
             exr.write_irradiance_exr(folder / "irradiance.exr", self.light)
-        facts = {"key": self.view.key, "scene": self.view.scene, "config": self.view.config, "light": self.light_facts}
-        texts.write_json(folder / "view.json", {**facts, "versions": {**versions(), **made_by()}})
+        facts = {
+            "key": self.view.key,
+            "scene": self.view.scene,
+            "config": self.view.config,
+            "light": self.light_facts,
+        }
+        texts.write_json(
+            folder / "view.json", {**facts, "versions": {**versions(), **made_by()}}
+        )
 
     @property
     def light_facts(self) -> Facts:
@@ -125,8 +136,12 @@ class Rendered:
         asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
         photons, camera, exposure, _ = collected(self.light, camera, asked, config["serial"])
         if config["exposure"]["ev"] and not timed:
-            longer = Exposure(exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k)
-            photons, camera, exposure, _ = collected(self.light, camera, longer, config["serial"])
+            longer = Exposure(
+                exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k
+            )
+            photons, camera, exposure, _ = collected(
+                self.light, camera, longer, config["serial"]
+            )
         seed, serial = seed_of(identity(config)), config["serial"]
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
         frames = Frames.exposed(exposure_of_photons(photons, camera, exposure, options))
@@ -147,7 +162,11 @@ class Rendered:
             "electrons_quantiles_e": _quantiles(electrons),
             "electrons_error_of": self._error_of(camera),
             "config": config,
-            "view": {"key": self.view.key, "scene": self.view.scene, "config": self.view.config},
+            "view": {
+                "key": self.view.key,
+                "scene": self.view.scene,
+                "config": self.view.config,
+            },
             "light": self.light_facts,
             "versions": {**versions(), **made_by()},
         }
@@ -156,7 +175,11 @@ class Rendered:
     def _error_of(self, camera: Camera) -> str:
         """The camera whose photoelectrons the standard error of the render is of."""
         known = self.light.rendered_for
-        same = known is None or known.camera is None or known.camera.quantum_efficiency == camera.quantum_efficiency
+        same = (
+            known is None
+            or known.camera is None
+            or known.camera.quantum_efficiency == camera.quantum_efficiency
+        )
         return "this camera" if same else "a detector that is flat over the band"
 
     def _write(self, folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> None:
@@ -170,7 +193,9 @@ class Rendered:
         elif output == "variance":
             tiff.write_tiff(folder / "temporal_variance.tiff", frames.temporal_variance)
         elif output == "electrons":
-            error = np.where(electrons > 0, self.light.relative_error * electrons, 0).astype(np.float32)
+            error = np.where(electrons > 0, self.light.relative_error * electrons, 0).astype(
+                np.float32
+            )
             tiff.write_tiff(folder / "electrons.tiff", electrons)
             tiff.write_tiff(folder / "electrons_error.tiff", error)
         elif output == "noise_budget":
@@ -180,16 +205,25 @@ class Rendered:
 def budget(frames: Frames) -> Facts:
     """The noise budget, source by source [DN]."""
     names = "source", "mean_dn", "rms_dn", "temporal_dn2", "spatial_dn2"
-    return {"sources": [{name: getattr(one, name) for name in names} for one in frames.noise_budget().entries]}
+    return {
+        "sources": [
+            {name: getattr(one, name) for name in names}
+            for one in frames.noise_budget().entries
+        ]
+    }
 
 
 def camera_of(settings: SceneSettings, config: Config) -> Camera:
     """The camera of a sample behind the scene's lens, at its gain: as the command line puts them together."""
     camera, own = camera_from(config["camera"], "of the sample"), set(config["set"])
     of_scene = {name: value for name, value in settings.fields.items() if name not in own}
-    focal_mm = None if "lens.focal_length_mm" in own else settings.focal_length_mm  # of a prescription
+    focal_mm = (
+        None if "lens.focal_length_mm" in own else settings.focal_length_mm
+    )  # of a prescription
     focus_m = None if "lens.focus_m" in own else settings.focus_distance_m
-    settings = replace(settings, fields=of_scene, focal_length_mm=focal_mm, focus_distance_m=focus_m)
+    settings = replace(
+        settings, fields=of_scene, focal_length_mm=focal_mm, focus_distance_m=focus_m
+    )
     return settings.applied_to(camera).at_gain(config["gain"])
 
 
@@ -199,13 +233,25 @@ def exposure_of(settings: SceneSettings, config: Config) -> Exposure | Metering:
     if time_s is None:
         asked = settings.exposure
         return asked if kelvin is None else replace(asked, temperature_k=kelvin)
-    return settings.metering(kelvin) if time_s == "auto" else Exposure(time_s, settings.metering(kelvin).temperature_k)
+    return (
+        settings.metering(kelvin)
+        if time_s == "auto"
+        else Exposure(time_s, settings.metering(kelvin).temperature_k)
+    )
 
 
 def scene_options(view: PlannedView) -> RenderOptions:
     """The options of the render."""
     config = view.config
-    names = "parameters", "traverse", "look_at", "scene_unit", "integrator", "ignore_polarization", "motion"
+    names = (
+        "parameters",
+        "traverse",
+        "look_at",
+        "scene_unit",
+        "integrator",
+        "ignore_polarization",
+        "motion",
+    )
     of_scene = {name: config.get(name) for name in names}
     of_scene["traverse"] = of_scene["traverse"] or None
     variant = fastest_variant("llvm").name  # whatever is set: CUDA adds in any order
@@ -221,16 +267,28 @@ def flat_camera(camera: Camera) -> Camera:
     """One that detects every photon of the band: light rendered for it is for all cameras of the band."""
     low, high = camera.band_nm
     flat = {"curves": {"mono": [1.0, 1.0]}, "wavelengths_nm": [low, high], "tile": None}
-    return camera.replace(**{f"quantum_efficiency.{name}": value for name, value in flat.items()})
+    return camera.replace(
+        **{f"quantum_efficiency.{name}": value for name, value in flat.items()}
+    )
 
 
 def _timed(
-    parsed: ParsedScene, camera: Camera, asked: Exposure | Metering, stops: float, options: RenderOptions
+    parsed: ParsedScene,
+    camera: Camera,
+    asked: Exposure | Metering,
+    stops: float,
+    options: RenderOptions,
 ) -> Exposure:
     """The exposure with its stops, metered by a short render at rest if need be."""
     known = asked
     if isinstance(asked, Metering):
-        still: Any = {**options, "motion": None, "subframes": None, "noise_ratio": None, "spp": 32}
+        still: Any = {
+            **options,
+            "motion": None,
+            "subframes": None,
+            "noise_ratio": None,
+            "spp": 32,
+        }
         known = prepare(parsed, camera, asked, **still).metered_first().exposure
     assert isinstance(known, Exposure)
     return Exposure(known.time_s * 2.0**stops, known.temperature_k)

@@ -23,7 +23,11 @@ def checked_shard(name: str, value: object) -> tuple[int, int]:
     """(i, n) of "i/n" or of a pair. Raises InputError."""
     pair = value if isinstance(value, tuple) else str(value).split("/")
     parts = [str(one) for one in pair]
-    if len(parts) != 2 or not all(one.isdecimal() for one in parts) or not 1 <= int(parts[0]) <= int(parts[1]) <= 10**6:
+    if (
+        len(parts) != 2
+        or not all(one.isdecimal() for one in parts)
+        or not 1 <= int(parts[0]) <= int(parts[1]) <= 10**6
+    ):
         raise InputError(f"{name} is {value!r}; give i/n with i from 1 to n, e.g. 1/4.")
     return int(parts[0]), int(parts[1])
 
@@ -102,7 +106,9 @@ class RunOptions(TypedDict, total=False):
 class ExportOptions(TypedDict, total=False):
     """All options of :func:`dataset.exports.export.export`."""
 
-    split: Annotated[str | None, Option("Only samples of this split.", metavar="NAME", panel=EXPORT)]
+    split: Annotated[
+        str | None, Option("Only samples of this split.", metavar="NAME", panel=EXPORT)
+    ]
     arrays: Annotated[
         list[str] | None,
         Option(
@@ -114,8 +120,17 @@ class ExportOptions(TypedDict, total=False):
             text=list[str],
         ),
     ]
-    shard_mb: Annotated[int, Option("Largest size of a shard, in MB.", 1000, low=1, high=10**6, panel=EXPORT)]
-    licence: Annotated[
-        str | None, Option("Licence for the card. Default: that of the dataset file.", metavar="TEXT", panel=EXPORT)
+    shard_mb: Annotated[
+        int, Option("Largest size of a shard, in MB.", 1000, low=1, high=10**6, panel=EXPORT)
     ]
-    force: Annotated[bool, Option("Replace an export that is there.", False, flag="--force", panel=EXPORT)]
+    licence: Annotated[
+        str | None,
+        Option(
+            "Licence for the card. Default: that of the dataset file.",
+            metavar="TEXT",
+            panel=EXPORT,
+        ),
+    ]
+    force: Annotated[
+        bool, Option("Replace an export that is there.", False, flag="--force", panel=EXPORT)
+    ]

@@ -18,7 +18,9 @@ from .reader import Index, index_text, lines_digest, read_index
 from .record import FILE, INDEX, MOST_BYTES, RECORD, sealed, unsealed
 from .store import Store
 
-RESTORE = "give the file that it was made from again: `mitsuba-sensor dataset run FILE.toml -o {}`"
+RESTORE = (
+    "give the file that it was made from again: `mitsuba-sensor dataset run FILE.toml -o {}`"
+)
 
 
 class Origin(NamedTuple):
@@ -46,7 +48,9 @@ def plan_lines(plan: DatasetPlan) -> Iterator[Facts]:
 def write_origin(plan: DatasetPlan, folder: Path) -> bool:
     """Write dataset.toml and record.json; whether another dataset.toml was recorded before. Raises InputError."""
     before = origin_in(folder)
-    samples, lines_sha256 = lines_digest(plan_lines(plan))  # says what is wrong with them before anything is made
+    samples, lines_sha256 = lines_digest(
+        plan_lines(plan)
+    )  # says what is wrong with them before anything is made
     durable.make_folder(folder, folder.parent)
     texts.write_page(folder / FILE, plan.text)
     written = durable.size_and_hash(folder / FILE)
@@ -61,11 +65,18 @@ def origin_in(folder: Path) -> Origin | None:
         text = unsealed(durable.read_small(os.fspath(folder / RECORD), MOST_BYTES))
         said = json.loads(text) if text is not None else {}
         size, digest = said["file"]
-        origin = Origin(said["name"], (size, digest), said["made_by"], said["samples"], said["lines_sha256"])
+        origin = Origin(
+            said["name"], (size, digest), said["made_by"], said["samples"], said["lines_sha256"]
+        )
         versions = [*origin.made_by.items()]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
-    texts = [origin.name, digest, origin.lines_sha256, *(text for pair in versions for text in pair if text)]
+    texts = [
+        origin.name,
+        digest,
+        origin.lines_sha256,
+        *(text for pair in versions for text in pair if text),
+    ]
     types = all(isinstance(text, str) and text.isprintable() for text in texts)
     return origin if types and isinstance(size, int) and said["kind"] == "dataset" else None
 

@@ -71,7 +71,9 @@ class DatasetPlan:
     _lights: dict[object, tuple[Facts, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if (asked := count(self.file) * (self.file.splits.chips or 1 if self.file.splits else 1)) > MOST_SAMPLES:
+        if (
+            asked := count(self.file) * (self.file.splits.chips or 1 if self.file.splits else 1)
+        ) > MOST_SAMPLES:
             raise InputError(
                 f"the dataset has {asked} samples; one has at most {MOST_SAMPLES}: make several, or draw values at "
                 f"random in place of every combination."
@@ -97,7 +99,9 @@ class DatasetPlan:
         combined, splits = count(self.file), self.file.splits
         if splits is None or "serial" not in self.file.varied:
             return combined * (1 if splits is None else splits.chips or 1)
-        return sum(len(self.splits.serials(one)) for group in combinations(self.file) for one in group)
+        return sum(
+            len(self.splits.serials(one)) for group in combinations(self.file) for one in group
+        )
 
     def views(self) -> Iterator[PlannedView]:
         """One after the other; samples of the same light are together. Raises InputError where two are the same."""
@@ -107,7 +111,9 @@ class DatasetPlan:
             for one in group:
                 for serial in self.splits.serials(one):
                     (light, key), sample = self._configured(one, serial)
-                    found.setdefault(key, (light, [], self.file.scenes[one.scene]))[1].append(sample)
+                    found.setdefault(key, (light, [], self.file.scenes[one.scene]))[1].append(
+                        sample
+                    )
             for key, (config, samples, entry) in found.items():
                 self._check_new(lights, key, samples)
                 outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
@@ -121,14 +127,18 @@ class DatasetPlan:
         known, times = bytes.fromhex(key), Counter(one.key for one in samples)
         twice = next((one for one in samples if times[one.key] > 1 or known in lights), None)
         if twice is not None:
-            said = ", ".join(f"{name} {value}" for name, value in twice.values.items() if name != "view")
+            said = ", ".join(
+                f"{name} {value}" for name, value in twice.values.items() if name != "view"
+            )
             raise InputError(
                 f"two scenes, poses, cameras, rows or values are the same ({said}); leave one of them out, or vary "
                 f"repetition for another sample of the same settings."
             )
         lights.add(known)
 
-    def _configured(self, one: Combination, serial: int) -> tuple[tuple[Facts, str], PlannedSample]:
+    def _configured(
+        self, one: Combination, serial: int
+    ) -> tuple[tuple[Facts, str], PlannedSample]:
         """Configuration and key of the light, and the sample."""
         values, camera = {**one.values, "serial": serial}, self.cameras.of(one)
         exposure = _exposure(values)
@@ -149,14 +159,26 @@ class DatasetPlan:
         outputs = [name for name in self.file.outputs if name not in OF_VIEW]
         pixels = identity(config, camera.key)
         own = key_of({"sample": pixels, "outputs": outputs, "made_by": self.made_by})
-        said = {"scene": self.file.scenes[one.scene].name, "camera": self.cameras.name(one.camera), **values}
+        said = {
+            "scene": self.file.scenes[one.scene].name,
+            "camera": self.cameras.name(one.camera),
+            **values,
+        }
         said |= {} if one.view is None else {"view": one.view.model_dump()}
-        return (light, key), PlannedSample(own, {**config, "outputs": outputs}, said, self.splits.of(one))
+        return (light, key), PlannedSample(
+            own, {**config, "outputs": outputs}, said, self.splits.of(one)
+        )
 
-    def _light(self, one: Combination, camera: VariedCamera, exposure: Config) -> tuple[Facts, str]:
+    def _light(
+        self, one: Combination, camera: VariedCamera, exposure: Config
+    ) -> tuple[Facts, str]:
         """What decides the light, and its key; made once for all samples of it."""
         entry = self.file.scenes[one.scene]
-        timed = (*exposure.values(), camera.key, *camera.set_fields, camera.gain) if self._is_timed(entry) else ()
+        timed = (
+            (*exposure.values(), camera.key, *camera.set_fields, camera.gain)
+            if self._is_timed(entry)
+            else ()
+        )
         varied = tuple((name, x) for name, x in one.values.items() if changes_light(name))
         known = one.scene, one.view, one.camera, varied, timed
         if known not in self._lights:
@@ -169,26 +191,43 @@ class DatasetPlan:
     def _described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
         """Scene, pose, options of the render, and what the camera has to do with the light."""
         entry = self.file.scenes[one.scene]
-        render: Facts = {"spp": SPP} if not {"spp", "noise_ratio"} & set(self.file.render) else {}
+        render: Facts = (
+            {"spp": SPP} if not {"spp", "noise_ratio"} & set(self.file.render) else {}
+        )
         render = {**render, **self.file.render}
-        options = {k: v for k, v in used(RenderOptions, render).items() if k not in (*OF_SCENE, *PASSED_BY)}
+        options = {
+            k: v
+            for k, v in used(RenderOptions, render).items()
+            if k not in (*OF_SCENE, *PASSED_BY)
+        }
         parameters = {**entry.parameters, **of_kind("parameters", one.values)}
         parameters = {name: text_of(value) for name, value in parameters.items()}
-        noisy: Facts = {"camera": camera.datasheet, "gain": camera.gain, "exposure": dict(exposure)}
+        noisy: Facts = {
+            "camera": camera.datasheet,
+            "gain": camera.gain,
+            "exposure": dict(exposure),
+        }
         noisy["set"], cube = camera.set_fields, options["spectral"] == "cube"
         motion = self._motion(entry)
         moving: Facts = {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
-        moving |= noisy if exposure["time_s"] in ("auto", None) else {}  # metered for this camera
+        moving |= (
+            noisy if exposure["time_s"] in ("auto", None) else {}
+        )  # metered for this camera
         return {
             "format": FORMAT,
             "scene": scene_digest(self._place(entry), parameters, self.roots),
             "parameters": parameters,
             "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
             "look_at": None if one.view is None else one.view.model_dump(),
-            **{name: getattr(entry, name) for name in ("scene_unit", "integrator", "ignore_polarization")},
+            **{
+                name: getattr(entry, name)
+                for name in ("scene_unit", "integrator", "ignore_polarization")
+            },
             "render": options,
             "lens": of_light(camera.camera, cube),
-            "set": [name for name in camera.set_fields if of_lens(name, cube)],  # not as the scene has it
+            "set": [
+                name for name in camera.set_fields if of_lens(name, cube)
+            ],  # not as the scene has it
             "dataset_seed": self.file.seed,
             **({} if motion == Motion() else moving),
             **(noisy if options["noise_ratio"] else {}),
@@ -203,18 +242,24 @@ class DatasetPlan:
 
     def _motion(self, entry: SceneEntry) -> Motion:
         if isinstance(entry.motion, str):
-            return read_motion(find_below(entry.motion, self.roots, f"the motion of scene {entry.name}"))
+            return read_motion(
+                find_below(entry.motion, self.roots, f"the motion of scene {entry.name}")
+            )
         return read_motion(entry.motion)
 
 
 def of_lens(field: str, cube: bool) -> bool:
     """Whether a field of the camera changes the light in front of its pixels."""
-    return changes_light(f"camera.{field}") and not (cube and field.startswith("quantum_efficiency."))
+    return changes_light(f"camera.{field}") and not (
+        cube and field.startswith("quantum_efficiency.")
+    )
 
 
 def _exposure(values: Config) -> Facts:
     """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None."""
-    time_s, stops, kelvin = (values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k"))
+    time_s, stops, kelvin = (
+        values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k")
+    )
     return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
 
 
@@ -226,5 +271,9 @@ def load_plan(path: str | Path, roots: Sequence[str | Path] = ()) -> DatasetPlan
     for root in folders:
         refuse_empty(root, "--root", "give the name of a folder")
         if not Path(root).is_dir():
-            raise InputError(f"--root {root} is no folder; give one that holds scenes or cameras.")
-    return DatasetPlan(file, [*map(Path, folders)], text_of_file(Path(path), "give a dataset file"))
+            raise InputError(
+                f"--root {root} is no folder; give one that holds scenes or cameras."
+            )
+    return DatasetPlan(
+        file, [*map(Path, folders)], text_of_file(Path(path), "give a dataset file")
+    )

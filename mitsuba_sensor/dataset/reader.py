@@ -65,10 +65,14 @@ class Sample:
             mean photoelectrons and their standard error by the render; or an AOV, see docs/clean-frames-and-aovs.md.
         """
         if name in AOVS:
-            return np.asarray(getattr(read_aovs_exr(self.existing(self.view_folder / "aovs.exr", name)), name))
+            return np.asarray(
+                getattr(read_aovs_exr(self.existing(self.view_folder / "aovs.exr", name)), name)
+            )
         if name not in IMAGES:
             known = (*IMAGES, *AOVS)
-            raise InputError(f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}")
+            raise InputError(
+                f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}"
+            )
         pages = read_raw(self.existing(self.folder / IMAGES[name], name)).frames
         return pages if name == "raw" else pages[0]
 
@@ -93,7 +97,9 @@ class Dataset(Sequence[Sample]):
         store, lines = Store(self.folder), read_index(self.folder).lines
         splits = sorted({line["split"] for line in lines})
         if split is not None and split not in splits:
-            raise InputError(f"split is {split!r}; {self.folder} has {', '.join(filter(None, splits)) or 'none'}.")
+            raise InputError(
+                f"split is {split!r}; {self.folder} has {', '.join(filter(None, splits)) or 'none'}."
+            )
         self.samples = [
             Sample(
                 line["key"],
@@ -122,9 +128,13 @@ class Dataset(Sequence[Sample]):
         return iter(self.samples)
 
     def __repr__(self) -> str:
-        splits = {split: sum(one.split == split for one in self.samples) for split in self.splits}
+        splits = {
+            split: sum(one.split == split for one in self.samples) for split in self.splits
+        }
         parts = ", ".join(f"{split} {number}" for split, number in splits.items() if split)
-        return f"<Dataset: {len(self)} samples{f' ({parts})' if parts else ''} in {self.folder}>"
+        return (
+            f"<Dataset: {len(self)} samples{f' ({parts})' if parts else ''} in {self.folder}>"
+        )
 
     @property
     def splits(self) -> list[str]:
@@ -166,7 +176,9 @@ def read_index(folder: Path) -> Index:
     """Its inverse. Raises InputError where there is no index, or not the one that was written."""
     path = folder / INDEX
     if not path.exists():
-        raise InputError(f"{folder} is no dataset that is complete; make it with `mitsuba-sensor dataset run`.")
+        raise InputError(
+            f"{folder} is no dataset that is complete; make it with `mitsuba-sensor dataset run`."
+        )
     remedy = "`mitsuba-sensor dataset run` writes it again"
     index = _index_of(text_of_file(path, remedy, newline="").encode())
     if index is None:
@@ -191,4 +203,8 @@ def _is_line(line: object) -> bool:
         return False
     keys = [line.get("key"), line.get("view")]
     named = all(isinstance(key, str) and KEY.fullmatch(key) for key in keys)
-    return named and isinstance(line.get("split"), str) and isinstance(line.get("view_files"), bool)
+    return (
+        named
+        and isinstance(line.get("split"), str)
+        and isinstance(line.get("view_files"), bool)
+    )

@@ -71,13 +71,23 @@ def record_of(content: bytes) -> Record | None:
 
 def _possible(record: Record) -> bool:
     """Whether kind, key, names, sizes and hashes are such, whoever wrote them."""
-    known = record.kind in KINDS and isinstance(record.key, str) and KEY.fullmatch(record.key) is not None
+    known = (
+        record.kind in KINDS
+        and isinstance(record.key, str)
+        and KEY.fullmatch(record.key) is not None
+    )
     return known and all(
-        is_name(name) and type(size) is int and size >= 0 and isinstance(digest, str) and _HASH.fullmatch(digest)
+        is_name(name)
+        and type(size) is int
+        and size >= 0
+        and isinstance(digest, str)
+        and _HASH.fullmatch(digest)
         for name, (size, digest) in record.files.items()
     )
 
 
 def is_name(name: str) -> bool:
     """Whether a file of an entry may be called so: it lies in the entry's own folder, not hidden, not the record."""
-    return not name.startswith(".") and not set(name) & set("/\\\0") and name not in ("", RECORD)
+    return (
+        not name.startswith(".") and not set(name) & set("/\\\0") and name not in ("", RECORD)
+    )

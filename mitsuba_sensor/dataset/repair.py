@@ -70,7 +70,9 @@ class Holdings(NamedTuple):
 
 def holdings(store: Store, plan: DatasetPlan) -> Holdings:
     """By the records of the store: no file is read."""
-    sizes = {one.key: sum(size for size, _ in one.files.values()) for one in store.scan("samples")}
+    sizes = {
+        one.key: sum(size for size, _ in one.files.values()) for one in store.scan("samples")
+    }
     keys = [line["key"] for line in plan_lines(plan)]
     own = [sizes.pop(key) for key in keys if key in sizes]
     return Holdings(len(keys), len(own), sum(own), len(sizes), sum(sizes.values()))
@@ -80,5 +82,7 @@ def store_of(folder: Path) -> Store:
     """The store in a dataset folder. Raises InputError where it is none."""
     refuse_empty(folder, "the folder", "give the folder of a dataset")
     if not any((folder / name).is_file() for name in (FILE, INDEX)):
-        raise InputError(f"{folder} is no dataset: it has no {FILE}; give a folder that `dataset run` made.")
+        raise InputError(
+            f"{folder} is no dataset: it has no {FILE}; give a folder that `dataset run` made."
+        )
     return Store(folder)

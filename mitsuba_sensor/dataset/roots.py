@@ -18,10 +18,16 @@ def find_below(name: str, roots: Sequence[Path], what: str) -> Path:
     folders = ", ".join(str(root) for root in roots)
     remedy = f"name its folder with --root and write its path from there (now: {folders})"
     if os.path.isabs(name) or ".." in PurePath(name).parts or "\0" in name:
-        raise InputError(f"{what} is {name!r}, which may lead out of the folders that may be read; {remedy}.")
+        raise InputError(
+            f"{what} is {name!r}, which may lead out of the folders that may be read; {remedy}."
+        )
     for root in roots:
         if os.path.isfile(root / name):  # False also for names that are too long
             if not (root / name).resolve().is_relative_to(root.resolve()):
-                raise InputError(f"{what} is {name!r}, a link that leads out of {root}; {remedy}.")
+                raise InputError(
+                    f"{what} is {name!r}, a link that leads out of {root}; {remedy}."
+                )
             return root / name
-    raise InputError(f"{what} is {name[:200]!r}, and there is no such file below {folders}; {remedy}.")
+    raise InputError(
+        f"{what} is {name[:200]!r}, and there is no such file below {folders}; {remedy}."
+    )

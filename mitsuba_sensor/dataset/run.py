@@ -44,7 +44,11 @@ Show = Callable[[RunProgress], object]
 @documents(RunOptions)
 @restores_variant
 def run(
-    plan: DatasetPlan, out: Path, *, show: Show = lambda progress: None, **options: Unpack[RunOptions]
+    plan: DatasetPlan,
+    out: Path,
+    *,
+    show: Show = lambda progress: None,
+    **options: Unpack[RunOptions],
 ) -> RunProgress:
     """Make everything of a dataset that is missing in ``out``.
 
@@ -77,7 +81,9 @@ def run(
         progress.now = progress.now if done else what
         show(progress)
 
-    views = _missing(of_shard(plan, shard), store, progress, (known, {} if chosen["retry"] else known))
+    views = _missing(
+        of_shard(plan, shard), store, progress, (known, {} if chosen["retry"] else known)
+    )
     for one in outcomes(store, views, chosen, told, remark=progress.remarks.append):
         if one.full is not None:
             path, size, why = one.full
@@ -96,7 +102,10 @@ _Failed: TypeAlias = Mapping[str, Mapping[str, object]]
 
 
 def _missing(
-    views: Iterable[PlannedView], store: Store, progress: RunProgress, quarantine: tuple[_Failed, _Failed]
+    views: Iterable[PlannedView],
+    store: Store,
+    progress: RunProgress,
+    quarantine: tuple[_Failed, _Failed],
 ) -> Iterator[PlannedView]:
     """Views of which something is missing; those that another run has begun come last.
 
@@ -115,7 +124,9 @@ def _missing(
             if view.key in known:
                 store.release(view.key)
         elif view.key in left_out:
-            progress.failed.append(Outcome(view.key, failed=str(left_out[view.key].get("why", ""))))
+            progress.failed.append(
+                Outcome(view.key, failed=str(left_out[view.key].get("why", "")))
+            )
         elif begun:
             later.append(view)
         else:
@@ -153,6 +164,8 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
         return
     if name != plan.file.name:
         this = plan.file.name
-        raise InputError(f"{folder} holds the dataset {name!r}, and this one is {this!r}; give another folder.")
+        raise InputError(
+            f"{folder} holds the dataset {name!r}, and this one is {this!r}; give another folder."
+        )
     if origin is not None:
         require_same_versions(origin.made_by, folder)

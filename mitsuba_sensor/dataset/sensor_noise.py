@@ -114,7 +114,9 @@ class SensorNoise:
     ) -> None:
         self.camera = camera if isinstance(camera, Camera) else load_camera(camera)
         self.exposure = Exposure(0.01) if exposure is None else exposure
-        self.gains = tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
+        self.gains = (
+            tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
+        )
         self.serials = _range("serial", serial, 1, MOST_SERIAL, int)
         self.values = _choice("values", values, get_args(Values))
         self.output = _choice("output", output, get_args(Output))
@@ -122,10 +124,16 @@ class SensorNoise:
         self.seed = _seed("seed", seed)
         self.engine = "drjit" if backend_problem("llvm") is None else "numpy"
         if (self.white_e is None) != (self.values == "electrons"):
-            needs = "has no white_e" if self.values == "electrons" else 'needs white_e, e.g. (50, 2000), or "electrons"'
+            needs = (
+                "has no white_e"
+                if self.values == "electrons"
+                else 'needs white_e, e.g. (50, 2000), or "electrons"'
+            )
             raise InputError(f"values is {self.values!r}, which {needs}.")
         if not self.gains:
-            raise InputError(f"gain is {gain!r}; pass one setting or several, or leave it out for the camera's own.")
+            raise InputError(
+                f"gain is {gain!r}; pass one setting or several, or leave it out for the camera's own."
+            )
         for setting in self.gains:
             self.camera.at_gain(setting)
         self.light_nm = _usual_nm(self.camera)
@@ -170,12 +178,19 @@ class SensorNoise:
         return Draw(serial, gain, white_e, int(chance.integers(LARGEST_SEED)))
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:
-        key = (threading.get_ident(), draw.gain, draw.serial, photons.shape)  # Dr.Jit's arrays are of one thread
+        key = (
+            threading.get_ident(),
+            draw.gain,
+            draw.serial,
+            photons.shape,
+        )  # Dr.Jit's arrays are of one thread
         asked: Any = {"seed": draw.seed, "first_frame": 0, "engine": self.engine}
         with ALONE:
             sensor = self._sensors.pop(key, None)
             if sensor is None:
-                sensor = Sensor(_as_large(self.camera, photons.shape).at_gain(draw.gain), serial=draw.serial)
+                sensor = Sensor(
+                    _as_large(self.camera, photons.shape).at_gain(draw.gain), serial=draw.serial
+                )
                 while len(self._sensors) >= KEPT:
                     del self._sensors[next(iter(self._sensors))]
             self._sensors[key] = sensor
@@ -184,9 +199,20 @@ class SensorNoise:
     def _is_colour(self, given: NDArray[Any]) -> bool:
         """Whether the last dimension is red, green and blue."""
         colour = given.ndim == 4 or (given.ndim == 3 and given.shape[2] == 3)
-        layers = given.ndim == 3 and given.shape[1] > given.shape[2] in (1, 2, 4)  # grey or alpha behind the pixels
-        if given.ndim not in (2, 3, 4) or (given.ndim == 4 and given.shape[3] != 3) or layers or not given.size:
-            raise InputError(f"image has shape {given.shape}; pass (H, W), (H, W, 3), or a batch of one of them.")
+        layers = given.ndim == 3 and given.shape[1] > given.shape[2] in (
+            1,
+            2,
+            4,
+        )  # grey or alpha behind the pixels
+        if (
+            given.ndim not in (2, 3, 4)
+            or (given.ndim == 4 and given.shape[3] != 3)
+            or layers
+            or not given.size
+        ):
+            raise InputError(
+                f"image has shape {given.shape}; pass (H, W), (H, W, 3), or a batch of one of them."
+            )
         names = {name[:1].upper() for name in self.camera.filter_names}
         if colour and names != set("RGB"):
             filters = ", ".join(self.camera.filter_names) or "none"
@@ -206,11 +232,17 @@ class SensorNoise:
                 letter = self.camera.filter_names[number][:1].upper()
                 values = given[part][..., "RGB".index(letter)] if colour else given[part]
                 with np.errstate(over="ignore", invalid="ignore"):
-                    mean[part] = scaled(values, self.values, np.float32((draw.white_e or 1.0) / efficiency[number]))
+                    mean[part] = scaled(
+                        values,
+                        self.values,
+                        np.float32((draw.white_e or 1.0) / efficiency[number]),
+                    )
         if not 0 <= mean.min() <= mean.max() < np.inf:
             worst = given[~((given >= 0) & np.isfinite(given))]
             value = worst.flat[0] if worst.size else given.max()
-            raise InputError(f"image has values such as {value:g}; mean light is finite and at least 0, in float32.")
+            raise InputError(
+                f"image has values such as {value:g}; mean light is finite and at least 0, in float32."
+            )
         return Photons(mean[..., None], np.array([self.light_nm]))
 
     def _developed(self, raw: NDArray[Any], draw: Draw, colour: bool) -> Float32Array:
@@ -223,7 +255,9 @@ class SensorNoise:
             filters = camera.filter_index(linear.shape)
             if np.unique(filters).size < len(names):
                 size = f"{linear.shape[0]} × {linear.shape[1]}"
-                raise InputError(f'image has {size} pixels, which lack a colour; pass more of them, or output="raw".')
+                raise InputError(
+                    f'image has {size} pixels, which lack a colour; pass more of them, or output="raw".'
+                )
             linear = demosaic(linear, filters, camera)[..., [names.index(c) for c in "RGB"]]
         if self.values == "srgb":
             linear = np.copysign(srgb_curve(np.abs(linear)), linear)
@@ -240,7 +274,9 @@ def _usual_nm(camera: Camera) -> float:
         points = section.wavelengths_nm or [low, high]
         least = np.where(np.interp(at, points, section.quantum_yield) == 1, least, 0.0)
     if not least.max() > 0:
-        raise InputError(f"{camera.name} has filters that share no wavelength; the noise of images needs one.")
+        raise InputError(
+            f"{camera.name} has filters that share no wavelength; the noise of images needs one."
+        )
     return float(at[int(np.argmax(least))])
 
 
@@ -249,7 +285,9 @@ def _as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
     rows, columns = (camera.sensor.rows or 0, camera.sensor.columns or 0)
     if shape[0] <= rows and shape[1] <= columns:
         return camera
-    return camera.replace(**{"sensor.rows": max(rows, shape[0]), "sensor.columns": max(columns, shape[1])})
+    return camera.replace(
+        **{"sensor.rows": max(rows, shape[0]), "sensor.columns": max(columns, shape[1])}
+    )
 
 
 def _choice(name: str, value: Any, known: tuple[str, ...]) -> Any:
@@ -259,17 +297,29 @@ def _choice(name: str, value: Any, known: tuple[str, ...]) -> Any:
 
 
 def _seed(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < LARGEST_SEED:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | np.integer)
+        or not 0 <= value < LARGEST_SEED
+    ):
         raise InputError(f"{name} is {value!r}; it must be a whole number from 0 to 2⁶³ − 1.")
     return int(value)
 
 
-def _range(name: str, value: Any, least: float, most: float, kind: type = float) -> tuple[Any, Any]:
+def _range(
+    name: str, value: Any, least: float, most: float, kind: type = float
+) -> tuple[Any, Any]:
     """(low, high) of one number or two, whole ones for the kind int."""
-    ends = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value, value)
+    ends = (
+        tuple(value)
+        if isinstance(value, Sequence) and not isinstance(value, str)
+        else (value, value)
+    )
     known = (int, np.integer) if kind is int else (int, float, np.integer, np.floating)
     numbers = all(isinstance(one, known) and not isinstance(one, bool) for one in ends)
     if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1] <= most:
         what = "whole number" if kind is int else "number"
-        raise InputError(f"{name} is {value!r}; it must be a {what} from {least:g} to {most:g}, or two: (low, high).")
+        raise InputError(
+            f"{name} is {value!r}; it must be a {what} from {least:g} to {most:g}, or two: (low, high)."
+        )
     return ends

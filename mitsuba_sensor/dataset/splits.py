@@ -30,13 +30,21 @@ class SplitOf:
         for one in (one for group in combinations(file) for one in group):
             scenes[self._scene(one)] = None
             chips[self._chip(one)] = None
-        remedy = 'name in by what makes another scene of it, e.g. by = ["scene", "parameters.seed"]'
+        remedy = (
+            'name in by what makes another scene of it, e.g. by = ["scene", "parameters.seed"]'
+        )
         self._scenes = assigned(scenes, self.splits, file.seed, "scenes", remedy)
         if "serial" in file.varied:
             for model in dict.fromkeys(model for model, _ in chips):
                 own = [chip for chip in chips if chip[0] == model]
                 what = f"serial numbers of {model}"
-                self._chips |= assigned(own, self.splits, file.seed, what, "vary serial over more, or give chips = 1")
+                self._chips |= assigned(
+                    own,
+                    self.splits,
+                    file.seed,
+                    what,
+                    "vary serial over more, or give chips = 1",
+                )
 
     def serials(self, one: Combination) -> list[int]:
         """The serial numbers with which a combination is made: none where scene and chip are of different splits."""
@@ -61,17 +69,25 @@ class SplitOf:
         """What tells the scene from others, as text."""
         assert self.splits is not None
         entry = self.file.scenes[one.scene]
-        fixed = {f"{kind}.{name}": x for kind in ("parameters", "traverse") for name, x in getattr(entry, kind).items()}
+        fixed = {
+            f"{kind}.{name}": x
+            for kind in ("parameters", "traverse")
+            for name, x in getattr(entry, kind).items()
+        }
         values: Facts = {"scene": entry.name, **fixed, **one.values}
         return json.dumps([values.get(name) for name in self.splits.by])
 
 
-def assigned(things: Iterable[Hashable], splits: Splits, seed: int, what: str, remedy: str) -> dict[Hashable, str]:
+def assigned(
+    things: Iterable[Hashable], splits: Splits, seed: int, what: str, remedy: str
+) -> dict[Hashable, str]:
     """Thing → split: shuffled by the seed, at least one for each split, otherwise by the shares."""
     shuffled = sorted(things, key=lambda thing: share_of(seed, "split", thing))
     names, total = list(splits.shares), len(shuffled)
     if total < len(names):
-        raise InputError(f"splits: {total} {what} for {len(names)} splits ({', '.join(names)}); {remedy}.")
+        raise InputError(
+            f"splits: {total} {what} for {len(names)} splits ({', '.join(names)}); {remedy}."
+        )
     free = total - len(names)
     wanted = [max(splits.shares[name] * total - 1, 0.0) for name in names]
     scale = free / sum(wanted) if sum(wanted) else 0.0

@@ -59,7 +59,9 @@ class Store:
     def folder_of(self, kind: Kind, key: str) -> Path:
         """Where an entry is, or will be: samples/ab/ab…"""
         if kind not in KINDS or not KEY.fullmatch(key):
-            raise ValueError(f"{kind} {key!r} is no entry; kinds are {', '.join(KINDS)}, a key has 24 hex digits.")
+            raise ValueError(
+                f"{kind} {key!r} is no entry; kinds are {', '.join(KINDS)}, a key has 24 hex digits."
+            )
         return self.folder / kind / key[:2] / key
 
     def commit(self, kind: Kind, key: str, write: Callable[[Path], object]) -> Record:
@@ -75,10 +77,16 @@ class Store:
         with self._scratch(final) as scratch:
             self._fill(scratch, write)
             _require(scratch, final)
-            record = Record(kind, key, {name: durable.size_and_hash(scratch / name) for name in _written(scratch)})
+            record = Record(
+                kind,
+                key,
+                {name: durable.size_and_hash(scratch / name) for name in _written(scratch)},
+            )
             durable.write_new(scratch / RECORD, text_of(record))
             with disk_sentences(final, durable.FOLDER_BYTES):
-                durable.flush_folder(scratch, {**record.files, RECORD: durable.size_and_hash(scratch / RECORD)})
+                durable.flush_folder(
+                    scratch, {**record.files, RECORD: durable.size_and_hash(scratch / RECORD)}
+                )
                 self._publish(scratch, record)
                 durable.sync_folder(final.parent)
         return self.record(kind, key) or record
@@ -104,7 +112,9 @@ class Store:
             write(scratch)
         except OSError as error:  # of a writer that is not one of ours
             if is_full(error):
-                raise DiskFull(Path(error.filename or scratch), None, error.strerror or str(error)) from error
+                raise DiskFull(
+                    Path(error.filename or scratch), None, error.strerror or str(error)
+                ) from error
             raise
 
     def _make_parent(self, parent: Path) -> None:
@@ -123,12 +133,16 @@ class Store:
                     return
                 except OSError as error:
                     _require(scratch, final)
-                    if error.errno not in (TAKEN + PERHAPS_TAKEN if os.path.lexists(final) else TAKEN):
+                    if error.errno not in (
+                        TAKEN + PERHAPS_TAKEN if os.path.lexists(final) else TAKEN
+                    ):
                         raise
             if self.exists(record.kind, record.key):
                 return
             self.discard(record.kind, record.key)
-        raise InputError(f"cannot write {final}: something broken is put there again and again; find out by what.")
+        raise InputError(
+            f"cannot write {final}: something broken is put there again and again; find out by what."
+        )
 
     def record(self, kind: Kind, key: str) -> Record | None:
         """The record of an entry if it is valid and all files are there with their sizes; contents are not read."""
@@ -158,7 +172,9 @@ class Store:
         """Every difference between an entry and its record, all contents read; none if it is as it was written."""
         return faults.of_entry(self.folder_of(kind, key), kind, key)
 
-    def verify_all(self, progress: Callable[[int, int], object] | None = None) -> Iterator[Fault]:
+    def verify_all(
+        self, progress: Callable[[int, int], object] | None = None
+    ) -> Iterator[Fault]:
         """Faults of all entries, and whatever lies among them and belongs to none.
 
         progress : called after each entry with the number of those that are done, and of all.
@@ -195,11 +211,26 @@ class Store:
         older_s : a folder in which anything is younger is let alone, because its program may still run, on another
             machine too. One that is not is renamed first: a program that wakes up cannot publish half a folder.
         """
-        places = [self.folder / kind / name for kind in KINDS for name in durable.names_of(self.folder / kind)]
+        places = [
+            self.folder / kind / name
+            for kind in KINDS
+            for name in durable.names_of(self.folder / kind)
+        ]
         places.append(self.folder)  # where the clock is read
-        found = [path / name for path in places for name in durable.names_of(path) if name.startswith(durable.SCRATCH)]
-        found += [self.folder / name for name in durable.names_of(self.folder) if name.startswith(UNFINISHED)]
-        hidden = (name for name in durable.names_of(self.folder / QUARANTINE) if name.startswith("."))
+        found = [
+            path / name
+            for path in places
+            for name in durable.names_of(path)
+            if name.startswith(durable.SCRATCH)
+        ]
+        found += [
+            self.folder / name
+            for name in durable.names_of(self.folder)
+            if name.startswith(UNFINISHED)
+        ]
+        hidden = (
+            name for name in durable.names_of(self.folder / QUARANTINE) if name.startswith(".")
+        )
         found += [self.folder / QUARANTINE / name for name in hidden]
         if not found:
             return 0
@@ -226,7 +257,9 @@ class Store:
 
     def _keys_of_notes(self) -> list[str]:
         names = (Path(name) for name in durable.names_of(self.folder / QUARANTINE))
-        return [name.stem for name in names if name.suffix == ".json" and KEY.fullmatch(name.stem)]
+        return [
+            name.stem for name in names if name.suffix == ".json" and KEY.fullmatch(name.stem)
+        ]
 
     def _note(self, key: str) -> Facts | None:
         """The facts in a note of quarantine; None where it was changed."""
@@ -260,7 +293,9 @@ def _written(scratch: Path) -> list[str]:
     found = list(durable.plain_files(scratch))
     wrong = [name for name, plain in found if not plain or not is_name(name)]
     if wrong:
-        raise ValueError(f"an entry has plain files only, none hidden and none called {RECORD}; it got {wrong}.")
+        raise ValueError(
+            f"an entry has plain files only, none hidden and none called {RECORD}; it got {wrong}."
+        )
     return [name for name, _ in found]
 
 
@@ -268,7 +303,11 @@ def _quick(folder: str, kind: Kind, key: str) -> Record | None:
     """The record in a folder if it is of this entry, and the files have their sizes."""
     try:
         record = record_of(durable.read_small(f"{folder}/{RECORD}", MOST_BYTES))
-        if record is None or (record.kind, record.key) != (kind, key) or not stat.S_ISDIR(os.lstat(folder).st_mode):
+        if (
+            record is None
+            or (record.kind, record.key) != (kind, key)
+            or not stat.S_ISDIR(os.lstat(folder).st_mode)
+        ):
             return None
         for name, (size, _) in record.files.items():
             there = os.lstat(f"{folder}/{name}")

@@ -18,7 +18,9 @@ from .values import check_value
 
 Values = Config
 OF_LIGHT = ("f_number", "focus_m")
-OF_CAMERA = tuple(f"camera.{part}" for part in ("lens.", "sensor.", "pixel.pitch", "quantum_efficiency."))
+OF_CAMERA = tuple(
+    f"camera.{part}" for part in ("lens.", "sensor.", "pixel.pitch", "quantum_efficiency.")
+)
 OF_LIGHT_PREFIXES = ("parameters.", "traverse.", *OF_CAMERA)
 DIGITS = 6  # of a random number, so that it can be typed
 
@@ -40,7 +42,8 @@ class Combination(NamedTuple):
 def combinations(file: DatasetFile) -> Iterator[list[Combination]]:
     """All samples in groups: no two groups have the same light, unless random numbers coincide."""
     outer, inner = (
-        {name: x for name, x in file.grid.items() if changes_light(name) is wanted} for wanted in (True, False)
+        {name: x for name, x in file.grid.items() if changes_light(name) is wanted}
+        for wanted in (True, False)
     )
     rows: Sequence[Values] = file.list or ({},)
     for number, scene in enumerate(file.scenes):
@@ -48,7 +51,9 @@ def combinations(file: DatasetFile) -> Iterator[list[Combination]]:
         for view, of_light, alike in product(poses(scene), _grid(outer), draws):
             yield [
                 Combination(number, camera, view, {**of_light, **row, **cell, **drawn}, draw)
-                for (draw, drawn), row, camera, cell in product(alike, rows, range(len(file.cameras)), _grid(inner))
+                for (draw, drawn), row, camera, cell in product(
+                    alike, rows, range(len(file.cameras)), _grid(inner)
+                )
             ]
 
 
@@ -56,7 +61,13 @@ def count(file: DatasetFile) -> int:
     """How many combinations there are, before splits leave any out."""
     views = sum(len(poses(scene)) for scene in file.scenes)
     cells = math.prod(len(values) for values in file.grid.values())
-    return views * cells * max(len(file.list), 1) * len(file.cameras) * (file.random.draws if file.random else 1)
+    return (
+        views
+        * cells
+        * max(len(file.list), 1)
+        * len(file.cameras)
+        * (file.random.draws if file.random else 1)
+    )
 
 
 def changes_light(name: str) -> bool:
@@ -66,7 +77,9 @@ def changes_light(name: str) -> bool:
 
 def of_kind(kind: str, values: Values) -> Facts:
     """Values of ``kind.NAME`` by NAME."""
-    return {name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")}
+    return {
+        name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")
+    }
 
 
 def poses(scene: SceneEntry) -> Sequence[View | None]:
@@ -79,10 +92,17 @@ def poses(scene: SceneEntry) -> Sequence[View | None]:
 
     def along(vectors: Sequence[object]) -> list[tuple[float, ...]]:
         axes = [np.interp(at, times, axis) for axis in np.array(vectors, dtype=float).T]
-        return [tuple(round(float(x), DIGITS) for x in point) for point in zip(*axes, strict=True)]
+        return [
+            tuple(round(float(x), DIGITS) for x in point) for point in zip(*axes, strict=True)
+        ]
 
-    points = (along([getattr(key, name) for key in keys]) for name in ("origin_m", "target_m", "up"))
-    return [View(origin_m=origin, target_m=target, up=up) for origin, target, up in zip(*points, strict=True)]
+    points = (
+        along([getattr(key, name) for key in keys]) for name in ("origin_m", "target_m", "up")
+    )
+    return [
+        View(origin_m=origin, target_m=target, up=up)
+        for origin, target, up in zip(*points, strict=True)
+    ]
 
 
 def _is_loop(first: KeyPose, last: KeyPose) -> bool:
@@ -122,7 +142,10 @@ def _draws(sweep: RandomSweep | None, seed: int, scene: str) -> list[list[tuple[
         return [[(-1, {})]]
     found: dict[object, list[tuple[int, Values]]] = {}
     for draw in range(sweep.draws):
-        values = {name: drawn(law, share_of(seed, scene, name, draw)) for name, law in sweep.values.items()}
+        values = {
+            name: drawn(law, share_of(seed, scene, name, draw))
+            for name, law in sweep.values.items()
+        }
         for name, value in values.items():
             check_value(name, value)
         light = tuple(x for name, x in values.items() if changes_light(name))

@@ -41,7 +41,9 @@ def log_path(store: Store, key: str) -> Path:
     return store.folder / "quarantine" / f"{key}.log"
 
 
-def usual_make(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+def usual_make(
+    store: Store, view: PlannedView, told: Callable[[str], object]
+) -> Iterator[PlannedSample]:
     """:func:`.make.make_view`, whose module is loaded when it is used: with Mitsuba."""
     from .make import make_view
 
@@ -59,7 +61,9 @@ class TaskLimits:
     make: Make = usual_make
 
 
-def run_task(folder: str, view: PlannedView, told: Told, limits: TaskLimits = TaskLimits()) -> Outcome:
+def run_task(
+    folder: str, view: PlannedView, told: Told, limits: TaskLimits = TaskLimits()
+) -> Outcome:
     """Make what is missing of a view; whatever goes wrong becomes an outcome."""
     timeout_s = limits.timeout_s
     store, started, made = Store(Path(folder)), time.monotonic(), 0
@@ -77,7 +81,12 @@ def run_task(folder: str, view: PlannedView, told: Told, limits: TaskLimits = Ta
                 made += 1
                 told("sample", 1)
     except DiskFull as error:
-        return Outcome(view.key, made, time.monotonic() - started, full=(str(error.path), error.size, error.why))
+        return Outcome(
+            view.key,
+            made,
+            time.monotonic() - started,
+            full=(str(error.path), error.size, error.why),
+        )
     except InputError as error:
         quarantine(store, view, str(error))
         return Outcome(view.key, made, time.monotonic() - started, failed=str(error))
@@ -95,7 +104,13 @@ def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> None
     """Note that a view cannot be made, with its log; later runs leave it out."""
     path = log_path(store, view.key)
     values = view.samples[0].values
-    about = {"view": view.key, "scene": view.scene, "samples": len(view.samples), "first": dict(values), "why": why}
+    about = {
+        "view": view.key,
+        "scene": view.scene,
+        "samples": len(view.samples),
+        "first": dict(values),
+        "why": why,
+    }
     store.quarantine(view.key, {**about, "log": log or log_of(path)})
     forget(path)
 

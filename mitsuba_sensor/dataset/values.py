@@ -17,7 +17,13 @@ def check_value(name: str, value: object) -> None:
     if name == "exposure_s":
         _check_exposure(value)
     elif name == "exposure_ev":
-        require(name, _number(name, value), -MOST_STOPS, MOST_STOPS, "stops on top of exposure_s, e.g. -2")
+        require(
+            name,
+            _number(name, value),
+            -MOST_STOPS,
+            MOST_STOPS,
+            "stops on top of exposure_s, e.g. -2",
+        )
     elif name == "temperature_k":
         Exposure(0.0, _number(name, value))
     elif name in ("serial", "repetition"):
@@ -28,14 +34,20 @@ def check_value(name: str, value: object) -> None:
         for one in value if isinstance(value, tuple) else (value,):
             _number(name, one)
     elif kind == "parameters" and isinstance(value, tuple):
-        raise InputError(f"{name} is {list(value)}; it must be one text or number, as after -D: {_text(value)!r}.")
+        raise InputError(
+            f"{name} is {list(value)}; it must be one text or number, as after -D: {_text(value)!r}."
+        )
 
 
 def plain_value(value: object) -> bool | float | str:
     """A number, a text, or true or false. Raises ValueError."""
     if isinstance(value, dict):
-        raise ValueError('this is a table; put a name with dots in quotes, e.g. "camera.adc.bits" = [10, 12]')
-    if not isinstance(value, bool | int | float | str) or (isinstance(value, float) and not abs(value) <= LARGEST):
+        raise ValueError(
+            'this is a table; put a name with dots in quotes, e.g. "camera.adc.bits" = [10, 12]'
+        )
+    if not isinstance(value, bool | int | float | str) or (
+        isinstance(value, float) and not abs(value) <= LARGEST
+    ):
         raise ValueError(f"{value!r:.100} must be a finite number, a text, true or false")
     return value
 
@@ -44,7 +56,10 @@ def value_or_list(value: object) -> bool | float | str | tuple[float, ...]:
     """The same, or a list of numbers. Raises ValueError."""
     if not isinstance(value, list | tuple):
         return plain_value(value)
-    if not all(isinstance(one, int | float) and not isinstance(one, bool) and abs(one) <= LARGEST for one in value):
+    if not all(
+        isinstance(one, int | float) and not isinstance(one, bool) and abs(one) <= LARGEST
+        for one in value
+    ):
         raise ValueError(f"{value!r:.100} must have finite numbers only, e.g. [0.5, 0.5, 1]")
     return tuple(map(float, value))
 
@@ -62,13 +77,17 @@ def _check_exposure(value: object) -> None:
     if value == "auto":
         return
     if isinstance(value, str):
-        raise InputError(f"exposure_s is {value!r}; it must be a number of seconds, e.g. 0.1, or 'auto'.")
+        raise InputError(
+            f"exposure_s is {value!r}; it must be a number of seconds, e.g. 0.1, or 'auto'."
+        )
     Exposure(_number("exposure_s", value))
 
 
 def _check_frames(value: object) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MOST_FRAMES:
-        raise InputError(f"frames is {value!r}; it must be a whole number from 1 to {MOST_FRAMES}, e.g. 8.")
+        raise InputError(
+            f"frames is {value!r}; it must be a whole number from 1 to {MOST_FRAMES}, e.g. 8."
+        )
 
 
 def _number(name: str, value: object) -> float:

@@ -40,7 +40,9 @@ class LocalWorkers:
     count : how many at most.  memory_gb : one that takes more is ended.  told : called with what they tell.
     """
 
-    def __init__(self, store: Store, count: int, memory_gb: float | None, told: Told, limits: TaskLimits) -> None:
+    def __init__(
+        self, store: Store, count: int, memory_gb: float | None, told: Told, limits: TaskLimits
+    ) -> None:
         self.count, self.memory_gb, self.told = count, memory_gb, told
         self._asked = str(store.folder), limits
         self._idle: list[Worker] = []
@@ -56,7 +58,9 @@ class LocalWorkers:
     def next_ended(self) -> tuple[PlannedView, Outcome | None]:
         """The next view that has ended, and its outcome; None if its process has died."""
         while True:
-            for pipe in connection.wait(list(self._busy), MEMORY_EVERY_S if self.memory_gb else None):
+            for pipe in connection.wait(
+                list(self._busy), MEMORY_EVERY_S if self.memory_gb else None
+            ):
                 assert isinstance(pipe, Connection)
                 worker, view = self._busy[pipe]
                 try:
@@ -140,7 +144,9 @@ def _begin_tracker() -> None:
 def _without_main() -> Iterator[None]:
     """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
     main = sys.modules["__main__"]
-    known: Facts = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+    known: Facts = {
+        name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
+    }
     main.__spec__ = None
     try:
         yield

@@ -38,14 +38,20 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             with disk_sentences(folder), whole_step:
                 for name in _matching(names, folder):
                     if (folder / name).is_dir():
-                        raise InputError(f"{folder / name} is a folder where a file should go; give another place.")
-                scratch = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
+                        raise InputError(
+                            f"{folder / name} is a folder where a file should go; give another place."
+                        )
+                scratch = tempfile.TemporaryDirectory(
+                    prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True
+                )
                 stack.enter_context(undone_if_stopped(partial(shutil.rmtree, scratch.name)))
             with scratch:
                 with names_in(folder, Path(scratch.name)):
                     yield Path(scratch.name)
                 with disk_sentences(folder), whole_step:
-                    _publish(Path(scratch.name), folder, _matching(names, folder, Path(scratch.name)))
+                    _publish(
+                        Path(scratch.name), folder, _matching(names, folder, Path(scratch.name))
+                    )
         except BaseException:
             _remove_empty(made)
             raise
@@ -66,11 +72,19 @@ def refuse_empty(path: Path | str, name: str, remedy: str) -> None:
 def require_folder(path: Path | str) -> None:
     """Raise InputError if ``path`` can be no folder, before long work; nothing is made."""
     refuse_empty(path, "-o", "give the name of a folder, e.g. -o out")
-    nearest = next(place for place in (Path(path), *Path(path).absolute().parents) if os.path.lexists(place))
+    nearest = next(
+        place
+        for place in (Path(path), *Path(path).absolute().parents)
+        if os.path.lexists(place)
+    )
     if not nearest.is_dir():
-        raise InputError(f"cannot write into {path}: a file stands in its place; give another folder.")
+        raise InputError(
+            f"cannot write into {path}: a file stands in its place; give another folder."
+        )
     if not os.access(nearest, os.W_OK):
-        raise InputError(f"cannot make the folder {path}: {nearest} cannot be written; give another place.")
+        raise InputError(
+            f"cannot make the folder {path}: {nearest} cannot be written; give another place."
+        )
 
 
 @contextmanager
@@ -82,7 +96,9 @@ def appearing(path: Path, size: int | None = None) -> Iterator[Path]:
     if not path.name:
         raise InputError(f"cannot write {path}: that is a folder; give the name of a file.")
     if not os.path.lexists(path.parent):
-        raise InputError(f"cannot write {path}: there is no folder {path.parent}; make it, or give another name.")
+        raise InputError(
+            f"cannot write {path}: there is no folder {path.parent}; make it, or give another name."
+        )
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with disk_sentences(path, size), undone_if_stopped(temporary.unlink):
@@ -101,9 +117,13 @@ def _make_folder(folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise InputError(f"cannot write into {folder}: a file stands in its place; give another folder.") from error
+        raise InputError(
+            f"cannot write into {folder}: a file stands in its place; give another folder."
+        ) from error
     except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}; give another place.") from error
+        raise InputError(
+            f"cannot make the folder {folder}: {error.strerror}; give another place."
+        ) from error
     return missing
 
 
@@ -118,7 +138,11 @@ def _matching(names: Sequence[str], *folders: Path) -> list[str]:
     """The names, with those of the files in these folders in the place of a pattern."""
     found: list[str] = []
     for name in names:
-        found += sorted({path.name for folder in folders for path in folder.glob(name)}) if "*" in name else [name]
+        found += (
+            sorted({path.name for folder in folders for path in folder.glob(name)})
+            if "*" in name
+            else [name]
+        )
     return found
 
 

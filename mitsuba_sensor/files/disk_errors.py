@@ -11,7 +11,12 @@ from pathlib import Path
 from ..core import DiskFull, InputError
 
 FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # a disk, or what one user may have of it
-SAID_OF_FULL = os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), os.strerror(errno.EFBIG), "requested and"
+SAID_OF_FULL = (
+    os.strerror(errno.ENOSPC),
+    os.strerror(errno.EDQUOT),
+    os.strerror(errno.EFBIG),
+    "requested and",
+)
 """Of OpenEXR and NumPy, whose errors have no number: ``4096 requested and 100 written``."""
 
 
@@ -27,12 +32,16 @@ def disk_sentences(target: Path, size: int | None = None) -> Iterator[None]:
         why = error.strerror or str(error)
         if is_full(error):
             raise DiskFull(target, size, error.strerror or os.strerror(errno.ENOSPC)) from error
-        raise InputError(f"cannot write {target}: {why}; give a place that can be written.") from error
+        raise InputError(
+            f"cannot write {target}: {why}; give a place that can be written."
+        ) from error
 
 
 def is_full(error: OSError) -> bool:
     """Whether the disk has no place left, or none for this user."""
-    return error.errno in FULL or (error.errno is None and any(said in str(error) for said in SAID_OF_FULL))
+    return error.errno in FULL or (
+        error.errno is None and any(said in str(error) for said in SAID_OF_FULL)
+    )
 
 
 @contextmanager
@@ -41,7 +50,11 @@ def names_in(folder: Path, scratch: Path) -> Iterator[None]:
     try:
         yield
     except DiskFull as error:
-        path = folder / error.path.relative_to(scratch) if error.path.is_relative_to(scratch) else error.path
+        path = (
+            folder / error.path.relative_to(scratch)
+            if error.path.is_relative_to(scratch)
+            else error.path
+        )
         raise DiskFull(path, error.size, error.why) from error
     except InputError as error:
         if str(scratch) not in str(error):

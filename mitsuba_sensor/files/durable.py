@@ -25,7 +25,12 @@ TRIES = 50
 """At removing a folder that somebody else removes too."""
 AT_ONCE = 16
 """Files that are flushed at once."""
-READ_SMALL = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+READ_SMALL = (
+    os.O_RDONLY
+    | getattr(os, "O_NOFOLLOW", 0)
+    | getattr(os, "O_NONBLOCK", 0)
+    | getattr(os, "O_BINARY", 0)
+)
 """Follows no link, and does not wait for the writer of a pipe."""
 
 
@@ -86,8 +91,13 @@ def flush_folder(folder: Path, files: Mapping[str, tuple[int, str]]) -> None:
     files : name → (bytes, SHA-256).
     Raises DiskFull, and InputError if what is read is not what was written.
     """
-    with ThreadPoolExecutor(AT_ONCE) as pool:  # a disk that flushes eight at once takes as long as for one
-        jobs = [pool.submit(flush, folder / name, size, digest) for name, (size, digest) in files.items()]
+    with ThreadPoolExecutor(
+        AT_ONCE
+    ) as pool:  # a disk that flushes eight at once takes as long as for one
+        jobs = [
+            pool.submit(flush, folder / name, size, digest)
+            for name, (size, digest) in files.items()
+        ]
         pool.submit(sync_folder, folder).result()
         for job in jobs:
             job.result()
@@ -104,7 +114,9 @@ def flush(path: Path, size: int, digest: str) -> None:
         finally:
             os.close(file)
         if size_and_hash(path) != (size, digest):
-            raise InputError(f"cannot write {path}: it reads back changed; check the disk, or give another place.")
+            raise InputError(
+                f"cannot write {path}: it reads back changed; check the disk, or give another place."
+            )
 
 
 def write_new(path: Path, content: bytes) -> None:

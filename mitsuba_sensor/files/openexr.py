@@ -34,19 +34,29 @@ class Plane(NamedTuple):
         return (self.image[rows] * np.float32(self.scale)).astype(np.float16).tobytes()
 
 
-def write_planes(path: Path, header: Mapping[str, str | float], channels: Mapping[str, Plane]) -> None:
+def write_planes(
+    path: Path, header: Mapping[str, str | float], channels: Mapping[str, Plane]
+) -> None:
     """Some rows at a time: the planes in the order of the file would be as large as all bands and their errors."""
     import OpenEXR
 
     rows, columns = next(iter(channels.values())).image.shape
     step = max(VALUES_AT_ONCE // (columns * len(channels)) // ZIP_ROWS, 1) * ZIP_ROWS
-    size = sum(x.image.size * (4 if x.scale is None else 2) for x in channels.values())  # before compression
+    size = sum(
+        x.image.size * (4 if x.scale is None else 2) for x in channels.values()
+    )  # before compression
     with appearing(path, size) as temporary:
         try:
-            with closing(OpenEXR.OutputFile(str(temporary), _file_header((columns, rows), header, channels))) as file:
+            with closing(
+                OpenEXR.OutputFile(
+                    str(temporary), _file_header((columns, rows), header, channels)
+                )
+            ) as file:
                 for first in range(0, rows, step):
                     here = slice(first, min(first + step, rows))
-                    file.writePixels({name: x.rows(here) for name, x in channels.items()}, here.stop - first)
+                    file.writePixels(
+                        {name: x.rows(here) for name, x in channels.items()}, here.stop - first
+                    )
         except (RuntimeError, ValueError) as error:  # whatever went wrong
             raise OSError(str(error)) from error
         if not _ends_well(temporary, rows - 1):
@@ -64,7 +74,9 @@ def _ends_well(path: Path, last_row: int) -> bool:
         return False
     try:
         with _silent_library(), closing(OpenEXR.InputFile(str(path))) as file:
-            file.channels(list(file.header()["channels"]), scanLine1=last_row, scanLine2=last_row)
+            file.channels(
+                list(file.header()["channels"]), scanLine1=last_row, scanLine2=last_row
+            )
             return bool(file.isComplete())
     except (RuntimeError, ValueError, OSError):
         return False
@@ -77,13 +89,21 @@ def _file_header(
     import Imath
     import OpenEXR
 
-    kinds = {name: Imath.PixelType.FLOAT if x.scale is None else Imath.PixelType.HALF for name, x in channels.items()}
+    kinds = {
+        name: Imath.PixelType.FLOAT if x.scale is None else Imath.PixelType.HALF
+        for name, x in channels.items()
+    }
     return {
         **OpenEXR.Header(*size),
         "type": b"scanlineimage",
         "compression": Imath.Compression(Imath.Compression.ZIP_COMPRESSION),
-        "channels": {name: Imath.Channel(Imath.PixelType(kind)) for name, kind in kinds.items()},
-        **{name: value.encode() if isinstance(value, str) else value for name, value in header.items()},
+        "channels": {
+            name: Imath.Channel(Imath.PixelType(kind)) for name, kind in kinds.items()
+        },
+        **{
+            name: value.encode() if isinstance(value, str) else value
+            for name, value in header.items()
+        },
     }
 
 
@@ -112,9 +132,16 @@ def whole_exr(
     try:
         if pixels:
             require_plausible_exr(path)
-        with _silent_library(), OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
+        with (
+            _silent_library(),
+            OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file,
+        ):
             header = dict(file.header())
-            images = {name: channel.pixels for name, channel in file.channels().items()} if pixels else {}
+            images = (
+                {name: channel.pixels for name, channel in file.channels().items()}
+                if pixels
+                else {}
+            )
     except InputError:
         raise
     except (RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
@@ -124,7 +151,9 @@ def whole_exr(
         yield header, images
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         why = " ".join(str(error).split())
-        raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {why}){remedy}.") from error
+        raise InputError(
+            f"{path} is an EXR {wrong} (missing or unreadable: {why}){remedy}."
+        ) from error
 
 
 def require_plausible_exr(path: Path) -> None:
@@ -157,6 +186,10 @@ def require_exr(path: Path) -> None:
         with path.open("rb") as file:
             magic = file.read(len(EXR_MAGIC))
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}; give an irradiance.exr from `render`.") from error
+        raise InputError(
+            f"cannot read {path}: {error.strerror}; give an irradiance.exr from `render`."
+        ) from error
     if magic != EXR_MAGIC:
-        raise InputError(f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote.")
+        raise InputError(
+            f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote."
+        )

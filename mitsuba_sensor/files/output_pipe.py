@@ -7,7 +7,9 @@ import signal
 import sys
 from contextlib import suppress
 
-BROKEN_PIPE = 128 + getattr(signal, "SIGPIPE", 13)  # exit code that a shell reports of a program that ends so
+BROKEN_PIPE = 128 + getattr(
+    signal, "SIGPIPE", 13
+)  # exit code that a shell reports of a program that ends so
 
 
 def silence_output() -> None:

@@ -7,7 +7,9 @@ from pathlib import Path
 from ..core import InputError
 
 ALWAYS_BYTES = 2**28  # may come out of any file
-MOST_RATIO = 200  # of unpacked over stored bytes: frames with noise reach 20, deflate ends at 1032
+MOST_RATIO = (
+    200  # of unpacked over stored bytes: frames with noise reach 20, deflate ends at 1032
+)
 
 
 def require_plausible(path: Path, unpacked_bytes: int) -> None:

@@ -11,7 +11,14 @@ import numpy as np
 from ..core import Float64Array
 
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
-TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
+TYPES |= {
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+}
 TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 COLOUR = re.compile(r"(.*_)?(r|g|b|red|green|blue)")

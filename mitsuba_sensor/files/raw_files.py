@@ -22,8 +22,27 @@ from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
 from .plausible import require_plausible
 
-TIFF, PICTURES, ARRAYS, FITS = (".tif", ".tiff"), (".png",), (".npy",), (".fits", ".fit", ".fts")
-CAMERA_RAW = (".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw", ".x3f")
+TIFF, PICTURES, ARRAYS, FITS = (
+    (".tif", ".tiff"),
+    (".png",),
+    (".npy",),
+    (".fits", ".fit", ".fts"),
+)
+CAMERA_RAW = (
+    ".dng",
+    ".cr2",
+    ".cr3",
+    ".crw",
+    ".nef",
+    ".nrw",
+    ".arw",
+    ".raf",
+    ".rw2",
+    ".orf",
+    ".pef",
+    ".srw",
+    ".x3f",
+)
 RAW_FORMATS = (*TIFF, *PICTURES, *ARRAYS, *FITS, *CAMERA_RAW)
 LONGEST_LABEL = 100  # characters of a gain setting
 NO_TILE: tuple[tuple[str, ...], ...] = ()
@@ -57,19 +76,29 @@ def read_raw(path: str | os.PathLike[str]) -> RawFile:
     file = Path(path)
     reader = next((one for suffixes, one in READERS if file.suffix.lower() in suffixes), None)
     if reader is None:
-        raise InputError(f"{file} is of a format that is not read; give one of {', '.join(RAW_FORMATS)}.")
+        raise InputError(
+            f"{file} is of a format that is not read; give one of {', '.join(RAW_FORMATS)}."
+        )
     try:
         found = reader(file)
     except (InputError, MemoryError):
         raise
     except Exception as error:  # foreign readers raise errors of every kind for broken files
-        why = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
+        why = (
+            getattr(error, "strerror", None)
+            or str(error).split("\n")[0]
+            or type(error).__name__
+        )
         why = re.sub(r":? <[^<>]* at 0x[0-9a-f]+>", "", why)  # an object of the reader
-        raise InputError(f"{file} cannot be read: {why.rstrip('.')}; leave it out, or copy it again.") from error
+        raise InputError(
+            f"{file} cannot be read: {why.rstrip('.')}; leave it out, or copy it again."
+        ) from error
     frames = found.frames
     if frames.ndim != 3 or frames.dtype.kind not in "uif" or not frames.size:
         shape = frames.shape[1:] if frames.ndim > 3 else frames.shape
-        raise InputError(f"{file} holds {frames.dtype} of shape {shape}; raw frames have one value per pixel.")
+        raise InputError(
+            f"{file} holds {frames.dtype} of shape {shape}; raw frames have one value per pixel."
+        )
     return found
 
 
@@ -85,8 +114,12 @@ def _tiff(file: Path) -> RawFile:
         first = opened.pages.first
         tags = {tag.name: tag.value for tag in first.tags}
         if first.samplesperpixel != 1:
-            raise InputError(f"{file} has {first.samplesperpixel} values per pixel; raw frames have one.")
-        require_plausible(file, sum(math.prod(one.shape) * one.dtype.itemsize for one in opened.series[:1]))
+            raise InputError(
+                f"{file} has {first.samplesperpixel} values per pixel; raw frames have one."
+            )
+        require_plausible(
+            file, sum(math.prod(one.shape) * one.dtype.itemsize for one in opened.series[:1])
+        )
         frames = _pages(opened.asarray())
     facts = _own_facts(tags.get("ImageDescription"))
     names: Mapping[int, str] = dict(enumerate("RGBCMYW"))
@@ -95,7 +128,9 @@ def _tiff(file: Path) -> RawFile:
     if facts.get("cfa_pattern"):
         tile = _tile_of(facts["cfa_pattern"])
     elif pattern is not None and size is not None:
-        tile = tuple(tuple(names[number] for number in row) for row in np.reshape(list(pattern), size))
+        tile = tuple(
+            tuple(names[number] for number in row) for row in np.reshape(list(pattern), size)
+        )
     exposure_s, iso = _exif(tags)
     return RawFile(
         frames,
@@ -120,8 +155,13 @@ def _exif(tags: Mapping[str, Any]) -> tuple[float | None, str]:
     """Exposure time [s] and ISO speed of EXIF tags."""
     exif = tags.get("ExifTag")
     known = {**tags, **(exif if isinstance(exif, dict) else {})}
-    time, iso = known.get("ExposureTime"), known.get("PhotographicSensitivity", known.get("ISOSpeedRatings"))
-    exposure_s = time[0] / time[1] if isinstance(time, tuple) and len(time) == 2 and time[1] else None
+    time, iso = (
+        known.get("ExposureTime"),
+        known.get("PhotographicSensitivity", known.get("ISOSpeedRatings")),
+    )
+    exposure_s = (
+        time[0] / time[1] if isinstance(time, tuple) and len(time) == 2 and time[1] else None
+    )
     return exposure_s, _label(iso[0] if isinstance(iso, tuple) and iso else iso)
 
 
@@ -139,7 +179,9 @@ def _not_negative(value: object) -> float | None:
 
 def _label(value: object) -> str:
     """The name or number of a setting in metadata; empty for what is neither."""
-    known = isinstance(value, str | int | float | np.integer | np.floating) and not isinstance(value, bool)
+    known = isinstance(value, str | int | float | np.integer | np.floating) and not isinstance(
+        value, bool
+    )
     return str(value)[:LONGEST_LABEL] if known else ""
 
 
@@ -147,7 +189,11 @@ def _tile_of(value: object) -> tuple[tuple[str, ...], ...]:
     """Names of colour filters in metadata; empty for anything else."""
     rows = [row for row in value if isinstance(row, list)] if isinstance(value, list) else []
     names = [name for row in rows for name in row]
-    right = names and len({len(row) for row in rows}) == 1 and all(isinstance(name, str) for name in names)
+    right = (
+        names
+        and len({len(row) for row in rows}) == 1
+        and all(isinstance(name, str) for name in names)
+    )
     return tuple(tuple(row) for row in rows) if right else NO_TILE
 
 
@@ -173,11 +219,22 @@ def _fits(file: Path) -> RawFile:
         from astropy.io import fits
     with fits.open(file) as opened:
         for one in opened:
-            sides = [int(one.header[f"NAXIS{k}"]) for k in range(1, 1 + int(one.header.get("NAXIS", 0)))]
-            require_plausible(file, math.prod(sides) * abs(int(one.header.get("BITPIX", 8))) // 8 if sides else 0)
-        image = next((one for one in opened if one.data is not None and np.ndim(one.data) in (2, 3)), None)
+            sides = [
+                int(one.header[f"NAXIS{k}"])
+                for k in range(1, 1 + int(one.header.get("NAXIS", 0)))
+            ]
+            require_plausible(
+                file,
+                math.prod(sides) * abs(int(one.header.get("BITPIX", 8))) // 8 if sides else 0,
+            )
+        image = next(
+            (one for one in opened if one.data is not None and np.ndim(one.data) in (2, 3)),
+            None,
+        )
         if image is None:
-            raise InputError(f"{file} holds no image; give a FITS file with frames of one value per pixel.")
+            raise InputError(
+                f"{file} holds no image; give a FITS file with frames of one value per pixel."
+            )
         header = {**opened[0].header, **image.header}
         values = np.asarray(image.data)
     pattern = _label(header.get("BAYERPAT", "")).strip().upper()
@@ -258,7 +315,9 @@ def _needed(package: str, file: Path) -> Iterator[None]:
     try:
         yield
     except ImportError:
-        raise InputError(f"{file} is read by {package}, which is not installed; {EXTRA} installs it.") from None
+        raise InputError(
+            f"{file} is read by {package}, which is not installed; {EXTRA} installs it."
+        ) from None
 
 
 READERS: tuple[tuple[tuple[str, ...], Callable[[Path], RawFile]], ...] = (
@@ -281,7 +340,9 @@ def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
         with tifffile.TiffFile(path) as opened:
             first: Any = opened.pages[0]
             pages = [first, *(first.pages or ())]
-            raw = next((page for page in pages if page.photometric in (32803, 34892)), first)  # CFA, linear raw
+            raw = next(
+                (page for page in pages if page.photometric in (32803, 34892)), first
+            )  # CFA, linear raw
             tags = {tag.name: _plain(tag) for page in (first, raw) for tag in page.tags}
     except Exception as error:  # tifffile raises errors of every kind for broken files
         why = str(error).split("\n")[0] or type(error).__name__

@@ -24,12 +24,17 @@ MOST_FILES = 10_000
 DEEPEST_INCLUDE = 15  # as in Mitsuba
 CACHED = 4096  # files whose elements or digests are kept
 CODE = (".so", ".dylib", ".dll", ".pyd")
-CURVES, MAY_BE_FILES = "quantum_efficiency.file", ("camera", "lens.prescription")  # of a film; else a shipped name
+CURVES, MAY_BE_FILES = (
+    "quantum_efficiency.file",
+    ("camera", "lens.prescription"),
+)  # of a film; else a shipped name
 Stamp = tuple[int, int, int, int]
 Parameters = Mapping[str, object]
 
 
-def scene_digest(path: str | os.PathLike[str], parameters: Parameters, roots: Sequence[Path]) -> str:
+def scene_digest(
+    path: str | os.PathLike[str], parameters: Parameters, roots: Sequence[Path]
+) -> str:
     """SHA-256 over the names, below the roots, and the contents of all files that the scene reads.
 
     parameters : values of its <default> names.  roots : the folders below which it may read.
@@ -40,8 +45,12 @@ def scene_digest(path: str | os.PathLike[str], parameters: Parameters, roots: Se
 
 def files_digest(paths: Sequence[Path], roots: Sequence[Path]) -> str:
     """SHA-256 over names, below the roots, and contents. Raises InputError for a file outside of them."""
-    named = sorted((name, _content_digest(path, _stamp(path))) for name, path in check_below(paths, roots))
-    return hashlib.sha256("\n".join(f"{digest} {name}" for name, digest in named).encode()).hexdigest()
+    named = sorted(
+        (name, _content_digest(path, _stamp(path))) for name, path in check_below(paths, roots)
+    )
+    return hashlib.sha256(
+        "\n".join(f"{digest} {name}" for name, digest in named).encode()
+    ).hexdigest()
 
 
 def check_below(paths: Sequence[Path], roots: Sequence[Path]) -> list[tuple[str, Path]]:
@@ -89,7 +98,9 @@ class _Search:
     found : the files.  folders : where Mitsuba looks for them.  read : how many XML files, each as often as included.
     """
 
-    def __init__(self, scene: Path, values: dict[str, str], roots: Sequence[Path] | None) -> None:
+    def __init__(
+        self, scene: Path, values: dict[str, str], roots: Sequence[Path] | None
+    ) -> None:
         self.values, self.folders, self.found = values, [scene.parent], dict[Path, None]()
         self.roots, self.read = roots, 0
         self._refuse_code(scene.parent)
@@ -99,13 +110,21 @@ class _Search:
         """One file.  depth : of includes."""
         self.read += 1
         if depth > DEEPEST_INCLUDE or self.read > MOST_FILES:
-            times = f"{DEEPEST_INCLUDE} deep" if depth > DEEPEST_INCLUDE else f"{MOST_FILES} times with others"
-            raise InputError(f"{file} is included more than {times}, perhaps by itself; flatten the scene.")
+            times = (
+                f"{DEEPEST_INCLUDE} deep"
+                if depth > DEEPEST_INCLUDE
+                else f"{MOST_FILES} times with others"
+            )
+            raise InputError(
+                f"{file} is included more than {times}, perhaps by itself; flatten the scene."
+            )
         self._add(file)
         try:
             elements = _elements(file, _stamp(file))
         except OSError as error:
-            raise InputError(f"the scene file {file} cannot be read: {error.strerror}.") from None
+            raise InputError(
+                f"the scene file {file} cannot be read: {error.strerror}."
+            ) from None
         for one in elements:
             where = f"{file}, line {one.line}"
             if one.kind == "default":
@@ -117,7 +136,9 @@ class _Search:
         where = f"{file}, line {one.line}"
         if one.kind == "type":
             if not re.fullmatch(r"[\w-]{0,64}", value):
-                raise InputError(f"{where}: type is {value[:80]!r}, which is no name of a plugin.")
+                raise InputError(
+                    f"{where}: type is {value[:80]!r}, which is no name of a plugin."
+                )
         elif one.kind == "path":
             self._look_in(value, where)
         elif one.kind == "include":
@@ -127,15 +148,21 @@ class _Search:
             for inner in self._named(value, where):
                 self._add(inner)
         else:
-            needed = one.name == CURVES or (one.name in MAY_BE_FILES and re.search(r"[./\\]", value))
+            needed = one.name == CURVES or (
+                one.name in MAY_BE_FILES and re.search(r"[./\\]", value)
+            )
             names = self._of_material(value, where) if one.name == "material" else [value]
-            for inner in self._named(value, where) if needed else _existing(names, self.folders):
+            for inner in (
+                self._named(value, where) if needed else _existing(names, self.folders)
+            ):
                 self._add(inner)
 
     def _of_material(self, value: str, where: str) -> list[str]:
         """Files that Mitsuba reads for the name of a metal."""
         if not re.fullmatch(r"[\w-]*", value):
-            raise InputError(f"{where}: material is {value[:80]!r}, which is no name of a metal, e.g. Au.")
+            raise InputError(
+                f"{where}: material is {value[:80]!r}, which is no name of a metal, e.g. Au."
+            )
         return [f"data/ior/{value}.{kind}.spd" for kind in ("eta", "k")]
 
     def _value(self, one: Element, where: str) -> str:
@@ -152,9 +179,15 @@ class _Search:
 
     def _look_in(self, value: str, where: str) -> None:
         """One more folder in which files are sought."""
-        folders = [folder / value for folder in self.folders if (folder / value).is_dir()] if _usable(value) else []
+        folders = (
+            [folder / value for folder in self.folders if (folder / value).is_dir()]
+            if _usable(value)
+            else []
+        )
         if not folders:
-            raise InputError(f"{where}: there is no folder {value[:200]!r} beside the scene; correct the <path>.")
+            raise InputError(
+                f"{where}: there is no folder {value[:200]!r} beside the scene; correct the <path>."
+            )
         for folder in folders:
             self._refuse_code(folder)
         self.folders += [folder for folder in folders if folder not in self.folders]
@@ -175,7 +208,9 @@ class _Search:
             check_below([file], self.roots)
         self.found[file] = None
         if len(self.found) > MOST_FILES:
-            raise InputError(f"the scene reads more than {MOST_FILES} files; merge meshes or textures.")
+            raise InputError(
+                f"the scene reads more than {MOST_FILES} files; merge meshes or textures."
+            )
         if file.suffix == ".toml":
             for inner in _named_by_camera(file):
                 self._add(inner)
@@ -183,19 +218,32 @@ class _Search:
     def _refuse_code(self, folder: Path) -> None:
         """Mitsuba looks for plugins where it looks for files."""
         plugins = folder / "plugins"
-        code = sorted(one.name for one in plugins.iterdir() if one.suffix in CODE) if plugins.is_dir() else []
+        code = (
+            sorted(one.name for one in plugins.iterdir() if one.suffix in CODE)
+            if plugins.is_dir()
+            else []
+        )
         if code:
-            raise InputError(f"{plugins / code[0]} is native code, which Mitsuba would run; move it away.")
+            raise InputError(
+                f"{plugins / code[0]} is native code, which Mitsuba would run; move it away."
+            )
 
 
 def _usable(value: str) -> bool:
     """Whether it can be the name of a file."""
-    return bool(value) and "\0" not in value and "\n" not in value and len(value) <= 16 * LONGEST_NAME
+    return (
+        bool(value)
+        and "\0" not in value
+        and "\n" not in value
+        and len(value) <= 16 * LONGEST_NAME
+    )
 
 
 def _existing(names: Sequence[str], folders: Sequence[Path]) -> list[Path]:
     """The files of these names in the folders."""
-    places = dict.fromkeys(folder / name for name in names if _usable(name) for folder in folders)
+    places = dict.fromkeys(
+        folder / name for name in names if _usable(name) for folder in folders
+    )
     try:
         return [place for place in places if place.is_file()]
     except OSError:  # a name that is too long, and therefore none
@@ -216,7 +264,9 @@ def _texts(value: Any) -> Iterator[str]:
     """All texts in tables and lists that can be the name of a file."""
     if isinstance(value, str) and len(value) <= LONGEST_NAME:
         yield value
-    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    inner = (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    )
     for one in inner:
         yield from _texts(one)
 

@@ -11,9 +11,7 @@ from ..core import InputError
 from ..core.small_files import require_small
 
 MOST_BYTES = 2**27  # of a scene file
-DEEPEST = (
-    24  # elements inside of one another: each `twosided` in another doubles the memory; the stack ends at thousands
-)
+DEEPEST = 24  # elements inside of one another: each `twosided` in another doubles the memory
 LONGEST_NAME = 255  # of a file, in most file systems
 
 
@@ -33,9 +31,16 @@ def elements_of(path: Path) -> tuple[Element, ...]:
     try:
         text = path.read_text("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"the scene file {path} is not UTF-8 text; save it in UTF-8.") from None
+        raise InputError(
+            f"the scene file {path} is not UTF-8 text; save it in UTF-8."
+        ) from None
     found: list[Element] = []
-    _parse(text, path, lambda tag, attributes, line: found.extend(_of_tag(tag, attributes, line)), strict=True)
+    _parse(
+        text,
+        path,
+        lambda tag, attributes, line: found.extend(_of_tag(tag, attributes, line)),
+        strict=True,
+    )
     return tuple(found)
 
 
@@ -43,12 +48,16 @@ def require_scene_file(name: str) -> None:
     """Raise InputError where there is no such file, a larger one, or one whose name Mitsuba cannot take."""
     path = Path(name)
     if not path.is_file():
-        raise InputError(f"scene {name!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
+        raise InputError(
+            f"scene {name!r} is not a file; give the path of a Mitsuba 3 scene in XML."
+        )
     try:
         str(path.absolute()).encode()
     except UnicodeEncodeError:
         way_out = "Mitsuba opens no such file; rename it"
-        raise InputError(f"scene {name!r} has a name, or a folder, that is not UTF-8; {way_out}.") from None
+        raise InputError(
+            f"scene {name!r} has a name, or a folder, that is not UTF-8; {way_out}."
+        ) from None
     require_small(path, "the scene file", MOST_BYTES)
 
 
@@ -57,7 +66,9 @@ def require_shallow(text: str, path: Path) -> None:
     _parse(text, path, lambda tag, attributes, line: None, strict=False)
 
 
-def _parse(text: str, path: Path, tell: Callable[[str, Mapping[str, str], int], None], strict: bool) -> None:
+def _parse(
+    text: str, path: Path, tell: Callable[[str, Mapping[str, str], int], None], strict: bool
+) -> None:
     """Call ``tell`` for every element.  strict : whether what is no XML raises InputError."""
     parser, depth = expat.ParserCreate("utf-8"), 0
 
@@ -66,7 +77,9 @@ def _parse(text: str, path: Path, tell: Callable[[str, Mapping[str, str], int], 
         depth += 1
         if depth > DEEPEST:
             line = parser.CurrentLineNumber
-            raise InputError(f"{path}, line {line}: elements are nested more than {DEEPEST} deep; flatten the scene.")
+            raise InputError(
+                f"{path}, line {line}: elements are nested more than {DEEPEST} deep; flatten the scene."
+            )
         tell(tag, attributes, parser.CurrentLineNumber)
 
     def end(_: str) -> None:
@@ -74,7 +87,9 @@ def _parse(text: str, path: Path, tell: Callable[[str, Mapping[str, str], int], 
         depth -= 1
 
     def document_type(*_: object) -> None:
-        raise InputError(f"{path} has a <!DOCTYPE>, which Mitsuba does not read; remove it and its entities.")
+        raise InputError(
+            f"{path} has a <!DOCTYPE>, which Mitsuba does not read; remove it and its entities."
+        )
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.StartDoctypeDeclHandler = document_type

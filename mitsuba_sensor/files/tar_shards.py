@@ -32,10 +32,19 @@ class TarShards:
     Raises InputError for a name that no file should have.
     """
 
-    def __init__(self, folder: Path, name: str, most_bytes: int = 10**9, most_samples: int = 10_000) -> None:
+    def __init__(
+        self, folder: Path, name: str, most_bytes: int = 10**9, most_samples: int = 10_000
+    ) -> None:
         if not NAME.fullmatch(name):
-            raise InputError(f"{name!r} is no name of a tar shard; it must be 1 to 80 letters, digits, -, _ and dots.")
-        self.folder, self.name, self.most_bytes, self.most_samples = folder, name, most_bytes, most_samples
+            raise InputError(
+                f"{name!r} is no name of a tar shard; it must be 1 to 80 letters, digits, -, _ and dots."
+            )
+        self.folder, self.name, self.most_bytes, self.most_samples = (
+            folder,
+            name,
+            most_bytes,
+            most_samples,
+        )
         self.shards: dict[str, int] = {}
         self._open: tarfile.TarFile | None = None
         self._path, self._bytes = folder, 0
@@ -53,15 +62,24 @@ class TarShards:
                 f"the key {key!r} is none of a tar shard; it must be letters, digits, - and _ (80 at most)."
             )
         if wrong := [one for one in files if not EXTENSION.fullmatch(one)]:
-            raise InputError(f"{wrong[0]!r} is no extension of a file in a tar shard; e.g. png, or raw.npy.")
-        sizes = {name: x.stat().st_size if isinstance(x, Path) else len(x) for name, x in files.items()}
+            raise InputError(
+                f"{wrong[0]!r} is no extension of a file in a tar shard; e.g. png, or raw.npy."
+            )
+        sizes = {
+            name: x.stat().st_size if isinstance(x, Path) else len(x)
+            for name, x in files.items()
+        }
         taken = sum(BLOCK + -(-size // BLOCK) * BLOCK for size in sizes.values())
         shard = self._shard_for(taken)
         with disk_sentences(self._path, taken), ExitStack() as stack:
             for name, content in files.items():
-                entry = tarfile.TarInfo(f"{key}.{name}")  # mode 0644, owner 0 and time 0 by itself
+                entry = tarfile.TarInfo(
+                    f"{key}.{name}"
+                )  # mode 0644, owner 0 and time 0 by itself
                 entry.size = sizes[name]
-                source: Any = content.open("rb") if isinstance(content, Path) else io.BytesIO(content)
+                source: Any = (
+                    content.open("rb") if isinstance(content, Path) else io.BytesIO(content)
+                )
                 shard.addfile(entry, stack.enter_context(source))
         self.shards[self._path.name] += 1
         self._bytes += taken

@@ -18,7 +18,9 @@ Facts: TypeAlias = dict[str, Any]
 MOST_XML = 2**23  # characters; each may be a third of an element, which takes 100 bytes
 
 
-def text_of_file(path: Path, remedy: str, most_bytes: int = 2**30, newline: str | None = None) -> str:
+def text_of_file(
+    path: Path, remedy: str, most_bytes: int = 2**30, newline: str | None = None
+) -> str:
     """The text of a file. Raises InputError with the remedy where it cannot be read, or has more bytes.
 
     newline : an empty text keeps the ends of lines as they are, as in open.
@@ -52,7 +54,9 @@ def xml_tree(text: str, file: str, remedy: str) -> ElementTree.Element:
     file : for messages.
     """
     if len(text) > MOST_XML:
-        raise InputError(f"{file} has {len(text)} characters; XML may have {MOST_XML} at most. {remedy}.")
+        raise InputError(
+            f"{file} has {len(text)} characters; XML may have {MOST_XML} at most. {remedy}."
+        )
     parser = ElementTree.XMLParser(target=_ShallowTree(file))
     try:
         parser.feed(text)
@@ -98,7 +102,9 @@ def write_json(path: Path, report: dict[str, Any]) -> None:
 
 def to_json(report: Any) -> str:
     """Indented strict JSON: NumPy values become plain ones, NaN and ±inf, which JSON does not have, become null."""
-    return printable_json(json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False))
+    return printable_json(
+        json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False)
+    )
 
 
 def read_toml(path: Path) -> dict[str, Any]:

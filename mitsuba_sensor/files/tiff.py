@@ -20,7 +20,9 @@ NOTHING: Mapping[str, Any] = {}
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
 
 
-TiffTag: TypeAlias = tuple[int, int, int, Any, bool]  # code, type, count, value, on the first page only
+TiffTag: TypeAlias = tuple[
+    int, int, int, Any, bool
+]  # code, type, count, value, on the first page only
 
 
 LARGEST_TIFF = 2**32 - 2**25
@@ -33,7 +35,9 @@ CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
 TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
 
 
-def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
+def write_tiff(
+    path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[str, Any] = NOTHING
+) -> None:
     """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
 
     Raises InputError for any other array, and for what the disk refuses.
@@ -41,9 +45,15 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
         green and blue filters in the tags of TIFF/EP and DNG too.
     """
     refuse_masked("frames", frames)
-    if not isinstance(frames, np.ndarray) or str(frames.dtype) not in TIFF_TYPES or frames.ndim not in (2, 3):
+    if (
+        not isinstance(frames, np.ndarray)
+        or str(frames.dtype) not in TIFF_TYPES
+        or frames.ndim not in (2, 3)
+    ):
         given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
-        raise InputError(f"frames is {given}; pass (H, W) or (N, H, W) of {', '.join(TIFF_TYPES)}.")
+        raise InputError(
+            f"frames is {given}; pass (H, W) or (N, H, W) of {', '.join(TIFF_TYPES)}."
+        )
     if not frames.size:
         raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
     tags = _raw_tags(facts) if facts else []
@@ -52,7 +62,9 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
         write_pages(temporary, frames, text, tags)
 
 
-def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[TiffTag]) -> None:
+def write_pages(
+    path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[TiffTag]
+) -> None:
     """A TIFF of frames (H, W) or (N, H, W) with a description and tags. Raises OSError.
 
     Every byte passes through Python: NumPy's own way into a file (tofile) does not say when the disk has no place for
@@ -100,4 +112,7 @@ def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[TiffTag]:
     if not initials or not set(initials) <= set(CFA_COLOURS):
         return []
     colours = bytes(CFA_COLOURS.index(one) for one in initials)
-    return [(33421, TIFF_SHORT, 2, names.shape, False), (33422, TIFF_BYTE, names.size, colours, False)]
+    return [
+        (33421, TIFF_SHORT, 2, names.shape, False),
+        (33422, TIFF_BYTE, names.size, colours, False),
+    ]

@@ -45,7 +45,9 @@ def appearing_folder(path: Path, force: bool, facts: Mapping[str, Any]) -> Itera
                 scratch.mkdir(parents=True)
             with names_in(path, scratch):
                 yield scratch
-                listed = {name: durable.size_and_hash(scratch / name) for name in files_below(scratch)}
+                listed = {
+                    name: durable.size_and_hash(scratch / name) for name in files_below(scratch)
+                }
                 listing = to_json({**facts, "files": listed}).encode()
                 durable.write_new(scratch / LISTING, listing + b"\n")
             with disk_sentences(path), whole_step:
@@ -59,7 +61,11 @@ def appearing_folder(path: Path, force: bool, facts: Mapping[str, Any]) -> Itera
 def inside(folder: Path, name: str) -> Path:
     """The place of a file in ``folder``; its own folder is made. Raises InputError for a name that leads elsewhere."""
     parts = PurePosixPath(name).parts
-    strange = any(part == ".." or part.startswith(".") for part in parts) or not parts or not name.isprintable()
+    strange = (
+        any(part == ".." or part.startswith(".") for part in parts)
+        or not parts
+        or not name.isprintable()
+    )
     if strange or PurePosixPath(name).is_absolute() or any(letter in name for letter in "\\:"):
         raise InputError(
             f"{name!r} is no name of a file in an export; give one without .., :, \\ and a leading / or dot."
@@ -72,13 +78,19 @@ def inside(folder: Path, name: str) -> Path:
 
 def files_below(folder: Path) -> list[str]:
     """Names of all files below a folder, relative to it, with /, sorted; LISTING aside."""
-    found = (place.relative_to(folder).as_posix() for place in folder.rglob("*") if not place.is_dir())
+    found = (
+        place.relative_to(folder).as_posix()
+        for place in folder.rglob("*")
+        if not place.is_dir()
+    )
     return sorted(name for name in found if name != LISTING)
 
 
 def _require_free(path: Path, force: bool) -> None:
     """Raise InputError unless nothing stands at ``path``, or a folder of ours that may be replaced."""
-    if not os.path.lexists(path) or (path.is_dir() and not path.is_symlink() and not any(path.iterdir())):
+    if not os.path.lexists(path) or (
+        path.is_dir() and not path.is_symlink() and not any(path.iterdir())
+    ):
         return
     if path.is_symlink() or not path.is_dir():
         raise InputError(f"{path} exists and is no folder; give another name.")
@@ -88,14 +100,20 @@ def _require_free(path: Path, force: bool) -> None:
     if not force:
         raise InputError(f"{path} exists already; --force replaces it, or give another name.")
     if strange := sorted(set(files_below(path)) - known):
-        raise InputError(f"{path} has {strange[0]}, which was not exported; move it away, or give another name.")
+        raise InputError(
+            f"{path} has {strange[0]}, which was not exported; move it away, or give another name."
+        )
 
 
 def _listed(path: Path) -> set[str] | None:
     """The files that a folder of ours had, None if it is none."""
     with suppress(OSError, ValueError, RecursionError):
         listing = path / LISTING
-        found = json.loads(listing.read_bytes()) if listing.stat().st_size <= LONGEST_LISTING else None
+        found = (
+            json.loads(listing.read_bytes())
+            if listing.stat().st_size <= LONGEST_LISTING
+            else None
+        )
         if isinstance(found, dict) and isinstance(found.get("files"), dict):
             return set(found["files"])
     return None

@@ -108,7 +108,12 @@ def is_begun(path: Path) -> bool:
 
 def last_said(path: Path) -> str:
     """The first line that the last process printed, an empty text where it printed nothing."""
-    lines = (_tries(path) or [b""])[-1].replace(DIED, b"").decode("utf-8", "replace").splitlines()[1:]
+    lines = (
+        (_tries(path) or [b""])[-1]
+        .replace(DIED, b"")
+        .decode("utf-8", "replace")
+        .splitlines()[1:]
+    )
     return next((line.strip() for line in lines if line.strip()), "")
 
 
@@ -127,7 +132,9 @@ def _died(one: bytes) -> bool:
 
 def _began(one: bytes) -> tuple[str, int, float]:
     """Machine, number and second of a process. Raises ValueError."""
-    host, pid, seconds = one.splitlines()[0].removeprefix(BEGUN).decode("utf-8", "replace").split()
+    host, pid, seconds = (
+        one.splitlines()[0].removeprefix(BEGUN).decode("utf-8", "replace").split()
+    )
     return host, int(pid), float(seconds)
 
 
@@ -144,7 +151,9 @@ def _lives(one: bytes) -> bool:
             return time.time() - seconds < 3600
         os.kill(pid, 0)
         state = Path(f"/proc/{pid}/stat")
-        return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"  # dead
+        return (
+            not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"
+        )  # dead
     except PermissionError:
         return True
     except (ValueError, OSError):

@@ -38,11 +38,21 @@ class _Quiet(Frame):
     @classmethod
     def of(cls, frame: Frame, only: str = "") -> _Quiet:
         """As this frame."""
-        return cls(frame.exposure, frame.window, frame.seed, frame.index, frame.gain, frame._blocks, only)
+        return cls(
+            frame.exposure,
+            frame.window,
+            frame.seed,
+            frame.index,
+            frame.gain,
+            frame._blocks,
+            only,
+        )
 
     def _constant(self, source: str) -> Array:
         self.sources.add(source)
-        return self.window.backend.from_numpy(np.full((1, 1), float(source == self.only)), self.window)
+        return self.window.backend.from_numpy(
+            np.full((1, 1), float(source == self.only)), self.window
+        )
 
     def normal(self, source: str) -> Array:
         return self._constant(source)
@@ -54,7 +64,11 @@ class _Quiet(Frame):
         return self._constant(source) if rows is None else super().row_normal(source, rows)
 
     def column_normal(self, source: str, columns: ArrayLike | None = None) -> Array:
-        return self._constant(source) if columns is None else super().column_normal(source, columns)
+        return (
+            self._constant(source)
+            if columns is None
+            else super().column_normal(source, columns)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +88,11 @@ class ConditionalSlope:
         """Of a chain whose first stage has been run."""
         counting = next((k for k, stage in enumerate(stages) if stage.counts_electrons), 0)
         after = ((k, stage) for k, stage in enumerate(stages) if k > counting)
-        split = next(k for k, stage in after if stage.saturation_e is not None or stage.domain in ("volts", "DN"))
+        split = next(
+            k
+            for k, stage in after
+            if stage.saturation_e is not None or stage.domain in ("volts", "DN")
+        )
         count = counting or split  # without shot noise nothing is counted
         return cls(stages[1:count], stages[count:split], stages[split:])
 
@@ -105,8 +123,12 @@ class _Pixels:
     def digital(self, mean: Electrons) -> Array:
         """mean : of the counts."""
         dr, expected = self.backend.dr, self.expected
-        digital = self.slope.converter.sample(sample(self.slope.behind[:-1], self.counted, self.frame), self.frame)
-        single = len(self.slope.count) == 1 and mean.variance_e2 is None  # else a count is more than one electron
+        digital = self.slope.converter.sample(
+            sample(self.slope.behind[:-1], self.counted, self.frame), self.frame
+        )
+        single = (
+            len(self.slope.count) == 1 and mean.variance_e2 is None
+        )  # else a count is more than one electron
         counts = self.fixed if single else self.counted
         sampled, (signal, sigma) = self.signal(self.frame, counts), self.law(counts)
         z = dr.detach((sampled - signal) / dr.maximum(sigma, 1e-30))
@@ -114,33 +136,46 @@ class _Pixels:
         code = expected.code(middle)
         off = dr.detach(digital) - code
         by_signal, by_sigma = expected.weights(code, middle, spread, off)
-        narrow = by_signal * (sampled - z * sigma) + by_sigma * sigma  # the sample knows the curvature of a response
+        narrow = (
+            by_signal * (sampled - z * sigma) + by_sigma * sigma
+        )  # the sample knows the curvature of a response
         if single:
-            narrow = narrow + self.per_electron(dr.detach(mean.total), middle, spread, off) * mean.total
+            narrow = (
+                narrow
+                + self.per_electron(dr.detach(mean.total), middle, spread, off) * mean.total
+            )
         return dr.replace_grad(digital, dr.select(spread > LARGEST_DN, digital, narrow))
 
     @cached_property
     def expected(self) -> ExpectedCode:
         """E[code] of a normal signal."""
-        return ExpectedCode(self.backend.dr, self.slope.converter.highest, self.slope.converter.inl_lsb)
+        return ExpectedCode(
+            self.backend.dr, self.slope.converter.highest, self.slope.converter.inl_lsb
+        )
 
     @cached_property
     def fixed(self) -> Electrons:
         """The counts without derivatives."""
-        return self.counted.changed(arrays.detached, lambda *parts: tuple(map(arrays.detached, parts)))
+        return self.counted.changed(
+            arrays.detached, lambda *parts: tuple(map(arrays.detached, parts))
+        )
 
     def law(self, counts: Electrons) -> tuple[Array, Array]:
         """Mean and σ of the signal given the count, with their derivatives [DN]."""
         quiet = _Quiet.of(self.frame)
         signal, variance = self.signal(quiet, counts), self.backend.float(0.0)
         for source in sorted(quiet.sources):
-            variance = variance + (self.signal(_Quiet.of(self.frame, source), counts) - signal) ** 2
+            variance = (
+                variance + (self.signal(_Quiet.of(self.frame, source), counts) - signal) ** 2
+            )
         return signal, arrays.sqrt(variance)
 
     def signal(self, frame: Frame, counts: Electrons, derivatives: bool = True) -> Array:
         """What the converter rounds [DN]."""
         with self.backend.again(self.place, derivatives):
-            return self.slope.converter.ideal(sample(self.slope.behind[:-1], counts, frame), frame)
+            return self.slope.converter.ideal(
+                sample(self.slope.behind[:-1], counts, frame), frame
+            )
 
     def per_electron(self, mean: Array, signal: Array, sigma: Array, off: Array) -> Array:
         """Derivative of the code by the mean of the count: half of the change of E[code] by one electron forward, and
@@ -161,7 +196,9 @@ class _Pixels:
             return forward * of(after, here) + 0.5 * ratio * of(here, before)
 
         share = per_variance(dr, off - here[1], here[2])
-        return change(lambda x, y: (x[0] - y[0]) + (x[1] - y[1])) + 0.5 * share * change(lambda x, y: x[2] - y[2])
+        return change(lambda x, y: (x[0] - y[0]) + (x[1] - y[1])) + 0.5 * share * change(
+            lambda x, y: x[2] - y[2]
+        )
 
 
 def _with_more(more: float, light: Array, dark: Array) -> tuple[Array, Array]:

@@ -62,7 +62,9 @@ class Recording:
         """The first pixel of a run: the numbers are the same for all pixels."""
         given = {name: x[:1, :1] for name, x in first.window.given.items()}
         window = SensorWindow(first.window.serial, (1, 1), first.window.origin, given)
-        corner = replace(light.crop_rows(slice(1)), mean=light.mean[:1, :1], variance_e2=None, in_band=None)
+        corner = replace(
+            light.crop_rows(slice(1)), mean=light.mean[:1, :1], variance_e2=None, in_band=None
+        )
         return cls(corner, camera, replace(first, window=window, _blocks={}))
 
     def by(self, names: tuple[str, ...]) -> list[CameraNumber]:
@@ -80,7 +82,9 @@ class Recording:
                     "and compare frames of two values instead."
                 )
         return [
-            CameraNumber(value, {name: float(slope[i]) for name, slope in slopes.items() if slope[i]})
+            CameraNumber(
+                value, {name: float(slope[i]) for name, slope in slopes.items() if slope[i]}
+            )
             for i, value in enumerate(unchanged)
         ]
 
@@ -99,7 +103,10 @@ class Recording:
         slope = sum(weight * there[at] for at, weight in SCHEMES[steps].items()) / step
         size = np.abs(there[steps[1]])
         near, far = (_secant(there, reach) / step for reach in (1, 2))
-        unsure = SMOOTH * np.maximum(np.abs(near), np.abs(far)) + 10 * ROUNDING * np.maximum(size, 1.0) / step
+        unsure = (
+            SMOOTH * np.maximum(np.abs(near), np.abs(far))
+            + 10 * ROUNDING * np.maximum(size, 1.0) / step
+        )
         if (np.abs(near - far) > unsure).any():
             raise InputError(
                 f"parameters names {name!r}, which is {value:g}, where the camera jumps; change it a little."
@@ -111,7 +118,9 @@ class Recording:
         found: object = self.first if name in (TIME, TEMPERATURE) else self.camera
         known = (TIME, TEMPERATURE, *fields_of(Camera))
         if name not in known:
-            raise InputError(f"parameters names {name!r}, no field of camera or exposure.{nearest(str(name), known)}")
+            raise InputError(
+                f"parameters names {name!r}, no field of camera or exposure.{nearest(str(name), known)}"
+            )
         for part in name.split("."):
             found = getattr(found, part)
         if not isinstance(found, float):
@@ -124,20 +133,30 @@ class Recording:
     def numbers(self, camera: Camera, exposure: Exposure) -> list[float]:
         """Every number of this camera, in the order in which the stages use them."""
         backend, stages = RecordingBackend(), chain(camera)
-        frame = replace(self.first, exposure=exposure, window=replace(self.first.window, backend=backend, _maps={}))
+        frame = replace(
+            self.first,
+            exposure=exposure,
+            window=replace(self.first.window, backend=backend, _maps={}),
+        )
         sample(
             stages[1:],
-            begin(stages, uploaded(detect(self.light, stages[0], self.first).signal, frame), frame),
+            begin(
+                stages, uploaded(detect(self.light, stages[0], self.first).signal, frame), frame
+            ),
             replace(frame, _blocks={}),
         )
         return backend.numbers
 
-    def _around(self, name: str, value: float, step: float) -> tuple[tuple[int, ...], list[tuple[Camera, Exposure]]]:
+    def _around(
+        self, name: str, value: float, step: float
+    ) -> tuple[tuple[int, ...], list[tuple[Camera, Exposure]]]:
         """The first scheme that stays in the range of the field, and the cameras and exposures at its steps."""
         for steps in SCHEMES:
             with contextlib.suppress(InputError):
                 return steps, [self._changed(name, value + count * step) for count in steps]
-        raise InputError(f"parameters names {name!r}, which is {value:g} and cannot be changed; leave it out.")
+        raise InputError(
+            f"parameters names {name!r}, which is {value:g} and cannot be changed; leave it out."
+        )
 
     def _changed(self, name: str, value: float) -> tuple[Camera, Exposure]:
         if name in (TIME, TEMPERATURE):

@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
-from ..core import Array, Electrons, Exposure, Float32Array, Frame, InputError, Photons, SensorWindow, check_types
+from ..core import (
+    Array,
+    Electrons,
+    Exposure,
+    Float32Array,
+    Frame,
+    InputError,
+    Photons,
+    SensorWindow,
+    check_types,
+)
 from ..core.backend import NUMPY_FLOAT32
 from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
@@ -51,12 +61,18 @@ class DifferentiableFrame:
             kernel with the frame. If it needs all pixels first, as a variance does, call :meth:`store` before.
         """
         if not self.backend.dr.grad_enabled(loss):
-            raise InputError("loss has no derivative; compute it from this frame's digital, e.g. digital * 1.0.")
+            raise InputError(
+                "loss has no derivative; compute it from this frame's digital, e.g. digital * 1.0."
+            )
         found = self.backend.backward(loss)
         light = found.pop(PHOTONS, None)
         sums = self.backend.totals(found) if found else self.digital
         self.backend.dr.eval(self.digital, light, sums)
-        totals = sums.numpy().reshape(SLOTS, -1).sum(axis=0, dtype=np.float64).tolist() if found else ()
+        totals = (
+            sums.numpy().reshape(SLOTS, -1).sum(axis=0, dtype=np.float64).tolist()
+            if found
+            else ()
+        )
         named = dict.fromkeys(self.of.parameters, 0.0) | dict(zip(found, totals, strict=False))
         return named if light is None else named | {PHOTONS: self._per_photon(light)}
 
@@ -64,7 +80,9 @@ class DifferentiableFrame:
         """d DN/d parameter of every pixel, (H, W); for ``"photons"`` by those of the same pixel, in their shape."""
         known = self.of.parameters
         if name not in known:
-            raise InputError(f"name is {name!r}; it must be one of the parameters: {', '.join(known)}.")
+            raise InputError(
+                f"name is {name!r}; it must be one of the parameters: {', '.join(known)}."
+            )
         (found,) = self.backend.forward(name, self.digital)
         return self._per_photon(found) if name == PHOTONS else self._to_numpy(found)
 
@@ -109,10 +127,16 @@ class DifferentiableFrames:
         if PHOTONS in self.parameters:
             start = replace(start, light=backend.with_slopes(start.light, {PHOTONS: 1.0}))
         frame = replace(self.first, index=index, window=window, _blocks={})
-        digital = self.slope.sample(start, frame) if self.slope else sample(self.stages[1:], start, frame)
+        digital = (
+            self.slope.sample(start, frame)
+            if self.slope
+            else sample(self.stages[1:], start, frame)
+        )
         return DifferentiableFrame(digital, self, backend)
 
-    def backward(self, loss: Callable[[Array, slice], Array], index: int = 0) -> dict[str, Array]:
+    def backward(
+        self, loss: Callable[[Array, slice], Array], index: int = 0
+    ) -> dict[str, Array]:
         """d Σloss/d parameter of frame ``index``, in strips of rows: for windows that do not fit into memory at once.
 
         loss : takes ``digital`` of a strip, a Dr.Jit array, and its rows, a slice; returns the loss of its pixels.
@@ -138,26 +162,46 @@ class DifferentiableFrames:
 
     def crop_rows(self, rows: slice) -> DifferentiableFrames:
         """The same frames of these rows of the window."""
-        window = replace(self.first.window.crop_rows(rows), backend=_backend_of(self.first).unused())
+        window = replace(
+            self.first.window.crop_rows(rows), backend=_backend_of(self.first).unused()
+        )
         light, detected = self.light.crop_rows(rows), self.detected.crop_rows(rows)
-        return replace(self, light=light, detected=detected, first=replace(self.first, window=window, _blocks={}))
+        return replace(
+            self,
+            light=light,
+            detected=detected,
+            first=replace(self.first, window=window, _blocks={}),
+        )
 
     @cached_property
     def _start(self) -> Electrons:
         """Mean photoelectrons in the memory of the backend; the FPN maps are computed too."""
-        found: Electrons = begin(self.stages, uploaded(self.detected.signal, self.first), self.first)
+        found: Electrons = begin(
+            self.stages, uploaded(self.detected.signal, self.first), self.first
+        )
         return found
 
     @cached_property
     def efficiency(self) -> Float32Array:
         """Mean electrons (interactions, where there is a yield) per photon, in the shape of the photons."""
-        frame, shape, bands = self.first.on(NUMPY_FLOAT32), self.light.mean.shape, self.light.wavelengths_nm
+        frame, shape, bands = (
+            self.first.on(NUMPY_FLOAT32),
+            self.light.mean.shape,
+            self.light.wavelengths_nm,
+        )
         if bands is None or len(shape) == 2:
-            light: Float32Array = self.stages[0].sample(Photons(np.ones(shape), bands), frame).light
+            light: Float32Array = (
+                self.stages[0].sample(Photons(np.ones(shape), bands), frame).light
+            )
             return light
         one = replace(self.light, mean=np.ones((*shape[:2], 1)), variance_e2=None)
-        widths = [None] * len(bands) if one.bandwidths_nm is None else one.bandwidths_nm[:, None]
-        ones = [replace(one, wavelengths_nm=bands[[k]], bandwidths_nm=width) for k, width in enumerate(widths)]
+        widths = (
+            [None] * len(bands) if one.bandwidths_nm is None else one.bandwidths_nm[:, None]
+        )
+        ones = [
+            replace(one, wavelengths_nm=bands[[k]], bandwidths_nm=width)
+            for k, width in enumerate(widths)
+        ]
         return np.stack([self.stages[0].sample(one, frame).light for one in ones], axis=-1)
 
 
@@ -191,11 +235,17 @@ def differentiable(
     light = placed(light, chosen["origin"], camera)
     shape = light.mean.shape[0], light.mean.shape[1]
     window = SensorWindow(serial, shape, light.origin, camera=camera.name)
-    window = replace(window, given=checked_maps(chosen["maps"] or {}, whole_chain(camera), window, camera))
+    window = replace(
+        window, given=checked_maps(chosen["maps"] or {}, whole_chain(camera), window, camera)
+    )
     first = Frame(exposure, window, seed, gain=camera.gain or "")
-    numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))
+    numbers = Recording.of(light, camera, first).by(
+        tuple(name for name in names if name != PHOTONS)
+    )
     first = first.on(DifferentiableBackend(BACKENDS[chosen["engine"]], numbers))
-    return DifferentiableFrames(names, light, stages, first, detect(light, stages[0], first), _slope(stages, first))
+    return DifferentiableFrames(
+        names, light, stages, first, detect(light, stages[0], first), _slope(stages, first)
+    )
 
 
 def _slope(stages: Chain, first: Frame) -> ConditionalSlope | None:
@@ -212,7 +262,11 @@ def _slope(stages: Chain, first: Frame) -> ConditionalSlope | None:
 
 
 def _of_light(slope: ConditionalSlope) -> str:
-    return "Those by the light are exact." if slope.count else "Without shot noise so are those by the light."
+    return (
+        "Those by the light are exact."
+        if slope.count
+        else "Without shot noise so are those by the light."
+    )
 
 
 def _backend_of(frame: Frame) -> DifferentiableBackend:
@@ -223,9 +277,13 @@ def _backend_of(frame: Frame) -> DifferentiableBackend:
 def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
     """Raise InputError for parameters or photons that have no derivatives."""
     if not names:
-        raise InputError("parameters is empty; name what to differentiate by, e.g. 'photons' or 'pixel.prnu'.")
+        raise InputError(
+            "parameters is empty; name what to differentiate by, e.g. 'photons' or 'pixel.prnu'."
+        )
     if light.detected:
-        raise InputError("photons is in channels, to which the QE is applied already; render a cube (spectral='cube').")
+        raise InputError(
+            "photons is in channels, to which the QE is applied already; render a cube (spectral='cube')."
+        )
     bands = light.mean.shape[2] if light.mean.ndim == 3 else 1
     if PHOTONS in names and bands > 1 and camera.quantum_efficiency.quantum_yield:
         raise InputError(

@@ -41,13 +41,17 @@ class Quantity:
 
     def __post_init__(self) -> None:
         if not (math.isnan(self.value) or self.low <= self.value <= self.high):
-            raise InputError(f"{self.symbol}: {self.value!r} is outside of its interval {self.low!r} to {self.high!r}.")
+            raise InputError(
+                f"{self.symbol}: {self.value!r} is outside of its interval {self.low!r} to {self.high!r}."
+            )
 
     def __str__(self) -> str:
         """``K = 0.1241 DN/e- (0.1239 to 0.1243; EMVA 1288 R4 6.6)``."""
         note = f"; {self.note}" if self.note else ""
         value = f"{self.value:.4g} {self.unit}".rstrip()
-        return f"{self.symbol} = {value} ({self.low:.4g} to {self.high:.4g}; {self.section}{note})"
+        return (
+            f"{self.symbol} = {value} ({self.low:.4g} to {self.high:.4g}; {self.section}{note})"
+        )
 
     @property
     def standard_error(self) -> float:
@@ -60,7 +64,11 @@ class Quantity:
 
     def noted(self, note: str) -> Self:
         """The same with one more sentence, if there is one that it does not have."""
-        return self if note in self.note else replace(self, note=f"{self.note}; {note}" if self.note else note)
+        return (
+            self
+            if note in self.note
+            else replace(self, note=f"{self.note}; {note}" if self.note else note)
+        )
 
     def scaled(self, factor: float, unit: str) -> Self:
         """Times a positive factor that is known exactly, in another unit."""
@@ -80,7 +88,13 @@ class Quantity:
             low, high = max(0.0, self.value - down), self.value + up
         else:
             low, high = self.low * by.value / by.high, self.high * by.value / by.low
-        return replace(self, value=self.value / by.value, low=low / by.value, high=high / by.value, unit=unit)
+        return replace(
+            self,
+            value=self.value / by.value,
+            low=low / by.value,
+            high=high / by.value,
+            unit=unit,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -93,7 +107,9 @@ def normal_interval(value: float, standard_error: float) -> tuple[float, float, 
     return value, value - half, value + half
 
 
-def student_interval(value: float, standard_error: float, freedom: float) -> tuple[float, float, float]:
+def student_interval(
+    value: float, standard_error: float, freedom: float
+) -> tuple[float, float, float]:
     """The same where the standard error comes from a sample with so many degrees of freedom."""
     half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * standard_error
     return value, value - half, value + half
@@ -101,7 +117,9 @@ def student_interval(value: float, standard_error: float, freedom: float) -> tup
 
 def variance_interval(variance: float, freedom: float) -> tuple[float, float, float]:
     """(value, low, high) of the variance of normal values, from the chi-square law with so many degrees of freedom."""
-    low, high = (float(scipy.special.chdtri(freedom, p)) for p in ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    low, high = (
+        float(scipy.special.chdtri(freedom, p)) for p in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
+    )
     return variance, variance * freedom / low, variance * freedom / high
 
 
@@ -109,7 +127,11 @@ def share_interval(count: int, total: int) -> tuple[float, float, float]:
     """(value, low, high) of a probability from how often it happened (Clopper and Pearson 1934)."""
     tail = (1 - LEVEL) / 2
     low = float(scipy.special.betaincinv(count, total - count + 1, tail)) if count else 0.0
-    high = float(scipy.special.betaincinv(count + 1, total - count, 1 - tail)) if count < total else 1.0
+    high = (
+        float(scipy.special.betaincinv(count + 1, total - count, 1 - tail))
+        if count < total
+        else 1.0
+    )
     return count / total, low, high
 
 
@@ -125,7 +147,9 @@ def hidden_by_clipping(like: Quantity, note: str) -> Quantity:
 
 def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     """above / below, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
-    notes = "; ".join(dict.fromkeys(note for note in (like.note, above.note, below.note) if note))
+    notes = "; ".join(
+        dict.fromkeys(note for note in (like.note, above.note, below.note) if note)
+    )
     if not (above.value > 0 and below.low > 0):
         nothing = unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
         return replace(nothing, clipped=above.clipped or below.clipped)
@@ -137,4 +161,6 @@ def product(one: Quantity, other: Quantity, like: Quantity) -> Quantity:
     """one · other, in the same way."""
     if not other.low > 0:
         return quotient(one, other, like)  # unknown
-    return quotient(one, replace(other, value=1 / other.value, low=1 / other.high, high=1 / other.low), like)
+    return quotient(
+        one, replace(other, value=1 / other.value, low=1 / other.high, high=1 / other.low), like
+    )

@@ -53,10 +53,15 @@ class Calibration:
         """What the <sensor type="perspective"> of a scene needs for it: fov [degrees, along the rows] and principal
         point offsets [sides of the picture]."""
         shift_x, shift_y = (
-            0.5 - (c + HALF_PIXEL) / n for c, n in zip(self.principal, (self.columns, self.rows), strict=True)
+            0.5 - (c + HALF_PIXEL) / n
+            for c, n in zip(self.principal, (self.columns, self.rows), strict=True)
         )
         fov = math.degrees(2 * math.atan(self.columns / 2 / self.focal[0]))
-        return {"fov": fov, "principal_point_offset_x": shift_x, "principal_point_offset_y": shift_y}
+        return {
+            "fov": fov,
+            "principal_point_offset_x": shift_x,
+            "principal_point_offset_y": shift_y,
+        }
 
 
 def calibration_of(intrinsics: Mapping[str, Any], pitch_um: float) -> Calibration:
@@ -75,16 +80,26 @@ def calibration_of(intrinsics: Mapping[str, Any], pitch_um: float) -> Calibratio
     if intrinsics["heights_mm"] is None:
         return Calibration(columns, rows, focal, principal, tuple(intrinsics["distortion"]))
     distance_mm = focal[0] * pitch_um * 1e-3
-    ideal, real = (np.asarray(intrinsics["heights_mm"][name]) / distance_mm for name in ("ideal", "real"))
+    ideal, real = (
+        np.asarray(intrinsics["heights_mm"][name]) / distance_mm for name in ("ideal", "real")
+    )
     growth = np.divide(real, ideal, out=np.ones_like(real), where=ideal > 0) - 1
-    curve = Distortion(growth=scipy.interpolate.PchipInterpolator(ideal, growth), table_end=float(ideal[-1]))
+    curve = Distortion(
+        growth=scipy.interpolate.PchipInterpolator(ideal, growth), table_end=float(ideal[-1])
+    )
     pinhole = Calibration(columns, rows, focal, principal)
     radius = np.linspace(0.0, min(2 * pinhole.corner, float(ideal[-1])), FIT_POINTS)
-    (k1, k2, k3), misfit = radial_fit(radius, curve.real(radius, np.zeros_like(radius))[0], pinhole.corner)
-    return Calibration(columns, rows, focal, principal, (k1, k2, 0.0, 0.0, k3), misfit * max(focal))
+    (k1, k2, k3), misfit = radial_fit(
+        radius, curve.real(radius, np.zeros_like(radius))[0], pinhole.corner
+    )
+    return Calibration(
+        columns, rows, focal, principal, (k1, k2, 0.0, 0.0, k3), misfit * max(focal)
+    )
 
 
-def radial_fit(ideal: Float64Array, real: Float64Array, corner: float) -> tuple[tuple[float, float, float], float]:
+def radial_fit(
+    ideal: Float64Array, real: Float64Array, corner: float
+) -> tuple[tuple[float, float, float], float]:
     """k1, k2, k3 of least squares for image heights with and without distortion, and the largest distance.
 
     All are tangents; only heights up to ``corner`` count.

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from ..camera.lens_datasheet import LensSection
 
 NEWTON_STEPS = 30  # five are enough for a usual lens; convergence is slow near a fold
-RESIDUAL = 1e-9  # of a tangent: a thousandth of a pixel on an image a hundred thousand pixels wide
+RESIDUAL = (
+    1e-9  # of a tangent: a thousandth of a pixel on an image a hundred thousand pixels wide
+)
 BLOCK = 2**14  # points at a time, so that their arrays fit into the processor's cache
 
 
@@ -60,13 +62,20 @@ class Distortion:
             g + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x,
         )
 
-    def ideal(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    def ideal(
+        self, x: Float64Array, y: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """The ideal point of a real one, and the real area over the ideal one there.
 
         Raises InputError where the distortion is not invertible, or the table ends.
         """
         flat = np.array([np.ravel(x), np.ravel(y)], dtype=float)
-        found = np.hstack([self._invert(*flat[:, start : start + BLOCK]) for start in range(0, flat.shape[1], BLOCK)])
+        found = np.hstack(
+            [
+                self._invert(*flat[:, start : start + BLOCK])
+                for start in range(0, flat.shape[1], BLOCK)
+            ]
+        )
         highest = float(np.hypot(found[0], found[1]).max())
         if highest > self.table_end * (1 + RESIDUAL):
             raise InputError(
@@ -76,7 +85,9 @@ class Distortion:
         u, v, area = found.reshape(3, *np.shape(x))
         return u, v, area
 
-    def _invert(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    def _invert(
+        self, x: Float64Array, y: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """The same for points (n,), by Newton's method that starts at the real points."""
         u, v = x, y
         with np.errstate(all="ignore"):
@@ -109,5 +120,7 @@ def distortion_of(lens: LensSection, image_distance_mm: float) -> Distortion | N
     if lens.distortion is not None:
         return Distortion(coefficients=lens.distortion)
     heights = np.asarray(lens.distortion_heights_mm, dtype=float) / image_distance_mm
-    growth = scipy.interpolate.PchipInterpolator(heights, np.asarray(lens.distortion_percent, dtype=float) / 100)
+    growth = scipy.interpolate.PchipInterpolator(
+        heights, np.asarray(lens.distortion_percent, dtype=float) / 100
+    )
     return Distortion(growth=growth, table_end=float(heights[-1]))

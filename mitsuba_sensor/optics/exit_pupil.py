@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from ..core import Float64Array, InputError
 from .ray_trace import D_NM, Ray, Surface, trace
 
-INTERVALS = 32  # of the table; the ellipses also contain what passes half-way between its entries
+INTERVALS = (
+    32  # of the table; the ellipses also contain what passes half-way between its entries
+)
 GRID = 64  # rays across the window, in each refinement
 REFINEMENTS = 3
 WINDOW = 1.5  # of the last clear aperture: where a slanting ray that hits it may cross the plane of its vertex
@@ -40,16 +42,29 @@ class ExitPupilBounds:
     tangential: Float64Array
 
 
-def ray_to(distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array) -> Ray:
+def ray_to(
+    distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array
+) -> Ray:
     """The ray from an image point at (height, 0), ``distance`` before the last vertex, to a point in its plane [mm]."""
     dx, dy = np.broadcast_arrays(radial - height, tangential)
     length = np.sqrt(dx * dx + dy * dy + distance * distance)
     unvignetted = np.ones(dx.shape, dtype=bool)
-    return Ray(height + 0.0 * dx, 0.0 * dy, -distance, dx / length, dy / length, distance / length, unvignetted)
+    return Ray(
+        height + 0.0 * dx,
+        0.0 * dy,
+        -distance,
+        dx / length,
+        dy / length,
+        distance / length,
+        unvignetted,
+    )
 
 
 def exit_pupil_bounds(
-    surfaces: tuple[Surface, ...], distance: float, highest: float, wavelengths_nm: tuple[float, ...] = (D_NM,)
+    surfaces: tuple[Surface, ...],
+    distance: float,
+    highest: float,
+    wavelengths_nm: tuple[float, ...] = (D_NM,),
 ) -> ExitPupilBounds:
     """The bounds for a sensor ``distance`` behind the last vertex, up to the image height ``highest`` [mm].
 
@@ -62,14 +77,23 @@ def exit_pupil_bounds(
         cell, row = (high - low) / GRID, top / (GRID // 2)
         radial = low[:, None] + cell[:, None] * (np.arange(GRID) + 0.5)
         tangential = row[:, None] * (np.arange(GRID // 2) + 0.5)
-        start = ray_to(distance, heights[:, None, None], radial[:, :, None], tangential[:, None, :])
+        start = ray_to(
+            distance, heights[:, None, None], radial[:, :, None], tangential[:, None, :]
+        )
         with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-            passes = np.logical_or.reduce([trace(surfaces, start, nm).unvignetted for nm in wavelengths_nm])
+            passes = np.logical_or.reduce(
+                [trace(surfaces, start, nm).unvignetted for nm in wavelengths_nm]
+            )
         along, across = passes.any(axis=2), passes.any(axis=1)
-        low, high = high - cell * _cells_to_last(along[:, ::-1]), low + cell * _cells_to_last(along)
+        low, high = (
+            high - cell * _cells_to_last(along[:, ::-1]),
+            low + cell * _cells_to_last(along),
+        )
         top = row * _cells_to_last(across)
     if not passes[0].any():
-        raise InputError("no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8.")
+        raise InputError(
+            "no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8."
+        )
     cells = (passes, radial, cell[:, None] / 2, tangential + row[:, None] / 2)
     return ExitPupilBounds(highest, *_ellipses(cells, low, high, top))
 
@@ -90,7 +114,11 @@ def _ellipses(
     lit = cells[0].any(axis=(1, 2))
     lit_rows = np.flatnonzero(lit)
     nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
-    windows = ((low + high) / 2)[lit_rows[nearest]], np.where(lit, (high - low) / 2, 0.0), np.where(lit, top, 0.0)
+    windows = (
+        ((low + high) / 2)[lit_rows[nearest]],
+        np.where(lit, (high - low) / 2, 0.0),
+        np.where(lit, top, 0.0),
+    )
     at, between = ([v[first::2] for v in cells] for first in (0, 1))
     centre, radial, tangential = (v[::2] for v in windows)
     scale = _enlargement(at, (centre, radial, tangential))
@@ -108,4 +136,6 @@ def _enlargement(cells: list[Any], ellipses: Iterable[Float64Array]) -> Float64A
     (passes, middle, half, end), (centre, radial, tangential) = cells, ellipses
     x = (np.abs(middle - centre[:, None]) + half) / np.maximum(radial, TINY)[:, None]
     y = end / np.maximum(tangential, TINY)[:, None]
-    return np.asarray(np.sqrt(np.where(passes, x[:, :, None] ** 2 + y[:, None] ** 2, 0.0).max(axis=(1, 2))))
+    return np.asarray(
+        np.sqrt(np.where(passes, x[:, :, None] ** 2 + y[:, None] ** 2, 0.0).max(axis=(1, 2)))
+    )

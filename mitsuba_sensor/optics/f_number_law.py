@@ -27,7 +27,10 @@ if TYPE_CHECKING:
     from ..camera.camera import Camera
 
 RADII = 33  # points of the table of relative illumination
-GAUSS_2 = (0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3))  # nodes of the 2-point Gauss rule on a pixel
+GAUSS_2 = (
+    0.5 - 0.5 / math.sqrt(3),
+    0.5 + 0.5 / math.sqrt(3),
+)  # nodes of the 2-point Gauss rule on a pixel
 
 
 def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
@@ -67,7 +70,9 @@ def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
     return {"radius_px": radius.tolist(), "relative_illumination": values.tolist()}
 
 
-def _illumination_at(view: View, camera: Camera) -> Callable[[Float64Array, Float64Array], Float64Array]:
+def _illumination_at(
+    view: View, camera: Camera
+) -> Callable[[Float64Array, Float64Array], Float64Array]:
     """Ω over its value on the axis, at x and y from the optical axis [pixels]."""
     lens, scale, pitch_mm = camera.lens, view.tangent_per_pixel, camera.pixel.pitch_x_um * 1e-3
     if lens.relative_illumination is not None:
@@ -94,7 +99,10 @@ def _cos4_at(scale: float) -> Callable[[Float64Array, Float64Array], Float64Arra
 
 def _measured_illumination(camera: Camera, heights_mm: Float64Array) -> Float64Array:
     """Measured relative illumination at image heights, linear between the points of the table."""
-    known, values = camera.lens.relative_illumination_heights_mm, camera.lens.relative_illumination
+    known, values = (
+        camera.lens.relative_illumination_heights_mm,
+        camera.lens.relative_illumination,
+    )
     assert known is not None and values is not None
     if (highest := float(heights_mm.max())) > known[-1]:
         raise InputError(
@@ -104,10 +112,18 @@ def _measured_illumination(camera: Camera, heights_mm: Float64Array) -> Float64A
     return np.interp(heights_mm, known, values)
 
 
-def _pixel_means(view: View, function: Callable[[Float64Array, Float64Array], Float64Array]) -> Float64Array:
+def _pixel_means(
+    view: View, function: Callable[[Float64Array, Float64Array], Float64Array]
+) -> Float64Array:
     """Gauss's means over each pixel of a function of x (1, columns) and y (rows, 1) from the optical axis [pixels]."""
-    (columns, rows), (column, row), (axis_x, axis_y) = view.crop_size, view.crop_offset, view.axis
-    xs = [np.arange(columns, dtype=float)[None, :] + (column + node - axis_x) for node in GAUSS_2]
+    (columns, rows), (column, row), (axis_x, axis_y) = (
+        view.crop_size,
+        view.crop_offset,
+        view.axis,
+    )
+    xs = [
+        np.arange(columns, dtype=float)[None, :] + (column + node - axis_x) for node in GAUSS_2
+    ]
     ys = [np.arange(rows, dtype=float)[:, None] + (row + node - axis_y) for node in GAUSS_2]
     return sum((0.25 * function(x, y) for x in xs for y in ys), np.zeros((rows, columns)))
 

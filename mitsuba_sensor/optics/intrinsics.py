@@ -34,10 +34,15 @@ class View:
     crop_size: tuple[int, int]  # of the part that is rendered
     crop_offset: tuple[int, int] = (0, 0)
     half_width: float = 0.0  # tan of half the horizontal field of view, 0 for an orthographic (telecentric) sensor
-    principal_point: tuple[float, float] = (0.0, 0.0)  # offset of the optical axis over the film (Mitsuba's convention)
+    principal_point: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # offset of the optical axis over the film (Mitsuba's convention)
     focus_m: float = math.inf  # of a thin lens
     aperture_radius_m: float = 0.0  # of a thin lens; 0 for a pinhole
-    sequential: bool = False  # whether rays are traced through a lens prescription; they then carry E/L
+    sequential: bool = (
+        False  # whether rays are traced through a lens prescription; they then carry E/L
+    )
 
     @property
     def axis(self) -> tuple[float, float]:
@@ -86,17 +91,32 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
     field_of_view_deg : across and down the part that is rendered, through the principal point, without distortion.
     """
     pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
-    principal = [(a - n / 2) * p for a, n, p in zip(view.axis, view.size, pitch_mm, strict=True)]
-    shared = {"image_size": list(view.crop_size), "principal_point_mm": principal, "convention": CONVENTION}
+    principal = [
+        (a - n / 2) * p for a, n, p in zip(view.axis, view.size, pitch_mm, strict=True)
+    ]
+    shared = {
+        "image_size": list(view.crop_size),
+        "principal_point_mm": principal,
+        "convention": CONVENTION,
+    }
     if view.half_width == 0:
-        nothing = dict.fromkeys(("matrix", "distortion", "heights_mm", "focal_length_mm", "field_of_view_deg"))
+        nothing = dict.fromkeys(
+            ("matrix", "distortion", "heights_mm", "focal_length_mm", "field_of_view_deg")
+        )
         return {"model": "orthographic", **nothing, **shared}
     x, y = (a - corner for a, corner in zip(view.axis, view.crop_offset, strict=True))
     fx = fy = 1 / view.tangent_per_pixel  # Mitsuba's own sensors have square pixels
     lens, heights = camera.lens, _image_heights_mm(view, camera)
-    model, focal_mm = "thin lens" if view.aperture_radius_m else "pinhole", focal_length_m(view, camera) * 1e3
+    model, focal_mm = (
+        "thin lens" if view.aperture_radius_m else "pinhole",
+        focal_length_m(view, camera) * 1e3,
+    )
     if view.sequential:
-        model, focal_mm, fy = "sequential lens", cardinal_points(lens).focal_length, fx * pitch_mm[0] / pitch_mm[1]
+        model, focal_mm, fy = (
+            "sequential lens",
+            cardinal_points(lens).focal_length,
+            fx * pitch_mm[0] / pitch_mm[1],
+        )
     sides = ((x, view.crop_size[0], fx), (y, view.crop_size[1], fy))
     return {
         "model": model,
@@ -104,7 +124,9 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
         "distortion": None if heights else list(lens.distortion or (0.0,) * 5),
         "heights_mm": heights,
         "focal_length_mm": focal_mm,
-        "field_of_view_deg": [math.degrees(math.atan(a / f) + math.atan((n - a) / f)) for a, n, f in sides],
+        "field_of_view_deg": [
+            math.degrees(math.atan(a / f) + math.atan((n - a) / f)) for a, n, f in sides
+        ],
         **shared,
     }
 
@@ -114,16 +136,24 @@ def _image_heights_mm(view: View, camera: Camera) -> dict[str, list[float]] | No
     lens = camera.lens
     if view.sequential:
         reach = [max(a, n - a) for a, n in zip(view.axis, view.size, strict=True)]
-        corner_mm = math.hypot(reach[0] * camera.pixel.pitch_x_um, reach[1] * camera.pixel.pitch_y_um) * 1e-3
+        corner_mm = (
+            math.hypot(reach[0] * camera.pixel.pitch_x_um, reach[1] * camera.pixel.pitch_y_um)
+            * 1e-3
+        )
         ideal, real = chief_ray_heights(lens, view.focus_m, corner_mm)
         return {"ideal": [0.0, *ideal.tolist()], "real": [0.0, *real.tolist()]}
     if lens.distortion_percent is None or lens.distortion_heights_mm is None:
         return None
     pairs = zip(lens.distortion_heights_mm, lens.distortion_percent, strict=True)
-    return {"ideal": list(lens.distortion_heights_mm), "real": [h * (1 + p / 100) for h, p in pairs]}
+    return {
+        "ideal": list(lens.distortion_heights_mm),
+        "real": [h * (1 + p / 100) for h, p in pairs],
+    }
 
 
-def chief_ray_heights(lens: LensSection, focus_m: float, highest_mm: float) -> tuple[Float64Array, Float64Array]:
+def chief_ray_heights(
+    lens: LensSection, focus_m: float, highest_mm: float
+) -> tuple[Float64Array, Float64Array]:
     """(ideal, real) image heights of points in the plane that is in focus, up to ``highest_mm`` [mm].
 
     Ideal is the principal distance times the tangent of the field angle at the middle of the paraxial entrance pupil.
@@ -134,14 +164,25 @@ def chief_ray_heights(lens: LensSection, focus_m: float, highest_mm: float) -> t
     rear_group = surfaces_to_stop(surfaces)
     heights = highest_mm * np.arange(1, POINTS + 1) / POINTS
     with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-        before = heights * points.exit_pupil / (points.exit_pupil - distance)  # through the paraxial exit pupil
-        at, miss_before = before + 1e-3, trace(rear_group, ray_to(distance, heights, before, 0 * heights)).x
+        before = (
+            heights * points.exit_pupil / (points.exit_pupil - distance)
+        )  # through the paraxial exit pupil
+        at, miss_before = (
+            before + 1e-3,
+            trace(rear_group, ray_to(distance, heights, before, 0 * heights)).x,
+        )
         for _ in range(SECANTS):
             miss = trace(rear_group, ray_to(distance, heights, at, 0 * heights)).x
-            step = np.where(miss == miss_before, 0.0, miss * (at - before) / (miss - miss_before))
+            step = np.where(
+                miss == miss_before, 0.0, miss * (at - before) / (miss - miss_before)
+            )
             before, miss_before, at = at, miss, at - step
         end = trace(surfaces, ray_to(distance, heights, at, 0 * heights))
         slope, depth = end.dx / end.dz, end.z - (points.length - points.entrance_pupil)
-        tangent = slope if math.isinf(focus_m) else (end.x + (focus_m * 1e3 - depth) * slope) / (focus_m * 1e3)
+        tangent = (
+            slope
+            if math.isinf(focus_m)
+            else (end.x + (focus_m * 1e3 - depth) * slope) / (focus_m * 1e3)
+        )
     unvignetted = np.asarray(end.unvignetted)
     return -points.principal_distance(focus_m) * tangent[unvignetted], heights[unvignetted]

@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core import Float64Array, InputError
-from .ray_trace import D_NM, Ray, Surface, glass_behind, lens_surfaces, stopped_down, surfaces_to_stop, trace
+from .ray_trace import (
+    D_NM,
+    Ray,
+    Surface,
+    glass_behind,
+    lens_surfaces,
+    stopped_down,
+    surfaces_to_stop,
+    trace,
+)
 
 if TYPE_CHECKING:
     from ..camera.lens_datasheet import LensSection, SurfaceSection
@@ -73,7 +82,9 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
     """
     prescription = lens.prescription
     assert prescription is not None
-    steps = [(s, s.thickness_mm) for s in prescription.surfaces[:-1]] + [(prescription.surfaces[-1], 0.0)]
+    steps = [(s, s.thickness_mm) for s in prescription.surfaces[:-1]] + [
+        (prescription.surfaces[-1], 0.0)
+    ]
     a, _, c, d, _ = _matrix(steps)
     if c >= 0:
         raise InputError(
@@ -83,7 +94,9 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
     fa, fb, _, _, index = _matrix(steps[:stop])
     _, rb, _, rd, _ = _matrix(steps[stop:], index)
     if fa == 0 or rd == 0 or a <= 0:
-        raise InputError(f"the lens {prescription.name!r} has a pupil or an image at infinity; move its stop.")
+        raise InputError(
+            f"the lens {prescription.name!r} has a pupil or an image at infinity; move its stop."
+        )
     scale = 1.0 if lens.focal_length_mm is None else lens.focal_length_mm * -c
     back_focus = -scale * a / c
     entrance_radius = -scale / c / (2 * lens.f_number)
@@ -124,7 +137,9 @@ def _widest_stop_radius(surfaces: tuple[Surface, ...], back_focus: float) -> flo
     """Radius [mm] at which the widest cone of light on the axis that no aperture cuts off passes the stop."""
 
     def axial_rays(sine: Float64Array) -> Ray:
-        return Ray(0 * sine, 0 * sine, -back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0)
+        return Ray(
+            0 * sine, 0 * sine, -back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0
+        )
 
     low, high = 0.0, 1.0
     with np.errstate(all="ignore"):  # rays that miss a surface give NaN
@@ -136,7 +151,9 @@ def _widest_stop_radius(surfaces: tuple[Surface, ...], back_focus: float) -> flo
         return float(abs(trace(surfaces_to_stop(surfaces), axial_rays(np.array([low]))).x[0]))
 
 
-def _matrix(steps: Sequence[tuple[SurfaceSection, float]], index: float = 1.0) -> tuple[float, ...]:
+def _matrix(
+    steps: Sequence[tuple[SurfaceSection, float]], index: float = 1.0
+) -> tuple[float, ...]:
     """Ray-transfer matrix A, B, C, D from before the first surface to the end of the last gap, and the index there.
 
     steps : surfaces, each with the gap behind it [mm].  index : refractive index before the first one.
@@ -144,7 +161,11 @@ def _matrix(steps: Sequence[tuple[SurfaceSection, float]], index: float = 1.0) -
     a, b, c, d = 1.0, 0.0, 0.0, 1.0
     for surface, gap in steps:
         behind = float(glass_behind(surface).index(D_NM))
-        power = 0.0 if surface.radius_mm is None else (behind - index) / (behind * surface.radius_mm)
+        power = (
+            0.0
+            if surface.radius_mm is None
+            else (behind - index) / (behind * surface.radius_mm)
+        )
         c, d = index / behind * c - power * a, index / behind * d - power * b
         a, b, index = a + gap * c, b + gap * d, behind
     return a, b, c, d, index

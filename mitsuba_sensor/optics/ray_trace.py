@@ -17,7 +17,9 @@ from ..core.arrays import maximum, sqrt
 if TYPE_CHECKING:
     from ..camera.lens_datasheet import PrescriptionSection, SurfaceSection
 
-NEWTON_STEPS = 6  # from the conic to the asphere: converges quadratically, float64 needs four or five
+NEWTON_STEPS = (
+    6  # from the conic to the asphere: converges quadratically, float64 needs four or five
+)
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): He d, H F, H C
 
 
@@ -25,7 +27,9 @@ D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): 
 class Glass:
     """n(λ): Sellmeier's three terms if the manufacturer gives them, else Cauchy's two from index and Abbe number."""
 
-    coefficients: tuple[float, ...]  # B1 … B3, C1 … C3 [µm²] of n² − 1 = Σ B·λ²/(λ² − C); or A, B of n = A + B/λ²
+    coefficients: tuple[
+        float, ...
+    ]  # B1 … B3, C1 … C3 [µm²] of n² − 1 = Σ B·λ²/(λ² − C); or A, B of n = A + B/λ²
 
     def index(self, wavelength_nm: Array = D_NM) -> Array:
         """n at a wavelength [nm], of the same type."""
@@ -99,7 +103,9 @@ def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surf
 
 def surfaces_to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
     """The surfaces from the sensor up to and including the stop."""
-    return surfaces[: next(number for number, surface in enumerate(surfaces) if surface.stop) + 1]
+    return surfaces[
+        : next(number for number, surface in enumerate(surfaces) if surface.stop) + 1
+    ]
 
 
 def stopped_down(surfaces: tuple[Surface, ...], stop_radius: Array) -> tuple[Surface, ...]:
@@ -141,13 +147,23 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
         sag, slope = _sag(surface, x * x + y * y)
         away = (sag - z) / (dz - 2.0 * slope * (x * dx + y * dy))
         x, y, z = x + away * dx, y + away * dy, z + away * dz
-    return Ray(x, y, z, dx, dy, dz, unvignetted & (x * x + y * y <= surface.semi_diameter * surface.semi_diameter))
+    return Ray(
+        x,
+        y,
+        z,
+        dx,
+        dy,
+        dz,
+        unvignetted & (x * x + y * y <= surface.semi_diameter * surface.semi_diameter),
+    )
 
 
 def _sag(surface: Surface, square: Array) -> tuple[Array, Array]:
     """z of the surface at r², and its derivative by r²."""
     c = surface.curvature
-    root = _root(1.0 - (1.0 + surface.conic) * c * c * square) + 1e-9  # beyond the edge of a conic rays are vignetted
+    root = (
+        _root(1.0 - (1.0 + surface.conic) * c * c * square) + 1e-9
+    )  # beyond the edge of a conic rays are vignetted
     sag, slope, power = c * square / (1.0 + root), 0.5 * c / root, square
     for k, a in enumerate(surface.aspheric):
         slope, power = slope + (k + 2) * a * power, power * square
@@ -159,7 +175,11 @@ def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
     """Snell's law, ratio = n/n′: d′ = ratio·d + (cos θ′ − ratio·cos θ)·normal."""
     x, y, z, dx, dy, dz, unvignetted = ray
     c, conic = surface.curvature, surface.conic
-    nx, ny, nz = -c * x, -c * y, 1.0 - c * (1.0 + conic) * z  # towards the scene; a unit vector of a sphere
+    nx, ny, nz = (
+        -c * x,
+        -c * y,
+        1.0 - c * (1.0 + conic) * z,
+    )  # towards the scene; a unit vector of a sphere
     if surface.aspheric:
         slope = _sag(surface, x * x + y * y)[1]
         nx, ny, nz = -2.0 * slope * x, -2.0 * slope * y, 1.0
@@ -170,7 +190,13 @@ def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
     square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
     bend = _root(square) - ratio * cosine
     return Ray(
-        x, y, z, ratio * dx + bend * nx, ratio * dy + bend * ny, ratio * dz + bend * nz, unvignetted & (square > 0.0)
+        x,
+        y,
+        z,
+        ratio * dx + bend * nx,
+        ratio * dy + bend * ny,
+        ratio * dz + bend * nz,
+        unvignetted & (square > 0.0),
     )
 
 

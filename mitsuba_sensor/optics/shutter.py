@@ -56,7 +56,9 @@ class Shutter:
         those that open within the time in which it moves by STEP_PX, at most all of them.
         """
         first, last = self.span_s(rows)
-        shared = min(STEP_PX / speed_px_per_s, last - first) if speed_px_per_s > 0 else last - first
+        shared = (
+            min(STEP_PX / speed_px_per_s, last - first) if speed_px_per_s > 0 else last - first
+        )
         return max(self.open_s, shared, self.row_time_s) / count
 
 

@@ -19,7 +19,9 @@ def contact_sheet(rows: Sequence[Sequence[Path]]) -> NDArray[np.uint8]:
     small = [[thumbnail(path) for path in row] for row in rows]
     width = max(one.shape[1] for row in small for one in row) + GAP
     heights = [max(one.shape[0] for one in row) + GAP for row in small]
-    sheet = np.full((sum(heights) + GAP, max(map(len, small)) * width + GAP, 3), WHITE, np.uint8)
+    sheet = np.full(
+        (sum(heights) + GAP, max(map(len, small)) * width + GAP, 3), WHITE, np.uint8
+    )
     top = GAP
     for row, height in zip(small, heights, strict=True):
         for number, one in enumerate(row):
@@ -39,4 +41,6 @@ def thumbnail(path: Path) -> NDArray[np.uint8]:
             return np.asarray(picture.convert("RGB").reduce(factor), dtype=np.uint8)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         why = " ".join(str(error).split()).rstrip(".") or "it is cut short"
-        raise InputError(f"{path} is no picture that can be read: {why}; make it again.") from None
+        raise InputError(
+            f"{path} is no picture that can be read: {why}; make it again."
+        ) from None

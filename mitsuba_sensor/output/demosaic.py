@@ -24,7 +24,10 @@ Picture: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 ROW, COLUMN = 1, 0  # axes along which values are interpolated
-NEXT, OWN = [0.0, 0.5, 0.0, 0.5, 0.0], [-0.25, 0.0, 0.5, 0.0, -0.25]  # green, and the curvature of the other colour
+NEXT, OWN = (
+    [0.0, 0.5, 0.0, 0.5, 0.0],
+    [-0.25, 0.0, 0.5, 0.0, -0.25],
+)  # green, and the curvature of the other colour
 BOTH_SIDES, THREE = [0.5, 0.0, 0.5], [1 / 3, 1 / 3, 1 / 3]
 AROUND = np.array(
     [[0, 0, 1, 0, 1], [0, 0, 0, 1, 0], [0, 0, 3, 0, 3], [0, 0, 0, 1, 0], [0, 0, 1, 0, 1]], float
@@ -39,7 +42,9 @@ def demosaic_bayer(mosaic: Picture, red: Mask, blue: Mask) -> Picture:
     Every pixel keeps what it measured but for rounding. The picture is continued beyond its border as in a mirror.
     """
     green = ~(red | blue)
-    along_row, along_column = (_interpolate_green(mosaic, green, axis) for axis in (ROW, COLUMN))
+    along_row, along_column = (
+        _interpolate_green(mosaic, green, axis) for axis in (ROW, COLUMN)
+    )
     change_row = _change_around(np.where(green, 0.0, mosaic - along_row), ROW)
     change_column = _change_around(np.where(green, 0.0, mosaic - along_column), COLUMN)
     is_row = change_column >= change_row
@@ -47,12 +52,20 @@ def demosaic_bayer(mosaic: Picture, red: Mask, blue: Mask) -> Picture:
     red_rows, blue_rows = (np.any(colour, axis=1, keepdims=True) for colour in (red, blue))
 
     r, b = np.where(red, mosaic, 0.0), np.where(blue, mosaic, 0.0)
-    r = np.where(green, g + _choose(red_rows, r, BOTH_SIDES) - _choose(red_rows, g, BOTH_SIDES), r)
-    b = np.where(green, g + _choose(blue_rows, b, BOTH_SIDES) - _choose(blue_rows, g, BOTH_SIDES), b)
+    r = np.where(
+        green, g + _choose(red_rows, r, BOTH_SIDES) - _choose(red_rows, g, BOTH_SIDES), r
+    )
+    b = np.where(
+        green, g + _choose(blue_rows, b, BOTH_SIDES) - _choose(blue_rows, g, BOTH_SIDES), b
+    )
     near_r, near_b = _choose(is_row, r, BOTH_SIDES), _choose(is_row, b, BOTH_SIDES)
     r, b = np.where(blue, b + near_r - near_b, r), np.where(red, r + near_b - near_r, b)
 
-    g = np.where(red, r - _choose(is_row, r - g, THREE), np.where(blue, b - _choose(is_row, b - g, THREE), g))
+    g = np.where(
+        red,
+        r - _choose(is_row, r - g, THREE),
+        np.where(blue, b - _choose(is_row, b - g, THREE), g),
+    )
     r = np.where(green, g + _choose(red_rows, r - g, BOTH_SIDES), r)
     b = np.where(green, g + _choose(blue_rows, b - g, BOTH_SIDES), b)
     difference = _choose(is_row, r - b, THREE)
@@ -75,17 +88,23 @@ def _change_around(difference: Picture, axis: int) -> Picture:
 
 def _choose(is_row: Mask, picture: Picture, weights: list[float]) -> Picture:
     """Weighted means along the row where this is chosen, along the column elsewhere."""
-    return np.where(is_row, _weighted(picture, weights, ROW), _weighted(picture, weights, COLUMN))
+    return np.where(
+        is_row, _weighted(picture, weights, ROW), _weighted(picture, weights, COLUMN)
+    )
 
 
 def _weighted(picture: Picture, weights: list[float], axis: int) -> Picture:
     return np.asarray(scipy.ndimage.convolve1d(picture, weights, axis=axis, mode="mirror"))
 
 
-def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: Camera) -> NDArray[np.float64]:
+def demosaic(
+    mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: Camera
+) -> NDArray[np.float64]:
     """(H, W) values and filter numbers → (H, W, F): by Menon, Andriani and Calvagno 2007 behind a Bayer pattern (the
     edges that it follows stay without colour), else by bilinear means."""
-    names = "".join(camera.filter_names[number][:1].upper() for number in filters[:BAYER, :BAYER].ravel())
+    names = "".join(
+        camera.filter_names[number][:1].upper() for number in filters[:BAYER, :BAYER].ravel()
+    )
     if (
         sorted(names) != ["B", "G", "G", "R"]
         or len(camera.filter_names) != 3
@@ -97,7 +116,9 @@ def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: 
     return demosaic_bayer(mosaic, red, blue)[..., ["RGB".index(name) for name in order]]
 
 
-def bilinear(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int) -> NDArray[np.float64]:
+def bilinear(
+    mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int
+) -> NDArray[np.float64]:
     """Every pixel keeps what it measured and takes the weighted mean of its neighbours for the rest.
 
     mosaic, filters : (H, W), value and filter number of each pixel; count : F, how many filters → (H, W, F).
@@ -105,7 +126,12 @@ def bilinear(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: i
     planes = []
     for own in (filters == index for index in range(count)):
         weight = _spread(own.astype(float))
-        mean = np.divide(_spread(np.where(own, mosaic, 0.0)), weight, out=np.zeros_like(mosaic), where=weight > 0)
+        mean = np.divide(
+            _spread(np.where(own, mosaic, 0.0)),
+            weight,
+            out=np.zeros_like(mosaic),
+            where=weight > 0,
+        )
         planes.append(np.where(own, mosaic, mean))
     return np.stack(planes, axis=-1)
 

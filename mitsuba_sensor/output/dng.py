@@ -20,7 +20,15 @@ from ..camera.figures import QUANTISATION_DN2, figures_if_any, saturation_dn, sa
 from ..core import Exposure, Float64Array, InputError
 from ..files.appearing import appearing
 from ..files.texts import to_json
-from ..files.tiff import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, TiffTag, cfa_tags, write_pages
+from ..files.tiff import (
+    CFA_COLOURS,
+    TIFF_BYTE,
+    TIFF_LONG,
+    TIFF_SHORT,
+    TiffTag,
+    cfa_tags,
+    write_pages,
+)
 from ..optics import spectra
 from ..render.light.photons import photons_per_irradiance
 from ..stages.stage import converter_of
@@ -32,34 +40,57 @@ if TYPE_CHECKING:
 
 Tag: TypeAlias = TiffTag
 
-ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 2, 5, 7, 10, 12  # types of tags, beside those of tiff.py
+ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = (
+    2,
+    5,
+    7,
+    10,
+    12,
+)  # types of tags, beside those of tiff.py
 LARGEST = 2**31 - 1  # numerator and denominator of a fraction, signed or not
 PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
-EXIF, EXIF_TO_BE = 34665, 34664  # where the directory of Exif stands; tifffile writes no tag of this number
+EXIF, EXIF_TO_BE = (
+    34665,
+    34664,
+)  # where the directory of Exif stands; tifffile writes no tag of this number
 MOST_BITS = 16  # LibRaw reads no deeper integers
 FEWEST_PIXELS = 22  # rows and columns: LibRaw opens no smaller pictures
-PADDING = 2  # pixels at each edge that a developer needs to interpolate colours, says Adobe's SDK
-BAYER = (2, 2)  # the only tile of filters, of those that cameras here can have, that LibRaw reads
+PADDING = (
+    2  # pixels at each edge that a developer needs to interpolate colours, says Adobe's SDK
+)
+BAYER = (
+    2,
+    2,
+)  # the only tile of filters, of those that cameras here can have, that LibRaw reads
 BEYOND_SHORT = 65535  # an ISO speed that stands in RecommendedExposureIndex instead (Exif 2.3)
 INSTEAD = "leave dng out: frame.tiff (ms.write_tiff) holds every code"
 SATURATION_LX_S = 78.0
 """ISO 12232: a speed by saturation is this over the exposure at the focal plane that saturates."""
-LIGHT_SOURCES = {"A": 17, "D65": 21}  # CIE illuminant → LightSource of Exif, in the order of the tags
+LIGHT_SOURCES = {
+    "A": 17,
+    "D65": 21,
+}  # CIE illuminant → LightSource of Exif, in the order of the tags
 
 
 def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
     """Raise InputError for a camera, or a (H, W) of its pictures, that no DNG holds which other programs open."""
     names, tile = camera.filter_names, np.shape(camera.tile)
     if camera.adc.bits > MOST_BITS:
-        raise InputError(f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.adc.bits}; {INSTEAD}.")
+        raise InputError(
+            f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.adc.bits}; {INSTEAD}."
+        )
     initials = sorted(name[:1].lower() for name in names)
-    if len(names) > 1 and (initials != sorted(CFA_COLOURS) or tile != BAYER or len(set(np.ravel(camera.tile))) < 3):
+    if len(names) > 1 and (
+        initials != sorted(CFA_COLOURS) or tile != BAYER or len(set(np.ravel(camera.tile))) < 3
+    ):
         raise InputError(
             f"{camera.name} has filters {', '.join(names)} in a tile of {tile[0]} × {tile[1]}, and a DNG is read with "
             f"red, green and blue in 2 × 2, or without filters; {INSTEAD}."
         )
     if len(names) > 1 and colour_matrix(camera) is None:
-        raise InputError(f"a filter of {camera.name} detects no daylight, so it has no colours; {INSTEAD}.")
+        raise InputError(
+            f"a filter of {camera.name} detects no daylight, so it has no colours; {INSTEAD}."
+        )
     if min(shape[-2:]) < FEWEST_PIXELS:
         raise InputError(
             f"a picture of {shape[-2]} × {shape[-1]} pixels is too small for a DNG: LibRaw opens {FEWEST_PIXELS} × "
@@ -70,17 +101,26 @@ def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
 def dng_names(frames: RawFrames) -> list[str]:
     """Names of the DNGs of all frames: frame.dng, or frame_0008.dng, frame_0009.dng … by the number of each frame."""
     first, count = frames.first.index, len(frames.digital)
-    return ["frame.dng"] if count == 1 else [f"frame_{number:04d}.dng" for number in range(first, first + count)]
+    return (
+        ["frame.dng"]
+        if count == 1
+        else [f"frame_{number:04d}.dng" for number in range(first, first + count)]
+    )
 
 
 def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) -> None:
     """One of the frames as a DNG 1.4, its pixels unchanged and uncompressed. Raises InputError (see check_dng)."""
     check_dng(frames.camera, frames.digital.shape)
     if not -len(frames.digital) <= number < len(frames.digital):
-        raise InputError(f"number is {number!r}, and there are {len(frames.digital)} frames; the first one is 0.")
+        raise InputError(
+            f"number is {number!r}, and there are {len(frames.digital)} frames; the first one is 0."
+        )
     colour, facts = len(frames.camera.filter_names) > 1, image_facts(frames) | {"frames": 1}
     with appearing(Path(path), frames.digital[number].nbytes) as temporary:
-        tags = [*_about(frames), *(_colours(frames, facts["cfa_pattern"]) if colour else _levels(frames, 1))]
+        tags = [
+            *_about(frames),
+            *(_colours(frames, facts["cfa_pattern"]) if colour else _levels(frames, 1)),
+        ]
         write_pages(temporary, frames.digital[number], to_json(facts).encode(), tags)
         _finish(temporary, CFA if colour else LINEAR_RAW, list(_exif(frames)))
 
@@ -88,20 +128,28 @@ def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) 
 def _about(frames: RawFrames) -> Iterator[Tag]:
     """Version, camera, orientation and noise."""
     name = frames.camera.name.encode("ascii", "replace").decode()
-    yield _tag(254, TIFF_LONG, 0)  # NewSubfileType: the picture itself, without which Adobe's SDK finds none
+    yield _tag(
+        254, TIFF_LONG, 0
+    )  # NewSubfileType: the picture itself, without which Adobe's SDK finds none
     yield _tag(50706, TIFF_BYTE, 1, 4, 0, 0)  # DNGVersion
-    yield _tag(50707, TIFF_BYTE, 1, 1, 0, 0)  # DNGBackwardVersion: nothing newer must be understood
+    yield _tag(
+        50707, TIFF_BYTE, 1, 1, 0, 0
+    )  # DNGBackwardVersion: nothing newer must be understood
     yield 271, ASCII, 0, "mitsuba_sensor", True  # Make, without which LibRaw opens no file
     yield 272, ASCII, 0, name, True  # Model
     yield 50708, ASCII, 0, name, True  # UniqueCameraModel
-    yield _tag(274, TIFF_SHORT, 1)  # Orientation: the first row is above, the first column on the left
+    yield _tag(
+        274, TIFF_SHORT, 1
+    )  # Orientation: the first row is above, the first column on the left
     yield _tag(EXIF_TO_BE, TIFF_LONG, 0)  # its place is not known yet
     corrections = lens_corrections(frames.camera, frames.light.intrinsics)
     if corrections:
         yield 51022, UNDEFINED, len(corrections), corrections, True  # OpcodeList3
     profile = noise_profile(frames)
     if profile is not None:
-        yield _tag(51041, DOUBLE, *(profile * (3 if len(frames.camera.filter_names) > 1 else 1)))
+        yield _tag(
+            51041, DOUBLE, *(profile * (3 if len(frames.camera.filter_names) > 1 else 1))
+        )
 
 
 def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
@@ -137,8 +185,12 @@ def _colours(frames: RawFrames, pattern: Sequence[Sequence[str]]) -> Iterator[Ta
     yield _tag(50711, TIFF_SHORT, 1)  # CFALayout: a rectangle
     yield from _levels(frames, BAYER[0])
     rows, columns = frames.digital.shape[1:]
-    yield _tag(50719, TIFF_LONG, PADDING, PADDING)  # DefaultCropOrigin: without the pixels at the edges, whose colours
-    yield _tag(50720, TIFF_LONG, columns - 2 * PADDING, rows - 2 * PADDING)  # would be extrapolated
+    yield _tag(
+        50719, TIFF_LONG, PADDING, PADDING
+    )  # DefaultCropOrigin: without the pixels at the edges, whose colours
+    yield _tag(
+        50720, TIFF_LONG, columns - 2 * PADDING, rows - 2 * PADDING
+    )  # would be extrapolated
     for place, one in enumerate(calibrations(camera)):
         yield _tag(50778 + place, TIFF_SHORT, one.light_source)  # CalibrationIlluminant1, 2
         yield _tag(50721 + place, SRATIONAL, *one.to_raw.ravel())  # ColorMatrix1, 2
@@ -167,8 +219,20 @@ def _exif(frames: RawFrames) -> Iterator[Tag]:
 def _tag(code: int, kind: int, *values: float) -> Tag:
     """A tag of numbers; those that are fractions as numerator and denominator, one after the other."""
     if kind in (RATIONAL, SRATIONAL):
-        return code, kind, len(values), tuple(number for value in values for number in _rational(value)), True
-    return code, kind, len(values), bytes(map(int, values)) if kind == TIFF_BYTE else values, True
+        return (
+            code,
+            kind,
+            len(values),
+            tuple(number for value in values for number in _rational(value)),
+            True,
+        )
+    return (
+        code,
+        kind,
+        len(values),
+        bytes(map(int, values)) if kind == TIFF_BYTE else values,
+        True,
+    )
 
 
 def _rational(value: float) -> tuple[int, int]:
@@ -191,7 +255,11 @@ def _finish(file: Path, photometric: int, exif: Sequence[Tag]) -> None:
         for number in range(count):
             (code,) = struct.unpack_from("<H", entries, 12 * number)
             if code in (PHOTOMETRIC, EXIF_TO_BE):
-                new = (code, TIFF_SHORT, 1, photometric) if code == PHOTOMETRIC else (EXIF, TIFF_LONG, 1, place)
+                new = (
+                    (code, TIFF_SHORT, 1, photometric)
+                    if code == PHOTOMETRIC
+                    else (EXIF, TIFF_LONG, 1, place)
+                )
                 opened.seek(start + 2 + 12 * number)
                 opened.write(struct.pack("<HHII", *new))
 
@@ -221,7 +289,9 @@ def iso_speed(camera: Camera) -> float | None:
     if number is not None:
         return float(number)
     middles, power = standard_light(camera, spectra.DAYLIGHT)
-    bands = photons_per_irradiance(camera, Exposure(1.0), middles, np.full(middles.size, STEP_NM))
+    bands = photons_per_irradiance(
+        camera, Exposure(1.0), middles, np.full(middles.size, STEP_NM)
+    )
     electrons_per_lx_s = camera.qe(middles) @ (bands * power) / spectra.luminous(middles, power)
     return float(SATURATION_LX_S * electrons_per_lx_s.max() / saturation_e(camera)) or None
 
@@ -241,7 +311,9 @@ class Calibration(NamedTuple):
 
 def calibrations(camera: Camera) -> tuple[Calibration, ...]:
     """Of a camera with filters red, green and blue, under each illuminant that all of them detect; the others none."""
-    return tuple(one for name in LIGHT_SOURCES if (one := _calibration(camera, name)) is not None)
+    return tuple(
+        one for name in LIGHT_SOURCES if (one := _calibration(camera, name)) is not None
+    )
 
 
 def _calibration(camera: Camera, name: str) -> Calibration | None:
@@ -251,7 +323,9 @@ def _calibration(camera: Camera, name: str) -> Calibration | None:
     found = colour_matrix(camera, light)
     if found is None or order is None or found.illuminant != "scene":
         return None
-    srgb_to_d50 = spectra.bradford(spectra.daylight_xyz(), spectra.d50_xyz()) @ np.linalg.inv(spectra.xyz_to_srgb())
+    srgb_to_d50 = spectra.bradford(spectra.daylight_xyz(), spectra.d50_xyz()) @ np.linalg.inv(
+        spectra.xyz_to_srgb()
+    )
     to_xyz = srgb_to_d50 @ found.to_srgb[:, order]
     white = spectra.observer(light.wavelengths_nm) @ light.power
     from_d50 = spectra.bradford(spectra.d50_xyz(), white / white[1])

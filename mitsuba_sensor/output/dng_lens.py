@@ -43,7 +43,10 @@ def _warp(calibration: Calibration) -> bytes:
         return b""
     reach = _reach_px(calibration) / fx
     radial = 1.0, k1 * reach**2, k2 * reach**4, k3 * reach**6
-    return _opcode(WARP_RECTILINEAR, struct.pack(">I8d", 1, *radial, p1 * reach, p2 * reach, *_centre(calibration)))
+    return _opcode(
+        WARP_RECTILINEAR,
+        struct.pack(">I8d", 1, *radial, p1 * reach, p2 * reach, *_centre(calibration)),
+    )
 
 
 def _shading(calibration: Calibration, shading: Mapping[str, list[float]] | None) -> bytes:

@@ -27,7 +27,10 @@ RELATIVE_ERROR_CHANNEL = "relative_error"
 IN_BAND_CHANNEL = "in_band"
 PASS_ERROR_CHANNEL = "pass_error"
 RAW_LAYER = "raw."
-MOST_HALF, MOST_POWER = 65504.0, 120  # largest number in half precision; of two, in a float32 of a header
+MOST_HALF, MOST_POWER = (
+    65504.0,
+    120,
+)  # largest number in half precision; of two, in a float32 of a header
 AOV_LAYERS = {  # array of Aovs → its components, its unit
     "depth_m": ("", "m along the optical axis, inf where nothing is"),
     "position_m": ("XYZ", "m in world space, NaN where nothing is"),
@@ -63,7 +66,10 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
     scale = _half_scale(irradiance) if half else None
     if scale is not None:
         header |= {"half_scale": scale, "emissiveUnits": f"{1 / scale!r} W.m^-2.nm^-1"}
-    names = [f"{float(wavelength_nm)!r}nm".replace(".", ",") for wavelength_nm in irradiance.wavelengths_nm]
+    names = [
+        f"{float(wavelength_nm)!r}nm".replace(".", ",")
+        for wavelength_nm in irradiance.wavelengths_nm
+    ]
     prefix = SPECTRAL_CHANNEL
     if irradiance.filters is not None:
         names, prefix = list(irradiance.filters), FILTER_CHANNEL
@@ -76,7 +82,10 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         header["rendered_for"] = json.dumps(plain_values(known.to_dict()))
     if (raw := irradiance.raw) is not None:
         header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
-        channels |= {RAW_LAYER + name: image for name, image in _channels(raw, prefix, names, scale).items()}
+        channels |= {
+            RAW_LAYER + name: image
+            for name, image in _channels(raw, prefix, names, scale).items()
+        }
     write_planes(path, header, channels)
 
 
@@ -89,7 +98,9 @@ def _half_scale(irradiance: Irradiance) -> float:
     return float(2.0 ** min(power, MOST_POWER))
 
 
-def _channels(irradiance: Irradiance, prefix: str, names: list[str], scale: float | None) -> dict[str, Plane]:
+def _channels(
+    irradiance: Irradiance, prefix: str, names: list[str], scale: float | None
+) -> dict[str, Plane]:
     """The images of one light. prefix, names : of the channels of its bands.  scale : of half precision."""
     channels = {RELATIVE_ERROR_CHANNEL: Plane(irradiance.relative_error)}
     if irradiance.in_band is not None:
@@ -112,10 +123,16 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
     wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
     with whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
         filters = _names_of(json_value(header["filters"])) if "filters" in header else None
-        names = [name.removeprefix(SPECTRAL_CHANNEL) for name in pixels if name.startswith(SPECTRAL_CHANNEL)]
+        names = [
+            name.removeprefix(SPECTRAL_CHANNEL)
+            for name in pixels
+            if name.startswith(SPECTRAL_CHANNEL)
+        ]
         names = list(filters or sorted(names, key=_wavelength_nm))  # EXR sorts them as text
         prefix = FILTER_CHANNEL if filters else SPECTRAL_CHANNEL
-        lengths = [header["reference_nm"] if filters else _wavelength_nm(name) for name in names]
+        lengths = [
+            header["reference_nm"] if filters else _wavelength_nm(name) for name in names
+        ]
         common = {
             "wavelengths_nm": np.array(lengths, dtype=float),
             "bandwidths_nm": _widths_of(json_value(header["bandwidths_nm"]), len(lengths)),
@@ -125,7 +142,9 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
         }
 
         def bands(kind: str) -> np.ndarray:
-            found = np.stack([pixels[kind + name] for name in names], axis=-1).astype(np.float32, copy=False)
+            found = np.stack([pixels[kind + name] for name in names], axis=-1).astype(
+                np.float32, copy=False
+            )
             return found / np.float32(header["half_scale"]) if "half_scale" in header else found
 
         def light(layer: str, statistics: str) -> dict[str, Any]:
@@ -139,8 +158,14 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
                 "statistics": _statistics(header[statistics]),
             }
 
-        raw = Irradiance(**light(RAW_LAYER, "raw_statistics")) if "raw_statistics" in header else None
-        return Irradiance(**light("", "render_statistics"), rendered_for=_rendered_for(header), raw=raw)
+        raw = (
+            Irradiance(**light(RAW_LAYER, "raw_statistics"))
+            if "raw_statistics" in header
+            else None
+        )
+        return Irradiance(
+            **light("", "render_statistics"), rendered_for=_rendered_for(header), raw=raw
+        )
 
 
 def _pair_of(value: object) -> tuple[int, int]:
@@ -178,7 +203,11 @@ def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
 def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
     from ..render.light.irradiance import RenderedFor
 
-    return RenderedFor.from_dict(json_value(header["rendered_for"])) if "rendered_for" in header else None
+    return (
+        RenderedFor.from_dict(json_value(header["rendered_for"]))
+        if "rendered_for" in header
+        else None
+    )
 
 
 def _statistics(text: str) -> RenderStatistics:
@@ -209,10 +238,23 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
     """What :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
     from ..render.motion.aovs import Aovs
 
-    with whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (header, pixels):
-        layers = {name: [pixels[layer] for layer in _layers(name, axes)] for name, (axes, _) in AOV_LAYERS.items()}
-        arrays = {name: np.stack(images, axis=-1) if images[1:] else images[0] for name, images in layers.items()}
-        return Aovs(**arrays, shapes=tuple(json_value(header["shapes"])), scene_sha256=header["scene_sha256"])
+    with whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (
+        header,
+        pixels,
+    ):
+        layers = {
+            name: [pixels[layer] for layer in _layers(name, axes)]
+            for name, (axes, _) in AOV_LAYERS.items()
+        }
+        arrays = {
+            name: np.stack(images, axis=-1) if images[1:] else images[0]
+            for name, images in layers.items()
+        }
+        return Aovs(
+            **arrays,
+            shapes=tuple(json_value(header["shapes"])),
+            scene_sha256=header["scene_sha256"],
+        )
 
 
 def _layers(name: str, axes: str) -> list[str]:

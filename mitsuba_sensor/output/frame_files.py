@@ -26,7 +26,13 @@ if TYPE_CHECKING:
 
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
-FRAME_FILES = ("frame.tiff", "frame.png", *DNGS, *CLEAN, "frame.json")  # of light that is rendered already
+FRAME_FILES = (
+    "frame.tiff",
+    "frame.png",
+    *DNGS,
+    *CLEAN,
+    "frame.json",
+)  # of light that is rendered already
 CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")  # of a scene
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
@@ -35,7 +41,9 @@ def preview_of(frames: RawFrames, number: int = 0, gain: float = 1.0) -> NDArray
     """frame.png: one of the frames, as :func:`preview` develops it in the light of the scene."""
     illuminant = frames.light.illuminant
     gain = require("gain", gain, 0.0, np.inf, "how many times as bright, e.g. 2")
-    return preview(frames.digital[number], frames.camera, gain, frames.first.window.origin, illuminant)
+    return preview(
+        frames.digital[number], frames.camera, gain, frames.first.window.origin, illuminant
+    )
 
 
 def frames_metadata(frames: Frames) -> dict[str, Any]:
@@ -44,7 +52,11 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
     return {
         "camera": frames.camera.to_dict(),
         "exposure": asdict(first.exposure),
-        "seeds": {"seed": first.seed, "serial": first.window.serial, "first_frame": first.index},
+        "seeds": {
+            "seed": first.seed,
+            "serial": first.window.serial,
+            "first_frame": first.index,
+        },
         "precision": first.window.backend.precision,
         "given_maps": sorted(first.window.given),
         "image": image_facts(frames),
@@ -62,11 +74,15 @@ def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
         write_frames(scratch, frames, frames_metadata(frames))
 
 
-def write_frames(folder: Path, frames: Frames, metadata: dict[str, Any], gain: float = 1.0) -> None:
+def write_frames(
+    folder: Path, frames: Frames, metadata: dict[str, Any], gain: float = 1.0
+) -> None:
     """The three files, with this metadata.  gain : of the preview."""
     image, colours = metadata["image"], metadata["colour"]
     matrix = None if colours is None else ColourMatrix(**colours)
-    shown = developed(frames.digital[0], frames.camera, matrix, gain, frames.first.window.origin)
+    shown = developed(
+        frames.digital[0], frames.camera, matrix, gain, frames.first.window.origin
+    )
     tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
     png.write_png(folder / "frame.png", shown, image)
     texts.write_json(folder / "frame.json", metadata)
@@ -77,7 +93,11 @@ def frames_html(frames: Frames) -> str:
     first, window, camera = frames.digital[0], frames.first.window, frames.camera
     small = binned(first, camera)
     shown = preview(small, camera, 1.0, window.origin, frames.light.illuminant)
-    count, exposure, highest = len(frames.digital), frames.first.exposure, converter_of(camera.stages).highest
+    count, exposure, highest = (
+        len(frames.digital),
+        frames.first.exposure,
+        converter_of(camera.stages).highest,
+    )
     found = {
         "frames": f"{count} × {first.shape[1]} × {first.shape[0]} pixels, {first.dtype}",
         "exposure": f"{exposure.time_s:g} s at {exposure.temperature_k:g} K",
@@ -88,7 +108,11 @@ def frames_html(frames: Frames) -> str:
     if frames.notes:
         found["notes"] = " · ".join(frames.notes)
     said = f"first of {count} raw frames of {camera.name}"
-    return fragment(f"Raw frames of {camera.name}", picture(png.png(shown), shown.shape[1], said), facts(found))
+    return fragment(
+        f"Raw frames of {camera.name}",
+        picture(png.png(shown), shown.shape[1], said),
+        facts(found),
+    )
 
 
 def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
@@ -96,10 +120,16 @@ def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
     in the same mosaic."""
     tile = np.array(camera.tile).shape
     rows, columns = digital.shape
-    step = next(k for k in range(1, rows * columns + 1) if (rows // k + 1) * (columns // k + 1) <= MOST_PIXELS)
+    step = next(
+        k
+        for k in range(1, rows * columns + 1)
+        if (rows // k + 1) * (columns // k + 1) <= MOST_PIXELS
+    )
     if step == 1:
         return np.asarray(digital, dtype=np.float64)
-    step_y, step_x = (max(min(step, n // side), 1) for n, side in zip(digital.shape, tile, strict=True))
+    step_y, step_x = (
+        max(min(step, n // side), 1) for n, side in zip(digital.shape, tile, strict=True)
+    )
     down, right = rows // (step_y * tile[0]), columns // (step_x * tile[1])
     whole = digital[: down * step_y * tile[0], : right * step_x * tile[1]]
     blocks = whole.reshape(down, step_y, tile[0], right, step_x, tile[1])
@@ -110,11 +140,18 @@ def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
 def image_facts(frames: RawFrames) -> dict[str, Any]:
     """What a reader of the raw frames must know: size, first pixel on the sensor, colour filters as they lie in this
     file from its first pixel on, black and white level [DN], exposure time [s] and temperature [K]."""
-    camera, window, converter = frames.camera, frames.first.window, converter_of(frames.camera.stages)
+    camera, window, converter = (
+        frames.camera,
+        frames.first.window,
+        converter_of(frames.camera.stages),
+    )
     filters = camera.filter_index((len(camera.tile), len(camera.tile[0])), window.origin)
     names = [[camera.filter_names[number] for number in row] for row in filters]
     levels = {"black_level_dn": converter.black_level_dn, "white_level_dn": converter.highest}
     shape = dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True))
     pattern = names if len(camera.filter_names) > 1 else None
-    exposure = {"exposure_s": frames.first.exposure.time_s, "temperature_k": frames.first.exposure.temperature_k}
+    exposure = {
+        "exposure_s": frames.first.exposure.time_s,
+        "temperature_k": frames.first.exposure.temperature_k,
+    }
     return {**shape, "origin": window.origin, "cfa_pattern": pattern, **levels, **exposure}

@@ -44,7 +44,10 @@ class Frames(RawFrames):
     @classmethod
     def of(cls, raw: RawFrames, observer: FrameObserver | None = None) -> Frames:
         """The same frames.  observer : who followed the first of them while it was computed, for the report."""
-        return cls(**{field.name: getattr(raw, field.name) for field in fields(RawFrames)}, observer=observer)
+        return cls(
+            **{field.name: getattr(raw, field.name) for field in fields(RawFrames)},
+            observer=observer,
+        )
 
     @classmethod
     def exposed(cls, sensor: PreparedExposure) -> Frames:
@@ -54,7 +57,9 @@ class Frames(RawFrames):
     @classmethod
     def exposed_with_report(cls, sensor: PreparedExposure) -> Frames:
         """The same, with the report of the first frame made along with it: each frame is computed once."""
-        observer = FrameObserver(FrameTheory(sensor.stages, sensor.detected, sensor.first_on_numpy))
+        observer = FrameObserver(
+            FrameTheory(sensor.stages, sensor.detected, sensor.first_on_numpy)
+        )
         return cls.of(sensor.frames(observer), observer)
 
     @classmethod
@@ -65,7 +70,9 @@ class Frames(RawFrames):
         """
         first = parts[0]
         names = ("digital", *(name for name in KEEP if getattr(first, name) is not None))
-        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        }
         clean = np.concatenate([part.clean for part in parts]) if with_clean else None
         return replace(first, **joined, own_clean=clean)
 
@@ -131,7 +138,9 @@ class Frames(RawFrames):
             return self.observer
         observer = FrameObserver(FrameTheory(self.stages, self.detected, self.first))
         first = self.first.on(self.backend)
-        PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected).frames(observer)
+        PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected).frames(
+            observer
+        )
         return observer
 
     def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:

@@ -30,8 +30,23 @@ UNITS = {
     "radiance_rgb": "linear sRGB in front of the lens as Mitsuba has it: 1, 1, 1 is D65 of 73 000 cd/m²",
 }
 OWN = "render_statistics"  # in the header of an irradiance.exr
-SPECTRAL = re.compile(r"(?:.*\.)?S0\.(\d*[.,]?\d+(?:[eE][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)")
-PREFIXES = {"Y": 24, "Z": 21, "E": 18, "P": 15, "T": 12, "G": 9, "M": 6, "k": 3, "h": 2, "da": 1, "": 0, "d": -1}
+SPECTRAL = re.compile(
+    r"(?:.*\.)?S0\.(\d*[.,]?\d+(?:[eE][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)"
+)
+PREFIXES = {
+    "Y": 24,
+    "Z": 21,
+    "E": 18,
+    "P": 15,
+    "T": 12,
+    "G": 9,
+    "M": 6,
+    "k": 3,
+    "h": 2,
+    "da": 1,
+    "": 0,
+    "d": -1,
+}
 PREFIXES |= {"c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
 ONE_NM = 1.0  # width of the band in which the light of one wavelength is
 
@@ -55,7 +70,9 @@ def read_irradiance(
         own, names = OWN in header, [one.name for one in header["channels"]]
     if own and (unit is not None or wavelength_nm is not None):
         what = "unit= and wavelength_nm= (--unit, --wavelength-nm)"
-        raise InputError(f"{file} is an irradiance.exr, whose unit and wavelengths are known; leave out {what}.")
+        raise InputError(
+            f"{file} is an irradiance.exr, whose unit and wavelengths are known; leave out {what}."
+        )
     if own:
         return read_irradiance_exr(file)
     if unit not in UNITS:
@@ -65,14 +82,28 @@ def read_irradiance(
         which = f"say what its values are by unit= (--unit): {', '.join(UNITS)}"
         raise InputError(f"{file} is an EXR of another program ({has}) {said}; {which}.{near}")
     if unit.startswith("radiance") and camera is None:
-        raise InputError(f"unit is {unit!r}, in front of the lens; give the camera whose lens it passes (--camera).")
+        raise InputError(
+            f"unit is {unit!r}, in front of the lens; give the camera whose lens it passes (--camera)."
+        )
     if fov_deg is not None and not unit.startswith("radiance"):
-        raise InputError(f"fov_deg is for radiance, and unit is {unit!r}; leave it out (--fov-deg).")
-    return _foreign(file, unit, wavelength_nm, load_camera(camera) if isinstance(camera, str) else camera, fov_deg)
+        raise InputError(
+            f"fov_deg is for radiance, and unit is {unit!r}; leave it out (--fov-deg)."
+        )
+    return _foreign(
+        file,
+        unit,
+        wavelength_nm,
+        load_camera(camera) if isinstance(camera, str) else camera,
+        fov_deg,
+    )
 
 
 def _foreign(
-    file: Path, unit: str, wavelength_nm: float | None, camera: Camera | None, fov_deg: float | None
+    file: Path,
+    unit: str,
+    wavelength_nm: float | None,
+    camera: Camera | None,
+    fov_deg: float | None,
 ) -> Irradiance:
     from ..render.light import foreign_light
 
@@ -80,7 +111,9 @@ def _foreign(
         pixels = {name: np.asarray(image, dtype=np.float32) for name, image in channels.items()}
     notes = [f"read as {UNITS[unit]}"]
     if wavelength_nm is not None and unit not in ("w_per_m2", "radiance_w_per_m2_sr"):
-        raise InputError(f"wavelength_nm is for one channel, and unit is {unit!r}; leave it out (--wavelength-nm).")
+        raise InputError(
+            f"wavelength_nm is for one channel, and unit is {unit!r}; leave it out (--wavelength-nm)."
+        )
     if unit == "radiance_rgb":
         assert camera is not None
         bands = foreign_light.upsampled(_rgb(file, pixels), camera)
@@ -93,28 +126,44 @@ def _foreign(
         assert camera is not None
         bands, how = foreign_light.behind_lens(bands, camera, fov_deg)
         notes.append(how)
-    return foreign_light.irradiance_of(bands, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest())
+    return foreign_light.irradiance_of(
+        bands, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest()
+    )
 
 
 def _rgb(file: Path, pixels: dict[str, np.ndarray]) -> np.ndarray:
     if not {"R", "G", "B"} <= pixels.keys():
-        raise InputError(f"{file} has no channels R, G and B ({_some(pixels)}); give another unit (--unit).")
+        raise InputError(
+            f"{file} has no channels R, G and B ({_some(pixels)}); give another unit (--unit)."
+        )
     rgb = np.stack([pixels[name] for name in "RGB"], axis=-1)
     if not np.isfinite(rgb).all():
         raise InputError(f"{file} has RGB values that are not finite; correct them first.")
     return np.asarray(np.maximum(rgb, 0.0))
 
 
-def _spectral(file: Path, pixels: dict[str, np.ndarray], unit: str) -> tuple[np.ndarray, Float64Array, Float64Array]:
+def _spectral(
+    file: Path, pixels: dict[str, np.ndarray], unit: str
+) -> tuple[np.ndarray, Float64Array, Float64Array]:
     """Bands in the order of their wavelengths, which end halfway between two."""
-    found = {_length_nm(*match.groups()): name for name in pixels if (match := SPECTRAL.fullmatch(name))}
+    found = {
+        _length_nm(*match.groups()): name
+        for name in pixels
+        if (match := SPECTRAL.fullmatch(name))
+    }
     if len(found) < 2:
-        one = f"{unit.removesuffix('_nm')} and wavelength_nm (--wavelength-nm)" if len(pixels) == 1 else "another unit"
+        one = (
+            f"{unit.removesuffix('_nm')} and wavelength_nm (--wavelength-nm)"
+            if len(pixels) == 1
+            else "another unit"
+        )
         has = f"{len(found)} channels S0.<wavelength>nm ({_some(pixels)})"
         raise InputError(f"{file} has {has}, and {unit} needs two at least; give {one}.")
     centres = np.array(sorted(found))
     middles = 0.5 * (centres[1:] + centres[:-1])
-    edges = np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
+    edges = np.concatenate(
+        [[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]]
+    )
     bands = np.stack([pixels[found[nm]] for nm in centres.tolist()], axis=-1)
     return bands, 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
 
@@ -129,7 +178,11 @@ def _some(names: Iterable[str]) -> str:
 def _length_nm(number: str, prefix: str | None, unit: str) -> float:
     """Of a channel's name (Fichet et al. 2021), whose decimal comma may be a dot."""
     value, power = float(number.replace(",", ".")), PREFIXES[prefix or ""]
-    return value * 10.0 ** (power + 9) if unit == "m" else 1e9 * LIGHT_SPEED_M_PER_S / (value * 10.0**power)
+    return (
+        value * 10.0 ** (power + 9)
+        if unit == "m"
+        else 1e9 * LIGHT_SPEED_M_PER_S / (value * 10.0**power)
+    )
 
 
 def _one_channel(
@@ -137,9 +190,13 @@ def _one_channel(
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
     if len(pixels) != 1:
         has = f"{len(pixels)} channels ({_some(pixels)})"
-        raise InputError(f"{file} has {has}, and {unit} is for one; give another unit (--unit).")
+        raise InputError(
+            f"{file} has {has}, and {unit} is for one; give another unit (--unit)."
+        )
     if wavelength_nm is None:
-        raise InputError(f"unit is {unit!r}, of one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550).")
+        raise InputError(
+            f"unit is {unit!r}, of one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550)."
+        )
     at_nm = require("wavelength_nm", wavelength_nm, 1.0, 1e5, "nanometres, e.g. 550")
     (image,) = pixels.values()
     return image[..., None] / ONE_NM, np.array([at_nm]), np.array([ONE_NM])

@@ -34,7 +34,13 @@ class Measurements(dict[str, Any]):
     records : dataclasses and named tuples that measurements consist of; no other class is made from a file.
     """
 
-    def __init__(self, folder: Path, question: object, force: bool = False, records: tuple[type, ...] = ()) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        question: object,
+        force: bool = False,
+        records: tuple[type, ...] = (),
+    ) -> None:
         super().__init__()
         text = json.dumps(plain_values(question, finite=False), sort_keys=True)
         self.folder = folder / hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -42,7 +48,9 @@ class Measurements(dict[str, Any]):
             shutil.rmtree(self.folder, ignore_errors=True)
         classes = classes_of(*records)
         for path in sorted(self.folder.glob("*.npz")):
-            with suppress(InputError, OSError, ValueError, TypeError):  # one that was cut short is measured again
+            with suppress(
+                InputError, OSError, ValueError, TypeError
+            ):  # one that was cut short is measured again
                 pair = read_value(path, classes)
                 if isinstance(pair, tuple) and len(pair) == 2:
                     self.update([pair])
@@ -51,7 +59,9 @@ class Measurements(dict[str, Any]):
         super().__setitem__(name, value)
         with disk_sentences(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-        with appearing(self.folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz") as path:
+        with appearing(
+            self.folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz"
+        ) as path:
             write_value(path, (name, value))
 
 
@@ -62,7 +72,11 @@ def classes_of(*roots: type) -> dict[str, type]:
     while waiting:
         kind = waiting.pop()
         waiting += get_args(kind)
-        if isinstance(kind, type) and (kind in roots or _has_fields(kind)) and _name(kind) not in classes:
+        if (
+            isinstance(kind, type)
+            and (kind in roots or _has_fields(kind))
+            and _name(kind) not in classes
+        ):
             classes[_name(kind)] = kind
             waiting += get_type_hints(kind).values()
     return classes
@@ -108,7 +122,9 @@ def _plain(value: object, arrays: list[np.ndarray]) -> object:
         case list():
             return [_plain(item, arrays) for item in value]
         case Mapping():
-            return {"dict": [[_plain(key, arrays), _plain(x, arrays)] for key, x in value.items()]}
+            return {
+                "dict": [[_plain(key, arrays), _plain(x, arrays)] for key, x in value.items()]
+            }
         case Camera():
             return {"camera": _plain(value.model_dump(), arrays)}
         case tuple() if not hasattr(value, "_fields"):
@@ -132,14 +148,18 @@ def _value(plain: object, arrays: Mapping[str, np.ndarray], classes: Classes) ->
         case "tuple":
             return tuple(_value(item, arrays, classes) for item in content)
         case "dict":
-            return {_value(key, arrays, classes): _value(x, arrays, classes) for key, x in content}
+            return {
+                _value(key, arrays, classes): _value(x, arrays, classes) for key, x in content
+            }
         case "camera":
             tables = _value(content, arrays, classes)
             if isinstance(tables, dict):
                 return camera_from(tables, "the measurement")
         case "class":
             name, fields = content
-            return classes[name](**{key: _value(x, arrays, classes) for key, x in fields.items()})
+            return classes[name](
+                **{key: _value(x, arrays, classes) for key, x in fields.items()}
+            )
     raise ValueError(f"a measurement has no {kind!r}")
 
 
@@ -155,7 +175,9 @@ def _fields(value: object) -> dict[str, object]:
 
 
 def _has_fields(kind: type) -> bool:
-    return dataclasses.is_dataclass(kind) or (issubclass(kind, tuple) and hasattr(kind, "_fields"))
+    return dataclasses.is_dataclass(kind) or (
+        issubclass(kind, tuple) and hasattr(kind, "_fields")
+    )
 
 
 def _name(kind: type) -> str:

@@ -16,7 +16,9 @@ from ..stages.stage import converter_of
 from .demosaic import demosaic
 
 PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
-HALO_ROWS = 16  # beyond them no pixel matters: demosaicing looks at fewer than ten, edges refined
+HALO_ROWS = (
+    16  # beyond them no pixel matters: demosaicing looks at fewer than ten, edges refined
+)
 
 
 def preview(
@@ -54,7 +56,11 @@ def developed(
 
 
 def _developed(
-    digital: NDArray[np.generic], camera: Camera, colours: ColourMatrix | None, gain: float, origin: tuple[int, int]
+    digital: NDArray[np.generic],
+    camera: Camera,
+    colours: ColourMatrix | None,
+    gain: float,
+    origin: tuple[int, int],
 ) -> NDArray[np.uint8]:
     black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.adc.bits - 1.0
     linear = (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn)
@@ -62,5 +68,7 @@ def _developed(
         filters = camera.filter_index(linear.shape, origin)
         balanced = np.minimum(colours.white_balance * demosaic(linear, filters, camera), 1.0)
         linear = balanced @ colours.to_srgb.T
-        linear[(balanced[..., colour_order(camera.filter_names)] >= 1).all(axis=-1)] = 1.0  # saturation is white
+        linear[(balanced[..., colour_order(camera.filter_names)] >= 1).all(axis=-1)] = (
+            1.0  # saturation is white
+        )
     return np.rint(255.0 * srgb_curve(np.clip(gain * linear, 0.0, 1.0))).astype(np.uint8)

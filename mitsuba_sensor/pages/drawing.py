@@ -14,7 +14,16 @@ from .page import Bars, Grid, Line, Mark, Picture, Plot
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F3C8D", "#4D4D4D")
+COLOURS = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#7F3C8D",
+    "#4D4D4D",
+)
 """Colours that colour-blind readers tell apart (Okabe & Ito 2008, and two more)."""
 
 MARKERS = "osD^vPX*>"
@@ -28,7 +37,9 @@ CELL_COLOURS: dict[Mark, str] = {
     "": "#FFFFFF",
 }
 WIDTH_IN, HEIGHT_IN, MARGIN_IN, BAR_IN, CELL_IN = 8.4, 4.6, 1.2, 0.2, 0.3
-SETTINGS: dict[str, Any] = {  # of Matplotlib; text stays text, and equal studies give equal files
+SETTINGS: dict[
+    str, Any
+] = {  # of Matplotlib; text stays text, and equal studies give equal files
     "font.size": 9.5,
     "axes.axisbelow": True,
     "axes.spines.top": False,
@@ -67,7 +78,9 @@ def _drawn(picture: Picture, kind: str, metadata: dict[str, None] | None) -> byt
             axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8.5)
         if kind == "png":
             axes.set_title(picture.title, loc="left", fontsize=10.5)
-        figure.savefig(buffer, format=kind, dpi=120, bbox_inches="tight", metadata=cast(Any, metadata))
+        figure.savefig(
+            buffer, format=kind, dpi=120, bbox_inches="tight", metadata=cast(Any, metadata)
+        )
     return buffer.getvalue()
 
 
@@ -86,7 +99,13 @@ def draw_plot(plot: Plot, axes: Axes) -> float:
     """Draw lines, markers, error bars and rings."""
     for number, line in enumerate(plot.lines):
         colour = number if line.colour is None else line.colour
-        axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, **_style(line, colour))
+        axes.errorbar(
+            line.x,
+            line.y,
+            yerr=line.error or None,
+            label=line.label or None,
+            **_style(line, colour),
+        )
         ringed_x = [line.x[i] for i in line.ringed]
         ringed_y = [line.y[i] for i in line.ringed]
         axes.scatter(ringed_x, ringed_y, s=95, facecolors="none", edgecolors="black", zorder=3)
@@ -96,7 +115,9 @@ def draw_plot(plot: Plot, axes: Axes) -> float:
     if plot.log_y:
         _set_log_scale(axes, "y", (y for line in plot.lines for y in line.y))
     if plot.level is not None:
-        axes.axhline(plot.level[0], color="black", linewidth=1, linestyle=":", label=plot.level[1])
+        axes.axhline(
+            plot.level[0], color="black", linewidth=1, linestyle=":", label=plot.level[1]
+        )
     return HEIGHT_IN
 
 
@@ -122,11 +143,23 @@ def draw_bars(bars: Bars, axes: Axes) -> float:
         colour = COLOURS[bars.colours.get(name, number) % len(COLOURS)]
         label = name if len(bars.series) > 1 else None
         lengths = np.array(values, dtype=float)
-        axes.barh(places, lengths, height, xerr=error, color=colour, label=label, error_kw={"elinewidth": 0.9})
+        axes.barh(
+            places,
+            lengths,
+            height,
+            xerr=error,
+            color=colour,
+            label=label,
+            error_kw={"elinewidth": 0.9},
+        )
     if bars.log_x:
-        _set_log_scale(axes, "x", (x for values in bars.series.values() for x in values if x is not None))
+        _set_log_scale(
+            axes, "x", (x for values in bars.series.values() for x in values if x is not None)
+        )
     if bars.level is not None:
-        axes.axvline(bars.level[0], color="black", linewidth=1, linestyle=":", label=bars.level[1])
+        axes.axvline(
+            bars.level[0], color="black", linewidth=1, linestyle=":", label=bars.level[1]
+        )
     axes.set_yticks(rows, bars.labels)
     axes.set(xlabel=bars.x_label, ylim=(len(rows) - 0.4, -0.6))
     axes.grid(visible=False, axis="y")

@@ -28,7 +28,11 @@ def html(study: Study) -> str:
     return render_template(
         Path(__file__).with_name("page.html.j2"),
         study=study,
-        origin={name.replace("_", " "): text(study.data[name]) for name in ORIGIN if name in study.data},
+        origin={
+            name.replace("_", " "): text(study.data[name])
+            for name in ORIGIN
+            if name in study.data
+        },
         pictures={id(picture): svg(picture) for picture in study.pictures},
         is_table=lambda part: isinstance(part, Table),
         is_number=is_number,

@@ -64,7 +64,10 @@ def ringed(lines: Sequence[Line]) -> tuple[Line, ...]:
     """The lines with rings around the points that no other of them beats in x and y."""
     places = [(n, k) for n, line in enumerate(lines) for k in range(len(line.x))]
     best = [places[i] for i in pareto([(lines[n].x[k], lines[n].y[k]) for n, k in places])]
-    return tuple(replace(line, ringed=tuple(sorted(k for m, k in best if m == n))) for n, line in enumerate(lines))
+    return tuple(
+        replace(line, ringed=tuple(sorted(k for m, k in best if m == n)))
+        for n, line in enumerate(lines)
+    )
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,9 @@ class Bars:
     log_x: bool = False
     level: Level | None = None
     note: str = ""
-    colours: Mapping[str, int] = field(default_factory=dict)  # their numbers, by the names of the series
+    colours: Mapping[str, int] = field(
+        default_factory=dict
+    )  # their numbers, by the names of the series
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,9 @@ Part = Table | Picture
 class Section:
     """What one part of a study found."""
 
-    findings: tuple[str, ...]  # sentences that answer the question, the most important first, each with its numbers
+    findings: tuple[
+        str, ...
+    ]  # sentences that answer the question, the most important first, each with its numbers
     passed: bool  # whether everything that must hold does
     parts: tuple[Part, ...]  # in the order of reading
 
@@ -149,7 +156,12 @@ class Study(Section):
         for part in self.parts:
             if not isinstance(part, Drawing):
                 parts.append({"kind": type(part).__name__.lower(), **asdict(part)})
-        about = {"study": self.name, "title": self.title, "findings": list(self.findings), "passed": self.passed}
+        about = {
+            "study": self.name,
+            "title": self.title,
+            "findings": list(self.findings),
+            "passed": self.passed,
+        }
         return {**about, **self.data, "parts": parts}
 
 
@@ -169,7 +181,9 @@ def _split(part: Part) -> list[Part]:
     plots: list[Part] = []
     for number, places in enumerate(groups, start=1):
         lines = (part.lines[0], *(part.lines[k] for k in places))
-        plots.append(replace(part, title=f"{part.title} ({number} of {len(groups)})", lines=lines))
+        plots.append(
+            replace(part, title=f"{part.title} ({number} of {len(groups)})", lines=lines)
+        )
     return plots
 
 
@@ -184,7 +198,9 @@ def _coloured(parts: Sequence[Part]) -> tuple[Part, ...]:
             lines = tuple(replace(line, colour=colours[line.label]) for line in part.lines)
             coloured.append(replace(part, lines=lines))
         elif isinstance(part, Bars):
-            coloured.append(replace(part, colours={name: colours[name] for name in part.series}))
+            coloured.append(
+                replace(part, colours={name: colours[name] for name in part.series})
+            )
         else:
             coloured.append(part)
     return tuple(coloured)

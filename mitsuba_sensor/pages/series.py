@@ -18,10 +18,15 @@ def colours_of_series(plots: Sequence[Sequence[str]]) -> dict[str, int]:
     for name in dict.fromkeys(name for names in plots for name in names):
         taken = {colours.get(other) for names in plots if name in names for other in names}
         used = Counter(colours.values())
-        colours[name] = min(range(MOST_SERIES), key=lambda colour: (colour in taken, used[colour], colour))
+        colours[name] = min(
+            range(MOST_SERIES), key=lambda colour: (colour in taken, used[colour], colour)
+        )
     return colours
 
 
 def plots_of_series(count: int) -> list[range]:
     """Indices of the series that share a plot, beside the first one, which all plots have."""
-    return [range(first, min(first + MOST_SERIES - 1, count)) for first in range(1, count, MOST_SERIES - 1)]
+    return [
+        range(first, min(first + MOST_SERIES - 1, count))
+        for first in range(1, count, MOST_SERIES - 1)
+    ]

@@ -28,7 +28,12 @@ def examine() -> Finding:
     """Variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands)."""
     chosen = _try(None)
     variants = [chosen if chosen["name"] == name else _try(name) for name in VARIANTS]
-    findings = {"works": chosen["works"], "variant": chosen["name"], "seconds": chosen["seconds"], "variants": variants}
+    findings = {
+        "works": chosen["works"],
+        "variant": chosen["name"],
+        "seconds": chosen["seconds"],
+        "variants": variants,
+    }
     libraries = find_llvm()
     used = next((library for library in libraries if library.usable), None)
     llvm = [asdict(library) | {"used": library is used} for library in libraries]
@@ -40,8 +45,23 @@ def _try(variant: str | None) -> Finding:
     """Render the small scene as a user would, through the command line, in a child process."""
     failed: Finding = {"name": variant, "works": False, "reason": "", "seconds": None}
     small = resources.as_file(resources.files("mitsuba_sensor.render") / "doctor.xml")
-    with tempfile.TemporaryDirectory() as folder, undone_if_stopped(partial(shutil.rmtree, folder)), small as scene:
-        command = [sys.executable, "-m", "mitsuba_sensor", "render", str(scene), "-o", folder, "--spp", "16", "--json"]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        undone_if_stopped(partial(shutil.rmtree, folder)),
+        small as scene,
+    ):
+        command = [
+            sys.executable,
+            "-m",
+            "mitsuba_sensor",
+            "render",
+            str(scene),
+            "-o",
+            folder,
+            "--spp",
+            "16",
+            "--json",
+        ]
         command += ["--variant", variant] if variant else []
         try:
             code, said, complaint = _run(command)
@@ -51,13 +71,21 @@ def _try(variant: str | None) -> Finding:
         return {**failed, "reason": _why(code, complaint)}
     report = json.loads(said)
     name, seconds = report["render"]["variant"], report["times_s"]["render"]
-    return {"name": name, "works": True, "reason": "a test picture was rendered", "seconds": seconds}
+    return {
+        "name": name,
+        "works": True,
+        "reason": "a test picture was rendered",
+        "seconds": seconds,
+    }
 
 
 def _run(command: list[str]) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of a child process, which ends with this one."""
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as child, undone_if_stopped(child.kill):
+    with (
+        subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as child,
+        undone_if_stopped(child.kill),
+    ):
         try:
             said, complaint = child.communicate(timeout=LIMIT_S)
         finally:
@@ -76,13 +104,22 @@ def _why(code: int, complaint: str) -> str:
 def _remedies(findings: Finding, reason: str) -> list[str]:
     """Commands that mend what is wrong, most urgent first."""
     remedies = []
-    missing = [name for name, version in findings["versions"].items() if version is None and name != "mitsuba-sensor"]
+    missing = [
+        name
+        for name, version in findings["versions"].items()
+        if version is None and name != "mitsuba-sensor"
+    ]
     if missing:
         remedies.append(f"{sys.executable} -m pip install {' '.join(missing)}")
     if not findings["works"]:
-        remedies.append(f"{sys.executable} -m pip install --force-reinstall '{RENDERER}'   # {reason}")
+        remedies.append(
+            f"{sys.executable} -m pip install --force-reinstall '{RENDERER}'   # {reason}"
+        )
         working = [one["name"] for one in findings["variants"] if one["works"]]
-        remedies += [f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then" for name in working[:1]]
+        remedies += [
+            f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then"
+            for name in working[:1]
+        ]
     elif findings["variant"] == SLOW:
         remedies.append(f"{INSTALL}   # renders up to about three times faster")
     return remedies

@@ -18,7 +18,12 @@ class FileOptions(TypedDict, total=False):
 
     parameters: Annotated[
         Mapping[str, Any] | None,
-        Option("Values for the <default> names of the scene file.", flag="-D", metavar="NAME=VALUE", text=list[str]),
+        Option(
+            "Values for the <default> names of the scene file.",
+            flag="-D",
+            metavar="NAME=VALUE",
+            text=list[str],
+        ),
     ]
     traverse: Annotated[
         Mapping[str, float | Sequence[float]] | None,
@@ -48,7 +53,10 @@ class FileOptions(TypedDict, total=False):
     ]
     ignore_polarization: Annotated[
         bool,
-        Option("Render polarizers, retarders and measured_polarized as they act on unpolarised light.", False),
+        Option(
+            "Render polarizers, retarders and measured_polarized as they act on unpolarised light.",
+            False,
+        ),
     ]
 
 
@@ -57,7 +65,10 @@ class SceneOptions(FileOptions, total=False):
 
     scene_unit: Annotated[
         str | float | None,
-        Option("What a length of 1 in the scene is: m, mm, … or metres. Default: the scene file's, else m.", text=str),
+        Option(
+            "What a length of 1 in the scene is: m, mm, … or metres. Default: the scene file's, else m.",
+            text=str,
+        ),
     ]
     width: Annotated[
         int | None,
@@ -79,7 +90,11 @@ class SceneOptions(FileOptions, total=False):
     ]
     motion: Annotated[
         str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
-        Option("What moves while the shutter is open: a file, see docs/rendering.md.", metavar="FILE.toml", text=str),
+        Option(
+            "What moves while the shutter is open: a file, see docs/rendering.md.",
+            metavar="FILE.toml",
+            text=str,
+        ),
     ]
 
 
@@ -100,7 +115,14 @@ class UnitOptions(TypedDict, total=False):
     """What the values of an EXR of another program are."""
 
     unit: Annotated[
-        Literal["w_per_m2_nm", "w_per_m2", "radiance_w_per_m2_sr_nm", "radiance_w_per_m2_sr", "radiance_rgb"] | None,
+        Literal[
+            "w_per_m2_nm",
+            "w_per_m2",
+            "radiance_w_per_m2_sr_nm",
+            "radiance_w_per_m2_sr",
+            "radiance_rgb",
+        ]
+        | None,
         Option(
             "What an EXR of another program holds: irradiance on the sensor or radiance in front of the lens; per nm "
             "in channels S0.*, in one channel with --wavelength-nm, or in R, G, B, which become spectra.",
@@ -155,12 +177,18 @@ class RenderOptions(SceneOptions, RawLightOptions, total=False):
         ),
     ]
     max_seconds: Annotated[
-        float | None, Option("Render no longer than this, in seconds.", low=0.0, metavar="SECONDS", example="60")
+        float | None,
+        Option(
+            "Render no longer than this, in seconds.", low=0.0, metavar="SECONDS", example="60"
+        ),
     ]
     max_spp: Annotated[
         int | None,
         Option(
-            "With --noise-ratio: take no more samples per pixel than this.", low=2, high=MOST_IN_ALL, example="4096"
+            "With --noise-ratio: take no more samples per pixel than this.",
+            low=2,
+            high=MOST_IN_ALL,
+            example="4096",
         ),
     ]
     repeatable: Annotated[

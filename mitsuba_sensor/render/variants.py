@@ -18,7 +18,9 @@ from ..core.llvm import INSTALL, backend_problem, drjit, llvm_version
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 Item = TypeVar("Item")
-MitsubaObject: TypeAlias = Any  # a scene, sensor, film, ray, transform, properties …: its class depends on the variant
+MitsubaObject: TypeAlias = (
+    Any  # a scene, sensor, film, ray, transform, properties …: its class depends on the variant
+)
 
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
 FASTER = "up to about three times faster with LLVM, depending on the processor: " + INSTALL
@@ -162,10 +164,14 @@ def _checked(name: str, reason: str, subject: str) -> Variant:
     known = _spectral_variants()
     if name not in known:
         call = "call mitsuba.set_variant('scalar_spectral') or pass variant='scalar_spectral'"
-        raise InputError(f"{subject}; it must be one of {', '.join(known)} ({call}).{nearest(name, known)}")
+        raise InputError(
+            f"{subject}; it must be one of {', '.join(known)} ({call}).{nearest(name, known)}"
+        )
     backend = name.split("_")[0]
     problem = backend_problem(backend)
     if problem:
         way_out = "take scalar_spectral" + (f", or {INSTALL}" if backend == "llvm" else "")
         raise InputError(f"{subject}, but there is {problem}; {way_out}.")
-    return Variant(name, backend, reason, FASTER if backend == "scalar" and llvm_version() == 0 else "")
+    return Variant(
+        name, backend, reason, FASTER if backend == "scalar" and llvm_version() == 0 else ""
+    )

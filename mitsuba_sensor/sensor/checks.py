@@ -8,7 +8,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..camera.camera import Camera
 from ..camera.fingerprint import pixel_fingerprint
-from ..core import Frame, InputError, Photons, PhotonsOfBands, SensorWindow, nearest, numbers, require_seed
+from ..core import (
+    Frame,
+    InputError,
+    Photons,
+    PhotonsOfBands,
+    SensorWindow,
+    nearest,
+    numbers,
+    require_seed,
+)
 from ..core.backend import FLOAT32_LIMIT
 from ..stages.gains import adc_gain_dn_per_v
 from ..stages.stage import Chain
@@ -29,7 +38,9 @@ def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, i
     given = {"frames": frames, "first_frame": first_frame, "seed": seed}
     frames, first_frame, seed = (require_seed(name, number) for name, number in given.items())
     if frames < 1 or first_frame + frames > 2**32:
-        raise InputError(f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1.")
+        raise InputError(
+            f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1."
+        )
     return frames, first_frame, seed
 
 
@@ -41,7 +52,9 @@ def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
         wanted = (keep,)
     for name in wanted:
         if name not in known:
-            raise InputError(f"keep names {name!r}; the signals that can be kept are {', '.join(known)}.")
+            raise InputError(
+                f"keep names {name!r}; the signals that can be kept are {', '.join(known)}."
+            )
     return wanted
 
 
@@ -54,37 +67,58 @@ def checked_maps(
     """
     shape, sensor = window.shape, (camera.sensor.rows, camera.sensor.columns)
     if not isinstance(maps, Mapping):
-        raise InputError(f"maps is a {type(maps).__name__}; pass a dict of name → array, as fpn_maps() returns.")
+        raise InputError(
+            f"maps is a {type(maps).__name__}; pass a dict of name → array, as fpn_maps() returns."
+        )
     if not maps:
         return {}
-    known = {name: value.shape for stage in stages for name, value in stage.fpn_maps(SensorWindow(0, (2, 2))).items()}
+    known = {
+        name: value.shape
+        for stage in stages
+        for name, value in stage.fpn_maps(SensorWindow(0, (2, 2))).items()
+    }
     checked, in_dn = {}, maps_in_dn(stages)
     for name, values in maps.items():
         own, dn_per_unit = in_dn.get(name, (name, 1.0))
         if own not in known:
             names = (*known, *in_dn)
             there = ", ".join(names) or "none: the published chain makes its own"
-            raise InputError(f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), names)}")
+            raise InputError(
+                f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), names)}"
+            )
         if name != own and (own in maps or not dn_per_unit):
-            why = f"{own} too; give one of both" if own in maps else "readout.dsnu_residual is 0: no offset is left"
+            why = (
+                f"{own} too; give one of both"
+                if own in maps
+                else "readout.dsnu_residual is 0: no offset is left"
+            )
             raise InputError(f"maps names {name!r}, and {why}.")
         array = numbers(f"maps[{name!r}]", values, "an array of numbers")
         for axis, places in enumerate((window.rows, window.columns)):
             if array.ndim == 2 and 1 < array.shape[axis] == sensor[axis] > places[-1]:
                 array = array.take(places, axis)
-        fits = tuple(n if pixels > 1 else 1 for n, pixels in zip(shape, known[own], strict=True))
-        if array.ndim != 2 or any(n not in (1, full) for n, full in zip(array.shape, fits, strict=True)):
+        fits = tuple(
+            n if pixels > 1 else 1 for n, pixels in zip(shape, known[own], strict=True)
+        )
+        if array.ndim != 2 or any(
+            n not in (1, full) for n, full in zip(array.shape, fits, strict=True)
+        ):
             raise InputError(
                 f"maps[{name!r}] has shape {array.shape}; it must be {fits}, or 1 along an axis, or the sensor's."
             )
         if not np.isfinite(array).all() or (not own.endswith("_e") and (array < 0).any()):
-            raise InputError(f"maps[{name!r}] holds NaN, infinite or negative values; correct the bad pixels first.")
+            raise InputError(
+                f"maps[{name!r}] holds NaN, infinite or negative values; correct the bad pixels first."
+            )
         checked[own] = array / dn_per_unit if name != own else array
     return checked
 
 
 def as_photons(
-    photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None, check: bool = True
+    photons: Photons | ArrayLike,
+    camera: Camera,
+    wavelengths_nm: ArrayLike | None = None,
+    check: bool = True,
 ) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
     given = photons if isinstance(photons, Photons) else None
@@ -99,31 +133,47 @@ def as_photons(
     if mean.ndim == 0:
         mean = np.full((camera.sensor.rows, camera.sensor.columns), float(mean))
     if mean.ndim not in (2, 3) or 0 in mean.shape:
-        raise InputError(f"photons has shape {mean.shape}; it must be a number, (H, W) or (H, W, bands).")
+        raise InputError(
+            f"photons has shape {mean.shape}; it must be a number, (H, W) or (H, W, bands)."
+        )
     way_out = "numbers in nm, one per band, e.g. [550.0]"
-    bands = None if wavelengths is None else np.atleast_1d(numbers("wavelengths_nm", wavelengths, way_out))
+    bands = (
+        None
+        if wavelengths is None
+        else np.atleast_1d(numbers("wavelengths_nm", wavelengths, way_out))
+    )
     if given and given.detected:
         mean = checked_channels(mean, camera)
     expected = mean.shape[2] if mean.ndim == 3 else 1
     unknown = bands is None and mean.ndim == 3 and not (given and given.detected)
     if unknown or (bands is not None and bands.shape != (expected,)):
         count = "none" if bands is None else str(bands.size)
-        raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
+        raise InputError(
+            f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band."
+        )
     check_lengths(bands)
     if check:
         check_photons(mean)
     if given is None:
         return Photons(mean, bands)
-    variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, Photons(mean), camera)
+    variance_e2 = (
+        None
+        if given.variance_e2 is None
+        else _checked_variance(given.variance_e2, Photons(mean), camera)
+    )
     detected = given.detected
     if bands is None or wavelengths_nm is not None or given.bandwidths_nm is None:
-        photons = Photons(mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant)
+        photons = Photons(
+            mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant
+        )
         return photons.changed(intrinsics=given.intrinsics, source=given.source)
     widths = checked_widths(given.bandwidths_nm, bands.shape)
     known = given.in_band is not None and given.in_band_of in (None, pixel_fingerprint(camera))
     in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
     of_bands = widths, in_band, given.in_band_of
-    photons = Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant)
+    photons = Photons(
+        mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant
+    )
     return photons.changed(intrinsics=given.intrinsics, source=given.source)
 
 
@@ -136,9 +186,16 @@ def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> Phot
         checked_widths(photons.bandwidths_nm, photons.shape[2:])
     if photons.detected:
         check_channels(photons.shape, camera)
-    known = photons.in_band is not None and photons.in_band_of in (None, pixel_fingerprint(camera))
+    known = photons.in_band is not None and photons.in_band_of in (
+        None,
+        pixel_fingerprint(camera),
+    )
     in_band = _checked_factor(photons.in_band, photons.shape[:2]) if known else None
-    variance_e2 = None if photons.variance_e2 is None else _checked_variance(photons.variance_e2, photons, camera)
+    variance_e2 = (
+        None
+        if photons.variance_e2 is None
+        else _checked_variance(photons.variance_e2, photons, camera)
+    )
     return photons.changed(in_band=in_band, variance_e2=variance_e2)
 
 
@@ -167,24 +224,34 @@ def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:
     if first_pixel is None:
         return light.changed(origin=checked_origin(light.origin))
     row, column = checked_origin(first_pixel)
-    moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(camera.tile[0])
+    moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(
+        camera.tile[0]
+    )
     return light.changed(origin=(row, column), in_band=None if moved else light.in_band)
 
 
 def _checked_factor(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """One finite factor for every pixel, (H, W)."""
-    found = numbers("photons.in_band", values, "an array (H, W) of factors of the photoelectrons")
+    found = numbers(
+        "photons.in_band", values, "an array (H, W) of factors of the photoelectrons"
+    )
     if found.shape != shape or not (np.isfinite(found) & (found >= 0)).all():
-        raise InputError(f"photons.in_band has shape {found.shape}; it must be {shape}, finite and 0 or more.")
+        raise InputError(
+            f"photons.in_band has shape {found.shape}; it must be {shape}, finite and 0 or more."
+        )
     return found
 
 
 def _checked_variance(values: Any, photons: Photons, camera: Camera) -> NDArray[np.float64]:
     """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
     name, shape = "photons.variance_e2", photons.shape[:2]
-    variance_e2 = numbers(name, values, "an array (H, W) of variances of the mean photoelectrons in e-²")
+    variance_e2 = numbers(
+        name, values, "an array (H, W) of variances of the mean photoelectrons in e-²"
+    )
     if variance_e2.shape != shape:
-        raise InputError(f"{name} has shape {variance_e2.shape}; it must be {shape}, one variance per pixel in e-².")
+        raise InputError(
+            f"{name} has shape {variance_e2.shape}; it must be {shape}, one variance per pixel in e-²."
+        )
     if camera.quantum_efficiency.quantum_yield:
         raise InputError(
             f"{name} is given and quantum_efficiency.quantum_yield of {camera.name} too, whose electrons come in "
@@ -220,14 +287,18 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
 def checked_origin(origin: Any) -> tuple[int, int]:
     """(row, column) of the first pixel."""
     if not isinstance(origin, tuple | list) or len(origin) != 2:
-        raise InputError(f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0).")
+        raise InputError(
+            f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0)."
+        )
     return require_seed("origin", origin[0]), require_seed("origin", origin[1])
 
 
 def check_reference_shape(shape: tuple[int, ...], reference: tuple[int, ...]) -> None:
     """Raise InputError unless a frame is subtracted from each frame, or one from all."""
     if shape[1:] != reference[1:] or reference[0] not in (1, shape[0]):
-        raise InputError(f"the reference has shape {reference}; it must be {shape}, or (1, {shape[1]}, {shape[2]}).")
+        raise InputError(
+            f"the reference has shape {reference}; it must be {shape}, or (1, {shape[1]}, {shape[2]})."
+        )
 
 
 def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWindow]) -> None:
@@ -241,7 +312,10 @@ def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWind
     differs = " and ".join(what for what, (mine, its) in pairs.items() if mine != its)
     if not differs:
         return
-    mine, its = (f"{camera.name}, serial {at.serial}, from pixel {tuple(at.origin)}" for camera, at in (one, other))
+    mine, its = (
+        f"{camera.name}, serial {at.serial}, from pixel {tuple(at.origin)}"
+        for camera, at in (one, other)
+    )
     raise InputError(
         f"the frames are of {mine}, and the reference of {its} ({differs} differs), whose fixed patterns are others; "
         "expose the reference with the same camera, serial and origin."
@@ -254,7 +328,10 @@ def check_streams(one: tuple[Frame, int], other: tuple[Frame, int]) -> None:
     one, other : the first frame, and how many there are.
     """
     (first, count), (reference, references) = one, other
-    begin, end = max(first.index, reference.index), min(first.index + count, reference.index + references)
+    begin, end = (
+        max(first.index, reference.index),
+        min(first.index + count, reference.index + references),
+    )
     if first.key != reference.key or begin >= end:
         return
     raise InputError(

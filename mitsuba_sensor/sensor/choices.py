@@ -51,7 +51,9 @@ def tolerance_of(chosen: ExposeOptions) -> float | None:
             f"tolerance_dn is {tolerance_dn:g} and a plan is given, which has a tolerance of its own; pass one of them."
         )
     if tolerance_dn is not None and chosen["chain"] != "physical":
-        raise InputError(f"tolerance_dn is {tolerance_dn:g}, which is for the physical chain; leave one of both out.")
+        raise InputError(
+            f"tolerance_dn is {tolerance_dn:g}, which is for the physical chain; leave one of both out."
+        )
     return tolerance_dn
 
 
@@ -59,7 +61,9 @@ def precision_of(asked: str, camera: Camera, plan: PlannedChain | None, chain: s
     """ "float32" or "float64": as asked, else as the plan found, else float32 while it can count single electrons."""
     if chain == "konnik2014":  # a comparison, in the precision of the published code
         if asked == "float32":
-            raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
+            raise InputError(
+                "precision is 'float32' and chain konnik2014 is float64 only; leave the precision out."
+            )
         return "float64"
     if asked == "float32":
         check_float32(camera)
@@ -94,9 +98,13 @@ def chain_of(camera: Camera, plan: PlannedChain | None, chain: str) -> Chain:
             return konnik2014.chain_of(konnik2014.Konnik2014Settings.from_camera(camera))
         return camera.stages
     if not hasattr(plan, "whole"):
-        raise InputError(f"plan is {plan!r}; pass what plan(camera, exposure, photons) returns.")
+        raise InputError(
+            f"plan is {plan!r}; pass what plan(camera, exposure, photons) returns."
+        )
     if chain != "physical":
-        raise InputError(f"chain is {chain!r} and a plan is given; a plan is for the physical chain: pass one of them.")
+        raise InputError(
+            f"chain is {chain!r} and a plan is given; a plan is for the physical chain: pass one of them."
+        )
     if plan.whole != camera.stages:
         raise InputError(
             f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."

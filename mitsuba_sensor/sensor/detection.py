@@ -20,7 +20,12 @@ from .threads import for_each
 if TYPE_CHECKING:
     from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
 
-LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")  # of Electrons: one value per pixel before the count
+LAYERS = (
+    "light",
+    "yield_mean",
+    "yield_variance",
+    "variance_e2",
+)  # of Electrons: one value per pixel before the count
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +51,9 @@ class Detected:
         if not isinstance(self.signal, Electrons):
             return Detected(photons, self.signal[rows])
         layers = {name: getattr(self.signal, name) for name in LAYERS}
-        return Detected(photons, Electrons(**{k: x[rows] if np.ndim(x) else x for k, x in layers.items()}))
+        return Detected(
+            photons, Electrons(**{k: x[rows] if np.ndim(x) else x for k, x in layers.items()})
+        )
 
     def on_backend(self, rows: slice, frame: Frame) -> Array:
         """The signal of some rows in arrays of a compiled backend.  frame : of these rows."""
@@ -75,7 +82,9 @@ class DetectedByKernel(Detected):
     def of(cls, photons: Photons, stage: Stage, frame: Frame, filters: Filters) -> Self:
         """photons : as for :func:`detect`, but not checked.  filters : of the stage in these photons."""
         light = cls.__new__(cls)
-        vars(light).update(photons=photons, _stage=stage, _frame=frame, _filters=filters, _found={})
+        vars(light).update(
+            photons=photons, _stage=stage, _frame=frame, _filters=filters, _found={}
+        )
         return light
 
     @cached_property
@@ -92,7 +101,10 @@ class DetectedByKernel(Detected):
         """Traced, to be computed with what comes next."""
         photons, backend = self.photons.crop_rows(rows), _compiled(frame)
         layers = np.atleast_3d(photons.mean)
-        light, faulty = backend.filtered(layers, self._filters, frame.window), backend.faulty(layers)
+        light, faulty = (
+            backend.filtered(layers, self._filters, frame.window),
+            backend.faulty(layers),
+        )
         backend.schedule(light, faulty)
         self._found[rows.start] = light, faulty
         return Electrons(light)
@@ -127,7 +139,11 @@ def _compiled(frame: Frame) -> DrJitBackend:
 def uploaded(signal: Array, frame: Frame) -> Array:
     """Electrons on NumPy in arrays of the frame's backend."""
     window = frame.window
-    layers = {name: window.backend.from_numpy(x, window) for name, x in vars(signal).items() if np.ndim(x)}
+    layers = {
+        name: window.backend.from_numpy(x, window)
+        for name, x in vars(signal).items()
+        if np.ndim(x)
+    }
     return replace(signal, **layers)
 
 
@@ -143,7 +159,11 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
     def layers(rows: slice) -> dict[str, Array]:
         part = replace(whole, window=whole.window.crop_rows(rows), _blocks={})
         signal = stage.sample(photons.crop_rows(rows), part)
-        return {k: getattr(signal, k) for k in LAYERS} if isinstance(signal, Electrons) else {"": signal}
+        return (
+            {k: getattr(signal, k) for k in LAYERS}
+            if isinstance(signal, Electrons)
+            else {"": signal}
+        )
 
     def write(rows: slice) -> None:
         for name, values in layers(rows).items():
@@ -155,7 +175,11 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
         if np.ndim(values) == 0:
             found[name] = values
         else:
-            found[name] = aligned_float32(shape) if values.dtype == np.float32 else np.empty(shape, values.dtype)
+            found[name] = (
+                aligned_float32(shape)
+                if values.dtype == np.float32
+                else np.empty(shape, values.dtype)
+            )
             found[name][first] = values
     for_each(write, others)
     return Detected(photons, found[""] if "" in found else Electrons(**found))

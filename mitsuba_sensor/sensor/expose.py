@@ -81,8 +81,13 @@ class PreparedExposure:
         kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
         kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
         first = self.first.index
-        light, runner = self.detected, FrameRunner(self.stages, self.detected, self.first, observer, self.strips)
-        done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
+        light, runner = (
+            self.detected,
+            FrameRunner(self.stages, self.detected, self.first, observer, self.strips),
+        )
+        done = runner.frames(
+            first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()}
+        )
         for number, _ in enumerate(done, 1):
             if self.told is not None:
                 self.told(number)
@@ -90,15 +95,27 @@ class PreparedExposure:
         digital: NDArray[Any] = kept.pop("digital")
         backend = self.first.window.backend
         return RawFrames(
-            digital, self.camera, light.photons, self.first_on_numpy, self.stages, light, backend, self.plan, **kept
+            digital,
+            self.camera,
+            light.photons,
+            self.first_on_numpy,
+            self.stages,
+            light,
+            backend,
+            self.plan,
+            **kept,
         )
 
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
         """One frame at a time."""
         shape, code_type = self.first.window.shape, self._code_type
         runner = FrameRunner(self.stages, self.detected.now(), self.first, strips=self.strips)
-        done = runner.frames(self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)})
-        return (sinks.pop("digital") for sinks in done)  # popped: nobody here keeps a frame that was delivered
+        done = runner.frames(
+            self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)}
+        )
+        return (
+            sinks.pop("digital") for sinks in done
+        )  # popped: nobody here keeps a frame that was delivered
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -119,7 +136,9 @@ class PreparedExposure:
     @property
     def first_on_numpy(self) -> Frame:
         """The first frame on the NumPy backend of the same precision, which has the same bytes."""
-        return self.first.on(NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32)
+        return self.first.on(
+            NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32
+        )
 
 
 def exposure_of_photons(
@@ -131,14 +150,22 @@ def exposure_of_photons(
     return prepare_exposure(camera, exposure, light.shape[:2], light.origin, options).of(light)
 
 
-def placed_photons(photons: Photons | ArrayLike, camera: Camera, options: ExposeOptions) -> Photons:
+def placed_photons(
+    photons: Photons | ArrayLike, camera: Camera, options: ExposeOptions
+) -> Photons:
     """Mean photons with their bands, at their place on the sensor. Raises InputError."""
-    light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
+    light = as_photons(
+        photons, camera, options.get("wavelengths_nm"), check=False
+    )  # where it is detected
     return placed(light, options.get("origin"), camera)
 
 
 def prepare_exposure(
-    camera: Camera, exposure: Exposure, shape: tuple[int, ...], origin: tuple[int, int], options: ExposeOptions
+    camera: Camera,
+    exposure: Exposure,
+    shape: tuple[int, ...],
+    origin: tuple[int, int],
+    options: ExposeOptions,
 ) -> PreparedExposure:
     """Check all that does not depend on the light, and build the chain.
 
@@ -156,8 +183,12 @@ def prepare_exposure(
     precision = precision_of(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin, camera=camera.name)
-    named = whole_chain(camera) if chosen["chain"] == "physical" else stages  # also maps of what is left out
-    given = checked_maps({} if chosen["maps"] is None else chosen["maps"], named, window, camera)
+    named = (
+        whole_chain(camera) if chosen["chain"] == "physical" else stages
+    )  # also maps of what is left out
+    given = checked_maps(
+        {} if chosen["maps"] is None else chosen["maps"], named, window, camera
+    )
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame, camera.gain or "")
     return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"])

@@ -31,7 +31,9 @@ def fpn_maps(
     check_types(camera, Exposure(0.0))
     size = (camera.sensor.rows, camera.sensor.columns) if shape is None else shape
     if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
-        raise InputError(f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640).")
+        raise InputError(
+            f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640)."
+        )
     height, width = require_seed("shape", size[0]), require_seed("shape", size[1])
     first = checked_origin(origin)
     check_on_sensor("the window of the maps", (height, width), first, camera)

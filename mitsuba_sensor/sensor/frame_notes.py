@@ -14,7 +14,10 @@ from ..stages.usual_range import temperature_note
 from .detection import Detected
 from .metering import clipped_note
 
-MUCH_OUTSIDE, NEARLY_ALL = 0.01, 0.99  # of the photons: where a QE curve was cut off Python warns from the first share
+MUCH_OUTSIDE, NEARLY_ALL = (
+    0.01,
+    0.99,
+)  # of the photons: where a QE curve was cut off Python warns from the first share
 CUT_OFF = 0.01  # of its peak: a curve that ends above this probably went on in the datasheet
 
 
@@ -67,7 +70,9 @@ def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
     outside = np.zeros(1, bool) if bands is None else (bands < points[0]) | (bands > points[-1])
     if bands is None or photons.detected or not outside.any():
         return {"wavelengths_nm": [], "share_of_photons": 0.0}
-    strips = (np.atleast_3d(strip.mean) for strip in photons.strips())  # together they may be most of the memory
+    strips = (
+        np.atleast_3d(strip.mean) for strip in photons.strips()
+    )  # together they may be most of the memory
     finite = np.sum([mean.sum(axis=(0, 1), where=np.isfinite(mean)) for mean in strips], axis=0)
     share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
     return {"wavelengths_nm": bands[outside].tolist(), "share_of_photons": share}

@@ -51,10 +51,14 @@ class RawFrames:
         have the same temporal noise: the same frame numbers of the same seed and exposure.
         """
         if not isinstance(reference, RawFrames):
-            raise InputError(f"the reference is a {type(reference).__name__}; pass the Frames of a zero exposure.")
+            raise InputError(
+                f"the reference is a {type(reference).__name__}; pass the Frames of a zero exposure."
+            )
         check_reference_shape(self.digital.shape, reference.digital.shape)
         check_chip((self.camera, self.first.window), (reference.camera, reference.first.window))
-        check_streams((self.first, len(self.digital)), (reference.first, len(reference.digital)))
+        check_streams(
+            (self.first, len(self.digital)), (reference.first, len(reference.digital))
+        )
         return self.digital.astype(np.int64) - reference.digital.astype(np.int64)
 
     def __repr__(self) -> str:

@@ -33,7 +33,10 @@ from .run import row_strips_of
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
-PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and mostly still below saturation
+PERCENTILE, SHARE = (
+    95.0,
+    0.7,
+)  # five pixels of a hundred are brighter, and mostly still below saturation
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
 SHOT_NOISE = 2.5  # σ: over so much light the share of saturated pixels rises from none to all, as a straight line
 PIXELS_AT_ONCE = 2**18
@@ -54,7 +57,9 @@ class Metering:
 
     def __post_init__(self) -> None:
         Exposure(0.0, self.temperature_k)
-        require("percentile", self.percentile, 1.0, 100.0, "of the lit pixels, in percent, e.g. 95")
+        require(
+            "percentile", self.percentile, 1.0, 100.0, "of the lit pixels, in percent, e.g. 95"
+        )
         require("share", self.share, 1e-6, 1.0, "of saturation, e.g. 0.7")
 
     @classmethod
@@ -85,19 +90,27 @@ class Metering:
         """The time found [s], from the mean photons of any exposure. Raises InputError."""
         return self.time_of(electrons_of(photons, camera, exposure), camera, exposure)
 
-    def time_of(self, electrons: NDArray[np.floating], camera: Camera, exposure: Exposure) -> float:
+    def time_of(
+        self, electrons: NDArray[np.floating], camera: Camera, exposure: Exposure
+    ) -> float:
         """The time found [s], from the mean electrons that the light of any exposure makes in each pixel, of which
         those without bound do not count. Raises InputError."""
         lit = electrons[(electrons > 0) & (electrons < FLOAT32_LIMIT)]
         if not lit.size:
-            raise InputError("no pixel has any light to meter; give an exposure time, e.g. 0.1 s.")
+            raise InputError(
+                "no pixel has any light to meter; give an exposure time, e.g. 0.1 s."
+            )
         level_e = float(np.percentile(lit, self.percentile)) + mean_dark_e(camera, exposure)
         time_s = exposure.time_s * self.share * saturation_e(camera) / level_e
         return min(float(f"{time_s:.{DIGITS}g}"), LONGEST_S)
 
     def record(self, exposure: Exposure) -> dict[str, float]:
         """What was found and how, for metadata."""
-        return {"exposure_s": exposure.time_s, "percentile": self.percentile, "share_of_saturation": self.share}
+        return {
+            "exposure_s": exposure.time_s,
+            "percentile": self.percentile,
+            "share_of_saturation": self.share,
+        }
 
 
 AUTO = Metering()
@@ -106,7 +119,9 @@ AUTO = Metering()
 AskedExposure: TypeAlias = Exposure | Metering | Literal["auto"]
 
 
-def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure | Metering | None:
+def checked_exposure(
+    camera: object, exposure: AskedExposure | None
+) -> Exposure | Metering | None:
     """The exposure asked for, or how it is metered. Raises InputError for another type of it or of the camera."""
     asked = AUTO if isinstance(exposure, str) and exposure == "auto" else exposure
     check_types(camera, None if isinstance(asked, Metering) else asked, optional=True)
@@ -116,7 +131,11 @@ def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure
 def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
     """Mean electrons that the light of an exposure makes in each pixel, (H, W)."""
     rows, columns = photons.shape[:2]
-    signal = detect(photons, camera.stages[0], Frame(exposure, SensorWindow(0, (rows, columns), photons.origin))).signal
+    signal = detect(
+        photons,
+        camera.stages[0],
+        Frame(exposure, SensorWindow(0, (rows, columns), photons.origin)),
+    ).signal
     return np.asarray(signal.light * signal.yield_mean, dtype=np.float64)
 
 
@@ -129,10 +148,14 @@ def clipped_note(light: Detected, camera: Camera, frame: Frame) -> Iterator[str]
     share = saturated_share(electrons, camera, exposure)
     if share > MANY_CLIPPED:
         way_out = _way_out(electrons, camera, exposure)
-        yield Doubt(f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{way_out}")
+        yield Doubt(
+            f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{way_out}"
+        )
 
 
-def saturated_share(electrons: NDArray[np.floating], camera: Camera, exposure: Exposure) -> float:
+def saturated_share(
+    electrons: NDArray[np.floating], camera: Camera, exposure: Exposure
+) -> float:
     """The share of the pixels that shot noise and dark current let saturate, in the mean over frames.
 
     electrons : mean of the light in each pixel, (H, W).
@@ -141,7 +164,9 @@ def saturated_share(electrons: NDArray[np.floating], camera: Camera, exposure: E
         level_e = saturation_e(camera)
     except InputError:  # darkness is at the highest code
         return 1.0
-    limit_e = max(level_e - mean_dark_e(camera, exposure), -FLOAT32_LIMIT)  # the light may be float32
+    limit_e = max(
+        level_e - mean_dark_e(camera, exposure), -FLOAT32_LIMIT
+    )  # the light may be float32
     width_e = SHOT_NOISE * math.sqrt(level_e)
     if electrons.max() < limit_e - width_e / 2:
         return 0.0

@@ -49,7 +49,11 @@ class SensorOptions(MapOptions, total=False):
     """How photons become digital numbers: options that the command line has too."""
 
     chain: Annotated[
-        Chain, Option("physical, or konnik2014: the paper's released code, for comparison (one band only).", "physical")
+        Chain,
+        Option(
+            "physical, or konnik2014: the paper's released code, for comparison (one band only).",
+            "physical",
+        ),
     ]
     tolerance_dn: Annotated[
         float | None,
@@ -63,11 +67,17 @@ class SensorOptions(MapOptions, total=False):
     ]
     engine: Annotated[
         Engine,
-        Option("numpy, drjit (one compiled kernel, the same bytes), cuda, or auto: whichever is faster.", "auto"),
+        Option(
+            "numpy, drjit (one compiled kernel, the same bytes), cuda, or auto: whichever is faster.",
+            "auto",
+        ),
     ]
     precision: Annotated[
         Precision,
-        Option("float32, float64 (numpy only), or auto: float32 while it can count single electrons.", "auto"),
+        Option(
+            "float32, float64 (numpy only), or auto: float32 while it can count single electrons.",
+            "auto",
+        ),
     ]
 
 
@@ -83,10 +93,16 @@ class FrameOptions(SensorOptions, total=False):
             flag=None,
         ),
     ]
-    plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
+    plan: Annotated[
+        "Plan | None",
+        Option("What plan() left of the chain; the whole chain without one.", flag=None),
+    ]
     seed: Annotated[
         int | None,
-        Option("Seed of the render and of all temporal noise. Default: the scene file's, else 1.", check=require_seed),
+        Option(
+            "Seed of the render and of all temporal noise. Default: the scene file's, else 1.",
+            check=require_seed,
+        ),
     ]
     serial: Annotated[
         int | None,
@@ -95,10 +111,20 @@ class FrameOptions(SensorOptions, total=False):
             check=require_seed,
         ),
     ]
-    frames: Annotated[int, Option("How many frames: the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8")]
+    frames: Annotated[
+        int,
+        Option(
+            "How many frames: the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8"
+        ),
+    ]
     first_frame: Annotated[
         int,
-        Option("Number of the first frame; frame 12 is the same made alone or after others.", 0, low=0, high=2**32 - 1),
+        Option(
+            "Number of the first frame; frame 12 is the same made alone or after others.",
+            0,
+            low=0,
+            high=2**32 - 1,
+        ),
     ]
 
 
@@ -106,12 +132,14 @@ class ArrayOptions(TypedDict, total=False):
     """What an array of photons does not say by itself, and at which gain the camera is."""
 
     wavelengths_nm: Annotated[
-        ArrayLike | None, Option("Centres of the bands of an array (H, W, B) of photons, in nm.", flag=None)
+        ArrayLike | None,
+        Option("Centres of the bands of an array (H, W, B) of photons, in nm.", flag=None),
     ]
     origin: Annotated[
         tuple[int, int] | None,
         Option(
-            "(row, column) of the first pixel on the sensor; by default that of the photons, else (0, 0).", flag=None
+            "(row, column) of the first pixel on the sensor; by default that of the photons, else (0, 0).",
+            flag=None,
         ),
     ]
     gain: Gain
@@ -124,4 +152,7 @@ class ExposeOptions(FrameOptions, ArrayOptions, total=False):
 class GradientOptions(MapOptions, ArrayOptions, total=False):
     """All options of :func:`mitsuba_sensor.gradient.gradient.differentiable`."""
 
-    engine: Annotated[Literal["drjit", "cuda"], Option("The compiled backend that computes the derivatives.", "drjit")]
+    engine: Annotated[
+        Literal["drjit", "cuda"],
+        Option("The compiled backend that computes the derivatives.", "drjit"),
+    ]

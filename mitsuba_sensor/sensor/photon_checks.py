@@ -16,14 +16,18 @@ if TYPE_CHECKING:
 def check_lengths(bands: NDArray[np.float64] | None) -> None:
     """Raise InputError for a wavelength that is no length."""
     if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
-        raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
+        raise InputError(
+            f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm."
+        )
 
 
 def checked_widths(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """One positive, finite width for each band [nm]. Raises InputError."""
     widths = numbers("photons.bandwidths_nm", values, "one width per band in nm")
     if widths.shape != shape or not (np.isfinite(widths) & (widths > 0)).all():
-        raise InputError("photons.bandwidths_nm must hold one positive, finite width in nm per band; or leave it out.")
+        raise InputError(
+            "photons.bandwidths_nm must hold one positive, finite width in nm per band; or leave it out."
+        )
     return widths
 
 
@@ -35,7 +39,9 @@ def check_light(photons: Photons) -> None:
 
 def check_photons(mean: NDArray[np.float64]) -> None:
     """Raise InputError for NaN or negative photons, with how many there are and where the first one is."""
-    if not mean.min() >= 0:  # NaN if any of them is: one pass over the photons, of which there may be many
+    if (
+        not mean.min() >= 0
+    ):  # NaN if any of them is: one pass over the photons, of which there may be many
         kind, bad = ("NaN", np.isnan(mean)) if np.isnan(mean).any() else ("negative", mean < 0)
         raise InputError(
             f"photons is {kind} in {int(bad.sum())} place(s), first at {first_place(bad)}; a mean number of photons is "
@@ -60,7 +66,9 @@ def check_kept(keep: tuple[str, ...], light: Photons) -> None:
 def checked_channels(mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     """Mean photoelectrons behind each colour filter, (H, W, F), of those or of each pixel behind its own, (H, W)."""
     filters = len(camera.quantum_efficiency.curves)
-    layers = np.broadcast_to(mean[..., None], (*mean.shape, filters)) if mean.ndim == 2 else mean
+    layers = (
+        np.broadcast_to(mean[..., None], (*mean.shape, filters)) if mean.ndim == 2 else mean
+    )
     check_channels(layers.shape, camera)
     return layers
 

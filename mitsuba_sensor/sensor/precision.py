@@ -9,7 +9,10 @@ from ..core import Frame, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..stages.stage import Chain, converter_of, sample
 
-SHARE, LARGEST_DN = 0.01, 1.0  # more pixels than this, or a larger step, and float64 is the better choice
+SHARE, LARGEST_DN = (
+    0.01,
+    1.0,
+)  # more pixels than this, or a larger step, and float64 is the better choice
 PIXELS = 2**14  # that are compared; a share of 1 % is then known to 0.1 %
 
 
@@ -24,13 +27,21 @@ class Float32:
     @property
     def precision(self) -> Literal["float32", "float64"]:
         """float64 where more than 1 % of the pixels or more than 1 DN move."""
-        return "float64" if self.share_of_pixels > SHARE or self.largest_dn > LARGEST_DN else "float32"
+        return (
+            "float64"
+            if self.share_of_pixels > SHARE or self.largest_dn > LARGEST_DN
+            else "float32"
+        )
 
     def explain(self) -> str:
         """One line for people."""
         if not self.share_of_pixels and self.precision == "float32":
             return "float32: no pixel differs from float64"
-        end = "float32 is enough" if self.precision == "float32" else "precision float64 is better"
+        end = (
+            "float32 is enough"
+            if self.precision == "float32"
+            else "precision float64 is better"
+        )
         share = f"{100 * self.share_of_pixels:.2g} % of the pixels"
         return f"float32: {share} differ from float64, by at most {self.largest_dn:g} DN; {end}"
 
@@ -40,9 +51,14 @@ def float32_effect(stages: Chain, levels: Photons, frame: Frame) -> Float32:
     height, width = levels.mean.shape[:2]
     times = -(-PIXELS // (height * width))
     light = replace(levels, mean=np.concatenate([levels.mean] * times))
-    window = Frame(frame.exposure, SensorWindow(frame.window.serial, (height * times, width)), frame.seed)
+    window = Frame(
+        frame.exposure, SensorWindow(frame.window.serial, (height * times, width)), frame.seed
+    )
     with np.errstate(over="ignore", invalid="ignore"):
-        single, double = (sample(stages, light, window.on(backend)) for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64))
+        single, double = (
+            sample(stages, light, window.on(backend))
+            for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64)
+        )
     moved = np.abs(np.subtract(single, double, dtype=np.float64))
     moved = np.where(np.isfinite(moved), moved, converter_of(stages).highest)
     electron_dn = np.floor(np.prod([stage.nominal_gain for stage in stages]))

@@ -130,7 +130,11 @@ class StripWindows:
         size = self.window.shape[0] * self.window.shape[1]
         if not self.window.backend.compiled:
             return sum(values.nbytes for values in self._maps.values())
-        return 4 * size * max((len(strip.cached_values) for strip in self._strips.values()), default=0)
+        return (
+            4
+            * size
+            * max((len(strip.cached_values) for strip in self._strips.values()), default=0)
+        )
 
 
 @dataclass(eq=False)
@@ -149,11 +153,18 @@ class FrameRunner:
     _starts: dict[int, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._own, self._kept = self.strips is None, self.strips or StripWindows(self.first.window)
-        workers = 1 if self.first.window.backend.compiled else min(processors(), len(self._kept.rows))
+        self._own, self._kept = (
+            self.strips is None,
+            self.strips or StripWindows(self.first.window),
+        )
+        workers = (
+            1 if self.first.window.backend.compiled else min(processors(), len(self._kept.rows))
+        )
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
-    def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
+    def frames(
+        self, first: int, count: int, sinks_of: Callable[[int], Sinks]
+    ) -> Iterator[Sinks]:
         """Frames ``first``, first + 1, …, each into the arrays (H, W) of ``sinks_of(index)``, by the signal's name.
 
         A compiled engine traces the next strip while it computes one; there a frame comes when the next has begun.
@@ -196,7 +207,9 @@ class FrameRunner:
         if self._pool is None:
             yield from (self._strip(number, index, sinks, last) for number in numbers)
         else:
-            for done in [self._pool.submit(self._strip, number, index, sinks, last) for number in numbers]:
+            for done in [
+                self._pool.submit(self._strip, number, index, sinks, last) for number in numbers
+            ]:
                 yield done.result()
 
     def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> PendingStrip:
@@ -205,14 +218,22 @@ class FrameRunner:
         found = {"photons"}
         if "photons" in sinks:
             sinks["photons"][rows] = self.light.photons.crop_rows(rows).total
-        follower = None if self.observer is None or index != self.first.index else self.observer.strip(rows, frame)
-        for name, signal in signals(self.stages, self._start(number, frame, last), frame, follower):
+        follower = (
+            None
+            if self.observer is None or index != self.first.index
+            else self.observer.strip(rows, frame)
+        )
+        for name, signal in signals(
+            self.stages, self._start(number, frame, last), frame, follower
+        ):
             found.add(name)
             if name == "digital":
                 require_kept(sinks, found)
                 if not (last and self._own):
                     self._kept.keep(number, window)
-                return window.backend.pending(signal(), window, sinks[name][rows], follower.end() if follower else {})
+                return window.backend.pending(
+                    signal(), window, sinks[name][rows], follower.end() if follower else {}
+                )
             if name in sinks:
                 sinks[name][rows] = window.backend.to_numpy(signal(), window)
         raise AssertionError("the last stage of a chain delivers digital numbers")
@@ -224,7 +245,9 @@ class FrameRunner:
         if number in self._starts:
             return self._starts.pop(number) if last else self._starts[number]
         kept = bool(frame.window.cached_values)  # by a sensor that was exposed before
-        start = begin(self.stages, self.light.on_backend(self._kept.rows[number], frame), frame, kept)
+        start = begin(
+            self.stages, self.light.on_backend(self._kept.rows[number], frame), frame, kept
+        )
         if not last:
             self._starts[number] = start
         return start
@@ -244,7 +267,9 @@ def begin(stages: Chain, electrons: Array, frame: Frame, kept: bool = False) -> 
     """What a compiled backend needs once for many frames: the mean photoelectrons, and FPN maps if none are kept."""
     window = frame.window
     if not kept:
-        sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
+        sample(
+            stages[1:], electrons, replace(frame, _blocks={})
+        )  # traced and discarded: this makes the maps
         window.backend.evaluate(window)
     return electrons
 

@@ -14,7 +14,11 @@ Value = TypeVar("Value")
 
 def processors() -> int:
     """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (
+        len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count() or 1
+    )
 
 
 def for_each(work: Callable[[Value], object], items: Iterable[Value]) -> None:
@@ -40,5 +44,7 @@ def for_each(work: Callable[[Value], object], items: Iterable[Value]) -> None:
 def _helpers() -> ThreadPoolExecutor:
     """Threads that are kept: to start one takes milliseconds while those of Dr.Jit wait for their next kernel."""
     if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=_helpers.cache_clear)  # a child has none of the threads
+        os.register_at_fork(
+            after_in_child=_helpers.cache_clear
+        )  # a child has none of the threads
     return ThreadPoolExecutor(max(processors() - 1, 1))

@@ -57,13 +57,17 @@ class CdsNoise:
     def white_v2(self) -> float:
         """W²(1 − e^(−a))/(2τ_D), a = t_s/τ_D [V²]."""
         density = self.white_nv_per_rthz * 1e-9
-        return density**2 * -math.expm1(-self.sample_s / self.dominant_s) / (2 * self.dominant_s)
+        return (
+            density**2 * -math.expm1(-self.sample_s / self.dominant_s) / (2 * self.dominant_s)
+        )
 
     @property
     def flicker_v2(self) -> float:
         """2W²f_c·J(a) [V²]."""
         density = self.white_nv_per_rthz * 1e-9
-        return 2 * density**2 * self.corner_hz * flicker_integral(self.sample_s / self.dominant_s)
+        return (
+            2 * density**2 * self.corner_hz * flicker_integral(self.sample_s / self.dominant_s)
+        )
 
     @property
     def rtn_v2(self) -> float:
@@ -79,8 +83,17 @@ class CdsNoise:
     def _seen_v2_per_hz(self, f: float) -> float:
         """S_SF(f)·H_CDS(f) [V²/Hz] (paper eq. 20–22)."""
         density = (self.white_nv_per_rthz * 1e-9) ** 2
-        telegraph = 2 * (self.rtn_uv * 1e-6) ** 2 * self.rtn_s / (4 + (2 * math.pi * f * self.rtn_s) ** 2)
-        passed = 4 * math.sin(math.pi * f * self.sample_s) ** 2 / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
+        telegraph = (
+            2
+            * (self.rtn_uv * 1e-6) ** 2
+            * self.rtn_s
+            / (4 + (2 * math.pi * f * self.rtn_s) ** 2)
+        )
+        passed = (
+            4
+            * math.sin(math.pi * f * self.sample_s) ** 2
+            / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
+        )
         return (density * (1 + self.corner_hz / f) + telegraph) * passed if f else 0.0
 
     def _edges_hz(self) -> list[float]:

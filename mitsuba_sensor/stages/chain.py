@@ -102,7 +102,11 @@ def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
                 f"{type(stage).__name__} makes {left} of float32, and the engines would differ; "
                 "take numbers from frame.number(…), which keeps the precision of the signal."
             )
-        if stage is added and isinstance(before, Electrons) and not isinstance(signal, Electrons):
+        if (
+            stage is added
+            and isinstance(before, Electrons)
+            and not isinstance(signal, Electrons)
+        ):
             raise InputError(
                 f"{type(stage).__name__} returns a {type(signal).__name__}, and the stage behind it takes "
                 "photoelectrons and dark electrons apart; return Electrons, e.g. dataclasses.replace(signal, light=…)."
@@ -118,9 +122,14 @@ def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
 
 def stage_table() -> str:
     """The stages in their order as a Markdown table: what each does, equations, datasheet fields, file."""
-    lines = ["| stage | what it does | paper | fields of a camera file | file |", "|---|---|---|---|---|"]
+    lines = [
+        "| stage | what it does | paper | fields of a camera file | file |",
+        "|---|---|---|---|---|",
+    ]
     for effect in ORDER:
-        what = re.split(r" \(paper|\. |\.$|  ", (effect.__doc__ or "").partition("\n")[0])[0].rstrip(".")
+        what = re.split(r" \(paper|\. |\.$|  ", (effect.__doc__ or "").partition("\n")[0])[
+            0
+        ].rstrip(".")
         names = effect.fields.model_fields if effect.fields else ()
         fields = ", ".join(f"`{effect.table}.{name}`" for name in names)
         file = f"effects/{effect.__module__.rpartition('.')[2]}.py"

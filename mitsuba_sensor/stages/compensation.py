@@ -32,7 +32,9 @@ def compensable(light_e: Array, dark_e: Array, variance_e2: Array) -> tuple[Arra
     found = arrays.minimum(variance_e2, LIMIT * (light_e + dark_e))
     found = arrays.minimum(found, largest_e2(arrays.maximum(light_e, dark_e)))
     by_light = found <= largest_e2(light_e)
-    return arrays.where(by_light, found, found * 0.0), arrays.where(by_light, found * 0.0, found)
+    return arrays.where(by_light, found, found * 0.0), arrays.where(
+        by_light, found * 0.0, found
+    )
 
 
 def largest_e2(mean_e: Array) -> Array:

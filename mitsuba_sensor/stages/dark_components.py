@@ -27,13 +27,24 @@ class DarkComponentSection(FileTable):
     """A share of the pixels whose mean dark signal has a distribution of its own."""
 
     weight: Chance = Field(description="share of the pixels", examples=[0.001])
-    family: Literal["uniform", "normal"] = Field(description="distribution of the component", examples=["uniform"])
-    low: NotNegative | None = Field(None, description="lower end of a uniform component [unit]", examples=[45])
-    high: Positive | None = Field(None, description="upper end of a uniform component [unit]", examples=[440])
-    mean: Positive | None = Field(None, description="mean of a normal component [unit]", examples=[18])
-    sigma: NotNegative | None = Field(None, description="σ of a normal component [unit]", examples=[4])
+    family: Literal["uniform", "normal"] = Field(
+        description="distribution of the component", examples=["uniform"]
+    )
+    low: NotNegative | None = Field(
+        None, description="lower end of a uniform component [unit]", examples=[45]
+    )
+    high: Positive | None = Field(
+        None, description="upper end of a uniform component [unit]", examples=[440]
+    )
+    mean: Positive | None = Field(
+        None, description="mean of a normal component [unit]", examples=[18]
+    )
+    sigma: NotNegative | None = Field(
+        None, description="σ of a normal component [unit]", examples=[4]
+    )
     unit: Literal["e_per_s", "e", "dn"] = Field(
-        description="unit of the numbers of this component; e and dn are of an exposure of any time", examples=["dn"]
+        description="unit of the numbers of this component; e and dn are of an exposure of any time",
+        examples=["dn"],
     )
     at_temperature_k: Annotated[Reference | None, Kelvin] = Field(
         None,
@@ -41,12 +52,16 @@ class DarkComponentSection(FileTable):
         examples=[298.15],
     )
     activation_ev: Activation = Field(
-        MIDGAP_EV, description="activation energy E_a [eV]; 0 for a signal that no cooling changes", examples=[0.56]
+        MIDGAP_EV,
+        description="activation energy E_a [eV]; 0 for a signal that no cooling changes",
+        examples=[0.56],
     )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        wanted, other = (("low", "high"), ("mean", "sigma"))[:: 1 if self.family == "uniform" else -1]
+        wanted, other = (("low", "high"), ("mean", "sigma"))[
+            :: 1 if self.family == "uniform" else -1
+        ]
         if any(getattr(self, name) is None for name in wanted) or any(
             getattr(self, name) is not None for name in other
         ):
@@ -54,7 +69,9 @@ class DarkComponentSection(FileTable):
                 f"a {self.family} component has {wanted[0]} and {wanted[1]}, and neither {other[0]} nor {other[1]}"
             )
         if self.low is not None and self.high is not None and self.high <= self.low:
-            raise ValueError(f"low is {self.low:g} and high is {self.high:g}; high must be the larger")
+            raise ValueError(
+                f"low is {self.low:g} and high is {self.high:g}; high must be the larger"
+            )
         return self
 
 
@@ -84,14 +101,18 @@ class DarkComponent:
             value = frame.number(self.first) + frame.number(self.second - self.first) * quantile
         else:
             z = frame.window.backend.normal_of(quantile)
-            value = arrays.maximum(frame.number(self.first) + frame.number(self.second) * z, 0.0)
+            value = arrays.maximum(
+                frame.number(self.first) + frame.number(self.second) * z, 0.0
+            )
         return frame.number(self.unit_e(frame.exposure)) * value
 
     def moments(self, exposure: Exposure) -> tuple[float, float]:
         """Mean and variance of that [e-, e-²]."""
         unit = self.unit_e(exposure)
         if self.family == "uniform":
-            return unit * (self.first + self.second) / 2, (unit * (self.second - self.first)) ** 2 / 12
+            return unit * (self.first + self.second) / 2, (
+                unit * (self.second - self.first)
+            ) ** 2 / 12
         mean, variance = rectified_normal(self.second / self.first)
         return unit * self.first * mean, (unit * self.first) ** 2 * variance
 
@@ -120,7 +141,9 @@ def component_maps(parts: tuple[DarkComponent, ...], window: SensorWindow) -> di
     """``dark_component``: number of the pixel's component; ``dark_component_quantile``: its quantile there."""
     number = _Number(tuple(accumulate(part.weight for part in parts)))
     return {
-        "dark_component": window.measured_or("dark_component", lambda: window.fixed_map("dark_component", number)),
+        "dark_component": window.measured_or(
+            "dark_component", lambda: window.fixed_map("dark_component", number)
+        ),
         "dark_component_quantile": window.measured_or(
             "dark_component_quantile", lambda: window.fixed_map("dark_fpn", uniforms)
         ),
@@ -146,4 +169,6 @@ class _Number:
     def __call__(self, backend: Backend, bits: Any) -> Any:
         chance = backend.uniform(bits)
         number = 1 + arrays.count_at_or_below(self.edges, chance)
-        return arrays.where(chance < backend.number(self.edges[-1]), number, backend.number(0.0))
+        return arrays.where(
+            chance < backend.number(self.edges[-1]), number, backend.number(0.0)
+        )

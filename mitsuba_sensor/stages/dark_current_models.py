@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 from ..core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 
-FIGURE_OF_MERIT_AT_K = 300.0  # where figures of merit of dark current are defined (Janesick 2001)
+FIGURE_OF_MERIT_AT_K = (
+    300.0  # where figures of merit of dark current are defined (Janesick 2001)
+)
 
 HOTTEST = math.log(1e30)
 """A dark current is not more than 1e30 times that at its reference temperature, so that squares stay finite."""
@@ -21,7 +23,9 @@ def activation(temperature_k: float, power: float, divisor: float) -> float:
     if temperature_k == 0:
         return 0.0
     reference = band_gap_ev(FIGURE_OF_MERIT_AT_K) / FIGURE_OF_MERIT_AT_K
-    exponent = (reference - band_gap_ev(temperature_k) / temperature_k) / (divisor * BOLTZMANN_EV_PER_K)
+    exponent = (reference - band_gap_ev(temperature_k) / temperature_k) / (
+        divisor * BOLTZMANN_EV_PER_K
+    )
     return float((temperature_k / FIGURE_OF_MERIT_AT_K) ** power * math.exp(exponent))
 
 
@@ -52,7 +56,9 @@ class FigureOfMerit:
 
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second; 0 at 0 K."""
-        return rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 1.5, 2)
+        return rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(
+            temperature_k, 1.5, 2
+        )
 
 
 @dataclass(frozen=True)
@@ -68,8 +74,12 @@ class Mpp:
 
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second; 0 at 0 K."""
-        diffusion = rate_at_300_e_per_s(self.diffusion_fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 3, 1)
-        depletion = rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 1.5, 2)
+        diffusion = rate_at_300_e_per_s(
+            self.diffusion_fom_na_per_cm2, self.area_cm2
+        ) * activation(temperature_k, 3, 1)
+        depletion = rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(
+            temperature_k, 1.5, 2
+        )
         return diffusion + depletion
 
 
@@ -82,7 +92,11 @@ class Measured:
 
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second; 0 at 0 K."""
-        return self.rate * activation(temperature_k, 1.5, 2) / activation(self.at_temperature_k, 1.5, 2)
+        return (
+            self.rate
+            * activation(temperature_k, 1.5, 2)
+            / activation(self.at_temperature_k, 1.5, 2)
+        )
 
 
 @dataclass(frozen=True)
@@ -95,7 +109,9 @@ class Doubling:
 
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second."""
-        return self.rate * math.exp2(min((temperature_k - self.at_temperature_k) / self.doubling_k, 400.0))
+        return self.rate * math.exp2(
+            min((temperature_k - self.at_temperature_k) / self.doubling_k, 400.0)
+        )
 
 
 DarkCurrentModel = FigureOfMerit | Mpp | Measured | Doubling

@@ -21,7 +21,9 @@ from .usual_range import (
     Usual,
 )
 
-Positive = Annotated[float, Field(ge=1e-30, le=1e30, strict=True)]  # beyond, variances under- and overflow
+Positive = Annotated[
+    float, Field(ge=1e-30, le=1e30, strict=True)
+]  # beyond, variances under- and overflow
 NotNegative = Annotated[float, Field(ge=0, le=1e30, strict=True)]
 Fraction = Annotated[float, Field(gt=0, le=1, strict=True)]
 Count = Annotated[int, Field(ge=1, strict=True)]
@@ -40,11 +42,15 @@ class FileTable(BaseModel):
     """
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {}
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True
+    )
 
     def __hash__(self) -> int:
         """Of the values, by which tables are compared; those of a camera's own stages need no hash."""
-        return hash((type(self), *(_hashable(getattr(self, name)) for name in type(self).model_fields)))
+        return hash(
+            (type(self), *(_hashable(getattr(self, name)) for name in type(self).model_fields))
+        )
 
 
 def _hashable(value: object) -> object:
@@ -70,23 +76,35 @@ class CameraTable(FileTable):
 class SensorSection(FileTable):
     """The chip."""
 
-    technology: Literal["cmos", "ccd"] = Field(description="chooses the stages of the chain", examples=["cmos"])
+    technology: Literal["cmos", "ccd"] = Field(
+        description="chooses the stages of the chain", examples=["cmos"]
+    )
     columns: Count = Field(description="pixels in a row", examples=[1900])
     rows: Count = Field(description="pixels in a column", examples=[1300])
     shutter: Literal["global", "rolling"] = Field(
-        "global", description="all rows open at once, or one after the other from the top", examples=["rolling"]
+        "global",
+        description="all rows open at once, or one after the other from the top",
+        examples=["rolling"],
     )
-    row_time_us: Annotated[Positive | None, Usual.of(0.5, 1e4, SECONDS_TO_US, MS_TO_US, NS_TO_US)] = Field(
-        None, description="time from the start of a row to that of the next, of a rolling shutter [µs]", examples=[15.0]
+    row_time_us: Annotated[
+        Positive | None, Usual.of(0.5, 1e4, SECONDS_TO_US, MS_TO_US, NS_TO_US)
+    ] = Field(
+        None,
+        description="time from the start of a row to that of the next, of a rolling shutter [µs]",
+        examples=[15.0],
     )
     without: tuple[str, ...] = Field(
-        (), description="noise sources that are switched off, by the keys of their stages", examples=[["shot_noise"]]
+        (),
+        description="noise sources that are switched off, by the keys of their stages",
+        examples=[["shot_noise"]],
     )
 
     @model_validator(mode="after")
     def _rolls_with_a_row_time(self) -> Self:
         if self.shutter == "rolling" and self.row_time_us is None:
-            raise ValueError("a rolling shutter needs row_time_us, the datasheet's line time [µs], e.g. 15")
+            raise ValueError(
+                "a rolling shutter needs row_time_us, the datasheet's line time [µs], e.g. 15"
+            )
         return self
 
 

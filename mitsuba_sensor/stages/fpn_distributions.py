@@ -17,7 +17,9 @@ NARROW = 1.0
 """cv of a log-normal law below which less than 1e-6 of its variance lies beyond the largest number that is drawn."""
 
 
-def require_drawable(field: str, cv: float, distribution: type["FpnDistribution"], name: str) -> None:
+def require_drawable(
+    field: str, cv: float, distribution: type["FpnDistribution"], name: str
+) -> None:
     """Raise ValueError for a coefficient of variation that 32 random bits do not draw."""
     if cv > distribution.largest_cv:
         raise ValueError(
@@ -100,7 +102,10 @@ class Wald(FpnDistribution):
         """The camera's map, (H, W): the two roots of a χ² draw, and a second number that picks one."""
 
         def make() -> Any:
-            z, pick = window.fixed_map(source, normals), window.fixed_map(f"{source}_pick", uniforms)
+            z, pick = (
+                window.fixed_map(source, normals),
+                window.fixed_map(f"{source}_pick", uniforms),
+            )
             return window.backend.wald(z, pick, self.cv)
 
         return window.cached((source, self), make)
@@ -116,7 +121,9 @@ class Gaussian(FpnDistribution):
 
     def of_normal(self, backend: Backend, z: Any) -> Any:
         """The factor of a standard normal."""
-        return arrays.maximum(1 + backend.number(self.cv) * z, 0.0) * backend.number(1 / rectified_normal(self.cv)[0])
+        return arrays.maximum(1 + backend.number(self.cv) * z, 0.0) * backend.number(
+            1 / rectified_normal(self.cv)[0]
+        )
 
     @property
     def variance(self) -> float:

@@ -19,7 +19,9 @@ def sense_gain_v_per_e(camera: Datasheet) -> float:
 
 def volts_per_electron(camera: Datasheet) -> float:
     """A_SN·A_SF·A_CDS [V/e-]."""
-    return float(sense_gain_v_per_e(camera) * camera.source_follower.gain * camera.readout.cds_gain)
+    return float(
+        sense_gain_v_per_e(camera) * camera.source_follower.gain * camera.readout.cds_gain
+    )
 
 
 def ve_nonlinearity_at_full_well(camera: Datasheet) -> float:
@@ -31,7 +33,10 @@ def ve_nonlinearity_at_full_well(camera: Datasheet) -> float:
 
 def full_well_at_node_v(camera: Datasheet) -> float:
     """Swing of a full well at the sense node [V], after its V/e curve."""
-    linear_v, x = float(camera.pixel.full_well_e * sense_gain_v_per_e(camera)), ve_nonlinearity_at_full_well(camera)
+    linear_v, x = (
+        float(camera.pixel.full_well_e * sense_gain_v_per_e(camera)),
+        ve_nonlinearity_at_full_well(camera),
+    )
     return linear_v * -math.expm1(-x) / x if x else linear_v
 
 

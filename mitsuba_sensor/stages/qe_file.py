@@ -36,22 +36,33 @@ def read_curves(name: str, folder: str) -> dict[str, Any]:
         require_small(path, "the file of curves")
         rows = rows_of(path.read_text("utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"file {name!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise ValueError(
+            f"file {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None
     if len(rows) < 3:
         raise ValueError(f"file {name!r} needs a header and at least two lines of numbers")
     titles = [_title(name, i, title) for i, title in enumerate(rows[0])]
     if len(titles) < 2:
-        raise ValueError(f"file {name!r} needs a wavelength column and at least one curve, {SEPARATED}")
+        raise ValueError(
+            f"file {name!r} needs a wavelength column and at least one curve, {SEPARATED}"
+        )
     try:
-        numbers = [[float(cell) for cell, _ in zip(row, titles, strict=True)] for row in rows[1:]]
+        numbers = [
+            [float(cell) for cell, _ in zip(row, titles, strict=True)] for row in rows[1:]
+        ]
     except ValueError:
-        raise ValueError(f"file {name!r} has a line that is not {len(titles)} numbers {SEPARATED}") from None
+        raise ValueError(
+            f"file {name!r} has a line that is not {len(titles)} numbers {SEPARATED}"
+        ) from None
     wavelengths, *curves = (
-        Column(*title, list(column)) for title, column in zip(titles, zip(*numbers, strict=True), strict=True)
+        Column(*title, list(column))
+        for title, column in zip(titles, zip(*numbers, strict=True), strict=True)
     )
     found = {one.name: one.scaled() for one in curves}
     if len(found) < len(curves):
-        raise ValueError(f"file {name!r} names a curve twice; give each of {sorted(found)} one column")
+        raise ValueError(
+            f"file {name!r} names a curve twice; give each of {sorted(found)} one column"
+        )
     _check_lengths(name, wavelengths)
     _check_shares(name, curves)
     return {"wavelengths_nm": wavelengths.scaled(), "curves": found}
@@ -62,9 +73,13 @@ def _title(name: str, position: int, column: str) -> tuple[str, str]:
     label, _, unit = column.rpartition("_")
     known = SHARES if position else LENGTHS
     if unit not in known or (not position and label != "wavelength") or not label:
-        wanted = "NAME_fraction or NAME_percent" if position else "wavelength_nm or wavelength_um"
+        wanted = (
+            "NAME_fraction or NAME_percent" if position else "wavelength_nm or wavelength_um"
+        )
         called = f"column {position + 1} is called {column[:60]!r}"
-        raise ValueError(f"file {name!r}: {called}; call it {wanted}, so that the unit is sure, in columns {SEPARATED}")
+        raise ValueError(
+            f"file {name!r}: {called}; call it {wanted}, so that the unit is sure, in columns {SEPARATED}"
+        )
     return label, unit
 
 
@@ -72,7 +87,9 @@ def _check_lengths(name: str, column: Column) -> None:
     """Raise ValueError for wavelengths that no camera has, and that would be usual in another unit."""
     if all(map(Nanometres.includes, column.scaled())):
         return
-    meant = next((unit for unit in LENGTHS if all(map(Nanometres.includes, column.scaled(unit)))), None)
+    meant = next(
+        (unit for unit in LENGTHS if all(map(Nanometres.includes, column.scaled(unit)))), None
+    )
     if meant is not None:
         ends = f"{min(column.numbers):g} to {max(column.numbers):g} {column.unit}"
         raise ValueError(

@@ -22,7 +22,9 @@ class RecordingFrame(Frame):
         self.sources.add(source)
         return super().random_bits(source)
 
-    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int) -> Array:
+    def random_bits_at(
+        self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int
+    ) -> Array:
         """The random bits, noted."""
         self.sources.add(source)
         return super().random_bits_at(source, rows, columns, frame_index)

@@ -103,7 +103,9 @@ class Stage(ABC):
     def moments(self, m: Moments) -> Moments:
         """Mean, temporal and spatial variance of the signal behind this stage."""
 
-    def outcomes(self, electrons: Electrons, frame: Frame) -> tuple[tuple[Array, Electrons], ...]:
+    def outcomes(
+        self, electrons: Electrons, frame: Frame
+    ) -> tuple[tuple[Array, Electrons], ...]:
         """Of a stage with temporal noise between light and shot noise: chance of each state of the pixels, and what
         electrons (H, W) become in it; none: normal noise, by its moments.
         """
@@ -189,7 +191,9 @@ class Converter(Stage):
         """The ideal code from which on there is only the largest code."""
         return self.highest - 0.5 + (0.0 if self.inl_lsb is None else float(self.inl_lsb[-1]))
 
-    def code_moments(self, swing: Float64Array, sigma: Float64Array) -> tuple[Float64Array, Float64Array]:
+    def code_moments(
+        self, swing: Float64Array, sigma: Float64Array
+    ) -> tuple[Float64Array, Float64Array]:
         """Mean and variance of the code of a normal swing with this mean and σ [V], both clips included."""
         ideal = self.black_level_dn + self.gain_dn_per_v * swing
         return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
@@ -202,11 +206,17 @@ class Converter(Stage):
         """
         last = 2 * float(np.finfo(frame.window.backend.precision).eps)
         more = 1 + last if last * self.highest < FAR_LESS else 1.0
-        return frame.number(more * self.black_level_dn) + frame.number(more * self.gain_dn_per_v) * swing
+        return (
+            frame.number(more * self.black_level_dn)
+            + frame.number(more * self.gain_dn_per_v) * swing
+        )
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels at either end of the code range."""
-        return {"clipped_adc_low": signal <= 0, "clipped_adc_high": signal >= frame.number(self.highest)}
+        return {
+            "clipped_adc_low": signal <= 0,
+            "clipped_adc_high": signal >= frame.number(self.highest),
+        }
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,23 @@ class Mistake(NamedTuple):
 
 
 PERCENT, CELSIUS = Mistake("percent", 1e-2), Mistake("°C", offset=273.15)
-METRES_TO_UM, MM_TO_UM, NM_TO_UM = Mistake("metres", 1e6), Mistake("millimetres", 1e3), Mistake("nanometres", 1e-3)
+METRES_TO_UM, MM_TO_UM, NM_TO_UM = (
+    Mistake("metres", 1e6),
+    Mistake("millimetres", 1e3),
+    Mistake("nanometres", 1e-3),
+)
 UM_TO_NM, METRES_TO_NM = Mistake("micrometres", 1e3), Mistake("metres", 1e9)
 METRES_TO_MM = Mistake("metres", 1e3)
-VOLTS_TO_UV, MV_TO_V, VOLTS_TO_NV = Mistake("volts", 1e6), Mistake("millivolts", 1e-3), Mistake("volts", 1e9)
-SECONDS_TO_US, MS_TO_US, NS_TO_US = Mistake("seconds", 1e6), Mistake("milliseconds", 1e3), Mistake("nanoseconds", 1e-3)
+VOLTS_TO_UV, MV_TO_V, VOLTS_TO_NV = (
+    Mistake("volts", 1e6),
+    Mistake("millivolts", 1e-3),
+    Mistake("volts", 1e9),
+)
+SECONDS_TO_US, MS_TO_US, NS_TO_US = (
+    Mistake("seconds", 1e6),
+    Mistake("milliseconds", 1e3),
+    Mistake("nanoseconds", 1e-3),
+)
 US_TO_SECONDS, NS_TO_SECONDS = Mistake("microseconds", 1e-6), Mistake("nanoseconds", 1e-9)
 THOUSANDS = Mistake("thousands", 1e3)
 AMPERES_TO_NA, PA_TO_NA = Mistake("amperes", 1e9), Mistake("picoamperes", 1e-3)
@@ -62,15 +74,26 @@ class Usual:
 
     def right(self, value: float) -> str:
         """``if 25 is in °C, write 298.15``, for the first unit in which the number is usual; else an empty text."""
-        return next((one.sentence(value) for one in self.mistakes if self.low <= one.corrected(value) <= self.high), "")
+        return next(
+            (
+                one.sentence(value)
+                for one in self.mistakes
+                if self.low <= one.corrected(value) <= self.high
+            ),
+            "",
+        )
 
     def doubt(self, field: str, value: float, verb: str = "is") -> str:
         """A sentence about an unusual value of a field, with the way out.  verb : has, of one value of several."""
-        way_out = self.right(value) or (self.mistakes[0].sentence(value) if self.mistakes else "check its unit")
+        way_out = self.right(value) or (
+            self.mistakes[0].sentence(value) if self.mistakes else "check its unit"
+        )
         return f"{field} {verb} {value:.10g}, and {self.text} is usual: {way_out}"
 
 
-COOLED_TO_HOT_K = Usual.of(70.0, 400.0, CELSIUS)  # liquid nitrogen … the hottest that silicon sensors are specified for
+COOLED_TO_HOT_K = Usual.of(
+    70.0, 400.0, CELSIUS
+)  # liquid nitrogen … the hottest that silicon sensors are specified for
 
 
 def temperature_note(temperature_k: float) -> tuple[str, ...]:

@@ -39,7 +39,9 @@ class Subject:
     exposure: ms.Exposure
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def render(self, seed: int, camera: ms.Camera | None = None, **options: Any) -> ms.Irradiance:
+    def render(
+        self, seed: int, camera: ms.Camera | None = None, **options: Any
+    ) -> ms.Irradiance:
         """One render, perhaps of another camera or with other options."""
         asked = {**self.options, **options}
         return ms.render(self.scene, camera or self.camera, self.exposure, seed=seed, **asked)
@@ -185,7 +187,9 @@ def time_in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float
 def resized(photons: ms.Photons, shape: tuple[int, int]) -> ms.Photons:
     """The light on a window of another size, each pixel that of the nearest; taken as exact."""
     sizes = zip(photons.mean.shape[:2], shape, strict=True)
-    rows, columns = (np.linspace(0, there - 1, here).round().astype(int) for there, here in sizes)
+    rows, columns = (
+        np.linspace(0, there - 1, here).round().astype(int) for there, here in sizes
+    )
     mean = np.ascontiguousarray(photons.mean[rows][:, columns])
     return replace(photons, mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
 
@@ -205,4 +209,8 @@ def pixel_difference(frame: NDArray[np.number], reference: NDArray[np.number]) -
     """How far a frame is from another one with equal random bits: share of the pixels, largest and rms step [DN]."""
     step = np.abs(frame.astype(np.float64) - reference)
     rms_dn = float(np.sqrt(np.mean(step**2)))
-    return {"share_of_pixels": float(np.mean(step > 0)), "largest_dn": float(step.max()), "rms_dn": rms_dn}
+    return {
+        "share_of_pixels": float(np.mean(step > 0)),
+        "largest_dn": float(step.max()),
+        "rms_dn": rms_dn,
+    }

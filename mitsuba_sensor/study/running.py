@@ -36,10 +36,20 @@ class StudyFolder:
     def measurements(self, force: bool = False) -> Measurements:
         """What is measured already.  force : nothing, it is measured again."""
         require_folder(self.folder)
-        question = {"study": self.name, **self.question, "machine": machine(), "versions": versions()}
+        question = {
+            "study": self.name,
+            **self.question,
+            "machine": machine(),
+            "versions": versions(),
+        }
         return Measurements(self.folder / MEASUREMENTS, question, force, self.records)
 
-    def run(self, study: Callable[[Kit], Study], known: Measurements, progress: Progress | None = None) -> Study:
+    def run(
+        self,
+        study: Callable[[Kit], Study],
+        known: Measurements,
+        progress: Progress | None = None,
+    ) -> Study:
         """Measure what is not known and write everything; measurements stay where the rest is stopped."""
         resumed = len(known)
         kit = Kit(known, progress)

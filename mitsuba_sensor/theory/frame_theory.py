@@ -85,8 +85,13 @@ class FrameTheory:
         square = residual**2 * shift.unbiased
         errors = (residual, noise - noise_shift.at(levels), square - square.mean())
         return Averages(
-            self._over_light(response.mean(number, self.levels.light_e) + shift.at(self.levels.light_e)),
-            self._over_light(response.temporal(number, self.levels.light_e) + noise_shift.at(self.levels.light_e)),
+            self._over_light(
+                response.mean(number, self.levels.light_e) + shift.at(self.levels.light_e)
+            ),
+            self._over_light(
+                response.temporal(number, self.levels.light_e)
+                + noise_shift.at(self.levels.light_e)
+            ),
             float(square.mean()),
             tuple(float(x.std() / math.sqrt(x.size)) for x in errors),  # type: ignore[arg-type]
         )
@@ -99,7 +104,9 @@ class FrameTheory:
         self._prepare(range(len(self.stages)))
         for number in range(len(self.stages)):
             off = self._sampled(number)[0] - self.response.mean(number, levels)
-            found[number] = self.response.mean(number, light_e) + Smoothed.of(levels, off).at(light_e)
+            found[number] = self.response.mean(number, light_e) + Smoothed.of(levels, off).at(
+                light_e
+            )
         return found
 
     def digital_mean(self) -> NDArray[np.float32]:
@@ -115,7 +122,9 @@ class FrameTheory:
         """The pixels that are averaged over."""
         pilot = sample_pixels(self.light.signal, self.frame, PILOT)
         work = PixelStrip(self.stages, pilot.light, pilot.frame).work()
-        return sample_pixels(self.light.signal, self.frame, int(np.clip(WORK / work, FEWEST, PIXELS)))
+        return sample_pixels(
+            self.light.signal, self.frame, int(np.clip(WORK / work, FEWEST, PIXELS))
+        )
 
     @cached_property
     def levels(self) -> LightLevels:
@@ -127,7 +136,9 @@ class FrameTheory:
         """Of a pixel in the middle of the window that has no fixed-pattern noise."""
         darkest, brightest = self.levels.light_e[[0, -1]]
         ends = float(darkest * (1 - WIDTH)), float(brightest * (1 + WIDTH))
-        return Response.of(self.stages, self.frame, *(ends if brightest > darkest else (darkest, darkest)))
+        return Response.of(
+            self.stages, self.frame, *(ends if brightest > darkest else (darkest, darkest))
+        )
 
     @property
     def _counts_electrons(self) -> bool:
@@ -136,7 +147,9 @@ class FrameTheory:
 
     @cached_property
     def _sampled_light(self) -> Float64Array:
-        light = np.broadcast_to(np.asarray(self.sample.light.light, np.float64), self.sample.frame.window.shape)
+        light = np.broadcast_to(
+            np.asarray(self.sample.light.light, np.float64), self.sample.frame.window.shape
+        )
         return np.minimum(light.ravel(), HIGHEST_E)
 
     def _sampled(self, number: int) -> Codes:
@@ -149,7 +162,9 @@ class FrameTheory:
     def _prepare(self, numbers: Collection[int]) -> None:
         """Compute the sampled pixels behind these stages, those that are missing."""
         if missing := [number for number in numbers if number not in self._behind]:
-            self._behind.update(behind_stages(self.stages, self.sample.light, self.sample.frame, missing))
+            self._behind.update(
+                behind_stages(self.stages, self.sample.light, self.sample.frame, missing)
+            )
 
     def _over_light(self, values: Float64Array) -> float:
         return float(np.average(values, weights=self.levels.pixels))
@@ -188,7 +203,9 @@ class FrameTheory:
     def _propagated(self, number: int) -> Averages:
         """By the moments of the stages alone."""
         levels = self.levels
-        mean, temporal, spatial = map(self._over_light, self._propagated_to(number, levels.light_e))
+        mean, temporal, spatial = map(
+            self._over_light, self._propagated_to(number, levels.light_e)
+        )
         return Averages(mean, temporal, spatial)
 
     def _propagated_to(self, number: int, photons: Float64Array) -> tuple[Float64Array, ...]:
@@ -197,12 +214,15 @@ class FrameTheory:
         start = Moments(Photons(levels[None, :]), 0.0, 0.0, replace(self.frame, window=window))
         m = propagate(self.stages[: number + 1], start)
         parts = (
-            np.broadcast_to(np.asarray(x, np.float64), (1, levels.size))[0] for x in (m.mean, m.temporal, m.spatial)
+            np.broadcast_to(np.asarray(x, np.float64), (1, levels.size))[0]
+            for x in (m.mean, m.temporal, m.spatial)
         )
         return tuple(part[place].reshape(photons.shape) for part in parts)
 
 
-def behind_stages(stages: Chain, light: Electrons, frame: Frame, numbers: Collection[int]) -> dict[int, Codes]:
+def behind_stages(
+    stages: Chain, light: Electrons, frame: Frame, numbers: Collection[int]
+) -> dict[int, Codes]:
     """Mean and variance of the signal of every pixel behind these stages, (P,) each, on all processors.
 
     light, frame : of a window, (H, W).
@@ -212,12 +232,16 @@ def behind_stages(stages: Chain, light: Electrons, frame: Frame, numbers: Collec
 
     def write(rows: slice) -> None:
         part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
-        for number, moments in PixelStrip(stages, _rows_of(light, rows), part).behind(numbers).items():
+        for number, moments in (
+            PixelStrip(stages, _rows_of(light, rows), part).behind(numbers).items()
+        ):
             for values, computed in zip(found[number], moments, strict=True):
                 values[rows] = computed.reshape(part.window.shape)
 
     for_each(write, row_strips_of(shape, STRIP))
-    return {number: (mean.ravel(), variance.ravel()) for number, (mean, variance) in found.items()}
+    return {
+        number: (mean.ravel(), variance.ravel()) for number, (mean, variance) in found.items()
+    }
 
 
 def _rows_of(light: Electrons, rows: slice) -> Electrons:

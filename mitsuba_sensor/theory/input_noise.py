@@ -15,7 +15,9 @@ from .response import behind_stages_at
 LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
 BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
 NO_SLOPE = 1e-9  # of the largest: full, up to the last digits of the theory
-ROUNDING_DN2 = 1 / 12  # variance of the rounding: the least that a code varies by, also where little noise shows it
+ROUNDING_DN2 = (
+    1 / 12
+)  # variance of the rounding: the least that a code varies by, also where little noise shows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +49,16 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
 def _of_chain(stages: Chain, full_well_e: float, exposure: Exposure) -> InputNoise:
     levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * full_well_e), LEVELS))
     last, converter = len(stages) - 1, converter_of(stages)
-    behind = behind_stages_at(stages, Frame(exposure, SensorWindow(0, (1, 1))), levels, [last - 1, last])
+    behind = behind_stages_at(
+        stages, Frame(exposure, SensorWindow(0, (1, 1))), levels, [last - 1, last]
+    )
     (swing_v, swing_v2), (mean_dn, variance_dn2) = behind[last - 1], behind[last]
-    if converter.gain_dn_per_v * np.sqrt(swing_v2.min()) < SHARP_DN:  # the codes may go up in steps
-        mean_dn = np.clip(converter.black_level_dn + converter.gain_dn_per_v * swing_v, 0.0, converter.highest)
+    if (
+        converter.gain_dn_per_v * np.sqrt(swing_v2.min()) < SHARP_DN
+    ):  # the codes may go up in steps
+        mean_dn = np.clip(
+            converter.black_level_dn + converter.gain_dn_per_v * swing_v, 0.0, converter.highest
+        )
     slope = np.gradient(mean_dn, levels)
     slope[slope < NO_SLOPE * slope.max()] = 0.0
     return InputNoise(levels, slope**2 / np.maximum(variance_dn2, ROUNDING_DN2))

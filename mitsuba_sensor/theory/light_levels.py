@@ -40,7 +40,9 @@ def light_levels(light: Detected) -> LightLevels:
     pixels, sums = np.zeros(LEVELS, dtype=np.int64), np.zeros(LEVELS)
     rows = row_strips_of((height, width), NUMPY_FLOAT64.strip_pixels)
     with ThreadPoolExecutor(processors()) as pool:
-        for strip_pixels, strip_sums in pool.map(lambda part: _count(light.crop_rows(part).mean_e.ravel()), rows):
+        for strip_pixels, strip_sums in pool.map(
+            lambda part: _count(light.crop_rows(part).mean_e.ravel()), rows
+        ):
             pixels += strip_pixels
             sums += strip_sums
     used = np.flatnonzero(pixels)
@@ -51,4 +53,6 @@ def _count(light_e: Float64Array) -> tuple[NDArray[np.intp], Float64Array]:
     """Pixels and sum of the light of every level."""
     with np.errstate(over="ignore", under="ignore"):
         level = light_e.astype(np.float32).view(np.uint32) >> SHIFT
-    return np.bincount(level, minlength=LEVELS), np.asarray(np.bincount(level, light_e, minlength=LEVELS), np.float64)
+    return np.bincount(level, minlength=LEVELS), np.asarray(
+        np.bincount(level, light_e, minlength=LEVELS), np.float64
+    )

@@ -70,12 +70,18 @@ class NoiseBudget:
             expected = self.theory.averages(stage)
             now = expected.temporal * to_dn**2, expected.spatial * to_dn**2
             sums = {
-                source: np.sum([s[number][source] for s in strips], axis=0) / pixels for source in strips[0][number]
+                source: np.sum([s[number][source] for s in strips], axis=0) / pixels
+                for source in strips[0][number]
             }
             stated = sum(variance for _, _, variance in sums.values())
             for source, (mean, square, variance) in sums.items():
-                share, rms = variance / stated if stated else 1 / len(sums), math.sqrt(max(square - mean**2, 0.0))
-                temporal, spatial = (share * (new - old) for new, old in zip(now, was, strict=True))
+                share, rms = (
+                    variance / stated if stated else 1 / len(sums),
+                    math.sqrt(max(square - mean**2, 0.0)),
+                )
+                temporal, spatial = (
+                    share * (new - old) for new, old in zip(now, was, strict=True)
+                )
                 entries.append(Contribution(source, float(mean), rms, temporal, spatial, self))
             was = now
         return tuple(entries)
@@ -83,16 +89,27 @@ class NoiseBudget:
     def strips(self) -> Iterator[tuple[slice, dict[str, Float64Array]]]:
         """Rows of the window, and the contribution of every source to their pixels [DN]."""
         for rows in self._rows:
-            yield rows, {source: values for stage in self._strip(rows) for source, (values, _) in stage.items()}
+            yield (
+                rows,
+                {
+                    source: values
+                    for stage in self._strip(rows)
+                    for source, (values, _) in stage.items()
+                },
+            )
 
     @property
     def total(self) -> Float64Array:
         """The sum of all contributions: the frame itself, (H, W) [DN]."""
-        return np.concatenate([np.sum(list(found.values()), axis=0) for _, found in self.strips()])
+        return np.concatenate(
+            [np.sum(list(found.values()), axis=0) for _, found in self.strips()]
+        )
 
     def explain(self) -> str:
         """A table for people."""
-        lines = [f"{'source':<26}{'mean':>12}{'rms':>12}{'temporal':>12}{'spatial':>12}   [DN, DN, DN², DN²]"]
+        lines = [
+            f"{'source':<26}{'mean':>12}{'rms':>12}{'temporal':>12}{'spatial':>12}   [DN, DN, DN², DN²]"
+        ]
         for e in self.entries:
             numbers = (e.mean_dn, e.rms_dn, e.temporal_dn2, e.spatial_dn2)
             lines.append(f"{e.source:<26}" + "".join(f"{x:>12.5g}" for x in numbers))
@@ -103,7 +120,9 @@ class NoiseBudget:
 
     @property
     def _rows(self) -> list[slice]:
-        return list(row_strips_of(self.frame.window.shape, self.frame.window.backend.strip_pixels))
+        return list(
+            row_strips_of(self.frame.window.shape, self.frame.window.backend.strip_pixels)
+        )
 
     def _strip(self, rows: slice) -> Contributions:
         window = self.frame.window.crop_rows(rows)
@@ -117,7 +136,8 @@ class NoiseBudget:
             after = to_dn * np.broadcast_to(_float64(signal), before.shape)
             parts = stage.noise_sources(entering, signal)
             apart = {
-                name: (to_dn * np.broadcast_to(x, before.shape), variance) for name, (x, variance) in parts.items()
+                name: (to_dn * np.broadcast_to(x, before.shape), variance)
+                for name, (x, variance) in parts.items()
             }
             found.append(apart or {stage.label: (after - before, 0.0)})
             before = after
@@ -134,7 +154,13 @@ def _sums(strip: Contributions) -> list[dict[str, Float64Array]]:
     """Of every source the sums of its contribution, of its square, and of the variance that it states."""
     return [
         {
-            source: np.array([x.sum(), np.square(x).sum(), np.broadcast_to(variance, x.shape).sum(dtype=np.float64)])
+            source: np.array(
+                [
+                    x.sum(),
+                    np.square(x).sum(),
+                    np.broadcast_to(variance, x.shape).sum(dtype=np.float64),
+                ]
+            )
             for source, (x, variance) in stage.items()
         }
         for stage in strip

@@ -21,12 +21,30 @@ def plan_html(plan: Plan) -> str:
         "exposure": f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K",
         "precision": plan.float32.explain(),
     }
-    names = "stage", "", "mean [DN]", "temporal [DN]", "spatial [DN]", "lines [DN]", "pixels", "why"
+    names = (
+        "stage",
+        "",
+        "mean [DN]",
+        "temporal [DN]",
+        "spatial [DN]",
+        "lines [DN]",
+        "pixels",
+        "why",
+    )
     rows = [
         (
             one.stage,
             "kept" if one.kept else "left out",
-            *(f"{x:.3g}" for x in (one.mean_dn, one.temporal_dn, one.spatial_dn, one.structure_dn, one.pixels_beyond)),
+            *(
+                f"{x:.3g}"
+                for x in (
+                    one.mean_dn,
+                    one.temporal_dn,
+                    one.spatial_dn,
+                    one.structure_dn,
+                    one.pixels_beyond,
+                )
+            ),
             one.reason,
         )
         for one in plan.effects
@@ -37,14 +55,23 @@ def plan_html(plan: Plan) -> str:
 def budget_html(budget: NoiseBudget) -> str:
     """The contributions of all sources; bars show how much each adds to the two variances."""
     entries = budget.entries
-    most = max((max(abs(one.temporal_dn2), abs(one.spatial_dn2)) for one in entries), default=0.0) or 1.0
+    most = (
+        max((max(abs(one.temporal_dn2), abs(one.spatial_dn2)) for one in entries), default=0.0)
+        or 1.0
+    )
 
     def variance(value: float) -> Bar:
         return bar(abs(value) / most, f"{value:.3g}")
 
     names = "source", "mean [DN]", "rms [DN]", "temporal [DN²]", "spatial [DN²]"
     rows = [
-        (one.source, f"{one.mean_dn:.5g}", f"{one.rms_dn:.4g}", variance(one.temporal_dn2), variance(one.spatial_dn2))
+        (
+            one.source,
+            f"{one.mean_dn:.5g}",
+            f"{one.rms_dn:.4g}",
+            variance(one.temporal_dn2),
+            variance(one.spatial_dn2),
+        )
         for one in entries
     ]
     return fragment("Noise budget of one frame", table(names, rows))

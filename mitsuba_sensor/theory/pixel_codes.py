@@ -53,7 +53,11 @@ class PixelCodes(PixelSwing):
                 of_each = 2 * REACH * np.sqrt(mean_e) + MORE
             elif find in (PixelCodes._cells, PixelCodes._cells_apart):
                 of_each = np.full(which.size, float(COUNT_CELLS))
-            if find in (PixelCodes._certain_apart, PixelCodes._every_apart, PixelCodes._cells_apart):
+            if find in (
+                PixelCodes._certain_apart,
+                PixelCodes._every_apart,
+                PixelCodes._cells_apart,
+            ):
                 of_each = of_each * CELLS
             counts += float(of_each.sum())
         return counts / max(self.numbers.size, 1)
@@ -68,7 +72,11 @@ class PixelCodes(PixelSwing):
 
     def _ways(self) -> Iterator[tuple[NDArray[np.intp], Callable[[PixelCodes], Codes]]]:
         """Which pixels to look at in which way."""
-        mu, sigma, converter = self.law.mean, np.sqrt(self.law.variance), converter_of(self.stages)
+        mu, sigma, converter = (
+            self.law.mean,
+            np.sqrt(self.law.variance),
+            converter_of(self.stages),
+        )
         full = self.full_well_e
         at = np.array([-INSIDE, -2.0, -1.0, 0.0, 1.0, 2.0, INSIDE])[:, None]
         reach = mu + at * sigma
@@ -77,7 +85,9 @@ class PixelCodes(PixelSwing):
         own = np.sqrt(noise[3])
         straight = not self.is_curved
         third = np.zeros(mu.size) if straight else np.abs(x[5] - 2 * x[4] + 2 * x[2] - x[1])
-        inside = (x.min(0) > INSIDE * own + 0.5) & (x.max(0) < converter.highest - 0.5 - INSIDE * own)
+        inside = (x.min(0) > INSIDE * own + 0.5) & (
+            x.max(0) < converter.highest - 0.5 - INSIDE * own
+        )
         inside &= (reach[-1] < full) & (third < STRAIGHT_DN) & (converter.inl_lsb is None)
         wide = self.widest_excess_dn(inside) > STRAIGHT_DN
         certain = (sigma == 0) | (reach[0] > full)
@@ -86,7 +96,9 @@ class PixelCodes(PixelSwing):
         sharp = ~certain & electrons_show(own, sigma, slope, least_dn)
         noisy = ((own >= NOISELESS_DN) | (mu >= FEW)) & (own < NO_HARMONIC)
         closed = inside & ~certain & ~wide & noisy & straight & self.law.is_poisson
-        smooth = inside & ~certain & ~wide & ~closed & ~sharp & ((mu >= FEW) | (own >= SHARP_DN))
+        smooth = (
+            inside & ~certain & ~wide & ~closed & ~sharp & ((mu >= FEW) | (own >= SHARP_DN))
+        )
         smooth |= ~certain & ~wide & ~closed & (self.chance < SELDOM)
         sums = ~(certain | closed | smooth)
         every = sums & (sharp | (mu < FEW))
@@ -114,7 +126,9 @@ class PixelCodes(PixelSwing):
     def _closed(self) -> Codes:
         """Poisson and normal, rounded."""
         x, noise = self.of_counts(np.stack([np.zeros(self.law.mean.size), self.law.mean]))
-        return rounded_poisson(x[1], np.sqrt(noise[1]), (x[1] - x[0]) / self.law.mean, self.law.mean)
+        return rounded_poisson(
+            x[1], np.sqrt(noise[1]), (x[1] - x[0]) / self.law.mean, self.law.mean
+        )
 
     def _every(self) -> Codes:
         """Sums over all counts."""
@@ -150,7 +164,11 @@ class PixelCodes(PixelSwing):
 
     def _over_cells(self) -> Codes:
         """Sums over cells that are narrow where the converter ends."""
-        mean, sigma, highest = self.law.mean, np.sqrt(self.law.variance), converter_of(self.stages).highest
+        mean, sigma, highest = (
+            self.law.mean,
+            np.sqrt(self.law.variance),
+            converter_of(self.stages).highest,
+        )
         counts = np.maximum(mean + np.linspace(-REACH, REACH, 9)[:, None] * sigma, 0.0)
         counts = np.minimum(counts, self.full_well_e)
         dn, variance = self.of_counts(counts)
@@ -163,7 +181,9 @@ class PixelCodes(PixelSwing):
     def _in_chunks(self, find: Callable[[PixelCodes], Codes]) -> Codes:
         """The same pixels, a few at a time."""
         mean, variance = np.empty(self.numbers.size), np.empty(self.numbers.size)
-        for some in chunks(np.arange(self.numbers.size), AT_ONCE // 2**9 if self.take_apart else 2**13):
+        for some in chunks(
+            np.arange(self.numbers.size), AT_ONCE // 2**9 if self.take_apart else 2**13
+        ):
             mean[some], variance[some] = find(self.some(some))
         return mean, variance
 
@@ -171,7 +191,9 @@ class PixelCodes(PixelSwing):
         """Mean and variance of the codes over these counts."""
         converter = converter_of(self.stages)
         chances, means, variances = self.ideal(Normals(*normals_of(nodes)))
-        code, variance = code_moments(means, np.sqrt(variances), converter.highest, converter.inl_lsb)
+        code, variance = code_moments(
+            means, np.sqrt(variances), converter.highest, converter.inl_lsb
+        )
         mean = np.sum(chances * code, axis=0)
         return mean, np.sum(chances * (variance + (code - mean) ** 2), axis=0)
 

@@ -49,7 +49,12 @@ class CountLaws(NamedTuple):
     @property
     def scale(self) -> Float64Array:
         """Above 1 where the variance is larger than the mean."""
-        return np.maximum(np.divide(self.variance, self.mean, out=np.ones(self.mean.shape), where=self.mean > 0), 1.0)
+        return np.maximum(
+            np.divide(
+                self.variance, self.mean, out=np.ones(self.mean.shape), where=self.mean > 0
+            ),
+            1.0,
+        )
 
     @property
     def shift(self) -> Float64Array:
@@ -69,7 +74,9 @@ class CountLaws(NamedTuple):
         """All counts within REACH."""
         scale, shift = self.scale, self.shift
         whole = np.floor(shift)
-        one = np.sqrt(shift - whole)  # a count of 0 or 1 of this mean varies less than its mean by what is left
+        one = np.sqrt(
+            shift - whole
+        )  # a count of 0 or 1 of this mean varies less than its mean by what is left
         rate = np.maximum(self.mean - whole - one, 0.0) / scale
         low = np.maximum(np.floor(rate - REACH * np.sqrt(rate)), 0.0)
         number = int(np.max(np.ceil(2 * REACH * np.sqrt(rate)), initial=0.0)) + MORE
@@ -80,7 +87,9 @@ class CountLaws(NamedTuple):
         mixed[1:] += one * chance[:-1]
         return CountNodes(whole + scale * n, mixed, np.zeros(1))
 
-    def in_cells(self, ends_e: Float64Array, noise_e: Float64Array, full_well_e: float) -> CountNodes:
+    def in_cells(
+        self, ends_e: Float64Array, noise_e: Float64Array, full_well_e: float
+    ) -> CountNodes:
         """Cells of the count with their means and variances: of means that are large.
 
         The count is that of a normal z, n = mean + σ·z + skew·(z² − 1) (Cornish and Fisher 1938), so that the moments
@@ -94,7 +103,12 @@ class CountLaws(NamedTuple):
         about = (end + noise_e * ABOUT_END for end in ends_e)
         wells = np.full((1, self.mean.size), full_well_e)
         places = np.concatenate([*about, wells])
-        z = np.concatenate([np.broadcast_to(EVEN, (EVEN.size, self.mean.size)), self._normal_of(places, sigma, skew)])
+        z = np.concatenate(
+            [
+                np.broadcast_to(EVEN, (EVEN.size, self.mean.size)),
+                self._normal_of(places, sigma, skew),
+            ]
+        )
         z = np.sort(np.clip(z, -REACH, REACH), axis=0)
         below, density = scipy.special.ndtr(z), np.exp(-0.5 * z**2) / math.sqrt(2 * math.pi)
         power = [np.diff(below, axis=0), -np.diff(density, axis=0)]
@@ -108,14 +122,20 @@ class CountLaws(NamedTuple):
         count = np.maximum(self.mean + first, 0.0)
         full = z[:-1] >= self._normal_of(wells, sigma, skew)
         count, variance = np.where(full, full_well_e, count), np.where(full, 0.0, variance)
-        return CountNodes(np.minimum(count, full_well_e), power[0] / power[0].sum(axis=0), variance)
+        return CountNodes(
+            np.minimum(count, full_well_e), power[0] / power[0].sum(axis=0), variance
+        )
 
-    def _normal_of(self, counts_e: Float64Array, sigma: Float64Array, skew: Float64Array) -> Float64Array:
+    def _normal_of(
+        self, counts_e: Float64Array, sigma: Float64Array, skew: Float64Array
+    ) -> Float64Array:
         """The normal z of these counts, (C, P): the upper root of mean + σ·z + skew·(z² − 1) = count."""
         off = np.clip(counts_e - self.mean + skew, -1e30, 1e30)
         root = np.sqrt(np.maximum(sigma**2 + 4 * skew * off, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.nan_to_num(2 * off / (sigma + root), nan=0.0, posinf=REACH, neginf=-REACH))
+            return np.asarray(
+                np.nan_to_num(2 * off / (sigma + root), nan=0.0, posinf=REACH, neginf=-REACH)
+            )
 
 
 def _poisson(n: Float64Array, rate: Float64Array) -> Float64Array:
@@ -123,5 +143,7 @@ def _poisson(n: Float64Array, rate: Float64Array) -> Float64Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = np.where(n > 0, n * np.log(rate / np.maximum(n, 1e-300)), 0.0) + (n - rate)
     # ln n! = n ln n − n + what is left; differences of large numbers are taken before they are added
-    left = scipy.special.gammaln(n + 1) - np.where(n > 0, n * np.log(np.maximum(n, 1e-300)) - n, 0.0)
+    left = scipy.special.gammaln(n + 1) - np.where(
+        n > 0, n * np.log(np.maximum(n, 1e-300)) - n, 0.0
+    )
     return np.asarray(np.exp(logarithm - left))

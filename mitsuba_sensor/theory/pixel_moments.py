@@ -68,7 +68,9 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
     def write(rows: slice) -> None:
         part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
         mean, variance = PixelStrip(stages, light.crop_rows(rows).signal, part).codes()
-        found.mean[rows], found.temporal[rows] = (x.reshape(part.window.shape) for x in (mean, variance))
+        found.mean[rows], found.temporal[rows] = (
+            x.reshape(part.window.shape) for x in (mean, variance)
+        )
 
     for_each(write, row_strips_of(shape, STRIP))
     return found
@@ -95,7 +97,9 @@ class PixelStrip:
             if number in sums:
                 for state in states:
                     law = self._count_law(state, number + 1)
-                    sums[number].add(slice(None), self._flat(state.chance), law.mean, law.variance)
+                    sums[number].add(
+                        slice(None), self._flat(state.chance), law.mean, law.variance
+                    )
         if any(number >= self.split for number in sums):
             self._add_behind_count(sums, states)
         return {number: mixture.moments() for number, mixture in sums.items()}
@@ -120,7 +124,15 @@ class PixelStrip:
             if pixels.size:
                 moved = {number: (step, own) for number, (_, step, own) in noise.items()}
                 count_law = CountLaws(*(x[pixels] for x in self._count_law(state, self.split)))
-                yield PixelCodes(self.stages, self.frame, self.parts, pixels, count_law, chance[pixels], moved)
+                yield PixelCodes(
+                    self.stages,
+                    self.frame,
+                    self.parts,
+                    pixels,
+                    count_law,
+                    chance[pixels],
+                    moved,
+                )
 
     def work(self) -> float:
         """How many normals are added up for the codes of each pixel on average, where no table helps."""
@@ -141,7 +153,15 @@ class PixelStrip:
         for noise in self._noise():
             chance = math.prod((float(np.max(one)) for one, _, _ in noise.values()), start=1.0)
             moved = {number: (step, own) for number, (_, step, own) in noise.items()}
-            law = PixelCodes(self.stages, self.frame, self.parts, pixels, CountLaws(whole, whole), whole, moved)
+            law = PixelCodes(
+                self.stages,
+                self.frame,
+                self.parts,
+                pixels,
+                CountLaws(whole, whole),
+                whole,
+                moved,
+            )
             if chance > rare:
                 quietest = np.minimum(quietest, np.sqrt(law.of_counts(counts)[1]))
         return quietest
@@ -154,14 +174,24 @@ class PixelStrip:
     @cached_property
     def count(self) -> int:
         """The first stage that makes whole electrons; without one the first behind the mean electrons."""
-        counted = (k for k, s in enumerate(self.stages) if s.counts_electrons or s.frees_electrons)
+        counted = (
+            k for k, s in enumerate(self.stages) if s.counts_electrons or s.frees_electrons
+        )
         return next(counted, self.split)
 
     @cached_property
     def split(self) -> int:
         """The first stage that works on single counts: a full well, or volts."""
-        at = (k for k, s in enumerate(self.stages) if s.saturation_e is not None or s.domain in ("volts", "DN"))
-        return next(k for k in at if k >= next((k for k, s in enumerate(self.stages) if s.counts_electrons), 0))
+        at = (
+            k
+            for k, s in enumerate(self.stages)
+            if s.saturation_e is not None or s.domain in ("volts", "DN")
+        )
+        return next(
+            k
+            for k in at
+            if k >= next((k for k, s in enumerate(self.stages) if s.counts_electrons), 0)
+        )
 
     @cached_property
     def parts(self) -> list[Part]:
@@ -172,7 +202,10 @@ class PixelStrip:
     def _part(self, stage: Stage, before: Stage) -> Part:
         """A stage behind the count: noise of every pixel, a gain and an offset of every pixel, or the stage itself."""
         if (noise := stage.pixel_noise(self.frame)) is not None:
-            states = ((self._flat(chance), self._flat(x), self._flat(own)) for chance, x, own in noise.states)
+            states = (
+                (self._flat(chance), self._flat(x), self._flat(own))
+                for chance, x, own in noise.states
+            )
             return PixelNoise(tuple(states))
         if before.domain != "volts" or stage.domain != "volts" or stage.curved:
             return stage
@@ -192,7 +225,9 @@ class PixelStrip:
 
         dark, bright, brighter = at(0.0), at(1.0), at(2.0)
         gain, more = bright.mean - dark.mean, brighter.mean - bright.mean
-        same = np.allclose(gain, more, rtol=STRAIGHT) and np.allclose(dark.temporal, brighter.temporal, rtol=STRAIGHT)
+        same = np.allclose(gain, more, rtol=STRAIGHT) and np.allclose(
+            dark.temporal, brighter.temporal, rtol=STRAIGHT
+        )
         if not same:
             return None
         offset = self._flat(dark.mean) + self._unwritten(stage, dark)
@@ -207,12 +242,18 @@ class PixelStrip:
 
     def _states(self, sums: dict[int, _Mixture]) -> list[State]:
         """The pixels in front of the count, in each of their states; their signal is added to ``sums``."""
-        light = {k: np.asarray(x, np.float64) for k, x in vars(self.light).items() if x is not None}
-        states = [State(1.0, Electrons(**{**light, "light": np.minimum(light["light"], HIGHEST_E)}))]
+        light = {
+            k: np.asarray(x, np.float64) for k, x in vars(self.light).items() if x is not None
+        }
+        states = [
+            State(1.0, Electrons(**{**light, "light": np.minimum(light["light"], HIGHEST_E)}))
+        ]
         for number, stage in enumerate(self.stages[: self.count]):
             if number:
                 before = self.stages[number - 1]
-                states = [after for state in states for after in self._behind(stage, before, state)]
+                states = [
+                    after for state in states for after in self._behind(stage, before, state)
+                ]
             if number in sums:
                 for chance, electrons, variance_e2 in states:
                     law = (self._flat(x) for x in (chance, electrons.total, variance_e2))
@@ -222,11 +263,16 @@ class PixelStrip:
     def _behind(self, stage: Stage, before: Stage, state: State) -> Iterator[State]:
         """In front of the count: as in a frame where there is no temporal noise, else in each of its states."""
         if outcomes := stage.outcomes(state.electrons, self.frame):
-            yield from (state._replace(chance=state.chance * chance, electrons=e) for chance, e in outcomes)
+            yield from (
+                state._replace(chance=state.chance * chance, electrons=e)
+                for chance, e in outcomes
+            )
         elif has_temporal_noise(stage, before, self.frame):
             was = state.electrons
             m = stage.moments(Moments(was.total, 0.0, 0.0, self.frame))
-            moved = m.mean - was.total + self._unwritten(stage, m).reshape(self.frame.window.shape)
+            moved = (
+                m.mean - was.total + self._unwritten(stage, m).reshape(self.frame.window.shape)
+            )
             electrons = replace(was, light=was.light + moved)
             yield State(state.chance, electrons, state.variance_e2 + m.temporal)
         else:
@@ -252,7 +298,9 @@ class PixelStrip:
 
     def _noise(self) -> Iterator[dict[int, tuple[Array, Array, Array]]]:
         """Every combination of the normals of noise behind the count: chance, mean and variance, by number of part."""
-        mixed = {k: part.states for k, part in enumerate(self.parts) if isinstance(part, PixelNoise)}
+        mixed = {
+            k: part.states for k, part in enumerate(self.parts) if isinstance(part, PixelNoise)
+        }
         for some in itertools.product(*mixed.values()):
             yield dict(zip(mixed, some, strict=True))
 
@@ -267,7 +315,11 @@ class _Mixture:
         self.chance, self.mean, self.square = (np.zeros(pixels) for _ in range(3))
 
     def add(
-        self, pixels: NDArray[np.intp] | slice, chance: Float64Array, mean: Float64Array, variance: Float64Array
+        self,
+        pixels: NDArray[np.intp] | slice,
+        chance: Float64Array,
+        mean: Float64Array,
+        variance: Float64Array,
     ) -> None:
         """One more state; means and squares are those of all states so far (West 1979), so that none is subtracted."""
         was = self.chance[pixels]
@@ -280,4 +332,6 @@ class _Mixture:
 
     def moments(self) -> Codes:
         """Mean and variance, (P,)."""
-        return self.mean, np.divide(self.square, self.chance, out=np.zeros(self.mean.size), where=self.chance > 0)
+        return self.mean, np.divide(
+            self.square, self.chance, out=np.zeros(self.mean.size), where=self.chance > 0
+        )

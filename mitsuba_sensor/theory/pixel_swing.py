@@ -60,7 +60,9 @@ class PixelSwing:
     @property
     def full_well_e(self) -> float:
         """Count that fills the smallest well."""
-        return min((s.saturation_e for s in self.stages if s.saturation_e is not None), default=np.inf)
+        return min(
+            (s.saturation_e for s in self.stages if s.saturation_e is not None), default=np.inf
+        )
 
     def some(self, which: NDArray[np.intp]) -> Self:
         """Some of these pixels."""
@@ -81,30 +83,40 @@ class PixelSwing:
         means = converter.black_level_dn + converter.gain_dn_per_v * normals.means
         return Normals(normals.chances, means, converter.gain_dn_per_v**2 * normals.variances)
 
-    def of_counts(self, counts: Float64Array, rest_e2: Array = 0.0) -> tuple[Float64Array, Float64Array]:
+    def of_counts(
+        self, counts: Float64Array, rest_e2: Array = 0.0
+    ) -> tuple[Float64Array, Float64Array]:
         """Mean and variance of the code before rounding of each of these counts, (…, P) [DN, DN²].
 
         rest_e2 : variance of a normal about each.
         """
         whole = replace(self, take_apart=False) if self.take_apart else self
-        _, means, variances = whole.ideal(Normals(ONE_COUNT, counts, np.broadcast_to(rest_e2, counts.shape)))
+        _, means, variances = whole.ideal(
+            Normals(ONE_COUNT, counts, np.broadcast_to(rest_e2, counts.shape))
+        )
         return np.broadcast_to(means, counts.shape), np.broadcast_to(variances, counts.shape)
 
     def analogue(self) -> Iterator[Codes]:
         """Mean and variance of the signal behind each part, (P,), in its unit."""
         fullest = self.law.mean + INSIDE * np.sqrt(self.law.variance) + MORE
         few = (self.law.mean < FEW) & ((fullest >= self.full_well_e) | self._count_is_curved())
-        found: list[list[Float64Array]] = [[np.empty(few.size), np.empty(few.size)] for _ in self.parts]
+        found: list[list[Float64Array]] = [
+            [np.empty(few.size), np.empty(few.size)] for _ in self.parts
+        ]
         for which, nodes_of in ((few, CountLaws.every_count), (~few, CountLaws.as_normal)):
             for some in chunks(np.flatnonzero(which), AT_ONCE // 2**7):
                 part = self.some(some)
                 inside = np.ones(some.size, bool)
                 excess_dn = part.widest_excess_dn(inside).max(initial=0.0)
                 part = replace(part, take_apart=bool(excess_dn > STRAIGHT_DN))
-                for sums, (_, law) in zip(found, part.swings(Normals(*normals_of(nodes_of(part.law)))), strict=True):
+                for sums, (_, law) in zip(
+                    found, part.swings(Normals(*normals_of(nodes_of(part.law)))), strict=True
+                ):
                     mean = np.sum(law.chances * law.means, axis=0)
                     sums[0][some] = mean
-                    sums[1][some] = np.sum(law.chances * (law.variances + (law.means - mean) ** 2), axis=0)
+                    sums[1][some] = np.sum(
+                        law.chances * (law.variances + (law.means - mean) ** 2), axis=0
+                    )
         yield from ((mean, variance) for mean, variance in found)
 
     def _count_is_curved(self) -> NDArray[np.bool_]:
@@ -112,7 +124,9 @@ class PixelSwing:
         if not self.is_curved:
             return np.zeros(self.numbers.size, bool)
         steps = np.array([-2.0, -1.0, 1.0, 2.0])[:, None]
-        dn, _ = self.of_counts(np.maximum(self.law.mean + steps * np.sqrt(self.law.variance), 0.0))
+        dn, _ = self.of_counts(
+            np.maximum(self.law.mean + steps * np.sqrt(self.law.variance), 0.0)
+        )
         return np.asarray(np.abs(dn[3] - 2 * dn[2] + 2 * dn[1] - dn[0]) > STRAIGHT_DN)
 
     def _pass(self, number: int, part: Part, normals: Normals) -> tuple[Normals, Normals]:
@@ -130,7 +144,9 @@ class PixelSwing:
             if self.take_apart and np.any(variances):
                 normals = self._curve(number, part).take_apart(normals)
             return normals, pass_curve(part, normals, self.frame)
-        m = part.moments(Moments(means, np.broadcast_to(variances, means.shape), 0.0, self.frame))
+        m = part.moments(
+            Moments(means, np.broadcast_to(variances, means.shape), 0.0, self.frame)
+        )
         return normals, Normals(chances, np.asarray(m.mean), np.asarray(m.temporal))
 
     def _curve(self, number: int, stage: Stage) -> Curve:
@@ -139,7 +155,10 @@ class PixelSwing:
         for later, part in enumerate(self.parts[number + 1 :], start=number + 1):
             if isinstance(part, Line):
                 middle = float(np.median(part.gain))
-                gain, noise_v2 = gain * middle, middle**2 * noise_v2 + float(part.variance.max())
+                gain, noise_v2 = (
+                    gain * middle,
+                    middle**2 * noise_v2 + float(part.variance.max()),
+                )
                 noise_v2 += float(np.ptp(part.offset)) ** 2
             elif isinstance(part, PixelNoise):
                 noise_v2 += float(max(x.max() for x in self.noise[later][1:])) + float(
@@ -147,7 +166,9 @@ class PixelSwing:
                 )
             else:
                 gain, noise_v2 = gain * part.nominal_gain, part.nominal_gain**2 * noise_v2
-        return Curve(stage, converter, self.frame, gain, converter.gain_dn_per_v * math.sqrt(noise_v2))
+        return Curve(
+            stage, converter, self.frame, gain, converter.gain_dn_per_v * math.sqrt(noise_v2)
+        )
 
     def widest_excess_dn(self, inside: NDArray[np.bool_]) -> Float64Array:
         """By how much a curve distorts the noise in front of it at most, (P,) [DN].
@@ -159,7 +180,9 @@ class PixelSwing:
             return excess
         whole = replace(self, take_apart=False)
         sigma = np.sqrt(self.law.variance)
-        counts = np.maximum(self.law.mean + np.array([-6.0, -3.0, 0.0, 3.0, 6.0])[:, None] * sigma, 0.0)
+        counts = np.maximum(
+            self.law.mean + np.array([-6.0, -3.0, 0.0, 3.0, 6.0])[:, None] * sigma, 0.0
+        )
         start = Normals(ONE_COUNT, counts, np.zeros(counts.shape))
         for number, (before, _) in enumerate(whole.swings(start)):
             part = self.parts[number]

@@ -65,12 +65,18 @@ def tabulated(pixels: PixelCodes, find: Callable[[PixelCodes], Codes]) -> Codes 
     nodes = TableNodes(_spaced_nodes(root_means, STEP), offset_nodes)
     at_nodes = find(_pixels_at(nodes, pixels, float(offsets_dn[0])))
     if same:
-        lines = (scipy.interpolate.InterpolatedUnivariateSpline(nodes.root_means, x, k=DEGREE) for x in at_nodes)
+        lines = (
+            scipy.interpolate.InterpolatedUnivariateSpline(nodes.root_means, x, k=DEGREE)
+            for x in at_nodes
+        )
         mean, variance = (np.asarray(line(root_means)) for line in lines)
     else:
         shape = nodes.root_means.size, nodes.offsets_dn.size
         planes = (
-            scipy.interpolate.RectBivariateSpline(*nodes, x.reshape(shape), kx=DEGREE, ky=DEGREE) for x in at_nodes
+            scipy.interpolate.RectBivariateSpline(
+                *nodes, x.reshape(shape), kx=DEGREE, ky=DEGREE
+            )
+            for x in at_nodes
         )
         mean, variance = (np.asarray(plane.ev(root_means, offsets_dn)) for plane in planes)
     return mean, np.maximum(variance, 0.0)
@@ -83,7 +89,11 @@ def _differ_in_mean_and_offset_only(pixels: PixelCodes) -> bool:
     same = [variance / np.maximum(mean, 1e-300)]
     for number, part in enumerate(pixels.parts):
         if isinstance(part, Line):
-            same += [part.gain, part.variance] if straight else [part.gain, part.variance, part.offset]
+            same += (
+                [part.gain, part.variance]
+                if straight
+                else [part.gain, part.variance, part.offset]
+            )
         elif isinstance(part, PixelNoise):
             offset, noise = pixels.noise[number]
             same += [noise] if straight else [noise, offset]

@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
-from ..core import Electrons, Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
+from ..core import (
+    Electrons,
+    Exposure,
+    Frame,
+    InputError,
+    Photons,
+    SensorWindow,
+    check_types,
+    require,
+)
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..sensor.checks import as_photons, checked_maps
 from ..sensor.detection import Detected, detect
@@ -25,8 +34,12 @@ from .light_levels import WIDTH, light_levels
 from .notebook import plan_html
 from .plan_effects import Effect, PlanRange, Trial
 
-RUNS = 5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
-LEVELS = 65  # pixels of the scene, from dark to bright, on which float32 is compared with float64
+RUNS = (
+    5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
+)
+LEVELS = (
+    65  # pixels of the scene, from dark to bright, on which float32 is compared with float64
+)
 IDLE = "changes nothing"  # why a neutral stage is left out
 NEEDED = "changes the unit; always needed"
 
@@ -67,18 +80,26 @@ class Plan:
         for e in self.effects:
             numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
             kept = "kept" if e.kept else "left out"
-            row = f"{e.stage:<26}{kept:<9}" + "".join(f"{x:>10.4g}" for x in numbers) + f"  {e.reason}"
+            row = (
+                f"{e.stage:<26}{kept:<9}"
+                + "".join(f"{x:>10.4g}" for x in numbers)
+                + f"  {e.reason}"
+            )
             lines.append(row.rstrip())
         whole_s, planned_s = self.seconds
         lines.append(self.float32.explain())
-        lines.append(f"measured: {whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan")
+        lines.append(
+            f"measured: {whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
+        )
         return "\n".join(lines)
 
     def check(self, light: Detected, frame: Frame) -> None:
         """Raise InputError for an exposure, a window, measured maps or light that this plan was not made for."""
         self.range.check(frame.exposure, light_levels(light), frame.window.shape)
         own, given = self.frame.window.given, frame.window.given
-        if own.keys() != given.keys() or not all(np.array_equal(own[name], given[name]) for name in own):
+        if own.keys() != given.keys() or not all(
+            np.array_equal(own[name], given[name]) for name in own
+        ):
             with_, has = (", ".join(sorted(maps)) or "none" for maps in (own, given))
             raise InputError(
                 f"the plan was made for other measured maps ({with_}) than this exposure has ({has}); make a plan for "
@@ -104,7 +125,9 @@ class Plan:
                 sample(stages, strip, replace(part, index=run, _blocks={}))
                 taken.append(time.perf_counter() - started)
         share = (rows.stop - rows.start) / self.frame.window.shape[0]
-        whole_s, planned_s = (statistics.median(taken[1:]) / share for taken in times)  # the first makes the maps
+        whole_s, planned_s = (
+            statistics.median(taken[1:]) / share for taken in times
+        )  # the first makes the maps
         return whole_s, planned_s
 
     def to_dict(self) -> dict[str, Any]:
@@ -140,28 +163,46 @@ def plan(
     light = as_photons(photons, camera, wavelengths_nm)
     window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin)
     frame = Frame(
-        exposure, replace(window, given=checked_maps({} if maps is None else maps, whole_chain(camera), window, camera))
+        exposure,
+        replace(
+            window,
+            given=checked_maps(
+                {} if maps is None else maps, whole_chain(camera), window, camera
+            ),
+        ),
     )
-    return plan_for(camera, detect(replace(light, variance_e2=None), camera.stages[0], frame), frame, tolerance_dn)
+    return plan_for(
+        camera,
+        detect(replace(light, variance_e2=None), camera.stages[0], frame),
+        frame,
+        tolerance_dn,
+    )
 
 
 def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:
     """The plan of a window in light that is detected already; measured maps are those of the frame's window."""
     whole, window, levels = camera.stages, frame.window, light_levels(light)
     darkest, brightest = float(levels.light_e[0]), float(levels.light_e[-1])
-    held = PlanRange(frame.exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH))
+    held = PlanRange(
+        frame.exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH)
+    )
     trial = Trial(whole, frame, held, _largest_yield(light.signal), tolerance_dn)
     alone = {id(stage): trial.effect(stage) for stage in whole}
     out = trial.chosen([stage for stage in whole if not stage.required], alone)
     kept = without(whole, out)
-    effects = tuple(_verdict(stage, alone[id(stage)], any(stage is one for one in out)) for stage in whole)
+    effects = tuple(
+        _verdict(stage, alone[id(stage)], any(stage is one for one in out)) for stage in whole
+    )
     single = float32_effect(kept, *_some_pixels(light.photons, camera, frame.exposure))
     return Plan(camera.name, tolerance_dn, effects, kept, whole, single, held, light, frame)
 
 
 def _largest_yield(light: Electrons) -> tuple[float, float]:
     """Mean and variance of the electrons that a photon frees, where it frees most."""
-    mean, variance = (np.broadcast_to(x, np.shape(light.light)) for x in (light.yield_mean, light.yield_variance))
+    mean, variance = (
+        np.broadcast_to(x, np.shape(light.light))
+        for x in (light.yield_mean, light.yield_variance)
+    )
     brightest = np.unravel_index(np.argmax(mean), mean.shape)
     return float(mean[brightest]), float(variance[brightest])
 
@@ -170,7 +211,11 @@ def _verdict(stage: Stage, alone: Effect, left_out: bool) -> Effect:
     if stage.required:
         return replace(alone, reason=NEEDED)
     idle = alone.largest_dn == 0 and alone.pixels_beyond == 0
-    return replace(alone, kept=not left_out, reason=IDLE if idle else "below the tolerance" if left_out else "")
+    return replace(
+        alone,
+        kept=not left_out,
+        reason=IDLE if idle else "below the tolerance" if left_out else "",
+    )
 
 
 def _some_pixels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photons, Frame]:

@@ -47,7 +47,9 @@ class PlanChances(NamedTuple):
 
     def with_codes(self, stages: Chain, sample: PlanSample) -> Self:
         """The same with the codes of this chain."""
-        mean, variance = (x.reshape(sample.frame.window.shape) for x in _strip(stages, sample).codes())
+        mean, variance = (
+            x.reshape(sample.frame.window.shape) for x in _strip(stages, sample).codes()
+        )
         return self._replace(codes=(mean, variance))
 
     @property

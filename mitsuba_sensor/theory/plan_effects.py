@@ -121,9 +121,13 @@ class Trial:
         stages, full = without(self.whole, out), self.full
         rest = PlanChances.of(stages, self.sample)
         changes = [self._changes(full.swing, rest.swing, self._inside)]
-        if max(changes[0][0], *np.sqrt(changes[0][1:])) <= self.tolerance_dn:  # else the stages are needed already
+        if (
+            max(changes[0][0], *np.sqrt(changes[0][1:])) <= self.tolerance_dn
+        ):  # else the stages are needed already
             rest = rest.with_codes(stages, self.sample)
-            changes.append(self._changes(full.codes, rest.codes, np.ones(self._inside.shape, bool)))
+            changes.append(
+                self._changes(full.codes, rest.codes, np.ones(self._inside.shape, bool))
+            )
         mean_dn, temporal_dn2, spatial_dn2 = np.max(changes, axis=0)
         steps_dn, of_lines_dn = self._shown_steps(rest, out)
         moved = self._moved(rest)
@@ -145,11 +149,25 @@ class Trial:
         tolerance, sums = self.tolerance_dn, np.zeros(7)
         out: list[Stage] = []
         small = [stage for stage in free if alone[id(stage)].largest_dn <= tolerance]
-        for stage in sorted(small, key=lambda stage: (alone[id(stage)].largest_dn, alone[id(stage)].pixels_beyond)):
+        for stage in sorted(
+            small,
+            key=lambda stage: (alone[id(stage)].largest_dn, alone[id(stage)].pixels_beyond),
+        ):
             e = alone[id(stage)]
-            squares = np.array([e.temporal_dn, e.spatial_dn, max(e.temporal_dn, e.spatial_dn, e.structure_dn)]) ** 2
+            squares = (
+                np.array(
+                    [
+                        e.temporal_dn,
+                        e.spatial_dn,
+                        max(e.temporal_dn, e.spatial_dn, e.structure_dn),
+                    ]
+                )
+                ** 2
+            )
             reach_dn, reach_sigma_dn = self._reach.get(_key([stage]), (0.0, 0.0))
-            added = sums + np.array([e.mean_dn, reach_dn, *squares, reach_sigma_dn**2, e.pixels_beyond])
+            added = sums + np.array(
+                [e.mean_dn, reach_dn, *squares, reach_sigma_dn**2, e.pixels_beyond]
+            )
             within = bool(np.all(np.concatenate([added[:2], np.sqrt(added[2:6])]) <= tolerance))
             if (within and added[6] < 1) or tolerance == np.inf:
                 out, sums = [*out, stage], added
@@ -163,7 +181,9 @@ class Trial:
     @cached_property
     def levels_e(self) -> Float64Array:
         """Levels of light at which the chains are compared: more of them where the response is curved."""
-        response = Response.of(self.whole, self.frame, self.range.darkest_e, self.range.brightest_e)
+        response = Response.of(
+            self.whole, self.frame, self.range.darkest_e, self.range.brightest_e
+        )
         levels_e = _evenly(response.light_e, MOST_LEVELS)
         sample = PlanSample.of(self.whole, self.frame, levels_e, self.yields)
         pixels = sample.frame.window.shape[0] * levels_e.size
@@ -203,16 +223,25 @@ class Trial:
         middle, variances = slice(self.sample.middle), []
         for stages, error_dn in ((without(self.whole, out), shown), (self.whole, was_shown)):
             within = self._spread_in_lines_dn2(stages)
-            hiding_dn2 = -np.log(np.maximum(math.pi * error_dn[middle].max(axis=0), 1e-300)) / (2 * math.pi**2)
+            hiding_dn2 = -np.log(np.maximum(math.pi * error_dn[middle].max(axis=0), 1e-300)) / (
+                2 * math.pi**2
+            )
             variances.append(_rounding_variance_dn2(np.maximum(hiding_dn2, 0.0) + within))
         more = np.where(self._inside, variances[0] - variances[1], 0.0).max(initial=0.0)
-        return float(steps.max(initial=0.0)), math.sqrt(2 * max(map(self._length, lines)) * more)
+        return float(steps.max(initial=0.0)), math.sqrt(
+            2 * max(map(self._length, lines)) * more
+        )
 
     def _rounding_error_dn(self, chances: PlanChances) -> Float64Array:
         """Largest error that rounding makes in the mean of every pixel, (P, L) [DN]."""
-        dn_per_e = math.prod(stage.nominal_gain for stage in self.whole[1:-1]) * converter_of(self.whole).gain_dn_per_v
+        dn_per_e = (
+            math.prod(stage.nominal_gain for stage in self.whole[1:-1])
+            * converter_of(self.whole).gain_dn_per_v
+        )
         own_dn, count_e = (np.sqrt(x).ravel() for x in (chances.own_dn2, chances.count_e2))
-        return rounding_error_dn(own_dn, count_e, np.full(own_dn.size, dn_per_e)).reshape(chances.own_dn2.shape)
+        return rounding_error_dn(own_dn, count_e, np.full(own_dn.size, dn_per_e)).reshape(
+            chances.own_dn2.shape
+        )
 
     def _is_idle(self, stage: Stage) -> bool:
         """Whether a stage hands on what it gets, or is a well that no pixel fills."""
@@ -223,14 +252,23 @@ class Trial:
         window = self.sample.frame.window.crop_rows(slice(0, 1))
         swing: Array = np.ones(window.shape)
         signal = Electrons(swing) if before.domain == "electrons" else swing
-        return stage.sample(signal, replace(self.sample.frame, window=window, _blocks={})) is signal
+        return (
+            stage.sample(signal, replace(self.sample.frame, window=window, _blocks={}))
+            is signal
+        )
 
     def _spread_in_lines_dn2(self, stages: Chain) -> Float64Array:
         """Spatial variance inside of a line at every level of light, (L,), by the moments of the stages."""
         inside = [stage for stage in stages[1:-1] if stage.shared_by is None]
-        plain = replace(self.frame, window=SensorWindow(0, (1, 1), given=self.frame.window.given), _blocks={})
+        plain = replace(
+            self.frame,
+            window=SensorWindow(0, (1, 1), given=self.frame.window.given),
+            _blocks={},
+        )
         m = propagate(inside, Moments(self.levels_e, 0.0, 0.0, plain))
-        return np.broadcast_to(converter_of(stages).gain_dn_per_v ** 2 * np.asarray(m.spatial), self.levels_e.shape)
+        return np.broadcast_to(
+            converter_of(stages).gain_dn_per_v ** 2 * np.asarray(m.spatial), self.levels_e.shape
+        )
 
     def _moved(self, rest: PlanChances) -> tuple[Float64Array, Float64Array]:
         """How far the stages move mean and σ of every pixel, of codes or swing, (P, L) each [DN]."""
@@ -264,7 +302,9 @@ class Trial:
 
     def _length(self, stage: Stage) -> int:
         """Pixels in the lines that share what a stage does."""
-        return {"column": self.range.rows, "row": self.range.columns}.get(stage.shared_by or "", 0)
+        return {"column": self.range.rows, "row": self.range.columns}.get(
+            stage.shared_by or "", 0
+        )
 
 
 def _distances(before: Codes, after: Codes) -> tuple[Float64Array, Float64Array]:
@@ -281,7 +321,9 @@ def _evenly(levels_e: Float64Array, count: int) -> Float64Array:
 def _rounding_variance_dn2(hiding_dn2: Float64Array) -> Float64Array:
     """Variance of that error over the places of the mean between two steps: Σ exp(−4π²k²σ²)/(2π²k²)."""
     k = np.arange(1.0, 65.0)[:, None]
-    return np.asarray(np.sum(np.exp(-4 * (math.pi * k) ** 2 * hiding_dn2) / (2 * (math.pi * k) ** 2), axis=0))
+    return np.asarray(
+        np.sum(np.exp(-4 * (math.pi * k) ** 2 * hiding_dn2) / (2 * (math.pi * k) ** 2), axis=0)
+    )
 
 
 def _key(out: Collection[Stage]) -> int:

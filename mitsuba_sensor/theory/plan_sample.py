@@ -50,7 +50,9 @@ class PlanSample(NamedTuple):
     shares: Float64Array
 
     @classmethod
-    def of(cls, stages: Chain, frame: Frame, light_e: Float64Array, yields: tuple[float, float]) -> Self:
+    def of(
+        cls, stages: Chain, frame: Frame, light_e: Float64Array, yields: tuple[float, float]
+    ) -> Self:
         """For these levels of light.
 
         frame : exposure, and the window whose places and measured maps count.
@@ -73,17 +75,36 @@ class PlanSample(NamedTuple):
             quantiles = _even_bits(name, count) / 2.0**32
             quantiles[block] = np.concatenate([TAIL, 1 - TAIL])
             shares[block] = np.tile(SHARE, 2)
-            maps[name] = values[np.minimum((quantiles * values.size).astype(int), values.size - 1)][:, None]
+            maps[name] = values[
+                np.minimum((quantiles * values.size).astype(int), values.size - 1)
+            ][:, None]
         rows = _places(height, count)
         columns = _places(width, light_e.size)
         places = sampled_window(replace(frame.window, given={}), rows, columns, "sampled")
-        window = PlanWindow(**{name: getattr(places, name) for name in _FIELDS}, given=maps, _bits=bits)
+        window = PlanWindow(
+            **{name: getattr(places, name) for name in _FIELDS}, given=maps, _bits=bits
+        )
         layers = {"yield_mean": yields[0], "yield_variance": yields[1]}
         light: Array = np.broadcast_to(light_e, (count, light_e.size))
-        return cls(replace(frame, window=window, _blocks={}), Electrons(light, **layers), MIDDLE, shares)
+        return cls(
+            replace(frame, window=window, _blocks={}),
+            Electrons(light, **layers),
+            MIDDLE,
+            shares,
+        )
 
 
-_FIELDS = ("serial", "shape", "origin", "backend", "camera", "row_numbers", "column_numbers", "maps", "sample_rows")
+_FIELDS = (
+    "serial",
+    "shape",
+    "origin",
+    "backend",
+    "camera",
+    "row_numbers",
+    "column_numbers",
+    "maps",
+    "sample_rows",
+)
 
 
 class _Recorder(SampledWindow):
@@ -96,9 +117,15 @@ class _Recorder(SampledWindow):
 
 def _sources(stages: Iterable[Stage], frame: Frame) -> list[str]:
     """Names of the random fixed-pattern noise maps that a chain draws."""
-    given = {name: np.full((1, 1), np.median(values)) for name, values in frame.window.given.items()}
+    given = {
+        name: np.full((1, 1), np.median(values)) for name, values in frame.window.given.items()
+    }
     window: SensorWindow = _Recorder(
-        0, (1, 1), given=given, row_numbers=np.zeros(1, np.int64), column_numbers=np.zeros(1, np.int64)
+        0,
+        (1, 1),
+        given=given,
+        row_numbers=np.zeros(1, np.int64),
+        column_numbers=np.zeros(1, np.int64),
     )
     one_pixel = replace(frame, window=window, _blocks={})
     signal: Array = Electrons(np.ones((1, 1)), 1.0)

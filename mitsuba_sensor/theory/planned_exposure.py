@@ -15,7 +15,11 @@ from .plan import plan_for
 
 
 def prepare_planned_exposure(
-    camera: Camera, exposure: Exposure, shape: tuple[int, ...], origin: tuple[int, int], options: ExposeOptions
+    camera: Camera,
+    exposure: Exposure,
+    shape: tuple[int, ...],
+    origin: tuple[int, int],
+    options: ExposeOptions,
 ) -> PreparedExposure:
     """What :func:`sensor.expose.prepare_exposure` returns; its light gets a plan within ``tolerance_dn``.
 

@@ -35,9 +35,13 @@ class FrameObserver:
     def __init__(self, theory: FrameTheory) -> None:
         self.theory, window = theory, theory.frame.window
         strips = list(row_strips_of(window.shape, NUMPY_FLOAT64.strip_pixels))
-        number = min(len(strips), max(SAMPLED * len(strips) // (window.shape[0] * window.shape[1]), 1))
+        number = min(
+            len(strips), max(SAMPLED * len(strips) // (window.shape[0] * window.shape[1]), 1)
+        )
         self.rows = [strips[k * len(strips) // number] for k in range(number)]
-        self.counts: Counter[str] = Counter(clipped_full_well=0, clipped_adc_low=0, clipped_adc_high=0)
+        self.counts: Counter[str] = Counter(
+            clipped_full_well=0, clipped_adc_low=0, clipped_adc_high=0
+        )
         self.sums: Float64Array = np.zeros((len(theory.stages), 3))
         self.compensated: Float64Array = np.zeros(4)
         self._lock = threading.Lock()
@@ -56,7 +60,10 @@ class FrameObserver:
         for rows in self.rows if not self.sums.any() else ():
             frame = self.theory.frame.on(backend)
             part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
-            follower, signal = StripFollower(self, part, self._means(rows)), self.theory.light.crop_rows(rows).signal
+            follower, signal = (
+                StripFollower(self, part, self._means(rows)),
+                self.theory.light.crop_rows(rows).signal,
+            )
             for number, stage in enumerate(self.theory.stages):
                 signal = stage.sample(signal, part) if number else signal
                 follower.behind(stage, signal)
@@ -69,8 +76,12 @@ class FrameObserver:
         values = np.broadcast_to(np.asarray(signal, dtype=np.float64), mean.shape)
         with np.errstate(invalid="ignore"):
             residual = np.nan_to_num(values - mean, nan=0.0, posinf=0.0)
-            if getattr(signal, "dtype", None) == np.float32:  # the last digit of a float32 is no noise
-                residual = np.where(np.abs(residual) <= np.spacing(np.abs(signal)), 0.0, residual)
+            if (
+                getattr(signal, "dtype", None) == np.float32
+            ):  # the last digit of a float32 is no noise
+                residual = np.where(
+                    np.abs(residual) <= np.spacing(np.abs(signal)), 0.0, residual
+                )
         with self._lock:
             self.sums[number] += float(np.sum(values)), float(np.sum(residual**2)), values.size
 
@@ -89,7 +100,9 @@ class FrameObserver:
 class StripFollower:
     """Sees the signals of one strip.  means : expected behind every stage, by its number; None: only masks."""
 
-    def __init__(self, observer: FrameObserver, frame: Frame, means: dict[int, Float64Array] | None) -> None:
+    def __init__(
+        self, observer: FrameObserver, frame: Frame, means: dict[int, Float64Array] | None
+    ) -> None:
         self.observer, self.frame, self.means = observer, frame, means
         self.masks: dict[str, Array] = {}
 
@@ -99,7 +112,11 @@ class StripFollower:
         number = place_of(stage, stages)
         self.masks |= stage.marked(value, self.frame)
         following = stages[number + 1] if number + 1 < len(stages) else None
-        if following is not None and following.counts_electrons and signal.variance_e2 is not None:
+        if (
+            following is not None
+            and following.counts_electrons
+            and signal.variance_e2 is not None
+        ):
             self.masks["compensated_short"] = self.observer.add_compensation(signal)
         if self.means is not None:
             self.observer.add(number, value, self.means[number])
@@ -128,7 +145,9 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
             "detected": photons.detected,
         },
         "sampled_pixels": int(observer.sums[0, 2]),
-        "stages": [_line(stage, theory, *observer.sums[k]) for k, stage in enumerate(theory.stages)],
+        "stages": [
+            _line(stage, theory, *observer.sums[k]) for k, stage in enumerate(theory.stages)
+        ],
         "counts": dict(observer.counts),
         **_compensation(photons, observer),
         "outside_qe": outside_qe(photons, camera),
@@ -159,7 +178,9 @@ def _compensation(photons: Photons, observer: FrameObserver) -> dict[str, Any]:
     }
 
 
-def _line(stage: Stage, theory: FrameTheory, values: float, squares: float, pixels: float) -> dict[str, Any]:
+def _line(
+    stage: Stage, theory: FrameTheory, values: float, squares: float, pixels: float
+) -> dict[str, Any]:
     """One stage of the report, in its own unit."""
     expected = theory.averages(stage)
     return {

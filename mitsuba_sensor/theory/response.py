@@ -46,9 +46,15 @@ class Response:
         frame : exposure, and the window in whose middle the pixel is.
         """
         low, high = (min(light_e, HIGHEST_E) for light_e in (darkest_e, brightest_e))
-        levels = np.unique(np.expm1(np.linspace(np.log1p(low), np.log1p(high), FIRST_NODES if high > low else 1)))
+        levels = np.unique(
+            np.expm1(
+                np.linspace(np.log1p(low), np.log1p(high), FIRST_NODES if high > low else 1)
+            )
+        )
         levels[0], levels[-1] = low, high
-        mean, variance = behind_stages_at(stages, frame, levels, [len(stages) - 1])[len(stages) - 1]
+        mean, variance = behind_stages_at(stages, frame, levels, [len(stages) - 1])[
+            len(stages) - 1
+        ]
         for _ in range(ROUNDS):
             between = _curved(levels, mean, variance)
             if not between.size or levels.size + between.size > MOST_NODES:
@@ -56,7 +62,9 @@ class Response:
             order = np.argsort(np.concatenate([levels, between]), kind="stable")
             more = behind_stages_at(stages, frame, between, [len(stages) - 1])[len(stages) - 1]
             levels = np.concatenate([levels, between])[order]
-            mean, variance = (np.concatenate(x)[order] for x in zip((mean, variance), more, strict=True))
+            mean, variance = (
+                np.concatenate(x)[order] for x in zip((mean, variance), more, strict=True)
+            )
         return cls(stages, frame, levels, {len(stages) - 1: (mean, variance)})
 
     def mean(self, number: int, light_e: Float64Array) -> Float64Array:
@@ -69,16 +77,24 @@ class Response:
 
     def _moments(self, number: int) -> Codes:
         if number not in self._behind:
-            self._behind.update(behind_stages_at(self.stages, self.frame, self.light_e, range(len(self.stages) - 1)))
+            self._behind.update(
+                behind_stages_at(
+                    self.stages, self.frame, self.light_e, range(len(self.stages) - 1)
+                )
+            )
         return self._behind[number]
 
 
 def median_frame(frame: Frame, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Frame:
     """Pixels of a frame by their places in its window; every fixed-pattern noise map has the middle of its law."""
-    return replace(frame, window=sampled_window(frame.window, rows, columns, "median"), _blocks={})
+    return replace(
+        frame, window=sampled_window(frame.window, rows, columns, "median"), _blocks={}
+    )
 
 
-def behind_stages_at(stages: Chain, frame: Frame, light_e: Float64Array, numbers: Collection[int]) -> dict[int, Codes]:
+def behind_stages_at(
+    stages: Chain, frame: Frame, light_e: Float64Array, numbers: Collection[int]
+) -> dict[int, Codes]:
     """Mean and variance behind some stages, of a pixel in the middle of the window in so much light, (L,) each."""
     height, width = frame.window.shape
     middle = np.full(light_e.size, width // 2)
@@ -94,7 +110,9 @@ def least_noise_dn(stages: Chain, frame: Frame) -> float:
     converter = converter_of(stages)
     places = np.zeros(1, np.int64), np.zeros(QUIET_PIXELS, np.int64)
     window = sampled_window(frame.window, *places, "sampled")
-    strip = PixelStrip(stages, Electrons(np.zeros(window.shape)), replace(frame, window=window, _blocks={}))
+    strip = PixelStrip(
+        stages, Electrons(np.zeros(window.shape)), replace(frame, window=window, _blocks={})
+    )
     dn_per_e = converter.gain_dn_per_v * math.prod(stage.nominal_gain for stage in stages[1:-1])
     wells = [stage.saturation_e for stage in stages if stage.saturation_e is not None]
     full_e = min([*wells, converter.highest / dn_per_e])
@@ -111,7 +129,9 @@ def _curved(levels: Float64Array, mean: Float64Array, variance: Float64Array) ->
     for values in (mean, sigma):
         share = (levels[1:-1] - levels[:-2]) / (levels[2:] - levels[:-2])
         straight = values[:-2] + share * (values[2:] - values[:-2])
-        curved[1:-1] |= np.abs(values[1:-1] - straight) > CURVED_DN * np.maximum(1.0, sigma[1:-1])
+        curved[1:-1] |= np.abs(values[1:-1] - straight) > CURVED_DN * np.maximum(
+            1.0, sigma[1:-1]
+        )
     here = curved[:-1] | curved[1:]
     middle = 0.5 * (levels[:-1] + levels[1:])
     apart = np.diff(levels) > 1e-9 * np.maximum(levels[1:], 1.0)

@@ -80,7 +80,9 @@ class SampledWindow(SensorWindow):
 
     def normal(self, source: str) -> Array:
         """Standard normals of ``source``, (H, W)."""
-        return self.cached((source, "normal"), lambda: distributions.normal(self._random_bits(source)))
+        return self.cached(
+            (source, "normal"), lambda: distributions.normal(self._random_bits(source))
+        )
 
     def _random_bits(self, source: str) -> RandomBits:
         """Random bits of these pixels, which are evenly spread over the whole sample."""
@@ -91,7 +93,9 @@ class SampledWindow(SensorWindow):
                 count = self.sample_rows * self.shape[1]
                 random = np.random.default_rng(key_of("sampled pixels", source))
                 share = (random.permutation(count) + random.random(count)) / count
-                self._bits[source] = (share * 2.0**32).astype(np.uint32).reshape(self.sample_rows, -1)
+                self._bits[source] = (
+                    (share * 2.0**32).astype(np.uint32).reshape(self.sample_rows, -1)
+                )
         return self._bits[source][self.first_row : self.first_row + self.shape[0]]
 
 
@@ -115,7 +119,10 @@ def sample_pixels(light: Electrons, frame: Frame, pixels: int = PIXELS) -> Sampl
     """
     height, width = frame.window.shape
     if height * width <= pixels:
-        rows, columns = np.tile(np.arange(height), -(-pixels // (height * width))), np.arange(width)
+        rows, columns = (
+            np.tile(np.arange(height), -(-pixels // (height * width))),
+            np.arange(width),
+        )
     else:
         many_rows = min(max(round((pixels * height / width) ** 0.5), 1), height)
         many_columns = min(-(-pixels // many_rows), width)
@@ -127,12 +134,19 @@ def sample_pixels(light: Electrons, frame: Frame, pixels: int = PIXELS) -> Sampl
 
 
 def sampled_window(
-    window: SensorWindow, rows: NDArray[np.int64], columns: NDArray[np.int64], maps: Literal["sampled", "median"]
+    window: SensorWindow,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    maps: Literal["sampled", "median"],
 ) -> SampledWindow:
     """Pixels of a window by their places in it, with its measured maps, or the middle of each of these."""
-    given: Mapping[str, Float64Array] = {name: _at(x, rows, columns) for name, x in window.given.items()}
+    given: Mapping[str, Float64Array] = {
+        name: _at(x, rows, columns) for name, x in window.given.items()
+    }
     if maps == "median":
-        given = {name: np.full((1, columns.size), np.median(x)) for name, x in window.given.items()}
+        given = {
+            name: np.full((1, columns.size), np.median(x)) for name, x in window.given.items()
+        }
     return SampledWindow(
         0,
         (rows.size, columns.size),

@@ -13,7 +13,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..core import Array, Electrons, Exposure, Float64Array, Frame, InputError, Moments, Photons, SensorWindow
+from ..core import (
+    Array,
+    Electrons,
+    Exposure,
+    Float64Array,
+    Frame,
+    InputError,
+    Moments,
+    Photons,
+    SensorWindow,
+)
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, normals
 from ..core.llvm import backend_problem
 from ..sensor.run import choose_backend
@@ -24,7 +34,9 @@ if TYPE_CHECKING:
 
 CHIPS = 64
 FRAMES = (0, 100_000)  # so far apart that a telegraph signal has forgotten its state
-STANDARD_ERRORS = 5.0  # by chance: 5 in a million (Student's t of 64 chips); 1.2e-4 of variances of 4 columns
+STANDARD_ERRORS = (
+    5.0  # by chance: 5 in a million (Student's t of 64 chips); 1.2e-4 of variances of 4 columns
+)
 SHAPES = ((64, 64), (2048, 4), (4, 2048))  # neighbours both ways, many rows, many columns
 PLACES_OF_EACH_SHAPE = 2
 ROUNDING = 1e-9  # of float64, relative
@@ -64,11 +76,14 @@ class Level(NamedTuple):
         """This signal in one frame, in the precision of its backend."""
         window = frame.window
         light, dark = (
-            window.backend.from_numpy(np.full(window.shape, part), window) for part in (self.light, self.dark)
+            window.backend.from_numpy(np.full(window.shape, part), window)
+            for part in (self.light, self.dark)
         )
         if self.temporal:
             light = light * (1.0 + frame.number(self.temporal) * frame.normal(SIGNAL))
-            light = light + frame.number(self.spatial * self.light) * window.fixed_map(SIGNAL, normals)
+            light = light + frame.number(self.spatial * self.light) * window.fixed_map(
+                SIGNAL, normals
+            )
         return Electrons(light, dark) if self.are_electrons else light + dark
 
 
@@ -172,12 +187,17 @@ def random_places(camera: Camera) -> list[Place]:
     places = [Place((0, 0), (min(64, size[0]), min(64, size[1])))]
     for rows, columns in SHAPES * PLACES_OF_EACH_SHAPE:
         shape = min(rows, size[0]), min(columns, size[1])
-        row, column = (int(random.integers(whole - part + 1)) for whole, part in zip(size, shape, strict=True))
+        row, column = (
+            int(random.integers(whole - part + 1))
+            for whole, part in zip(size, shape, strict=True)
+        )
         places.append(Place((row, column), shape))
     return places
 
 
-def frames_of_chip(place: Place, exposure: Exposure, serial: int, camera: str, backend: Backend) -> list[Frame]:
+def frames_of_chip(
+    place: Place, exposure: Exposure, serial: int, camera: str, backend: Backend
+) -> list[Frame]:
     """Two frames of a window of one chip."""
     window = SensorWindow(serial, place.shape, place.origin, backend=backend, camera=camera)
     return [Frame(exposure, window, serial, index) for index in FRAMES]
@@ -193,11 +213,20 @@ def compare_at(
         frames = frames_of_chip(place, exposure, serial, camera, NUMPY_FLOAT64)
         for number, level in enumerate(levels):
             theory = stage.moments(level.moments(frames[0]))
-            first, second = (total(stage.sample(level.sample(frame), frame)) - theory.mean for frame in frames)
+            first, second = (
+                total(stage.sample(level.sample(frame), frame)) - theory.mean
+                for frame in frames
+            )
             spatial = first * second - theory.spatial
             temporal = (first - second) ** 2 / 2 - theory.temporal
-            off[number, serial] = [np.mean(first + second) / 2, np.mean(temporal), np.mean(spatial)]
-            expected[number, serial] = [np.mean(x) for x in (theory.mean, theory.temporal, theory.spatial)]
+            off[number, serial] = [
+                np.mean(first + second) / 2,
+                np.mean(temporal),
+                np.mean(spatial),
+            ]
+            expected[number, serial] = [
+                np.mean(x) for x in (theory.mean, theory.temporal, theory.spatial)
+            ]
     for number, level in enumerate(levels):
         means, sizes = off[number].mean(axis=0), expected[number].mean(axis=0)
         errors = off[number].std(axis=0, ddof=1) / math.sqrt(CHIPS)
@@ -216,7 +245,9 @@ def require_same_bytes(stage: Stage, level: Level, place: Place, exposure: Expos
     top, left = rows // 3, columns // 3
     cropped = Place((row + top, column + left), (rows - top, columns - left))
     whole = sample_on(NUMPY_FLOAT32, stage, level, place, exposure)
-    if not np.array_equal(whole[top:, left:], sample_on(NUMPY_FLOAT32, stage, level, cropped, exposure)):
+    if not np.array_equal(
+        whole[top:, left:], sample_on(NUMPY_FLOAT32, stage, level, cropped, exposure)
+    ):
         raise InputError(
             f"{name}: the frame of {cropped} is not the crop of the frame of {place}; let sample use "
             "frame.window.rows and columns, and random numbers of frame and frame.window alone."
@@ -232,7 +263,9 @@ def require_same_bytes(stage: Stage, level: Level, place: Place, exposure: Expos
         )
 
 
-def sample_on(backend: Backend, stage: Stage, level: Level, place: Place, exposure: Exposure) -> Float64Array:
+def sample_on(
+    backend: Backend, stage: Stage, level: Level, place: Place, exposure: Exposure
+) -> Float64Array:
     """One frame of this signal behind the stage, computed by this backend."""
     frame = frames_of_chip(place, exposure, 1, "", backend)[0]
     signal = total(stage.sample(level.sample(frame), frame))

@@ -30,7 +30,9 @@ def electrons_show(
     return shown
 
 
-def rounding_error_dn(own_dn: Float64Array, sigma_e: Float64Array, dn_per_e: Float64Array) -> Float64Array:
+def rounding_error_dn(
+    own_dn: Float64Array, sigma_e: Float64Array, dn_per_e: Float64Array
+) -> Float64Array:
     """Largest error that rounding makes in the mean of a pixel, wherever it lies between two steps [DN]: that of the
     harmonic of the steps which is damped least (Widrow and Kollár, Quantization Noise, 2008, ch. 5)."""
     error = np.zeros(own_dn.size)

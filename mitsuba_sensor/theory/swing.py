@@ -74,18 +74,26 @@ class Curve(NamedTuple):
     later_gain: float
     later_noise_dn: float
 
-    def excess_dn(self, means: Float64Array, variances: Float64Array, inside: NDArray[np.bool_]) -> Float64Array:
+    def excess_dn(
+        self, means: Float64Array, variances: Float64Array, inside: NDArray[np.bool_]
+    ) -> Float64Array:
         """How far the code leaves its tangent within 2σ, where it may show, (P,) [DN]; the most over axis 0.
 
         inside : where the converter cuts nothing; there a normal may become a parabola of it, whose moments are known.
         """
         sigma = np.sqrt(variances)
-        steps = np.array([-FARTHEST, -2.0, -1.0, 0.0, 1.0, 2.0, FARTHEST]).reshape(7, *([1] * np.ndim(means)))
+        steps = np.array([-FARTHEST, -2.0, -1.0, 0.0, 1.0, 2.0, FARTHEST]).reshape(
+            7, *([1] * np.ndim(means))
+        )
         with np.errstate(over="ignore", invalid="ignore"):
-            dn = np.nan_to_num(self._dn(means + steps * sigma), nan=HUGE_V, posinf=HUGE_V, neginf=-HUGE_V)
+            dn = np.nan_to_num(
+                self._dn(means + steps * sigma), nan=HUGE_V, posinf=HUGE_V, neginf=-HUGE_V
+            )
             third = np.abs(dn[5] - 2 * dn[4] + 2 * dn[2] - dn[1])
             second = np.abs(dn[5] - 2 * dn[3] + dn[1]) / 2
-            reach = FARTHEST * (np.abs(dn[4] - dn[2]) / 2 + second)  # of the normal that it would be taken for
+            reach = FARTHEST * (
+                np.abs(dn[4] - dn[2]) / 2 + second
+            )  # of the normal that it would be taken for
         highest = np.maximum(dn.max(axis=0), dn[3] + reach)
         lowest = np.minimum(dn.min(axis=0), dn[3] - reach)
         seen = (highest > -1) & (lowest < self.converter.highest + 1)
@@ -100,7 +108,9 @@ class Curve(NamedTuple):
         spread = np.maximum(spread, 1e-300)
         edges = self._edges(centre, spread)
         mass, first, second = (np.zeros(edges.shape) for _ in range(3))
-        for chance, mean, variance in zip(chances, (means - centre) / spread, variances / spread**2, strict=True):
+        for chance, mean, variance in zip(
+            chances, (means - centre) / spread, variances / spread**2, strict=True
+        ):
             below, shifted, squared = _partial_moments(edges, mean, np.sqrt(variance))
             mass += chance * below
             first += chance * shifted
@@ -117,7 +127,9 @@ class Curve(NamedTuple):
 
     def _edges(self, centre: Float64Array, spread: Float64Array) -> Float64Array:
         """Edges of the cells [σ about the centre], (K + 1, P)."""
-        even = np.linspace(-FARTHEST, FARTHEST, EVEN_CELLS + 1)[:, None] + np.zeros(centre.shape)
+        even = np.linspace(-FARTHEST, FARTHEST, EVEN_CELLS + 1)[:, None] + np.zeros(
+            centre.shape
+        )
         within = (self._seen_edges()[:, None] - centre) / spread
         even = np.concatenate([even, np.clip(within, -FARTHEST, FARTHEST)])
         even = np.sort(even, axis=0)
@@ -142,13 +154,18 @@ class Curve(NamedTuple):
             dn = np.nan_to_num(self._dn(swings), nan=0.0)
         seen = np.clip(dn, -margin, self.converter.highest + margin)
         travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(seen)))])
-        travelled += np.linspace(0.0, 1e-9 * max(travelled[-1], 1.0), travelled.size)  # rising everywhere
+        travelled += np.linspace(
+            0.0, 1e-9 * max(travelled[-1], 1.0), travelled.size
+        )  # rising everywhere
         return np.interp(np.linspace(0.0, travelled[-1], SEEN_CELLS + 1), travelled, swings)
 
     def _dn(self, swing: Float64Array) -> Float64Array:
         """About the code that a swing in front of the curve becomes."""
         behind = self.stage.moments(Moments(swing, 0.0, 0.0, self.frame)).mean
-        return np.asarray(self.converter.black_level_dn + self.converter.gain_dn_per_v * self.later_gain * behind)
+        return np.asarray(
+            self.converter.black_level_dn
+            + self.converter.gain_dn_per_v * self.later_gain * behind
+        )
 
 
 def _partial_moments(
@@ -156,7 +173,9 @@ def _partial_moments(
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Moments 0, 1 and 2 of the part of a normal that lies below each edge, (K, P)."""
     noisy = sigma > 0
-    u = np.where(noisy, (edges - mean) / np.where(noisy, sigma, 1.0), np.where(edges > mean, 40.0, -40.0))
+    u = np.where(
+        noisy, (edges - mean) / np.where(noisy, sigma, 1.0), np.where(edges > mean, 40.0, -40.0)
+    )
     below, density = scipy.special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
     first = mean * below - sigma * density
     second = (mean**2 + sigma**2) * below - sigma * (mean + edges) * density

@@ -33,14 +33,28 @@ def measure_paper(kit: Kit, size: Size = FULL) -> Study:
     sweeps = {name: f"radiometric, {name}" for name in (LINEAR, PAIR)}
     curves = {name: f"gradient, {name}" for name in CURVES}
     whiteness = {
-        (row, camera): f"F, {row.name}, {row.time_s:g} s, {camera}" for row in TABLE_2 for camera in pattern.CAMERAS
+        (row, camera): f"F, {row.name}, {row.time_s:g} s, {camera}"
+        for row in TABLE_2
+        for camera in pattern.CAMERAS
     }
     laws = {law: f"dark, {law.time_s:g} s" for law in DARK_SIGNALS}
-    steps = [Step(key, 4.0, partial(light.measure, name, size), "light") for name, key in sweeps.items()]
-    steps += [Step(key, 14.0, partial(transfer.measure, name, size), "transfer") for name, key in curves.items()]
+    steps = [
+        Step(key, 4.0, partial(light.measure, name, size), "light")
+        for name, key in sweeps.items()
+    ]
+    steps += [
+        Step(key, 14.0, partial(transfer.measure, name, size), "transfer")
+        for name, key in curves.items()
+    ]
     steps += [Step("PRNU", 4.0, partial(pattern.measure_prnu, size), "PRNU")]
-    steps += [Step(key, 12.0, partial(pattern.measure_f, *row, size), "whiteness") for row, key in whiteness.items()]
-    steps += [Step(key, 2.0, partial(dark.measure, law, size), "dark signal") for law, key in laws.items()]
+    steps += [
+        Step(key, 12.0, partial(pattern.measure_f, *row, size), "whiteness")
+        for row, key in whiteness.items()
+    ]
+    steps += [
+        Step(key, 2.0, partial(dark.measure, law, size), "dark signal")
+        for law, key in laws.items()
+    ]
     steps += [Step("dark current", 3.0, partial(dark.measure_rate, size), "dark current")]
     kit.take(steps)
     sections = [
@@ -56,5 +70,7 @@ def measure_paper(kit: Kit, size: Size = FULL) -> Study:
 
 def _gaps() -> Section:
     rows: list[MarkedRow] = [("", row) for row in NOT_TO_BE_MET]
-    gaps = table("What the text prints and nobody can measure again", "figure or table | why", rows)
+    gaps = table(
+        "What the text prints and nobody can measure again", "figure or table | why", rows
+    )
     return Section((), True, (gaps,))

@@ -14,7 +14,10 @@ from mitsuba_sensor.study.kit import Array
 FULL_WELL_E, CODES, EFFICIENCY = 33_000.0, 4096.0, 0.60  # Table 1
 PRNU, COLUMN_DN = 0.005, 0.001 * CODES  # Table 1: 0.5 % and 0.10 % of a full well
 READ_E = 6.105069  # closed form of the source follower's noise with the released code's densities and times
-DARK_E_PER_S, KELVIN = 1741.58223, 298.15  # eq. 1 with Table 1's D_FM, normalised at 300 K, at +25 °C
+DARK_E_PER_S, KELVIN = (
+    1741.58223,
+    298.15,
+)  # eq. 1 with Table 1's D_FM, normalised at 300 K, at +25 °C
 GAIN = CODES / FULL_WELL_E  # K, 0.1241212 DN/e-
 FULL_PHOTONS = FULL_WELL_E / EFFICIENCY
 ROWS, COLUMNS = 1300, 1900  # Table 1
@@ -23,7 +26,10 @@ FRAME_S = 0.1  # §Photon Transfer Curve: 100 ms
 LINEAR, PAIR, ONLY_VV, ONLY_ADC = "linear", "V/V 1.05 + ADC 1.04", "V/V 1.05", "ADC 1.04"
 CURVES: dict[str, dict[str, Any]] = {
     LINEAR: {},
-    PAIR: {"source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04},  # §Photon Transfer Curve
+    PAIR: {
+        "source_follower.vv_nonlinearity": 1.05,
+        "adc.gamma": 1.04,
+    },  # §Photon Transfer Curve
     ONLY_VV: {"source_follower.vv_nonlinearity": 1.05},
     ONLY_ADC: {"adc.gamma": 1.04},
 }
@@ -35,7 +41,10 @@ class Size:
     """How much is measured. window : side of the centre that flat and dark frames are made of [pixel]."""
 
     window: int = 512  # §Radiometric function
-    gradient: tuple[int, int] = (ROWS, COLUMNS)  # pixels of the scene of the photon transfer curves
+    gradient: tuple[int, int] = (
+        ROWS,
+        COLUMNS,
+    )  # pixels of the scene of the photon transfer curves
     other_rows: int = 325  # of the curves that only closed forms are compared with
     frames: int = 64  # §Photon Transfer Curve, §PRNU
     dark_frames: int = 32  # §Dark signal performance
@@ -57,15 +66,25 @@ SMALL = Size(window=160, gradient=(96, 950), other_rows=64, frames=32, dark_fram
 
 def table1(**changes: Any) -> Camera:
     """The camera of Table 1 with these fields changed, ``__`` for the dot."""
-    return load_camera("konnik_table1").replace(**{name.replace("__", "."): value for name, value in changes.items()})
+    return load_camera("konnik_table1").replace(
+        **{name.replace("__", "."): value for name, value in changes.items()}
+    )
 
 
-def stack_of(camera: Camera, exposure_s: float, photons: Array | float, size: Size, **options: Any) -> Stack:
+def stack_of(
+    camera: Camera, exposure_s: float, photons: Array | float, size: Size, **options: Any
+) -> Stack:
     """Frames at +25 °C.  photons : of a scene, or of a flat field of the size's window.  options : of ``expose``."""
     flat = np.ndim(photons) == 0
-    light, origin = (size.flat(float(photons)), size.origin) if flat else (np.asarray(photons), (0, 0))
-    frames = expose(light, camera, Exposure(exposure_s, KELVIN), origin=origin, **options).digital
-    return Stack(frames, exposure_s, float(photons) if flat else light, KELVIN, bits=camera.adc.bits)
+    light, origin = (
+        (size.flat(float(photons)), size.origin) if flat else (np.asarray(photons), (0, 0))
+    )
+    frames = expose(
+        light, camera, Exposure(exposure_s, KELVIN), origin=origin, **options
+    ).digital
+    return Stack(
+        frames, exposure_s, float(photons) if flat else light, KELVIN, bits=camera.adc.bits
+    )
 
 
 @dataclass(frozen=True)
@@ -94,12 +113,16 @@ class Response:
 
     def variance(self, electrons: Array) -> Array:
         """Temporal [DN²]."""
-        return np.asarray(self.slope(electrons) ** 2 * (np.asarray(electrons) + READ_E**2) + 1 / 12)
+        return np.asarray(
+            self.slope(electrons) ** 2 * (np.asarray(electrons) + READ_E**2) + 1 / 12
+        )
 
     def electrons(self, signal: Array, dark_e: float) -> Array:
         """N of a signal above the dark signal of so many electrons, up to 1.2 full wells."""
         n = np.linspace(0, 1.2 * FULL_WELL_E, 100_000)
-        return np.asarray(np.interp(np.asarray(signal) + self.signal(np.array(dark_e)), self.signal(n), n))
+        return np.asarray(
+            np.interp(np.asarray(signal) + self.signal(np.array(dark_e)), self.signal(n), n)
+        )
 
     def snr(self, signal: Array, dark_e: float) -> Array:
         """Signal over temporal noise [1]."""

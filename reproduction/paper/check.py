@@ -36,8 +36,12 @@ def within_interval(name: str, expected: float, found: Quantity, more: float = 0
 
 def check_table(title: str, checks: Sequence[Check], note: str = "") -> Table:
     """What must hold, row by row."""
-    rows = [("good" if c.holds else "bad", (*c, "holds" if c.holds else "fails")) for c in checks]
-    return table(title, "what | unit | closed form | measured | may differ by | verdict", rows, note)  # type: ignore[arg-type]
+    rows = [
+        ("good" if c.holds else "bad", (*c, "holds" if c.holds else "fails")) for c in checks
+    ]
+    return table(
+        title, "what | unit | closed form | measured | may differ by | verdict", rows, note
+    )  # type: ignore[arg-type]
 
 
 def all_hold(checks: Sequence[Check]) -> bool:

@@ -16,7 +16,17 @@ from mitsuba_sensor.lab.statistics.families import FAMILIES
 from mitsuba_sensor.lab.statistics.mixture import Mixture
 from mitsuba_sensor.pages.page import Drawing, Part, Section, Table, table
 
-from .camera import DARK_E_PER_S, FULL_WELL_E, GAIN, KELVIN, NO_COLUMNS, READ_E, Size, stack_of, table1
+from .camera import (
+    DARK_E_PER_S,
+    FULL_WELL_E,
+    GAIN,
+    KELVIN,
+    NO_COLUMNS,
+    READ_E,
+    Size,
+    stack_of,
+    table1,
+)
 from .check import WIDER, Check, all_hold, check_table, within_interval
 from .pattern import DARK_CV, ROUNDING_E2
 from .published import DARK_SIGNALS, NORMAL_AT_1_MS, PublishedSignal
@@ -26,7 +36,10 @@ if TYPE_CHECKING:
 
 WEIGHT = 0.01  # of each superimposed component: not printed
 FAMILIES_OF_THE_PAPER = ("normal", "log-normal", "gamma")
-IN_CAMERA = {"log-normal": "lognormal", "gamma": "gamma"}  # names of the laboratory → of a camera file
+IN_CAMERA = {
+    "log-normal": "lognormal",
+    "gamma": "gamma",
+}  # names of the laboratory → of a camera file
 TIMES_S, RATE_FRAMES = (0.1, 1.0, 3.0, 10.0), 8  # of the dark current over time
 LONG_S = 100.0  # where Table 1's camera is saturated in the dark
 
@@ -63,9 +76,13 @@ def camera_of(law: PublishedSignal, frames: int) -> Camera:
     same: dict[str, Any] = {"weight": WEIGHT, "unit": "dn", "at_temperature_k": KELVIN}
     parts = []
     if law.uniform:
-        parts.append({**same, "family": "uniform", "low": law.uniform[0], "high": law.uniform[1]})
+        parts.append(
+            {**same, "family": "uniform", "low": law.uniform[0], "high": law.uniform[1]}
+        )
     if law.normal:
-        parts.append({**same, "family": "normal", "mean": law.normal[0], "sigma": law.normal[1]})
+        parts.append(
+            {**same, "family": "normal", "mean": law.normal[0], "sigma": law.normal[1]}
+        )
     changed: dict[str, Any] = {
         **NO_COLUMNS,
         "adc.black_level_dn": 0.0,
@@ -81,7 +98,14 @@ def camera_of(law: PublishedSignal, frames: int) -> Camera:
 
 def measure(law: PublishedSignal, size: Size) -> DarkSignal:
     """The mean of the dark frames, with the paper's families and, if there are any, superimposed distributions."""
-    dark = stack_of(camera_of(law, size.dark_frames), law.time_s, 0.0, size, frames=size.dark_frames, seed=500)
+    dark = stack_of(
+        camera_of(law, size.dark_frames),
+        law.time_s,
+        0.0,
+        size,
+        frames=size.dark_frames,
+        seed=500,
+    )
     superimposed = (law.parts,) if len(law.parts) > 1 else ()
     return dark_signal(dark, families=FAMILIES_OF_THE_PAPER, superimposed=superimposed)
 
@@ -89,12 +113,17 @@ def measure(law: PublishedSignal, size: Size) -> DarkSignal:
 def measure_rate(size: Size) -> Rate:
     """Table 1's camera in the dark, without column offsets, which are wider than its DSNU."""
     camera = table1(**NO_COLUMNS)
-    stacks = [stack_of(camera, t, 0.0, size, frames=RATE_FRAMES, seed=600 + k) for k, t in enumerate(TIMES_S)]
+    stacks = [
+        stack_of(camera, t, 0.0, size, frames=RATE_FRAMES, seed=600 + k)
+        for k, t in enumerate(TIMES_S)
+    ]
     black = stack_of(camera, 0.0, 0.0, size, frames=RATE_FRAMES, seed=610).mean.mean()
     averaged = stack_of(camera, TIMES_S[-1], 0.0, size, frames=size.dark_frames, seed=620)
     long = stack_of(camera, LONG_S, 0.0, size, seed=630).frames
     signal = dark_signal(averaged, round(float(black), 3), FAMILIES_OF_THE_PAPER)
-    return Rate(dark_current(stacks).per_gain(GAIN), signal, (float(long.mean()), float(long.std())))
+    return Rate(
+        dark_current(stacks).per_gain(GAIN), signal, (float(long.mean()), float(long.std()))
+    )
 
 
 def expected_mixture(law: PublishedSignal) -> Mixture:
@@ -118,8 +147,12 @@ def checks_of(law: PublishedSignal, found: DarkSignal, size: Size) -> list[Check
     """Every parameter of the published distribution; edges are blurred by what averaging leaves of temporal noise."""
     checks = []
     for one, value in simulated(law, found):
-        blur = 5 * remainder_dn(value, size.dark_frames) if one.symbol in ("from", "to") else 0.0
-        checks.append(within_interval(f"{law.figure}, {law.time_s:g} s: {one.symbol}", value, one, blur))
+        blur = (
+            5 * remainder_dn(value, size.dark_frames) if one.symbol in ("from", "to") else 0.0
+        )
+        checks.append(
+            within_interval(f"{law.figure}, {law.time_s:g} s: {one.symbol}", value, one, blur)
+        )
     return checks
 
 
@@ -128,11 +161,19 @@ def rate_checks(found: Rate, size: Size) -> list[Check]:
     mean = DARK_E_PER_S * TIMES_S[-1]
     rest = remainder_dn(GAIN * mean, size.dark_frames) / (GAIN * mean)
     fit = next(one for one in found.signal.fits if one.name == "log-normal")
-    dsnu = WIDER * 2 * DARK_CV * DARK_E_PER_S / size.window  # the pattern's own mean, not in the interval
+    dsnu = (
+        WIDER * 2 * DARK_CV * DARK_E_PER_S / size.window
+    )  # the pattern's own mean, not in the interval
     return [
-        within_interval("dark current from the mean", DARK_E_PER_S, found.over_time.from_mean, dsnu),
-        within_interval("dark current from the variance", DARK_E_PER_S, found.over_time.from_variance, dsnu),
-        within_interval(f"{TIMES_S[-1]:g} s: σ of ln x", math.hypot(DARK_CV, rest), fit.parameters[1], 1e-5),
+        within_interval(
+            "dark current from the mean", DARK_E_PER_S, found.over_time.from_mean, dsnu
+        ),
+        within_interval(
+            "dark current from the variance", DARK_E_PER_S, found.over_time.from_variance, dsnu
+        ),
+        within_interval(
+            f"{TIMES_S[-1]:g} s: σ of ln x", math.hypot(DARK_CV, rest), fit.parameters[1], 1e-5
+        ),
         Check(f"{LONG_S:g} s: mean, saturated", "DN", 4095.0, found.long[0], 0.0),
     ]
 
@@ -159,20 +200,32 @@ def section(found: dict[PublishedSignal, DarkSignal], rate: Rate, size: Size) ->
     note = "Table 1's camera without column offsets, in which the pixels' dark currents have σ = 1 %."
     pictures += [
         Drawing("Dark current of Table 1's camera", rate.over_time.plot, note),
-        Drawing(f"Distribution of the dark signal after {TIMES_S[-1]:g} s, Table 1's camera", rate.signal.plot, note),
+        Drawing(
+            f"Distribution of the dark signal after {TIMES_S[-1]:g} s, Table 1's camera",
+            rate.signal.plot,
+            note,
+        ),
     ]
-    tables = (_fits(found), check_table("Fig. 8 to 11 and dark current: what was simulated", [*checks, *more]))
+    tables = (
+        _fits(found),
+        check_table("Fig. 8 to 11 and dark current: what was simulated", [*checks, *more]),
+    )
     return Section(findings, all_hold([*checks, *more]), (*pictures, *tables))
 
 
 def _pictures(law: PublishedSignal, found: DarkSignal, size: Size) -> list[Part]:
     weights = (
-        f" Superimposed components: {100 * WEIGHT:g} % of the pixels each, not printed." if len(law.parts) > 1 else ""
+        f" Superimposed components: {100 * WEIGHT:g} % of the pixels each, not printed."
+        if len(law.parts) > 1
+        else ""
     )
     note = f"Average of {size.dark_frames} dark frames. Dashed: the published distribution.{weights}"
     title = f"{law.figure}: dark signal after {law.time_s:g} s"
     scales = {"": False} | ({", logarithmic": True} if len(law.parts) > 1 else {})
-    return [Drawing(title + name, partial(_draw, law, found, log), note) for name, log in scales.items()]
+    return [
+        Drawing(title + name, partial(_draw, law, found, log), note)
+        for name, log in scales.items()
+    ]
 
 
 def _draw(law: PublishedSignal, found: DarkSignal, log_counts: bool, axes: Axes) -> None:
@@ -200,7 +253,12 @@ def _fits(found: dict[PublishedSignal, DarkSignal]) -> Table:
             for q in fit.parameters:
                 published = None if q.symbol.startswith("w_") else values.get(q.symbol)
                 cells = (q.symbol, q.unit or "1", published, q.value, q.low, q.high, fit.ks)
-                rows.append(("best" if fit is one.best else "", (law.figure, f"{law.time_s:g} s", fit.name, *cells)))
+                rows.append(
+                    (
+                        "best" if fit is one.best else "",
+                        (law.figure, f"{law.time_s:g} s", fit.name, *cells),
+                    )
+                )
     return table(
         "Fig. 8 to 11: fits to averaged dark frames",
         "figure | time | distribution | parameter | unit | published | ours | from | to | largest distance of the "

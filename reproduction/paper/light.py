@@ -30,7 +30,23 @@ from .camera import (
 )
 from .check import Check, all_hold, check_table, within_interval
 
-TIMES_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12)
+TIMES_S = (
+    0.001,
+    0.002,
+    0.005,
+    0.01,
+    0.02,
+    0.03,
+    0.04,
+    0.05,
+    0.06,
+    0.07,
+    0.08,
+    0.09,
+    0.1,
+    0.11,
+    0.12,
+)
 FRAMES = 2  # of each time; the standard deviation is that of one
 BELOW_WELL = 0.95  # share of a full well up to which means are compared
 
@@ -49,9 +65,15 @@ class Sweep(NamedTuple):
 def measure(name: str, size: Size) -> Sweep:
     """Flat fields that fill the well in 0.1 s, and dark frames, of every exposure time."""
     camera = table1(**CURVES[name])
-    darks = [stack_of(camera, t, 0.0, size, frames=FRAMES, seed=100 + k) for k, t in enumerate(TIMES_S)]
+    darks = [
+        stack_of(camera, t, 0.0, size, frames=FRAMES, seed=100 + k)
+        for k, t in enumerate(TIMES_S)
+    ]
     light = {t: FULL_PHOTONS * t / FRAME_S for t in TIMES_S}
-    flats = [stack_of(camera, t, light[t], size, frames=FRAMES, seed=200 + k) for k, t in enumerate(TIMES_S)]
+    flats = [
+        stack_of(camera, t, light[t], size, frames=FRAMES, seed=200 + k)
+        for k, t in enumerate(TIMES_S)
+    ]
     first = [flat.frames[0].astype(np.float64) for flat in flats]
     means, spreads = (tuple(float(f(one)) for one in first) for f in (np.mean, np.std))
     return Sweep(radiometric(series(darks, flats)), means, spreads)
@@ -91,7 +113,11 @@ def checks_of(name: str, sweep: Sweep, size: Size) -> list[Check]:
     ]
     if name == LINEAR:
         error = sweep.result.linearity_error
-        found.append(within_interval("responsivity R", GAIN * EFFICIENCY, sweep.result.responsivity, 2e-5))
+        found.append(
+            within_interval(
+                "responsivity R", GAIN * EFFICIENCY, sweep.result.responsivity, 2e-5
+            )
+        )
         found.append(Check("linearity error", "%", 0.0, error.value, 0.05 * 512 / size.window))
     return found
 
@@ -111,12 +137,19 @@ def _plots(sweeps: dict[str, Sweep]) -> tuple[Plot, Plot]:
         pairs = [(t, spread) for t, spread in zip(TIMES_S, sweep.spread, strict=True) if spread]
         spreads.append(line(f"{name}, standard deviation", pairs, dashed=True))
     note = (
-        "One frame of each time; light that fills the well in 0.1 s. The hardware's points are not printed as numbers."
+        "One frame of each time; light that fills the well in 0.1 s. "
+        "The hardware's points are not printed as numbers."
     )
-    title, label, both = "Fig. 2: radiometric function of the centre", "exposure time [s]", (*means, *spreads)
+    title, label, both = (
+        "Fig. 2: radiometric function of the centre",
+        "exposure time [s]",
+        (*means, *spreads),
+    )
     return (
         Plot(title, label, "mean [DN]", means, False, False, note=note),
-        Plot(f"{title}, logarithmic", label, "mean and standard deviation [DN]", both, note=note),
+        Plot(
+            f"{title}, logarithmic", label, "mean and standard deviation [DN]", both, note=note
+        ),
     )
 
 
@@ -124,7 +157,9 @@ def _table(sweeps: dict[str, Sweep]) -> Table:
     exact = _signal(LINEAR)
     light = np.minimum(FULL_WELL_E * np.array(TIMES_S) / FRAME_S, FULL_WELL_E)
     spread = np.sqrt(
-        RESPONSES[LINEAR].variance(light + DARK_E_PER_S * np.array(TIMES_S)) + (GAIN * PRNU * light) ** 2 + COLUMN_DN**2
+        RESPONSES[LINEAR].variance(light + DARK_E_PER_S * np.array(TIMES_S))
+        + (GAIN * PRNU * light) ** 2
+        + COLUMN_DN**2
     )
     rows = []
     for k, t in enumerate(TIMES_S):

@@ -29,7 +29,14 @@ from .camera import (
     table1,
 )
 from .check import Check, all_hold, c4, check_table, within_interval
-from .published import PRNU_MEAN_DN, PRNU_PERCENT, PRNU_SIGMA_DN, PRNU_SPECIFIED_PERCENT, TABLE_2, NonWhiteness
+from .published import (
+    PRNU_MEAN_DN,
+    PRNU_PERCENT,
+    PRNU_SIGMA_DN,
+    PRNU_SPECIFIED_PERCENT,
+    TABLE_2,
+    NonWhiteness,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +59,9 @@ class MeasuredPrnu(NamedTuple):
 def measure_prnu(size: Size) -> MeasuredPrnu:
     """Flat fields of the published mean and as many dark frames of the same time."""
     dark = stack_of(table1(), FRAME_S, 0.0, size, frames=size.frames, seed=401)
-    light = stack_of(table1(), FRAME_S, PRNU_MEAN_DN / GAIN / EFFICIENCY, size, frames=size.frames, seed=402)
+    light = stack_of(
+        table1(), FRAME_S, PRNU_MEAN_DN / GAIN / EFFICIENCY, size, frames=size.frames, seed=402
+    )
     ratio = float(np.sqrt(light.variance).mean() / math.sqrt(light.variance.mean()))
     return MeasuredPrnu(nonuniformity(dark, light), ratio)
 
@@ -67,7 +76,11 @@ def prnu_section(found: MeasuredPrnu, size: Size) -> Section:
         within_interval("PRNU raw", 100 * math.hypot(PRNU, math.sqrt(rest) / light), raw),
         within_interval("PRNU without temporal noise", 100 * PRNU, corrected),
         Check(
-            f"mean σ of {frames} frames over the root of the mean variance: c4", "1", c4(frames), found.c4, 10 * error
+            f"mean σ of {frames} frames over the root of the mean variance: c4",
+            "1",
+            c4(frames),
+            found.c4,
+            10 * error,
         ),
     ]
     finding = (
@@ -80,15 +93,32 @@ def prnu_section(found: MeasuredPrnu, size: Size) -> Section:
         ("mean µ", "DN", PRNU_MEAN_DN, None, mean),
         ("standard deviation σ", "DN", PRNU_SIGMA_DN, None, sigma),
         ("PRNU = σ/µ", "%", PRNU_PERCENT, checks[0].expected, raw.value),
-        ("PRNU without temporal noise", "%", PRNU_SPECIFIED_PERCENT, checks[1].expected, corrected.value),
+        (
+            "PRNU without temporal noise",
+            "%",
+            PRNU_SPECIFIED_PERCENT,
+            checks[1].expected,
+            corrected.value,
+        ),
     ]
     note = (
         f"{frames} flat fields minus {frames} dark frames, averaged; {size.window} × {size.window} pixels of the "
         "centre."
     )
-    values = table("PRNU", "what | unit | published | closed form | measured", (("", row) for row in rows), note)
-    picture = Drawing("Fig. 5: density of the PRNU, the mean subtracted", found.result.plot, note)
-    return Section((finding,), all_hold(checks), (picture, values, check_table("PRNU: what closed forms say", checks)))
+    values = table(
+        "PRNU",
+        "what | unit | published | closed form | measured",
+        (("", row) for row in rows),
+        note,
+    )
+    picture = Drawing(
+        "Fig. 5: density of the PRNU, the mean subtracted", found.result.plot, note
+    )
+    return Section(
+        (finding,),
+        all_hold(checks),
+        (picture, values, check_table("PRNU: what closed forms say", checks)),
+    )
 
 
 class Whiteness(NamedTuple):
@@ -113,7 +143,9 @@ def measure_f(row: NonWhiteness, camera: str, size: Size) -> Whiteness:
     found = []
     for chip in range(size.chips):
         options = {"serial": chip + 1, "seed": 1000 + chip}
-        stack = stack_of(table1(**CAMERAS[camera]), row.time_s, row.share * FULL_PHOTONS, size, **options)
+        stack = stack_of(
+            table1(**CAMERAS[camera]), row.time_s, row.share * FULL_PHOTONS, size, **options
+        )
         found.append(spectrograms(stack)[0])
     return Whiteness(tuple(one.non_whiteness.value for one in found), found[0])
 
@@ -149,7 +181,10 @@ def f_section(found: dict[tuple[NonWhiteness, str], Whiteness], size: Size) -> S
         allowed = 5 * one.sigma / math.sqrt(len(one.values)) + 2 * one.sigma**2 + 2e-4
         name = f"F, {row.name}, {row.time_s:g} s, {camera}"
         checks.append(Check(name, "1", expected_f(row, camera, size), one.mean, allowed))
-    values = {camera: [one.mean for (_, other), one in found.items() if other == camera] for camera in CAMERAS}
+    values = {
+        camera: [one.mean for (_, other), one in found.items() if other == camera]
+        for camera in CAMERAS
+    }
     darkest = [found[row, COLUMNS].mean for row in TABLE_2 if not row.share]
     finding = (
         f"Non-whiteness F without column offsets: {min(values[WITHOUT]):.4f} to {max(values[WITHOUT]):.4f} ± "
@@ -158,13 +193,21 @@ def f_section(found: dict[tuple[NonWhiteness, str], Whiteness], size: Size) -> S
         "0.999."
     )
     pictures = tuple(
-        Drawing(f"Fig. 6b: spectrograms {camera}", partial(_draw, found, camera), "Along the rows, of one frame.")
+        Drawing(
+            f"Fig. 6b: spectrograms {camera}",
+            partial(_draw, found, camera),
+            "Along the rows, of one frame.",
+        )
         for camera in (WITHOUT, COLUMNS)
     )
     return Section(
         (finding,),
         all_hold(checks),
-        (*pictures, _table_2(found, size), check_table("Table 2: what closed forms say", checks)),
+        (
+            *pictures,
+            _table_2(found, size),
+            check_table("Table 2: what closed forms say", checks),
+        ),
     )
 
 
@@ -172,7 +215,9 @@ def _table_2(found: dict[tuple[NonWhiteness, str], Whiteness], size: Size) -> Ta
     rows = []
     for row in TABLE_2:
         ours = [
-            number for camera in (WITHOUT, COLUMNS) for number in (found[row, camera].mean, found[row, camera].sigma)
+            number
+            for camera in (WITHOUT, COLUMNS)
+            for number in (found[row, camera].mean, found[row, camera].sigma)
         ]
         rows.append(("", (row.name, row.time_s, *row.hardware, *row.simulated, *ours)))
     return table(
@@ -189,7 +234,9 @@ def _draw(found: dict[tuple[NonWhiteness, str], Whiteness], camera: str, axes: A
     for row in TABLE_2:
         if row.time_s == FRAME_S or row.share:
             one = found[row, camera].first
-            axes.plot(one.frequency, one.amplitude, lw=0.8, label=f"{row.name}, {row.time_s:g} s")
+            axes.plot(
+                one.frequency, one.amplitude, lw=0.8, label=f"{row.name}, {row.time_s:g} s"
+            )
     axes.set(xlabel="spatial frequency [cycles/pixel]", ylabel="amplitude S [DN]", yscale="log")
     axes.set_yticks(TICKS_DN, map(str, TICKS_DN))
     axes.set_yticks((), minor=True)

@@ -46,8 +46,12 @@ class PublishedSignal(NamedTuple):
 DARK_SIGNALS = (
     PublishedSignal("Fig. 8", 0.001, "log-normal", (4.0241, 0.033)),  # §Short integration time
     PublishedSignal("Fig. 9", 100.0, "log-normal", (4.0246, 0.035)),  # §Short integration time
-    PublishedSignal("Fig. 10", 150.0, "gamma", (914.6579, 0.0611), (45.0, 440.0)),  # §Long integration time
-    PublishedSignal("Fig. 11", 300.0, "gamma", (627.200, 0.0893), (50.0, 460.0), (18.0, 4.0)),  # §Long integration time
+    PublishedSignal(
+        "Fig. 10", 150.0, "gamma", (914.6579, 0.0611), (45.0, 440.0)
+    ),  # §Long integration time
+    PublishedSignal(
+        "Fig. 11", 300.0, "gamma", (627.200, 0.0893), (50.0, 460.0), (18.0, 4.0)
+    ),  # §Long integration time
 )
 NORMAL_AT_1_MS = (55.9531, 1.6712)  # §Short integration time: µ and σ of the normal fit [DN]
 
@@ -60,7 +64,10 @@ NOT_TO_BE_MET = (
         "Fig. 2, 3, 4, 5, 6a",
         "The curves of the hardware are printed without data, so nothing stands beside ours but the text's numbers.",
     ),
-    ("Fig. 7", "Dark histograms of the hardware at 100 to 600 s, for which the text has no parameters and no data."),
+    (
+        "Fig. 7",
+        "Dark histograms of the hardware at 100 to 600 s, for which the text has no parameters and no data.",
+    ),
     (
         "Fig. 2",
         "Why the hardware is noisier at short times is put down to an undisclosed CDS; a camera file has no number "
@@ -93,7 +100,10 @@ NOT_TO_BE_MET = (
         "Table 1's column offsets of 4.1 DN are wider than the whole published histogram (1.7 DN); ours is without "
         "them.",
     ),
-    ("Fig. 10, 11", "Weights of the superimposed components are not printed; we take 1 % for each."),
+    (
+        "Fig. 10, 11",
+        "Weights of the superimposed components are not printed; we take 1 % for each.",
+    ),
     (
         "Fig. 10",
         "“The product of two uniform distributions on [45, 440]” would lie between 2025 and 193 600; we take one "

@@ -74,7 +74,9 @@ class Curve(NamedTuple):
 
     @property
     def _shown(self) -> Array:
-        return np.asarray((self.transfer.signal > 0) & (self.transfer.variance + self.floor > 0))
+        return np.asarray(
+            (self.transfer.signal > 0) & (self.transfer.variance + self.floor > 0)
+        )
 
 
 def measure(name: str, size: Size) -> Curve:
@@ -103,14 +105,21 @@ def section(curves: dict[str, Curve]) -> Section:
         f"text has above it; the authors' released code gives {released:+.0f} % at 1984 DN.",
     )
     variance = Drawing(
-        "Fig. 3: temporal variance with the slope K, linear camera", linear.plot, "Of darkness subtracted."
+        "Fig. 3: temporal variance with the slope K, linear camera",
+        linear.plot,
+        "Of darkness subtracted.",
     )
-    return Section(findings, all_hold(checks), (*_plots(curves), variance, _snr_table(curves), _checked(checks)))
+    return Section(
+        findings,
+        all_hold(checks),
+        (*_plots(curves), variance, _snr_table(curves), _checked(checks)),
+    )
 
 
 def _checked(checks: list[Check]) -> Part:
     note = (
-        "K_0 is the gain of small signals, K/1.05 where the converter's range is the non-linear swing of a full well."
+        "K_0 is the gain of small signals, "
+        "K/1.05 where the converter's range is the non-linear swing of a full well."
     )
     return check_table("Fig. 3 and 4: what closed forms say", checks, note)
 
@@ -124,7 +133,13 @@ def checks_of(curves: dict[str, Curve]) -> list[Check]:
         within_interval("K, linear", GAIN, curves[LINEAR].transfer.gain),
         within_interval("K_0, V/V 1.05", float(curved.slope(np.array(DARK_E))), initial, 2e-4),
         Check("dDN/de- at full well over K_0, V/V 1.05", "1", 1.10, at_well, 5 * error),
-        Check("SNR at full well at equal DN, V/V 1.05", "%", 100 * (math.sqrt(1.05) / 1.1 - 1), loss, 500 * error),
+        Check(
+            "SNR at full well at equal DN, V/V 1.05",
+            "%",
+            100 * (math.sqrt(1.05) / 1.1 - 1),
+            loss,
+            500 * error,
+        ),
         *(variance_check(name, curve) for name, curve in curves.items()),
     ]
 
@@ -136,7 +151,13 @@ def variance_check(name: str, curve: Curve) -> Check:
     ratio, error = curve.noise[used] ** 2 / exact, curve.error[used] / exact
     weight = error**-2 / (error**-2).sum()
     mean_error = float((error**-2).sum()) ** -0.5
-    return Check(f"variance over its closed form, {name}", "1", 1.0, float(weight @ ratio), 5 * mean_error)
+    return Check(
+        f"variance over its closed form, {name}",
+        "1",
+        1.0,
+        float(weight @ ratio),
+        5 * mean_error,
+    )
 
 
 def local_gain_at_full_well(curve: Curve) -> tuple[float, float]:
@@ -168,8 +189,22 @@ def _plots(curves: dict[str, Curve]) -> tuple[Plot, ...]:
     note = "Bins of the means of single pixels, some of which are shown; σ is the root of the mean variance of a bin."
     label = "signal above darkness [DN]"
     return (
-        Plot("Fig. 3a: photon transfer curve", label, "temporal noise σ [DN]", tuple(noise), False, False, note=note),
-        Plot("Fig. 3b: photon transfer curve, logarithmic", label, "temporal noise σ [DN]", tuple(noise), note=note),
+        Plot(
+            "Fig. 3a: photon transfer curve",
+            label,
+            "temporal noise σ [DN]",
+            tuple(noise),
+            False,
+            False,
+            note=note,
+        ),
+        Plot(
+            "Fig. 3b: photon transfer curve, logarithmic",
+            label,
+            "temporal noise σ [DN]",
+            tuple(noise),
+            note=note,
+        ),
         Plot(
             "Fig. 4a: signal-to-noise ratio up to saturation",
             label,
@@ -178,7 +213,12 @@ def _plots(curves: dict[str, Curve]) -> tuple[Plot, ...]:
             False,
             False,
         ),
-        Plot("Fig. 4b: signal-to-noise ratio, logarithmic", label, "signal-to-noise ratio [1]", tuple(snr)),
+        Plot(
+            "Fig. 4b: signal-to-noise ratio, logarithmic",
+            label,
+            "signal-to-noise ratio [1]",
+            tuple(snr),
+        ),
     )
 
 
@@ -198,16 +238,33 @@ def _exact(name: str, x: Array, y: Array) -> Line:
 def _snr_table(curves: dict[str, Curve]) -> Part:
     rows = []
     for level in LEVELS_DN:
-        exact = {name: float(response.snr(np.array(level), DARK_E)) for name, response in RESPONSES.items()}
+        exact = {
+            name: float(response.snr(np.array(level), DARK_E))
+            for name, response in RESPONSES.items()
+        }
         narrow = float(NARROW.snr(np.array(level), DARK_E))
-        found = {name: float(np.interp(level, curve.signal, curve.snr)) for name, curve in curves.items()}
+        found = {
+            name: float(np.interp(level, curve.signal, curve.snr))
+            for name, curve in curves.items()
+        }
         changes = [
             100 * (values[name] / values[LINEAR] - 1)
             for name in RESPONSES
             if name != LINEAR
             for values in (found, exact)
         ]
-        rows.append(("", (level, found[LINEAR], found[PAIR], *changes, 100 * (narrow / exact[LINEAR] - 1))))
+        rows.append(
+            (
+                "",
+                (
+                    level,
+                    found[LINEAR],
+                    found[PAIR],
+                    *changes,
+                    100 * (narrow / exact[LINEAR] - 1),
+                ),
+            )
+        )
     return table(
         "Fig. 4: change of the SNR by the curves at equal DN",
         "signal [DN] | linear [1] | V/V + ADC [1] | V/V + ADC changes it by [%] | closed form [%] | V/V alone [%] | "

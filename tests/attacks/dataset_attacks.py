@@ -20,14 +20,22 @@ def run_attacks(about: str | None, attacks: Mapping[str, tuple[Attack, int]]) ->
 
     about : what --help says.  attacks : name → attack, and how often it is tried if nothing is said.
     """
-    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("attacks", nargs="*", metavar="ATTACK", help=f"of {', '.join(attacks)} (default: all)")
-    parser.add_argument("--tries", type=int, help="how often (default: as many as a full proof takes)")
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "attacks", nargs="*", metavar="ATTACK", help=f"of {', '.join(attacks)} (default: all)"
+    )
+    parser.add_argument(
+        "--tries", type=int, help="how often (default: as many as a full proof takes)"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of all that is random (default 1)")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if unknown := set(options.attacks) - set(attacks):
-        parser.error(f"there is no attack {', '.join(unknown)}; choose of {', '.join(attacks)}.")
+        parser.error(
+            f"there is no attack {', '.join(unknown)}; choose of {', '.join(attacks)}."
+        )
     results = {}
     for name in options.attacks or attacks:
         attack, usual = attacks[name]
@@ -45,5 +53,7 @@ def run_attacks(about: str | None, attacks: Mapping[str, tuple[Attack, int]]) ->
 
 def _damaged(tree: dict[str, Any]) -> list[int]:
     """All numbers of damaged tries."""
-    inner = [one for value in tree.values() if isinstance(value, dict) for one in _damaged(value)]
+    inner = [
+        one for value in tree.values() if isinstance(value, dict) for one in _damaged(value)
+    ]
     return [*inner, *([tree["damaged"]] if "damaged" in tree else [])]

@@ -30,7 +30,9 @@ def traced(job: Callable[[Told], object], *arguments: str) -> tuple[int, set[Ent
     for _ in range(TRIES):
         program = Program(job, held=True)
         command = ["strace", "-f", "-qqq", "-p", str(program.pid), *arguments]
-        with subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as tracer:
+        with subprocess.Popen(
+            command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+        ) as tracer:
             taken = _wait_for_tracer(program.pid, tracer)
             if taken:
                 program.go()
@@ -60,7 +62,10 @@ def calls_of(job: Callable[[Told], object], log: Path) -> dict[str, int]:
         raise SystemExit(f"the undisturbed run failed: {said}")
     found = [CALL.match(line) for line in log.read_text("utf-8", "replace").splitlines()]
     counts = Counter((one[2], one[1]) for one in found if one)
-    return {name: max(counts[pair] for pair in counts if pair[0] == name) for name, _ in sorted(counts)}
+    return {
+        name: max(counts[pair] for pair in counts if pair[0] == name)
+        for name, _ in sorted(counts)
+    }
 
 
 def each_call(
@@ -74,4 +79,7 @@ def each_call(
     for name, count in calls.items():
         for number in range(1, count + 1):
             inject = f"inject={name}:{what}:when={number}"
-            yield f"{name} {number}", traced(start(), "-o", "/dev/null", "-e", f"trace={name}", "-e", inject)
+            yield (
+                f"{name} {number}",
+                traced(start(), "-o", "/dev/null", "-e", f"trace={name}", "-e", inject),
+            )

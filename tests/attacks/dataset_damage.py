@@ -20,7 +20,9 @@ Corruption = Callable[[Store, list[Entry], random.Random], set[Entry]]
 
 def _a_file(store: Store, entry: Entry, chance: random.Random, least: int = 1) -> Path:
     folder = store.folder_of(*entry)
-    return chance.choice([path for path in sorted(folder.iterdir()) if path.stat().st_size >= least])
+    return chance.choice(
+        [path for path in sorted(folder.iterdir()) if path.stat().st_size >= least]
+    )
 
 
 def _changed(path: Path, content: bytes) -> None:
@@ -83,7 +85,9 @@ def missing(store: Store, wanted: list[Entry], chance: random.Random) -> set[Ent
 def extra(store: Store, wanted: list[Entry], chance: random.Random) -> set[Entry]:
     """A file or folder that no writer made."""
     entry = chance.choice(wanted)
-    path = store.folder_of(*entry) / chance.choice(["more.tiff", ".frame.tiff.123", "Frame.tiff", "record.json~", "é"])
+    path = store.folder_of(*entry) / chance.choice(
+        ["more.tiff", ".frame.tiff.123", "Frame.tiff", "record.json~", "é"]
+    )
     if chance.random() < 0.5:
         path.write_bytes(b"")
     else:
@@ -144,7 +148,12 @@ def record(store: Store, wanted: list[Entry], chance: random.Random) -> set[Entr
     if (what := chance.randrange(7)) == 0:
         _changed(path, text_of(Record(*entry, files)))
     elif what == 1:
-        _changed(path, text_of(Record(*entry, files | {name: (size + chance.choice([-1, 1, 100]), digest)})))
+        _changed(
+            path,
+            text_of(
+                Record(*entry, files | {name: (size + chance.choice([-1, 1, 100]), digest)})
+            ),
+        )
     elif what == 2:
         _changed(path, text_of(Record(*entry, files | {name: (size, digest[::-1])})))
     elif what == 3:
@@ -152,9 +161,17 @@ def record(store: Store, wanted: list[Entry], chance: random.Random) -> set[Entr
     elif what == 4:
         _changed(path, (store.folder_of(*other) / RECORD).read_bytes())
     elif what == 5:
-        _changed(path, json.dumps(json.loads(path.read_bytes()), indent=chance.choice([1, 2])).encode())
+        _changed(
+            path,
+            json.dumps(json.loads(path.read_bytes()), indent=chance.choice([1, 2])).encode(),
+        )
     else:
-        _changed(path, chance.choice([b"", b"{}", b"null", bytes(path.stat().st_size), b"[" * 10**5, b"\xff\xfe"]))
+        _changed(
+            path,
+            chance.choice(
+                [b"", b"{}", b"null", bytes(path.stat().st_size), b"[" * 10**5, b"\xff\xfe"]
+            ),
+        )
     return {entry}
 
 

@@ -16,7 +16,10 @@ import dataset_calls as calls
 from dataset_entries import Program, summary
 
 BLOCK = 4096
-EXT4_IOC_SHUTDOWN, WITHOUT_FLUSHING = 0x8004587D, 2  # include/uapi/linux/ext4.h: nothing more reaches the disk
+EXT4_IOC_SHUTDOWN, WITHOUT_FLUSHING = (
+    0x8004587D,
+    2,
+)  # include/uapi/linux/ext4.h: nothing more reaches the disk
 DISK_MIB = 8
 
 
@@ -37,12 +40,19 @@ def mounted(place: Path, *arguments: str) -> Iterator[None]:
         _run("umount", str(place))
 
 
-def small_disks(tries: int, ground_of: Callable[..., Any], check: Callable[..., None], top: Path) -> dict[str, Any]:
+def small_disks(
+    tries: int, ground_of: Callable[..., Any], check: Callable[..., None], top: Path
+) -> dict[str, Any]:
     """Disks in memory of every number of blocks and of files up to one that is large enough."""
     ground, done, stopped = ground_of(top / "disk", 3), 0, 0
     template, ground.out = ground.template, top / "disk" / "mounted" / "out"
-    used = sum(-(-path.stat().st_size // BLOCK) for path in template.rglob("*") if path.is_file())
-    for option, first, unit in (("size", used, BLOCK), ("nr_inodes", 4 + len(list(template.rglob("*"))), 1)):
+    used = sum(
+        -(-path.stat().st_size // BLOCK) for path in template.rglob("*") if path.is_file()
+    )
+    for option, first, unit in (
+        ("size", used, BLOCK),
+        ("nr_inodes", 4 + len(list(template.rglob("*"))), 1),
+    ):
         for number in range(first, first + tries):
             place = ground.out.parent
             with mounted(place, "-t", "tmpfs", "-o", f"{option}={number * unit}", "none"):
@@ -58,7 +68,9 @@ def small_disks(tries: int, ground_of: Callable[..., Any], check: Callable[..., 
     return summary(done, ground.problems, stopped=stopped)
 
 
-def power_cuts(tries: int, names: tuple[str, ...], ground_of: Callable[..., Any], top: Path) -> dict[str, Any]:
+def power_cuts(
+    tries: int, names: tuple[str, ...], ground_of: Callable[..., Any], top: Path
+) -> dict[str, Any]:
     """SIGKILL at each of these calls, and no byte that was not flushed reaches the disk any more."""
     ground, done, lost = ground_of(top / "ground", 2, broken=1), 0, 0
     image, place = top / "disk.img", top / "mounted"
@@ -72,7 +84,14 @@ def power_cuts(tries: int, names: tuple[str, ...], ground_of: Callable[..., Any]
             with mounted(place, "-o", "loop", str(image)):
                 shutil.copytree(ground.template, ground.out)
                 os.sync()
-                inject = "-o", "/dev/null", "-e", f"trace={name}", "-e", f"inject={name}:signal=KILL:when={number}"
+                inject = (
+                    "-o",
+                    "/dev/null",
+                    "-e",
+                    f"trace={name}",
+                    "-e",
+                    f"inject={name}:signal=KILL:when={number}",
+                )
                 code, told, said = calls.traced(ground.again(), *inject)
                 cut_power(place)
             if code not in (0, -9):

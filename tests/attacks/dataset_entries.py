@@ -36,7 +36,10 @@ FULL = 3
 
 def entries(count: int) -> list[Entry]:
     """Samples and views by turns, in two folders of each kind, so that programs meet in them."""
-    keys = [f"{number % 2:02x}{hashlib.sha256(b'%d' % number).hexdigest()[:22]}" for number in range(count)]
+    keys = [
+        f"{number % 2:02x}{hashlib.sha256(b'%d' % number).hexdigest()[:22]}"
+        for number in range(count)
+    ]
     return [("samples" if number % 3 else "views", key) for number, key in enumerate(keys)]
 
 
@@ -44,8 +47,12 @@ def write(entry: Entry, folder: Path) -> None:
     """Frames, facts and bytes, all decided by the key; some files are empty."""
     rng = np.random.default_rng(int(entry[1], 16))
     tiff.write_tiff(folder / "frame.tiff", rng.integers(0, 4096, (2, 8, 12)).astype(np.uint16))
-    texts.write_json(folder / "sample.json", {"key": entry[1], "temperature_k": rng.uniform(250, 350)})
-    write_drawing(folder / "data.bin", rng.bytes(int(rng.integers(0, 3)) * int(rng.integers(1, 9000))))
+    texts.write_json(
+        folder / "sample.json", {"key": entry[1], "temperature_k": rng.uniform(250, 350)}
+    )
+    write_drawing(
+        folder / "data.bin", rng.bytes(int(rng.integers(0, 3)) * int(rng.integers(1, 9000)))
+    )
 
 
 def expected(wanted: list[Entry]) -> dict[str, bytes]:
@@ -72,7 +79,9 @@ def work(store: Store, wanted: list[Entry], seed: int, told: Told) -> None:
     for entry in order.sample(wanted, len(wanted)):
         store.commit(*entry, lambda folder, entry=entry: write(entry, folder))
         told(entry)
-    for kind, key in sorted({(fault.kind, fault.key) for fault in store.verify_all() if fault.key}):
+    for kind, key in sorted(
+        {(fault.kind, fault.key) for fault in store.verify_all() if fault.key}
+    ):
         store.discard(kind, key)
         store.commit(kind, key, lambda folder, entry=(kind, key): write(entry, folder))
 
@@ -91,7 +100,9 @@ def break_some(store: Store, some: list[Entry]) -> None:
             path.unlink()
 
 
-def damage(store: Store, right: dict[str, bytes], told: set[Entry], broken: set[Entry]) -> list[str]:
+def damage(
+    store: Store, right: dict[str, bytes], told: set[Entry], broken: set[Entry]
+) -> list[str]:
     """What is wrong while a run is not finished.
 
     told : entries that are there for good.  broken : those that were broken before, and may still be.
@@ -102,11 +113,18 @@ def damage(store: Store, right: dict[str, bytes], told: set[Entry], broken: set[
         for key in there:
             folder = store.folder_of(kind, key)
             same = all(
-                right[(folder / name).relative_to(store.folder).as_posix()] == x for name, x in tree(folder).items()
+                right[(folder / name).relative_to(store.folder).as_posix()] == x
+                for name, x in tree(folder).items()
             )
-            if (kind, key) not in broken and (store.verify(kind, key) or not store.exists(kind, key) or not same):
+            if (kind, key) not in broken and (
+                store.verify(kind, key) or not store.exists(kind, key) or not same
+            ):
                 found.append(f"torn: {kind} {key} {store.verify(kind, key)}")
-        found += [f"lost: {kind} {key}" for one, key in told - broken if one == kind and key not in there]
+        found += [
+            f"lost: {kind} {key}"
+            for one, key in told - broken
+            if one == kind and key not in there
+        ]
     return found + [f"stray: {fault}" for fault in store.verify_all() if not fault.key]
 
 
@@ -114,7 +132,11 @@ def difference(store: Store, right: dict[str, bytes]) -> list[str]:
     """What is wrong after a run that ended well: any file or folder that an undisturbed run does not leave."""
     left, faults = tree(store.folder), list(store.verify_all())
     paths = {path for path in left.keys() | right.keys() if left.get(path) != right.get(path)}
-    return sorted(paths) + [str(fault) for fault in faults] + [str(path) for path in store.folder.rglob(".*")]
+    return (
+        sorted(paths)
+        + [str(fault) for fault in faults]
+        + [str(path) for path in store.folder.rglob(".*")]
+    )
 
 
 class Program:
@@ -148,8 +170,15 @@ class Program:
         _, status = os.waitpid(self.pid, 0)
         with self.mine:
             lines = b"".join(self._received()).decode().splitlines()
-        told = {(kind, key) for kind, _, key in (line[1:].partition(" ") for line in lines if line[:1] == "+")}
-        return os.waitstatus_to_exitcode(status), told, "\n".join(line for line in lines if line[:1] != "+")
+        told = {
+            (kind, key)
+            for kind, _, key in (line[1:].partition(" ") for line in lines if line[:1] == "+")
+        }
+        return (
+            os.waitstatus_to_exitcode(status),
+            told,
+            "\n".join(line for line in lines if line[:1] != "+"),
+        )
 
     def _received(self) -> Iterator[bytes]:
         with suppress(ConnectionResetError):  # it was killed before it began
@@ -193,4 +222,9 @@ def fresh(folder: Path, template: Path | None = None) -> Store:
 
 def summary(tries: int, problems: list[str], **more: Any) -> dict[str, Any]:
     """One line of the table."""
-    return {"tries": tries, **more, "damaged": len(problems), **({"first": problems[0]} if problems else {})}
+    return {
+        "tries": tries,
+        **more,
+        "damaged": len(problems),
+        **({"first": problems[0]} if problems else {}),
+    }

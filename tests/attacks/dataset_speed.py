@@ -27,11 +27,16 @@ def speed(tries: int, seed: int, top: Path) -> dict[str, Any]:
     tiny_entries(top / "many", many)
     commit_ms, write_ms = commits(top / "commits")
     scans = [in_process(scan, str(top / "many")) for _ in range(3)]
-    verified = {n: in_process(verify, str(top / name)) for name, n in (("few", few), ("many", many))}
+    verified = {
+        n: in_process(verify, str(top / name)) for name, n in (("few", few), ("many", many))
+    }
     scanned = in_process(scan, str(top / "few"))
     return {
         "commit_of_8_files_of_100_kB": {"median_ms": commit_ms, "plain_writing_ms": write_ms},
-        "scan": {"entries": many, "records_per_s": statistics.median(one["per_s"] for one in scans)},
+        "scan": {
+            "entries": many,
+            "records_per_s": statistics.median(one["per_s"] for one in scans),
+        },
         "verify": {"entries": many, "entries_per_s": verified[many]["per_s"]},
         "memory": {
             "entries": f"{few} and {many}",
@@ -44,7 +49,10 @@ def speed(tries: int, seed: int, top: Path) -> dict[str, Any]:
 def tiny_entries(folder: Path, count: int) -> None:
     """As :meth:`Store.commit` makes them, without flushing."""
     store, content = Store(folder), b"x"
-    files = {f"frame_{number:04d}.tiff": (1, hashlib.sha256(content).hexdigest()) for number in range(FILES)}
+    files = {
+        f"frame_{number:04d}.tiff": (1, hashlib.sha256(content).hexdigest())
+        for number in range(FILES)
+    }
     for number in range(count):
         key = hashlib.sha256(b"%d" % number).hexdigest()[:24]
         place = store.folder_of("samples", key)

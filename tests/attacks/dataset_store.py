@@ -48,8 +48,23 @@ from dataset_entries import (
 from mitsuba_sensor.dataset.store import Store
 
 IGNORED = {"exit", "exit_group", "rt_sigreturn"}  # calls that do not return
-WRITES = "mkdir", "openat", "write", "pwrite64", "ftruncate", "fsync", "rename", "unlink", "rmdir", "unlinkat"
-FAILING = {"ENOSPC": ("mkdir", "write", "fsync", "rename"), "EDQUOT": ("mkdir", "write"), "EIO": ("write", "fsync")}
+WRITES = (
+    "mkdir",
+    "openat",
+    "write",
+    "pwrite64",
+    "ftruncate",
+    "fsync",
+    "rename",
+    "unlink",
+    "rmdir",
+    "unlinkat",
+)
+FAILING = {
+    "ENOSPC": ("mkdir", "write", "fsync", "rename"),
+    "EDQUOT": ("mkdir", "write"),
+    "EIO": ("write", "fsync"),
+}
 
 
 LONGEST_S = 0.5
@@ -103,7 +118,9 @@ def kills(tries: int, seed: int, top: Path) -> dict[str, Any]:
     whole_s = min(time.monotonic() - began, LONGEST_S)
     job = ground.start()
     while done < tries:
-        program = Program(lambda told, job=job: (Store(ground.out).clean(ALL_FILES_S), job(told)))
+        program = Program(
+            lambda told, job=job: (Store(ground.out).clean(ALL_FILES_S), job(told))
+        )
         time.sleep(chance.uniform(0, 0.7 * whole_s))
         program.kill()
         code, made, said = program.wait()
@@ -128,7 +145,9 @@ def each_call(tries: int, seed: int, top: Path) -> dict[str, Any]:
     ground, done = Ground(top, 2, broken=1), 0
     known = calls.calls_of(ground.start(seed), top / "log")
     chosen = {name: min(count, tries) for name, count in known.items() if name not in IGNORED}
-    for where, (code, told, said) in calls.each_call(chosen, "signal=KILL", lambda: ground.start(seed)):
+    for where, (code, told, said) in calls.each_call(
+        chosen, "signal=KILL", lambda: ground.start(seed)
+    ):
         if code not in (0, -9):
             raise SystemExit(said)
         done += code == -9
@@ -173,7 +192,9 @@ def full(tries: int, seed: int, top: Path) -> dict[str, Any]:
         ground, done = Ground(top / error, 2, broken=1), 0
         known = calls.calls_of(ground.start(seed), top / error / "log")
         chosen = {name: min(known[name], tries) for name in names}
-        for where, (code, told, said) in calls.each_call(chosen, f"error={error}", partial(ground.start, seed)):
+        for where, (code, told, said) in calls.each_call(
+            chosen, f"error={error}", partial(ground.start, seed)
+        ):
             done += 1
             ground.check(where, told)
             check_full(ground, where, (code, said), expects_full=error != "EIO")
@@ -182,7 +203,9 @@ def full(tries: int, seed: int, top: Path) -> dict[str, Any]:
     return found | {"disks": disks.small_disks(tries, Ground, check_full, top)}
 
 
-def check_full(ground: Ground, where: str, ended: tuple[int, str], expects_full: bool = True) -> None:
+def check_full(
+    ground: Ground, where: str, ended: tuple[int, str], expects_full: bool = True
+) -> None:
     """A clean stop: path and bytes named, nothing unfinished left."""
     code, said = ended
     if code == 0 and (found := difference(Store(ground.out), ground.right)):
@@ -216,7 +239,9 @@ def corruptions(tries: int, seed: int, top: Path) -> dict[str, Any]:
         found = {(fault.kind, fault.key) for fault in store.verify_all()}
         counts[corrupt.__name__] += 1
         if found != must:
-            ground.problems.append(f"{corrupt.__name__} {number}: found {found} instead of {must}")
+            ground.problems.append(
+                f"{corrupt.__name__} {number}: found {found} instead of {must}"
+            )
         restore(store, whole, must | set(ground.wanted if number % 50 == 0 else []))
     ground.resume("all")
     return summary(tries, ground.problems, **counts)

@@ -63,7 +63,16 @@ VALUES += (
     "-0.0",
     "[" * 200 + "]" * 200,
 )
-VALUES += ("2147483648", "18446744073709551616", "0.1", '["a", "b"]', "'''\n\n'''", '"none"', "1_000", "0x10")
+VALUES += (
+    "2147483648",
+    "18446744073709551616",
+    "0.1",
+    '["a", "b"]',
+    "'''\n\n'''",
+    '"none"',
+    "1_000",
+    "0x10",
+)
 TEXTS = (
     "",
     "-1",
@@ -145,16 +154,26 @@ shares = {train = 0.5, test = 0.5}
 
 def sources(kind: str) -> list[str]:
     """Texts of right files of a kind, which cases damage."""
-    folders = {"camera": ROOT / "mitsuba_sensor" / "camera" / "cameras", "scene": ROOT / "scenes"}
+    folders = {
+        "camera": ROOT / "mitsuba_sensor" / "camera" / "cameras",
+        "scene": ROOT / "scenes",
+    }
     if kind == "dataset":
-        examples = (path.read_text("utf-8") for path in sorted((ROOT / "examples").glob("*.toml")))
+        examples = (
+            path.read_text("utf-8") for path in sorted((ROOT / "examples").glob("*.toml"))
+        )
         return [DATASET, *(text for text in examples if "[[cameras]]" in text)]
     if kind == "motion":
         return [MOTION, POSES, (ROOT / "scenes" / "rolling_fan.toml").read_text("utf-8")]
     if kind == "curves":
-        return ["wavelength_nm,R_percent,G_percent\n400,1,2\n500,40,50.5\n600,60,30\n700,10,5\n"]
+        return [
+            "wavelength_nm,R_percent,G_percent\n400,1,2\n500,40,50.5\n600,60,30\n700,10,5\n"
+        ]
     if kind == "lens":
-        return [path.read_text("utf-8") for path in sorted((ROOT / "mitsuba_sensor/camera/lenses").glob("*.json"))]
+        return [
+            path.read_text("utf-8")
+            for path in sorted((ROOT / "mitsuba_sensor/camera/lenses").glob("*.json"))
+        ]
     pattern = "*.toml" if kind == "camera" else "*.xml"
     return [path.read_text("utf-8") for path in sorted(folders[kind].glob(pattern))]
 
@@ -165,7 +184,11 @@ def pixel_files() -> list[tuple[str, bytes]]:
     frame = np.random.default_rng(1).integers(0, 4096, (8, 12), dtype=np.uint16)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_planes(folder / "a.exr", {}, {f"S0.{nm},0nm": Plane(frame.astype(np.float32)) for nm in (500, 600)})
+        write_planes(
+            folder / "a.exr",
+            {},
+            {f"S0.{nm},0nm": Plane(frame.astype(np.float32)) for nm in (500, 600)},
+        )
         ms.write_tiff(folder / "a.tiff", frame)
         tifffile.imwrite(folder / "b.tiff", frame, compression="zlib")
         Image.fromarray(frame).save(folder / "a.png")
@@ -173,7 +196,9 @@ def pixel_files() -> list[tuple[str, bytes]]:
         np.savez(folder / "a.npz", prnu=frame.astype(float))
         np.savez_compressed(folder / "b.npz", prnu=frame.astype(float))
         photons = ms.Photons(np.full((24, 24, 1), 500.0), np.array([550.0]))
-        ms.expose(photons, ms.load_camera("konnik_table1"), ms.Exposure(0.01)).save_dng(folder / "a.dng")
+        ms.expose(photons, ms.load_camera("konnik_table1"), ms.Exposure(0.01)).save_dng(
+            folder / "a.dng"
+        )
         return [(path.suffix, path.read_bytes()) for path in sorted(folder.iterdir())]
 
 
@@ -190,9 +215,11 @@ def _damaged_text(kind: str, draw: random.Random) -> bytes:
     text = draw.choice(sources(kind))
     if draw.random() < 0.35:
         return _with_wrong_bytes(text.encode(), draw)
-    change = {"scene": _with_wrong_attribute, "lens": _with_wrong_field, "curves": _with_wrong_cell}.get(
-        kind, _with_wrong_line
-    )
+    change = {
+        "scene": _with_wrong_attribute,
+        "lens": _with_wrong_field,
+        "curves": _with_wrong_cell,
+    }.get(kind, _with_wrong_line)
     for _ in range(draw.choice((1, 1, 1, 2, 4))):
         text = change(text, draw)
     return text.encode("utf-8", "surrogatepass")
@@ -215,7 +242,19 @@ def _with_wrong_bytes(content: bytes, draw: random.Random) -> bytes:
             data[start:start] = draw.randbytes(draw.choice((1, 4, 40)))
         elif how == 4:
             data[start:start] = draw.choice(
-                (b"\x00", b'"', b"]", b"[[", b"<", b"/>", b"<!--", b"&", b"'''", b"\xff\xfe", b"=")
+                (
+                    b"\x00",
+                    b'"',
+                    b"]",
+                    b"[[",
+                    b"<",
+                    b"/>",
+                    b"<!--",
+                    b"&",
+                    b"'''",
+                    b"\xff\xfe",
+                    b"=",
+                )
             )
         elif draw.random() < 0.2:
             del data[start:]
@@ -280,7 +319,11 @@ def _with_wrong_field(text: str, draw: random.Random) -> str:
     found = draw.choice(list(re.finditer(r'"(\w+)"\s*:\s*([^,\[\]{}]*)', text)))
     if draw.random() < 0.5:
         return text[: found.start(1)] + misspelt(found[1], draw) + text[found.end(1) :]
-    return text[: found.start(2)] + draw.choice((*VALUES, "null", "NaN", "Infinity")) + text[found.end(2) :]
+    return (
+        text[: found.start(2)]
+        + draw.choice((*VALUES, "null", "NaN", "Infinity"))
+        + text[found.end(2) :]
+    )
 
 
 def _with_wrong_cell(text: str, draw: random.Random) -> str:
@@ -289,15 +332,23 @@ def _with_wrong_cell(text: str, draw: random.Random) -> str:
     row = draw.choice(rows)
     if draw.random() < 0.3:
         rows.insert(draw.randrange(len(rows)), row)
-    row[draw.randrange(len(row))] = draw.choice((*TEXTS, misspelt(row[0], draw), "inf", "-5", "1e30", "wavelength_nm"))
+    row[draw.randrange(len(row))] = draw.choice(
+        (*TEXTS, misspelt(row[0], draw), "inf", "-5", "1e30", "wavelength_nm")
+    )
     return "\n".join(",".join(row) for row in rows)
 
 
 def misspelt(name: str, draw: random.Random) -> str:
     """One letter is missing, double, another one or has changed places."""
     k = draw.randrange(len(name)) if name else 0
-    kinds = (name[:k] + name[k + 1 :], name[:k] + name[k : k + 1] + name[k:], name[:k] + "x" + name[k + 1 :])
-    return draw.choice((*kinds, name[:k] + name[k + 1 : k + 2] + name[k : k + 1] + name[k + 2 :]))
+    kinds = (
+        name[:k] + name[k + 1 :],
+        name[:k] + name[k : k + 1] + name[k:],
+        name[:k] + "x" + name[k + 1 :],
+    )
+    return draw.choice(
+        (*kinds, name[:k] + name[k + 1 : k + 2] + name[k : k + 1] + name[k + 2 :])
+    )
 
 
 def read(kind: str, path: Path) -> str:
@@ -321,7 +372,9 @@ def _read_camera(path: Path) -> str:
     photons = ms.Photons(np.full((4, 6, 1), 500.0), np.array([550.0]))
     frames = ms.expose(photons, camera, ms.Exposure(0.01), frames=1)
     top = int(frames.digital.max())
-    return said or ("" if top < 2**camera.adc.bits else f"a frame has {top} DN of {camera.adc.bits} bits")
+    return said or (
+        "" if top < 2**camera.adc.bits else f"a frame has {top} DN of {camera.adc.bits} bits"
+    )
 
 
 def _read_motion(path: Path) -> str:
@@ -344,7 +397,9 @@ def _read_scene(path: Path) -> str:
 
 
 def _read_lens(path: Path) -> str:
-    ms.load_camera("konnik_table1").replace(**{"lens.prescription": str(path), "lens.focal_length_mm": 25.0})
+    ms.load_camera("konnik_table1").replace(
+        **{"lens.prescription": str(path), "lens.focal_length_mm": 25.0}
+    )
     return ""
 
 
@@ -353,7 +408,11 @@ def _read_curves(path: Path) -> str:
         quantum_efficiency={"file": str(path), "tile": [["R", "G"]], "reference_nm": 550}
     )
     values = np.array([*camera.quantum_efficiency.curves.values()])
-    return "" if ((values >= 0) & (values <= 1)).all() else "a quantum efficiency is not within 0 and 1"
+    return (
+        ""
+        if ((values >= 0) & (values <= 1)).all()
+        else "a quantum efficiency is not within 0 and 1"
+    )
 
 
 def _read_pixels(path: Path) -> str:
@@ -366,7 +425,12 @@ def _read_pixels(path: Path) -> str:
     return ""
 
 
-READERS = {"dataset": _read_dataset, "camera": _read_camera, "motion": _read_motion, "scene": _read_scene}
+READERS = {
+    "dataset": _read_dataset,
+    "camera": _read_camera,
+    "motion": _read_motion,
+    "scene": _read_scene,
+}
 READERS |= {"lens": _read_lens, "curves": _read_curves, "pixels": _read_pixels}
 
 
@@ -381,10 +445,20 @@ def ignored(given: Any, accepted: Any, place: str = "") -> str:
         return ""
     if isinstance(given, list) and isinstance(accepted, list | tuple):
         pairs = enumerate(zip(given, accepted, strict=len(given) == len(accepted)))
-        return next((said for k, (a, b) in pairs if (said := ignored(a, b, f"{place}{k}."))), "")
-    same = given == accepted or (isinstance(given, float) and not math.isfinite(given)) or str(given) == str(accepted)
+        return next(
+            (said for k, (a, b) in pairs if (said := ignored(a, b, f"{place}{k}."))), ""
+        )
+    same = (
+        given == accepted
+        or (isinstance(given, float) and not math.isfinite(given))
+        or str(given) == str(accepted)
+    )
     finite = not isinstance(accepted, float) or math.isfinite(accepted)
-    return "" if same and finite else f"{place[:-1]} is {str(given)[:60]!r} and was read as {str(accepted)[:60]!r}"
+    return (
+        ""
+        if same and finite
+        else f"{place[:-1]} is {str(given)[:60]!r} and was read as {str(accepted)[:60]!r}"
+    )
 
 
 def sentences_wrong(said: str) -> str:
@@ -395,7 +469,14 @@ def sentences_wrong(said: str) -> str:
         return "does not end like a sentence"
     if len(said) > LONGEST:
         return f"has {len(said)} characters"
-    return next((f"says {text!r}" for text in ("Traceback", "pydantic", "errors.", "0x7f") if text in said), "")
+    return next(
+        (
+            f"says {text!r}"
+            for text in ("Traceback", "pydantic", "errors.", "0x7f")
+            if text in said
+        ),
+        "",
+    )
 
 
 def examined(kind: str, number: int, folder: Path) -> tuple[str, str]:
@@ -413,7 +494,11 @@ def examined_file(kind: str, suffix: str, content: bytes, folder: Path) -> tuple
         wrong = read(kind, path)
     except ms.InputError as error:
         wrong = sentences_wrong(str(error))
-        return ("fault", f"the refusal {wrong}: {str(error)[:300]!r}") if wrong else ("refused", str(error)[:200])
+        return (
+            ("fault", f"the refusal {wrong}: {str(error)[:300]!r}")
+            if wrong
+            else ("refused", str(error)[:200])
+        )
     except Exception as error:  # what this is for
         return "fault", f"{type(error).__name__}: {str(error)[:300]!r}"
     return ("fault", f"accepted, but {wrong}") if wrong else ("accepted", "")

@@ -33,7 +33,10 @@ def read_batch(start: int, count: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for kind, number in numbered(start, count):
             print(MARK + json.dumps([kind, number]), flush=True)
-            print(MARK + json.dumps([kind, number, *examined(kind, number, Path(folder))]), flush=True)
+            print(
+                MARK + json.dumps([kind, number, *examined(kind, number, Path(folder))]),
+                flush=True,
+            )
 
 
 def run_batch(start: int, count: int) -> list[list[Any]]:
@@ -50,7 +53,9 @@ def _run_process(start: int, count: int, found: list[list[Any]]) -> tuple[list[A
     """Read cases until the process ends; returns the case that did not, and why."""
     command = [sys.executable, __file__, "--read", str(start), str(count)]
     begun: list[Any] = ["", start]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:
         assert process.stdout is not None
         os.set_blocking(process.stdout.fileno(), False)
         rest = b""
@@ -76,17 +81,33 @@ def report(cases: int, first: int = 0) -> dict[str, Any]:
     found: list[list[Any]] = []
     for start in range(first, first + cases, BATCH):
         found += run_batch(start, min(BATCH, first + cases - start))
-        print(f"{len(found)} cases, {sum(one[2] == 'fault' for one in found)} faults", file=sys.stderr, flush=True)
+        print(
+            f"{len(found)} cases, {sum(one[2] == 'fault' for one in found)} faults",
+            file=sys.stderr,
+            flush=True,
+        )
     counts = Counter((kind, result) for kind, _, result, _ in found)
-    faults = [f"{kind} {number}: {why}" for kind, number, result, why in found if result == "fault"]
-    return {"cases": len(found), "counts": {f"{a} {b}": n for (a, b), n in sorted(counts.items())}, "faults": faults}
+    faults = [
+        f"{kind} {number}: {why}" for kind, number, result, why in found if result == "fault"
+    ]
+    return {
+        "cases": len(found),
+        "counts": {f"{a} {b}": n for (a, b), n in sorted(counts.items())},
+        "faults": faults,
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--cases", type=int, default=5000)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
-    parser.add_argument("--read", type=int, nargs=2, metavar=("FIRST", "COUNT"), help="read these in this process")
+    parser.add_argument(
+        "--read",
+        type=int,
+        nargs=2,
+        metavar=("FIRST", "COUNT"),
+        help="read these in this process",
+    )
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     if asked.read:
@@ -94,7 +115,9 @@ def main() -> None:
         return
     found = report(asked.cases, asked.first)
     print(
-        json.dumps(found, indent=2) if asked.json else "\n".join([*map(str, found["counts"].items()), *found["faults"]])
+        json.dumps(found, indent=2)
+        if asked.json
+        else "\n".join([*map(str, found["counts"].items()), *found["faults"]])
     )
     sys.exit(1 if found["faults"] else 0)
 

@@ -71,7 +71,11 @@ VALUES: dict[str, Any] = {
 def toml_value(value: Any) -> str:
     """A value as TOML writes it inline."""
     if isinstance(value, dict):
-        pairs = (f"{json.dumps(str(name))} = {toml_value(x)}" for name, x in value.items() if x is not None)
+        pairs = (
+            f"{json.dumps(str(name))} = {toml_value(x)}"
+            for name, x in value.items()
+            if x is not None
+        )
         return f"{{{', '.join(pairs)}}}"
     if isinstance(value, list):
         return f"[{', '.join(toml_value(x) for x in value if x is not None)}]"
@@ -84,7 +88,9 @@ def toml_value(value: Any) -> str:
 
 def toml(tables: dict[str, Any]) -> str:
     """Tables as the text of a file."""
-    lines = (f"{json.dumps(name)} = {toml_value(x)}" for name, x in tables.items() if x is not None)
+    lines = (
+        f"{json.dumps(name)} = {toml_value(x)}" for name, x in tables.items() if x is not None
+    )
     return "\n".join(lines) + "\n"
 
 
@@ -114,7 +120,11 @@ def _elements(value: Any) -> str:
         return "".join(f"<_>{_elements(x)}</_>" for x in value)
     if isinstance(value, list):
         return " ".join(map(plain_json, value))
-    text = "" if value is None else escape(plain_json(value) if not isinstance(value, str) else value)
+    text = (
+        ""
+        if value is None
+        else escape(plain_json(value) if not isinstance(value, str) else value)
+    )
     return "".join(letter for letter in text if letter.isprintable())  # XML has no others
 
 
@@ -137,7 +147,9 @@ TRANSFORMS = {
     "h": 480,
     "k1": -0.2,
     "p1": 0.0,
-    "frames": [{"file_path": "a.png", "fl_x": 500.0, "transform_matrix": [[1.0, 0.0], [0.0, 1.0]]}],
+    "frames": [
+        {"file_path": "a.png", "fl_x": 500.0, "transform_matrix": [[1.0, 0.0], [0.0, 1.0]]}
+    ],
 }
 ANGLES = {"camera_angle_x": 0.8, "w": 64, "h": 32, "frames": [{"file_path": "a"}]}
 TUNING = {
@@ -149,9 +161,26 @@ TUNING = {
         {"rpi.alsc": {"luminance_lut": [1.0 + 0.001 * k for k in range(192)]}},
     ],
 }
-ROW = {"iso": 100, "K": 0.1, "lam": 0.14, "sigGs": 1.0, "sigTL": 0.7, "sigR": 0.1, "wp": 16383, "bl": 512}
+ROW = {
+    "iso": 100,
+    "K": 0.1,
+    "lam": 0.14,
+    "sigGs": 1.0,
+    "sigTL": 0.7,
+    "sigR": 0.1,
+    "wp": 16383,
+    "bl": 512,
+}
 NOISE_TABLE = {"A_100": ROW, "B_200": {**ROW, "iso": 200, "K": 0.2}}
-REPORT = {"K": 0.2, "QE": 55.0, "sigma_d": 3.0, "u_e_sat": 12000.0, "u_I_mean": 1.5, "PRNU1288": 0.8, "DSNU1288": 1.1}
+REPORT = {
+    "K": 0.2,
+    "QE": 55.0,
+    "sigma_d": 3.0,
+    "u_e_sat": 12000.0,
+    "u_I_mean": 1.5,
+    "PRNU1288": 0.8,
+    "DSNU1288": 1.1,
+}
 PRESET = {
     "name": "Example",
     "sensor_type": "SCMOS",
@@ -172,7 +201,14 @@ BENCH = {
     "wavelength_nm": 550.0,
     "tile": [["R", "G"], ["G", "B"]],
     "stack": [
-        {"files": "dark*.tiff", "kind": "dark", "exposure_s": 0.1, "photons": 0.0, "temperature_k": 300.0, "gain": "1"},
+        {
+            "files": "dark*.tiff",
+            "kind": "dark",
+            "exposure_s": 0.1,
+            "photons": 0.0,
+            "temperature_k": 300.0,
+            "gain": "1",
+        },
         {"files": ["flat.tiff"], "kind": "flat", "exposure_s": 0.1, "photons": 500.0},
     ],
 }
@@ -185,7 +221,14 @@ OWN_FACTS = {
     "cfa_pattern": [["R", "G"], ["G", "B"]],
 }
 HEADERS = "bandwidths_nm", "first_pixel", "render_statistics", "rendered_for"
-FITS_CARDS = {"EXPTIME": 0.5, "CCD-TEMP": -10.0, "GAIN": 120, "BAYERPAT": "RGGB", "IMAGETYP": "dark", "NOTE": "x"}
+FITS_CARDS = {
+    "EXPTIME": 0.5,
+    "CCD-TEMP": -10.0,
+    "GAIN": 120,
+    "BAYERPAT": "RGGB",
+    "IMAGETYP": "dark",
+    "NOTE": "x",
+}
 
 
 class Kind(NamedTuple):
@@ -219,7 +262,9 @@ def write_fits(path: Path, cards: Any) -> None:
             header[name] = value
         except ValueError:
             continue
-    fits.PrimaryHDU(np.ones((4, 6), np.int16), header).writeto(path, overwrite=True, output_verify="ignore")
+    fits.PrimaryHDU(np.ones((4, 6), np.int16), header).writeto(
+        path, overwrite=True, output_verify="ignore"
+    )
 
 
 def light() -> Irradiance:
@@ -243,14 +288,23 @@ def light() -> Irradiance:
         notes=("a note",),
         scene_sha256="0" * 64,
         aperture_f_number=2.8,
-        intrinsics={"matrix": np.eye(3).tolist(), "image_size": [8, 4], "distortion": [0.0] * 5, "heights_mm": None},
+        intrinsics={
+            "matrix": np.eye(3).tolist(),
+            "image_size": [8, 4],
+            "distortion": [0.0] * 5,
+            "heights_mm": None,
+        },
         camera_to_world=np.eye(4).tolist(),
         metering={"key": 0.18},
     )
     cube, two = np.full((4, 8, 2), 1e-3, np.float32), np.array([500.0, 550.0])
-    known = RenderedFor(ms.load_camera("konnik_table1"), ms.Exposure(0.01), 1, Illuminant(two, two))
+    known = RenderedFor(
+        ms.load_camera("konnik_table1"), ms.Exposure(0.01), 1, Illuminant(two, two)
+    )
     error = np.full((4, 8), 0.1, np.float32)
-    return Irradiance(cube, two, np.full(2, 50.0), 0.1 * cube, error, statistics, rendered_for=known)
+    return Irradiance(
+        cube, two, np.full(2, 50.0), 0.1 * cube, error, statistics, rendered_for=known
+    )
 
 
 @cache
@@ -260,7 +314,9 @@ def parts_of_light() -> tuple[dict[str, Any], dict[str, Plane]]:
         write_irradiance_exr(Path(folder) / "a.exr", light())
         with whole_exr(Path(folder) / "a.exr", "of no use") as (header, images):
             plain = {name: x for name, x in header.items() if name in HEADERS}
-            values = {name: json.loads(x) if isinstance(x, str) else x for name, x in plain.items()}
+            values = {
+                name: json.loads(x) if isinstance(x, str) else x for name, x in plain.items()
+            }
             return values, {name: Plane(x) for name, x in images.items()}
 
 
@@ -281,8 +337,14 @@ def read_light(path: Path) -> None:
 def read_frames(path: Path) -> str:
     """Raw frames, whose metadata are of their types or say nothing."""
     raw = read_raw(path)
-    numbers = all(x is None or (type(x) is float and 0 <= x < math.inf) for x in (raw.exposure_s, raw.temperature_k))
-    texts = all(type(text) is str for text in (raw.gain, raw.kind, *(name for row in raw.tile for name in row)))
+    numbers = all(
+        x is None or (type(x) is float and 0 <= x < math.inf)
+        for x in (raw.exposure_s, raw.temperature_k)
+    )
+    texts = all(
+        type(text) is str
+        for text in (raw.gain, raw.kind, *(name for row in raw.tile for name in row))
+    )
     return "" if numbers and texts else f"the metadata are {raw!r}"[:300]
 
 
@@ -296,10 +358,22 @@ def read_folder(path: Path) -> None:
 def kinds() -> list[Kind]:
     """All of them."""
     lens = json.loads((ROOT / "mitsuba_sensor/camera/lenses/singlet.json").read_text("utf-8"))
-    surface = {"radius": 10.0, "thickness": 1.0, "ior": 1.5, "semi_aperture": 5.0, "conic_constant": 0.0}
+    surface = {
+        "radius": 10.0,
+        "thickness": 1.0,
+        "ior": 1.5,
+        "semi_aperture": 5.0,
+        "conic_constant": 0.0,
+    }
     stop = {**surface, "radius": 0.0, "ior": 1.0}
-    iset = {"name": "a", "description": "b", "surfaces": [stop, surface, {**surface, "radius": -10.0, "ior": 1.0}]}
-    camera = tomllib.loads((ROOT / "mitsuba_sensor/camera/cameras/bayer_2mp.toml").read_text("utf-8"))
+    iset = {
+        "name": "a",
+        "description": "b",
+        "surfaces": [stop, surface, {**surface, "radius": -10.0, "ior": 1.0}],
+    }
+    camera = tomllib.loads(
+        (ROOT / "mitsuba_sensor/camera/cameras/bayer_2mp.toml").read_text("utf-8")
+    )
     imported, text = import_camera, as_text(plain_json)
     return [
         Kind("camera.toml", camera, as_text(toml), ms.load_camera),
@@ -361,7 +435,11 @@ def result(kind: Kind, place: Place, value: str, folder: Path) -> tuple[str, str
         said = kind.read(path)
     except ms.InputError as error:
         wrong = sentences_wrong(str(error))
-        return ("fault", f"the refusal {wrong}: {str(error)[:300]!r}") if wrong else ("refused", str(error)[:400])
+        return (
+            ("fault", f"the refusal {wrong}: {str(error)[:300]!r}")
+            if wrong
+            else ("refused", str(error)[:400])
+        )
     except Exception as error:  # what this is for
         return "fault", f"{type(error).__name__}: {str(error)[:300]!r}"
     wrong = said if isinstance(said, str) else ""
@@ -370,7 +448,12 @@ def result(kind: Kind, place: Place, value: str, folder: Path) -> tuple[str, str
 
 def cases() -> list[tuple[Kind, Place, str]]:
     """All of them, in an order that any part of represents the whole."""
-    every = [(kind, place, value) for kind in kinds() for place in places(kind.tables) for value in VALUES]
+    every = [
+        (kind, place, value)
+        for kind in kinds()
+        for place in places(kind.tables)
+        for value in VALUES
+    ]
     random.Random(1).shuffle(every)
     return every
 

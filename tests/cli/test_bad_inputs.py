@@ -26,7 +26,9 @@ LINES = [line for line in TABLE.read_text("utf-8").splitlines() if "=>" in line]
 
 
 @pytest.fixture(scope="module")
-def places(tmp_path_factory: pytest.TempPathFactory, scene_file: Path, light: Any) -> dict[str, str]:
+def places(
+    tmp_path_factory: pytest.TempPathFactory, scene_file: Path, light: Any
+) -> dict[str, str]:
     """Good files, and bad ones of every kind."""
     import OpenEXR
 
@@ -39,21 +41,33 @@ def places(tmp_path_factory: pytest.TempPathFactory, scene_file: Path, light: An
         (folder / name).mkdir(parents=True)
     (folder / "text.toml").write_text("some text\n")
     (folder / "broken.toml").write_text("[adc\nbits = 12")
-    (folder / "camera.toml").write_text((CAMERAS / "konnik_table1.toml").read_text("utf-8"), "utf-8")
+    (folder / "camera.toml").write_text(
+        (CAMERAS / "konnik_table1.toml").read_text("utf-8"), "utf-8"
+    )
     for name in ("empty.xml", "empty.exr"):
         (folder / name).touch()
     Image.new("L", (4, 4)).save(folder / "picture.png")
     content = good.read_bytes()
     (folder / "half.exr").write_bytes(content[: len(content) // 2])
     (folder / "head.exr").write_bytes(content[:100])
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": np.ones((4, 4, 3), np.float32)}) as rgb:
+    with OpenEXR.File(
+        {"type": OpenEXR.scanlineimage}, {"RGB": np.ones((4, 4, 3), np.float32)}
+    ) as rgb:
         rgb.write(str(folder / "rgb.exr"))
     maps = {"names": {"prnnu": np.ones((12, 16))}, "shape": {"prnu": np.ones((3, 3))}}
-    maps |= {"nan": {"prnu": np.full((12, 16), np.nan)}, "text": {"prnu": np.full((12, 16), "a")}}
+    maps |= {
+        "nan": {"prnu": np.full((12, 16), np.nan)},
+        "text": {"prnu": np.full((12, 16), "a")},
+    }
     for name, found in maps.items():
         np.savez(folder / f"{name}.npz", **found)
     (folder / "cut.npz").write_bytes((folder / "nan.npz").read_bytes()[:200])
-    return {"SCENE": str(scene_file), "LIGHT": str(good), "OUT": str(folder / "new" / "out"), "TMP": str(folder)}
+    return {
+        "SCENE": str(scene_file),
+        "LIGHT": str(good),
+        "OUT": str(folder / "new" / "out"),
+        "TMP": str(folder),
+    }
 
 
 def filled(text: str, places: dict[str, str]) -> str:
@@ -101,7 +115,9 @@ def test_a_mistake_in_a_scene_is_one_sentence_with_the_path_of_the_file(
     edits: str, scene_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
     scene = edited(scene_file, edits, tmp_path)
-    done = cli("render", scene, "-o", tmp_path / "out", "--variant", "scalar_spectral", "--spp", 16)
+    done = cli(
+        "render", scene, "-o", tmp_path / "out", "--variant", "scalar_spectral", "--spp", 16
+    )
     assert done.exit_code == 2, (done.exception, done.stdout)
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     assert str(scene) in done.stderr or NO_NAME in SCENES[edits], done.stderr
@@ -122,7 +138,9 @@ def test_a_mistake_in_a_camera_file_is_one_sentence_with_file_and_line(
     file.write_text(wrong, "utf-8")
     done = cli("expose", light_file, "-o", tmp_path / "out", "--camera", file)
     assert done.exit_code == 2 and not (tmp_path / "out").exists(), done.stdout
-    assert len(done.stderr.strip().splitlines()) == 1 and "wrong.toml" in done.stderr, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1 and "wrong.toml" in done.stderr, (
+        done.stderr
+    )
     missing = [one for one in DATASHEETS[edit] if one not in done.stderr]
     assert not missing, f"{missing} not in: {done.stderr}"
     assert f"{file}:" in cli("cameras", "check", file).stdout
@@ -131,7 +149,14 @@ def test_a_mistake_in_a_camera_file_is_one_sentence_with_file_and_line(
 @pytest.mark.parametrize("call", CALLS)
 def test_a_mistake_in_python_is_one_sentence(call: str, light: Any, tmp_path: Path) -> None:
     camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
-    names = {"ms": ms, "np": np, "camera": camera, "exposure": exposure, "light": light, "tmp": tmp_path}
+    names = {
+        "ms": ms,
+        "np": np,
+        "camera": camera,
+        "exposure": exposure,
+        "light": light,
+        "tmp": tmp_path,
+    }
     with pytest.raises(ms.InputError) as caught:
         eval(call, names | {"grey": np.full((4, 6), 1e4), "list": list})
     missing = [one for one in CALLS[call] if one not in str(caught.value)]
@@ -145,14 +170,22 @@ def test_a_sensor_at_25_kelvin_is_allowed_and_doubted(
 ) -> None:
     for kelvin, doubted in ((25, True), (0, True), (500, True), (77, False), (298.15, False)):
         done = cli("expose", light_file, "-o", tmp_path, "--temperature-k", kelvin)
-        assert done.exit_code == 0 and ("temperature_k is" in done.stdout) == doubted, done.stdout
+        assert done.exit_code == 0 and ("temperature_k is" in done.stdout) == doubted, (
+            done.stdout
+        )
         assert kelvin != 25 or "if 25 is in °C, write 298.15" in " ".join(done.stdout.split())
 
 
-@pytest.mark.parametrize("command", ["cameras new FILE.toml", "fpn-maps -o FILE.npz --rows 4 --width 4"])
+@pytest.mark.parametrize(
+    "command", ["cameras new FILE.toml", "fpn-maps -o FILE.npz --rows 4 --width 4"]
+)
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
 def test_a_full_or_read_only_disk_is_one_sentence_with_a_way_out(
-    command: str, number: int, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    command: str,
+    number: int,
+    tmp_path: Path,
+    cli: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def refused(*_: object) -> None:
         raise OSError(number, os.strerror(number))
@@ -160,11 +193,19 @@ def test_a_full_or_read_only_disk_is_one_sentence_with_a_way_out(
     monkeypatch.setattr(os, "replace", refused)
     file = str(tmp_path / "my")
     done = cli(*command.replace("FILE", file).split())
-    way_out = "make space there" if number == errno.ENOSPC else "give a place that can be written"
-    assert (
-        done.exit_code == (3 if number == errno.ENOSPC else 2) and done.stdout == "" and list(tmp_path.iterdir()) == []
+    way_out = (
+        "make space there" if number == errno.ENOSPC else "give a place that can be written"
     )
-    assert f"{file}." in done.stderr and os.strerror(number) in done.stderr and way_out in done.stderr
+    assert (
+        done.exit_code == (3 if number == errno.ENOSPC else 2)
+        and done.stdout == ""
+        and list(tmp_path.iterdir()) == []
+    )
+    assert (
+        f"{file}." in done.stderr
+        and os.strerror(number) in done.stderr
+        and way_out in done.stderr
+    )
 
 
 def test_the_table_holds_at_least_300_inputs() -> None:

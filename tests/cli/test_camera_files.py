@@ -14,10 +14,14 @@ import mitsuba_sensor as ms
 
 
 @pytest.mark.parametrize("name", one_in(4, ms.list_cameras()))
-def test_a_new_file_is_the_camera_that_it_is_like(name: str, tmp_path: Path, cli: Callable[..., Any]) -> None:
+def test_a_new_file_is_the_camera_that_it_is_like(
+    name: str, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
     file = tmp_path / "my.toml"
     done = cli("cameras", "new", file, "--like", name)
-    assert done.exit_code == 0 and f"cameras check {file}" in done.stdout.replace("\n", ""), done.stderr
+    assert done.exit_code == 0 and f"cameras check {file}" in done.stdout.replace("\n", ""), (
+        done.stderr
+    )
     assert ms.load_camera(file) == ms.load_camera(name)
     assert file.read_text("utf-8") == cli("cameras", "show", name, "--toml").stdout
     checked = cli("cameras", "check", file)
@@ -25,7 +29,9 @@ def test_a_new_file_is_the_camera_that_it_is_like(name: str, tmp_path: Path, cli
     assert json.loads(cli("cameras", "check", file, "--json").stdout) == []
 
 
-def test_an_existing_file_is_written_over_only_by_force(tmp_path: Path, cli: Callable[..., Any]) -> None:
+def test_an_existing_file_is_written_over_only_by_force(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
     file = tmp_path / "my.toml"
     file.write_text("mine", encoding="utf-8")
     done = cli("cameras", "new", file)
@@ -35,7 +41,9 @@ def test_an_existing_file_is_written_over_only_by_force(tmp_path: Path, cli: Cal
     assert ms.load_camera(file) == ms.load_camera("konnik_table1").replace(**{"adc.bits": 14})
 
 
-def test_a_place_that_takes_no_camera_file_is_one_sentence(tmp_path: Path, cli: Callable[..., Any]) -> None:
+def test_a_place_that_takes_no_camera_file_is_one_sentence(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
     (tmp_path / "folder.toml").mkdir()
     for file, said in {
         "my.txt": "let it end in .toml",
@@ -44,7 +52,11 @@ def test_a_place_that_takes_no_camera_file_is_one_sentence(tmp_path: Path, cli: 
     }.items():
         for force in ((), ("--force",)):
             done = cli("cameras", "new", tmp_path / file, *force)
-            assert done.exit_code == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
+            assert (
+                done.exit_code == 2
+                and said in done.stderr
+                and len(done.stderr.splitlines()) == 1
+            )
     assert [path.name for path in tmp_path.iterdir()] == ["folder.toml"]
 
 
@@ -61,12 +73,21 @@ def test_a_check_prints_errors_and_warnings_and_exits_2_only_for_errors(
         f"{file}:{line}: warning: pixel.prnu is 50, and 0 to 0.1 is usual: if 50 is in percent, write 0.5.",
         f"{file}: 1 warning",
     ]
-    file.write_text(text.replace("\nbits = 12", "\nbitts = 12").replace("\nrows = 1300", "\nrows = 0"), "utf-8")
+    file.write_text(
+        text.replace("\nbits = 12", "\nbitts = 12").replace("\nrows = 1300", "\nrows = 0"),
+        "utf-8",
+    )
     done = cli("cameras", "check", file)
-    assert done.exit_code == 2 and done.stdout.splitlines()[-1] == f"{file}: 2 errors, 1 warning"
+    assert (
+        done.exit_code == 2 and done.stdout.splitlines()[-1] == f"{file}: 2 errors, 1 warning"
+    )
     found = cli("cameras", "check", file, "--json")
     assert found.exit_code == 2
-    assert [one["field"] for one in json.loads(found.stdout)] == ["sensor.rows", "adc.bitts", "pixel.prnu"]
+    assert [one["field"] for one in json.loads(found.stdout)] == [
+        "sensor.rows",
+        "adc.bitts",
+        "pixel.prnu",
+    ]
 
 
 def test_set_unsets_a_field_so_that_its_alternative_can_be_given(
@@ -81,12 +102,21 @@ def test_set_unsets_a_field_so_that_its_alternative_can_be_given(
         "dark_current.at_temperature_k": "298.15",
         "pixel.prnu": "0.5",
     }
-    settings = [part for field, text in changes.items() for part in ("--set", f"{field}={text}")]
+    settings = [
+        part for field, text in changes.items() for part in ("--set", f"{field}={text}")
+    ]
     done = cli("expose", light_file, "-o", tmp_path / "out", *settings)
     assert done.exit_code == 0 and "note: pixel.prnu is 0.5" in done.stdout, done.stderr
     camera = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))["camera"]
-    assert camera["source_follower"]["white_nv_per_rthz"] is camera["dark_current"]["fom_na_per_cm2"] is None
-    assert (camera["source_follower"]["read_noise_e"], camera["dark_current"]["rate_e_per_s"]) == (3, 5)
+    assert (
+        camera["source_follower"]["white_nv_per_rthz"]
+        is camera["dark_current"]["fom_na_per_cm2"]
+        is None
+    )
+    assert (
+        camera["source_follower"]["read_noise_e"],
+        camera["dark_current"]["rate_e_per_s"],
+    ) == (3, 5)
     (note,) = camera["notes"]
     assert note.startswith("pixel.prnu is 0.5, and 0 to 0.1 is usual")
 
@@ -96,16 +126,27 @@ def test_an_import_says_what_is_assumed_and_writes_a_file_that_is_right(
 ) -> None:
     """A tuning file at 12 bits; a second import needs --force, and a bad file writes nothing."""
     source, file = tmp_path / "imx477.json", tmp_path / "my.toml"
-    source.write_text('{"algorithms": [{"rpi.noise": {"reference_slope": 2.767}}]}', encoding="utf-8")
+    source.write_text(
+        '{"algorithms": [{"rpi.noise": {"reference_slope": 2.767}}]}', encoding="utf-8"
+    )
     flags = ("--set", "adc.bits=12", "--name", "my_pi")
     done = cli("cameras", "import", source, "-o", file, *flags, "--json")
     said = json.loads(done.stdout)
     assert said["name"] == "my_pi" and "source_follower.read_noise_e" in said["assumed"]
-    assert said["sources"]["adc.full_scale_v"].startswith("imx477.json: rpi.noise reference_slope 2.767")
+    assert said["sources"]["adc.full_scale_v"].startswith(
+        "imx477.json: rpi.noise reference_slope 2.767"
+    )
     assert cli("cameras", "check", file).stdout == f"{file}: nothing is wrong\n"
     again = cli("cameras", "import", source, "-o", file, *flags)
     assert again.exit_code == 2 and "exists already; --force" in again.stderr
-    assert "numbers are assumed" in cli("cameras", "import", source, "-o", file, *flags, "--force").stdout
+    assert (
+        "numbers are assumed"
+        in cli("cameras", "import", source, "-o", file, *flags, "--force").stdout
+    )
     source.write_text("{}", encoding="utf-8")
     bad = cli("cameras", "import", source, "-o", tmp_path / "other.toml")
-    assert bad.exit_code == 2 and len(bad.stderr.splitlines()) == 1 and not (tmp_path / "other.toml").exists()
+    assert (
+        bad.exit_code == 2
+        and len(bad.stderr.splitlines()) == 1
+        and not (tmp_path / "other.toml").exists()
+    )

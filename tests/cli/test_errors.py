@@ -25,59 +25,164 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "scene is a folder": (("render", "TMP", "-o", "OUT"), "is not a file"),
     "malformed XML": (("render", "TMP/malformed.xml", "-o", "OUT"), "malformed.xml"),
     "not XML": (("render", "LIGHT", "-o", "OUT"), "irradiance.exr"),
-    "no light in the band": (("render", "TMP/infrared.xml", "-o", "OUT", "--spp", "16"), "from 400 to 700 nm"),
-    "unknown scene parameter": (("render", "SCENE", "-o", "OUT", "-D", "levle=1", "--spp", "16"), "levle"),
-    "parameter without value": (("render", "SCENE", "-o", "OUT", "-D", "level"), "-D NAME=VALUE"),
+    "no light in the band": (
+        ("render", "TMP/infrared.xml", "-o", "OUT", "--spp", "16"),
+        "from 400 to 700 nm",
+    ),
+    "unknown scene parameter": (
+        ("render", "SCENE", "-o", "OUT", "-D", "levle=1", "--spp", "16"),
+        "levle",
+    ),
+    "parameter without value": (
+        ("render", "SCENE", "-o", "OUT", "-D", "level"),
+        "-D NAME=VALUE",
+    ),
     "unknown variant": (
         ("render", "SCENE", "-o", "OUT", "--variant", "scalar_spectrum"),
         "Did you mean 'scalar_spectral'",
     ),
-    "rgb variant": (("render", "SCENE", "-o", "OUT", "--variant", "scalar_rgb"), "scalar_spectral"),
-    "zero wavelength": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "0"), "wavelength_nm"),
-    "NaN wavelength": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "nan"), "wavelength_nm"),
-    "negative bandwidth": (("render", "SCENE", "-o", "OUT", "--bandwidth-nm", "-1"), "bandwidth_nm"),
-    "wavelength in metres": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "5.5e-7"), "wavelength_nm"),
+    "rgb variant": (
+        ("render", "SCENE", "-o", "OUT", "--variant", "scalar_rgb"),
+        "scalar_spectral",
+    ),
+    "zero wavelength": (
+        ("render", "SCENE", "-o", "OUT", "--wavelength-nm", "0"),
+        "wavelength_nm",
+    ),
+    "NaN wavelength": (
+        ("render", "SCENE", "-o", "OUT", "--wavelength-nm", "nan"),
+        "wavelength_nm",
+    ),
+    "negative bandwidth": (
+        ("render", "SCENE", "-o", "OUT", "--bandwidth-nm", "-1"),
+        "bandwidth_nm",
+    ),
+    "wavelength in metres": (
+        ("render", "SCENE", "-o", "OUT", "--wavelength-nm", "5.5e-7"),
+        "wavelength_nm",
+    ),
     "zero samples": (("render", "SCENE", "-o", "OUT", "--spp", "0"), "spp is 0"),
     "no such irradiance": (("expose", "TMP/none.exr", "-o", "OUT"), "none.exr"),
     "not an EXR": (("expose", "SCENE", "-o", "OUT"), "not an OpenEXR file"),
-    "unknown camera": (("expose", "LIGHT", "-o", "OUT", "--camera", "konnik_table"), "Did you mean 'konnik_table1'"),
-    "camera file missing": (("expose", "LIGHT", "-o", "OUT", "--camera", "none.toml"), "none.toml"),
-    "unit of a field wrong": (("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/millimetres.toml"), "pitch_x_um"),
-    "text for a number": (("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/text.toml"), "full_well_e"),
-    "camera is not TOML": (("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/broken.toml"), "not valid TOML"),
-    "unknown field": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bitz=14"), "Did you mean 'adc.bits'"),
-    "field without value": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits"), "--set NAME=VALUE"),
-    "negative full well": (("expose", "LIGHT", "-o", "OUT", "--set", "pixel.full_well_e=-3"), "full_well_e is -3"),
-    "NaN in a field": (("expose", "LIGHT", "-o", "OUT", "--set", "pixel.prnu=nan"), "prnu is nan"),
-    "text in a field": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits=many"), "adc.bits is 'many'"),
-    "too many bits": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits=25"), "adc.bits is 25"),
-    "negative exposure": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "-1"), "time_s is -1"),
+    "unknown camera": (
+        ("expose", "LIGHT", "-o", "OUT", "--camera", "konnik_table"),
+        "Did you mean 'konnik_table1'",
+    ),
+    "camera file missing": (
+        ("expose", "LIGHT", "-o", "OUT", "--camera", "none.toml"),
+        "none.toml",
+    ),
+    "unit of a field wrong": (
+        ("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/millimetres.toml"),
+        "pitch_x_um",
+    ),
+    "text for a number": (
+        ("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/text.toml"),
+        "full_well_e",
+    ),
+    "camera is not TOML": (
+        ("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/broken.toml"),
+        "not valid TOML",
+    ),
+    "unknown field": (
+        ("expose", "LIGHT", "-o", "OUT", "--set", "adc.bitz=14"),
+        "Did you mean 'adc.bits'",
+    ),
+    "field without value": (
+        ("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits"),
+        "--set NAME=VALUE",
+    ),
+    "negative full well": (
+        ("expose", "LIGHT", "-o", "OUT", "--set", "pixel.full_well_e=-3"),
+        "full_well_e is -3",
+    ),
+    "NaN in a field": (
+        ("expose", "LIGHT", "-o", "OUT", "--set", "pixel.prnu=nan"),
+        "prnu is nan",
+    ),
+    "text in a field": (
+        ("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits=many"),
+        "adc.bits is 'many'",
+    ),
+    "too many bits": (
+        ("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits=25"),
+        "adc.bits is 25",
+    ),
+    "negative exposure": (
+        ("expose", "LIGHT", "-o", "OUT", "--exposure-s", "-1"),
+        "time_s is -1",
+    ),
     "NaN exposure": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "nan"), "time_s is nan"),
-    "infinite exposure": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "inf"), "time_s is inf"),
-    "negative temperature": (("expose", "LIGHT", "-o", "OUT", "--temperature-k", "-5"), "temperature_k is -5"),
+    "infinite exposure": (
+        ("expose", "LIGHT", "-o", "OUT", "--exposure-s", "inf"),
+        "time_s is inf",
+    ),
+    "negative temperature": (
+        ("expose", "LIGHT", "-o", "OUT", "--temperature-k", "-5"),
+        "temperature_k is -5",
+    ),
     "negative seed": (("expose", "LIGHT", "-o", "OUT", "--seed", "-1"), "seed is -1"),
     "negative serial": (("expose", "LIGHT", "-o", "OUT", "--serial", "-1"), "serial is -1"),
     "no frames": (("expose", "LIGHT", "-o", "OUT", "--frames", "0"), "frames is 0"),
-    "text for a time": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "long"), "--exposure-s"),
+    "text for a time": (
+        ("expose", "LIGHT", "-o", "OUT", "--exposure-s", "long"),
+        "--exposure-s",
+    ),
     "no output folder": (("expose", "LIGHT"), "-o"),
     "unknown chain": (
         ("expose", "LIGHT", "-o", "OUT", "--chain", "matlab"),
         "chain is 'matlab'; it must be one of physical",
     ),
-    "cube for the published chain": (("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"), "has one wavelength"),
-    "no such patterns": (("expose", "LIGHT", "-o", "OUT", "--fpn-maps", "TMP/none.npz"), "none.npz cannot be read"),
-    "patterns of another kind": (("render", "SCENE", "-o", "OUT", "--fpn-maps", "SCENE"), "no .npz of numbers"),
-    "patterns into no folder": (("fpn-maps", "-o", "OUT/chip.npz", "--rows", "2", "--width", "2"), "cannot write"),
+    "cube for the published chain": (
+        ("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"),
+        "has one wavelength",
+    ),
+    "no such patterns": (
+        ("expose", "LIGHT", "-o", "OUT", "--fpn-maps", "TMP/none.npz"),
+        "none.npz cannot be read",
+    ),
+    "patterns of another kind": (
+        ("render", "SCENE", "-o", "OUT", "--fpn-maps", "SCENE"),
+        "no .npz of numbers",
+    ),
+    "patterns into no folder": (
+        ("fpn-maps", "-o", "OUT/chip.npz", "--rows", "2", "--width", "2"),
+        "cannot write",
+    ),
     "patterns of no rows": (("fpn-maps", "-o", "OUT", "--rows", "0"), "rows is 0"),
-    "patterns into nothing": (("fpn-maps", "-o", "", "--rows", "2", "--width", "2"), "give the name of a file"),
-    "endless preview": (("expose", "LIGHT", "-o", "OUT", "--preview-gain", "inf"), "preview_gain is inf"),
-    "plan of light with options of a render": (("plan", "LIGHT", "--spp", "4"), "spp is for the render of a scene"),
-    "plan of light with another picture": (("plan", "LIGHT", "--width", "8"), "width is for the render of a scene"),
-    "plan of light with a parameter": (("plan", "LIGHT", "-D", "level=1"), "parameters is for the render of a scene"),
+    "patterns into nothing": (
+        ("fpn-maps", "-o", "", "--rows", "2", "--width", "2"),
+        "give the name of a file",
+    ),
+    "endless preview": (
+        ("expose", "LIGHT", "-o", "OUT", "--preview-gain", "inf"),
+        "preview_gain is inf",
+    ),
+    "plan of light with options of a render": (
+        ("plan", "LIGHT", "--spp", "4"),
+        "spp is for the render of a scene",
+    ),
+    "plan of light with another picture": (
+        ("plan", "LIGHT", "--width", "8"),
+        "width is for the render of a scene",
+    ),
+    "plan of light with a parameter": (
+        ("plan", "LIGHT", "-D", "level=1"),
+        "parameters is for the render of a scene",
+    ),
     "patterns without a file": (("fpn-maps",), "-o"),
-    "too hot": (("expose", "LIGHT", "-o", "OUT", "--temperature-k", "1e9"), "temperature_k is 1000000000.0"),
-    "too long": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "1e13"), "time_s is 10000000000000.0"),
-    "a gain that overflows": (("plan", "LIGHT", "--set", "readout.cds_gain=1e-320"), "cds_gain is 1e-320"),
+    "too hot": (
+        ("expose", "LIGHT", "-o", "OUT", "--temperature-k", "1e9"),
+        "temperature_k is 1000000000.0",
+    ),
+    "too long": (
+        ("expose", "LIGHT", "-o", "OUT", "--exposure-s", "1e13"),
+        "time_s is 10000000000000.0",
+    ),
+    "a gain that overflows": (
+        ("plan", "LIGHT", "--set", "readout.cds_gain=1e-320"),
+        "cds_gain is 1e-320",
+    ),
     "plan of nothing": (("plan", "TMP/none.exr"), "none.exr"),
     "negative tolerance": (("plan", "LIGHT", "--tolerance-dn", "-1"), "tolerance_dn"),
     "show an unknown camera": (("cameras", "show", "bayer"), "Did you mean 'bayer_2mp'"),
@@ -89,7 +194,9 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
 def places(tmp_path: Path, scene_file: Path, light_file: Path) -> dict[str, str]:
     """Folders and files that the cases speak of."""
     scene = scene_file.read_text(encoding="utf-8")
-    infrared = scene.replace('<spectrum name="radiance" value="$level"/>', DARK_SCENE_IN_THE_INFRARED_ONLY)
+    infrared = scene.replace(
+        '<spectrum name="radiance" value="$level"/>', DARK_SCENE_IN_THE_INFRARED_ONLY
+    )
     camera = (CAMERAS / "konnik_table1.toml").read_text(encoding="utf-8")
     for name, text in {
         "malformed.xml": MALFORMED,
@@ -134,7 +241,11 @@ def test_a_mistake_is_one_sentence_exit_2_and_no_file(
 
 @pytest.mark.parametrize("where", ["file", "below a file", "proc", "folder in the way"])
 def test_a_place_that_takes_no_files_is_found_before_the_render(
-    where: str, tmp_path: Path, scene_file: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    where: str,
+    tmp_path: Path,
+    scene_file: Path,
+    cli: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (tmp_path / "file").write_text("kept")
     (tmp_path / "folder" / "frame.json").mkdir(parents=True)
@@ -144,7 +255,9 @@ def test_a_place_that_takes_no_files_is_found_before_the_render(
         "proc": Path("/proc/nowhere/out"),
         "folder in the way": tmp_path / "folder",
     }[where]
-    monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("rendered before looking at the folder"))
+    monkeypatch.setattr(
+        Scene, "render", lambda *_: pytest.fail("rendered before looking at the folder")
+    )
     done = cli("render", scene_file, "-o", place)
     assert done.exit_code == 2 and len(done.stderr.strip().splitlines()) == 1, done.stderr
     assert str(place) in done.stderr
@@ -152,9 +265,16 @@ def test_a_place_that_takes_no_files_is_found_before_the_render(
     assert [path.name for path in (tmp_path / "folder").iterdir()] == ["frame.json"]
 
 
-@pytest.mark.parametrize("module, writer", [(tiff, "write_tiff"), (png, "write_png"), (texts, "write_json")])
+@pytest.mark.parametrize(
+    "module, writer", [(tiff, "write_tiff"), (png, "write_png"), (texts, "write_json")]
+)
 def test_a_disk_that_fills_up_leaves_the_older_result_alone(
-    module: Any, writer: str, light_file: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    module: Any,
+    writer: str,
+    light_file: Path,
+    tmp_path: Path,
+    cli: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     out = tmp_path / "out"
     assert cli("expose", light_file, "-o", out).exit_code == 0

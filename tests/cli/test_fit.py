@@ -15,7 +15,12 @@ from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 LEVELS = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.2)
 CAMERA = ms.load_camera("konnik_table1").replace(
-    **{"sensor.rows": 40, "sensor.columns": 48, "adc.black_level_dn": 64.0, "readout.row_noise_e": 5.0}
+    **{
+        "sensor.rows": 40,
+        "sensor.columns": 48,
+        "adc.black_level_dn": 64.0,
+        "readout.row_noise_e": 5.0,
+    }
 )
 
 
@@ -53,18 +58,26 @@ def run(*arguments: object) -> tuple[int, str]:
     return found.exit_code, found.output + (found.stderr if found.stderr_bytes else "")
 
 
-def test_a_folder_becomes_a_camera_file_with_maps_and_a_page(frames: Path, tmp_path: Path) -> None:
+def test_a_folder_becomes_a_camera_file_with_maps_and_a_page(
+    frames: Path, tmp_path: Path
+) -> None:
     """K within 2 %, seven standard errors; all distances pass but in 1 of 100 twins, and the seeds are fixed."""
     code, text = run("--frames", frames, "-o", tmp_path / "mine.toml")
     assert code == 0, text
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["mine.html", "mine.npz", "mine.toml"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == [
+        "mine.html",
+        "mine.npz",
+        "mine.toml",
+    ]
     camera = ms.load_camera(tmp_path / "mine.toml")
     assert camera.name == "mine" and camera.sensor.rows == 40
     assert gain_dn_per_e(camera) == pytest.approx(gain_dn_per_e(CAMERA), rel=0.02)
     assert "12 frames" in camera.sources["source_follower.read_noise_e"]
     maps = read_fpn_maps(tmp_path / "mine.npz")
     dark = ms.expose(0.0, camera, ms.Exposure(0.01), maps=maps, frames=4)
-    assert dark.digital.mean() == pytest.approx(np.load(frames / "dark_short.npy").mean(), abs=1)
+    assert dark.digital.mean() == pytest.approx(
+        np.load(frames / "dark_short.npy").mean(), abs=1
+    )
     assert "all pass" in text and "<svg" in (tmp_path / "mine.html").read_text("utf-8")
 
 
@@ -76,9 +89,16 @@ def test_an_older_file_is_not_written_over_unless_asked(frames: Path, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("out", "sentence"), [("mine.npz", "let it end in .toml"), ("", "-o is empty"), ("file/mine.toml", "stands in its")]
+    ("out", "sentence"),
+    [
+        ("mine.npz", "let it end in .toml"),
+        ("", "-o is empty"),
+        ("file/mine.toml", "stands in its"),
+    ],
 )
-def test_a_target_that_cannot_be_is_refused(frames: Path, tmp_path: Path, out: str, sentence: str) -> None:
+def test_a_target_that_cannot_be_is_refused(
+    frames: Path, tmp_path: Path, out: str, sentence: str
+) -> None:
     (tmp_path / "file").touch()
     code, text = run("--frames", frames, "-o", tmp_path / out if out else "")
     assert code == 2 and sentence in " ".join(text.split())

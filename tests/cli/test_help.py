@@ -21,7 +21,9 @@ from mitsuba_sensor.core.options import declared
 PROGRAM = typer.main.get_command(app)
 
 
-def commands(group: Any = PROGRAM, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+def commands(
+    group: Any = PROGRAM, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Every command, those below cameras and study too, with the words that call it."""
     yield path, group
     for name, one in getattr(group, "commands", {}).items():
@@ -47,7 +49,11 @@ def test_h_is_help_and_every_flag_stands_in_a_panel(path: tuple[str, ...]) -> No
     help_text = said(*path, "--help")
     assert said(*path, "-h") == help_text
     for one in COMMANDS[path].params:
-        own = one.param_type_name == "argument" or one.name in ("help", "version", "install_completion")
+        own = one.param_type_name == "argument" or one.name in (
+            "help",
+            "version",
+            "install_completion",
+        )
         assert own or one.name == "show_completion" or one.rich_help_panel, one.name
         assert max(one.opts, key=len) in help_text or one.param_type_name == "argument"
 
@@ -61,7 +67,9 @@ def test_commands_stand_in_the_order_of_use() -> None:
 
 def test_choices_are_shown_as_choices() -> None:
     help_text = flat(said("render", "--help", env={"COLUMNS": "200"}))
-    choices = [one for one in declared(CaptureOptions) if one.choices and one.option.flag is not None]
+    choices = [
+        one for one in declared(CaptureOptions) if one.choices and one.option.flag is not None
+    ]
     assert len(choices) > 4
     for one in choices:
         if one.option.metavar is None:
@@ -79,7 +87,9 @@ def proposed(line: str) -> list[str]:
     words = line.split(" ")
     instruction = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
     environment = {"_MITSUBA_SENSOR_COMPLETE": "complete_bash", **instruction}
-    return CliRunner().invoke(app, [], env=environment, prog_name="mitsuba-sensor").stdout.split()
+    return (
+        CliRunner().invoke(app, [], env=environment, prog_name="mitsuba-sensor").stdout.split()
+    )
 
 
 CASES = {
@@ -107,11 +117,15 @@ def test_a_shell_completes_commands_options_and_values(line: str) -> None:
 
 
 def test_bash_completes_files_where_nothing_is_proposed() -> None:
-    script = CliRunner().invoke(app, [], env={"_MITSUBA_SENSOR_COMPLETE": "source_bash"}, prog_name="mitsuba-sensor")
+    script = CliRunner().invoke(
+        app, [], env={"_MITSUBA_SENSOR_COMPLETE": "source_bash"}, prog_name="mitsuba-sensor"
+    )
     assert "complete -o default" in script.stdout
     assert subprocess.run(["bash", "-n"], input=script.stdout, text=True).returncode == 0
 
 
 def test_the_program_runs_as_a_module() -> None:
-    done = subprocess.run([sys.executable, "-m", "mitsuba_sensor", "--version"], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "mitsuba_sensor", "--version"], capture_output=True, text=True
+    )
     assert done.stdout == f"mitsuba-sensor {ms.__version__}\n"

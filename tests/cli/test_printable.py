@@ -52,7 +52,16 @@ def test_letters_stay_and_all_else_is_escaped() -> None:
     shown = printable(STRANGE)
     assert all(letter in shown for letter in LETTERS)
     assert is_printable(shown) and "\n" not in shown and shown == printable(shown)
-    for escaped in (r"\x1b[31m", r"\x07", r"\x9b", r"\u202e", r"\u2028", r"\x7f", r"\r\n\tb\udcff", r"\U000e0001"):
+    for escaped in (
+        r"\x1b[31m",
+        r"\x07",
+        r"\x9b",
+        r"\u202e",
+        r"\u2028",
+        r"\x7f",
+        r"\r\n\tb\udcff",
+        r"\U000e0001",
+    ):
         assert escaped in shown
 
 
@@ -60,8 +69,12 @@ def test_every_code_point_is_either_the_same_or_escaped() -> None:
     """Python's own literal of the escape is the code point."""
     for number in [*range(0x3000), *range(0xD7F0, 0xE010), *range(0xE0000, 0xE0100)]:
         shown = printable(chr(number))
-        assert shown == chr(number) or json.loads(printable_json(json.dumps(chr(number)))) == chr(number)
-        assert eval(f"'{shown}'" if number not in (0x27, 0x5C) else ascii(chr(number))) == chr(number)
+        assert shown == chr(number) or json.loads(
+            printable_json(json.dumps(chr(number)))
+        ) == chr(number)
+        assert eval(f"'{shown}'" if number not in (0x27, 0x5C) else ascii(chr(number))) == chr(
+            number
+        )
 
 
 def test_json_and_toml_say_the_same_as_before() -> None:
@@ -78,36 +91,50 @@ def test_a_sentence_is_one_printable_line_of_bounded_length() -> None:
     assert str(ms.InputError("x" * 10**6 + "; give y.")).endswith("; give y.")
 
 
-@pytest.mark.parametrize("arguments", [("show",), ("show", "--json"), ("show", "--toml"), ("check",)])
+@pytest.mark.parametrize(
+    "arguments", [("show",), ("show", "--json"), ("show", "--toml"), ("check",)]
+)
 def test_names_in_a_camera_file_do_not_reach_the_terminal_raw(
     arguments: tuple[str, ...], camera_text: str, tmp_path: Path
 ) -> None:
     """Whole and wrong, as keys and as values; our own styles are not on, because nobody watches."""
     (tmp_path / "a.toml").write_text(camera_text)
     (tmp_path / "b.toml").write_text(f"{toml_text(STRANGE[:20])} = 1\n{camera_text}")
-    (tmp_path / "c.toml").write_text(camera_text.replace("bits = ", f"bits = {toml_text(STRANGE[:20])} # "))
+    (tmp_path / "c.toml").write_text(
+        camera_text.replace("bits = ", f"bits = {toml_text(STRANGE[:20])} # ")
+    )
     for name in ("a", "b", "c"):
-        done = CliRunner().invoke(app, ["cameras", *arguments[:1], str(tmp_path / f"{name}.toml"), *arguments[1:]])
+        done = CliRunner().invoke(
+            app, ["cameras", *arguments[:1], str(tmp_path / f"{name}.toml"), *arguments[1:]]
+        )
         assert is_printable(done.output), ascii(done.output)
         silent = (name, *arguments) == ("a", "check")  # nothing is wrong
         assert silent or r"\x1b[31m" in done.output or r"\u001b[31m" in done.output
         assert done.exit_code == (0 if name == "a" else 2)
 
 
-def test_our_own_styles_and_the_cursor_of_progress_bars_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_our_own_styles_and_the_cursor_of_progress_bars_stay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from mitsuba_sensor.cli.app import PrintableConsole
 
     console = PrintableConsole(force_terminal=True, width=60, color_system="standard")
     with console.capture() as taken:
         console.print("[bold red]error:[/] \x1b[32m\x9b", highlight=False)
-    assert taken.get().startswith("\x1b[1;31merror:\x1b[0m ") and r"\x1b[32m" in taken.get() and r"\x9b" in taken.get()
+    assert (
+        taken.get().startswith("\x1b[1;31merror:\x1b[0m ")
+        and r"\x1b[32m" in taken.get()
+        and r"\x9b" in taken.get()
+    )
     with console.capture() as taken:
         console.clear()
     assert taken.get() == "\x1b[2J\x1b[H"
 
 
 def run(*arguments: Any, **options: Any) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run([*PROGRAM, *arguments], capture_output=True, timeout=WAIT_S, **options)
+    return subprocess.run(
+        [*PROGRAM, *arguments], capture_output=True, timeout=WAIT_S, **options
+    )
 
 
 @pytest.mark.exhaustive
@@ -128,11 +155,17 @@ def test_a_file_whose_name_is_no_text_is_read_and_named(tmp_path: Path) -> None:
         ms.render(os.fsdecode(camera), ms.load_camera("konnik_table1"), ms.Exposure(0.01))
 
 
-@pytest.mark.parametrize("arguments", one_in(2, [("cameras", "schema"), ("cameras", "show", "bayer_2mp")]))
-def test_a_pipe_that_nobody_reads_ends_the_program_in_silence(arguments: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "arguments", one_in(2, [("cameras", "schema"), ("cameras", "show", "bayer_2mp")])
+)
+def test_a_pipe_that_nobody_reads_ends_the_program_in_silence(
+    arguments: tuple[str, ...],
+) -> None:
     """As `| head -0` does: 141 is what a shell says of SIGPIPE. The pipe is closed before anything is written."""
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run([*PROGRAM, *arguments], stdout=writer, stderr=subprocess.PIPE, timeout=WAIT_S)
+    done = subprocess.run(
+        [*PROGRAM, *arguments], stdout=writer, stderr=subprocess.PIPE, timeout=WAIT_S
+    )
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, b"")

@@ -68,7 +68,9 @@ def test_a_stopped_render_leaves_nothing_behind(
     """In the midst of a render of many minutes, for which Mitsuba catches Ctrl-C itself."""
     (out := tmp_path / "results").mkdir()
     asked = ["--spp", 10_000_000, *(("--variant", variant) if variant else ())]
-    with program("render", scene_file, "-o", out / "new" / "out", *asked, temporary=out) as child:
+    with program(
+        "render", scene_file, "-o", out / "new" / "out", *asked, temporary=out
+    ) as child:
         wait_until((out / "new" / "out").exists)
         time.sleep(1.5)
         found, said = stop(child, number)
@@ -77,12 +79,17 @@ def test_a_stopped_render_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize("after_s", [exhaustive(0.1), 0.3, exhaustive(0.6)])
-def test_a_program_that_still_imports_can_be_stopped(after_s: float, scene_file: Path, tmp_path: Path) -> None:
+def test_a_program_that_still_imports_can_be_stopped(
+    after_s: float, scene_file: Path, tmp_path: Path
+) -> None:
     (out := tmp_path / "results").mkdir()
     with program("render", scene_file, "-o", out / "new", temporary=out) as child:
         time.sleep(after_s)
         found, said = stop(child, signal.SIGTERM)
-    assert found in (143, -signal.SIGTERM) and said in ("", "stopped; nothing was written\n")  # before it began at all
+    assert found in (143, -signal.SIGTERM) and said in (
+        "",
+        "stopped; nothing was written\n",
+    )  # before it began at all
     assert list(out.iterdir()) == []
 
 
@@ -101,10 +108,22 @@ def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("after_s", [*map(exhaustive, (0.1, 0.4, 0.7)), 1.0])
-def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(after_s: float, tmp_path: Path) -> None:
+def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(
+    after_s: float, tmp_path: Path
+) -> None:
     """As from a terminal, which gives it to all processes of a command: those that begin take it later, in silence."""
     (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
-    arguments = ["dataset", "run", tmp_path / "small.toml", "-o", tmp_path / "out", "--root", SCENES, "--workers", 2]
+    arguments = [
+        "dataset",
+        "run",
+        tmp_path / "small.toml",
+        "-o",
+        tmp_path / "out",
+        "--root",
+        SCENES,
+        "--workers",
+        2,
+    ]
     with program(*arguments, temporary=tmp_path) as child:
         wait_until((tmp_path / "out" / "record.json").exists)
         time.sleep(after_s)
@@ -127,7 +146,9 @@ def test_a_signal_that_the_caller_ignores_stays_ignored(prepare: str) -> None:
     assert done.stdout == "alive\n" and done.returncode == 0, done.stderr
 
 
-def test_what_another_thread_writes_while_the_program_stops_is_removed_too(tmp_path: Path) -> None:
+def test_what_another_thread_writes_while_the_program_stops_is_removed_too(
+    tmp_path: Path,
+) -> None:
     """A thread that fills the scratch folder as fast as it can; it ends with the process."""
     code = (
         "import os, signal, sys, threading\nfrom pathlib import Path\n"
@@ -139,7 +160,9 @@ def test_what_another_thread_writes_while_the_program_stops_is_removed_too(tmp_p
         "        (scratch / str(n)).write_bytes(b'x' * 1000)\n"
         "        if n == 500: os.kill(os.getpid(), signal.SIGTERM)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code, tmp_path / "out"], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "out"], capture_output=True, text=True
+    )
     assert done.returncode == 143 and done.stderr == "stopped; nothing was written\n"
     assert list(tmp_path.iterdir()) == []
 

@@ -60,7 +60,11 @@ def test_a_study_leaves_a_page_numbers_a_picture_and_its_measurements(
     assert {path.name for path in (tmp_path / "out").iterdir()} == left
     assert len(list((tmp_path / "out" / "measurements").rglob("*.npz"))) == 3
     numbers = json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))
-    assert numbers["n"] == 3 and numbers["machine"]["cpus"] and numbers["resumed_measurements"] == 0
+    assert (
+        numbers["n"] == 3
+        and numbers["machine"]["cpus"]
+        and numbers["resumed_measurements"] == 0
+    )
     assert numbers["command"].startswith("mitsuba-sensor") and numbers["versions"]["mitsuba"]
     assert str(tmp_path / "out") not in numbers["command"] and numbers["seconds"] >= 0
     assert numbers["camera"] == "konnik_table1" and numbers["exposure"]["time_s"] == 0.1
@@ -85,7 +89,12 @@ def test_a_study_that_was_stopped_goes_on_where_it_was(
 
 
 @pytest.mark.parametrize(
-    "change", [("--set", "adc.bits=14"), exhaustive(("--exposure-s", "0.2")), exhaustive(("-D", "light=3"))]
+    "change",
+    [
+        ("--set", "adc.bits=14"),
+        exhaustive(("--exposure-s", "0.2")),
+        exhaustive(("-D", "light=3")),
+    ],
 )
 def test_measurements_of_another_camera_exposure_or_scene_are_not_used(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, change: tuple[str, ...]
@@ -106,14 +115,26 @@ def test_a_scene_that_was_changed_is_measured_anew(
 ) -> None:
     arguments, again = ("ablation", str(scene), "-o", str(tmp_path / "out")), Recorder()
     assert study(monkeypatch, Recorder(), *arguments).exit_code == 0
-    scene.write_text(scene.read_text(encoding="utf-8").replace("constant", "constant "[:8]) + "<!-- -->")
-    assert study(monkeypatch, again, *arguments).exit_code == 0 and again.measured == list(STEPS)
+    scene.write_text(
+        scene.read_text(encoding="utf-8").replace("constant", "constant "[:8]) + "<!-- -->"
+    )
+    assert study(monkeypatch, again, *arguments).exit_code == 0 and again.measured == list(
+        STEPS
+    )
 
 
 def test_a_study_where_something_fails_says_so_by_its_exit_code(
     monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
 ) -> None:
-    found = study(monkeypatch, Recorder(passed=False), "ablation", str(scene), "-o", str(tmp_path / "o"), "--json")
+    found = study(
+        monkeypatch,
+        Recorder(passed=False),
+        "ablation",
+        str(scene),
+        "-o",
+        str(tmp_path / "o"),
+        "--json",
+    )
     assert found.exit_code == 1
     assert json.loads(found.stdout)["passed"] is False
 
@@ -122,18 +143,60 @@ def test_the_options_of_the_command_reach_the_study(
     monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
 ) -> None:
     recorder, folder = Recorder(), ("-o", str(tmp_path / "a"))
-    asked = ("--tolerance-dn", "0.5", "--spp", "8", "--frames", "3", "--width", "6", "--seed", "5", "--serial", "9")
+    asked = (
+        "--tolerance-dn",
+        "0.5",
+        "--spp",
+        "8",
+        "--frames",
+        "3",
+        "--width",
+        "6",
+        "--seed",
+        "5",
+        "--serial",
+        "9",
+    )
     where = ("--camera", "bayer_2mp", "--exposure-s", "0.01", "--temperature-k", "250")
-    assert study(monkeypatch, recorder, "ablation", str(scene), *folder, *asked, *where).exit_code == 0
+    assert (
+        study(monkeypatch, recorder, "ablation", str(scene), *folder, *asked, *where).exit_code
+        == 0
+    )
     subject = recorder.subject
-    assert (subject.camera.name, subject.exposure.time_s, subject.exposure.temperature_k) == ("bayer_2mp", 0.01, 250)
+    assert (subject.camera.name, subject.exposure.time_s, subject.exposure.temperature_k) == (
+        "bayer_2mp",
+        0.01,
+        250,
+    )
     assert recorder.given == {"tolerance_dn": 0.5, "frames": 3, "seed": 5, "serial": 9}
-    same = {"parameters": {}, "scene_unit": None, "integrator": None, "ignore_polarization": False}
+    same = {
+        "parameters": {},
+        "scene_unit": None,
+        "integrator": None,
+        "ignore_polarization": False,
+    }
     assert subject.options == {**same, "width": 6, "spp": 8, "variant": None}
     recorder, folder = Recorder(), ("-o", str(tmp_path / "b"))
-    asked = ("--tolerance", "0.1", "--seeds", "3", "--side", "sensor", "--variant", "scalar_spectral")
-    assert study(monkeypatch, recorder, "work-precision", str(scene), *folder, *asked).exit_code == 0
-    assert recorder.given == {"tolerance": 0.1, "seeds": 3, "sides": ("sensor",), "variants": ["scalar_spectral"]}
+    asked = (
+        "--tolerance",
+        "0.1",
+        "--seeds",
+        "3",
+        "--side",
+        "sensor",
+        "--variant",
+        "scalar_spectral",
+    )
+    assert (
+        study(monkeypatch, recorder, "work-precision", str(scene), *folder, *asked).exit_code
+        == 0
+    )
+    assert recorder.given == {
+        "tolerance": 0.1,
+        "seeds": 3,
+        "sides": ("sensor",),
+        "variants": ["scalar_spectral"],
+    }
     assert recorder.subject.options == {**same, "width": None}
 
 
@@ -149,6 +212,8 @@ def test_the_options_of_the_command_reach_the_study(
 def test_what_cannot_be_studied_is_one_sentence(
     scene: Path, tmp_path: Path, arguments: tuple[str, ...], sentence: str
 ) -> None:
-    done = CliRunner().invoke(app, ["study", "work-precision", str(scene), "-o", str(tmp_path / "out"), *arguments])
+    done = CliRunner().invoke(
+        app, ["study", "work-precision", str(scene), "-o", str(tmp_path / "out"), *arguments]
+    )
     assert done.exit_code == 2 and sentence in done.output and "Traceback" not in done.output
     assert not (tmp_path / "out").exists()

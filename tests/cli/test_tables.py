@@ -26,7 +26,18 @@ from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 
 WIDTHS = (40, 60, 80, 120)
 WHOLE = 400  # characters, in which every table stands in one block
-HARD = (13093.0, 8.8e-13, 1.2e-115, 1e9, 123456.7, 0.00012345, 3.14159e-5, 2345678.9, 0.5, 99999.9)
+HARD = (
+    13093.0,
+    8.8e-13,
+    1.2e-115,
+    1e9,
+    123456.7,
+    0.00012345,
+    3.14159e-5,
+    2345678.9,
+    0.5,
+    99999.9,
+)
 
 
 def shown(what: RenderableType, width: int) -> str:
@@ -44,7 +55,11 @@ def sheets(light: Any) -> dict[str, Any]:
     """Every table of terminal.py, with hard numbers: name → a function of the width."""
     camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
     found = ms.capture(light, camera, exposure)
-    report = {**found.metadata, "times_s": {}, "render": {**found.metadata["render"], "notes": []}}
+    report = {
+        **found.metadata,
+        "times_s": {},
+        "render": {**found.metadata["render"], "notes": []},
+    }
     keys = ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")
     report["stages"] = [
         {**stage, **{key: HARD[(i + k) % len(HARD)] for k, key in enumerate(keys)}}
@@ -57,17 +72,36 @@ def sheets(light: Any) -> dict[str, Any]:
     plan = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=0.02)
     names = ("mean_dn", "temporal_dn", "spatial_dn", "structure_dn")
     effects = [
-        dataclasses.replace(one, **{name: HARD[(i + k) % len(HARD)] for k, name in enumerate(names)})
+        dataclasses.replace(
+            one, **{name: HARD[(i + k) % len(HARD)] for k, name in enumerate(names)}
+        )
         for i, one in enumerate(plan.effects)
     ]
     vars(plan)["effects"] = tuple(effects)
-    needs = [RenderRequirement(f"option {i}", bool(i % 2), x, "for a reason") for i, x in enumerate(HARD)]
-    spread = {f"map_{chr(97 + i)}": {"shape": (1200, 1920), "mean": x, "sigma": x / 3} for i, x in enumerate(HARD)}
-    rows = tuple((f"case {chr(97 + i)}", *(HARD[(i + k) % len(HARD)] for k in range(9))) for i in range(len(HARD)))
+    needs = [
+        RenderRequirement(f"option {i}", bool(i % 2), x, "for a reason")
+        for i, x in enumerate(HARD)
+    ]
+    spread = {
+        f"map_{chr(97 + i)}": {"shape": (1200, 1920), "mean": x, "sigma": x / 3}
+        for i, x in enumerate(HARD)
+    }
+    rows = tuple(
+        (f"case {chr(97 + i)}", *(HARD[(i + k) % len(HARD)] for k in range(9)))
+        for i in range(len(HARD))
+    )
     columns = ("case", *(f"column {chr(97 + k)}" for k in range(9)))
     texts = (tuple(f"{x + 1:.3g}" for x in HARD),) * 2
-    grid = Grid("grid", ("r", "s"), tuple(f"the {chr(97 + k)}" for k in range(10)), (("good",) * 10,) * 2, texts)
-    study = study_of("stress", "hard", [Section((), True, (Table("table", columns, rows), grid))])
+    grid = Grid(
+        "grid",
+        ("r", "s"),
+        tuple(f"the {chr(97 + k)}" for k in range(10)),
+        (("good",) * 10,) * 2,
+        texts,
+    )
+    study = study_of(
+        "stress", "hard", [Section((), True, (Table("table", columns, rows), grid))]
+    )
     return {
         "stages": lambda width: terminal.summary(report, "out"),
         "plan": lambda width: terminal.plan_sheet(plan, needs),
@@ -83,7 +117,9 @@ def made(light: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", one_in(2, ["stages", "plan", "maps", "study"]))
-def test_every_number_of_a_narrow_table_is_one_of_the_whole_table(name: str, width: int, made: dict[str, Any]) -> None:
+def test_every_number_of_a_narrow_table_is_one_of_the_whole_table(
+    name: str, width: int, made: dict[str, Any]
+) -> None:
     """Nothing but whole columns of a study is left out, as the sentence below its table says."""
     whole, narrow = shown(made[name](WHOLE), WHOLE), shown(made[name](width), width)
     assert max(map(len, narrow.splitlines())) <= width and "…" not in narrow.replace(" … ", " ")
@@ -92,7 +128,9 @@ def test_every_number_of_a_narrow_table_is_one_of_the_whole_table(name: str, wid
     if name == "study":
         assert set(found) - set(left_out) <= set(known) and (left_out or width >= 120)
     else:
-        assert found == known and "8.8e-13" not in narrow, "a number is missing, or cut, or too fine"
+        assert found == known and "8.8e-13" not in narrow, (
+            "a number is missing, or cut, or too fine"
+        )
     assert "e-115" not in narrow
 
 
@@ -100,7 +138,11 @@ def test_all_columns_of_a_narrow_table_follow_in_blocks_that_name_their_rows() -
     table = FittedTable(("name", "one", "two", "three"))
     table.add_row("first row", "1111111111", "2222222222", "3333333333")
     said = shown(table, 24)
-    assert len(re.findall("first row", said)) == 3 and numbers(said) == ["1111111111", "2222222222", "3333333333"]
+    assert len(re.findall("first row", said)) == 3 and numbers(said) == [
+        "1111111111",
+        "2222222222",
+        "3333333333",
+    ]
     assert shown(table, 80).count("first row") == 1
 
 
@@ -117,33 +159,47 @@ def test_a_name_breaks_before_a_number_does() -> None:
         (0.012345, "0.0123"), (0.5, "0.5"), (12.3456, "12.35"), (13093.2, "13093"), (1e9, "1e+09"), (-0.25, "-0.25"),
     ],
 )  # fmt: skip
-def test_numbers_have_four_digits_and_at_most_four_decimals(value: float | None, text: str) -> None:
+def test_numbers_have_four_digits_and_at_most_four_decimals(
+    value: float | None, text: str
+) -> None:
     assert number(value) == text
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(0.0, "0"), (1.2e-115, "<0.001"), (0.0123, "0.012"), (13093.0, "13093"), (1e9, "1e+09")]
+    ("value", "text"),
+    [(0.0, "0"), (1.2e-115, "<0.001"), (0.0123, "0.012"), (13093.0, "13093"), (1e9, "1e+09")],
 )
 def test_rough_numbers_say_where_they_are_too_small_to_matter(value: float, text: str) -> None:
     assert rough(value) == text
 
 
-def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Told once that 100 s are left, it shows 40 s later what is left then, of this frame and of the two after it."""
     now = [1000.0]
     monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
     console = Console(width=100, file=io.StringIO(), force_terminal=True, color_system=None)
-    for options, frames_left in (({}, 0), ({"frames": 3, "first_frame": 5, "render_noise": "per-frame"}, 2)):
+    for options, frames_left in (
+        ({}, 0),
+        ({"frames": 3, "first_frame": 5, "render_noise": "per-frame"}, 2),
+    ):
         with terminal.render_progress(console, options) as progress:
             bar = console._live_stack[-1]
             progress(RenderProgress(0, 10, seconds_left=math.nan, frame=5))
             assert "left" not in drawn(bar)
             progress(RenderProgress(1, 10, seconds=20.0, seconds_left=80.0, frame=5))
             all_s = 80 + frames_left * 100
-            assert (f"about {all_s} s left" if all_s <= 90 else f"about {all_s / 60:.0f} min left") in drawn(bar)
+            assert (
+                f"about {all_s} s left" if all_s <= 90 else f"about {all_s / 60:.0f} min left"
+            ) in drawn(bar)
             now[0] += 40
             left_s = all_s - 40
-            assert (f"about {left_s} s left" if left_s <= 90 else f"about {left_s / 60:.0f} min left") in drawn(bar)
+            assert (
+                f"about {left_s} s left"
+                if left_s <= 90
+                else f"about {left_s / 60:.0f} min left"
+            ) in drawn(bar)
             assert f"{100 * 40 / all_s:.0f} %" in drawn(bar)
 
 
@@ -159,7 +215,11 @@ def test_the_bar_says_what_is_done_and_no_share_where_no_end_is_known() -> None:
         progress(RenderProgress(1, 3, seconds=20.0, seconds_left=40.0, doing="exposing"))
         assert "frame 2 of 3" in drawn(bar) and "40 s left" in drawn(bar)
         progress(RenderProgress(3, 3, seconds=60.0, seconds_left=0.0, doing="exposing"))
-        assert "report and files" in drawn(bar) and "%" not in drawn(bar) and "left" not in drawn(bar)
+        assert (
+            "report and files" in drawn(bar)
+            and "%" not in drawn(bar)
+            and "left" not in drawn(bar)
+        )
 
 
 def drawn(live: Any) -> str:
@@ -171,7 +231,10 @@ def test_a_terminal_without_our_letters_gets_question_marks() -> None:
     """As through a pipe of Windows, or in the locale POSIX; JSON stays whole."""
     command = [sys.executable, "-m", "mitsuba_sensor", "cameras", "show", "konnik_table1"]
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    shown, data = (subprocess.run([*command, *x], capture_output=True, env=environment) for x in ([], ["--json"]))
+    shown, data = (
+        subprocess.run([*command, *x], capture_output=True, env=environment)
+        for x in ([], ["--json"])
+    )
     assert shown.returncode == data.returncode == 0 and not shown.stderr + data.stderr
     assert "5.7 ?m" in shown.stdout.decode("ascii")
     assert "5.7 µm" in json.loads(data.stdout)["description"]

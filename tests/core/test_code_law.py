@@ -15,18 +15,29 @@ HIGHEST = 255
 def inl_lsb(kind: str) -> np.ndarray:
     """INL of the lower edge of every code [LSB]."""
     k = np.arange(1, HIGHEST + 1) / HIGHEST
-    steps = {"bow": 10 * k * (1 - k), "DNL": np.random.default_rng(1).normal(0, 0.3, HIGHEST).cumsum()}
+    steps = {
+        "bow": 10 * k * (1 - k),
+        "DNL": np.random.default_rng(1).normal(0, 0.3, HIGHEST).cumsum(),
+    }
     return np.sort(k * HIGHEST - 0.5 + steps[kind]) - (k * HIGHEST - 0.5)
 
 
 @pytest.mark.parametrize("kind", one_in(2, ["bow", "DNL"]))
-def test_wide_noise_on_unequal_steps_has_the_moments_of_the_sum_over_all_steps(kind: str) -> None:
+def test_wide_noise_on_unequal_steps_has_the_moments_of_the_sum_over_all_steps(
+    kind: str,
+) -> None:
     """Thousands of signals are looked up, few are summed: equal to 1e-4 of σ and of the variance, clips included."""
     rng = np.random.default_rng(2)
-    s, x = 2 ** rng.uniform(2.6, 9.0, 20_000), rng.uniform(-0.5 * HIGHEST, 1.5 * HIGHEST, 20_000)
+    s, x = (
+        2 ** rng.uniform(2.6, 9.0, 20_000),
+        rng.uniform(-0.5 * HIGHEST, 1.5 * HIGHEST, 20_000),
+    )
     assert s.sum() > 4 * code_law.FINE * HIGHEST
     mean, variance = code_law.code_moments(x, s, HIGHEST, inl_lsb(kind))
-    parts = [code_law.code_moments(x[k : k + 20], s[k : k + 20], HIGHEST, inl_lsb(kind)) for k in range(0, 2000, 20)]
+    parts = [
+        code_law.code_moments(x[k : k + 20], s[k : k + 20], HIGHEST, inl_lsb(kind))
+        for k in range(0, 2000, 20)
+    ]
     summed_mean, summed_variance = np.concatenate(parts, axis=1)
     reached = np.minimum(s[:2000], HIGHEST)
     np.testing.assert_array_less(np.abs(mean[:2000] - summed_mean), 1e-4 * reached)

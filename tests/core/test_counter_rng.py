@@ -7,7 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, philox, random_bits_at, split_key
+from mitsuba_sensor.core.counter_rng import (
+    FIXED_PATTERN,
+    STREAMS,
+    philox,
+    random_bits_at,
+    split_key,
+)
 
 ONES = 0xFFFFFFFF
 KNOWN_ANSWERS = [
@@ -22,8 +28,12 @@ KNOWN_ANSWERS = [
 """Counter, key (lower 32 bits first) → output: the kat_vectors file of Random123 (Salmon et al., SC'11)."""
 
 
-@pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS, ids=["zeros", "ones", "pi"])
-def test_philox_gives_the_known_results_of_random123(counter: tuple[int, ...], key: int, answer: str) -> None:
+@pytest.mark.parametrize(
+    ("counter", "key", "answer"), KNOWN_ANSWERS, ids=["zeros", "ones", "pi"]
+)
+def test_philox_gives_the_known_results_of_random123(
+    counter: tuple[int, ...], key: int, answer: str
+) -> None:
     integers = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), split_key(key))
     assert " ".join(f"{int(integer[0]):08x}" for integer in integers) == answer
 
@@ -38,14 +48,20 @@ def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
     rows, columns = np.array([3, 4]), np.array([7, 8, 9])
     window = random_bits_at(5, rows[:, None], columns, frame=12, key=99)
     for (i, y), (j, x) in itertools.product(enumerate(rows), enumerate(columns)):
-        alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), split_key(99))
-        assert [int(integer[i, j]) for integer in window] == [int(integer[0]) for integer in alone]
+        alone = philox(
+            tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), split_key(99)
+        )
+        assert [int(integer[i, j]) for integer in window] == [
+            int(integer[0]) for integer in alone
+        ]
 
 
 def test_scattered_pixels_have_the_random_bits_that_a_window_has_there() -> None:
     rows, columns = np.array([3, 0, 4]), np.array([7, 9, 2])
     window = random_bits_at(5, np.arange(5)[:, None], np.arange(10), frame=12, key=99)
-    for scattered, whole in zip(random_bits_at(5, rows, columns, frame=12, key=99), window, strict=True):
+    for scattered, whole in zip(
+        random_bits_at(5, rows, columns, frame=12, key=99), window, strict=True
+    ):
         assert scattered.dtype == np.uint32
         np.testing.assert_array_equal(scattered, whole[rows, columns])
 
@@ -54,29 +70,51 @@ def test_every_part_of_at_changes_all_four_integers() -> None:
     """x, y, frame, block, low key, high key: one bit more in any of them gives four other integers."""
     base = [0, 0, 0, 0, 0]
     results = set()
-    changes = [(0, 1), (1, 1), (2, 1), (3, 1), (3, FIXED_PATTERN), (4, 1), (4, 1 << 32), (4, 1 << 63)]
+    changes = [
+        (0, 1),
+        (1, 1),
+        (2, 1),
+        (3, 1),
+        (3, FIXED_PATTERN),
+        (4, 1),
+        (4, 1 << 32),
+        (4, 1 << 63),
+    ]
     for place, change in [(0, 0), *changes]:
         at = [value + change * (place == i) for i, value in enumerate(base)]
-        integers = philox(tuple(np.array([c], dtype=np.uint64) for c in at[:4]), split_key(at[4]))
+        integers = philox(
+            tuple(np.array([c], dtype=np.uint64) for c in at[:4]), split_key(at[4])
+        )
         results.update(int(integer[0]) for integer in integers)
     assert len(results) == 4 * (len(changes) + 1)
 
 
 def test_no_two_sources_share_a_stream() -> None:
     assert len(set(STREAMS.values())) == len(STREAMS)
-    assert all(0 <= number < 2**32 and integer in range(4) for number, integer in STREAMS.values())
+    assert all(
+        0 <= number < 2**32 and integer in range(4) for number, integer in STREAMS.values()
+    )
 
 
 def test_fpn_and_temporal_noise_never_share_random_bits() -> None:
     """So that a serial and a seed of the same number give unrelated integers."""
     fixed = {name for name, (number, _) in STREAMS.items() if number & FIXED_PATTERN}
-    temporal = {"photon_shot", "dark_shot", "source_follower", "reset", "quantum_yield", "compensation"}
+    temporal = {
+        "photon_shot",
+        "dark_shot",
+        "source_follower",
+        "reset",
+        "quantum_yield",
+        "compensation",
+    }
     assert fixed == set(STREAMS) - temporal - {"rtn_pixels", "rts_state"}
 
 
 def test_random_bits_are_uniform_in_every_bit() -> None:
     """Each of the 32 bits is set in half of 2^16 integers: |z| < 5 for 128 bits, chance fails in 7e-5 of the seeds."""
-    integers = np.array(random_bits_at(0, np.arange(256)[:, None], np.arange(256), frame=0, key=1))
+    integers = np.array(
+        random_bits_at(0, np.arange(256)[:, None], np.arange(256), frame=0, key=1)
+    )
     bits = (integers[..., None] >> np.arange(32, dtype=np.uint32)) & 1
     z = (bits.mean(axis=(1, 2)) - 0.5) * 2 * 256
     assert np.abs(z).max() < 5
@@ -84,5 +122,11 @@ def test_random_bits_are_uniform_in_every_bit() -> None:
 
 def test_windows_at_the_edge_of_the_counter_keep_their_shape() -> None:
     """The filter of coupled columns starts at columns below 0; they wrap to the far end of the counter."""
-    integers = random_bits_at(FIXED_PATTERN + 1, np.zeros((1, 1), np.int64), np.arange(-3, 2), 0, 1)[0]
-    assert integers.shape == (1, 5) and integers.dtype == np.uint32 and len(set(integers[0].tolist())) == 5
+    integers = random_bits_at(
+        FIXED_PATTERN + 1, np.zeros((1, 1), np.int64), np.arange(-3, 2), 0, 1
+    )[0]
+    assert (
+        integers.shape == (1, 5)
+        and integers.dtype == np.uint32
+        and len(set(integers[0].tolist())) == 5
+    )

@@ -19,7 +19,25 @@ from scipy import stats
 from mitsuba_sensor.core import distributions
 
 EDGES = (0, 1, 2, 2**31 - 1, 2**31, 2**32 - 3, 2**32 - 2, 2**32 - 1)
-POISSON_MEANS = (1e-12, 1e-6, 1e-3, 0.1, 0.49, 1.0, 3.0, 9.99, 10.0, 10.5, 12.0, 13.7, 30.0, 333.3, 1e3, 12345.6, 1e5)
+POISSON_MEANS = (
+    1e-12,
+    1e-6,
+    1e-3,
+    0.1,
+    0.49,
+    1.0,
+    3.0,
+    9.99,
+    10.0,
+    10.5,
+    12.0,
+    13.7,
+    30.0,
+    333.3,
+    1e3,
+    12345.6,
+    1e5,
+)
 MOMENT_MEANS = (1e-6, 0.1, 1.0, 9.99, 10.0, 30.0, 1e3, 1e5, 1e7)
 
 
@@ -34,7 +52,9 @@ def with_edges(size: int) -> NDArray[np.uint32]:
 
 def even_integers(bits: int) -> NDArray[np.uint32]:
     """2^bits integers, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
-    return (np.arange(2**bits, dtype=np.uint64) * 2 ** (32 - bits) + 2 ** (31 - bits)).astype(np.uint32)
+    return (np.arange(2**bits, dtype=np.uint64) * 2 ** (32 - bits) + 2 ** (31 - bits)).astype(
+        np.uint32
+    )
 
 
 def test_survival_is_never_0_and_never_1() -> None:
@@ -45,10 +65,17 @@ def test_survival_is_never_0_and_never_1() -> None:
 def test_normal_is_the_quantile_function_of_scipy_and_odd_about_the_middle() -> None:
     w = with_edges(1000)
     np.testing.assert_allclose(
-        distributions.normal(w), stats.norm.isf(distributions.survival(w)), rtol=1e-12, atol=1e-15
+        distributions.normal(w),
+        stats.norm.isf(distributions.survival(w)),
+        rtol=1e-12,
+        atol=1e-15,
     )
-    np.testing.assert_allclose(distributions.normal(~w), -distributions.normal(w), rtol=1e-9, atol=1e-12)
-    assert distributions.normal(np.array([0], dtype=np.uint32))[0] == pytest.approx(6.3379, abs=1e-3)
+    np.testing.assert_allclose(
+        distributions.normal(~w), -distributions.normal(w), rtol=1e-9, atol=1e-12
+    )
+    assert distributions.normal(np.array([0], dtype=np.uint32))[0] == pytest.approx(
+        6.3379, abs=1e-3
+    )
 
 
 def test_normal_has_mean_0_variance_1_and_the_higher_moments_of_its_distribution() -> None:
@@ -76,18 +103,24 @@ def test_lognormal_has_unit_mean_its_cv_and_never_reaches_0(cv: float) -> None:
 def test_poisson_equals_scipys_quantile_integer_for_integer(mean: float) -> None:
     """100 000 random integers (3000 where SciPy searches slowly), the ends and the middle; no chance is left."""
     w = with_edges(100_000 if mean < 1e4 else 3_000)
-    np.testing.assert_array_equal(distributions.poisson(w, mean), stats.poisson.isf(distributions.survival(w), mean))
+    np.testing.assert_array_equal(
+        distributions.poisson(w, mean), stats.poisson.isf(distributions.survival(w), mean)
+    )
 
 
 def test_poisson_equals_scipys_quantile_where_the_mean_differs_from_pixel_to_pixel() -> None:
     """Means from 1e-3 to 1e3, all three ways of finding the count in one array, in any shape."""
     w = integers(60_000).reshape(200, 300)
     means = 10 ** np.random.default_rng(8).uniform(-3, 3, w.shape)
-    np.testing.assert_array_equal(distributions.poisson(w, means), stats.poisson.isf(distributions.survival(w), means))
+    np.testing.assert_array_equal(
+        distributions.poisson(w, means), stats.poisson.isf(distributions.survival(w), means)
+    )
 
 
 @pytest.mark.parametrize("mean", [1e6, 1e7])
-def test_poisson_of_a_large_mean_equals_scipys_quantile_but_for_scipys_own_tail(mean: float) -> None:
+def test_poisson_of_a_large_mean_equals_scipys_quantile_but_for_scipys_own_tail(
+    mean: float,
+) -> None:
     """From 1e6 our expansion may differ in 1e-5 of the integers; beyond +4.3σ SciPy is wrong (next test)."""
     w = integers(1_000)
     s = distributions.survival(w := w[w > 2**32 * 1e-5])
@@ -96,7 +129,9 @@ def test_poisson_of_a_large_mean_equals_scipys_quantile_but_for_scipys_own_tail(
 
 @pytest.mark.parametrize("mean", [11.0, 1e3, 1e6, 1e7, 1e8])
 @pytest.mark.parametrize("integer", [0, 1, 17, 1000])
-def test_poisson_tail_is_right_where_scipys_gamma_function_is_not(integer: int, mean: float) -> None:
+def test_poisson_tail_is_right_where_scipys_gamma_function_is_not(
+    integer: int, mean: float
+) -> None:
     """By definition P(N > n) ≤ s < P(N > n − 1). The sums are made term by term, the first in 50 digits.
 
     (SciPy's incomplete gamma function is 3 % low 5σ above a mean of 1e7, and 27 % at 1e8.)
@@ -116,7 +151,11 @@ def test_poisson_steps_by_one_where_the_mean_passes_a_boundary(start: float) -> 
     low, high = start, start + 3
     first = distributions.poisson(integer, low)[0]
     while low < (middle := (low + high) / 2) < high:
-        low, high = (middle, high) if distributions.poisson(integer, middle)[0] <= first else (low, middle)
+        low, high = (
+            (middle, high)
+            if distributions.poisson(integer, middle)[0] <= first
+            else (low, middle)
+        )
     before, after = (distributions.poisson(integer, mean)[0] for mean in (low, high))
     assert after - before == 1
     s = (1 + 0.5) / 2**32
@@ -136,9 +175,17 @@ def upper_tail(n: int, mean: float) -> float:
 def poisson_pmf(n: int, mean: float) -> float:
     """e^(−λ)·λⁿ/n! by Stirling's series in 50 digits, without the cancellation of 1e8 against 1e8."""
     getcontext().prec = 50
-    m, lam, two_pi = Decimal(n), Decimal(mean), Decimal("6.28318530717958647692528676655900576839433879875021")
+    m, lam, two_pi = (
+        Decimal(n),
+        Decimal(mean),
+        Decimal("6.28318530717958647692528676655900576839433879875021"),
+    )
     series = 1 / (12 * m) - 1 / (360 * m**3) + 1 / (1260 * m**5)
-    return float((m * lam.ln() - lam - (m + Decimal("0.5")) * m.ln() + m - two_pi.ln() / 2 - series).exp())
+    return float(
+        (
+            m * lam.ln() - lam - (m + Decimal("0.5")) * m.ln() + m - two_pi.ln() / 2 - series
+        ).exp()
+    )
 
 
 def test_poisson_of_no_light_is_exactly_0_for_every_integer() -> None:
@@ -201,12 +248,18 @@ COUPLINGS = (0.0, 1e-12, 0.25, 0.45, 0.49, 0.4999)
 
 def stripes(coupling: float, size: int, lines: int = 1) -> Any:
     """Vectors of ``isotropic_ar`` from independent white normals, (lines, size)."""
-    white = np.random.default_rng(3).standard_normal((lines, size + 2 * distributions.AR_WARM_UP))
-    return np.array([distributions.isotropic_ar(line, coupling, distributions.AR_WARM_UP) for line in white])
+    white = np.random.default_rng(3).standard_normal(
+        (lines, size + 2 * distributions.AR_WARM_UP)
+    )
+    return np.array(
+        [distributions.isotropic_ar(line, coupling, distributions.AR_WARM_UP) for line in white]
+    )
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
-def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation_2a(coupling: float) -> None:
+def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation_2a(
+    coupling: float,
+) -> None:
     """Its response to a unit impulse is its kernel: Σh² must be 1 and Σh_j·h_{j+1} must be 2a, without any sampling."""
     size = 4 * distributions.AR_WARM_UP
     impulse = np.zeros(size + 2 * distributions.AR_WARM_UP)
@@ -214,16 +267,22 @@ def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation
     h = distributions.isotropic_ar(impulse, coupling, distributions.AR_WARM_UP)
     assert np.sum(h * h) == pytest.approx(1, rel=1e-12)
     assert np.sum(h[1:] * h[:-1]) == pytest.approx(2 * coupling, rel=1e-9, abs=1e-12)
-    np.testing.assert_allclose(h, h[np.abs(np.arange(size) - size) % size], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        h, h[np.abs(np.arange(size) - size) % size], rtol=1e-9, atol=1e-15
+    )
 
 
-@pytest.mark.parametrize(("coupling", "gain"), [(0.25, 1.5396), (0.45, 12.0745), (0.49, 126.90)])
+@pytest.mark.parametrize(
+    ("coupling", "gain"), [(0.25, 1.5396), (0.45, 12.0745), (0.49, 126.90)]
+)
 def test_isotropic_ar_solves_the_equation_of_the_paper(coupling: float, gain: float) -> None:
     """x_j = a(x_{j−1} + x_{j+1}) + U_j with white U of variance 1/gain, gain = (1 − 4a²)^(−3/2) (paper eq. 28)."""
     white = np.random.default_rng(3).standard_normal(20_000 + 2 * distributions.AR_WARM_UP)
     x = distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP)
     u = x[1:-1] - coupling * (x[:-2] + x[2:])
-    expected = white[distributions.AR_WARM_UP + 1 : -distributions.AR_WARM_UP - 1] / math.sqrt(gain)
+    expected = white[distributions.AR_WARM_UP + 1 : -distributions.AR_WARM_UP - 1] / math.sqrt(
+        gain
+    )
     np.testing.assert_allclose(u, expected, rtol=1e-4, atol=1e-5)
 
 
@@ -238,7 +297,9 @@ def test_isotropic_ar_samples_have_variance_1_and_correlate_by_2a(coupling: floa
 
 def kernel_share(coupling: float) -> float:
     """1/Σ_k ρ_k², by the spectrum S(ω) ∝ (1 − 2a·cos ω)^(−2): (mean S)²/mean S²."""
-    spectrum = (1 - 2 * coupling * np.cos(np.linspace(0, 2 * np.pi, 20_000, endpoint=False))) ** -2.0
+    spectrum = (
+        1 - 2 * coupling * np.cos(np.linspace(0, 2 * np.pi, 20_000, endpoint=False))
+    ) ** -2.0
     return float(spectrum.mean() ** 2 / np.mean(spectrum**2))
 
 

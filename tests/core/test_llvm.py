@@ -36,7 +36,9 @@ maps = open("/proc/self/maps").read() if os.path.exists("/proc/self/maps") else 
 loaded = sorted({line.split()[-1] for line in maps.splitlines() if "LLVM" in line})
 print(json.dumps([chosen.name, chosen.hint, chosen.reason, loaded]))
 """
-linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc/self/maps and makes ELF files")
+linux = pytest.mark.skipif(
+    sys.platform != "linux", reason="looks into /proc/self/maps and makes ELF files"
+)
 
 
 def fake_library(folder: Path, name: str, inside: bytes = b"") -> Path:
@@ -124,8 +126,14 @@ def test_version_is_told_from_the_file_name(tmp_path: Path, name: str, version: 
 
 @linux
 def test_version_is_told_from_the_soname_where_the_name_does_not_say(tmp_path: Path) -> None:
-    assert inspect_llvm(str(fake_library(tmp_path, "libLLVM.so", b"\0libLLVM.so.18.1\0"))).version == 18
-    assert inspect_llvm(str(fake_library(tmp_path, "mine.so", b"x\0libLLVM-15.so.1\0"))).usable is False
+    assert (
+        inspect_llvm(str(fake_library(tmp_path, "libLLVM.so", b"\0libLLVM.so.18.1\0"))).version
+        == 18
+    )
+    assert (
+        inspect_llvm(str(fake_library(tmp_path, "mine.so", b"x\0libLLVM-15.so.1\0"))).usable
+        is False
+    )
     assert inspect_llvm(str(fake_library(tmp_path, "blank.so"))).usable is False
 
 
@@ -141,7 +149,9 @@ def test_libraries_of_other_machines_and_broken_ones_are_not_usable(
 
 
 @linux
-def test_newest_comes_first_but_a_named_one_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_newest_comes_first_but_a_named_one_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("libLLVM-15.so.1", "libLLVM.so.19.1", "libLLVM.so.18.1"):
         fake_library(tmp_path, name)
     monkeypatch.delenv(LLVM_PATH, raising=False)
@@ -155,7 +165,11 @@ def test_a_library_of_the_system_comes_before_a_newer_one_of_this_environment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     system, own = tmp_path / "system", tmp_path / "own"
-    for folder, name in ((system, "libLLVM.so.19.1"), (system, "libLLVM-15.so.1"), (own, "libLLVM.so.23.1")):
+    for folder, name in (
+        (system, "libLLVM.so.19.1"),
+        (system, "libLLVM-15.so.1"),
+        (own, "libLLVM.so.23.1"),
+    ):
         folder.mkdir(exist_ok=True)
         fake_library(folder, name)
     monkeypatch.delenv(LLVM_PATH, raising=False)
@@ -188,8 +202,13 @@ def test_what_a_library_of_the_index_needs_is_loaded_without_its_links(tmp_path:
     (tmp_path / "b.c").write_text("int a(void); int b(void) { return a(); }")
     needed, library = beside / "libc++.so.1.0", tmp_path / "libLLVM.so.23.1"
     build = ["gcc", "-shared", "-fPIC"]
-    subprocess.run([*build, "-Wl,-soname,libc++.so.1", "-o", needed, tmp_path / "a.c"], check=True)
-    subprocess.run([*build, "-Wl,-soname,libLLVM.so.23.1", "-o", library, tmp_path / "b.c", needed], check=True)
+    subprocess.run(
+        [*build, "-Wl,-soname,libc++.so.1", "-o", needed, tmp_path / "a.c"], check=True
+    )
+    subprocess.run(
+        [*build, "-Wl,-soname,libLLVM.so.23.1", "-o", library, tmp_path / "b.c", needed],
+        check=True,
+    )
     code = f"""
 import ctypes
 from mitsuba_sensor.core import llvm
@@ -200,7 +219,9 @@ assert ctypes.CDLL({str(library)!r}).b() == 42
     env = {name: value for name, value in os.environ.items() if name != LLVM_PATH}
     subprocess.run([sys.executable, "-c", code], check=True, timeout=WAIT_S, env=env)
     alone = f"import ctypes; ctypes.CDLL({str(library)!r})"
-    refused = subprocess.run([sys.executable, "-c", alone], capture_output=True, text=True, timeout=WAIT_S)
+    refused = subprocess.run(
+        [sys.executable, "-c", alone], capture_output=True, text=True, timeout=WAIT_S
+    )
     assert "libc++.so.1" in refused.stderr
 
 

@@ -28,11 +28,19 @@ def cut_moments(m: Moments, low: float, high: float) -> tuple[float, float, floa
     centre, sigma = m.mean + math.sqrt(m.spatial) * z, math.sqrt(m.temporal)
     a, b = (low - centre) / sigma, (high - centre) / sigma
     inside, pa, pb = stats.norm.cdf(b) - stats.norm.cdf(a), stats.norm.pdf(a), stats.norm.pdf(b)
-    first = centre * inside + sigma * (pa - pb) + low * stats.norm.cdf(a) + high * stats.norm.sf(b)
-    second = (centre**2 + sigma**2) * inside + sigma * (pa * (centre + low) - pb * (centre + high))
+    first = (
+        centre * inside + sigma * (pa - pb) + low * stats.norm.cdf(a) + high * stats.norm.sf(b)
+    )
+    second = (centre**2 + sigma**2) * inside + sigma * (
+        pa * (centre + low) - pb * (centre + high)
+    )
     second = second + low**2 * stats.norm.cdf(a) + high**2 * stats.norm.sf(b)
     mean = np.sum(weight * first)
-    return float(mean), float(np.sum(weight * (second - first**2))), float(np.sum(weight * (first - mean) ** 2))
+    return (
+        float(mean),
+        float(np.sum(weight * (second - first**2))),
+        float(np.sum(weight * (first - mean) ** 2)),
+    )
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1e-200, 1e-12, 1e-3, 0.0999, 0.1001, 0.4, 1.0, 10.0])
@@ -43,8 +51,12 @@ def test_rectified_normal_has_the_moments_of_its_definition(sigma: float) -> Non
         assert mean == 1.0 and variance == sigma * sigma
         return
     top = 1 + 40 * sigma
-    first = integrate.quad(lambda x: stats.norm.sf((x - 1) / sigma), 0, top, points=[1], epsabs=1e-12, limit=200)[0]
-    second = integrate.quad(lambda x: 2 * x * stats.norm.sf((x - 1) / sigma), 0, top, points=[1], limit=200)[0]
+    first = integrate.quad(
+        lambda x: stats.norm.sf((x - 1) / sigma), 0, top, points=[1], epsabs=1e-12, limit=200
+    )[0]
+    second = integrate.quad(
+        lambda x: 2 * x * stats.norm.sf((x - 1) / sigma), 0, top, points=[1], limit=200
+    )[0]
     assert mean == pytest.approx(first, rel=1e-9)
     assert variance == pytest.approx(second - first**2, rel=1e-7)
 
@@ -52,7 +64,9 @@ def test_rectified_normal_has_the_moments_of_its_definition(sigma: float) -> Non
 @pytest.mark.parametrize("ratio", [0.01, 0.5, 0.99])
 @pytest.mark.parametrize("centre", [-4.0, -1.0, 0.0, 1.0, 3.0])
 @pytest.mark.parametrize("side", ["above", "below"])
-def test_a_normal_signal_cut_at_one_edge_has_exact_moments(centre: float, ratio: float, side: str) -> None:
+def test_a_normal_signal_cut_at_one_edge_has_exact_moments(
+    centre: float, ratio: float, side: str
+) -> None:
     """The edge ``centre`` standard deviations from the mean, a share ``ratio`` of the variance fixed."""
     m = of(50.0, 4.0 * (1 - ratio), 4.0 * ratio)
     edges = (-1e3, 50.0 + 2 * centre) if side == "above" else (50.0 - 2 * centre, 1e3)

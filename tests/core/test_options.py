@@ -17,8 +17,12 @@ from mitsuba_sensor.core.options import Option, complete, declared, documents, p
 
 
 class Lens(TypedDict, total=False):
-    f_number: Annotated[float, Option("Focal length over diameter.", 2.8, low=0.5, high=64, example="2.8")]
-    blades: Annotated[int | None, Option("Blades of the aperture.", low=3, high=20, example="7")]
+    f_number: Annotated[
+        float, Option("Focal length over diameter.", 2.8, low=0.5, high=64, example="2.8")
+    ]
+    blades: Annotated[
+        int | None, Option("Blades of the aperture.", low=3, high=20, example="7")
+    ]
 
 
 class Picture(Lens, total=False):
@@ -31,13 +35,22 @@ class Picture(Lens, total=False):
 
 REFUSED: dict[str, tuple[dict[str, object], str]] = {
     "unknown": ({"f_numbr": 2}, "'f_numbr' is not an option; .* Did you mean 'f_number'"),
-    "too small": ({"f_number": 0.1}, r"f_number is 0.1; it must be from 0.5 to 64 \(a number, e.g. 2.8\)"),
+    "too small": (
+        {"f_number": 0.1},
+        r"f_number is 0.1; it must be from 0.5 to 64 \(a number, e.g. 2.8\)",
+    ),
     "too large": ({"blades": 21}, "blades is 21; it must be from 3 to 20"),
     "NaN": ({"f_number": float("nan")}, "f_number is nan"),
     "a text for a number": ({"f_number": "wide"}, "f_number is 'wide'; it must be a number"),
-    "a fraction for a whole number": ({"blades": 6.5}, "blades is 6.5; it must be a whole number"),
+    "a fraction for a whole number": (
+        {"blades": 6.5},
+        "blades is 6.5; it must be a whole number",
+    ),
     "True for a number": ({"blades": True}, "blades is True"),
-    "no choice": ({"mode": "color"}, "mode is 'color'; it must be one of grey, colour. Did you mean 'colour'"),
+    "no choice": (
+        {"mode": "color"},
+        "mode is 'color'; it must be one of grey, colour. Did you mean 'colour'",
+    ),
     "None where there is a default": ({"mode": None}, "mode is None"),
     "1 for True": ({"flip": 1}, "flip is 1; it must be True or False"),
     "no text": ({"name": 3}, r"name is 3; it must be a text \(e.g. 'sunset'\)"),
@@ -70,7 +83,12 @@ def test_the_metadata_hold_every_option_as_a_plain_value() -> None:
     given = {"maps": {"prnu": np.ones(3)}, "name": "x", "flip": True}
     found = used(Picture, given)
     assert list(found) == [one.name for one in declared(Picture)]
-    assert found["maps"] == ["prnu"] and found["name"] == "x" and found["flip"] is True and found["f_number"] == 2.8
+    assert (
+        found["maps"] == ["prnu"]
+        and found["name"] == "x"
+        and found["flip"] is True
+        and found["f_number"] == 2.8
+    )
     assert used(Picture, {"maps": Path("a") / "b"})["maps"] == str(Path("a") / "b")
 
 
@@ -80,7 +98,16 @@ def test_help_and_signature_show_every_option() -> None:
         """Take it."""
 
     parameters = inspect.signature(take).parameters
-    assert list(parameters) == ["scene", "f_number", "blades", "mode", "flip", "name", "seed", "maps"]
+    assert list(parameters) == [
+        "scene",
+        "f_number",
+        "blades",
+        "mode",
+        "flip",
+        "name",
+        "seed",
+        "maps",
+    ]
     assert parameters["f_number"].default == 2.8
     assert take.__doc__ is not None and "blades : Blades of the aperture." in take.__doc__
 
@@ -111,6 +138,8 @@ def test_an_option_must_be_declared_with_its_meaning() -> None:
 
 @pytest.mark.parametrize("one", declared(CaptureOptions), ids=lambda one: one.name)
 def test_every_option_of_a_capture_says_what_it_does_and_has_a_valid_default(one: Any) -> None:
-    assert one.option.help[0].isupper() or one.option.help.split()[0].strip(":,") in map(str, one.choices)
+    assert one.option.help[0].isupper() or one.option.help.split()[0].strip(":,") in map(
+        str, one.choices
+    )
     assert one.option.help.endswith(".")
     assert one.checked(one.option.default) == one.option.default

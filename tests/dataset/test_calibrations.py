@@ -26,7 +26,12 @@ from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.dataset.exports.colmap import colmap_model
 from mitsuba_sensor.dataset.exports.nerfstudio import transforms
 from mitsuba_sensor.dataset.exports.opencv import opencv_xml, opencv_yaml
-from mitsuba_sensor.dataset.exports.poses import PosedImage, camera_to_world, rigid_pose, world_to_camera
+from mitsuba_sensor.dataset.exports.poses import (
+    PosedImage,
+    camera_to_world,
+    rigid_pose,
+    world_to_camera,
+)
 from mitsuba_sensor.dataset.exports.ros import camera_info
 from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.intrinsics import intrinsics
@@ -67,7 +72,10 @@ def seen(folder: Path, lens: dict[str, Any]) -> tuple[dict[str, Any], Floats, Fl
     found = aovs_of(loaded, Motion(), 1.0, shutter_of(camera, Exposure(0.01)))
     rows, columns = found.depth_m.shape
     middles = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
-    points, lit = found.position_m.reshape(-1, 3).astype(float), np.isfinite(found.depth_m).ravel()
+    points, lit = (
+        found.position_m.reshape(-1, 3).astype(float),
+        np.isfinite(found.depth_m).ravel(),
+    )
     return intrinsics(loaded.view, camera), points[lit], middles[lit].astype(float)
 
 
@@ -77,7 +85,9 @@ def pose() -> Floats:
     return matrix
 
 
-def projected(tangents: Floats, matrix: Floats, k1: float, k2: float, p1: float, p2: float, k3: float) -> Floats:
+def projected(
+    tangents: Floats, matrix: Floats, k1: float, k2: float, p1: float, p2: float, k3: float
+) -> Floats:
     """Brown and Conrady as OpenCV, COLMAP and nerfstudio have it: (N, 2) tangents to the right and down → pixels."""
     x, y = tangents.T
     r2 = x**2 + y**2
@@ -90,7 +100,9 @@ def projected(tangents: Floats, matrix: Floats, k1: float, k2: float, p1: float,
 
 
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
-def test_every_format_projects_the_points_of_the_scene_to_their_pixels(tmp_path: Path, lens: dict[str, Any]) -> None:
+def test_every_format_projects_the_points_of_the_scene_to_their_pixels(
+    tmp_path: Path, lens: dict[str, Any]
+) -> None:
     found, points, middles = seen(tmp_path, lens)
     assert len(points) > 1700
     calibration = calibration_of(found, PITCH_UM)
@@ -107,23 +119,35 @@ def test_every_format_projects_the_points_of_the_scene_to_their_pixels(tmp_path:
 def by_formula(image: PosedImage, points: Floats) -> Floats:
     turn, move = world_to_camera(image.pose)
     inside = points @ turn.T + move
-    return projected(inside[:, :2] / inside[:, 2:], image.calibration.matrix, *image.calibration.distortion)
+    return projected(
+        inside[:, :2] / inside[:, 2:], image.calibration.matrix, *image.calibration.distortion
+    )
 
 
 def by_nerfstudio(data: dict[str, Any], points: Floats) -> Floats:
     """OpenGL's axes (x right, y up, looking along −z), and pixels whose middles are at half numbers."""
     data = json.loads(json.dumps(data))
     assert data["camera_model"] == "OPENCV" and (data["w"], data["h"]) == (50, 36)
-    inside = (np.c_[points, np.ones(len(points))] @ np.linalg.inv(data["frames"][0]["transform_matrix"]).T)[:, :3]
+    inside = (
+        np.c_[points, np.ones(len(points))]
+        @ np.linalg.inv(data["frames"][0]["transform_matrix"]).T
+    )[:, :3]
     tangents = inside[:, :2] / -inside[:, 2:] * (1, -1)
     matrix = np.array([[data["fl_x"], 0, data["cx"]], [0, data["fl_y"], data["cy"]], [0, 0, 1]])
-    return projected(tangents, matrix, *(data[name] for name in ("k1", "k2", "p1", "p2", "k3"))) - 0.5
+    return (
+        projected(tangents, matrix, *(data[name] for name in ("k1", "k2", "p1", "p2", "k3")))
+        - 0.5
+    )
 
 
 def by_colmap(texts: dict[str, str], points: Floats) -> Floats:
     """Quaternion by Hamilton's formula; pixels whose middles are at half numbers."""
-    (camera,) = [line.split() for line in texts["cameras.txt"].splitlines() if not line.startswith("#")]
-    image, observations = [line for line in texts["images.txt"].splitlines() if not line.startswith("#")]
+    (camera,) = [
+        line.split() for line in texts["cameras.txt"].splitlines() if not line.startswith("#")
+    ]
+    image, observations = [
+        line for line in texts["images.txt"].splitlines() if not line.startswith("#")
+    ]
     assert observations == "" and texts["points3D.txt"].startswith("#")
     _, w, x, y, z, *rest = image.split()
     assert rest[3:] == [camera[0], "images/a.png"]
@@ -146,16 +170,25 @@ def by_colmap(texts: dict[str, str], points: Floats) -> Floats:
 
 def by_ros(text: str, image: PosedImage, points: Floats) -> Floats:
     data = yaml.safe_load(text)
-    matrix, model = np.reshape(data["camera_matrix"]["data"], (3, 3)), data["distortion_coefficients"]["data"]
+    matrix, model = (
+        np.reshape(data["camera_matrix"]["data"], (3, 3)),
+        data["distortion_coefficients"]["data"],
+    )
     assert (data["image_width"], data["image_height"], data["camera_name"]) == (50, 36, "left")
-    assert data["distortion_model"] == "plumb_bob" and np.shape(data["projection_matrix"]["data"]) == (12,)
+    assert data["distortion_model"] == "plumb_bob" and np.shape(
+        data["projection_matrix"]["data"]
+    ) == (12,)
     turn, move = world_to_camera(image.pose)
     inside = points @ turn.T + move
     return projected(inside[:, :2] / inside[:, 2:], matrix, *model)
 
 
-@pytest.mark.parametrize("motion", one_in(3, [None, {"camera": {"velocity_m_per_s": [0.3, 0, 0]}}, "keys"]))
-def test_the_statistics_of_a_render_have_the_pose_at_the_start_in_metres(tmp_path: Path, motion: Any) -> None:
+@pytest.mark.parametrize(
+    "motion", one_in(3, [None, {"camera": {"velocity_m_per_s": [0.3, 0, 0]}}, "keys"])
+)
+def test_the_statistics_of_a_render_have_the_pose_at_the_start_in_metres(
+    tmp_path: Path, motion: Any
+) -> None:
     """A scene in centimetres; a key of the motion puts the camera elsewhere before the first row opens."""
     skip_unless_usable("scalar_spectral")
     if motion == "keys":
@@ -166,14 +199,33 @@ def test_the_statistics_of_a_render_have_the_pose_at_the_start_in_metres(tmp_pat
         motion = {"camera": {"keys": keys}}
     path = write_scene(tmp_path, scene_text(SKY, BALL, WALL, sensor=SENSOR))
     camera = load_camera("konnik_table1")
-    options: dict[str, Any] = {"scene_unit": "cm", "motion": motion, "spp": 4, "wavelength_nm": 550}
-    shot = capture(path, camera, Exposure(0.01), variant="scalar_spectral", aovs=True, denoise=False, **options)
+    options: dict[str, Any] = {
+        "scene_unit": "cm",
+        "motion": motion,
+        "spp": 4,
+        "wavelength_nm": 550,
+    }
+    shot = capture(
+        path,
+        camera,
+        Exposure(0.01),
+        variant="scalar_spectral",
+        aovs=True,
+        denoise=False,
+        **options,
+    )
     statistics, found = shot.light.statistics.to_dict(), shot.aovs
     assert found is not None
-    image = PosedImage("a", calibration_of(statistics["intrinsics"], 5.0), np.array(statistics["camera_to_world"]))
+    image = PosedImage(
+        "a",
+        calibration_of(statistics["intrinsics"], 5.0),
+        np.array(statistics["camera_to_world"]),
+    )
     lit = np.isfinite(found.depth_m)
     middles = np.stack(np.meshgrid(*map(np.arange, lit.shape[::-1])), axis=-1)[lit]
-    np.testing.assert_allclose(by_formula(image, found.position_m[lit].astype(float)), middles, atol=0.01)
+    np.testing.assert_allclose(
+        by_formula(image, found.position_m[lit].astype(float)), middles, atol=0.01
+    )
 
 
 IMAGE = PosedImage(
@@ -187,23 +239,37 @@ IMAGE = PosedImage(
 def test_opencv_reads_its_files_and_projects_alike(tmp_path: Path, kind: str) -> None:
     cv2 = pytest.importorskip("cv2")
     path = tmp_path / f"camera.{kind}"
-    path.write_text((opencv_xml if kind == "xml" else opencv_yaml)(IMAGE.calibration, [IMAGE, IMAGE]), "utf-8")
+    path.write_text(
+        (opencv_xml if kind == "xml" else opencv_yaml)(IMAGE.calibration, [IMAGE, IMAGE]),
+        "utf-8",
+    )
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     size = [int(storage.getNode(name).real()) for name in ("image_width", "image_height")]
     matrix, coefficients, poses = (
-        storage.getNode(name).mat() for name in ("camera_matrix", "distortion_coefficients", "extrinsic_parameters")
+        storage.getNode(name).mat()
+        for name in ("camera_matrix", "distortion_coefficients", "extrinsic_parameters")
     )
     names = storage.getNode("images")
-    assert size == [50, 36] and [names.at(i).string() for i in range(names.size())] == ["a b.png", "a b.png"]
+    assert size == [50, 36] and [names.at(i).string() for i in range(names.size())] == [
+        "a b.png",
+        "a b.png",
+    ]
     np.testing.assert_array_equal(matrix, IMAGE.calibration.matrix)
-    assert coefficients.ravel().tolist() == list(IMAGE.calibration.distortion) and poses.shape == (2, 6)
+    assert coefficients.ravel().tolist() == list(
+        IMAGE.calibration.distortion
+    ) and poses.shape == (2, 6)
     points = np.random.default_rng(1).uniform((-2, -1, 5), (2, 2, 9), (50, 3))
     where, _ = cv2.projectPoints(points, poses[1, :3], poses[1, 3:], matrix, coefficients)
     np.testing.assert_allclose(where[:, 0], by_formula(IMAGE, points), atol=1e-9)
 
 
-@pytest.mark.parametrize("coefficients", [(0.0,) * 5, (-0.2, 0.05, 0.001, -0.002, 0.0), (-0.2, 0.05, 0.001, 0.0, 0.01)])
-def test_colmap_reads_its_model_and_projects_alike(tmp_path: Path, coefficients: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    "coefficients",
+    [(0.0,) * 5, (-0.2, 0.05, 0.001, -0.002, 0.0), (-0.2, 0.05, 0.001, 0.0, 0.01)],
+)
+def test_colmap_reads_its_model_and_projects_alike(
+    tmp_path: Path, coefficients: tuple[float, ...]
+) -> None:
     pycolmap = pytest.importorskip("pycolmap")
     calibration = Calibration(50, 36, (61.25, 60.0), (24.125, 18.5), coefficients)  # type: ignore[arg-type]
     image = PosedImage("images/a.png", calibration, IMAGE.pose)
@@ -217,7 +283,9 @@ def test_colmap_reads_its_model_and_projects_alike(tmp_path: Path, coefficients:
     np.testing.assert_allclose(where - 0.5, by_formula(image, points), atol=1e-9)
 
 
-def test_a_table_of_distortion_becomes_coefficients_whose_misfit_is_said(tmp_path: Path) -> None:
+def test_a_table_of_distortion_becomes_coefficients_whose_misfit_is_said(
+    tmp_path: Path,
+) -> None:
     """The table is k1 = −0.2 and k2 = 0.05 at eleven heights; between them it is a curve of its own."""
     focal_mm = 60 / 2 / np.tan(np.radians(25)) * PITCH_UM * 1e-3
     heights = np.linspace(0, 1.2, 41) * focal_mm
@@ -254,14 +322,23 @@ def test_cameras_that_differ_are_told_apart() -> None:
     data = transforms([first, other, first])
     assert "fl_x" not in data and [frame["w"] for frame in data["frames"]] == [50, 40, 50]
     lines = colmap_model([first, other, first])["images.txt"].splitlines()[2::2]
-    assert [line.split()[-2:] for line in lines] == [["1", "a.png"], ["2", "b.png"], ["1", "a.png"]]
+    assert [line.split()[-2:] for line in lines] == [
+        ["1", "a.png"],
+        ["2", "b.png"],
+        ["1", "a.png"],
+    ]
 
 
 def test_a_scale_in_a_pose_is_left_out_and_a_mirror_is_refused() -> None:
     scaled = IMAGE.pose @ np.diag([3.0, 3.0, 3.0, 1.0])
     np.testing.assert_allclose(rigid_pose(scaled), IMAGE.pose, atol=1e-12)
     np.testing.assert_allclose(camera_to_world(scaled, (-1.0, -1.0, 1.0))[:3, 3], ORIGIN)
-    for wrong in (IMAGE.pose @ np.diag([-1.0, 1.0, 1.0, 1.0]), np.zeros((4, 4)), np.full((4, 4), np.nan), np.eye(3)):
+    for wrong in (
+        IMAGE.pose @ np.diag([-1.0, 1.0, 1.0, 1.0]),
+        np.zeros((4, 4)),
+        np.full((4, 4), np.nan),
+        np.eye(3),
+    ):
         with pytest.raises(InputError):
             rigid_pose(wrong)
 

@@ -69,7 +69,12 @@ def test_pycocotools_encodes_alike(index: NDArray[Any]) -> None:
 
 def annotations() -> dict[str, Any]:
     pictures = [
-        CocoImage(f"images/{name.replace(' ', '_')}.png", *index.shape[::-1], instances_of(index, NAMES), {"key": name})
+        CocoImage(
+            f"images/{name.replace(' ', '_')}.png",
+            *index.shape[::-1],
+            instances_of(index, NAMES),
+            {"key": name},
+        )
         for name, index in INDICES.items()
     ]
     return json.loads(json.dumps(coco(pictures, "a dataset", "CC0-1.0")))  # type: ignore[no-any-return]
@@ -81,7 +86,9 @@ def test_numbers_start_at_1_and_name_what_exists() -> None:
     assert {one["license"] for one in found["images"]} == {found["licenses"][0]["id"]} == {1}
     for part in ("images", "annotations", "categories"):
         assert [one["id"] for one in found[part]] == list(range(1, len(found[part]) + 1))
-    assert {one["image_id"] for one in found["annotations"]} <= {one["id"] for one in found["images"]}
+    assert {one["image_id"] for one in found["annotations"]} <= {
+        one["id"] for one in found["images"]
+    }
     assert all(one["iscrowd"] == 0 and one["area"] > 0 for one in found["annotations"])
 
 
@@ -105,7 +112,14 @@ def results(folder: Path, found: dict[str, Any]) -> Path:
     """The annotations as the results of a perfect detector."""
     names = ("image_id", "category_id", "segmentation")
     path = folder / "results.json"
-    path.write_text(json.dumps([{name: one[name] for name in names} | {"score": 1.0} for one in found["annotations"]]))
+    path.write_text(
+        json.dumps(
+            [
+                {name: one[name] for name in names} | {"score": 1.0}
+                for one in found["annotations"]
+            ]
+        )
+    )
     return path
 
 

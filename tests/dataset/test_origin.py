@@ -32,7 +32,11 @@ Cli = Callable[..., Any]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +115,11 @@ def test_another_valid_dataset_file_is_found_and_nothing_is_rendered_from_it(
         done = cli("dataset", command, "out")
         assert done.exit_code == 2 and "not what the samples were made from" in done.stderr
     done = cli("dataset", "verify", "out")
-    assert done.exit_code == 1 and FILE in done.stdout and "run FILE.toml -o out" in " ".join(done.stdout.split())
+    assert (
+        done.exit_code == 1
+        and FILE in done.stdout
+        and "run FILE.toml -o out" in " ".join(done.stdout.split())
+    )
     assert cli("dataset", "export", "card", "out", "-o", "card").exit_code == 2
     assert contents(here) == before
     assert cli("dataset", "run", "tiny.toml", "-o", "out", "--workers", "0").exit_code == 0
@@ -147,7 +155,11 @@ def test_an_index_of_somebody_who_knows_how_its_hash_is_made_is_found_and_writte
     path = here / "out" / INDEX
     index = read_index(here / "out")
     first, second = index.lines
-    for lines in ([second, first], [first, {**second, "split": "test"}], [first, second, second]):
+    for lines in (
+        [second, first],
+        [first, {**second, "split": "test"}],
+        [first, second, second],
+    ):
         path.write_bytes(index_text(Index(lines, index.made_from)))
         assert [fault.file for fault in verify(here / "out")] == [INDEX]
     assert cli("dataset", "repair", "out", "--workers", "0").exit_code == 0
@@ -155,9 +167,19 @@ def test_an_index_of_somebody_who_knows_how_its_hash_is_made_is_found_and_writte
 
 
 @pytest.mark.parametrize(
-    "changes", [{"key": "../../x"}, {"key": 7}, {"values": []}, {"split": 1}, {"view": "0" * 23}, {"view_files": 1}]
+    "changes",
+    [
+        {"key": "../../x"},
+        {"key": 7},
+        {"values": []},
+        {"split": 1},
+        {"view": "0" * 23},
+        {"view_files": 1},
+    ],
 )
-def test_an_index_with_a_line_that_no_run_writes_is_a_sentence(changes: Any, here: Path) -> None:
+def test_an_index_with_a_line_that_no_run_writes_is_a_sentence(
+    changes: Any, here: Path
+) -> None:
     index = read_index(here / "out")
     line = {**index.lines[0], **changes}
     (here / "out" / INDEX).write_bytes(index_text(Index([line], index.made_from)))
@@ -166,12 +188,20 @@ def test_an_index_with_a_line_that_no_run_writes_is_a_sentence(changes: Any, her
 
 
 def test_a_separator_of_lines_in_a_text_is_no_end_of_a_line(tmp_path: Path) -> None:
-    line = {"key": "0" * 24, "view": "1" * 24, "split": "", "view_files": False, "values": {"a": "x\u2028y\x85z"}}
+    line = {
+        "key": "0" * 24,
+        "view": "1" * 24,
+        "split": "",
+        "view_files": False,
+        "values": {"a": "x\u2028y\x85z"},
+    }
     (tmp_path / INDEX).write_bytes(index_text(Index([line], "")))
     assert read_index(tmp_path).lines == [line]
 
 
-def test_a_scene_that_was_changed_since_is_not_rendered_in_place_of_the_one_that_was(here: Path, cli: Cli) -> None:
+def test_a_scene_that_was_changed_since_is_not_rendered_in_place_of_the_one_that_was(
+    here: Path, cli: Cli
+) -> None:
     scene = here / "mine" / "flat.xml"
     scene.write_text(scene.read_text("utf-8").replace("</scene>", " </scene>"), "utf-8")
     next(iter(Dataset(here / "out"))).folder.joinpath("frame.tiff").unlink()

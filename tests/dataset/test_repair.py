@@ -33,7 +33,11 @@ def dataset(*arguments: str) -> tuple[int, Any]:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +45,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     (folder / "small.toml").write_text(TEXT)
     code, said = dataset(
-        "run", str(folder / "small.toml"), "-o", str(folder / "out"), "--workers", "0", "--root", str(SCENES.parent)
+        "run",
+        str(folder / "small.toml"),
+        "-o",
+        str(folder / "out"),
+        "--workers",
+        "0",
+        "--root",
+        str(SCENES.parent),
     )
     assert (code, said["made"]) == (0, 4)
     return folder / "out"
@@ -67,7 +78,11 @@ def test_what_is_found_is_made_again_and_nothing_else(made: Path, broken: Path) 
     shutil.rmtree(third.folder)
     (first.view_folder / "more.txt").write_text("more")
     untouched = (broken / "samples").rglob("sample.json")
-    inodes = {path: path.stat().st_ino for path in untouched if path.parent not in (first.folder, second.folder)}
+    inodes = {
+        path: path.stat().st_ino
+        for path in untouched
+        if path.parent not in (first.folder, second.folder)
+    }
 
     code, found = dataset("verify", str(broken))
     assert code == 1
@@ -100,8 +115,13 @@ def test_the_index_is_written_again(made: Path, broken: Path, what: str) -> None
 def test_nobody_waits_for_a_pipe_in_place_of_the_index(made: Path, broken: Path) -> None:
     (broken / INDEX).unlink()
     os.mkfifo(broken / INDEX)
-    assert dataset("verify", str(broken)) == (1, [{"kind": "dataset", "key": "", "file": INDEX, "what": "changed"}])
-    assert dataset("repair", str(broken), "--workers", "0")[0] == 0 and contents(broken) == contents(made)
+    assert dataset("verify", str(broken)) == (
+        1,
+        [{"kind": "dataset", "key": "", "file": INDEX, "what": "changed"}],
+    )
+    assert dataset("repair", str(broken), "--workers", "0")[0] == 0 and contents(
+        broken
+    ) == contents(made)
 
 
 def test_other_entries_are_read_where_the_index_was_changed(broken: Path) -> None:
@@ -109,4 +129,7 @@ def test_other_entries_are_read_where_the_index_was_changed(broken: Path) -> Non
     pixel.write_bytes(pixel.read_bytes()[:-1])
     (broken / INDEX).write_text("{}\n")
     _, found = dataset("verify", str(broken))
-    assert [(one["file"], one["what"]) for one in found] == [("frame.tiff", "short"), (INDEX, "changed")]
+    assert [(one["file"], one["what"]) for one in found] == [
+        ("frame.tiff", "short"),
+        (INDEX, "changed"),
+    ]

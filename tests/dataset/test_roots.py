@@ -28,8 +28,12 @@ CURVES = "wavelength_nm,G_percent\n400,10\n600,50\n700,10\n"
 SECRET = '<shape type="ply"><string name="filename" value="{}"/></shape>'
 
 
-def planned(folder: Path, *roots: Path, scene: str = "", camera: str = "konnik_table1", more: str = "") -> int:
-    (folder / "dataset.toml").write_text(FILE.format(scene=scene, camera=camera, more=more), "utf-8")
+def planned(
+    folder: Path, *roots: Path, scene: str = "", camera: str = "konnik_table1", more: str = ""
+) -> int:
+    (folder / "dataset.toml").write_text(
+        FILE.format(scene=scene, camera=camera, more=more), "utf-8"
+    )
     return len(list(load_plan(folder / "dataset.toml", roots).views()))
 
 

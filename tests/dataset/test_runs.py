@@ -53,11 +53,19 @@ def plan(tmp_path: Path) -> DatasetPlan:
 
 def contents(folder: Path) -> dict[str, str]:
     """Every file of the samples, and the index."""
-    paths = [*(path for path in (folder / "samples").rglob("*") if path.is_file()), folder / "index.jsonl"]
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    paths = [
+        *(path for path in (folder / "samples").rglob("*") if path.is_file()),
+        folder / "index.jsonl",
+    ]
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in paths
+    }
 
 
-def test_processes_shards_and_a_cluster_make_the_same_bytes(plan: DatasetPlan, tmp_path: Path) -> None:
+def test_processes_shards_and_a_cluster_make_the_same_bytes(
+    plan: DatasetPlan, tmp_path: Path
+) -> None:
     """Two processes; three shards, the last one twice; a Dask scheduler over a socket, as dask-jobqueue starts one."""
     import distributed
     import mitsuba
@@ -80,11 +88,24 @@ def test_processes_shards_and_a_cluster_make_the_same_bytes(plan: DatasetPlan, t
 def cluster(folder: Path) -> Iterator[tuple[str, int]]:
     """A Dask scheduler and one worker, as their user begins them: address and number of the scheduler's process."""
     file, processes = folder / "scheduler.json", list[subprocess.Popen[bytes]]()
-    quiet: Any = {"stderr": subprocess.DEVNULL, "env": {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}}
-    scheduler, worker = ["dask_scheduler", "--host", "127.0.0.1", "--port", "0"], ["dask_worker", "--nthreads", "1"]
+    quiet: Any = {
+        "stderr": subprocess.DEVNULL,
+        "env": {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    }
+    scheduler, worker = (
+        ["dask_scheduler", "--host", "127.0.0.1", "--port", "0"],
+        ["dask_worker", "--nthreads", "1"],
+    )
     with ExitStack() as stack:
         for name, *more in (scheduler, worker):
-            command = [sys.executable, "-m", f"distributed.cli.{name}", *more, "--scheduler-file", str(file)]
+            command = [
+                sys.executable,
+                "-m",
+                f"distributed.cli.{name}",
+                *more,
+                "--scheduler-file",
+                str(file),
+            ]
             processes.append(subprocess.Popen([*command, "--no-dashboard"], **quiet))
             stack.callback(processes[-1].wait)
             stack.callback(processes[-1].kill)
@@ -102,15 +123,22 @@ class Deadly:
         return "0" * 24
 
 
-def test_a_view_that_ends_its_process_is_put_aside_and_the_rest_is_made(plan: DatasetPlan, tmp_path: Path) -> None:
+def test_a_view_that_ends_its_process_is_put_aside_and_the_rest_is_made(
+    plan: DatasetPlan, tmp_path: Path
+) -> None:
     """The first view aborts, as a renderer does that fails an assertion."""
     views = list(plan.views())
     bad = views[0].key
     make = partial(make_text, dies=bad)
     asked = complete(RunOptions, {"workers": 1})
-    found = {one.view: one for one in outcomes(Store(tmp_path), iter(views), asked, lambda what, done: None, make)}
+    found = {
+        one.view: one
+        for one in outcomes(Store(tmp_path), iter(views), asked, lambda what, done: None, make)
+    }
     assert "died 3 times (Fatal Python error: Aborted)" in found.pop(bad).failed
-    assert len(found) == len(views) - 1 and all(one.samples == 4 and not one.failed for one in found.values())
+    assert len(found) == len(views) - 1 and all(
+        one.samples == 4 and not one.failed for one in found.values()
+    )
     assert set(Store(tmp_path).quarantined()) == {bad}
 
 
@@ -119,13 +147,17 @@ def test_processes_that_die_before_they_begin_end_the_run(
     plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No view is to blame, so none is put into quarantine."""
-    log = tmp_path / "quarantine" / f"{'0' * 24}.log"  # of an earlier run, in which a process did begin, and died
+    log = (
+        tmp_path / "quarantine" / f"{'0' * 24}.log"
+    )  # of an earlier run, in which a process did begin, and died
     log.parent.mkdir()
     log.write_text(f"# begun by {socket.gethostname()} 1 0\n\n# died\n")
     monkeypatch.setattr(engine, "MOST_EARLY_DEATHS", 2)
     asked = complete(RunOptions, {"workers": 1})
     views: Any = iter([Deadly()])
-    with pytest.raises(InputError, match="2 processes in a row have died before they began a view"):
+    with pytest.raises(
+        InputError, match="2 processes in a row have died before they began a view"
+    ):
         list(outcomes(Store(tmp_path), views, asked, lambda what, done: None))
     assert not Store(tmp_path).quarantined()
 
@@ -136,7 +168,9 @@ def test_no_process_of_a_run_listens_to_anybody(plan: DatasetPlan, tmp_path: Pat
     views = list(plan.views())
     asked = complete(RunOptions, {"workers": 2})
     told = list[str]()
-    found = list(outcomes(Store(tmp_path), views, asked, lambda what, done: told.append(what), make_text))
+    found = list(
+        outcomes(Store(tmp_path), views, asked, lambda what, done: told.append(what), make_text)
+    )
     assert [one.samples for one in found] == [4, 4] and told.count("sample") == 8
     assert {path.read_text() for path in tmp_path.rglob("a.txt")} == {"[]"}
     with socket.create_server(("127.0.0.1", 0)):
@@ -165,24 +199,39 @@ def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_
         asked = complete(RunOptions, {"workers": 0, "scheduler": address})
         views = list(plan.views())
         store = Store(tmp_path / "out")
-        with monkeypatch.context() as other, pytest.raises(InputError, match="give them the same versions"):
+        with (
+            monkeypatch.context() as other,
+            pytest.raises(InputError, match="give them the same versions"),
+        ):
             other.setattr(keys, "__version__", "9.9.9")
             list(outcomes(store, views, asked, lambda what, done: None, make_slowly))
-        list(outcomes(store, views, asked, lambda what, done: None, make_slowly, remarks.append))
-    assert remarks == [f"the Dask scheduler at {address} was gone; this machine alone has made the rest."]
+        list(
+            outcomes(store, views, asked, lambda what, done: None, make_slowly, remarks.append)
+        )
+    assert remarks == [
+        f"the Dask scheduler at {address} was gone; this machine alone has made the rest."
+    ]
     assert all(store.exists("samples", sample.key) for view in views for sample in view.samples)
 
 
 @pytest.mark.exhaustive
 def test_a_limit_of_time_ends_a_render(plan: DatasetPlan, tmp_path: Path) -> None:
-    tables: dict[str, Any] = {**plan.file.model_dump(exclude_none=True), "render": {"spp": 2**20, "width": 16}}
-    tables["random"] = {"draws": 1, "values": {"parameters.radiance": {"uniform": [1e-4, 1e-3]}}}
+    tables: dict[str, Any] = {
+        **plan.file.model_dump(exclude_none=True),
+        "render": {"spp": 2**20, "width": 16},
+    }
+    tables["random"] = {
+        "draws": 1,
+        "values": {"parameters.radiance": {"uniform": [1e-4, 1e-3]}},
+    }
     endless = DatasetPlan(read_dataset(tables), plan.roots)
     found = run(endless, tmp_path / "out", workers=1, timeout_s=1)
     assert found.made == 0 and "Timeout" in found.failed[0].failed
 
 
-def test_a_dataset_with_equal_samples_is_refused_before_anything_is_made(plan: DatasetPlan, tmp_path: Path) -> None:
+def test_a_dataset_with_equal_samples_is_refused_before_anything_is_made(
+    plan: DatasetPlan, tmp_path: Path
+) -> None:
     tables = {**plan.file.model_dump(exclude_none=True), "list": [{"temperature_k": 290}] * 2}
     twice = DatasetPlan(read_dataset(tables), plan.roots)
     with pytest.raises(InputError, match="are the same"):
@@ -228,7 +277,9 @@ def lives(pid: int) -> bool:
 
 def test_a_folder_holds_one_dataset(plan: DatasetPlan, tmp_path: Path) -> None:
     run(plan, tmp_path / "out", workers=0, shard=(1, 4))
-    other = DatasetPlan(read_dataset({**plan.file.model_dump(exclude_none=True), "name": "other"}), plan.roots)
+    other = DatasetPlan(
+        read_dataset({**plan.file.model_dump(exclude_none=True), "name": "other"}), plan.roots
+    )
     with pytest.raises(InputError, match="holds the dataset 'four'"):
         run(other, tmp_path / "out", workers=0)
     (tmp_path / "mine").mkdir()

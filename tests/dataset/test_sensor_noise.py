@@ -53,7 +53,9 @@ class Tensor:
      (ms.load_camera("rgbir_2mp"), GREY, {"values": "electrons"}),
      (ms.load_camera("sony_a7s2"), PICTURE, {"white_e": 50.0, "gain": 6400, "serial": 9})],
 )  # fmt: skip
-def test_it_is_expose_bit_for_bit(camera: ms.Camera, image: np.ndarray, options: dict[str, Any]) -> None:
+def test_it_is_expose_bit_for_bit(
+    camera: ms.Camera, image: np.ndarray, options: dict[str, Any]
+) -> None:
     """Of the same photons, chip, gain and seed, which the result says."""
     noise = ms.SensorNoise(camera, exposure=ms.Exposure(0.02), **options)
     found = noise(image, sample=4)
@@ -62,7 +64,9 @@ def test_it_is_expose_bit_for_bit(camera: ms.Camera, image: np.ndarray, options:
     plane = image
     if image.ndim == 3:
         letters = np.array(["RGB".index(name[0]) for name in camera.filter_names])
-        plane = np.take_along_axis(image, letters[filters][..., None], 2)[..., 0] * np.float32(draw.white_e)
+        plane = np.take_along_axis(image, letters[filters][..., None], 2)[..., 0] * np.float32(
+            draw.white_e
+        )
     wavelength = noise.light_nm
     photons = plane / camera.qe([wavelength])[:, 0].astype(np.float32)[filters]
     expected = ms.expose(
@@ -81,7 +85,9 @@ def test_mean_and_variance_are_those_of_theory_and_of_photon_transfer() -> None:
     gain, read_e = camera.system_gain_dn_per_e, camera.source_follower.read_noise_e
     variance = gain**2 * (900 + read_e**2) + 1 / 12
     black = ms.expose(np.zeros((64, 64)), camera, ms.Exposure(0.0), frames=8).digital.mean()
-    assert stack.mean() - black == pytest.approx(gain * 900, abs=5 * np.sqrt(variance / stack.size) + 0.02)
+    assert stack.mean() - black == pytest.approx(
+        gain * 900, abs=5 * np.sqrt(variance / stack.size) + 0.02
+    )
     assert stack.var(axis=0, ddof=1).mean() == pytest.approx(variance, rel=0.011)
     assert noise(flat).variance_dn2.mean() == pytest.approx(variance, rel=2e-3)
 
@@ -92,21 +98,30 @@ def test_a_developed_image_has_the_values_that_came_in(values: str) -> None:
     scale = 2000.0 if values == "electrons" else 1.0
     flat = np.ones((40, 40, 3), np.float32) * np.array([0.8, 0.6, 0.5], np.float32) * scale
     white_e = None if values == "electrons" else 2000.0
-    noise = ms.SensorNoise(BAYER.without("prnu"), values=values, white_e=white_e, output="developed")
+    noise = ms.SensorNoise(
+        BAYER.without("prnu"), values=values, white_e=white_e, output="developed"
+    )
     found = np.stack([noise(flat, k).image for k in range(60)])
     assert found.dtype == np.float32 and found.shape == (60, 40, 40, 3)
     error = found.mean(axis=(1, 2)).std(axis=0, ddof=1) / np.sqrt(60)
-    np.testing.assert_array_less(np.abs(found.mean(axis=(0, 1, 2)) - flat[0, 0]), 5 * error + 0.002 * scale)
+    np.testing.assert_array_less(
+        np.abs(found.mean(axis=(0, 1, 2)) - flat[0, 0]), 5 * error + 0.002 * scale
+    )
 
 
 def test_srgb_is_taken_through_the_inverse_of_its_curve() -> None:
     """Linear light and the same behind the curve give the same frame; integers of 8 bits are 255 times the floats."""
     eight = RNG.integers(0, 256, (24, 24, 3), dtype=np.uint8)
     encoded = (eight / 255).astype(np.float32)
-    frames = [ms.SensorNoise(BAYER, values="srgb", white_e=3000.0)(one).image for one in (eight, encoded)]
+    frames = [
+        ms.SensorNoise(BAYER, values="srgb", white_e=3000.0)(one).image
+        for one in (eight, encoded)
+    ]
     np.testing.assert_array_equal(*frames)
     linear = PICTURE.astype(np.float64)
-    one = ms.SensorNoise(BAYER, values="srgb", white_e=3000.0)(srgb_curve(linear)).image.astype(int)
+    one = ms.SensorNoise(BAYER, values="srgb", white_e=3000.0)(srgb_curve(linear)).image.astype(
+        int
+    )
     other = ms.SensorNoise(BAYER, values="linear", white_e=3000.0)(linear).image.astype(int)
     assert np.abs(one - other).max() <= 1
 
@@ -119,15 +134,26 @@ def test_the_same_number_is_the_same_image_alone_in_a_batch_and_in_another_proce
         np.testing.assert_array_equal(batch.image[number], again(PICTURE, 10 + number).image)
     sent = pickle.loads(pickle.dumps(batch))  # as a DataLoader's worker sends it
     np.testing.assert_array_equal(sent.variance_dn2, batch.variance_dn2)
-    assert len({draw.seed for draw in batch.draws}) == 3 and batch.variance_dn2.shape == (3, 21, 30)
-    assert not np.array_equal(noise(PICTURE, 10).image, ms.SensorNoise(BAYER, white_e=3e3, seed=4)(PICTURE, 10).image)
+    assert len({draw.seed for draw in batch.draws}) == 3 and batch.variance_dn2.shape == (
+        3,
+        21,
+        30,
+    )
+    assert not np.array_equal(
+        noise(PICTURE, 10).image, ms.SensorNoise(BAYER, white_e=3e3, seed=4)(PICTURE, 10).image
+    )
 
 
 def test_chips_gains_and_brightness_are_drawn_from_their_ranges() -> None:
     """2000 draws: means of serial and ln(white) within 5 standard errors, every gain at least 600 times of 2000."""
-    noise = ms.SensorNoise("sony_a7s2", white_e=(10.0, 1000.0), serial=(5, 104), gain=[100, 1600], seed=1)
+    noise = ms.SensorNoise(
+        "sony_a7s2", white_e=(10.0, 1000.0), serial=(5, 104), gain=[100, 1600], seed=1
+    )
     draws = [noise.draw(k) for k in range(2000)]
-    serials, whites = np.array([one.serial for one in draws]), np.log([one.white_e for one in draws])
+    serials, whites = (
+        np.array([one.serial for one in draws]),
+        np.log([one.white_e for one in draws]),
+    )
     assert serials.min() >= 5 and serials.max() <= 104
     assert serials.mean() == pytest.approx(54.5, abs=5 * 29 / np.sqrt(2000))
     assert whites.mean() == pytest.approx(np.log(100), abs=5 * np.log(100) / np.sqrt(12 * 2000))
@@ -148,12 +174,16 @@ def test_numbers_of_a_tensor_are_not_those_of_its_own_few_bits(kind: type) -> No
     noise = ms.SensorNoise(MONO, white_e=50.0)
     found, expected = noise(Tensor(image)), noise(image)
     np.testing.assert_array_equal(found.image.array, expected.image)
-    np.testing.assert_array_equal(found.variance_dn2.array, expected.variance_dn2.astype(np.float32))
+    np.testing.assert_array_equal(
+        found.variance_dn2.array, expected.variance_dn2.astype(np.float32)
+    )
 
 
 def test_a_developed_image_is_odd_about_black_behind_the_curve() -> None:
     """Darkness in three series: values on both sides of 0 are equally far from it, to 5 standard errors."""
-    noise = ms.SensorNoise(MONO.without("prnu"), values="srgb", white_e=100.0, output="developed")
+    noise = ms.SensorNoise(
+        MONO.without("prnu"), values="srgb", white_e=100.0, output="developed"
+    )
     noise.exposure = ms.Exposure(0.0)
     dark = np.stack([noise(np.zeros((64, 64), np.float32), k).image for k in range(12)])
     error = dark.mean(axis=(1, 2)).std(ddof=1) / np.sqrt(12)
@@ -179,7 +209,11 @@ def test_an_image_may_be_larger_than_the_sensor() -> None:
     [
         ({}, GREY, "values is 'linear', which needs white_e"),
         ({"values": "electrons", "white_e": 5.0}, GREY, "which has no white_e"),
-        ({"values": "rgb", "white_e": 5.0}, GREY, "values is 'rgb'; it must be one of electrons, linear, srgb"),
+        (
+            {"values": "rgb", "white_e": 5.0},
+            GREY,
+            "values is 'rgb'; it must be one of electrons, linear, srgb",
+        ),
         ({"white_e": -1.0}, GREY, "white_e is -1.0; it must be a number from 0.001"),
         ({"white_e": (9.0, 2.0)}, GREY, "white_e is (9.0, 2.0)"),
         ({"white_e": 9.0, "serial": 0}, GREY, "serial is 0; it must be"),
@@ -190,16 +224,30 @@ def test_an_image_may_be_larger_than_the_sensor() -> None:
         ({"white_e": 9.0}, GREY > 3, "image is bool"),
         ({"white_e": 9.0}, -GREY, "mean light is finite and at least 0"),
         ({"white_e": 9.0}, GREY * np.float32(np.nan), "image has values such as nan"),
-        ({"values": "srgb", "white_e": 9.0}, GREY.astype(np.uint16), "image is uint16 and values 'srgb'"),
-        ({"values": "srgb", "white_e": 9.0}, np.full((4, 4), 255.0), "image has values up to 255 and values 'srgb'"),
-        ({"white_e": 9.0}, np.full((4, 4), 1e38), "1e+38; mean light is finite and at least 0, in float32"),
+        (
+            {"values": "srgb", "white_e": 9.0},
+            GREY.astype(np.uint16),
+            "image is uint16 and values 'srgb'",
+        ),
+        (
+            {"values": "srgb", "white_e": 9.0},
+            np.full((4, 4), 255.0),
+            "image has values up to 255 and values 'srgb'",
+        ),
+        (
+            {"white_e": 9.0},
+            np.full((4, 4), 1e38),
+            "1e+38; mean light is finite and at least 0, in float32",
+        ),
         ({"white_e": 9.0}, GREY[..., None], "image has shape (20, 31, 1)"),
         ({"white_e": 9.0}, np.ones((8, 9, 4)), "image has shape (8, 9, 4)"),
         ({"white_e": 9.0, "gain": []}, GREY, "gain is []; pass one setting or several"),
         ({"white_e": 9.0, "serial": 1.5}, GREY, "serial is 1.5; it must be a whole number"),
     ],
 )
-def test_what_does_not_fit_is_one_sentence(options: dict[str, Any], image: np.ndarray, said: str) -> None:
+def test_what_does_not_fit_is_one_sentence(
+    options: dict[str, Any], image: np.ndarray, said: str
+) -> None:
     with pytest.raises(ms.InputError) as caught:
         ms.SensorNoise(MONO, **options)(image)
     assert said in str(caught.value) and "\n" not in str(caught.value)
@@ -223,5 +271,7 @@ def test_a_camera_is_its_name_a_path_or_itself_and_nothing_else(tmp_path: Path) 
 def test_a_result_shows_itself_in_one_line_and_one_brightness_is_that() -> None:
     found = ms.SensorNoise(BAYER, white_e=100.0)(np.stack([PICTURE] * 2))
     assert repr(found) == "<NoisyImage: 2 × 21 × 30 of bayer_2mp, 2 draws>"
-    assert repr(found.frames[0]).startswith("<Frames: 1 × 21 × 30, uint16, of bayer_2mp at 0.01 s, serial 1, seed ")
+    assert repr(found.frames[0]).startswith(
+        "<Frames: 1 × 21 × 30, uint16, of bayer_2mp at 0.01 s, serial 1, seed "
+    )
     assert [draw.white_e for draw in found.draws] == [100.0, 100.0]

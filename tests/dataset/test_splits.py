@@ -41,11 +41,14 @@ def random_tables(rng: random.Random) -> dict[str, Any]:
         **TABLES,
         "seed": rng.randrange(1000),
         "scenes": scenes_of(names),
-        "cameras": [[{"camera": "konnik_table1"}], [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}]][
-            rng.randrange(2)
-        ],
+        "cameras": [
+            [{"camera": "konnik_table1"}],
+            [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}],
+        ][rng.randrange(2)],
         "grid": {"exposure_s": [0.1, 0.2]},
-        "splits": {"shares": dict(zip(splits, (part / sum(parts) for part in parts), strict=True))},
+        "splits": {
+            "shares": dict(zip(splits, (part / sum(parts) for part in parts), strict=True))
+        },
     }
     if rng.random() < 0.5:
         tables["random"] = {
@@ -69,7 +72,11 @@ def test_no_two_splits_share_a_scene_or_a_chip() -> None:
         try:
             plan = DatasetPlan(read_dataset(plan_tables), [SCENES])
         except InputError as error:
-            assert "for" in str(error) and "splits" in str(error) and ("by" in str(error) or "serial" in str(error))
+            assert (
+                "for" in str(error)
+                and "splits" in str(error)
+                and ("by" in str(error) or "serial" in str(error))
+            )
             refused += 1
             continue
         found = sets_of(plan)
@@ -90,7 +97,10 @@ def test_the_shares_are_those_asked_for(scenes: int) -> None:
     }
     plan = DatasetPlan(read_dataset(tables), [SCENES])
     sizes = {split: len(own) for split, (own, _) in sets_of(plan).items()}
-    assert all(abs(sizes[name] - share * scenes) <= 1 for name, share in tables["splits"]["shares"].items())
+    assert all(
+        abs(sizes[name] - share * scenes) <= 1
+        for name, share in tables["splits"]["shares"].items()
+    )
     assert plan.samples == 2 * scenes
 
 
@@ -99,4 +109,6 @@ def test_splits_need_something_to_share_out() -> None:
     with pytest.raises(InputError, match=r"1 scenes for 2 splits .*name in by"):
         DatasetPlan(read_dataset({**TABLES, "splits": {"shares": shares}}), [SCENES])
     with pytest.raises(InputError, match="chips is given and serial is varied"):
-        read_dataset({**TABLES, "grid": {"serial": [1]}, "splits": {"shares": shares, "chips": 1}})
+        read_dataset(
+            {**TABLES, "grid": {"serial": [1]}, "splits": {"shares": shares, "chips": 1}}
+        )

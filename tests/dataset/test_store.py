@@ -32,7 +32,11 @@ def writer(content: dict[str, bytes] = CONTENT) -> Callable[[Path], None]:
 
 
 def tree(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def endless(path: Path) -> None:
@@ -49,8 +53,12 @@ def test_an_entry_is_a_folder_of_the_files_and_a_record_of_their_hashes(store: S
     record = store.commit("samples", KEY, writer())
     folder = store.folder / "samples" / "ab" / KEY
     assert store.folder_of("samples", KEY) == folder and record == store.record("samples", KEY)
-    assert record.files == {name: (len(data), hashlib.sha256(data).hexdigest()) for name, data in CONTENT.items()}
-    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "record.json"} == CONTENT
+    assert record.files == {
+        name: (len(data), hashlib.sha256(data).hexdigest()) for name, data in CONTENT.items()
+    }
+    assert {
+        path.name: path.read_bytes() for path in folder.iterdir() if path.name != "record.json"
+    } == CONTENT
     said = json.loads((folder / "record.json").read_bytes())
     assert (said["kind"], said["key"], set(said["files"])) == ("samples", KEY, set(CONTENT))
     assert [path.name for path in folder.parent.iterdir()] == [KEY]
@@ -67,7 +75,9 @@ def test_the_first_writer_wins_and_the_second_one_does_nothing(store: Store) -> 
 
     record = store.commit("views", OTHER, both)
     assert list(record.files) == ["a"] and not list(store.verify_all())
-    assert set(store.keys("views")) == {KEY, OTHER} and not list(store.folder.rglob(".unfinished*"))
+    assert set(store.keys("views")) == {KEY, OTHER} and not list(
+        store.folder.rglob(".unfinished*")
+    )
 
 
 def test_a_broken_entry_is_replaced(store: Store) -> None:
@@ -110,20 +120,29 @@ def test_the_writers_of_files_name_the_final_place_and_the_bytes_of_a_full_disk(
     with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
         patch.setattr("tifffile.TiffWriter.write", full)
         frames = np.zeros((2, 8, 4), np.uint16)
-        store.commit("samples", KEY, lambda folder: tiff.write_tiff(folder / "frame.tiff", frames))
+        store.commit(
+            "samples", KEY, lambda folder: tiff.write_tiff(folder / "frame.tiff", frames)
+        )
     assert (caught.value.path, caught.value.size) == (place / "frame.tiff", 128)
     said = f"cannot write {place / 'frame.tiff'}: {os.strerror(errno.ENOSPC)}; 128 bytes were to be written; make space"
-    assert str(caught.value).startswith(said) and str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    assert str(caught.value).startswith(said) and str(
+        pickle.loads(pickle.dumps(caught.value))
+    ) == str(caught.value)
     with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
         patch.setattr(os, "fsync", full)
         store.commit("samples", KEY, writer({"frame.tiff": b"raw"}))
-    assert (caught.value.path.parent, caught.value.size) == (place, 3) or caught.value.path == place
+    assert (caught.value.path.parent, caught.value.size) == (
+        place,
+        3,
+    ) or caught.value.path == place
     with pytest.raises(DiskFull):
         store.commit("samples", KEY, full)
     assert not tree(store.folder) and not list(store.folder.rglob(".unfinished*"))
 
 
-def test_a_file_that_reads_back_changed_is_no_entry(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_reads_back_changed_is_no_entry(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sync = os.fsync
 
     def spoil(file: int) -> None:
@@ -141,7 +160,9 @@ def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store.commit("samples", KEY, writer())
-    dead, alive = (durable.scratch_name(store.folder_of("samples", KEY).parent) for _ in range(2))
+    dead, alive = (
+        durable.scratch_name(store.folder_of("samples", KEY).parent) for _ in range(2)
+    )
     for folder in (dead, alive):
         folder.mkdir()
         (folder / "frame.tiff").write_bytes(b"half")
@@ -155,7 +176,9 @@ def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(
 
 def test_left_over_pages_are_removed_by_age_and_nobody_elses_files(store: Store) -> None:
     store.folder.mkdir(parents=True, exist_ok=True)
-    dead, alive, foreign = (store.folder / name for name in (".index.jsonl.12", ".record.json.13", ".gitignore"))
+    dead, alive, foreign = (
+        store.folder / name for name in (".index.jsonl.12", ".record.json.13", ".gitignore")
+    )
     for path in (dead, alive, foreign):
         path.write_text("half")
     os.utime(dead, (0, 0))
@@ -180,7 +203,9 @@ def test_views_in_quarantine_are_known_by_key_until_they_are_released(store: Sto
     assert store.quarantined() == {KEY: {"log": "it aborts"}, OTHER: {"log": "it aborts too"}}
     (store.folder / "quarantine" / f"{OTHER}.json").write_bytes(b'{"log": "it ab')
     assert set(store.quarantined()) == {KEY}
-    assert [(one.kind, one.key, one.what) for one in store.verify_all()] == [("quarantine", OTHER, "changed")]
+    assert [(one.kind, one.key, one.what) for one in store.verify_all()] == [
+        ("quarantine", OTHER, "changed")
+    ]
     store.release(KEY)
     store.release(KEY)
     assert store.quarantined() == {}
@@ -203,7 +228,9 @@ def test_records_that_name_other_places_are_no_records() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of Unix")
-def test_pipes_links_and_endless_files_are_faults_and_stop_nothing(store: Store, tmp_path: Path) -> None:
+def test_pipes_links_and_endless_files_are_faults_and_stop_nothing(
+    store: Store, tmp_path: Path
+) -> None:
     store.commit("samples", KEY, writer())
     folder = store.folder_of("samples", KEY)
     kept = (folder / "record.json").read_bytes()
@@ -219,4 +246,6 @@ def test_pipes_links_and_endless_files_are_faults_and_stop_nothing(store: Store,
     assert not store.exists("samples", KEY)
     assert store.verify("samples", KEY) == [("samples", KEY, "frame.tiff", "not a plain file")]
     store.discard("samples", KEY)
-    assert (tmp_path / "elsewhere").read_bytes() == CONTENT["frame.tiff"], "what a link leads to stays"
+    assert (tmp_path / "elsewhere").read_bytes() == CONTENT["frame.tiff"], (
+        "what a link leads to stays"
+    )

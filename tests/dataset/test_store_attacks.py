@@ -13,7 +13,14 @@ from helpers import ATTACKS
 
 def attack(name: str, tries: int) -> dict[str, Any]:
     """What the attack counts; it ends with 1 if anything is damaged."""
-    command = [sys.executable, str(ATTACKS / "dataset_store.py"), name, "--tries", str(tries), "--json"]
+    command = [
+        sys.executable,
+        str(ATTACKS / "dataset_store.py"),
+        name,
+        "--tries",
+        str(tries),
+        "--json",
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     found: dict[str, Any] = json.loads(done.stdout)[name]
@@ -22,7 +29,9 @@ def attack(name: str, tries: int) -> dict[str, Any]:
     return found
 
 
-def test_a_writer_that_is_killed_at_any_moment_leaves_whole_entries_that_a_resumed_run_completes() -> None:
+def test_a_writer_that_is_killed_at_any_moment_leaves_whole_entries_that_a_resumed_run_completes() -> (
+    None
+):
     found = attack("kills", 15)
     assert (found["tries"], found["damaged"]) == (15, 0)
 

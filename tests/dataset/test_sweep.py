@@ -46,7 +46,9 @@ def test_a_hundred_exposures_of_five_chips_are_one_render() -> None:
         ("camera.pixel.pitch_x_um", [5.0, 6.0], 2),
     ],
 )
-def test_only_what_changes_the_light_is_rendered_anew(name: str, values: list[Any], renders: int) -> None:
+def test_only_what_changes_the_light_is_rendered_anew(
+    name: str, values: list[Any], renders: int
+) -> None:
     views = planned(grid={name: values})
     assert (len(views), len(samples(views))) == (renders, 2)
 
@@ -104,12 +106,20 @@ def test_a_sample_does_not_depend_on_what_else_is_in_the_dataset() -> None:
         {"grid": {"exposure_s": [0.1], "temperature_k": [299]}},
         {"cameras": [{"camera": "konnik_table1", "set": {"adc.bits": 11}}]},
         {"cameras": [{"camera": "konnik_table1", "without": ["prnu"]}]},
-        {"scenes": [{"name": "flat", "file": "flat_field.xml", "parameters": {"radiance": 3e-4}}]},
+        {
+            "scenes": [
+                {"name": "flat", "file": "flat_field.xml", "parameters": {"radiance": 3e-4}}
+            ]
+        },
         {"scenes": [{"name": "flat", "file": "flat_field.xml", "integrator": "direct"}]},
         {"scenes": [{"name": "flat", "file": "step_wedge.xml"}]},
         {
             "scenes": [
-                {"name": "flat", "file": "flat_field.xml", "views": [{"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}]}
+                {
+                    "name": "flat",
+                    "file": "flat_field.xml",
+                    "views": [{"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}],
+                }
             ]
         },
     ],
@@ -123,7 +133,10 @@ def test_names_and_texts_for_people_are_not_in_the_key() -> None:
     usual = samples(planned(grid={"exposure_s": [0.1]}))[0].key
     named = [{"camera": "konnik_table1", "name": "mine", "set": {}}]
     other = planned(
-        grid={"exposure_s": [0.1]}, cameras=named, scenes=[{"name": "other", "file": "flat_field.xml"}], name="b"
+        grid={"exposure_s": [0.1]},
+        cameras=named,
+        scenes=[{"name": "other", "file": "flat_field.xml"}],
+        name="b",
     )
     assert samples(other)[0].key == usual
 
@@ -172,17 +185,24 @@ def test_a_path_goes_through_its_keys_in_even_steps() -> None:
         {"time_s": 1, "origin_m": [2, 0, 4], "target_m": [0, 1, 0]},
         {"time_s": 3, "origin_m": [2, 4, 4], "target_m": [0, 1, 0]},
     ]
-    file = read_dataset({**TABLES, "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]})
+    file = read_dataset(
+        {**TABLES, "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]}
+    )
     found = [view for view in poses(file.scenes[0]) if view is not None]
     origins = np.array([view.origin_m for view in found])
     expected = [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]
     np.testing.assert_allclose(origins, expected, atol=1e-6)
-    np.testing.assert_allclose([view.target_m[1] for view in found], [0, 0.5, 1, 1, 1, 1, 1], atol=1e-6)
+    np.testing.assert_allclose(
+        [view.target_m[1] for view in found], [0, 0.5, 1, 1, 1, 1, 1], atol=1e-6
+    )
 
 
 def test_a_loop_has_each_pose_once() -> None:
     corners = [[1, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1], [1, 0, 1]]
-    keys = [{"time_s": n, "origin_m": corner, "target_m": [0, 0, 0]} for n, corner in enumerate(corners)]
+    keys = [
+        {"time_s": n, "origin_m": corner, "target_m": [0, 0, 0]}
+        for n, corner in enumerate(corners)
+    ]
     scene = TABLES["scenes"][0]
     loop = read_dataset({**TABLES, "scenes": [{**scene, "path": {"views": 8, "keys": keys}}]})
     found = [view.origin_m for view in poses(loop.scenes[0]) if view is not None]
@@ -190,5 +210,9 @@ def test_a_loop_has_each_pose_once() -> None:
     expected = [place for pair in zip(corners, middles, strict=False) for place in pair]
     np.testing.assert_allclose(found, expected, atol=1e-6)
     turned = [*keys[:-1], {**keys[-1], "up": [0, 1, 1]}]
-    no_loop = read_dataset({**TABLES, "scenes": [{**scene, "path": {"views": 9, "keys": turned}}]})
-    np.testing.assert_allclose([view.origin_m for view in poses(no_loop.scenes[0]) if view], [*expected, corners[0]])
+    no_loop = read_dataset(
+        {**TABLES, "scenes": [{**scene, "path": {"views": 9, "keys": turned}}]}
+    )
+    np.testing.assert_allclose(
+        [view.origin_m for view in poses(no_loop.scenes[0]) if view], [*expected, corners[0]]
+    )

@@ -66,7 +66,10 @@ def own_lens(tmp_path: Path) -> Path:
         ({"grid": {"exposure_s": [0]}}, {"grid": {"exposure_s": [-0.0]}}),
         ({"grid": {"temperature_k": [300]}}, {"grid": {"temperature_k": [300.0]}}),
         ({"grid": {"traverse.x": [1]}}, {"grid": {"traverse.x": [1.0]}}),
-        ({"grid": {"parameters.radiance": [1e-4]}}, {"grid": {"parameters.radiance": ["0.0001"]}}),
+        (
+            {"grid": {"parameters.radiance": [1e-4]}},
+            {"grid": {"parameters.radiance": ["0.0001"]}},
+        ),
         ({"grid": {"f_number": [2]}}, {"grid": {"camera.lens.f_number": [2.0]}}),
         ({"grid": {"serial": [1], "frames": [1], "exposure_ev": [0.0], "repetition": [0]}}, {}),
         ({"render": {"spp": 16.0, "width": 16}}, {}),
@@ -78,12 +81,16 @@ def own_lens(tmp_path: Path) -> Path:
             for gain in ("400", 400.0)
         ),
         (
-            {"cameras": [{"camera": "konnik_table1", "set": {"adc": {"bits": 12}}}]},  # adc.bits = 12 without quotes
+            {
+                "cameras": [{"camera": "konnik_table1", "set": {"adc": {"bits": 12}}}]
+            },  # adc.bits = 12 without quotes
             {"cameras": [{"camera": "konnik_table1", "set": {"adc.bits": 12}}]},
         ),
     ],
 )
-def test_the_same_settings_have_the_same_key(one: dict[str, Any], other: dict[str, Any]) -> None:
+def test_the_same_settings_have_the_same_key(
+    one: dict[str, Any], other: dict[str, Any]
+) -> None:
     assert keys(**one) == keys(**other)
 
 
@@ -98,7 +105,11 @@ def test_the_same_settings_have_the_same_key(one: dict[str, Any], other: dict[st
         {"scenes": [{"name": name, "file": "flat_field.xml"} for name in "ab"]},
         {
             "scenes": [
-                {"name": "a", "file": "flat_field.xml", "views": [{"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}] * 2}
+                {
+                    "name": "a",
+                    "file": "flat_field.xml",
+                    "views": [{"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}] * 2,
+                }
             ]
         },
         {"cameras": [{"camera": "konnik_table1", "name": name} for name in "ab"]},
@@ -117,10 +128,16 @@ def test_nothing_is_in_a_dataset_twice(changes: dict[str, Any]) -> None:
         ({"grid": {"serial": ["x"]}}, "serial is 'x'; it must be a whole number"),
         ({"grid": {"repetition": ["x"]}}, "repetition is 'x'; it must be a whole number"),
         ({"grid": {"exposure_ev": [5000]}}, "exposure_ev is 5000; it must be from -60 to 60"),
-        ({"list": [{"exposure_s": "fast"}]}, "exposure_s is 'fast'; it must be a number of seconds, .* or 'auto'"),
+        (
+            {"list": [{"exposure_s": "fast"}]},
+            "exposure_s is 'fast'; it must be a number of seconds, .* or 'auto'",
+        ),
         ({"grid": {"temperature_k": [True]}}, "temperature_k is True; it must be a number"),
         ({"grid": {"traverse.x": ["1"]}}, r"traverse\.x is '1'; it must be a number"),
-        ({"grid": {"parameters.radiance": [[1, 2]]}}, r"parameters\.radiance is \[1\.0, 2\.0\]; it must be one text"),
+        (
+            {"grid": {"parameters.radiance": [[1, 2]]}},
+            r"parameters\.radiance is \[1\.0, 2\.0\]; it must be one text",
+        ),
         (
             {"grid": {"exposure_s": [float("nan")]}},
             r"exposure_s\.0: nan must be a finite number",
@@ -128,7 +145,10 @@ def test_nothing_is_in_a_dataset_twice(changes: dict[str, Any]) -> None:
         ({"grid": {"traverse.x": [[1, 10**400]]}}, r"x\.0: .* must have finite numbers only"),
         ({"list": [{"camera": {"adc": {"bits": 12}}}]}, "put a name with dots in quotes"),
         ({"grid": {"frames": [0]}}, "frames is 0; it must be a whole number from 1 to 65535"),
-        ({"grid": {"f_number": [2], "camera.lens.f_number": [4]}}, r"'camera\.lens\.f_number' twice"),
+        (
+            {"grid": {"f_number": [2], "camera.lens.f_number": [4]}},
+            r"'camera\.lens\.f_number' twice",
+        ),
         (
             {"random": {"draws": 1, "values": {"serial": {"uniform": [1, 9]}}}},
             "serial is .*; it must be a whole number",
@@ -136,7 +156,9 @@ def test_nothing_is_in_a_dataset_twice(changes: dict[str, Any]) -> None:
         ({"cameras": [{"camera": "bayer2mp"}]}, r"cameras list.*Did you mean 'bayer_2mp'\?"),
     ],
 )
-def test_a_value_that_cannot_be_is_refused_before_anything_is_made(changes: dict[str, Any], says: str) -> None:
+def test_a_value_that_cannot_be_is_refused_before_anything_is_made(
+    changes: dict[str, Any], says: str
+) -> None:
     with pytest.raises(ms.InputError, match=says):
         samples(**changes)
 
@@ -145,29 +167,47 @@ def test_too_many_samples_are_refused_before_they_are_listed() -> None:
     grid = {name: [*range(1000)] for name in ("temperature_k", "repetition", "serial")}
     with pytest.raises(ms.InputError, match="has 1000000000 samples; one has at most 1000000"):
         plan_of(grid=grid)
-    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    scenes = [
+        {"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}
+        for k, n in enumerate("ab")
+    ]
     with pytest.raises(ms.InputError, match="at most 1000000"):
         plan_of(scenes=scenes, splits={"shares": {"a": 0.5, "b": 0.5}, "chips": 10**9})
 
 
 def test_a_row_without_a_serial_number_is_of_chip_one() -> None:
-    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    scenes = [
+        {"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}
+        for k, n in enumerate("ab")
+    ]
     rows = [{"serial": 1}, {"serial": 2}, {"temperature_k": 300}]
     found = samples(scenes=scenes, splits={"shares": {"a": 0.5, "b": 0.5}}, list=rows)
-    chips = {split: {one.config["serial"] for one in found if one.split == split} for split in "ab"}
+    chips = {
+        split: {one.config["serial"] for one in found if one.split == split} for split in "ab"
+    }
     assert chips["a"] & chips["b"] == set() and len(found) == 3
 
 
-def test_what_a_dataset_sets_stands_above_the_scene_file_also_where_it_is_usual(own_lens: Path, tmp_path: Path) -> None:
+def test_what_a_dataset_sets_stands_above_the_scene_file_also_where_it_is_usual(
+    own_lens: Path, tmp_path: Path
+) -> None:
     """The scene has f/8; a camera that is set to its own f-number has the light of that: (8/N)² times as much."""
     usual = ms.load_camera("konnik_table1").lens.f_number
     cameras = [
         {"camera": "konnik_table1", "name": "of_scene"},
         {"camera": "konnik_table1", "name": "set", "set": {"lens": {"f_number": usual}}},
     ]
-    common: dict[str, Any] = {"scenes": [{"name": "own", "file": "own.xml"}], "outputs": ["electrons"]}
-    found = made(tmp_path / "out", own_lens, cameras=cameras, grid={"exposure_s": [0.01]}, **common)
-    scene, own = (next(one for one in found if one.values["camera"] == name) for name in ("of_scene", "set"))
+    common: dict[str, Any] = {
+        "scenes": [{"name": "own", "file": "own.xml"}],
+        "outputs": ["electrons"],
+    }
+    found = made(
+        tmp_path / "out", own_lens, cameras=cameras, grid={"exposure_s": [0.01]}, **common
+    )
+    scene, own = (
+        next(one for one in found if one.values["camera"] == name)
+        for name in ("of_scene", "set")
+    )
     ratio = own.read("electrons").mean() / scene.read("electrons").mean()
     assert ratio == pytest.approx((8 / usual) ** 2, rel=0.02)
 
@@ -176,7 +216,10 @@ def test_a_varied_focus_stands_above_that_of_the_scene(own_lens: Path) -> None:
     settings = parse(own_lens / "own.xml", {}).settings
     cameras = [{"camera": "konnik_table1", "set": {"lens": {"prescription": "double_gauss"}}}]
     found = samples(
-        roots=own_lens, scenes=[{"name": "own", "file": "own.xml"}], cameras=cameras, grid={"focus_m": [1.0, 2.0]}
+        roots=own_lens,
+        scenes=[{"name": "own", "file": "own.xml"}],
+        cameras=cameras,
+        grid={"focus_m": [1.0, 2.0]},
     )
     assert [camera_of(settings, one.config).lens.focus_m for one in found] == [1.0, 2.0]
 
@@ -187,43 +230,86 @@ def test_light_in_a_cube_is_for_cameras_of_any_quantum_efficiency(tmp_path: Path
     colour filters knows the illuminant. Each is the camera's own render within its error."""
     low_high = {"quantum_efficiency.wavelengths_nm": [400, 700]}
     cameras = [
-        {"camera": "konnik_table1", "name": str(qe), "set": {"quantum_efficiency.value": qe, **low_high}}
+        {
+            "camera": "konnik_table1",
+            "name": str(qe),
+            "set": {"quantum_efficiency.value": qe, **low_high},
+        }
         for qe in (0.6, 0.3)
     ] + [{"camera": "bayer_2mp"}]
     outputs = ["raw", "electrons", "irradiance"]
     render = {"spp": 128, "width": 16, "spectral": "cube"}
     scenes, grid = [{"name": "cornell", "file": "cornell_box.xml"}], {"exposure_s": [0.01]}
     high, low, colour = made(
-        tmp_path / "out", cameras=cameras, outputs=outputs, render=render, scenes=scenes, grid=grid
+        tmp_path / "out",
+        cameras=cameras,
+        outputs=outputs,
+        render=render,
+        scenes=scenes,
+        grid=grid,
     )
     assert high.view_folder == low.view_folder
     np.testing.assert_allclose(high.read("electrons"), 2 * low.read("electrons"), rtol=1e-5)
     assert (
-        high.facts["electrons_error_of"] == low.facts["electrons_error_of"] == "a detector that is flat over the band"
+        high.facts["electrons_error_of"]
+        == low.facts["electrons_error_of"]
+        == "a detector that is flat over the band"
     )
     light = ms.read_irradiance(colour.view_folder / "irradiance.exr")
     assert light.rendered_for is not None and light.rendered_for.illuminant is not None
     camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.01)
     own = ms.render(SCENES / "cornell_box.xml", camera, exposure, spp=128, width=16, seed=5)
-    expected = electrons_of(as_photons(ms.collect(own, camera, exposure), camera), camera, exposure)
+    expected = electrons_of(
+        as_photons(ms.collect(own, camera, exposure), camera), camera, exposure
+    )
     assert colour.read("electrons").mean() == pytest.approx(expected.mean(), rel=0.05)
 
 
 def test_a_sample_is_a_render_and_an_exposure_of_its_own(tmp_path: Path) -> None:
     """By ms.render with the seed of the view and ms.expose with that of the sample, from the settings alone."""
-    grid = {"exposure_s": [0.01, 0.02], "f_number": [2.0], "gain": [800], "temperature_k": [313]}
+    grid = {
+        "exposure_s": [0.01, 0.02],
+        "f_number": [2.0],
+        "gain": [800],
+        "temperature_k": [313],
+    }
     cameras = [{"camera": "sony_a7s2", "set": {"pixel.prnu": 0.02}, "without": ["shot_noise"]}]
-    scenes = [{"name": "cornell", "file": "cornell_box.xml", "parameters": {"lamp_cd_per_m2": 500}}]
+    scenes = [
+        {"name": "cornell", "file": "cornell_box.xml", "parameters": {"lamp_cd_per_m2": 500}}
+    ]
     found = made(tmp_path / "out", cameras=cameras, scenes=scenes, grid=grid)
-    camera = ms.load_camera("sony_a7s2").replace(**{"pixel.prnu": 0.02, "lens.f_number": 2.0}).without("shot_noise")
+    camera = (
+        ms.load_camera("sony_a7s2")
+        .replace(**{"pixel.prnu": 0.02, "lens.f_number": 2.0})
+        .without("shot_noise")
+    )
     exposure = ms.Exposure(0.01, 313)
-    options: dict[str, Any] = {"spp": 16, "width": 16, "parameters": {"lamp_cd_per_m2": 500}, "repeatable": True}
+    options: dict[str, Any] = {
+        "spp": 16,
+        "width": 16,
+        "parameters": {"lamp_cd_per_m2": 500},
+        "repeatable": True,
+    }
     seed = seed_of(key_of(found[0].facts["view"]["config"]))
-    options["variant"] = fastest_variant("llvm").name  # that of every dataset, whatever is set in this process
-    light = ms.render(SCENES / "cornell_box.xml", camera.at_gain(800), exposure, seed=seed, denoise=False, **options)
+    options["variant"] = fastest_variant(
+        "llvm"
+    ).name  # that of every dataset, whatever is set in this process
+    light = ms.render(
+        SCENES / "cornell_box.xml",
+        camera.at_gain(800),
+        exposure,
+        seed=seed,
+        denoise=False,
+        **options,
+    )
     for sample, time_s in zip(found, (0.01, 0.02), strict=True):
         frames = ms.expose(
-            light, camera, ms.Exposure(time_s, 313), serial=1, seed=sample.facts["seeds"]["seed"], gain=800
+            light,
+            camera,
+            ms.Exposure(time_s, 313),
+            serial=1,
+            seed=sample.facts["seeds"]["seed"],
+            gain=800,
         )
         np.testing.assert_array_equal(sample.read("raw"), frames.digital)
         assert sample.facts["system_gain_dn_per_e"] == camera.at_gain(800).system_gain_dn_per_e
@@ -237,22 +323,34 @@ def test_what_another_file_left_in_the_folder_is_told_apart(tmp_path: Path) -> N
         plan = DatasetPlan(file, [SCENES], f"{TEXT}# {number > 0}\n")
         told.append(run(plan, folder, workers=0))
         held = holdings(Store(folder), plan)
-    assert [(one.made, one.there, one.changed) for one in told] == [(2, 0, False), (1, 1, True), (0, 2, False)]
+    assert [(one.made, one.there, one.changed) for one in told] == [
+        (2, 0, False),
+        (1, 1, True),
+        (0, 2, False),
+    ]
     assert (held.samples, held.there, held.others) == (2, 2, 1) and len(Dataset(folder)) == 2
     assert held.bytes > held.others_bytes > 0
 
 
 def test_the_split_is_in_the_index_alone(tmp_path: Path) -> None:
     """A sample stays as it is where the splits change, and so must not say which one it was in."""
-    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    scenes = [
+        {"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}
+        for k, n in enumerate("ab")
+    ]
     for names in (("train", "test"), ("one", "two")):
         shares = dict.fromkeys(names, 0.5)
-        found = made(tmp_path / "out", scenes=scenes, splits={"shares": shares}, grid={"serial": [1, 2]})
+        found = made(
+            tmp_path / "out", scenes=scenes, splits={"shares": shares}, grid={"serial": [1, 2]}
+        )
         assert {one.split for one in found} == set(names)
         assert not any("split" in one.facts for one in found)
 
 
 def test_a_plan_counts_splits_by_name_also_in_json() -> None:
-    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    scenes = [
+        {"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}
+        for k, n in enumerate("ab")
+    ]
     counts = counts_of(plan_of(scenes=scenes, splits={"shares": {"train": 0.5, "test": 0.5}}))
     assert asdict(counts)["by_split"] == {"train": 1, "test": 1}

@@ -11,7 +11,14 @@ from pathlib import Path
 import pytest
 
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.files.worker_log import fatal_tries, is_begun, last_said, log_of, logged, note_death
+from mitsuba_sensor.files.worker_log import (
+    fatal_tries,
+    is_begun,
+    last_said,
+    log_of,
+    logged,
+    note_death,
+)
 
 DIES = """
 import os, sys
@@ -24,7 +31,9 @@ with logged(Path(sys.argv[1]), capture=sys.argv[2] == "worker") as log:
 
 
 def died(path: Path, number: int, who: str = "worker") -> None:
-    done = subprocess.run([sys.executable, "-c", DIES, str(path), who, str(number)], capture_output=True)
+    done = subprocess.run(
+        [sys.executable, "-c", DIES, str(path), who, str(number)], capture_output=True
+    )
     assert done.returncode == -number
 
 
@@ -56,7 +65,9 @@ def test_a_process_that_aborts_says_so_and_counts(who: str, tmp_path: Path) -> N
     assert not path.exists(), "who ends well leaves no log"
 
 
-def test_a_death_on_another_machine_counts_as_soon_as_the_run_has_seen_it(tmp_path: Path) -> None:
+def test_a_death_on_another_machine_counts_as_soon_as_the_run_has_seen_it(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "view.log"
     note_death(path)
     assert not path.exists(), "none has begun"
@@ -66,9 +77,14 @@ def test_a_death_on_another_machine_counts_as_soon_as_the_run_has_seen_it(tmp_pa
     assert not is_begun(path) and fatal_tries(path) == 1
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the file that is always full exists on Linux only")
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="the file that is always full exists on Linux only"
+)
 def test_a_log_that_finds_no_place_is_a_full_disk(tmp_path: Path) -> None:
     (tmp_path / "view.log").symlink_to("/dev/full")
-    with pytest.raises(DiskFull, match=r"view\.log"), logged(tmp_path / "view.log", capture=True):
+    with (
+        pytest.raises(DiskFull, match=r"view\.log"),
+        logged(tmp_path / "view.log", capture=True),
+    ):
         pass
     assert os.listdir(tmp_path) == []

@@ -49,7 +49,9 @@ def _little_memory() -> Iterator[None]:
 
 def array_header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
     file = io.BytesIO()
-    np.lib.format.write_array_header_2_0(file, {"descr": kind, "fortran_order": False, "shape": shape})
+    np.lib.format.write_array_header_2_0(
+        file, {"descr": kind, "fortran_order": False, "shape": shape}
+    )
     return file.getvalue()
 
 
@@ -71,10 +73,19 @@ def tiff(path: Path) -> None:
 
 def png(path: Path, side: int = SIDE) -> None:
     def chunk(name: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        return (
+            struct.pack(">I", len(data))
+            + name
+            + data
+            + struct.pack(">I", zlib.crc32(name + data))
+        )
 
     header = struct.pack(">IIBBBBB", side, side, 16, 0, 0, 0, 0)
-    content = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0" * 1000)) + chunk(b"IEND", b"")
+    content = (
+        chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
+        + chunk(b"IEND", b"")
+    )
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + content)
 
 
@@ -93,9 +104,15 @@ def jpeg(path: Path) -> None:
 
 
 def fits(path: Path) -> None:
-    cards = ["SIMPLE  =                    T", "BITPIX  =                   16", "NAXIS   =                    2"]
+    cards = [
+        "SIMPLE  =                    T",
+        "BITPIX  =                   16",
+        "NAXIS   =                    2",
+    ]
     cards += [f"NAXIS{k}  = {SIDE:20d}" for k in (1, 2)] + ["END"]
-    path.write_bytes("".join(card.ljust(80) for card in cards).encode().ljust(2880) + b"\0" * 2880)
+    path.write_bytes(
+        "".join(card.ljust(80) for card in cards).encode().ljust(2880) + b"\0" * 2880
+    )
 
 
 def npy(path: Path) -> None:
@@ -124,7 +141,9 @@ def test_frames_that_announce_more_pixels_than_the_file_can_have_are_refused(
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_light_that_announces_more_pixels_than_the_file_can_have_is_refused(tmp_path: Path) -> None:
+def test_light_that_announces_more_pixels_than_the_file_can_have_is_refused(
+    tmp_path: Path,
+) -> None:
     exr(tmp_path / "light.exr")
     with pytest.raises(InputError) as caught:
         read_irradiance(tmp_path / "light.exr", unit="w_per_m2", wavelength_nm=550)
@@ -133,7 +152,10 @@ def test_light_that_announces_more_pixels_than_the_file_can_have_is_refused(tmp_
 
 def zipped(path: Path, name: str, head: bytes, zeros: int = 0) -> None:
     """An archive of one array: its header, and zeros behind it."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open(name, "w", force_zip64=True) as file:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open(name, "w", force_zip64=True) as file,
+    ):
         file.write(head)
         for _ in range(zeros // 2**20):
             file.write(bytes(2**20))
@@ -167,7 +189,11 @@ def test_no_pickle_is_loaded(tmp_path: Path) -> None:
     np.save(tmp_path / "f.npy", np.array([Malicious()], dtype=object), allow_pickle=True)
     (tmp_path / "plain.npz").write_bytes(pickle.dumps(Malicious()))
     np.savez(tmp_path / "maps.npz", prnu=np.array([Malicious()], dtype=object))
-    for name, read in (("f.npy", read_raw), ("plain.npz", read_fpn_maps), ("maps.npz", read_fpn_maps)):
+    for name, read in (
+        ("f.npy", read_raw),
+        ("plain.npz", read_fpn_maps),
+        ("maps.npz", read_fpn_maps),
+    ):
         with pytest.raises(InputError, match="cannot be read") as caught:
             read(tmp_path / name)
         assert "nowhere" not in str(caught.value)
@@ -188,7 +214,11 @@ def test_text_files_have_a_largest_size_and_a_depth(tmp_path: Path) -> None:
     large, deep, pipe = tmp_path / "large.toml", tmp_path / "deep.toml", tmp_path / "pipe.toml"
     large.write_bytes(b"#" * (2**22 + 1))
     os.mkfifo(pipe)
-    for text in ("x = " + "[" * 5000 + "]" * 5000, "[" + ".".join("a" * 5000) + "]", "x = " + "9" * 5000):
+    for text in (
+        "x = " + "[" * 5000 + "]" * 5000,
+        "[" + ".".join("a" * 5000) + "]",
+        "x = " + "9" * 5000,
+    ):
         deep.write_text(text)
         for read in (load_camera, read_motion):
             with pytest.raises(InputError, match="is not valid TOML") as caught:
@@ -212,7 +242,8 @@ def laughs(levels: int) -> str:
     names = "abcdefghijklmnopqrstuvwxyz"
     first = "a: &a [x,x,x,x,x,x,x,x,x]\n"
     return first + "".join(
-        f"{n}: &{n} [{','.join([f'*{m}'] * 9)}]\n" for m, n in zip(names, names[1:levels], strict=False)
+        f"{n}: &{n} [{','.join([f'*{m}'] * 9)}]\n"
+        for m, n in zip(names, names[1:levels], strict=False)
     )
 
 
@@ -222,24 +253,44 @@ TEXT_BOMBS = {
     "aliases": ("a.yml", laughs(12), "alias"),
     "an alias of itself": ("a.yml", "camera_matrix: &a [*a]\n", "alias"),
     "deep YAML": ("a.yml", "a: " + "[" * 100_000, "nested more than 32 deep"),
-    "entities": ("a.xml", f"<?xml version='1.0'?>{ENTITY}{STORAGE.format('&b;')}", "<!DOCTYPE>"),
-    "entities of a report": ("a.xml", f"<?xml version='1.0'?>{ENTITY}<report>&b;</report>", "<!DOCTYPE>"),
+    "entities": (
+        "a.xml",
+        f"<?xml version='1.0'?>{ENTITY}{STORAGE.format('&b;')}",
+        "<!DOCTYPE>",
+    ),
+    "entities of a report": (
+        "a.xml",
+        f"<?xml version='1.0'?>{ENTITY}<report>&b;</report>",
+        "<!DOCTYPE>",
+    ),
     "an entity that is a file": (
         "a.xml",
         "<?xml version='1.0'?><!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><report>&b;</report>",
         "<!DOCTYPE>",
     ),
     "deep XML": ("a.xml", "<report>" + "<a>" * 100_000, "nested more than 32 deep"),
-    "deep OpenCV XML": ("a.xml", STORAGE.format("<a>" * 50 + "</a>" * 50), "nested more than 32 deep"),
+    "deep OpenCV XML": (
+        "a.xml",
+        STORAGE.format("<a>" * 50 + "</a>" * 50),
+        "nested more than 32 deep",
+    ),
     "deep JSON": ("a.json", "[" * 100_000, "nested more than 32 deep"),
-    "deep tables of JSON": ("a.json", '{"a":' * 40 + "1" + "}" * 40, "nested more than 32 deep"),
+    "deep tables of JSON": (
+        "a.json",
+        '{"a":' * 40 + "1" + "}" * 40,
+        "nested more than 32 deep",
+    ),
     "a long key": ("a.toml", f"[{'.'.join('a' * 1_000_000)}]", "a key has more than 32 parts"),
     "a long key behind a string": (
         "a.toml",
         'x = ["""a"""", {' + ".".join("k" * 1_000_000) + ' = 1}, "b"]',
         "a key has more than 32 parts",
     ),
-    "a long quoted key": ("a.toml", ".".join(['"a"'] * 300_000) + " = 1", "a key has more than 32 parts"),
+    "a long quoted key": (
+        "a.toml",
+        ".".join(['"a"'] * 300_000) + " = 1",
+        "a key has more than 32 parts",
+    ),
 }
 
 
@@ -253,7 +304,9 @@ def test_texts_that_expand_or_nest_without_end_are_refused(name: str, tmp_path: 
     assert len(str(caught.value)) < 400 and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("read", [load_camera, read_motion, read_dataset, read_manifest, check_camera])
+@pytest.mark.parametrize(
+    "read", [load_camera, read_motion, read_dataset, read_manifest, check_camera]
+)
 def test_every_toml_is_read_within_limits(read: Callable[[Path], Any], tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(f"[{'.'.join('a' * 1_000_000)}]\n")
     try:
@@ -271,7 +324,9 @@ def test_a_key_of_32_parts_and_texts_with_dots_are_read() -> None:
         toml_tables(f"{'.'.join('a' * 33)} = 1")
 
 
-def test_a_check_of_a_camera_file_ends_however_it_is_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_check_of_a_camera_file_ends_however_it_is_broken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each broken line parses the text again: 20 of them are named. A list over many lines is parsed a few times."""
     parsed, loads = [0], tomllib.loads
 
@@ -297,9 +352,15 @@ def test_a_check_of_a_camera_file_ends_however_it_is_broken(tmp_path: Path, monk
 
 def test_a_film_of_more_pixels_than_can_be_rendered_is_refused(tmp_path: Path) -> None:
     film = '<integer name="crop_width" value="100000"/><integer name="crop_height" value="100000"/>'
-    text = scene_text(SKY, film=film).replace('value="12"', 'value="100000"').replace('value="8"', 'value="100000"')
+    text = (
+        scene_text(SKY, film=film)
+        .replace('value="12"', 'value="100000"')
+        .replace('value="8"', 'value="100000"')
+    )
     with pytest.raises(InputError, match="has a film of 100000 × 100000 pixels"):
-        render_aovs(write_scene(tmp_path, text), load_camera("konnik_table1"), variant="scalar_spectral")
+        render_aovs(
+            write_scene(tmp_path, text), load_camera("konnik_table1"), variant="scalar_spectral"
+        )
 
 
 @pytest.mark.parametrize("make", [exr, png, jpeg])
@@ -310,4 +371,8 @@ def test_textures_that_announce_more_pixels_than_the_file_can_have_are_refused(
     make(tmp_path / "sky")
     sky = '<emitter type="envmap"><string name="filename" value="sky"/></emitter>'
     with pytest.raises(InputError, match=r"says that \d+ come out of them"):
-        render_aovs(write_scene(tmp_path, scene_text(sky)), load_camera("konnik_table1"), variant="scalar_spectral")
+        render_aovs(
+            write_scene(tmp_path, scene_text(sky)),
+            load_camera("konnik_table1"),
+            variant="scalar_spectral",
+        )

@@ -32,39 +32,56 @@ def test_irradiance_comes_back_exactly(light: Any, light_file: Path) -> None:
     assert back.statistics == light.statistics
     for field in fields(light):
         if field.name != "statistics":
-            np.testing.assert_array_equal(getattr(back, field.name), getattr(light, field.name), err_msg=field.name)
+            np.testing.assert_array_equal(
+                getattr(back, field.name), getattr(light, field.name), err_msg=field.name
+            )
 
 
 def test_raw_light_comes_back_from_its_own_layer(light: Any, tmp_path: Path) -> None:
     """And neither this reader nor colour-science takes it for the light."""
     done = {"by": "a filter", "raw_weight": 0.5}
     raw = replace(light, data=2 * light.data, in_band=light.relative_error)
-    both = replace(raw, data=light.data, statistics=replace(light.statistics, denoised=done), raw=raw)
+    both = replace(
+        raw, data=light.data, statistics=replace(light.statistics, denoised=done), raw=raw
+    )
     exr.write_irradiance_exr(tmp_path / "x.exr", both)
     back = exr.read_irradiance_exr(tmp_path / "x.exr")
     np.testing.assert_array_equal(back.data, light.data)
     assert back.statistics.denoised == done and back.raw is not None
     assert back.before_denoising().data is back.raw.data
     for field in fields(light):
-        np.testing.assert_array_equal(getattr(back.raw, field.name), getattr(raw, field.name), err_msg=field.name)
+        np.testing.assert_array_equal(
+            getattr(back.raw, field.name), getattr(raw, field.name), err_msg=field.name
+        )
     bands = colour.read_spectral_image_Fichet2021(str(tmp_path / "x.exr"))
     np.testing.assert_array_equal(bands["S0"][1][..., np.argsort(bands["S0"][0])], light.data)
 
 
 def test_infinite_and_tiny_irradiance_comes_back_exactly(light: Any, tmp_path: Path) -> None:
     data = light.data.copy()
-    data[0, 0], data[1, 1], data[2, 2] = np.inf, np.finfo(np.float32).smallest_subnormal, np.finfo(np.float32).max
+    data[0, 0], data[1, 1], data[2, 2] = (
+        np.inf,
+        np.finfo(np.float32).smallest_subnormal,
+        np.finfo(np.float32).max,
+    )
     exr.write_irradiance_exr(tmp_path / "x.exr", type(light)(**{**vars(light), "data": data}))
     np.testing.assert_array_equal(exr.read_irradiance_exr(tmp_path / "x.exr").data, data)
 
 
 @pytest.mark.parametrize("power", [0, -80, 60])
-def test_half_precision_rounds_by_one_part_in_2048(light: Any, tmp_path: Path, power: int) -> None:
+def test_half_precision_rounds_by_one_part_in_2048(
+    light: Any, tmp_path: Path, power: int
+) -> None:
     """However dim or bright the light is; infinite pixels stay infinite, and what is not half stays as it is."""
     factor = np.float32(2.0**power)
     data = light.data * factor
     data[0, 0] = np.inf
-    asked = replace(light, data=data, standard_error=light.standard_error * factor, pass_error=light.relative_error * 3)
+    asked = replace(
+        light,
+        data=data,
+        standard_error=light.standard_error * factor,
+        pass_error=light.relative_error * 3,
+    )
     exr.write_irradiance_exr(tmp_path / "x.exr", asked, half=True)
     back = exr.read_irradiance_exr(tmp_path / "x.exr")
     for name in ("data", "standard_error"):
@@ -82,11 +99,15 @@ def test_half_precision_rounds_by_one_part_in_2048(light: Any, tmp_path: Path, p
         pixels = file.channels()[band].pixels
     assert pixels.dtype == np.float16
     number = list(light.wavelengths_nm).index(float(band[3:-2].replace(",", ".")))
-    np.testing.assert_allclose(pixels[1:].astype(float) * unit, asked.data[1:, :, number], rtol=2.0**-11)
+    np.testing.assert_allclose(
+        pixels[1:].astype(float) * unit, asked.data[1:, :, number], rtol=2.0**-11
+    )
 
 
 def test_colour_science_reads_our_bands(light: Any, light_file: Path) -> None:
-    bands, specification = colour.read_spectral_image_Fichet2021(str(light_file), additional_data=True)
+    bands, specification = colour.read_spectral_image_Fichet2021(
+        str(light_file), additional_data=True
+    )
     assert specification.is_emissive and not specification.is_polarised
     assert list(bands) == ["S0"], "the standard errors must not be taken for light"
     wavelengths_nm, values = bands["S0"]
@@ -100,7 +121,9 @@ def test_colour_science_reads_our_bands(light: Any, light_file: Path) -> None:
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32])
 def test_tiff_holds_every_code_of_every_frame(tmp_path: Path, kind: type) -> None:
-    frames = np.random.default_rng(1).integers(0, np.iinfo(kind).max, (3, 5, 7), dtype=kind, endpoint=True)
+    frames = np.random.default_rng(1).integers(
+        0, np.iinfo(kind).max, (3, 5, 7), dtype=kind, endpoint=True
+    )
     tiff.write_tiff(tmp_path / "x.tiff", frames)
     back = tifffile.imread(tmp_path / "x.tiff")
     assert back.dtype == kind
@@ -127,9 +150,17 @@ def test_png_holds_the_picture(tmp_path: Path, shape: tuple[int, ...]) -> None:
 
 
 def test_json_is_strict_whatever_stands_in_the_report(tmp_path: Path) -> None:
-    report = {"nan": float("nan"), "inf": np.float64("inf"), "array": np.arange(3), "path": Path("a"), "λ": (1, True)}
+    report = {
+        "nan": float("nan"),
+        "inf": np.float64("inf"),
+        "array": np.arange(3),
+        "path": Path("a"),
+        "λ": (1, True),
+    }
     texts.write_json(tmp_path / "x.json", report)
-    back = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    back = json.loads(
+        (tmp_path / "x.json").read_text(encoding="utf-8"), parse_constant=pytest.fail
+    )
     assert back == {"nan": None, "inf": None, "array": [0, 1, 2], "path": "a", "λ": [1, True]}
 
 
@@ -158,7 +189,9 @@ def test_a_job_that_fails_leaves_older_results_as_they_were(tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_a_rename_that_fails_halfway_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rename_that_fails_halfway_is_taken_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "a.txt").write_text("old")
     real = os.replace
 
@@ -168,7 +201,10 @@ def test_a_rename_that_fails_halfway_is_taken_back(tmp_path: Path, monkeypatch: 
         real(source, target)
 
     monkeypatch.setattr(os, "replace", replace)
-    with pytest.raises(InputError, match="No space left on device"), output_folder(tmp_path, NAMES) as folder:
+    with (
+        pytest.raises(InputError, match="No space left on device"),
+        output_folder(tmp_path, NAMES) as folder,
+    ):
         for name in NAMES:
             (folder / name).write_text("new")
     assert (tmp_path / "a.txt").read_text() == "old"
@@ -180,7 +216,12 @@ def test_ctrl_c_right_after_any_rename_loses_no_older_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, renames: int
 ) -> None:
     """Of a.txt, which only the older run had, b.txt of both, c.txt of the new one, and a link that is replaced."""
-    old = {"a.txt": "old a", "b.txt": "old b", "link.txt": "old target", "target.txt": "old target"}
+    old = {
+        "a.txt": "old a",
+        "b.txt": "old b",
+        "link.txt": "old target",
+        "target.txt": "old target",
+    }
     for name in ("a.txt", "b.txt", "target.txt"):
         (tmp_path / name).write_text(old[name])
     (tmp_path / "link.txt").symlink_to("target.txt")
@@ -238,21 +279,35 @@ except InputError as error:
 """
 
 
-@pytest.mark.parametrize("what", one_in(3, ["out.tiff", "out.dng", "out.png", "out.json", "out.exr"]))
-def test_a_disk_that_is_full_is_one_sentence_and_no_file(light: Any, tmp_path: Path, what: str) -> None:
+@pytest.mark.parametrize(
+    "what", one_in(3, ["out.tiff", "out.dng", "out.png", "out.json", "out.exr"])
+)
+def test_a_disk_that_is_full_is_one_sentence_and_no_file(
+    light: Any, tmp_path: Path, what: str
+) -> None:
     """The kernel refuses to let a file grow beyond 1000 bytes, as a full disk would."""
     exr.write_irradiance_exr(tmp_path / "light.exr", light)
     command = [sys.executable, "-c", WRITE_WITHIN_1000_BYTES, str(tmp_path), what]
     done = subprocess.run(command, capture_output=True, text=True)
     assert f"InputError: cannot write {tmp_path / 'a' / what}: " in done.stderr, done.stderr
-    assert "; make space there, or give another place." in done.stderr and ".unfinished" not in done.stderr, done.stderr
+    assert (
+        "; make space there, or give another place." in done.stderr
+        and ".unfinished" not in done.stderr
+    ), done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["light.exr"]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the file that is always full exists on Linux only")
-def test_an_exr_that_openexr_loses_without_an_error_is_noticed(light: Any, tmp_path: Path) -> None:
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="the file that is always full exists on Linux only"
+)
+def test_an_exr_that_openexr_loses_without_an_error_is_noticed(
+    light: Any, tmp_path: Path
+) -> None:
     """OpenEXR 3.5 reports no error when a file below 4 kB meets a full disk: it is lost when its buffer is closed."""
-    corner = {name: getattr(light, name)[:2, :2] for name in ("data", "standard_error", "relative_error")}
+    corner = {
+        name: getattr(light, name)[:2, :2]
+        for name in ("data", "standard_error", "relative_error")
+    }
     (tmp_path / f".x.exr.{os.getpid()}").symlink_to("/dev/full")
     with pytest.raises(InputError, match="No space left on device"):
         exr.write_irradiance_exr(tmp_path / "x.exr", type(light)(**{**vars(light), **corner}))
@@ -278,13 +333,17 @@ def test_an_exr_cut_short_is_refused(light_file: Path) -> None:
 
 
 def test_an_exr_of_somebody_else_is_refused(tmp_path: Path) -> None:
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": np.ones((4, 4), np.float32)}) as file:
+    with OpenEXR.File(
+        {"type": OpenEXR.scanlineimage}, {"Y": np.ones((4, 4), np.float32)}
+    ) as file:
         file.write(str(tmp_path / "y.exr"))
     with pytest.raises(InputError, match="not the focal-plane irradiance"):
         exr.read_irradiance_exr(tmp_path / "y.exr")
 
 
-def test_a_file_in_the_place_of_a_folder_is_one_sentence_with_the_name_that_was_given(tmp_path: Path) -> None:
+def test_a_file_in_the_place_of_a_folder_is_one_sentence_with_the_name_that_was_given(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"cannot write \S+/file/maps.npz: Not a directory"):
         npz.write_fpn_maps(tmp_path / "file" / "maps.npz", {})
@@ -296,7 +355,10 @@ def test_an_exr_that_is_written_some_rows_at_a_time_is_the_same_file(
 ) -> None:
     images = ("data", "standard_error", "relative_error", "in_band", "pass_error")
     found = {name: getattr(light, name) for name in images}
-    tall = replace(light, **{name: None if x is None else np.repeat(x, 4, axis=0) for name, x in found.items()})
+    tall = replace(
+        light,
+        **{name: None if x is None else np.repeat(x, 4, axis=0) for name, x in found.items()},
+    )
     exr.write_irradiance_exr(tmp_path / "once.exr", tall, half)
     monkeypatch.setattr("mitsuba_sensor.files.openexr.VALUES_AT_ONCE", 1)
     exr.write_irradiance_exr(tmp_path / "strips.exr", tall, half)

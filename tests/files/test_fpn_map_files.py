@@ -76,9 +76,13 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_no_file_of_patterns_is_refused_in_one_sentence(case: str, tmp_path: Path) -> None:
+def test_what_is_no_file_of_patterns_is_refused_in_one_sentence(
+    case: str, tmp_path: Path
+) -> None:
     (tmp_path / "bad.npz").write_bytes(BAD[case])
-    with pytest.raises(ms.InputError, match=r"bad.npz cannot be read: .*mitsuba-sensor fpn-maps") as caught:
+    with pytest.raises(
+        ms.InputError, match=r"bad.npz cannot be read: .*mitsuba-sensor fpn-maps"
+    ) as caught:
         npz.read_fpn_maps(tmp_path / "bad.npz")
     assert "\n" not in str(caught.value)
 
@@ -113,7 +117,16 @@ def test_the_command_line_writes_what_patterns_returns_and_says_what_is_in_it(
 
 
 def test_without_a_size_the_whole_sensor_is_written(tmp_path: Path, cli: Cli) -> None:
-    done = cli("fpn-maps", "-o", tmp_path / "x.npz", "--set", "sensor.rows=5", "--set", "sensor.columns=9", "--json")
+    done = cli(
+        "fpn-maps",
+        "-o",
+        tmp_path / "x.npz",
+        "--set",
+        "sensor.rows=5",
+        "--set",
+        "sensor.columns=9",
+        "--json",
+    )
     assert json.loads(done.stdout)["prnu"]["shape"] == [5, 9]
 
 
@@ -139,7 +152,9 @@ def test_a_render_takes_given_patterns_as_well(
     for name, more in {"given": ("--fpn-maps", chip), "own": ("--serial", 7)}.items():
         done = cli("render", scene_file, "-o", tmp_path / name, *NARROW, *more)
         assert done.exit_code == 0, done.stderr
-    assert (tmp_path / "given" / "frame.tiff").read_bytes() == (tmp_path / "own" / "frame.tiff").read_bytes()
+    assert (tmp_path / "given" / "frame.tiff").read_bytes() == (
+        tmp_path / "own" / "frame.tiff"
+    ).read_bytes()
 
 
 WRONG: dict[str, tuple[bytes | None, str]] = {
@@ -148,7 +163,10 @@ WRONG: dict[str, tuple[bytes | None, str]] = {
     "nothing in it": (b"", "cannot be read"),
     "text in a zip": (zipped_text(), "maps['prnu'] is not numeric"),
     "unknown name": (archive(prnv=np.ones((12, 16))), "Did you mean 'prnu'"),
-    "another size": (archive(prnu=np.ones((12, 15))), "has shape (12, 15); it must be (12, 16)"),
+    "another size": (
+        archive(prnu=np.ones((12, 15))),
+        "has shape (12, 15); it must be (12, 16)",
+    ),
     "NaN": (archive(prnu=np.full((12, 16), np.nan)), "holds NaN"),
     "of one axis": (archive(prnu=np.ones(16)), "has shape (16,)"),
 }
@@ -162,7 +180,14 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
     if content is not None:
         (tmp_path / "chip.npz").write_bytes(content)
     done = cli(
-        "expose", light_file, "-o", tmp_path / "out", "--fpn-maps", tmp_path / "chip.npz", "--camera", "konnik_table1"
+        "expose",
+        light_file,
+        "-o",
+        tmp_path / "out",
+        "--fpn-maps",
+        tmp_path / "chip.npz",
+        "--camera",
+        "konnik_table1",
     )
     assert done.exit_code == 2 and said in done.stderr, (done.exception, done.stderr)
     assert len(done.stderr.strip().splitlines()) == 1 and not (tmp_path / "out").exists()
@@ -172,15 +197,29 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
     ("arguments", "said"),
     [
         (("--fpn-maps", "PRNV"), "Did you mean 'prnu'"),
-        (("--fpn-maps", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550), "the published chain makes its own"),
+        (
+            ("--fpn-maps", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550),
+            "the published chain makes its own",
+        ),
         (("--chain", "konnik2014"), "--wavelength-nm 550"),
         (("--chain", "matlab"), "chain is 'matlab'; it must be one of physical, konnik2014"),
         (("--serial", -1), "serial is -1"),
     ],
-    ids=["unknown map", "maps for the published chain", "cube for the published chain", "unknown chain", "serial"],
+    ids=[
+        "unknown map",
+        "maps for the published chain",
+        "cube for the published chain",
+        "unknown chain",
+        "serial",
+    ],
 )
 def test_what_expose_would_refuse_is_refused_before_the_render(
-    arguments: Any, said: str, scene_file: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+    arguments: Any,
+    said: str,
+    scene_file: Path,
+    tmp_path: Path,
+    cli: Cli,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A render may take an hour."""
     places = {"PRNV": tmp_path / "prnv.npz", "PRNU": tmp_path / "prnu.npz"}
@@ -188,7 +227,11 @@ def test_what_expose_would_refuse_is_refused_before_the_render(
         npz.write_fpn_maps(path, {path.stem: np.ones((12, 16))})
     monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("rendered for nothing"))
     done = cli(
-        "render", scene_file, "-o", tmp_path / "out", *(places.get(argument, argument) for argument in arguments)
+        "render",
+        scene_file,
+        "-o",
+        tmp_path / "out",
+        *(places.get(argument, argument) for argument in arguments),
     )
     assert done.exit_code == 2 and said in done.stderr, (done.exception, done.stderr)
     assert not (tmp_path / "out").exists()

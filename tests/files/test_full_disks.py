@@ -25,8 +25,12 @@ WRITERS = {
     "three.tiff": lambda path: tiff.write_tiff(path, RAW[None].repeat(3, 0)),
     "frame.dng": lambda path: dng.write_dng(path, FRAMES),
     "small.exr": lambda path: write_planes(path, {}, {"Y": Plane(IMAGE[:4, :4])}),
-    "tail.exr": lambda path: write_planes(path, {}, {name: Plane(IMAGE[:34]) for name in "RGB"}),
-    "large.exr": lambda path: write_planes(path, {}, {name: Plane(IMAGE.repeat(9, 0)) for name in "RGB"}),
+    "tail.exr": lambda path: write_planes(
+        path, {}, {name: Plane(IMAGE[:34]) for name in "RGB"}
+    ),
+    "large.exr": lambda path: write_planes(
+        path, {}, {name: Plane(IMAGE.repeat(9, 0)) for name in "RGB"}
+    ),
     "maps.npz": lambda path: npz.write_fpn_maps(path, {"prnu": IMAGE}),
     "frame.json": lambda path: texts.write_json(path, {"values": IMAGE.tolist()}),
     "frame.png": lambda path: png.write_png(path, (IMAGE * 255).astype(np.uint8)),
@@ -62,8 +66,17 @@ def test_no_byte_is_lost_without_an_error(name: str, tmp_path: Path) -> None:
 
 def test_the_pages_of_a_tiff_are_those_of_the_stack_in_one(tmp_path: Path) -> None:
     tifffile = pytest.importorskip("tifffile")
-    tiff.write_pages(tmp_path / "pages.tiff", RAW[None].repeat(3, 0), b"text", [(50714, 4, 1, 5, False)])
-    kinds = {"photometric": "minisblack", "metadata": None, "software": "mitsuba_sensor", "description": b"text"}
+    tiff.write_pages(
+        tmp_path / "pages.tiff", RAW[None].repeat(3, 0), b"text", [(50714, 4, 1, 5, False)]
+    )
+    kinds = {
+        "photometric": "minisblack",
+        "metadata": None,
+        "software": "mitsuba_sensor",
+        "description": b"text",
+    }
     extra = [(50714, 4, 1, 5, False)]
-    tifffile.imwrite(tmp_path / "stack.tiff", RAW[None].repeat(3, 0), byteorder="<", extratags=extra, **kinds)
+    tifffile.imwrite(
+        tmp_path / "stack.tiff", RAW[None].repeat(3, 0), byteorder="<", extratags=extra, **kinds
+    )
     assert (tmp_path / "pages.tiff").read_bytes() == (tmp_path / "stack.tiff").read_bytes()

@@ -11,7 +11,12 @@ from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
 from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.files.scene_references import camera_references, check_below, scene_digest, scene_references
+from mitsuba_sensor.files.scene_references import (
+    camera_references,
+    check_below,
+    scene_digest,
+    scene_references,
+)
 from mitsuba_sensor.render.passes.prepared import render
 
 CAMERA = """name = "mine"
@@ -40,18 +45,30 @@ def test_every_kind_of_file_is_found(tmp_path: Path) -> None:
     <include filename="parts/more.xml"/><shape type="obj"><string name="filename" value="$mesh.obj"/></shape>
     <bsdf type="diffuse"><spectrum name="reflectance" filename="white.spd"/></bsdf>
     <sensor type="camera"><film type="photosensor"><string name="camera" value="my.toml"/></film></sensor>"""
-    files = {"scene.xml": f"<scene>{body}</scene>", "my.toml": CAMERA, "curves/qe.csv": "", "lens.dat": ""}
+    files = {
+        "scene.xml": f"<scene>{body}</scene>",
+        "my.toml": CAMERA,
+        "curves/qe.csv": "",
+        "lens.dat": "",
+    }
     files |= {
         "parts/more.xml": f"<scene>{MESH.format('deep.ply')}</scene>",
         "ball.obj": "",
         "other.obj": "",
         "unused": "",
     }
-    files |= {"assets/deep.ply": "", "assets/white.spd": "", "deep.ply": "another that Mitsuba could take"}
+    files |= {
+        "assets/deep.ply": "",
+        "assets/white.spd": "",
+        "deep.ply": "another that Mitsuba could take",
+    }
     written(tmp_path, files)
     assert names(tmp_path, mesh="ball") == sorted(set(files) - {"unused", "other.obj"})
     assert "other.obj" in names(tmp_path, mesh="other")
-    assert camera_references(tmp_path / "my.toml")[1:] == [tmp_path / "curves/qe.csv", tmp_path / "lens.dat"]
+    assert camera_references(tmp_path / "my.toml")[1:] == [
+        tmp_path / "curves/qe.csv",
+        tmp_path / "lens.dat",
+    ]
     with pytest.raises(InputError, match=r"line 2: there is no file 'none.obj' in .*assets"):
         names(tmp_path)
 
@@ -65,7 +82,14 @@ def test_the_digest_is_of_contents_and_of_names_below_the_root(tmp_path: Path) -
     """The same tree elsewhere has the same digest; any byte of any file changes it; unread files do not."""
     trees = [tmp_path / one for one in ("a", "b")]
     for tree in trees:
-        written(tree, {"s/scene.xml": f"<scene>{MESH.format('../m.ply')}</scene>", "m.ply": "1", "x": str(tree)})
+        written(
+            tree,
+            {
+                "s/scene.xml": f"<scene>{MESH.format('../m.ply')}</scene>",
+                "m.ply": "1",
+                "x": str(tree),
+            },
+        )
     first, second = (scene_digest(tree / "s/scene.xml", {}, [tree]) for tree in trees)
     assert first == second
     (trees[1] / "m.ply").write_text("2")
@@ -76,16 +100,34 @@ def test_the_digest_is_of_contents_and_of_names_below_the_root(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    "how", ["..", "absolute", "link", "folder link", "path", "include", "parameter", "camera", "default"]
+    "how",
+    [
+        "..",
+        "absolute",
+        "link",
+        "folder link",
+        "path",
+        "include",
+        "parameter",
+        "camera",
+        "default",
+    ],
 )
-def test_files_outside_of_the_roots_are_refused_and_their_folder_can_be_named(how: str, tmp_path: Path) -> None:
+def test_files_outside_of_the_roots_are_refused_and_their_folder_can_be_named(
+    how: str, tmp_path: Path
+) -> None:
     out, root = tmp_path / "out", tmp_path / "in"
     secret = out / "secret.xml"
     written(out, {"secret.xml": "<scene/>"})
     root.mkdir()
     (root / "link.xml").symlink_to(secret)
     (root / "linked").symlink_to(out)
-    name = {"..": "../out/secret.xml", "absolute": str(secret), "link": "link.xml", "folder link": "linked/secret.xml"}
+    name = {
+        "..": "../out/secret.xml",
+        "absolute": str(secret),
+        "link": "link.xml",
+        "folder link": "linked/secret.xml",
+    }
     body = {
         "path": '<path value="../out"/>' + MESH.format("secret.xml"),
         "include": '<include filename="../out/secret.xml"/>',
@@ -93,17 +135,29 @@ def test_files_outside_of_the_roots_are_refused_and_their_folder_can_be_named(ho
         "default": '<default name="up" value="../out"/>' + MESH.format("$up/secret.xml"),
         "camera": '<film type="photosensor"><string name="camera" value="my.toml"/></film>',
     }.get(how, MESH.format(name.get(how)))
-    written(root, {"scene.xml": f"<scene>{body}</scene>", "my.toml": CAMERA.replace("lens.dat", "../out/secret.xml")})
+    written(
+        root,
+        {
+            "scene.xml": f"<scene>{body}</scene>",
+            "my.toml": CAMERA.replace("lens.dat", "../out/secret.xml"),
+        },
+    )
     parameters = {"n": "../out"} if how == "parameter" else {}
-    with pytest.raises(InputError, match=r"outside of the folders that may be read.*--root") as caught:
+    with pytest.raises(
+        InputError, match=r"outside of the folders that may be read.*--root"
+    ) as caught:
         scene_digest(root / "scene.xml", parameters, [root])
     assert "secret.xml" in str(caught.value) and "\n" not in str(caught.value)
     assert scene_digest(root / "scene.xml", parameters, [root, out])
 
 
 def test_a_name_that_stays_inside_may_go_up(tmp_path: Path) -> None:
-    written(tmp_path, {"a/scene.xml": f"<scene>{MESH.format('../b/m.ply')}</scene>", "b/m.ply": ""})
-    assert [name for name, _ in check_below([tmp_path / "a/../b/m.ply"], [tmp_path])] == ["b/m.ply"]
+    written(
+        tmp_path, {"a/scene.xml": f"<scene>{MESH.format('../b/m.ply')}</scene>", "b/m.ply": ""}
+    )
+    assert [name for name, _ in check_below([tmp_path / "a/../b/m.ply"], [tmp_path])] == [
+        "b/m.ply"
+    ]
     assert scene_digest(tmp_path / "a/scene.xml", {}, [tmp_path])
 
 
@@ -117,13 +171,22 @@ METAL = '<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>
         (BILLION, "has a <!DOCTYPE>"),
         ("<a>" * 70 + "</a>" * 70, "more than 24 deep"),
         ('<scene><include filename="scene.xml"/></scene>', "included more than 15 deep"),
-        ('<scene><include filename="one.xml"/><include filename="one.xml"/></scene>', "included more than"),
+        (
+            '<scene><include filename="one.xml"/><include filename="one.xml"/></scene>',
+            "included more than",
+        ),
         ("<scene>", "no valid XML"),
         ("", "no valid XML"),
         ('<scene><bsdf type="../evil"/></scene>', "no name of a plugin"),
         (f"<scene>{METAL}</scene>", "no name of a metal"),
-        ('<scene><film><string name="camera" value="../mine.toml"/></film></scene>', "there is no file"),
-        ('<scene><film><string name="quantum_efficiency.file" value="qe"/></film></scene>', "there is no file"),
+        (
+            '<scene><film><string name="camera" value="../mine.toml"/></film></scene>',
+            "there is no file",
+        ),
+        (
+            '<scene><film><string name="quantum_efficiency.file" value="qe"/></film></scene>',
+            "there is no file",
+        ),
         (f"<scene>{MESH.format('$mesh')}</scene>", "a parameter without a value"),
         (f"<scene>{MESH.format('a' * 300)}</scene>", "there is no file"),
         ('<scene><path value="nowhere"/></scene>', "there is no folder"),
@@ -131,9 +194,18 @@ METAL = '<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>
         ('<scene><include filename="pipe"/></scene>', "there is no file"),
     ],
 )
-def test_scenes_that_would_keep_a_reader_busy_or_run_code_are_refused(text: str, said: str, tmp_path: Path) -> None:
+def test_scenes_that_would_keep_a_reader_busy_or_run_code_are_refused(
+    text: str, said: str, tmp_path: Path
+) -> None:
     inner = '<scene><include filename="{0}"/><include filename="{0}"/></scene>'
-    written(tmp_path, {"scene.xml": text, "one.xml": inner.format("two.xml"), "two.xml": inner.format("one.xml")})
+    written(
+        tmp_path,
+        {
+            "scene.xml": text,
+            "one.xml": inner.format("two.xml"),
+            "two.xml": inner.format("one.xml"),
+        },
+    )
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match=said) as caught:
         names(tmp_path)
@@ -142,14 +214,22 @@ def test_scenes_that_would_keep_a_reader_busy_or_run_code_are_refused(text: str,
 
 def test_no_native_code_beside_a_scene_is_run(tmp_path: Path) -> None:
     """Mitsuba looks for plugins/TYPE.so beside the scene; a file that is none would be an error if it were loaded."""
-    camera, options = load_camera("konnik_table1"), {"spp": 4, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    camera, options = (
+        load_camera("konnik_table1"),
+        {"spp": 4, "wavelength_nm": 550, "variant": "scalar_spectral"},
+    )
     scene = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf='<bsdf type="diffuse"/>')))
     written(tmp_path, {"plugins/diffuse.so": "", "plugins/evil.so": "", "evil.so": ""})
     assert render(scene, camera, Exposure(0.01), **options).data.any()
     with pytest.raises(InputError, match="native code"):
         scene_references(scene, {})
-    for kind, said in (("evil", "native code that would be run"), ("../evil", "no name of a plugin")):
-        scene = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf=f'<bsdf type="{kind}"/>')))
+    for kind, said in (
+        ("evil", "native code that would be run"),
+        ("../evil", "no name of a plugin"),
+    ):
+        scene = write_scene(
+            tmp_path, scene_text(SKY, BALL.format(bsdf=f'<bsdf type="{kind}"/>'))
+        )
         with pytest.raises(InputError, match=said):
             render(scene, camera, Exposure(0.01), **options)
 
@@ -158,10 +238,16 @@ def test_deep_nesting_is_refused_before_mitsuba_reads_it(tmp_path: Path) -> None
     """Mitsuba 3.9.1 ends the process at ten thousand."""
     deep = '<bsdf type="twosided">' * 10_000 + "</bsdf>" * 10_000
     with pytest.raises(InputError, match="more than 24 deep"):
-        render(write_scene(tmp_path, scene_text(SKY, deep)), load_camera("konnik_table1"), Exposure(0.01))
+        render(
+            write_scene(tmp_path, scene_text(SKY, deep)),
+            load_camera("konnik_table1"),
+            Exposure(0.01),
+        )
 
 
-def test_only_changed_files_are_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_changed_files_are_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     written(tmp_path, {"scene.xml": f"<scene>{MESH.format('m.ply')}</scene>", "m.ply": "1"})
     digest = scene_digest(tmp_path / "scene.xml", {}, [tmp_path])
     monkeypatch.setattr(Path, "read_text", None)

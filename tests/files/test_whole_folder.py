@@ -19,13 +19,20 @@ def write(path: Path, text: str = "a", force: bool = False, name: str = "deep/a.
 
 
 def tree(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+    return {
+        str(one.relative_to(folder)): one.read_bytes()
+        for one in sorted(folder.rglob("*"))
+        if one.is_file()
+    }
 
 
 def test_a_folder_lists_its_files_with_their_hashes(tmp_path: Path) -> None:
     write(tmp_path / "not" / "there" / "yet")
     found = json.loads((tmp_path / "not/there/yet" / LISTING).read_text("utf-8"))
-    assert found == {"format": "test", "files": {"deep/a.txt": [1, hashlib.sha256(b"a").hexdigest()]}}
+    assert found == {
+        "format": "test",
+        "files": {"deep/a.txt": [1, hashlib.sha256(b"a").hexdigest()]},
+    }
 
 
 def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
@@ -66,8 +73,12 @@ def link(path: Path) -> None:
     path.symlink_to(path.with_name("else"))
 
 
-@pytest.mark.parametrize("make", [plain_folder, false_listing, link, lambda path: path.write_text("a", "utf-8")])
-def test_what_is_no_export_is_never_replaced(tmp_path: Path, make: Callable[[Path], object]) -> None:
+@pytest.mark.parametrize(
+    "make", [plain_folder, false_listing, link, lambda path: path.write_text("a", "utf-8")]
+)
+def test_what_is_no_export_is_never_replaced(
+    tmp_path: Path, make: Callable[[Path], object]
+) -> None:
     make(tmp_path / "out")
     before = tree(tmp_path)
     for force in (False, True):
@@ -76,7 +87,9 @@ def test_what_is_no_export_is_never_replaced(tmp_path: Path, make: Callable[[Pat
     assert tree(tmp_path) == before
 
 
-@pytest.mark.parametrize("name", ["../a", "a/../../b", "/etc/a", "", ".", "a\\b", "c:a", ".hidden", "a/.b", "a\n"])
+@pytest.mark.parametrize(
+    "name", ["../a", "a/../../b", "/etc/a", "", ".", "a\\b", "c:a", ".hidden", "a/.b", "a\n"]
+)
 def test_a_name_that_leads_out_of_the_folder_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="no name of a file in an export"):
         write(tmp_path / "out", name=name)

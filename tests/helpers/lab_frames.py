@@ -22,7 +22,9 @@ class Sigmas(NamedTuple):
         return float(np.hypot(np.hypot(self.row, self.column), self.pixel))
 
 
-def noise(rng: np.random.Generator, shape: tuple[int, ...], sigmas: Sigmas) -> NDArray[np.float64]:
+def noise(
+    rng: np.random.Generator, shape: tuple[int, ...], sigmas: Sigmas
+) -> NDArray[np.float64]:
     """Normal values that rows, columns and pixels have of their own: fixed for (H, W), temporal for (N, H, W)."""
     *frames, height, width = shape
     return (
@@ -32,7 +34,9 @@ def noise(rng: np.random.Generator, shape: tuple[int, ...], sigmas: Sigmas) -> N
     )
 
 
-def frames(rng: np.random.Generator, mean: NDArray[np.float64], count: int, temporal: Sigmas) -> NDArray[np.float64]:
+def frames(
+    rng: np.random.Generator, mean: NDArray[np.float64], count: int, temporal: Sigmas
+) -> NDArray[np.float64]:
     """So many frames about a mean image."""
     return mean + noise(rng, (count, *mean.shape), temporal)
 

@@ -34,13 +34,20 @@ def vertices(table: Table) -> Array:
     return np.concatenate([[0.0], np.cumsum([row[1] for row in table])[:-1]])
 
 
-def forward(table: Table, p: Array, d: Array, stop: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def forward(
+    table: Table, p: Array, d: Array, stop: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Rays from the scene through all surfaces: points and directions, (n, 3), after the last, and which got there."""
-    steps = [(row, z, before) for row, z, before in zip(table, vertices(table), behind(table)[:-1], strict=True)]
+    steps = [
+        (row, z, before)
+        for row, z, before in zip(table, vertices(table), behind(table)[:-1], strict=True)
+    ]
     return _through([(row, z, n, row[2]) for row, z, n in steps], p, d, stop)
 
 
-def backward(table: Table, p: Array, d: Array, stop: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def backward(
+    table: Table, p: Array, d: Array, stop: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """The same from the sensor: directions with negative z."""
     steps = list(zip(table, vertices(table), behind(table)[:-1], strict=True))
     return _through([(row, z, row[2], n) for row, z, n in reversed(steps)], p, d, stop)
@@ -51,7 +58,9 @@ def behind(table: Table) -> list[float]:
     return [1.0, *(row[2] for row in table)]
 
 
-def _through(steps: list, p: Array, d: Array, stop: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _through(
+    steps: list, p: Array, d: Array, stop: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     unvignetted, index = np.ones(len(p), bool), np.arange(len(p))
     points, ways = p.copy(), d.copy()
     for (radius, _, _, diameter), z, before, after in steps:
@@ -70,7 +79,9 @@ def _through(steps: list, p: Array, d: Array, stop: float) -> tuple[Array, Array
     return points, ways, unvignetted
 
 
-def _sphere(p: Array, d: Array, z: float, radius: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _sphere(
+    p: Array, d: Array, z: float, radius: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Where rays meet a sphere on the side of its vertex."""
     centre = np.array([0.0, 0.0, z + radius])
     q = p - centre
@@ -87,7 +98,9 @@ def _snell(d: Array, normal: Array, ratio: float) -> tuple[Array, NDArray[np.boo
     cosine = -(d * normal).sum(axis=1)
     square = 1 - ratio**2 * (1 - cosine**2)
     good = square > 0
-    return ratio * d + (ratio * cosine - np.sqrt(np.where(good, square, 0.0)))[:, None] * normal, good
+    return ratio * d + (ratio * cosine - np.sqrt(np.where(good, square, 0.0)))[
+        :, None
+    ] * normal, good
 
 
 def irradiance(
@@ -114,5 +127,7 @@ def axial_irradiance(table: Table, distance: float, stop: float, rays: int = 200
     """E/L [sr] on the axis, ``distance`` behind the last vertex: π·sin²u′ of the widest cone that passes."""
     sine = np.linspace(0.0, 0.2, rays)
     film = np.tile([0.0, 0.0, vertices(table)[-1] + distance], (rays, 1))
-    passed = backward(table, film, np.column_stack([sine, 0 * sine, -np.sqrt(1 - sine**2)]), stop)[2]
+    passed = backward(
+        table, film, np.column_stack([sine, 0 * sine, -np.sqrt(1 - sine**2)]), stop
+    )[2]
     return float(np.pi * sine[np.argmin(passed) - 1] ** 2)

@@ -23,17 +23,27 @@ def make_text(
         os.abort()
     for sample in view.samples:
         told("exposing")
-        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text(repr(listening())))
+        store.commit(
+            "samples",
+            sample.key,
+            lambda folder: (folder / "a.txt").write_text(repr(listening())),
+        )
         yield sample
 
 
 def listening() -> list[object]:
     """Sockets of this process and its parent that others can connect to, those without a port included."""
-    connections = [one for pid in (os.getpid(), os.getppid()) for one in psutil.Process(pid).net_connections("all")]
+    connections = [
+        one
+        for pid in (os.getpid(), os.getppid())
+        for one in psutil.Process(pid).net_connections("all")
+    ]
     return [one for one in connections if one.laddr and not one.raddr]
 
 
-def make_slowly(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+def make_slowly(
+    store: Store, view: PlannedView, told: Callable[[str], object]
+) -> Iterator[PlannedSample]:
     """A file for each sample, where a scheduler is killed meanwhile."""
     (pid,) = (store.folder / "scheduler").read_text().split()
     for sample in view.samples:
@@ -43,7 +53,9 @@ def make_slowly(store: Store, view: PlannedView, told: Callable[[str], object]) 
         yield sample
 
 
-def make_and_kill(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+def make_and_kill(
+    store: Store, view: PlannedView, told: Callable[[str], object]
+) -> Iterator[PlannedSample]:
     """Kill the program that asked for the view, and tell it something before this process can end for it."""
     program = os.getppid()
     (store.folder.parent / "worker").write_text(str(os.getpid()))
@@ -56,7 +68,9 @@ def make_and_kill(store: Store, view: PlannedView, told: Callable[[str], object]
     yield view.samples[0]
 
 
-def make_large(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+def make_large(
+    store: Store, view: PlannedView, told: Callable[[str], object]
+) -> Iterator[PlannedSample]:
     """Take 0.6 GB and wait to be ended for it."""
     content = bytearray(b"x") * (6 * 10**8)
     signal.pause()

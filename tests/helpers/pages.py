@@ -15,7 +15,10 @@ class Block(NamedTuple):
 
 def blocks(page: str) -> list[Block]:
     """All fenced blocks of a Markdown text."""
-    return [Block(*found) for found in re.findall(r"^```(\w+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)]
+    return [
+        Block(*found)
+        for found in re.findall(r"^```(\w+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    ]
 
 
 def fenced(page: str, language: str) -> str:

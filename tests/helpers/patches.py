@@ -20,7 +20,9 @@ MIDDLES = np.arange(360.0, 1101.0, 5.0)
 def lit_by(name: str) -> Illuminant:
     """A CIE illuminant, nothing outside of its table."""
     table = colour.SDS_ILLUMINANTS[name]
-    return Illuminant(MIDDLES, np.interp(MIDDLES, table.wavelengths, table.values, left=0.0, right=0.0))
+    return Illuminant(
+        MIDDLES, np.interp(MIDDLES, table.wavelengths, table.values, left=0.0, right=0.0)
+    )
 
 
 def seen(name: str) -> NDArray[np.float64]:
@@ -28,7 +30,9 @@ def seen(name: str) -> NDArray[np.float64]:
     power = colour.SDS_ILLUMINANTS[name].copy().align(SHAPE).values
     white = power @ OBSERVER / (power @ OBSERVER)[1]
     found = (PATCHES * power) @ OBSERVER / (power @ OBSERVER)[1]
-    return np.asarray(colour.chromatic_adaptation(found, white, colour.xy_to_XYZ(WHITE), transform="CAT02"))
+    return np.asarray(
+        colour.chromatic_adaptation(found, white, colour.xy_to_XYZ(WHITE), transform="CAT02")
+    )
 
 
 def distances(srgb: NDArray[np.float64], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,9 +47,15 @@ def patch_means(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     """(24, 3) means over the middles of the patches of scenes/color_checker.xml: 40 mm wide, 50 mm apart."""
     pixels = linear.shape[1] / 0.3  # per metre, of which 0.3 are seen
     middles = [
-        (linear.shape[0] / 2 - (0.075 - 0.05 * row) * pixels, linear.shape[1] / 2 + (0.05 * column - 0.125) * pixels)
+        (
+            linear.shape[0] / 2 - (0.075 - 0.05 * row) * pixels,
+            linear.shape[1] / 2 + (0.05 * column - 0.125) * pixels,
+        )
         for row, column in np.ndindex(4, 6)
     ]
     half = round(0.012 * pixels)
-    means = [linear[int(y) - half : int(y) + half, int(x) - half : int(x) + half].mean(axis=(0, 1)) for y, x in middles]
+    means = [
+        linear[int(y) - half : int(y) + half, int(x) - half : int(x) + half].mean(axis=(0, 1))
+        for y, x in middles
+    ]
     return np.array(means)

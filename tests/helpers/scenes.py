@@ -16,13 +16,20 @@ from mitsuba_sensor.render.variants import choose_variant
 SCENES = ROOT / "scenes"
 SHIPPED = ("cornell_box", "color_checker", "step_wedge", "flat_field", "still_life")
 
-SKY = '<emitter type="constant"><spectrum name="radiance" value="360:2e-4, 830:2e-4"/></emitter>'
+SKY = (
+    '<emitter type="constant"><spectrum name="radiance" value="360:2e-4, 830:2e-4"/></emitter>'
+)
 PERSPECTIVE = """<sensor type="perspective"><float name="fov" value="60"/>{more}
 <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/>{film}</film></sensor>"""
 BALL = '<shape type="sphere"><point name="center" value="0, 0, 4"/>{bsdf}</shape>'
 
 
-def scene_text(*elements: str, film: str = '<rfilter type="box"/>', more: str = "", sensor: str = PERSPECTIVE) -> str:
+def scene_text(
+    *elements: str,
+    film: str = '<rfilter type="box"/>',
+    more: str = "",
+    sensor: str = PERSPECTIVE,
+) -> str:
     """A scene with a 12 × 8 pixel perspective sensor of 60°, and these elements."""
     return f'<scene version="3.0.0">{sensor.format(film=film, more=more)}{"".join(elements)}</scene>'
 

@@ -31,20 +31,45 @@ class SmallCamera:
     curve: Callable[[np.ndarray], np.ndarray] = as_it_is
 
     def frames(
-        self, rng: np.random.Generator, photons: Any, count: int, shape: tuple[int, int], drift: float = 0
+        self,
+        rng: np.random.Generator,
+        photons: Any,
+        count: int,
+        shape: tuple[int, int],
+        drift: float = 0,
     ) -> Any:
         """(count, H, W) codes; drift is the standard deviation of the light from frame to frame."""
         pattern = np.random.default_rng(1).standard_normal((2, *shape))
-        light = photons * (1 + self.prnu * pattern[0]) * (1 + drift * rng.standard_normal((count, 1, 1)))
-        electrons = np.minimum(rng.poisson(self.efficiency * light * np.ones((count, *shape))), self.full_well_e)
+        light = (
+            photons
+            * (1 + self.prnu * pattern[0])
+            * (1 + drift * rng.standard_normal((count, 1, 1)))
+        )
+        electrons = np.minimum(
+            rng.poisson(self.efficiency * light * np.ones((count, *shape))), self.full_well_e
+        )
         noise = self.read_noise_e * rng.standard_normal((count, *shape))
-        codes = self.black_dn + self.dsnu_dn * pattern[1] + self.gain * (self.curve(electrons) + noise)
+        codes = (
+            self.black_dn
+            + self.dsnu_dn * pattern[1]
+            + self.gain * (self.curve(electrons) + noise)
+        )
         return np.clip(np.floor(codes + 0.5), 0, 2**self.bits - 1).astype(np.uint16)
 
     def stack(
-        self, rng: np.random.Generator, photons: Any, count: int, shape: tuple[int, int], drift: float = 0
+        self,
+        rng: np.random.Generator,
+        photons: Any,
+        count: int,
+        shape: tuple[int, int],
+        drift: float = 0,
     ) -> Stack:
-        return Stack(self.frames(rng, photons, count, shape, drift), 0.01, photons=photons, bits=self.bits)
+        return Stack(
+            self.frames(rng, photons, count, shape, drift),
+            0.01,
+            photons=photons,
+            bits=self.bits,
+        )
 
     def bench(
         self,
@@ -56,5 +81,7 @@ class SmallCamera:
     ) -> tuple[list[Stack], list[Stack]]:
         """Dark frames and flat fields from darkness to 1.1 full wells."""
         light = np.linspace(0, 1.1 * self.full_well_e / self.efficiency, levels + 1)
-        dark, *flats = (self.stack(rng, float(one), count, shape, drift if one else 0) for one in light)
+        dark, *flats = (
+            self.stack(rng, float(one), count, shape, drift if one else 0) for one in light
+        )
         return [dark], flats

@@ -61,13 +61,17 @@ def backend_of(name: str) -> Backend:
     """float64, numpy (float32) or drjit; a skip where this machine has no LLVM."""
     if name == "drjit" and (problem := backend_problem("llvm")):
         pytest.skip(problem)
-    return {"float64": NUMPY_FLOAT64, "numpy": NUMPY_FLOAT32}.get(name) or choose_backend(name, "float32", 0)
+    return {"float64": NUMPY_FLOAT64, "numpy": NUMPY_FLOAT32}.get(name) or choose_backend(
+        name, "float32", 0
+    )
 
 
 def photons(camera: ms.Camera, level: float, shape: tuple[int, int]) -> Photons:
     """Uniform light that fills ``level`` of the well of the most sensitive filter, at the camera's own wavelength."""
     section = camera.quantum_efficiency
-    electrons_per_photon = camera.qe([section.reference_nm]).max() * (section.quantum_yield or (1.0,))[0]
+    electrons_per_photon = (
+        camera.qe([section.reference_nm]).max() * (section.quantum_yield or (1.0,))[0]
+    )
     return Photons(np.full(shape, level * camera.pixel.full_well_e / electrons_per_photon))
 
 
@@ -111,19 +115,29 @@ def steps(camera: ms.Camera, light: Photons, engine: str) -> Iterator[Step]:
     signals: list[Signal] = [light] * len(frames)
     moments = Moments(light, 0.0, 0.0, frames_of("float64", shape)[0])
     for stage in chain(camera):
-        before, signals = signals, [apply(stage, signal, frame) for signal, frame in zip(signals, frames, strict=True)]
+        before, signals = (
+            signals,
+            [
+                apply(stage, signal, frame)
+                for signal, frame in zip(signals, frames, strict=True)
+            ],
+        )
         previous, moments = moments, stage.moments(moments)
         if all(new is old for new, old in zip(signals, before, strict=True)):
             assert same(previous, moments), f"{stage} changes no signal, but the moments"
             continue
-        samples = [sum(arrays_of(signal, frame)) for signal, frame in zip(signals, frames, strict=True)]
+        samples = [
+            sum(arrays_of(signal, frame)) for signal, frame in zip(signals, frames, strict=True)
+        ]
         yield Step(stage, np.array(samples, np.float64), moments)
 
 
 def same(a: Moments, b: Moments) -> bool:
     """Whether mean and both variances are equal to the last bit."""
     pairs = [(getattr(a, part), getattr(b, part)) for part in ("mean", "temporal", "spatial")]
-    return all(np.array_equal(*np.broadcast_arrays(np.asarray(x), np.asarray(y))) for x, y in pairs)
+    return all(
+        np.array_equal(*np.broadcast_arrays(np.asarray(x), np.asarray(y))) for x, y in pairs
+    )
 
 
 def blocks(x: Any, shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -136,11 +150,15 @@ def blocks(x: Any, shape: tuple[int, int]) -> NDArray[np.float64]:
     return long[:, : long.shape[1] // 64 * 64].reshape(len(long), 64, -1).mean(axis=(0, 2))
 
 
-def assert_agrees(what: str, deviation: Any, scale: float, shape: tuple[int, int], exact: float) -> None:
+def assert_agrees(
+    what: str, deviation: Any, scale: float, shape: tuple[int, int], exact: float
+) -> None:
     """The deviation averages to 0 within 5 standard errors, and ``exact`` of ``scale``."""
     parts = blocks(deviation, shape)
     error = 5 * parts.std(ddof=1) / 8 + exact * scale
-    assert abs(parts.mean()) <= error, f"{what}: off by {parts.mean():.4g} ± {error:.2g} of {scale:.4g}"
+    assert abs(parts.mean()) <= error, (
+        f"{what}: off by {parts.mean():.4g} ± {error:.2g} of {scale:.4g}"
+    )
 
 
 def assert_step_agrees(step: Step, engine: str) -> None:
@@ -153,8 +171,16 @@ def assert_step_agrees(step: Step, engine: str) -> None:
     spatial = off**2 - temporal / len(x)
     assert np.isfinite(mean).all()
     assert_agrees(f"mean after {step.stage}", off, size, shape, exact)
-    assert_agrees(f"temporal variance after {step.stage}", temporal - theory.temporal, variance, shape, exact)
-    assert_agrees(f"spatial variance after {step.stage}", spatial - theory.spatial, variance, shape, exact)
+    assert_agrees(
+        f"temporal variance after {step.stage}",
+        temporal - theory.temporal,
+        variance,
+        shape,
+        exact,
+    )
+    assert_agrees(
+        f"spatial variance after {step.stage}", spatial - theory.spatial, variance, shape, exact
+    )
 
 
 def behind_every_stage(camera: ms.Camera, light: Photons, frame: Frame) -> dict[str, Sampled]:
@@ -217,7 +243,9 @@ class StageTests:
             behind |= isinstance(step.stage, self.stage)
             if behind:
                 assert_step_agrees(step, engine)
-        assert behind, f"no {self.stage.__name__} in the chain of this camera, or it does nothing"
+        assert behind, (
+            f"no {self.stage.__name__} in the chain of this camera, or it does nothing"
+        )
 
     def test_numpy_in_float32_and_drjit_give_the_same_bytes(self) -> None:
         """Behind every stage, from darkness to saturation, in two frames."""
@@ -234,26 +262,39 @@ class StageTests:
     def test_a_crop_of_a_frame_is_the_frame_of_the_crop(self, engine: str) -> None:
         """Behind the stage; frame 3 alone is frame 3 after others, too."""
         light, backend = dark_to_saturation(self.camera, self.to_saturation), backend_of(engine)
-        rows, columns = (slice(start, start + size) for start, size in zip(CORNER, PART, strict=True))
+        rows, columns = (
+            slice(start, start + size) for start, size in zip(CORNER, PART, strict=True)
+        )
         window = SensorWindow(7, self.to_saturation, (100, 40), backend=backend)
         for index in (1, 3):
             whole = behind_every_stage(self.camera, light, Frame(EXPOSURE, window, 5, index))
         part = SensorWindow(7, PART, (100 + CORNER[0], 40 + CORNER[1]), backend=backend)
-        cropped = behind_every_stage(self.camera, Photons(light.mean[rows, columns]), Frame(EXPOSURE, part, 5, 3))
+        cropped = behind_every_stage(
+            self.camera, Photons(light.mean[rows, columns]), Frame(EXPOSURE, part, 5, 3)
+        )
         name = self.stage.__name__
         assert_equal(cropped[name], tuple(values[rows, columns] for values in whole[name]))
 
     def test_switched_off_it_leaves_the_random_numbers_of_every_other_stage(self) -> None:
         """Each other stage, given the same signal, does the same to the last bit whether this one is there or not."""
-        without = self.camera.replace(**self.without) if isinstance(self.without, dict) else self.without
-        camera, rest = (one.replace(**{"adc.black_level_dn": 64.0}) for one in (self.camera, without))
+        without = (
+            self.camera.replace(**self.without)
+            if isinstance(self.without, dict)
+            else self.without
+        )
+        camera, rest = (
+            one.replace(**{"adc.black_level_dn": 64.0}) for one in (self.camera, without)
+        )
         others = {type(stage): stage for stage in chain(rest)}
         signal: Signal = dark_to_saturation(camera, self.to_saturation)
         frame, other = (self.frame_on(NUMPY_FLOAT64, 3) for _ in range(2))
         for stage in chain(camera):
             after = apply(stage, signal, frame)
             if not isinstance(stage, self.stage):
-                assert_equal(arrays_of(after, frame), arrays_of(apply(others[type(stage)], signal, other), other))
+                assert_equal(
+                    arrays_of(after, frame),
+                    arrays_of(apply(others[type(stage)], signal, other), other),
+                )
             signal = after
 
     def test_a_neutral_value_changes_nothing(self) -> None:
@@ -265,7 +306,9 @@ class StageTests:
         for stage in chain(self.camera)[:position]:
             signal, moments = apply(stage, signal, frame), stage.moments(moments)
         for stage in self.neutral:
-            assert_equal(arrays_of(apply(stage, signal, frame), frame), arrays_of(signal, frame))
+            assert_equal(
+                arrays_of(apply(stage, signal, frame), frame), arrays_of(signal, frame)
+            )
             assert same(stage.moments(moments), moments)
 
     @pytest.mark.exhaustive
@@ -275,7 +318,10 @@ class StageTests:
 
     def test_it_is_a_documented_value(self) -> None:
         """Frozen, hashable, equal to its copy from a second chain of the same camera, and documented."""
-        one, two = (next(stage for stage in chain(self.camera) if isinstance(stage, self.stage)) for _ in range(2))
+        one, two = (
+            next(stage for stage in chain(self.camera) if isinstance(stage, self.stage))
+            for _ in range(2)
+        )
         assert one == two and hash(one) == hash(two)
         assert all(part.__doc__ for part in (self.stage, self.stage.sample, self.stage.moments))
         with pytest.raises(AttributeError):
@@ -283,4 +329,6 @@ class StageTests:
 
     def frame_on(self, backend: Backend, index: int) -> Frame:
         """A new frame of a new window, which remembers nothing."""
-        return Frame(EXPOSURE, SensorWindow(7, self.to_saturation, (100, 40), backend=backend), 5, index)
+        return Frame(
+            EXPOSURE, SensorWindow(7, self.to_saturation, (100, 40), backend=backend), 5, index
+        )

@@ -12,7 +12,9 @@ from mitsuba_sensor.pages.page import Bars, Plot, Study, Table
 MOST_SERIES = 8
 
 
-def through_files(known: dict[str, Any], records: tuple[type, ...], folder: Path) -> dict[str, Any]:
+def through_files(
+    known: dict[str, Any], records: tuple[type, ...], folder: Path
+) -> dict[str, Any]:
     """Measurements as the next process reads them."""
     written = Measurements(folder, "study", records=records)
     for key, value in known.items():
@@ -31,7 +33,11 @@ def _of_series(study: Study) -> Iterator[str]:
     known: dict[str, int | None] = {}
     for part in study.parts:
         if isinstance(part, Plot | Bars):
-            lines = {line.label: line.colour for line in part.lines} if isinstance(part, Plot) else part.colours
+            lines = (
+                {line.label: line.colour for line in part.lines}
+                if isinstance(part, Plot)
+                else part.colours
+            )
             if len(lines) > MOST_SERIES:
                 yield f"{part.title}: {len(lines)} series"
             if len(set(lines.values())) < len(lines):
@@ -48,4 +54,8 @@ def _of_units(study: Study) -> Iterator[str]:
                 if any(isinstance(cell, float) for cell in cells) and not heading.endswith("]"):
                     yield f"{part.title}: {heading} has no unit"
         axes = {Plot: ("x_label", "y_label"), Bars: ("x_label",)}.get(type(part), ())
-        yield from (f"{part.title}: {name} has no unit" for name in axes if not getattr(part, name).endswith("]"))
+        yield from (
+            f"{part.title}: {name} has no unit"
+            for name in axes
+            if not getattr(part, name).endswith("]")
+        )

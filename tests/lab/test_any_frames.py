@@ -27,7 +27,16 @@ from mitsuba_sensor.lab.measure.spectrogram import spectrograms
 from mitsuba_sensor.lab.quantity import Quantity
 
 RNG = np.random.default_rng(1)
-SHAPES = [(1, 1, 1), (3, 1, 2), (1, 1, 40), (9, 1, 40), (9, 40, 1), (2, 3, 3), (16, 12, 14), (1, 30, 30)]
+SHAPES = [
+    (1, 1, 1),
+    (3, 1, 2),
+    (1, 1, 40),
+    (9, 1, 40),
+    (9, 40, 1),
+    (2, 3, 3),
+    (16, 12, 14),
+    (1, 30, 30),
+]
 KINDS: dict[str, Callable[[NDArray[np.float64]], NDArray[Any]]] = {
     "8 bit": lambda values: (values / 16).astype(np.uint8),
     "16 bit": lambda values: values.astype(np.uint16),
@@ -37,11 +46,15 @@ KINDS: dict[str, Callable[[NDArray[np.float64]], NDArray[Any]]] = {
     "volts": lambda values: values * 1e-12,
     "black": lambda values: np.zeros(values.shape, np.uint16),
     "saturated": lambda values: np.full(values.shape, 4095, np.uint16),
-    "one value differs": lambda values: 100 + (np.arange(values.size) == 0).reshape(values.shape).astype(np.uint16),
+    "one value differs": lambda values: (
+        100 + (np.arange(values.size) == 0).reshape(values.shape).astype(np.uint16)
+    ),
 }
 
 
-def stack(shape: tuple[int, int, int], level: float, sigma: float, kind: str, time_s: float = 0.1) -> Stack:
+def stack(
+    shape: tuple[int, int, int], level: float, sigma: float, kind: str, time_s: float = 0.1
+) -> Stack:
     values = level + 2 * RNG.normal(size=shape[1:]) + sigma * RNG.normal(size=shape)
     return Stack(KINDS[kind](values), time_s)
 
@@ -52,7 +65,10 @@ def quantities(result: Any) -> list[Quantity]:
         return [one for part in result for one in quantities(part)]
     parts = [value for value in vars(result).values() if isinstance(value, Quantity | tuple)]
     return [
-        one for part in parts for one in (part if isinstance(part, tuple) else (part,)) if isinstance(one, Quantity)
+        one
+        for part in parts
+        for one in (part if isinstance(part, tuple) else (part,))
+        if isinstance(one, Quantity)
     ]
 
 
@@ -65,7 +81,10 @@ def test_no_frames_give_a_number_without_a_mark_or_an_error_without_a_sentence(
     mixture = {"families": (), "superimposed": (("normal", "uniform", "normal"),)}
     longer = [stack(shape, 100 + 100 * t, 2, kind, t) for t in (0.3, 0.5)]
     instruments: list[Callable[[], Any]] = [
-        *(lambda one=one: one(dark) for one in (line_noise, profiles, spectrograms, dark_signal, rts_pixels)),
+        *(
+            lambda one=one: one(dark)
+            for one in (line_noise, profiles, spectrograms, dark_signal, rts_pixels)
+        ),
         *(lambda one=one: one(dark) for one in (correlation, defects)),
         *(lambda one=one: one(dark, light) for one in (nonuniformity, defects)),
         lambda: dark_signal(dark, **mixture),  # type: ignore[arg-type]
@@ -78,5 +97,13 @@ def test_no_frames_give_a_number_without_a_mark_or_an_error_without_a_sentence(
                 for one in quantities(instrument()):
                     assert one.note or not math.isnan(one.value), one
                     assert math.isnan(one.value) or one.low <= one.value <= one.high, one
-                    if kind in ("black", "saturated") and one.symbol != "F" and not one.symbol.startswith("Δ_"):
-                        assert math.isnan(one.value) or "every value" in one.note or "clipped" in one.note, one
+                    if (
+                        kind in ("black", "saturated")
+                        and one.symbol != "F"
+                        and not one.symbol.startswith("Δ_")
+                    ):
+                        assert (
+                            math.isnan(one.value)
+                            or "every value" in one.note
+                            or "clipped" in one.note
+                        ), one

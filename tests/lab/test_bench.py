@@ -21,7 +21,15 @@ FRAMES = np.random.default_rng(3).integers(0, 4096, (3, 6, 8), dtype=np.uint16)
 
 def _as_fits(path: Path, frame: np.ndarray) -> None:
     image = fits.PrimaryHDU(frame)
-    image.header.update({"EXPTIME": 0.25, "CCD-TEMP": -10.0, "GAIN": 120, "BAYERPAT": "RGGB", "IMAGETYP": "Dark Frame"})
+    image.header.update(
+        {
+            "EXPTIME": 0.25,
+            "CCD-TEMP": -10.0,
+            "GAIN": 120,
+            "BAYERPAT": "RGGB",
+            "IMAGETYP": "Dark Frame",
+        }
+    )
     image.writeto(path)
 
 
@@ -33,7 +41,13 @@ def _as_dng(path: Path, frame: np.ndarray) -> None:
         (50706, 1, 4, bytes([1, 4, 0, 0]), False),  # DNGVersion
         (50708, 2, 0, "a camera", False),  # UniqueCameraModel
         (50717, 4, 1, 4095, False),  # WhiteLevel
-        (50721, 10, 9, tuple(x for i in range(9) for x in (int(i % 4 == 0), 1)), False),  # ColorMatrix1
+        (
+            50721,
+            10,
+            9,
+            tuple(x for i in range(9) for x in (int(i % 4 == 0), 1)),
+            False,
+        ),  # ColorMatrix1
         (50728, 5, 3, (1, 1) * 3, False),  # AsShotNeutral
         (33434, 5, 1, (1, 50), False),  # ExposureTime
     ]
@@ -45,30 +59,44 @@ WRITERS: dict[str, Callable[[Path, np.ndarray], None]] = {
     "a.png": lambda path, frame: Image.fromarray(frame).save(path),
     "a.npy": np.save,
     "a.fits": _as_fits,
-    "a.dng": lambda path, frame: _as_dng(path, np.tile(frame, (8, 8))),  # LibRaw refuses tiny pictures
+    "a.dng": lambda path, frame: _as_dng(
+        path, np.tile(frame, (8, 8))
+    ),  # LibRaw refuses tiny pictures
 }
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_every_format_gives_back_each_value_that_another_program_wrote(tmp_path: Path, name: str) -> None:
+def test_every_format_gives_back_each_value_that_another_program_wrote(
+    tmp_path: Path, name: str
+) -> None:
     WRITERS[name](tmp_path / name, FRAMES[0])
     found = read_raw(tmp_path / name).frames
     np.testing.assert_array_equal(found[0, :6, :8], FRAMES[0])
     assert found.dtype == np.uint16 and len(found) == 1
 
 
-def test_metadata_of_fits_and_dng_are_exposure_temperature_gain_and_mosaic(tmp_path: Path) -> None:
+def test_metadata_of_fits_and_dng_are_exposure_temperature_gain_and_mosaic(
+    tmp_path: Path,
+) -> None:
     for name in ("a.fits", "a.dng"):
         WRITERS[name](tmp_path / name, FRAMES[0])
     cold, raw = read_raw(tmp_path / "a.fits"), read_raw(tmp_path / "a.dng")
-    assert (cold.exposure_s, cold.temperature_k, cold.gain, cold.kind) == (0.25, 263.15, "120", "dark")
+    assert (cold.exposure_s, cold.temperature_k, cold.gain, cold.kind) == (
+        0.25,
+        263.15,
+        "120",
+        "dark",
+    )
     assert cold.tile == raw.tile == (("R", "G"), ("G", "B"))
     assert raw.exposure_s == pytest.approx(0.02) and raw.bits == 12
 
 
 def test_exposure_and_iso_of_exif_are_read_from_a_tiff(tmp_path: Path) -> None:
     tags = TiffImagePlugin.ImageFileDirectory_v2()
-    tags[34665] = {33434: TiffImagePlugin.IFDRational(1, 50), 34855: 400}  # ExifIFD: ExposureTime, ISOSpeedRatings
+    tags[34665] = {
+        33434: TiffImagePlugin.IFDRational(1, 50),
+        34855: 400,
+    }  # ExifIFD: ExposureTime, ISOSpeedRatings
     Image.fromarray(FRAMES[0]).save(tmp_path / "a.tiff", tiffinfo=tags)
     found = read_raw(tmp_path / "a.tiff")
     assert (found.exposure_s, found.gain) == (0.02, "400")
@@ -88,7 +116,12 @@ def test_frames_of_this_package_are_a_bench_without_a_line_of_manifest(tmp_path:
         frames = ms.expose(light, camera, ms.Exposure(exposure_s, 300), frames=3, origin=(1, 0))
         frames.save(tmp_path / name)
     bench = read_bench(tmp_path)
-    assert [stack.exposure_s for stack in bench.biases + bench.darks + bench.flats] == [0, 1, 2, 0.01]
+    assert [stack.exposure_s for stack in bench.biases + bench.darks + bench.flats] == [
+        0,
+        1,
+        2,
+        0.01,
+    ]
     assert [len(stack) for stack in bench.stacks] == [3] * 4 and not bench.scenes
     assert all(stack.dark for stack in bench.darks) and bench.flats[0].photons is None
     assert {(stack.bits, stack.temperature_k) for stack in bench.stacks} == {(12, 300)}
@@ -124,10 +157,18 @@ def test_a_manifest_says_what_the_files_do_not(tmp_path: Path) -> None:
         """
     )
     bench = read_bench(folder, lambda *done: read.append(done))
-    assert read == [(n, 5) for n in range(1, 6)] and bench.wavelength_nm == 550 and bench.gains == ("100", "800")
+    assert (
+        read == [(n, 5) for n in range(1, 6)]
+        and bench.wavelength_nm == 550
+        and bench.gains == ("100", "800")
+    )
     np.testing.assert_array_equal(bench.darks[0].frames, FRAMES)
     np.testing.assert_array_equal(bench.flats[0].frames, FRAMES[[0, 2]] + 1)
-    assert bench.flats[0].photons == 1234.5 and bench.at_gain("800").flats == () and bench.darks[0].bits == 12
+    assert (
+        bench.flats[0].photons == 1234.5
+        and bench.at_gain("800").flats == ()
+        and bench.darks[0].bits == 12
+    )
 
 
 STACK = 'kind = "dark"\nexposure_s = 1\n'
@@ -160,10 +201,15 @@ def test_files_that_are_not_alike_or_broken_are_named(tmp_path: Path) -> None:
     manifest = f'[[stack]]\nfiles = "dark_*"\n{STACK}'
     (tmp_path / "bench.toml").write_text(manifest)
     np.save(tmp_path / "dark_b.npy", FRAMES[0][:4])
-    with pytest.raises(InputError, match=r"shape of dark_a.npy is \(6, 8\) and of dark_b.npy \(4, 8\); frames of one"):
+    with pytest.raises(
+        InputError,
+        match=r"shape of dark_a.npy is \(6, 8\) and of dark_b.npy \(4, 8\); frames of one",
+    ):
         read_bench(tmp_path)
     np.save(tmp_path / "dark_b.npy", FRAMES[0].astype(float))
-    with pytest.raises(InputError, match=r"type of dark_a.npy is uint16 and of dark_b.npy float64"):
+    with pytest.raises(
+        InputError, match=r"type of dark_a.npy is uint16 and of dark_b.npy float64"
+    ):
         read_bench(tmp_path)
     for name, content in (
         ("b.npy", b"\x93NUMPY\x01"),
@@ -173,7 +219,9 @@ def test_files_that_are_not_alike_or_broken_are_named(tmp_path: Path) -> None:
     ):
         (tmp_path / f"dark_{name}").write_bytes(content)
         (tmp_path / "bench.toml").write_text(manifest.replace("dark_*", f"dark_{name}"))
-        with pytest.raises(InputError, match=rf"dark_{name} cannot be read: .*; leave it out, or copy it again"):
+        with pytest.raises(
+            InputError, match=rf"dark_{name} cannot be read: .*; leave it out, or copy it again"
+        ):
             read_bench(tmp_path)
 
 
@@ -181,12 +229,18 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no raw frames"):
         read_bench(tmp_path)
     np.save(tmp_path / "x.npy", FRAMES[0])
-    with pytest.raises(InputError, match=r"x.npy: is it one of bias, dark, flat, scene\? Begin its name"):
+    with pytest.raises(
+        InputError, match=r"x.npy: is it one of bias, dark, flat, scene\? Begin its name"
+    ):
         read_bench(tmp_path)
     with pytest.raises(InputError, match=r"there is no .*nowhere; give a folder of raw frames"):
         read_bench(tmp_path / "nowhere")
     Image.new("RGB", (4, 4)).save(tmp_path / "y.png")
-    with pytest.raises(InputError, match=r"y.png has 3 values per pixel \(RGB\); raw frames have one"):
+    with pytest.raises(
+        InputError, match=r"y.png has 3 values per pixel \(RGB\); raw frames have one"
+    ):
         read_raw(tmp_path / "y.png")
-    with pytest.raises(InputError, match=r"z.jpg is of a format that is not read; give one of .tif"):
+    with pytest.raises(
+        InputError, match=r"z.jpg is of a format that is not read; give one of .tif"
+    ):
         read_raw(tmp_path / "z.jpg")

@@ -44,31 +44,45 @@ def small() -> Bench:
         return virtual_bench(CAMERA, Setup(serial=3, seed=5))
 
 
-def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(small: Bench) -> None:
+def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
+    small: Bench,
+) -> None:
     """18 figures: one beyond once in 900 runs; the seed is fixed."""
     asked: list[tuple[int, int]] = []
     (found,) = figures_of(small, lambda done, total, now: asked.append((done, total)))
-    assert asked == [(number, INSTRUMENTS) for number in range(INSTRUMENTS)] and not found.refused
+    assert (
+        asked == [(number, INSTRUMENTS) for number in range(INSTRUMENTS)] and not found.refused
+    )
     sheet = expected(CAMERA, Exposure(FLAT_S), 0.6, 128 * 160)
     study = characterized(CAMERA.name, [found], {"": sheet})
     assert study.passed, study.findings
-    beside = {one["symbol"]: one for one in study.to_dict()["measured"]["all pixels"]["figures"] if "z" in one}
+    beside = {
+        one["symbol"]: one
+        for one in study.to_dict()["measured"]["all pixels"]["figures"]
+        if "z" in one
+    }
     assert set(beside) == set(sheet) and len(sheet) == 18
     assert all(abs(one["z"]) < 4 for one in beside.values())
     assert beside["K"]["value"] == pytest.approx(0.1241212, rel=0.01)  # Table 1: A_SN·2^12/V_FS
-    assert beside["η"]["value"] == pytest.approx(0.6, rel=0.01) and beside["σ_row"]["value"] == pytest.approx(
-        3, rel=0.1
-    )
+    assert beside["η"]["value"] == pytest.approx(0.6, rel=0.01) and beside["σ_row"][
+        "value"
+    ] == pytest.approx(3, rel=0.1)
 
 
 def test_a_datasheet_that_is_5_percent_off_is_found_out(small: Bench) -> None:
     (found,) = measure(small)
     wrong, right = 1.05 * 0.1241212, 0.6
-    study = characterized("x", [found], {"": {"K": Said(wrong, wrong, wrong), "η": Said(right, right, right)}})
+    study = characterized(
+        "x", [found], {"": {"K": Said(wrong, wrong, wrong), "η": Said(right, right, right)}}
+    )
     assert not study.passed
     assert [one for one in study.findings if one.startswith("K: measured 0.12")]
-    table = next(part for part in study.parts if isinstance(part, Table) and part.title == "All figures")
-    assert [row[0] for row, mark in zip(table.rows, table.marks, strict=True) if mark == "bad"] == ["K"]
+    table = next(
+        part for part in study.parts if isinstance(part, Table) and part.title == "All figures"
+    )
+    assert [
+        row[0] for row, mark in zip(table.rows, table.marks, strict=True) if mark == "bad"
+    ] == ["K"]
 
 
 def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench) -> None:
@@ -95,27 +109,41 @@ def test_the_light_of_a_mosaic_saturates_every_filter_and_each_is_measured_apart
     assert list(found) == ["R", "G", "G (2)", "B"]
     for (name, figures), number in zip(found.items(), (0, 1, 1, 2), strict=True):
         qe = float(camera.qe([530.0])[number, 0])
-        assert figures["η"].value == pytest.approx(qe, rel=0.05), name  # 1024 pixels of each filter
+        assert figures["η"].value == pytest.approx(qe, rel=0.05), (
+            name
+        )  # 1024 pixels of each filter
         assert figures["K"].value == pytest.approx(0.125, rel=0.05), name
 
 
-def test_frames_on_disk_give_the_figures_of_the_same_frames_in_memory(small: Bench, tmp_path: Path) -> None:
+def test_frames_on_disk_give_the_figures_of_the_same_frames_in_memory(
+    small: Bench, tmp_path: Path
+) -> None:
     lines = ["bits = 12", f"wavelength_nm = {small.wavelength_nm}"]
     kinds = (("bias", small.biases), ("dark", small.darks), ("flat", small.flats))
     for kind, stacks in kinds:
         for number, stack in enumerate(stacks):
             np.save(tmp_path / f"{kind}_{number}.npy", stack.frames)
             lines += ["[[stack]]", f'files = "{kind}_{number}.npy"', f'kind = "{kind}"']
-            lines += [f"exposure_s = {stack.exposure_s}", f"temperature_k = {stack.temperature_k}"]
+            lines += [
+                f"exposure_s = {stack.exposure_s}",
+                f"temperature_k = {stack.temperature_k}",
+            ]
             lines += [f"photons = {stack.photons}"] if kind == "flat" else []
     (tmp_path / "bench.toml").write_text("\n".join(lines))
-    done = CliRunner().invoke(app, ["characterize", "--frames", str(tmp_path), "-o", str(tmp_path / "out")])
+    done = CliRunner().invoke(
+        app, ["characterize", "--frames", str(tmp_path), "-o", str(tmp_path / "out")]
+    )
     assert done.exit_code == 0, done.output
     told = json.loads((tmp_path / "out/report.json").read_text())["measured"]["all pixels"]
     (found,) = measure(small)
-    of_memory = {symbol: one.value for symbol, one in found.figures.items() if symbol != "K_scene"}
+    of_memory = {
+        symbol: one.value for symbol, one in found.figures.items() if symbol != "K_scene"
+    }
     for one in told["figures"]:
-        assert one["value"] == pytest.approx(of_memory[one["symbol"]], rel=1e-12, nan_ok=True) or one["value"] is None
+        assert (
+            one["value"] == pytest.approx(of_memory[one["symbol"]], rel=1e-12, nan_ok=True)
+            or one["value"] is None
+        )
     page = (tmp_path / "out/report.html").read_text()
     assert page.count("<svg") >= 19 and not re.search("(src|href)=[^#]*http", page)
 
@@ -152,9 +180,13 @@ def test_several_gain_settings_are_measured_one_at_a_time(small: Bench) -> None:
 
 def test_what_frames_cannot_show_is_said_and_not_made_up(small: Bench) -> None:
     (only_flats,) = measure(Bench((), (), small.flats))
-    assert "K" not in only_flats.figures and "take some" in only_flats.refused["photon transfer"]
+    assert (
+        "K" not in only_flats.figures and "take some" in only_flats.refused["photon transfer"]
+    )
     (black,) = measure(Bench((), small.darks[:1], ()))
-    assert "K" not in black.figures and all(math.isnan(one.value) or one.value < 50 for one in black.figures.values())
+    assert "K" not in black.figures and all(
+        math.isnan(one.value) or one.value < 50 for one in black.figures.values()
+    )
 
 
 def test_rendered_light_is_as_bright_as_the_closed_form_says() -> None:

@@ -28,11 +28,19 @@ RNG = np.random.default_rng(1)
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
 @pytest.mark.parametrize("known", [True, False])
-def test_values_at_the_largest_code_are_counted_whether_the_bits_are_known_or_not(bits: int, known: bool) -> None:
+def test_values_at_the_largest_code_are_counted_whether_the_bits_are_known_or_not(
+    bits: int, known: bool
+) -> None:
     top = 2**bits - 1
-    frames = np.minimum(top - 20 + 12 * RNG.normal(size=(4, 50, 60)), top).round().astype(np.uint16)
+    frames = (
+        np.minimum(top - 20 + 12 * RNG.normal(size=(4, 50, 60)), top).round().astype(np.uint16)
+    )
     found = Stack(frames, 0.1, bits=bits if known else None).clipping
-    assert found.saturated == np.mean(frames == top) > 0.03 and not found.usable and f"largest code {top}" in found.note
+    assert (
+        found.saturated == np.mean(frames == top) > 0.03
+        and not found.usable
+        and f"largest code {top}" in found.note
+    )
     assert Stack(frames.astype(np.float32), 0.1).clipping.saturated == found.saturated
 
 
@@ -47,7 +55,10 @@ def test_tails_and_quiet_frames_are_not_clipped(sigma: float, size: tuple[int, .
 
 def test_black_and_constant_frames_are_said() -> None:
     cut = np.maximum(2 * RNG.normal(size=(2, 40, 40)), 0).round().astype(np.uint16)
-    assert "the black level is too low" in Stack(cut, 0.1).clipping.note and not Stack(cut, 0.1).clipping.usable
+    assert (
+        "the black level is too low" in Stack(cut, 0.1).clipping.note
+        and not Stack(cut, 0.1).clipping.usable
+    )
     signed = (2 * RNG.normal(size=(2, 40, 40))).round().astype(np.int16)
     assert not Stack(signed, 0.1).clipping.note
     constant = Stack(np.full((2, 4, 4), 7, np.uint8), 0.1).clipping
@@ -57,16 +68,25 @@ def test_black_and_constant_frames_are_said() -> None:
 @pytest.mark.parametrize("pedestal", [1, 16, 100])
 @pytest.mark.parametrize("share", [0.02, 0.26, 0.58])
 @pytest.mark.parametrize("kind", ["uint16", "float32"])
-def test_a_smallest_code_that_is_not_0_clips_where_noise_piles_up_at_it(pedestal: int, share: float, kind: str) -> None:
-    values = np.rint(2.4 * (np.random.default_rng(2).normal(size=(8, 96, 96)) - special.ndtri(share)))
+def test_a_smallest_code_that_is_not_0_clips_where_noise_piles_up_at_it(
+    pedestal: int, share: float, kind: str
+) -> None:
+    values = np.rint(
+        2.4 * (np.random.default_rng(2).normal(size=(8, 96, 96)) - special.ndtri(share))
+    )
     frames = (np.maximum(values, 0) + pedestal).astype(kind)
     frames[:, 0, :4] = 900  # hot pixels
     found = Stack(frames, 0.1).clipping
-    assert found.black == np.mean(frames == pedestal) and f"are {pedestal}: the black level is too low" in found.note
+    assert (
+        found.black == np.mean(frames == pedestal)
+        and f"are {pedestal}: the black level is too low" in found.note
+    )
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3, 0.6, 1.0])
-def test_quiet_darks_with_hot_pixels_are_not_clipped_at_their_smallest_code(sigma: float) -> None:
+def test_quiet_darks_with_hot_pixels_are_not_clipped_at_their_smallest_code(
+    sigma: float,
+) -> None:
     rng = np.random.default_rng(4)
     for level in (100.0, 100.2, 100.5):
         hot = rng.exponential(20, (96, 96)) * (rng.random((96, 96)) < 0.02)
@@ -77,7 +97,12 @@ def test_quiet_darks_with_hot_pixels_are_not_clipped_at_their_smallest_code(sigm
 def truth_in_the_dark(camera: SmallCamera) -> dict[str, float]:
     sigma_dn = camera.gain * camera.read_noise_e
     rounded_dn = math.hypot(sigma_dn, 12**-0.5)
-    return {"σ_y.dark": rounded_dn, "K·σ_d": sigma_dn, "σ_pixel": rounded_dn, "DSNU1288": camera.dsnu_dn}
+    return {
+        "σ_y.dark": rounded_dn,
+        "K·σ_d": sigma_dn,
+        "σ_pixel": rounded_dn,
+        "DSNU1288": camera.dsnu_dn,
+    }
 
 
 def test_what_clipped_darks_still_show_has_intervals_that_hold_the_truth() -> None:
@@ -89,14 +114,21 @@ def test_what_clipped_darks_still_show_has_intervals_that_hold_the_truth() -> No
         share = 10 ** rng.uniform(-5, math.log10(0.6))
         gain, read_noise_e, dsnu_dn = rng.uniform((0.2, 4, 0.5), (1.2, 9, 3))
         black_dn = 0.5 - special.ndtri(share) * math.hypot(gain * read_noise_e, dsnu_dn)
-        camera = SmallCamera(gain, read_noise_e=read_noise_e, black_dn=black_dn, dsnu_dn=dsnu_dn)
-        dark, light = camera.stack(rng, 0.0, 8, (40, 40)), camera.stack(rng, 3000.0, 2, (40, 40))
+        camera = SmallCamera(
+            gain, read_noise_e=read_noise_e, black_dn=black_dn, dsnu_dn=dsnu_dn
+        )
+        dark, light = (
+            camera.stack(rng, 0.0, 8, (40, 40)),
+            camera.stack(rng, 3000.0, 2, (40, 40)),
+        )
         figures = [*dark_noise([dark]).quantities, *line_noise(dark).quantities]
         figures.append(nonuniformity(dark, light).dsnu)
         for figure in figures:
             true = truth_in_the_dark(camera).get(figure.symbol)
             if math.isnan(figure.value):
-                assert true is None or (figure.clipped and "the black level is too low" in figure.note)
+                assert true is None or (
+                    figure.clipped and "the black level is too low" in figure.note
+                )
             elif true is not None:
                 printed, covered = printed + 1, covered + figure.covers(true)
     assert printed > 200 and 0.9 < covered / printed <= 0.99
@@ -111,9 +143,26 @@ def test_no_figure_of_a_bench_survives_darks_of_which_a_quarter_is_clipped() -> 
         codes = np.clip(np.rint(0.8 * values + 2), 0, 4095).astype(np.uint16)
         return Stack(codes, 0.01, photons=2 * electrons, bits=12)
 
-    flats = tuple(frames(electrons, 4) for electrons in (100, 400, 1000, 2000, 3000, 4000, 4600, 4900, 5100, 5400))
+    flats = tuple(
+        frames(electrons, 4)
+        for electrons in (100, 400, 1000, 2000, 3000, 4000, 4600, 4900, 5100, 5400)
+    )
     (found,) = measure(Bench((), (frames(0, 8),), flats))
-    for symbol in ("K", "η", "R", "LE", "σ_d", "DR", "µ_e.min", "σ_row", "ρ_1", "DSNU1288", "PRNU1288", "hot", "RTS"):
+    for symbol in (
+        "K",
+        "η",
+        "R",
+        "LE",
+        "σ_d",
+        "DR",
+        "µ_e.min",
+        "σ_row",
+        "ρ_1",
+        "DSNU1288",
+        "PRNU1288",
+        "hot",
+        "RTS",
+    ):
         figure = found.figures[symbol]
         assert math.isnan(figure.value) and figure.clipped, symbol
         assert "of the values are 0: the black level is too low" in figure.note, symbol
@@ -154,16 +203,27 @@ def test_profiles_and_spectrograms_of_clipped_frames_have_no_value() -> None:
     cut = Stack(np.maximum(3 * RNG.normal(size=(4, 40, 40)), 0).round().astype(np.uint16), 0.1)
     clear = Stack(cut.frames + 100, 0.1)
     for stack, clipped in ((cut, True), (clear, False)):
-        figures = [one.slope for one in profiles(stack)] + [one.non_whiteness for one in spectrograms(stack)]
+        figures = [one.slope for one in profiles(stack)] + [
+            one.non_whiteness for one in spectrograms(stack)
+        ]
         assert all(one.clipped == clipped == math.isnan(one.value) for one in figures)
 
 
-def test_the_shortest_dark_stack_may_be_clipped_if_three_others_say_what_it_would_show() -> None:
+def test_the_shortest_dark_stack_may_be_clipped_if_three_others_say_what_it_would_show() -> (
+    None
+):
     """Dark signal lifts the longer exposures off code 0; their variances lead to σ at exposure time 0."""
     rng, stacks = np.random.default_rng(1), []
     for time_s in (0.0, 1.0, 2.0, 3.0):
         electrons = rng.poisson(400 * time_s, (8, 64, 64)) + rng.normal(0, 9, (8, 64, 64))
-        stacks.append(Stack(np.rint(0.5 * electrons + 3).clip(0, 4095).astype(np.uint16), time_s, 0.0, bits=12))
+        stacks.append(
+            Stack(
+                np.rint(0.5 * electrons + 3).clip(0, 4095).astype(np.uint16),
+                time_s,
+                0.0,
+                bits=12,
+            )
+        )
     found = dark_noise(stacks)
     assert found.analogue.covers(4.5) and "0 s left out" in found.analogue.note
     assert dark_noise(stacks[:3]).analogue.clipped

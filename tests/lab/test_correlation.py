@@ -19,8 +19,14 @@ def test_intervals_of_white_noise_cover_0() -> None:
     rng = np.random.default_rng(1)
     found = []
     for _ in range(300):
-        frames = rng.normal(size=(9, 16, 20)) + 5 * rng.normal(size=(16, 20)) + rng.normal(size=(9, 1, 1))
-        found.append([one.covers(0.0) for one in correlation(Stack(frames, 0.1), lags=2).quantities])
+        frames = (
+            rng.normal(size=(9, 16, 20))
+            + 5 * rng.normal(size=(16, 20))
+            + rng.normal(size=(9, 1, 1))
+        )
+        found.append(
+            [one.covers(0.0) for one in correlation(Stack(frames, 0.1), lags=2).quantities]
+        )
     assert np.mean(found, axis=0) == pytest.approx([0.95] * 4, abs=0.042)
 
 
@@ -45,10 +51,16 @@ def test_smoothed_frames_correlate_with_their_neighbours_only_in_that_direction(
     across, down = white[:, :, 1:] + white[:, :, :-1], (white[:, 1:] + white[:, :-1])
     for frames, expected in ((across, (0.5, 0.0)), (down, (0.0, 0.5))):
         found = correlation(Stack(frames, 0.1))
-        assert (found.horizontal.value, found.vertical.value) == pytest.approx(expected, abs=0.02)
+        assert (found.horizontal.value, found.vertical.value) == pytest.approx(
+            expected, abs=0.02
+        )
         assert found.horizontal.covers(expected[0]) and found.vertical.covers(expected[1])
-    horizontal = np.corrcoef(*(across[:, :, part].ravel() for part in (slice(1, None), slice(None, -1))))[0, 1]
-    assert correlation(Stack(across, 0.1)).horizontal.value == pytest.approx(horizontal, abs=0.005)
+    horizontal = np.corrcoef(
+        *(across[:, :, part].ravel() for part in (slice(1, None), slice(None, -1)))
+    )[0, 1]
+    assert correlation(Stack(across, 0.1)).horizontal.value == pytest.approx(
+        horizontal, abs=0.005
+    )
 
 
 def test_what_has_no_correlation_says_why() -> None:

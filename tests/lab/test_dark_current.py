@@ -27,12 +27,20 @@ def dark_stacks(rng: np.random.Generator, drift_dn: float = 0.0, count: int = 6)
     stacks = []
     for time in TIMES_S:
         electrons = rng.poisson(RATE * time * pattern, (count, 20, 24))
-        read = 100 + READ_DN * rng.normal(size=electrons.shape) + drift_dn * rng.normal(size=(count, 1, 1))
-        stacks.append(Stack(np.floor(GAIN * electrons + read + 0.5).astype(np.uint16), time, photons=0))
+        read = (
+            100
+            + READ_DN * rng.normal(size=electrons.shape)
+            + drift_dn * rng.normal(size=(count, 1, 1))
+        )
+        stacks.append(
+            Stack(np.floor(GAIN * electrons + read + 0.5).astype(np.uint16), time, photons=0)
+        )
     return stacks
 
 
-@pytest.mark.parametrize(("drift_dn", "runs"), one_in(2, [(0.0, 400), (1.0, 300)], several=True))
+@pytest.mark.parametrize(
+    ("drift_dn", "runs"), one_in(2, [(0.0, 400), (1.0, 300)], several=True)
+)
 def test_intervals_cover_the_dark_current_95_times_in_100(drift_dn: float, runs: int) -> None:
     """Shares within 4.8 %, which chance leaves once in 9000 runs; the pattern of a chip is part of its dark current."""
     rng = np.random.default_rng(1)
@@ -61,15 +69,26 @@ def test_table_1s_camera_has_1741_58_electrons_per_second_at_298_k() -> None:
 
 def test_points_of_a_curve_are_said_not_to_lie_on_a_line() -> None:
     rng = np.random.default_rng(3)
-    bent = [Stack(frames(rng, np.full((20, 20), 100 + 50 * t**2), 6, Sigmas(0, 0, 2)), t) for t in (0.5, 1.0, 2.0, 3.0)]
+    bent = [
+        Stack(frames(rng, np.full((20, 20), 100 + 50 * t**2), 6, Sigmas(0, 0, 2)), t)
+        for t in (0.5, 1.0, 2.0, 3.0)
+    ]
     found = dark_current(bent)
-    assert "straight line" in found.from_mean.note and found.from_mean.high - found.from_mean.low > 100
+    assert (
+        "straight line" in found.from_mean.note
+        and found.from_mean.high - found.from_mean.low > 100
+    )
 
 
 def test_single_frames_have_a_mean_and_no_variance() -> None:
-    single = [Stack(one.frames[:1], one.exposure_s) for one in dark_stacks(np.random.default_rng(4))]
+    single = [
+        Stack(one.frames[:1], one.exposure_s) for one in dark_stacks(np.random.default_rng(4))
+    ]
     found = dark_current(single)
-    assert found.from_mean.value == pytest.approx(RATE * GAIN, rel=0.012) and found.from_mean.low > 98
+    assert (
+        found.from_mean.value == pytest.approx(RATE * GAIN, rel=0.012)
+        and found.from_mean.low > 98
+    )
     assert math.isnan(found.from_variance.value)
     assert "2 frames" in found.from_variance.note
     two = dark_current(single[:2]).from_mean
@@ -80,8 +99,13 @@ def test_clipped_exposures_are_left_out_with_a_note() -> None:
     stacks = dark_stacks(np.random.default_rng(5))
     full = Stack(np.full_like(stacks[0].frames, 4095), 100.0, bits=12)
     found = dark_current([*stacks, full])
-    assert "100 s left out (every value is 4095 DN)" in found.from_mean.note and found.from_mean.covers(100)
-    with pytest.raises(InputError, match="2 exposure times without clipped values; there are 1"):
+    assert (
+        "100 s left out (every value is 4095 DN)" in found.from_mean.note
+        and found.from_mean.covers(100)
+    )
+    with pytest.raises(
+        InputError, match="2 exposure times without clipped values; there are 1"
+    ):
         dark_current([stacks[0], full])
 
 
@@ -99,31 +123,52 @@ def test_stacks_of_different_settings_are_refused() -> None:
 
 
 def measured(value: float, relative: float = 0.01) -> Quantity:
-    return Quantity("µ_I.mean", "", value, value * (1 - 1.96 * relative), value * (1 + 1.96 * relative), "e-/s", "")
+    return Quantity(
+        "µ_I.mean",
+        "",
+        value,
+        value * (1 - 1.96 * relative),
+        value * (1 + 1.96 * relative),
+        "e-/s",
+        "",
+    )
 
 
 def test_the_doubling_temperature_and_the_activation_energy_are_those_of_the_law() -> None:
     """300 sets of 6 temperatures with errors of 1 %: shares within 4.2 % of 95 %, beyond once in 1000 runs."""
     rng = np.random.default_rng(7)
     t = np.linspace(290, 330, 6)
-    doubling, arrhenius = 100 * 2 ** ((t - 300) / 7.5), 1e12 * np.exp(-0.63 / (8.617333262e-5 * t))
+    doubling, arrhenius = (
+        100 * 2 ** ((t - 300) / 7.5),
+        1e12 * np.exp(-0.63 / (8.617333262e-5 * t)),
+    )
     covered = np.zeros(2)
     for _ in range(300):
         error = np.exp(0.01 * rng.normal(size=6))
-        sets = [{k: measured(x) for k, x in zip(t, law * error, strict=True)} for law in (doubling, arrhenius)]
-        covered += [dark_temperature(sets[0]).doubling.covers(7.5), dark_temperature(sets[1]).activation.covers(0.63)]
+        sets = [
+            {k: measured(x) for k, x in zip(t, law * error, strict=True)}
+            for law in (doubling, arrhenius)
+        ]
+        covered += [
+            dark_temperature(sets[0]).doubling.covers(7.5),
+            dark_temperature(sets[1]).activation.covers(0.63),
+        ]
     assert covered / 300 == pytest.approx([0.95, 0.95], abs=0.042)
 
 
 def test_the_simulators_dark_current_has_half_the_band_gap() -> None:
     """D ∝ T^1.5·exp(−E_g/2kT): E_a = E_g/2 + 1.5·kT, and E_g falls by its own derivative; at 300 K and
     308 K gives 2027.87 e-/s and 1.8930 times as much, so T_d = 8/log2(1.8930)."""
-    found = dark_temperature({300.0: measured(2027.87, 1e-4), 308.0: measured(2027.87 * 1.8930, 1e-4)})
+    found = dark_temperature(
+        {300.0: measured(2027.87, 1e-4), 308.0: measured(2027.87 * 1.8930, 1e-4)}
+    )
     assert found.doubling.covers(8 / math.log2(1.8930))
     k = 8.617333262e-5
     derivative = 7.021e-4 * 304 * (304 + 2 * 1108) / (304 + 1108) ** 2
     gap = 1.1557 - 7.021e-4 * 304**2 / (304 + 1108)
-    assert found.activation.value == pytest.approx((gap + derivative * 304) / 2 + 1.5 * k * 304, rel=0.001)
+    assert found.activation.value == pytest.approx(
+        (gap + derivative * 304) / 2 + 1.5 * k * 304, rel=0.001
+    )
 
 
 def test_currents_at_zero_are_left_out_and_one_temperature_is_too_few() -> None:

@@ -31,7 +31,10 @@ def test_the_papers_log_normals_and_gamma_come_back_from_their_own_samples() -> 
     """512 × 512 values; 3.5 standard errors: ±2.5 for a, 6.5e-5 and 4.6e-5 for µ and σ."""
     rng = np.random.default_rng(1)
     for mu, sigma in ((4.0241, 0.033), (4.0246, 0.035)):
-        found = fit_of(measured(rng.lognormal(mu, sigma, PIXELS), families=("log-normal", "normal")), "log-normal")
+        found = fit_of(
+            measured(rng.lognormal(mu, sigma, PIXELS), families=("log-normal", "normal")),
+            "log-normal",
+        )
         assert found.parameters[0].value == pytest.approx(mu, abs=3.5 * 6.8e-5)
         assert found.parameters[1].value == pytest.approx(sigma, abs=3.5 * 4.8e-5)
         assert found.ks_probability > 1e-3
@@ -48,8 +51,14 @@ def test_the_superimposed_distribution_comes_back_with_its_weights() -> None:
     rng = np.random.default_rng(2)
     count, part = 100_000, rng.random(100_000)
     uniform, normal = rng.uniform(50, 460, count), rng.normal(18, 4, count)
-    values = np.where(part < 0.01, uniform, np.where(part < 0.03, normal, rng.gamma(627.2, 0.0893, count)))
-    found = measured(np.abs(values), families=("gamma", "normal"), superimposed=(("gamma", "uniform", "normal"),))
+    values = np.where(
+        part < 0.01, uniform, np.where(part < 0.03, normal, rng.gamma(627.2, 0.0893, count))
+    )
+    found = measured(
+        np.abs(values),
+        families=("gamma", "normal"),
+        superimposed=(("gamma", "uniform", "normal"),),
+    )
     assert found.best.name == "gamma + uniform + normal" and found.best.ks_probability > 1e-3
     known = {"a": 627.2, "b": 0.0893, "w_uniform": 0.01, "from": 50, "to": 460}
     known |= {"w_normal": 0.02, "µ_normal": 18, "σ_normal": 4}
@@ -72,10 +81,17 @@ def test_the_superimposed_distribution_comes_back_with_its_weights() -> None:
 def test_intervals_cover_the_parameters_95_times_in_100(name: str, sample: object) -> None:
     """400 samples of 400: shares within 4.2 %, beyond once in 8000 runs each."""
     rng = np.random.default_rng(3)
-    known = {"normal": (50, 3), "log-normal": (1.0, 0.5), "gamma": (3.0, 2.0), "inverse Gaussian": (5.0, 12.0)}[name]
+    known = {
+        "normal": (50, 3),
+        "log-normal": (1.0, 0.5),
+        "gamma": (3.0, 2.0),
+        "inverse Gaussian": (5.0, 12.0),
+    }[name]
     found = [measured(sample(rng), families=(name,)).best.parameters for _ in range(400)]  # type: ignore[operator]
     for measured_ones, value in zip(zip(*found, strict=True), known, strict=True):
-        assert np.mean([one.covers(value) for one in measured_ones]) == pytest.approx(0.95, abs=0.042)
+        assert np.mean([one.covers(value) for one in measured_ones]) == pytest.approx(
+            0.95, abs=0.042
+        )
 
 
 @pytest.mark.parametrize(
@@ -87,7 +103,9 @@ def test_intervals_cover_the_parameters_95_times_in_100(name: str, sample: objec
         ("inverse Gaussian", (5.0, 12.0), scipy.stats.invgauss(5 / 12, scale=12)),
     ],
 )
-def test_densities_and_distribution_functions_are_scipys(name: str, p: tuple[float, ...], law: object) -> None:
+def test_densities_and_distribution_functions_are_scipys(
+    name: str, p: tuple[float, ...], law: object
+) -> None:
     x = law.ppf(np.linspace(0.001, 0.999, 50))  # type: ignore[attr-defined]
     np.testing.assert_allclose(FAMILIES[name].log_density(x, p), law.logpdf(x), rtol=1e-9)  # type: ignore[attr-defined]
     np.testing.assert_allclose(FAMILIES[name].below(x, p), law.cdf(x), rtol=1e-9)  # type: ignore[attr-defined]
@@ -96,9 +114,17 @@ def test_densities_and_distribution_functions_are_scipys(name: str, p: tuple[flo
 def test_a_mixture_is_the_weighted_sum_of_its_parts() -> None:
     mixture = Mixture(FAMILIES["gamma"], (9.0, 2.0), (0.2, 5.0, 25.0), (0.1, 40.0, 3.0))
     x = np.linspace(0.5, 60, 40)
-    laws = (0.7, scipy.stats.gamma(9, scale=2)), (0.2, scipy.stats.uniform(5, 20)), (0.1, scipy.stats.norm(40, 3))
-    np.testing.assert_allclose(mixture.density(x), sum(w * law.pdf(x) for w, law in laws), rtol=1e-9)
-    np.testing.assert_allclose(mixture.below(x), sum(w * law.cdf(x) for w, law in laws), rtol=1e-9)
+    laws = (
+        (0.7, scipy.stats.gamma(9, scale=2)),
+        (0.2, scipy.stats.uniform(5, 20)),
+        (0.1, scipy.stats.norm(40, 3)),
+    )
+    np.testing.assert_allclose(
+        mixture.density(x), sum(w * law.pdf(x) for w, law in laws), rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        mixture.below(x), sum(w * law.cdf(x) for w, law in laws), rtol=1e-9
+    )
     assert mixture.with_values(mixture.values) == mixture
 
 
@@ -108,7 +134,9 @@ def test_the_offset_is_subtracted_and_what_lies_below_it_is_said() -> None:
     found = measured(values, offset_dn=100.0)
     assert found.best.name == "gamma" and found.best.parameters[0].covers(20)
     below = measured(values, offset_dn=110.0)
-    assert [one.name for one in below.fits] == ["normal"] and "gamma is not fitted" in below.note
+    assert [one.name for one in below.fits] == [
+        "normal"
+    ] and "gamma is not fitted" in below.note
 
 
 def test_frames_without_a_distribution_are_marked() -> None:
@@ -116,7 +144,11 @@ def test_frames_without_a_distribution_are_marked() -> None:
     assert not constant.fits and "every value is 0 DN" in constant.note
     coarse = dark_signal(Stack(np.random.default_rng(5).integers(99, 102, (1, 40, 40)), 1.0))
     assert "only 3 different values" in coarse.note
-    for options in ({"families": ("gama",)}, {"superimposed": (("gamma", "gamma"),)}, {"families": ()}):
+    for options in (
+        {"families": ("gama",)},
+        {"superimposed": (("gamma", "gamma"),)},
+        {"families": ()},
+    ):
         with pytest.raises(InputError, match="is no distribution"):
             measured(np.arange(50.0), **options)
     with pytest.raises(InputError, match="it must be finite, of 16 or more"):
@@ -127,16 +159,26 @@ def test_frames_without_a_distribution_are_marked() -> None:
 def test_superimposed_parts_that_are_not_there_have_hardly_any_weight(scale: float) -> None:
     """Few pixels, any unit: no part becomes a spike on a few values."""
     rng = np.random.default_rng(7)
-    for values in (rng.normal(100, 2, 168), rng.normal(100, 2, 4000), np.round(rng.normal(100, 20, 4000))):
-        found = measured(values * scale, families=(), superimposed=(("normal", "uniform", "normal"),))
+    for values in (
+        rng.normal(100, 2, 168),
+        rng.normal(100, 2, 4000),
+        np.round(rng.normal(100, 20, 4000)),
+    ):
+        found = measured(
+            values * scale, families=(), superimposed=(("normal", "uniform", "normal"),)
+        )
         assert len(found.fits) == 1 and np.isfinite(found.best.log_likelihood)
         assert found.best.ks_probability > 1e-3
         low, high = (one.value for one in found.best.parameters[3:5])
         assert high - low > 0.005 * np.ptp(values) * scale
     few = measured(
-        np.round(rng.normal(100, 1, 400)) * scale, families=("normal",), superimposed=(("gamma", "uniform"),)
+        np.round(rng.normal(100, 1, 400)) * scale,
+        families=("normal",),
+        superimposed=(("gamma", "uniform"),),
     )
-    assert [one.name for one in few.fits] == ["normal"] and "gamma + uniform is not fitted" in few.note
+    assert [one.name for one in few.fits] == [
+        "normal"
+    ] and "gamma + uniform is not fitted" in few.note
 
 
 def test_the_plot_has_linear_or_logarithmic_counts() -> None:

@@ -37,7 +37,9 @@ def test_hot_dead_and_deviating_pixels_are_found_where_they_are() -> None:
     assert found.dead is not None and found.deviating is not None
     for some, places in ((found.hot, hot), (found.dead, dead), (found.deviating, weak)):
         assert sorted(map(tuple, np.argwhere(some).tolist())) == sorted(places)
-    assert found.hot_share.value == pytest.approx(100 * 2 / 7200) and found.hot_share.covers(100 * 2.5 / 7200)
+    assert found.hot_share.value == pytest.approx(100 * 2 / 7200) and found.hot_share.covers(
+        100 * 2.5 / 7200
+    )
 
 
 def test_sensors_without_defects_have_the_stated_false_alarms() -> None:
@@ -57,7 +59,10 @@ def test_quantised_saturated_and_unfit_frames_are_marked_or_refused() -> None:
     saturated = defects(dark, Stack(np.full((2, 30, 30), 4095, np.uint16), 0.1))
     assert math.isnan(saturated.dead_share.value) and "4095" in saturated.dead_share.note
     assert defects(Stack(dark.frames[:, :1].repeat(4, axis=2), 0.1)).z_dark.shape == (1, 120)
-    for given, false_alarm in (((dark, dark.window(slice(0, 20), slice(0, 20))), 0.1), ((dark,), 0.0)):
+    for given, false_alarm in (
+        ((dark, dark.window(slice(0, 20), slice(0, 20))), 0.1),
+        ((dark,), 0.0),
+    ):
         with pytest.raises(InputError, match="a probability between 0 and 1"):
             defects(*given, false_alarm=false_alarm)
     with pytest.raises(InputError, match=r"Stack\.of_filters"):
@@ -73,21 +78,36 @@ def test_the_interval_of_a_share_is_clopper_and_pearsons() -> None:
 def test_the_simulators_rts_pixels_are_found_with_step_and_share() -> None:
     """Table 1's camera with 1 % of RTS pixels: those that were in both levels for 6 frames are found, at most one other
     is; steps of 300 e- · exp(−0.57 eV/k·(1/298.15 K − 1/300 K)) within 4 standard errors on average."""
-    changes = {"rts_fraction": 0.01, "rts_amplitude_e_per_s": 3000.0, "rts_duty": 0.3, "rts_switching": 0.5}
-    camera = ms.load_camera("konnik_table1").replace(**{f"dark_current.{key}": value for key, value in changes.items()})
+    changes = {
+        "rts_fraction": 0.01,
+        "rts_amplitude_e_per_s": 3000.0,
+        "rts_duty": 0.3,
+        "rts_switching": 0.5,
+    }
+    camera = ms.load_camera("konnik_table1").replace(
+        **{f"dark_current.{key}": value for key, value in changes.items()}
+    )
     shape = 60, 100
-    made = ms.expose(np.zeros(shape), camera, ms.Exposure(0.1), frames=40, seed=4, keep=("dark_electrons",))
+    made = ms.expose(
+        np.zeros(shape), camera, ms.Exposure(0.1), frames=40, seed=4, keep=("dark_electrons",)
+    )
     site = ms.fpn_maps(camera, shape=shape)["rts_site"] > 0
     found = rts_pixels(Stack(made.digital, 0.1, bits=12)).per_gain(0.1241212)
     places = set(zip(found.rows.tolist(), found.columns.tolist(), strict=True))
     assert made.dark_electrons is not None
     on = (made.dark_electrons > 174 + 130).sum(axis=0)
     both = set(map(tuple, np.argwhere(site & (on >= 6) & (on <= 34)).tolist()))
-    assert len(both) > 30 and both <= places and len(places - set(map(tuple, np.argwhere(site).tolist()))) <= 1
+    assert (
+        len(both) > 30
+        and both <= places
+        and len(places - set(map(tuple, np.argwhere(site).tolist()))) <= 1
+    )
     step = 300 * math.exp(-0.57 / 8.617333262e-5 * (1 / 298.15 - 1 / 300))
     error = 4 * found.step_errors.mean() / len(places) ** 0.5
     assert found.steps.mean() == pytest.approx(step, abs=error) and found.step.unit == "e-"
-    assert found.shares.mean() == pytest.approx(0.3, abs=4 * found.share_errors.mean() / len(places) ** 0.5)
+    assert found.shares.mean() == pytest.approx(
+        0.3, abs=4 * found.share_errors.mean() / len(places) ** 0.5
+    )
 
 
 @pytest.mark.parametrize("sigma", [0.15, 0.5, 1.0, 5.0])
@@ -98,7 +118,9 @@ def test_stacks_without_rts_have_the_stated_false_alarms(sigma: float) -> None:
     named = 0
     for _ in range(6):
         drift = 0.1 * sigma * rng.normal(size=(32, 1, 1))
-        values = 100 + rng.normal(size=(100, 100)) + drift + sigma * rng.normal(size=(32, 100, 100))
+        values = (
+            100 + rng.normal(size=(100, 100)) + drift + sigma * rng.normal(size=(32, 100, 100))
+        )
         named += bool(rts_pixels(Stack(rounded(values), 0.1), false_alarm=0.1).rows.size)
     assert named < 4
 
@@ -117,7 +139,11 @@ def test_two_levels_have_the_levels_that_went_in() -> None:
     rng = np.random.default_rng(7)
     on = rng.random((400, 64)) < 0.4
     fit = two_levels(np.round(100 + 20 * on + 2 * rng.normal(size=on.shape)), True, 0.5)
-    for values, known, sigma in ((fit.upper - fit.lower, 20, 0.51), (fit.sigma, 2, 0.18), (fit.share, 0.4, 0.0613)):
+    for values, known, sigma in (
+        (fit.upper - fit.lower, 20, 0.51),
+        (fit.sigma, 2, 0.18),
+        (fit.share, 0.4, 0.0613),
+    ):
         assert values.mean() == pytest.approx(known, abs=5 * sigma / 20 + 0.02 * (known == 2))
     assert fit.gain.min() > 60
 
@@ -126,8 +152,14 @@ def test_no_rts_pixels_and_too_few_frames_are_said() -> None:
     rng = np.random.default_rng(8)
     dark = stack(frames(rng, np.full((30, 30), 100.0), 16, QUIET))
     found = rts_pixels(dark)
-    assert found.fraction.value == 0 and found.fraction.high < 0.5 and "no RTS pixels" in found.step.note
-    assert "are not found with 16 frames" in found.fraction.note and math.isnan(found.step.value)
+    assert (
+        found.fraction.value == 0
+        and found.fraction.high < 0.5
+        and "no RTS pixels" in found.step.note
+    )
+    assert "are not found with 16 frames" in found.fraction.note and math.isnan(
+        found.step.value
+    )
     assert math.isnan(rts_pixels(Stack(np.zeros((9, 5, 5), np.uint8), 0.1)).fraction.value)
     with pytest.raises(InputError, match="need at least 8 frames"):
         rts_pixels(Stack(dark.frames[:7], 0.1))

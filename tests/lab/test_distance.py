@@ -7,14 +7,20 @@ import pytest
 
 from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.measure.distance import FigureDistance, figure_distances, frame_distances
+from mitsuba_sensor.lab.measure.distance import (
+    FigureDistance,
+    figure_distances,
+    frame_distances,
+)
 from mitsuba_sensor.lab.quantity import Quantity
 
 RNG = np.random.default_rng(7)
 N, H, W = 8, 100, 120
 
 
-def _stack(sigma: float = 3.0, row: float = 0.5, column: float = 0.0, mean: float = 100.0) -> Stack:
+def _stack(
+    sigma: float = 3.0, row: float = 0.5, column: float = 0.0, mean: float = 100.0
+) -> Stack:
     values = mean + sigma * RNG.normal(size=(N, H, W)) + row * RNG.normal(size=(N, H, 1))
     return Stack(np.round(values + column * RNG.normal(size=(N, 1, W))).astype(np.uint16), 0.1)
 
@@ -43,9 +49,17 @@ def test_two_frames_of_one_law_pass_as_often() -> None:
 
 @pytest.mark.parametrize(
     ("other", "which"),
-    [({"sigma": 3.4}, 0), ({"mean": 100.3}, 0), ({"row": 0.35}, 1), ({"row": 0.0}, 1), ({"column": 0.25}, 2)],
+    [
+        ({"sigma": 3.4}, 0),
+        ({"mean": 100.3}, 0),
+        ({"row": 0.35}, 1),
+        ({"row": 0.0}, 1),
+        ({"column": 0.25}, 2),
+    ],
 )
-def test_another_noise_fails_the_test_that_is_about_it(other: dict[str, float], which: int) -> None:
+def test_another_noise_fails_the_test_that_is_about_it(
+    other: dict[str, float], which: int
+) -> None:
     """All of 10 pairs; that a test of this power misses one is below 1 in 10 000."""
     assert all(not frame_distances(_stack(), _stack(**other))[which].passed for _ in range(10))
 
@@ -62,5 +76,7 @@ def test_figures_differ_by_standard_errors_of_both() -> None:
 
 
 def test_stacks_that_are_not_alike_are_refused() -> None:
-    with pytest.raises(InputError, match="compare frames of one size, mosaic and exposure time"):
+    with pytest.raises(
+        InputError, match="compare frames of one size, mosaic and exposure time"
+    ):
         frame_distances(_stack(), Stack(np.zeros((2, 3, 3), np.uint8), 0.1))

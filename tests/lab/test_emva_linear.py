@@ -37,7 +37,9 @@ def test_the_figures_of_a_linear_camera_are_those_that_it_was_made_with() -> Non
     found = emva_linear(*bench(1, count=16, shape=(64, 64)))
     for symbol, true in TRUE.items():
         assert found[symbol].covers(true), str(found[symbol])
-    assert found["K"].high < 1.012 * found["K"].low and found["σ_d"].high < 1.02 * found["σ_d"].low
+    assert (
+        found["K"].high < 1.012 * found["K"].low and found["σ_d"].high < 1.02 * found["σ_d"].low
+    )
     assert found["LE"].value < 0.05 and found["LE"].low == 0
     assert found.saturation.peak.limited_by == "well"
     assert found["µ_e.sat"].low <= 10_000 <= 1.05 * found["µ_e.sat"].value
@@ -50,14 +52,18 @@ def test_the_figures_of_a_linear_camera_are_those_that_it_was_made_with() -> Non
 
 
 @pytest.mark.parametrize(("cameras", "fewest", "most"), [(50, 0, 9), exhaustive(300, 4, 27)])
-def test_intervals_of_k_qe_and_dark_noise_cover_95_of_100_cameras(cameras: int, fewest: int, most: int) -> None:
+def test_intervals_of_k_qe_and_dark_noise_cover_95_of_100_cameras(
+    cameras: int, fewest: int, most: int
+) -> None:
     """Random cameras. Right 95 % intervals are missed in 2.5 ± 1.5 of 50 (more than 9: chance 1 in 4000 for each
     figure), in 15 ± 3.8 of 300 (fewer than 4, more than 27: 1 in 250), and the seed is fixed."""
     rng, missed = np.random.default_rng(2), dict.fromkeys(("K", "η", "σ_d"), 0)
     for number in range(cameras):
         gain, efficiency = rng.uniform(0.05, 2), rng.uniform(0.2, 0.9)
         noise = rng.uniform(0.75, 6) / gain
-        camera = SmallCamera(gain, efficiency, noise, 3500 / gain, 100, dsnu_dn=float(rng.choice([0, 0.1, 3])))
+        camera = SmallCamera(
+            gain, efficiency, noise, 3500 / gain, 100, dsnu_dn=float(rng.choice([0, 0.1, 3]))
+        )
         found = emva_linear(*camera.bench(rng, (2, 2, 4)[number % 3], (16, 16), 8))
         for symbol, true in (("K", gain), ("η", efficiency), ("σ_d", noise)):
             missed[symbol] += not found[symbol].covers(true)
@@ -68,7 +74,10 @@ def test_light_that_drifts_by_1_percent_is_found_and_does_not_move_k() -> None:
     found = emva_linear(*bench(3, count=16, shape=(48, 48), drift=0.01))
     assert found["K"].covers(0.3) and found["K"].value == pytest.approx(0.3, rel=0.02)
     assert found["η"].value == pytest.approx(0.6, rel=0.02) and found["η"].covers(0.6)
-    assert any("frame means drift by" in note for note in found.notes) and "notes of the series" in found["K"].note
+    assert (
+        any("frame means drift by" in note for note in found.notes)
+        and "notes of the series" in found["K"].note
+    )
 
 
 def test_two_frames_give_wider_intervals_than_64() -> None:
@@ -81,9 +90,14 @@ def test_two_frames_give_wider_intervals_than_64() -> None:
 def test_without_photons_k_stays_and_what_needs_photons_says_why() -> None:
     darks, flats = bench(5)
     times = np.linspace(0.001, 0.03, len(flats))
-    unknown = [replace(one, photons=None, exposure_s=float(time)) for one, time in zip(flats, times, strict=True)]
+    unknown = [
+        replace(one, photons=None, exposure_s=float(time))
+        for one, time in zip(flats, times, strict=True)
+    ]
     found = emva_linear([replace(darks[0], photons=None)], unknown)
-    assert found["K"].covers(0.3) and found["R"].unit == "DN/s" and found["µ_e.sat"].value > 9000
+    assert (
+        found["K"].covers(0.3) and found["R"].unit == "DN/s" and found["µ_e.sat"].value > 9000
+    )
     for symbol in ("η", "µ_p.sat", "µ_p.min"):
         assert math.isnan(found[symbol].value) and "photons are not known" in found[symbol].note
     assert "no dark frames at" in found.notes[0]
@@ -112,10 +126,17 @@ def test_float_frames_and_averages_are_measured_with_their_own_rounding() -> Non
     darks, flats = bench(7, shape=(48, 48), count=4)
     whole = emva_linear(darks, flats)
     same = emva_linear(
-        *([replace(one, frames=one.frames.astype(np.float32)) for one in part] for part in (darks, flats))
+        *(
+            [replace(one, frames=one.frames.astype(np.float32)) for one in part]
+            for part in (darks, flats)
+        )
     )
-    assert [one.value for one in same.quantities] == pytest.approx([one.value for one in whole.quantities], rel=1e-6)
-    half = [[replace(one, frames=one.frames / 2 + 0.25) for one in part] for part in (darks, flats)]
+    assert [one.value for one in same.quantities] == pytest.approx(
+        [one.value for one in whole.quantities], rel=1e-6
+    )
+    half = [
+        [replace(one, frames=one.frames / 2 + 0.25) for one in part] for part in (darks, flats)
+    ]
     found = emva_linear(*half)
     assert found["K"].value == pytest.approx(whole["K"].value / 2, rel=1e-6)
     assert any("no rounding was subtracted" in note for note in found.notes)
@@ -124,10 +145,14 @@ def test_float_frames_and_averages_are_measured_with_their_own_rounding() -> Non
 @pytest.mark.parametrize(("bits", "gain"), [(8, 0.022), (10, 0.08), (14, 1.3), (16, 6.0)])
 def test_8_to_16_bits(bits: int, gain: float) -> None:
     """With 8 bits the dark noise of 6 e- is 0.13 DN, which the likelihood measures."""
-    camera = SmallCamera(gain=gain, bits=bits, black_dn=8.0 + 40 * gain, dsnu_dn=0.8 if bits == 8 else 0.0)
+    camera = SmallCamera(
+        gain=gain, bits=bits, black_dn=8.0 + 40 * gain, dsnu_dn=0.8 if bits == 8 else 0.0
+    )
     found = emva_linear(*camera.bench(np.random.default_rng(bits), 8, (64, 64), 25))
     for symbol, true in (("K", gain), ("η", 0.6), ("σ_d", 6.0)):
-        assert found[symbol].covers(true) or found[symbol].value == pytest.approx(true, rel=0.05), str(found[symbol])
+        assert found[symbol].covers(true) or found[symbol].value == pytest.approx(
+            true, rel=0.05
+        ), str(found[symbol])
     assert ("below 0.4 DN" in found["σ_d"].note) == (bits == 8)
 
 
@@ -141,12 +166,17 @@ def test_a_black_level_that_cuts_the_dark_frames_leaves_no_figure_that_needs_the
 
 
 def test_codes_of_12_bits_that_lie_in_16_are_noted() -> None:
-    darks, flats = ([replace(one, frames=16 * one.frames, bits=16) for one in part] for part in bench(15))
+    darks, flats = (
+        [replace(one, frames=16 * one.frames, bits=16) for one in part] for part in bench(15)
+    )
     assert "multiples of 16: divide" in "".join(emva_linear(darks, flats).notes)
 
 
 def test_each_filter_of_a_mosaic_is_measured_apart() -> None:
-    darks, flats = ([replace(one, tile=(("R", "G"), ("G", "B"))) for one in part] for part in bench(9, shape=(64, 64)))
+    darks, flats = (
+        [replace(one, tile=(("R", "G"), ("G", "B"))) for one in part]
+        for part in bench(9, shape=(64, 64))
+    )
     with pytest.raises(InputError, match=r"of Stack.of_filters\(\)"):
         emva_linear(darks, flats)
     of = [[one.of_filters()["G (2)"] for one in part] for part in (darks, flats)]
@@ -158,13 +188,31 @@ def test_each_filter_of_a_mosaic_is_measured_apart() -> None:
     [
         (lambda darks, flats: ([], flats), "0 dark stacks and 30 flat stacks"),
         (lambda darks, flats: (darks, []), "1 dark stacks and 0 flat stacks"),
-        (lambda darks, flats: (darks, [flats[0].window(slice(20), slice(20)), *flats]), "differ in shape"),
-        (lambda darks, flats: (darks, [replace(flats[0], gain="ISO 800"), *flats]), "differ in gain"),
+        (
+            lambda darks, flats: (darks, [flats[0].window(slice(20), slice(20)), *flats]),
+            "differ in shape",
+        ),
+        (
+            lambda darks, flats: (darks, [replace(flats[0], gain="ISO 800"), *flats]),
+            "differ in gain",
+        ),
         (lambda darks, flats: (darks, [replace(flats[0], bits=13), *flats]), "differ in bits"),
-        (lambda darks, flats: (darks, [replace(flats[9], bits=8), *flats]), "is beyond 8 bits; pass the bits of"),
-        (lambda darks, flats: (darks, [replace(flats[0], photons=None), *flats]), "give all of them or none"),
-        (lambda darks, flats: ([replace(darks[0], frames=darks[0].frames[:1])], flats), "one frame has no temporal"),
-        (lambda darks, flats: (darks, [replace(flats[0], photons=np.ones((32, 32)))]), "photons are an array"),
+        (
+            lambda darks, flats: (darks, [replace(flats[9], bits=8), *flats]),
+            "is beyond 8 bits; pass the bits of",
+        ),
+        (
+            lambda darks, flats: (darks, [replace(flats[0], photons=None), *flats]),
+            "give all of them or none",
+        ),
+        (
+            lambda darks, flats: ([replace(darks[0], frames=darks[0].frames[:1])], flats),
+            "one frame has no temporal",
+        ),
+        (
+            lambda darks, flats: (darks, [replace(flats[0], photons=np.ones((32, 32)))]),
+            "photons are an array",
+        ),
     ],
 )
 def test_stacks_that_do_not_belong_together_are_refused(change: Any, said: str) -> None:
@@ -185,14 +233,21 @@ def test_a_window_measures_the_centre() -> None:
 def test_every_plot_has_axes_with_units_and_at_most_eight_series() -> None:
     found = emva_linear(*bench(12))
     light = found.radiometric
-    plots = (found.photon_transfer.plot, light.plot, light.plot_deviation, found.dark_noise.plot, found.snr.plot)
+    plots = (
+        found.photon_transfer.plot,
+        light.plot,
+        light.plot_deviation,
+        found.dark_noise.plot,
+        found.snr.plot,
+    )
     for plot in (*plots, found.saturation.plot):
         axes = Figure().subplots()
         plot(axes)
         assert axes.get_xlabel() and axes.get_ylabel() and not axes.texts
         assert 0 < len(axes.get_legend_handles_labels()[1]) <= 8
         assert all(
-            "[" in label or label in ("SNR", "photons per pixel") for label in (axes.get_xlabel(), axes.get_ylabel())
+            "[" in label or label in ("SNR", "photons per pixel")
+            for label in (axes.get_xlabel(), axes.get_ylabel())
         )
 
 
@@ -209,7 +264,9 @@ def test_saturation_is_where_the_variance_of_many_levels_is_largest(prnu: float)
     """EMVA 1288 R4 2.4 by brute force: 200 frames at levels 0.2 % apart; a series of 30 levels finds it within 1 %."""
     camera, rng = replace(CAMERA, prnu=prnu), np.random.default_rng(14)
     levels = np.arange(0.92, 1.03, 0.002) * 10_000 / 0.6
-    variances = [np.var(camera.frames(rng, one, 200, (16, 16)), axis=0, ddof=1).mean() for one in levels]
+    variances = [
+        np.var(camera.frames(rng, one, 200, (16, 16)), axis=0, ddof=1).mean() for one in levels
+    ]
     smooth = np.polynomial.Polynomial.fit(levels, variances, 7)(levels)
     found = emva_linear(*camera.bench(rng, 4, (48, 48), 30))
     assert found["µ_p.sat"].value == pytest.approx(levels[np.argmax(smooth)], rel=0.01)
@@ -227,6 +284,11 @@ def test_a_camera_of_this_package_is_measured_as_it_is() -> None:
         return Stack(frames.digital, 0.01, photons=photons, bits=12)
 
     found = emva_linear([stack(0)], [stack(number) for number in range(1, 25)])
-    assert found["K"].covers(0.1241212) and found["K"].value == pytest.approx(0.1241212, rel=0.02)
+    assert found["K"].covers(0.1241212) and found["K"].value == pytest.approx(
+        0.1241212, rel=0.02
+    )
     assert found["η"].covers(0.6)
-    assert found["µ_e.sat"].low < 33_000 < 1.03 * found["µ_e.sat"].value and found["LE"].value < 0.05
+    assert (
+        found["µ_e.sat"].low < 33_000 < 1.03 * found["µ_e.sat"].value
+        and found["LE"].value < 0.05
+    )

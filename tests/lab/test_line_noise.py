@@ -27,7 +27,9 @@ def test_intervals_cover_what_went_in_95_times_in_100() -> None:
         drift = rng.normal(size=(6, 1, 1))
         found.append(line_noise(Stack(frames(rng, mean, 6, KNOWN) + drift, 0.1)).quantities)
     for measured, known in zip(zip(*found, strict=True), KNOWN, strict=True):
-        assert np.mean([one.covers(known) for one in measured]) == pytest.approx(0.95, abs=0.042)
+        assert np.mean([one.covers(known) for one in measured]) == pytest.approx(
+            0.95, abs=0.042
+        )
         power = np.array([one.value**2 for one in measured])
         assert power.mean() == pytest.approx(known**2, abs=4.5 * power.std() / 20)
 
@@ -35,18 +37,27 @@ def test_intervals_cover_what_went_in_95_times_in_100() -> None:
 def test_without_line_noise_the_interval_begins_at_0_and_says_so() -> None:
     """20 stacks; 97.5 % of them have a lower limit of 0, and fewer than 16 of 20 once in 10⁶ runs."""
     rng = np.random.default_rng(2)
-    rows = [line_noise(stack(frames(rng, np.full((30, 40), 100.0), 8, Sigmas(0, 0, 2)))).row for _ in range(20)]
+    rows = [
+        line_noise(stack(frames(rng, np.full((30, 40), 100.0), 8, Sigmas(0, 0, 2)))).row
+        for _ in range(20)
+    ]
     zero = [one for one in rows if one.low == 0]
-    assert len(zero) >= 16 and all(one.value >= 0 and "not told from 0" in one.note for one in zero)
+    assert len(zero) >= 16 and all(
+        one.value >= 0 and "not told from 0" in one.note for one in zero
+    )
 
 
 def test_the_simulators_row_and_column_noise_come_back_in_electrons() -> None:
     """bayer-free camera of Table 1 with 3 and 2 e-; 24 frames of 120 × 160: five standard errors are 7 %."""
     changes = {"readout.row_noise_e": 3.0, "readout.column_noise_e": 2.0}
     camera = ms.load_camera("konnik_table1").replace(**changes)
-    digital = ms.expose(np.zeros((120, 160)), camera, ms.Exposure(0.01), frames=24, seed=3).digital
+    digital = ms.expose(
+        np.zeros((120, 160)), camera, ms.Exposure(0.01), frames=24, seed=3
+    ).digital
     found = line_noise(Stack(digital, 0.01, bits=12)).per_gain(0.1241212)
-    assert found.row.value == pytest.approx(3.0, rel=0.07) and found.column.value == pytest.approx(2.0, rel=0.07)
+    assert found.row.value == pytest.approx(
+        3.0, rel=0.07
+    ) and found.column.value == pytest.approx(2.0, rel=0.07)
     assert found.row.unit == "e-" and found.row.covers(found.row.value)
 
 
@@ -66,11 +77,22 @@ def test_what_cannot_be_measured_has_no_value_and_a_reason() -> None:
 
 
 def test_two_frames_are_enough_with_a_wide_interval() -> None:
-    found = line_noise(Stack(frames(np.random.default_rng(5), np.full((200, 150), 100.0), 2, KNOWN), 0.1))
-    assert found.row.covers(0.5) and found.column.covers(0.3) and found.row.high > 1.05 * found.row.value
+    found = line_noise(
+        Stack(frames(np.random.default_rng(5), np.full((200, 150), 100.0), 2, KNOWN), 0.1)
+    )
+    assert (
+        found.row.covers(0.5)
+        and found.column.covers(0.3)
+        and found.row.high > 1.05 * found.row.value
+    )
 
 
 def test_the_plot_has_rows_and_columns() -> None:
     axes = matplotlib.figure.Figure().subplots()
-    line_noise(stack(frames(np.random.default_rng(6), np.full((20, 30), 100.0), 8, KNOWN))).plot(axes)
-    assert [len(line.get_xdata()) for line in axes.lines] == [20, 30] and "[DN]" in axes.get_ylabel()
+    line_noise(
+        stack(frames(np.random.default_rng(6), np.full((20, 30), 100.0), 8, KNOWN))
+    ).plot(axes)
+    assert [len(line.get_xdata()) for line in axes.lines] == [
+        20,
+        30,
+    ] and "[DN]" in axes.get_ylabel()

@@ -17,16 +17,31 @@ from mitsuba_sensor.lab.quantity import Quantity, variance_interval
 from mitsuba_sensor.lab.statistics.mean_squares import MeanSquare, combined, root
 
 DSNU, PRNU = Sigmas(1.0, 2.0, 1.5), Sigmas(0.2, 0.3, 0.5)
-PARTS = ("dsnu", "dsnu_row", "dsnu_col", "dsnu_pixel", "prnu", "prnu_row", "prnu_col", "prnu_pixel", "paper")
+PARTS = (
+    "dsnu",
+    "dsnu_row",
+    "dsnu_col",
+    "dsnu_pixel",
+    "prnu",
+    "prnu_row",
+    "prnu_col",
+    "prnu_pixel",
+    "paper",
+)
 KNOWN = dict(zip(PARTS, (DSNU.total, *DSNU, PRNU.total, *PRNU, PRNU.total), strict=True))
 QUIET = Sigmas(0, 0, 2)
 
 
-def pair(rng: np.random.Generator, shape: tuple[int, int], count: int, row_noise: float = 0.0) -> tuple[Stack, Stack]:
+def pair(
+    rng: np.random.Generator, shape: tuple[int, int], count: int, row_noise: float = 0.0
+) -> tuple[Stack, Stack]:
     """Dark and light stacks of 12 bits: DSNU in DN, PRNU in percent of 1500 DN."""
     dark = 100 + noise(rng, shape, DSNU)
     light = dark + 1500 * (1 + noise(rng, shape, PRNU) / 100)
-    stacks = (frames(rng, mean, count, Sigmas(row_noise, 0, one)) for mean, one in ((dark, 2.0), (light, 11.0)))
+    stacks = (
+        frames(rng, mean, count, Sigmas(row_noise, 0, one))
+        for mean, one in ((dark, 2.0), (light, 11.0))
+    )
     dark_frames, light_frames = stacks
     return stack(dark_frames), stack(light_frames)
 
@@ -45,7 +60,9 @@ def test_intervals_cover_what_went_in_95_times_in_100() -> None:
             values[name].append(getattr(found, name).value ** 2)
     for name, known in KNOWN.items():
         assert covered[name] / 600 == pytest.approx(0.95, abs=0.034), name
-        assert np.mean(values[name]) == pytest.approx(known**2, abs=4.5 * np.std(values[name]) / 600**0.5), name
+        assert np.mean(values[name]) == pytest.approx(
+            known**2, abs=4.5 * np.std(values[name]) / 600**0.5
+        ), name
 
 
 def test_the_papers_half_percent_reads_0_5128_raw_and_0_500_corrected() -> None:
@@ -54,7 +71,13 @@ def test_the_papers_half_percent_reads_0_5128_raw_and_0_500_corrected() -> None:
     pixels 1 % of the dark electrons."""
     camera, exposure, shape = ms.load_camera("konnik_table1"), ms.Exposure(0.1), (200, 300)
     dark, light = (
-        ms.expose(np.full(shape, 1520 / 0.1241212 / 0.6 * lit), camera, exposure, frames=64, seed=1 + lit).digital
+        ms.expose(
+            np.full(shape, 1520 / 0.1241212 / 0.6 * lit),
+            camera,
+            exposure,
+            frames=64,
+            seed=1 + lit,
+        ).digital
         for lit in (0, 1)
     )
     found = nonuniformity(Stack(dark, 0.1, bits=12), Stack(light, 0.1, bits=12))
@@ -63,7 +86,9 @@ def test_the_papers_half_percent_reads_0_5128_raw_and_0_500_corrected() -> None:
     for one in (found.paper, found.prnu_pixel):
         assert one.value == pytest.approx(0.5, rel=0.012) and one.covers(0.5)
     in_electrons = found.per_gain(0.1241212)
-    assert in_electrons.dsnu_col.covers(33) and in_electrons.dsnu_pixel.value == pytest.approx(1.7416, rel=0.03)
+    assert in_electrons.dsnu_col.covers(33) and in_electrons.dsnu_pixel.value == pytest.approx(
+        1.7416, rel=0.03
+    )
     assert found.dsnu_row.low == 0 and "not told from 0" in found.dsnu_row.note
 
 
@@ -83,7 +108,11 @@ def test_one_frame_gives_no_value_but_an_upper_limit_and_says_why() -> None:
 def test_two_frames_give_wider_intervals_than_sixteen() -> None:
     rng = np.random.default_rng(4)
     few, many = (nonuniformity(*pair(rng, (60, 60), count)).prnu_pixel for count in (2, 16))
-    assert few.high - few.low > 1.3 * (many.high - many.low) and few.covers(0.5) and many.covers(0.5)
+    assert (
+        few.high - few.low > 1.3 * (many.high - many.low)
+        and few.covers(0.5)
+        and many.covers(0.5)
+    )
 
 
 def test_clipped_frames_are_marked_and_saturated_ones_have_no_value() -> None:
@@ -121,8 +150,12 @@ def test_a_line_of_pixels_has_a_total_and_no_parts() -> None:
 def test_float_frames_measure_as_integers_do() -> None:
     dark, light = pair(np.random.default_rng(8), (40, 50), 8)
     found = nonuniformity(dark, light)
-    floats = nonuniformity(*(Stack(one.frames.astype(np.float32), 0.1) for one in (dark, light)))
-    assert [one.value for one in floats.quantities] == pytest.approx([one.value for one in found.quantities], rel=1e-9)
+    floats = nonuniformity(
+        *(Stack(one.frames.astype(np.float32), 0.1) for one in (dark, light))
+    )
+    assert [one.value for one in floats.quantities] == pytest.approx(
+        [one.value for one in found.quantities], rel=1e-9
+    )
 
 
 def test_the_high_pass_filter_takes_away_uneven_light_and_nothing_else() -> None:
@@ -132,13 +165,18 @@ def test_the_high_pass_filter_takes_away_uneven_light_and_nothing_else() -> None
     y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
     dark = 100 + noise(rng, shape, DSNU)
     light = dark + 1500 * (1 - 0.025 * (x**2 + y**2)) * (1 + noise(rng, shape, PRNU) / 100)
-    stacks = stack(frames(rng, dark, 8, QUIET)), stack(frames(rng, light, 8, Sigmas(0, 0, 11.0)))
+    stacks = (
+        stack(frames(rng, dark, 8, QUIET)),
+        stack(frames(rng, light, 8, Sigmas(0, 0, 11.0))),
+    )
     filtered, plain = nonuniformity(*stacks, high_pass=True), nonuniformity(*stacks)
     assert plain.prnu.value > 2 * PRNU.total
     for name, known in KNOWN.items():
         one = getattr(filtered, name)
         scale = 1 / (1 - 0.025 * 2 / 3) if "prnu" in name or name == "paper" else 1.0
-        assert abs(one.value - known) < 2.5 * (one.high - one.low) / 2 + abs(scale - 1) * known, name
+        assert (
+            abs(one.value - known) < 2.5 * (one.high - one.low) / 2 + abs(scale - 1) * known
+        ), name
 
 
 def test_the_share_that_the_filter_leaves_is_that_of_white_noise() -> None:
@@ -172,8 +210,15 @@ def test_electrons_have_the_interval_of_the_gain_too() -> None:
     found = nonuniformity(*pair(np.random.default_rng(12), (100, 100), 8))
     gain = Quantity("K", "", 0.1, 0.08, 0.125, "DN/e-", "")
     exact, measured = found.per_gain(0.1).dsnu, found.per_gain(gain).dsnu
-    assert exact.value == measured.value == pytest.approx(10 * found.dsnu.value) and exact.unit == "e-"
-    assert exact.high < measured.high and measured.high / measured.value > 1.25 and measured.low > 0
+    assert (
+        exact.value == measured.value == pytest.approx(10 * found.dsnu.value)
+        and exact.unit == "e-"
+    )
+    assert (
+        exact.high < measured.high
+        and measured.high / measured.value > 1.25
+        and measured.low > 0
+    )
 
 
 def test_stacks_that_do_not_fit_are_refused() -> None:
@@ -184,7 +229,10 @@ def test_stacks_that_do_not_fit_are_refused() -> None:
         ((dark, light.window(slice(0, 5), slice(0, 5))), "light of 5 × 5"),
         ((light, dark), "pass the dark stack first"),
         ((dark, mosaic), "pass each stack of Stack.of_filters"),
-        ((dark.window(slice(0, 1), slice(0, 1)), light.window(slice(0, 1), slice(0, 1))), "one pixel has no"),
+        (
+            (dark.window(slice(0, 1), slice(0, 1)), light.window(slice(0, 1), slice(0, 1))),
+            "one pixel has no",
+        ),
     ):
         with pytest.raises(InputError, match=said):
             nonuniformity(*given)
@@ -193,4 +241,9 @@ def test_stacks_that_do_not_fit_are_refused() -> None:
 def test_the_plot_has_labels_with_units_and_two_series() -> None:
     axes = matplotlib.figure.Figure().subplots()
     nonuniformity(*pair(np.random.default_rng(14), (60, 60), 4)).plot(axes)
-    assert "[DN]" in axes.get_xlabel() and "[1/DN]" in axes.get_ylabel() and len(axes.lines) == 2 and not axes.texts
+    assert (
+        "[DN]" in axes.get_xlabel()
+        and "[1/DN]" in axes.get_ylabel()
+        and len(axes.lines) == 2
+        and not axes.texts
+    )

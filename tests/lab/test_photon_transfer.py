@@ -10,7 +10,11 @@ from matplotlib.figure import Figure
 from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.series import series
 from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.measure.photon_transfer import PhotonTransfer, photon_transfer, photon_transfer_of_scene
+from mitsuba_sensor.lab.measure.photon_transfer import (
+    PhotonTransfer,
+    photon_transfer,
+    photon_transfer_of_scene,
+)
 
 WELL_E = 33_000.0  # Table 1 of Konnik and Welsh 2014
 
@@ -30,17 +34,25 @@ LINEAR = SmallCamera(gain=0.12, full_well_e=WELL_E, read_noise_e=8.0, efficiency
 CLIPPING = SmallCamera(gain=0.2, full_well_e=WELL_E, read_noise_e=8.0, efficiency=1.0)
 
 
-def of_scene(camera: SmallCamera, dark: bool = True, drift: float = 0.0, count: int = 16) -> PhotonTransfer:
+def of_scene(
+    camera: SmallCamera, dark: bool = True, drift: float = 0.0, count: int = 16
+) -> PhotonTransfer:
     """A gradient from darkness to 1.2 full wells, 160 × 200 pixels."""
     rng = np.random.default_rng(5)
     light = np.linspace(0, 1.2 * camera.full_well_e, 200) * np.ones((160, 1))
     scene = camera.stack(rng, light, count, (160, 200), drift)
-    return photon_transfer_of_scene(scene, camera.stack(rng, 0.0, count, (160, 200)) if dark else None)
+    return photon_transfer_of_scene(
+        scene, camera.stack(rng, 0.0, count, (160, 200)) if dark else None
+    )
 
 
 @pytest.mark.parametrize("dark", [True, False])
-@pytest.mark.parametrize(("camera", "ends"), [(LINEAR, "well"), (CLIPPING, "ADC")], ids=["well", "ADC"])
-def test_a_scene_gives_k_and_ends_at_what_limits_it(camera: SmallCamera, ends: str, dark: bool) -> None:
+@pytest.mark.parametrize(
+    ("camera", "ends"), [(LINEAR, "well"), (CLIPPING, "ADC")], ids=["well", "ADC"]
+)
+def test_a_scene_gives_k_and_ends_at_what_limits_it(
+    camera: SmallCamera, ends: str, dark: bool
+) -> None:
     """A standard error of 0.3 %; the largest variance lies some standard deviations of shot noise below the end."""
     found = of_scene(camera, dark)
     assert found.gain.covers(camera.gain) and found.gain.high < 1.02 * found.gain.low
@@ -67,17 +79,26 @@ def test_a_curved_response_widens_k_to_its_slope_at_zero_and_says_so(curve: obje
 
 
 @pytest.mark.exhaustive
-def test_a_curve_that_noise_hides_is_inside_the_interval_more_often_than_the_line_says() -> None:
+def test_a_curve_that_noise_hides_is_inside_the_interval_more_often_than_the_line_says() -> (
+    None
+):
     """40 series with V/V 1.05 + ADC 1.04, whose slope is 1.2 % too large: 28 intervals or more hold K."""
-    camera, rng = SmallCamera(0.11, 1.0, 8.0, WELL_E, curve=v_v_and_adc), np.random.default_rng(6)
-    found = [photon_transfer(series(*camera.bench(rng, 4, (32, 32), 15))).gain for _ in range(40)]
+    camera, rng = (
+        SmallCamera(0.11, 1.0, 8.0, WELL_E, curve=v_v_and_adc),
+        np.random.default_rng(6),
+    )
+    found = [
+        photon_transfer(series(*camera.bench(rng, 4, (32, 32), 15))).gain for _ in range(40)
+    ]
     assert sum(one.covers(0.11) for one in found) >= 28
     assert np.mean([one.value for one in found]) > 0.1105
 
 
 @pytest.mark.parametrize("level", [0.0, 64.0, 4095.0])
 def test_a_scene_of_one_level_is_refused(level: float) -> None:
-    with pytest.raises(InputError, match=r"1 levels of 30 pixels or more .* from darkness to saturation"):
+    with pytest.raises(
+        InputError, match=r"1 levels of 30 pixels or more .* from darkness to saturation"
+    ):
         photon_transfer_of_scene(Stack(np.full((4, 20, 20), level), 0.1, bits=12))
 
 
@@ -86,9 +107,14 @@ def test_a_scene_below_saturation_says_so_and_dark_frames_of_another_size_are_re
     light = np.linspace(0, 20_000, 100) * np.ones((60, 1))
     scene = LINEAR.stack(rng, light, 8, (60, 100))
     found = photon_transfer_of_scene(scene)
-    assert found.peak.limited_by == "not reached" and "does not reach saturation" in found.gain.note
+    assert (
+        found.peak.limited_by == "not reached"
+        and "does not reach saturation" in found.gain.note
+    )
     assert found.gain.covers(0.12)
-    with pytest.raises(InputError, match=r"the scene has \(60, 100\) pixels, the dark frames \(30, 40\)"):
+    with pytest.raises(
+        InputError, match=r"the scene has \(60, 100\) pixels, the dark frames \(30, 40\)"
+    ):
         photon_transfer_of_scene(scene, LINEAR.stack(rng, 0.0, 8, (30, 40)))
 
 
@@ -104,7 +130,13 @@ def test_the_plot_has_axes_with_units_and_no_text_inside(log: bool) -> None:
 @pytest.mark.parametrize("levels", [1, 2])
 def test_few_levels_have_k_and_no_parabola(levels: int) -> None:
     rng = np.random.default_rng(6)
-    flats = [LINEAR.stack(rng, light, 2, (200, 300)) for light in (8_000.0, 12_000.0, 24_000.0)[-levels - 1 :]]
+    flats = [
+        LINEAR.stack(rng, light, 2, (200, 300))
+        for light in (8_000.0, 12_000.0, 24_000.0)[-levels - 1 :]
+    ]
     found = photon_transfer(series([LINEAR.stack(rng, 0.0, 2, (200, 300))], flats))
     assert found.fitted.sum() == levels and found.gain.covers(LINEAR.gain)
-    assert np.isnan(found.initial_gain.value) and f"saturation, not {levels}" in found.initial_gain.note
+    assert (
+        np.isnan(found.initial_gain.value)
+        and f"saturation, not {levels}" in found.initial_gain.note
+    )

@@ -20,12 +20,16 @@ def test_the_mean_square_of_the_spectrogram_is_the_variance_of_the_image() -> No
     image = np.random.default_rng(1).gamma(2.0, size=(40, 51)) * np.arange(1, 52)
     for one in spectrograms(image):
         power = one.amplitude**2
-        assert (2 * power.sum() - power[0] - power[-1]) / (2 * len(power) - 2) == pytest.approx(image.var(), rel=1e-12)
+        assert (2 * power.sum() - power[0] - power[-1]) / (2 * len(power) - 2) == pytest.approx(
+            image.var(), rel=1e-12
+        )
         assert one.frequency[[0, -1]].tolist() == [0, 0.5]
 
 
 def test_a_sine_has_its_peak_at_its_frequency_and_in_its_direction() -> None:
-    image = np.sin(2 * np.pi * 0.125 * np.arange(64)) + 0.01 * np.random.default_rng(2).normal(size=(48, 64))
+    image = np.sin(2 * np.pi * 0.125 * np.arange(64)) + 0.01 * np.random.default_rng(2).normal(
+        size=(48, 64)
+    )
     horizontal, vertical = spectrograms(image)
     assert horizontal.frequency[horizontal.amplitude.argmax()] == pytest.approx(0.125)
     assert horizontal.non_whiteness.value > 100 and vertical.direction == "vertical"
@@ -35,20 +39,34 @@ def test_white_noise_of_512_lines_has_1_0007_and_columns_1_over_ln_2() -> None:
     """12 spectra of 512 × 512 within 4 of their standard errors, 0.0016/√12 (0.0014 is published); 24 patterns of
     columns, 512 of them, within 4 of theirs, 0.071/√24."""
     rng = np.random.default_rng(3)
-    white = [one.non_whiteness.value for _ in range(6) for one in spectrograms(rng.normal(size=(512, 512)))]
+    white = [
+        one.non_whiteness.value
+        for _ in range(6)
+        for one in spectrograms(rng.normal(size=(512, 512)))
+    ]
     assert np.mean(white) == pytest.approx(1.0007, abs=4 * 0.0016 / 12**0.5)
     assert np.std(white) == pytest.approx(0.0014, rel=0.6)
-    columns = [spectrograms(np.tile(rng.normal(size=512), (8, 1)))[0].non_whiteness for _ in range(24)]
-    assert np.mean([one.value for one in columns]) == pytest.approx(1 / math.log(2), abs=4 * 0.071 / 24**0.5)
+    columns = [
+        spectrograms(np.tile(rng.normal(size=512), (8, 1)))[0].non_whiteness for _ in range(24)
+    ]
+    assert np.mean([one.value for one in columns]) == pytest.approx(
+        1 / math.log(2), abs=4 * 0.071 / 24**0.5
+    )
 
 
 @pytest.mark.parametrize(
-    ("lines", "column_sigma"), one_in(2, [(128, 0.0), (16, 0.0), (64, 1.0), (64, 0.2)], several=True)
+    ("lines", "column_sigma"),
+    one_in(2, [(128, 0.0), (16, 0.0), (64, 1.0), (64, 0.2)], several=True),
 )
-def test_the_interval_of_f_covers_what_many_images_have_on_average(lines: int, column_sigma: float) -> None:
+def test_the_interval_of_f_covers_what_many_images_have_on_average(
+    lines: int, column_sigma: float
+) -> None:
     """300 images of 256 columns: shares within 4.2 % of 95 %, which chance leaves once in 1000 runs."""
     rng = np.random.default_rng(4)
-    images = (rng.normal(size=(lines, 256)) + column_sigma * rng.normal(size=(1, 256)) for _ in range(300))
+    images = (
+        rng.normal(size=(lines, 256)) + column_sigma * rng.normal(size=(1, 256))
+        for _ in range(300)
+    )
     found = [spectrograms(image)[0].non_whiteness for image in images]
     mean = float(np.mean([one.value for one in found]))
     assert np.mean([one.covers(mean) for one in found]) == pytest.approx(0.95, abs=0.042)
@@ -58,7 +76,9 @@ def test_what_has_no_spectrum_has_no_f() -> None:
     assert "constant" in spectrograms(np.full((20, 20), 7.0))[0].non_whiteness.note
     horizontal, vertical = spectrograms(np.random.default_rng(5).normal(size=(1, 300)))
     assert "white noise of 1 lines has 1.443" in horizontal.non_whiteness.note
-    assert math.isnan(vertical.non_whiteness.value) and "at least 8" in vertical.non_whiteness.note
+    assert (
+        math.isnan(vertical.non_whiteness.value) and "at least 8" in vertical.non_whiteness.note
+    )
     with pytest.raises(InputError, match=r"Stack\.of_filters"):
         spectrograms(Stack(np.zeros((1, 4, 4)), 0.1, tile=(("R", "G"), ("G", "B"))))
 
@@ -87,7 +107,9 @@ def test_the_slope_of_a_profile_covers_the_gradient_that_went_in() -> None:
     """300 images with columns of 1 DN and 5 DN of gradient; 95 % ± 4.2 %, once in 1000 runs beyond."""
     rng = np.random.default_rng(8)
     ramp = np.linspace(-2.5, 2.5, 40)
-    images = (100 + ramp + rng.normal(size=(1, 40)) + rng.normal(size=(20, 40)) for _ in range(300))
+    images = (
+        100 + ramp + rng.normal(size=(1, 40)) + rng.normal(size=(20, 40)) for _ in range(300)
+    )
     slopes = [profiles(Stack(image[None], 0.1))[0].slope for image in images]
     assert np.mean([one.covers(5.0) for one in slopes]) == pytest.approx(0.95, abs=0.042)
     assert math.isnan(profiles(Stack(np.zeros((1, 2, 2)), 0.1))[0].slope.value)

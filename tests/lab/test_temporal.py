@@ -15,7 +15,9 @@ def of(frames: np.ndarray) -> Stack:
 
 
 @pytest.mark.parametrize("shape", [(2, 4, 4), (2, 16, 16), (5, 8, 40)])
-def test_the_variance_is_unbiased_and_its_error_is_the_scatter_of_many_stacks(shape: tuple[int, int, int]) -> None:
+def test_the_variance_is_unbiased_and_its_error_is_the_scatter_of_many_stacks(
+    shape: tuple[int, int, int],
+) -> None:
     """400 stacks: their mean within 4 standard errors (once in 16 000), the mean error within 15 % of the scatter."""
     rng = np.random.default_rng(1)
     found = [temporal(of(rng.normal(100, 3, shape))) for _ in range(400)]
@@ -26,26 +28,41 @@ def test_the_variance_is_unbiased_and_its_error_is_the_scatter_of_many_stacks(sh
     assert sum(one.drift_dn > 0 for one in found) <= 2  # one in 10 000 each
 
 
-@pytest.mark.parametrize("level", [np.full((40, 50), 2000.0), np.linspace(0, 4000, 2000).reshape(40, 50)])
-def test_light_that_drifts_by_1_percent_leaves_the_variance_alone_and_is_reported(level: np.ndarray) -> None:
+@pytest.mark.parametrize(
+    "level", [np.full((40, 50), 2000.0), np.linspace(0, 4000, 2000).reshape(40, 50)]
+)
+def test_light_that_drifts_by_1_percent_leaves_the_variance_alone_and_is_reported(
+    level: np.ndarray,
+) -> None:
     rng = np.random.default_rng(2)
     drift = 1 + 0.01 * rng.standard_normal((16, 1, 1))
     found = temporal(of(np.minimum(level * drift, 3000) + rng.normal(64, 5, (16, 40, 50))))
     lit = level < 2800
-    assert found.variance[lit].mean() == pytest.approx(25, rel=0.04)  # 4 standard errors; with the drift above 200
+    assert found.variance[lit].mean() == pytest.approx(
+        25, rel=0.04
+    )  # 4 standard errors; with the drift above 200
     assert "frame means drift by" in found.drift_note and "removed" in found.drift_note
-    assert found.drift_dn == pytest.approx(np.minimum(level * drift, 3000).mean(axis=(1, 2)).std(ddof=1), rel=0.05)
+    assert found.drift_dn == pytest.approx(
+        np.minimum(level * drift, 3000).mean(axis=(1, 2)).std(ddof=1), rel=0.05
+    )
 
 
 def test_noise_that_rows_share_is_noise_and_no_drift_and_widens_the_error() -> None:
     """300 stacks, in which drift is reported once in 10 000."""
     rng = np.random.default_rng(3)
-    found = [temporal(of(rng.normal(0, 1, (8, 32, 32)) + rng.normal(0, 2, (8, 32, 1)))) for _ in range(300)]
+    found = [
+        temporal(of(rng.normal(0, 1, (8, 32, 32)) + rng.normal(0, 2, (8, 32, 1))))
+        for _ in range(300)
+    ]
     means = np.array([one.variance.mean() for one in found])
-    assert means.mean() == pytest.approx(5 - 4 / 32, rel=0.03)  # the frame's mean is removed, with 1/32 of the rows'
+    assert means.mean() == pytest.approx(
+        5 - 4 / 32, rel=0.03
+    )  # the frame's mean is removed, with 1/32 of the rows'
     assert sum(one.drift_dn > 0 for one in found) <= 2
     errors = np.mean([one.variance_error**2 for one in found]) ** 0.5
-    assert errors == pytest.approx(means.std(), rel=0.2)  # independent pixels would have a fifth of it
+    assert errors == pytest.approx(
+        means.std(), rel=0.2
+    )  # independent pixels would have a fifth of it
 
 
 @pytest.mark.parametrize(
@@ -53,7 +70,10 @@ def test_noise_that_rows_share_is_noise_and_no_drift_and_widens_the_error() -> N
     [
         (of(np.zeros((1, 8, 8))), "one frame has no temporal variance; pass 2 or more"),
         (of(np.zeros((9, 3, 5))), "fewer than 16 pixels"),
-        (Stack(np.zeros((2, 8, 8)), 0.1, tile=(("R", "G"), ("G", "B"))), "of Stack.of_filters()"),
+        (
+            Stack(np.zeros((2, 8, 8)), 0.1, tile=(("R", "G"), ("G", "B"))),
+            "of Stack.of_filters()",
+        ),
     ],
 )
 def test_what_has_no_temporal_variance_is_refused(stack: Stack, said: str) -> None:

@@ -39,7 +39,9 @@ Change = Callable[[Stack], Stack]
 @pytest.fixture(scope="module")
 def trips() -> ModuleType:
     """The benchmark, which makes random cameras and their benches."""
-    spec = importlib.util.spec_from_file_location("fit_round_trips", BENCHMARKS / "fit_round_trips.py")
+    spec = importlib.util.spec_from_file_location(
+        "fit_round_trips", BENCHMARKS / "fit_round_trips.py"
+    )
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     __import__("sys").modules["fit_round_trips"] = module
@@ -55,7 +57,9 @@ def bench(trips: ModuleType) -> Bench:
 
 def changed(bench: Bench, change: Change, kinds: str = "biases darks flats") -> Bench:
     """The same with these stacks changed."""
-    return replace(bench, **{kind: tuple(map(change, getattr(bench, kind))) for kind in kinds.split()})
+    return replace(
+        bench, **{kind: tuple(map(change, getattr(bench, kind))) for kind in kinds.split()}
+    )
 
 
 # The parts, against closed forms
@@ -86,7 +90,9 @@ def test_the_spread_of_read_noise_is_what_was_put_in(cv: float, floor: float) ->
     """20 000 pixels of 16 frames; 99.9 % of right intervals are 1.68 times as wide as those of 95 %."""
     s = math.sqrt(math.log1p(cv**2))
     own = 4.0 * np.exp(2 * s * RNG.normal(size=20_000) - 2 * s**2)
-    found = hidden_spread((own + floor) * RNG.chisquare(15, 20_000) / 15, 15, Mixed(floor, 1.0, 0.0))
+    found = hidden_spread(
+        (own + floor) * RNG.chisquare(15, 20_000) / 15, 15, Mixed(floor, 1.0, 0.0)
+    )
     for (value, low, high), truth in ((found.variance, 4.0), (found.cv, cv)):
         assert value - 1.68 * (value - low) <= truth <= value + 1.68 * (high - value)
     assert found.variance[2] - found.variance[1] < 0.12
@@ -96,7 +102,9 @@ def test_the_spread_of_read_noise_is_what_was_put_in(cv: float, floor: float) ->
 def test_a_map_has_the_spread_without_what_averaging_left_of_noise() -> None:
     """σ of rows 2, columns 1 and pixels 3 in noise of σ 4; 200 × 300 lines give σ within 15 % but once in 1000."""
     shape = 200, 300
-    pattern = 2 * RNG.normal(size=(200, 1)) + RNG.normal(size=(1, 300)) + 3 * RNG.normal(size=shape)
+    pattern = (
+        2 * RNG.normal(size=(200, 1)) + RNG.normal(size=(1, 300)) + 3 * RNG.normal(size=shape)
+    )
     one = MeanSquare(16.0, 59_000.0)
     squares = MeanSquares(one, one, one, shape)
     found = CombinedMap(pattern + 4 * RNG.normal(size=shape), (Noise(squares, 1.0),))
@@ -108,7 +116,9 @@ def test_a_map_has_the_spread_without_what_averaging_left_of_noise() -> None:
 def test_noise_alone_makes_a_flat_map() -> None:
     shape = 60, 80
     one = MeanSquare(1.0, 5000.0)
-    found = CombinedMap(RNG.normal(size=shape), (Noise(MeanSquares(one, one, one, shape), 1.0),))
+    found = CombinedMap(
+        RNG.normal(size=shape), (Noise(MeanSquares(one, one, one, shape), 1.0),)
+    )
     assert all(float(part.std()) < 0.2 for part in found.parts().values())
 
 
@@ -121,13 +131,17 @@ def test_filters_are_averaged_by_their_errors() -> None:
     assert found.high - found.value == pytest.approx((1 / 0.01 + 1 / 0.04) ** -0.5, rel=1e-6)
     apart = weighted_mean([one(1.0, 0.1), one(2.0, 0.1)]).quantity
     assert "differ" in apart.note and apart.high - apart.low > 1
-    assert root_mean_square([one(3.0, 0.1), one(4.0, 0.1)]).quantity.value == pytest.approx(math.sqrt(12.5))
+    assert root_mean_square([one(3.0, 0.1), one(4.0, 0.1)]).quantity.value == pytest.approx(
+        math.sqrt(12.5)
+    )
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.75])
 def test_a_short_sample_underestimates_correlation_and_that_is_given_back(rho: float) -> None:
     """4000 AR(1) series of 40 frames: ρ within 0.02, eight standard errors."""
-    x = scipy.signal.lfilter([math.sqrt(1 - rho**2)], [1, -rho], RNG.normal(size=(4000, 140)))[:, 100:]
+    x = scipy.signal.lfilter([math.sqrt(1 - rho**2)], [1, -rho], RNG.normal(size=(4000, 140)))[
+        :, 100:
+    ]
     rest = x - x.mean(axis=1, keepdims=True)
     sample = float((rest[:, 1:] * rest[:, :-1]).sum() / (rest**2).sum())
     assert _without_bias(sample, 40) == pytest.approx(rho, abs=0.02)
@@ -155,12 +169,20 @@ def test_random_cameras_come_back(seeds: range, trips: ModuleType) -> None:
     5 of 27 intervals cover (chance of fewer: 1 in 500)."""
     found = list(trips.results(seeds, size=56, frames=16))
     half = {
-        (seed, name): (q.value - q.low) if truth < q.value else (q.high - q.value) for seed, name, truth, q in found
+        (seed, name): (q.value - q.low) if truth < q.value else (q.high - q.value)
+        for seed, name, truth, q in found
     }
-    far = [(seed, name) for seed, name, truth, q in found if abs(q.value - truth) > 2 * half[seed, name] + 1e-9]
+    far = [
+        (seed, name)
+        for seed, name, truth, q in found
+        if abs(q.value - truth) > 2 * half[seed, name] + 1e-9
+    ]
     assert not far
     assert sum(q.covers(truth) for _, _, truth, q in found) >= len(found) - 5
-    errors = {name: max(abs(q.value / t - 1) for _, other, t, q in found if other == name) for name in ("K", "σ_read")}
+    errors = {
+        name: max(abs(q.value / t - 1) for _, other, t, q in found if other == name)
+        for name in ("K", "σ_read")
+    }
     assert errors["K"] <= 0.01 and errors["σ_read"] <= 0.03
 
 
@@ -192,18 +214,27 @@ def test_a_camera_of_another_mosaic_is_refused(bench: Bench) -> None:
 
 def test_a_mosaic_is_fitted_filter_by_filter() -> None:
     """K of four filters together within 1.5 %; PRNU 1 % within 6 %; the QE of each within 3 %: 4 standard errors."""
-    changes = {"sensor.rows": 48, "sensor.columns": 64, "readout.dsnu_col": 0.0, "adc.black_level_dn": 80.0}
+    changes = {
+        "sensor.rows": 48,
+        "sensor.columns": 64,
+        "readout.dsnu_col": 0.0,
+        "adc.black_level_dn": 80.0,
+    }
     camera = ms.load_camera("bayer_2mp").replace(**changes)
     tile = tuple(tuple(camera.filter_names[k] for k in row) for row in camera.tile)
 
     def stack(level: float, frames: int, seed: int) -> Stack:
         photons = level * camera.pixel.full_well_e / 0.55
         light = np.full((48, 64, 1), photons)
-        made = ms.expose(light, camera, ms.Exposure(0.01), wavelengths_nm=[550.0], frames=frames, seed=seed)
+        made = ms.expose(
+            light, camera, ms.Exposure(0.01), wavelengths_nm=[550.0], frames=frames, seed=seed
+        )
         return Stack(made.digital, 0.01, photons, bits=12, tile=tile, source=f"level_{level:g}")
 
     levels = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.2, 2.5, 5, 8, 11, 14, 25)
-    flats = tuple(stack(level, 24 if level in (0.5, 11) else 4, 10 + k) for k, level in enumerate(levels))
+    flats = tuple(
+        stack(level, 24 if level in (0.5, 11) else 4, 10 + k) for k, level in enumerate(levels)
+    )
     twin = fit(Bench((), (stack(0.0, 24, 1),), flats, (), 550.0))
     one = camera_from(twin.tables(), "twin")
     assert one.tile == camera.tile and one.filter_names == camera.filter_names
@@ -213,19 +244,29 @@ def test_a_mosaic_is_fitted_filter_by_filter() -> None:
     assert twin.maps["prnu"].shape == (48, 64)
 
 
-def test_gain_settings_become_a_ladder_and_a_change_of_the_conversion_gain_is_found(bench: Bench) -> None:
+def test_gain_settings_become_a_ladder_and_a_change_of_the_conversion_gain_is_found(
+    bench: Bench,
+) -> None:
     """The second setting has a quarter of the noise in DN at twice the gain, which one amplifier cannot do."""
     black = float(bench.biases[0].frames.mean())
 
     def louder(stack: Stack) -> Stack:
         frames = stack.frames.astype(float) - black
         dark = 0.0 if stack.photons else 0.125
-        frames = frames * 2 if stack.photons else frames * dark * 2 + RNG.normal(0, 0.3, frames.shape)
-        return replace(stack, frames=np.clip(np.round(frames + black), 0, 2**16 - 1), gain="800", bits=16)
+        frames = (
+            frames * 2
+            if stack.photons
+            else frames * dark * 2 + RNG.normal(0, 0.3, frames.shape)
+        )
+        return replace(
+            stack, frames=np.clip(np.round(frames + black), 0, 2**16 - 1), gain="800", bits=16
+        )
 
     low = changed(bench, lambda stack: replace(stack, gain="100"))
     high = changed(bench, louder)
-    both = Bench((*low.biases, *high.biases), (*low.darks, *high.darks), (*low.flats, *high.flats))
+    both = Bench(
+        (*low.biases, *high.biases), (*low.darks, *high.darks), (*low.flats, *high.flats)
+    )
     twin = fit(both)
     assert [one.name for one in twin.settings] == ["100", "800"]
     rungs = twin.tables()["gains"]
@@ -240,16 +281,38 @@ def test_gain_settings_become_a_ladder_and_a_change_of_the_conversion_gain_is_fo
 @pytest.mark.parametrize(
     ("change", "kinds", "sentence"),
     [
-        (lambda s: replace(s, frames=s.frames[:1]), "biases darks", "no dark stack has 2 frames"),
+        (
+            lambda s: replace(s, frames=s.frames[:1]),
+            "biases darks",
+            "no dark stack has 2 frames",
+        ),
         (lambda s: replace(s, frames=s.frames[:1]), "flats", "single frames; K needs 2"),
-        (lambda s: replace(s, frames=s.frames * 0), "biases darks flats", "every value is 0 DN"),
-        (lambda s: replace(s, frames=np.full_like(s.frames, 16383)), "biases darks flats", "every value is 16383 DN"),
-        (lambda s: replace(s, frames=np.full_like(s.frames, 16383)), "flats", "K cannot be measured"),
+        (
+            lambda s: replace(s, frames=s.frames * 0),
+            "biases darks flats",
+            "every value is 0 DN",
+        ),
+        (
+            lambda s: replace(s, frames=np.full_like(s.frames, 16383)),
+            "biases darks flats",
+            "every value is 16383 DN",
+        ),
+        (
+            lambda s: replace(s, frames=np.full_like(s.frames, 16383)),
+            "flats",
+            "K cannot be measured",
+        ),
         (lambda s: replace(s, frames=s.frames[:, :-1]), "darks", "the frames differ in size"),
-        (lambda s: s.window(slice(0, 6), slice(0, 40)), "biases darks flats", "6 rows or columns per filter"),
+        (
+            lambda s: s.window(slice(0, 6), slice(0, 40)),
+            "biases darks flats",
+            "6 rows or columns per filter",
+        ),
     ],
 )
-def test_frames_that_show_no_camera_are_refused(bench: Bench, change: Change, kinds: str, sentence: str) -> None:
+def test_frames_that_show_no_camera_are_refused(
+    bench: Bench, change: Change, kinds: str, sentence: str
+) -> None:
     with pytest.raises(InputError, match=sentence):
         fit(changed(bench, change, kinds))
 
@@ -262,12 +325,26 @@ def test_a_bench_without_dark_or_flat_frames_is_refused(bench: Bench, kind: str)
 
 def test_two_frames_give_wider_intervals(bench: Bench, trips: ModuleType) -> None:
     """8 figures of 95 %; none misses by more than half an interval again."""
-    few, many = (trips.found_of(fit(one)) for one in (changed(bench, lambda s: replace(s, frames=s.frames[:2])), bench))
+    few, many = (
+        trips.found_of(fit(one))
+        for one in (changed(bench, lambda s: replace(s, frames=s.frames[:2])), bench)
+    )
     truth = trips.random_trip(3, 40, 12).put_in()
-    for name in ("σ_read", "σ_row", "σ_col", "cv_read", "PRNU_pixel", "DSNU_pixel", "black", "µ_I"):
+    for name in (
+        "σ_read",
+        "σ_row",
+        "σ_col",
+        "cv_read",
+        "PRNU_pixel",
+        "DSNU_pixel",
+        "black",
+        "µ_I",
+    ):
         q = few[name]
         assert q.high - q.low > 1.3 * (many[name].high - many[name].low), name
-        assert q.low - 0.6 * (q.value - q.low) <= truth[name] <= q.high + 0.6 * (q.high - q.value), name
+        assert (
+            q.low - 0.6 * (q.value - q.low) <= truth[name] <= q.high + 0.6 * (q.high - q.value)
+        ), name
 
 
 def test_light_that_drifts_is_no_noise(bench: Bench, trips: ModuleType) -> None:
@@ -275,24 +352,35 @@ def test_light_that_drifts_is_no_noise(bench: Bench, trips: ModuleType) -> None:
 
     def drifting(stack: Stack) -> Stack:
         factor = 1 + 0.01 * RNG.normal(size=(len(stack), 1, 1))
-        return replace(stack, frames=np.round((stack.frames - black) * factor + black).clip(0, 16383).astype(np.uint16))
+        return replace(
+            stack,
+            frames=np.round((stack.frames - black) * factor + black)
+            .clip(0, 16383)
+            .astype(np.uint16),
+        )
 
     twin = fit(changed(bench, drifting, "flats"))
     gain = twin.base.gain.quantity
     off = abs(gain.value - trips.random_trip(3, 40, 12).put_in()["K"])
-    assert off < gain.high - gain.low < 0.06 * gain.value, "two halves of its interval: chance fails once in 10 000"
+    assert off < gain.high - gain.low < 0.06 * gain.value, (
+        "two halves of its interval: chance fails once in 10 000"
+    )
     assert any("drift" in note for note in twin.notes)
 
 
 def test_float_frames_are_fitted_without_rounding_and_a_note_says_so(bench: Bench) -> None:
     def floats(stack: Stack) -> Stack:
-        return replace(stack, frames=stack.frames + RNG.uniform(-0.5, 0.5, stack.frames.shape), bits=None)
+        return replace(
+            stack, frames=stack.frames + RNG.uniform(-0.5, 0.5, stack.frames.shape), bits=None
+        )
 
     twin = fit(changed(bench, floats))
     assert any("fractions of codes" in note for note in twin.notes)
     noise = twin.base.electrons(twin.base.noise.read).quantity
     assert (
-        noise.low < math.hypot(fit(bench).base.electrons(fit(bench).base.noise.read).quantity.value, 0.1) < noise.high
+        noise.low
+        < math.hypot(fit(bench).base.electrons(fit(bench).base.noise.read).quantity.value, 0.1)
+        < noise.high
     )
 
 
@@ -322,7 +410,14 @@ def test_coarse_codes_are_marked(trips: ModuleType) -> None:
 
 
 def test_codes_in_the_upper_bits_are_noted(bench: Bench) -> None:
-    twin = fit(changed(bench, lambda s: replace(s, frames=(4 * s.frames.astype(np.uint32)).astype(np.uint16), bits=16)))
+    twin = fit(
+        changed(
+            bench,
+            lambda s: replace(
+                s, frames=(4 * s.frames.astype(np.uint32)).astype(np.uint16), bits=16
+            ),
+        )
+    )
     assert any("all codes are multiples of 4" in note for note in twin.notes)
 
 

@@ -48,8 +48,14 @@ def axis_fov(axis: str) -> str:
 @pytest.mark.parametrize(
     ("text", "film"),
     [
-        *[(sensor("perspective", axis_fov(axis)), "") for axis in ("x", "y", "diagonal", "smaller", "larger")],
-        *[(sensor("perspective", axis_fov(axis), 8, 12), "") for axis in ("x", "diagonal", "smaller", "larger")],
+        *[
+            (sensor("perspective", axis_fov(axis)), "")
+            for axis in ("x", "y", "diagonal", "smaller", "larger")
+        ],
+        *[
+            (sensor("perspective", axis_fov(axis), 8, 12), "")
+            for axis in ("x", "diagonal", "smaller", "larger")
+        ],
         (sensor("perspective", '<string name="focal_length" value="35mm"/>'), ""),
         (sensor("perspective", axis_fov("x") + SHIFT), ""),
         (sensor("perspective", axis_fov("x") + SHIFT), CROP),
@@ -61,7 +67,9 @@ def test_cos4_is_that_of_mitsubas_own_rays(tmp_path: Path, text: str, film: str)
     """Mean of cos⁴ over 6 × 6 rays per pixel, to 5e-4 (the midpoint rule at 60° over 8 pixels is good to 2e-4)."""
     mi = use(choose_variant("scalar_spectral"))
     scene = load_scene(
-        write_scene(tmp_path, scene_text(SKY, sensor=text, film=film)), box_bands(CAMERA, np.array([500.0, 510.0])), {}
+        write_scene(tmp_path, scene_text(SKY, sensor=text, film=film)),
+        box_bands(CAMERA, np.array([500.0, 510.0])),
+        {},
     )
     axis = np.array(scene.sensor.world_transform().matrix)[:3, 2]
     columns, rows = scene.view.crop_size
@@ -69,7 +77,10 @@ def test_cos4_is_that_of_mitsubas_own_rays(tmp_path: Path, text: str, film: str)
     for y in range(rows):
         for x in range(columns):
             places = [mi.Point2f((x + a) / columns, (y + b) / rows) for a in at for b in at]
-            rays = [scene.sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))[0] for place in places]
+            rays = [
+                scene.sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))[0]
+                for place in places
+            ]
             mean[y, x] = np.mean([(np.array(ray.d) @ axis) ** 4 for ray in rays])
     np.testing.assert_allclose(cos4(scene.view), mean, atol=5e-4)
 
@@ -78,15 +89,20 @@ def test_axial_solid_angle_is_pi_over_four_n_squared() -> None:
     """Ω = π·T/(4N²): 0.100178 sr at f/2.8 for a lens without loss, focused at infinity."""
     view = View(size=(1, 1), crop_size=(1, 1))
     camera = CAMERA.replace(**{"lens.transmission": 0.9, "lens.convention": "working"})
-    assert (solid_angle_sr(view, camera) * transmittance(camera, [550.0]))[0, 0] == pytest.approx(
-        0.9 * math.pi / (4 * 2.8**2), rel=1e-12
-    )
+    assert (solid_angle_sr(view, camera) * transmittance(camera, [550.0]))[
+        0, 0
+    ] == pytest.approx(0.9 * math.pi / (4 * 2.8**2), rel=1e-12)
 
 
 @pytest.mark.parametrize(("f_number", "difference"), [(1.4, 0.13), (2.8, 0.032), (8.0, 0.004)])
-def test_planar_convention_is_lower_by_the_known_amount(f_number: float, difference: float) -> None:
+def test_planar_convention_is_lower_by_the_known_amount(
+    f_number: float, difference: float
+) -> None:
     """(1 + 4N²)/(4N²) − 1 is 13 % at f/1.4, 3.2 % at f/2.8, 0.4 % at f/8."""
-    view, camera = View(size=(1, 1), crop_size=(1, 1)), CAMERA.replace(**{"lens.f_number": f_number})
+    view, camera = (
+        View(size=(1, 1), crop_size=(1, 1)),
+        CAMERA.replace(**{"lens.f_number": f_number}),
+    )
     working = solid_angle_sr(view, camera.replace(**{"lens.convention": "working"}))[0, 0]
     planar = solid_angle_sr(view, camera.replace(**{"lens.convention": "planar"}))[0, 0]
     assert working / planar - 1 == pytest.approx(difference, rel=0.03)
@@ -104,9 +120,17 @@ def test_close_focus_dims_by_the_working_f_number() -> None:
 
 def test_aperture_means_an_f_number_on_this_sensor() -> None:
     """f = 1/(1/image + 1/focus), N = f/(2·radius); nothing for a pinhole."""
-    view = View(size=(100, 100), crop_size=(100, 100), half_width=0.1, focus_m=1.0, aperture_radius_m=1e-3)
+    view = View(
+        size=(100, 100),
+        crop_size=(100, 100),
+        half_width=0.1,
+        focus_m=1.0,
+        aperture_radius_m=1e-3,
+    )
     image_m = 50 * 5.7e-6 / 0.1
-    assert aperture_f_number(view, CAMERA) == pytest.approx(1 / (1 / image_m + 1) / 2e-3, rel=1e-12)
+    assert aperture_f_number(view, CAMERA) == pytest.approx(
+        1 / (1 / image_m + 1) / 2e-3, rel=1e-12
+    )
     assert aperture_f_number(replace(view, aperture_radius_m=0.0), CAMERA) is None
 
 
@@ -116,32 +140,50 @@ def test_telecentric_film_has_no_fall_off() -> None:
 
 @both_variants
 @pytest.mark.parametrize("f_number", [1.4, 5.6])
-def test_light_through_a_thin_lens_follows_cos4_and_the_f_number(tmp_path: Path, variant: str, f_number: float) -> None:
+def test_light_through_a_thin_lens_follows_cos4_and_the_f_number(
+    tmp_path: Path, variant: str, f_number: float
+) -> None:
     """E = π·L/(4·N_w²)·cos⁴θ in every pixel within 0.1 %; N_w = N·(1 + |m|). 9 × 9 nodes per pixel."""
     camera = CAMERA.replace(**{"lens.f_number": f_number})
-    scene = write_scene(tmp_path, scene_text(SKY, sensor=sensor("thinlens", axis_fov("x") + LENS)))
+    scene = write_scene(
+        tmp_path, scene_text(SKY, sensor=sensor("thinlens", axis_fov("x") + LENS))
+    )
     skip_unless_usable(variant)
-    light = render(scene, camera, Exposure(0.1), wavelength_nm=550, spp=16, variant=variant).data[..., 0]
+    light = render(
+        scene, camera, Exposure(0.1), wavelength_nm=550, spp=16, variant=variant
+    ).data[..., 0]
     half = math.tan(math.radians(30)) / 6
     x, y = np.meshgrid(half * (np.arange(12) - 5.5), half * (np.arange(8) - 3.5))
     at = (np.arange(9) - 4) / 9 * half
-    fall_off = np.mean([(1 + (x + a) ** 2 + (y + b) ** 2) ** -2.0 for a in at for b in at], axis=0)
+    fall_off = np.mean(
+        [(1 + (x + a) ** 2 + (y + b) ** 2) ** -2.0 for a in at for b in at], axis=0
+    )
     working = f_number * (1 + 5.7e-6 / half / 3.0)
     np.testing.assert_allclose(light, math.pi * 2e-4 / (4 * working**2) * fall_off, rtol=1e-3)
 
 
 def test_transmission_is_one_number_times_a_curve_that_must_reach() -> None:
     """Linear between its points; outside nobody knows."""
-    curve = {"lens.transmission_curve": [0.0, 1.0, 0.5], "lens.transmission_wavelengths_nm": [400, 500, 700]}
+    curve = {
+        "lens.transmission_curve": [0.0, 1.0, 0.5],
+        "lens.transmission_wavelengths_nm": [400, 500, 700],
+    }
     camera = CAMERA.replace(**curve, **{"lens.transmission": 0.8})
-    np.testing.assert_allclose(transmittance(camera, [400, 425, 500, 600]), [0.0, 0.2, 0.8, 0.6], rtol=1e-12)
-    with pytest.raises(InputError, match=r"is given from 400 to 700 nm and needed at 705 nm; extend it"):
+    np.testing.assert_allclose(
+        transmittance(camera, [400, 425, 500, 600]), [0.0, 0.2, 0.8, 0.6], rtol=1e-12
+    )
+    with pytest.raises(
+        InputError, match=r"is given from 400 to 700 nm and needed at 705 nm; extend it"
+    ):
         transmittance(camera, [500.0, 705.0])
 
 
 def test_measured_illumination_stands_in_for_cos4() -> None:
     """1 − h/4 mm at the middle of each pixel but one on the axis (where |h| has a kink), times π/(4N²)."""
-    heights = {"lens.relative_illumination_heights_mm": [0, 2.0], "lens.relative_illumination": [1.0, 0.5]}
+    heights = {
+        "lens.relative_illumination_heights_mm": [0, 2.0],
+        "lens.relative_illumination": [1.0, 0.5],
+    }
     camera = CAMERA.replace(**heights, **{"pixel.pitch_x_um": 100.0, "pixel.pitch_y_um": 100.0})
     view = View(size=(31, 21), crop_size=(5, 3), crop_offset=(20, 15), half_width=1.0)
     x, y = np.meshgrid(np.arange(20, 25) + 0.5 - 15.5, np.arange(15, 18) + 0.5 - 10.5)
@@ -150,13 +192,24 @@ def test_measured_illumination_stands_in_for_cos4() -> None:
 
 
 def test_measured_illumination_must_reach_the_corner() -> None:
-    heights = {"lens.relative_illumination_heights_mm": [0, 0.039], "lens.relative_illumination": [1.0, 0.5]}
-    with pytest.raises(InputError, match=r"ends at 0.039 mm, and the sensor reaches 0.03943 mm from the axis; extend"):
-        solid_angle_sr(View(size=(12, 8), crop_size=(12, 8), half_width=0.5), CAMERA.replace(**heights))
+    heights = {
+        "lens.relative_illumination_heights_mm": [0, 0.039],
+        "lens.relative_illumination": [1.0, 0.5],
+    }
+    with pytest.raises(
+        InputError,
+        match=r"ends at 0.039 mm, and the sensor reaches 0.03943 mm from the axis; extend",
+    ):
+        solid_angle_sr(
+            View(size=(12, 8), crop_size=(12, 8), half_width=0.5), CAMERA.replace(**heights)
+        )
 
 
 BROWN = [-0.18, 0.03, 0.004, -0.006, 0.002]
-PERCENT = {"lens.distortion_percent": [0.0, -1.0, -4.0, -9.0], "lens.distortion_heights_mm": [0.0, 0.012, 0.024, 0.046]}
+PERCENT = {
+    "lens.distortion_percent": [0.0, -1.0, -4.0, -9.0],
+    "lens.distortion_heights_mm": [0.0, 0.012, 0.024, 0.046],
+}
 DISTORTED = {"brown": {"lens.distortion": BROWN}, "table": PERCENT}
 
 
@@ -170,42 +223,70 @@ def opencv(point: np.ndarray, matrix: Any, k: Any) -> np.ndarray:
     return np.stack([u, v, np.ones_like(u)], axis=1) @ np.array(matrix).T[:, :2]
 
 
-def loaded(tmp_path: Path, camera: Camera, variant: str, sensor_xml: str, film: str = "", *elements: str) -> Scene:
+def loaded(
+    tmp_path: Path,
+    camera: Camera,
+    variant: str,
+    sensor_xml: str,
+    film: str = "",
+    *elements: str,
+) -> Scene:
     use(choose_variant(skip_unless_usable(variant)))
     text = scene_text(*(elements or (SKY,)), sensor=sensor_xml, film=film)
-    return load_scene(write_scene(tmp_path, text), box_bands(camera, np.array([500.0, 510.0])), {}, camera)
+    return load_scene(
+        write_scene(tmp_path, text), box_bands(camera, np.array([500.0, 510.0])), {}, camera
+    )
 
 
 def seen(scene: Scene, x: float, y: float) -> np.ndarray:
     """Direction of the ray of a place of the crop [pixels], in OpenCV's axes."""
     mi = use(choose_variant())
-    (columns, rows), to_world = scene.view.crop_size, np.array(scene.sensor.world_transform().matrix).reshape(-1)
-    ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(x / columns, y / rows), mi.Point2f(0.5, 0.5))
+    (columns, rows), to_world = (
+        scene.view.crop_size,
+        np.array(scene.sensor.world_transform().matrix).reshape(-1),
+    )
+    ray, _ = scene.sensor.sample_ray(
+        0.0, 0.5, mi.Point2f(x / columns, y / rows), mi.Point2f(0.5, 0.5)
+    )
     return to_world.reshape(4, 4)[:3, :3].T @ np.ravel(ray.d) * [-1, -1, 1]
 
 
 @both_variants
 @pytest.mark.parametrize("film", ["", CROP])
-def test_a_distorted_ray_goes_where_opencv_projects_from(tmp_path: Path, variant: str, film: str) -> None:
+def test_a_distorted_ray_goes_where_opencv_projects_from(
+    tmp_path: Path, variant: str, film: str
+) -> None:
     """Nine places per film, through an off-centre axis: projected back to 0.004 pixels."""
     camera = CAMERA.replace(**DISTORTED["brown"])
-    scene = loaded(tmp_path, camera, variant, sensor("perspective", axis_fov("x") + SHIFT), film)
+    scene = loaded(
+        tmp_path, camera, variant, sensor("perspective", axis_fov("x") + SHIFT), film
+    )
     places = [(x, y) for x in (0.2, 2.5, 4.9) for y in (0.1, 1.5, 2.8)]
     found = intrinsics(scene.view, camera)
-    back = opencv(np.array([seen(scene, *place) for place in places]), found["matrix"], found["distortion"])
+    back = opencv(
+        np.array([seen(scene, *place) for place in places]),
+        found["matrix"],
+        found["distortion"],
+    )
     np.testing.assert_allclose(back + 0.5, places, atol=4e-3)
 
 
 @both_variants
-def test_a_ray_through_a_table_of_distortion_has_the_ideal_height_of_its_place(tmp_path: Path, variant: str) -> None:
+def test_a_ray_through_a_table_of_distortion_has_the_ideal_height_of_its_place(
+    tmp_path: Path, variant: str
+) -> None:
     """At the table's own points on the sensor the ideal height is in the table: to 0.004 pixels."""
     camera = CAMERA.replace(**PERCENT)
     scene = loaded(tmp_path, camera, variant, sensor("perspective", axis_fov("x")))
     focal = intrinsics(scene.view, camera)["matrix"][0][0]
-    for ideal, percent in zip(PERCENT["lens.distortion_heights_mm"][1:3], (-1.0, -4.0), strict=True):
+    for ideal, percent in zip(
+        PERCENT["lens.distortion_heights_mm"][1:3], (-1.0, -4.0), strict=True
+    ):
         real_px = ideal * (1 + percent / 100) / 5.7e-3
         way = seen(scene, 6.0 + 0.8 * real_px, 4.0 - 0.6 * real_px)
-        np.testing.assert_allclose(way[:2] / way[2] * focal, ideal / 5.7e-3 * np.array([0.8, -0.6]), atol=4e-3)
+        np.testing.assert_allclose(
+            way[:2] / way[2] * focal, ideal / 5.7e-3 * np.array([0.8, -0.6]), atol=4e-3
+        )
 
 
 @pytest.mark.parametrize("kind", DISTORTED)
@@ -217,8 +298,19 @@ def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kin
     solid_angle = solid_angle_sr(scene.view, camera)
     for column, row in ((0, 0), (5, 3), (11, 4), (3, 7)):
         along = np.arange(16) / 16
-        sides = [(along, 0 * along), (1 + 0 * along, along), (1 - along, 1 + 0 * along), (0 * along, 1 - along)]
-        outline = np.array([seen(scene, column + x, row + y) for xs, ys in sides for x, y in zip(xs, ys, strict=True)])
+        sides = [
+            (along, 0 * along),
+            (1 + 0 * along, along),
+            (1 - along, 1 + 0 * along),
+            (0 * along, 1 - along),
+        ]
+        outline = np.array(
+            [
+                seen(scene, column + x, row + y)
+                for xs, ys in sides
+                for x, y in zip(xs, ys, strict=True)
+            ]
+        )
         x, y, _ = outline.T
         area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
         expected = math.pi / (4 * 2.8**2) * area / scene.view.tangent_per_pixel**2
@@ -241,7 +333,12 @@ def test_a_distortion_that_does_not_reach_the_corner_is_refused(
     tmp_path: Path, fields: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(InputError, match=says) as caught:
-        loaded(tmp_path, CAMERA.replace(**fields), "scalar_spectral", sensor("perspective", axis_fov("x")))
+        loaded(
+            tmp_path,
+            CAMERA.replace(**fields),
+            "scalar_spectral",
+            sensor("perspective", axis_fov("x")),
+        )
     assert "\n" not in str(caught.value)
 
 
@@ -257,8 +354,16 @@ SENSORS = {
         ),
     ),
     "thin lens": ({}, sensor("thinlens", axis_fov("x") + LENS, 48, 32), ""),
-    "distorted": ({"lens.distortion": BROWN}, sensor("perspective", axis_fov("x") + SHIFT, 48, 32), ""),
-    "traced": ({"lens.prescription": "double_gauss", "lens.focus_m": 3.0}, sensor("perspective", SHIFT, 48, 32), ""),
+    "distorted": (
+        {"lens.distortion": BROWN},
+        sensor("perspective", axis_fov("x") + SHIFT, 48, 32),
+        "",
+    ),
+    "traced": (
+        {"lens.prescription": "double_gauss", "lens.focus_m": 3.0},
+        sensor("perspective", SHIFT, 48, 32),
+        "",
+    ),
 }
 
 
@@ -272,7 +377,10 @@ def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
     fields, sensor_xml, film = SENSORS[kind]
     camera = CAMERA.replace(**fields, **FINE)
     dark = loaded(tmp_path, camera, "llvm_ad_spectral", sensor_xml, film)
-    found, pose = intrinsics(dark.view, camera), np.array(dark.sensor.world_transform().matrix).reshape(4, 4)
+    found, pose = (
+        intrinsics(dark.view, camera),
+        np.array(dark.sensor.world_transform().matrix).reshape(4, 4),
+    )
     matrix = np.array(found["matrix"])
     (columns, rows), depth = found["image_size"], 3.0
     for place in ((0.3 * columns, 0.25 * rows), (0.75 * columns, 0.7 * rows)):
@@ -283,7 +391,9 @@ def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
             f'<shape type="sphere"><point name="center" value="{x}, {y}, {z}"/><float name="radius" value="{radius}"/>'
             '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter></shape>'
         )
-        image = loaded(tmp_path, camera, "llvm_ad_spectral", sensor_xml, film, ball).render(1, 256, (0, rows))[..., 0]
+        image = loaded(tmp_path, camera, "llvm_ad_spectral", sensor_xml, film, ball).render(
+            1, 256, (0, rows)
+        )[..., 0]
         row, column = np.indices(image.shape)
         centroid = np.array([np.average(column, weights=image), np.average(row, weights=image)])
         np.testing.assert_allclose(centroid, projected(point[None], found), atol=0.1)
@@ -293,7 +403,10 @@ def projected(point: np.ndarray, found: dict[str, Any]) -> np.ndarray:
     """Where the intrinsics say that a point is seen: OpenCV's model, or the table of heights."""
     if found["distortion"] is not None:
         return opencv(point, found["matrix"], found["distortion"])[0]
-    centre, ideal = np.array(found["matrix"])[:2, 2], opencv(point, found["matrix"], [0.0] * 5)[0]
+    centre, ideal = (
+        np.array(found["matrix"])[:2, 2],
+        opencv(point, found["matrix"], [0.0] * 5)[0],
+    )
     height_mm = np.hypot(*(ideal - centre)) * FINE["pixel.pitch_x_um"] * 1e-3
     real = np.interp(height_mm, found["heights_mm"]["ideal"], found["heights_mm"]["real"])
     return centre + (ideal - centre) * real / height_mm
@@ -316,10 +429,16 @@ def test_strips_of_rows_make_the_picture_that_the_whole_film_makes(tmp_path: Pat
 
 def test_intrinsics_name_focal_length_and_field_of_view() -> None:
     """A thin lens focused at 3 m: f = 1/(1/image + 1/focus); 90° across, 67.4° down, all of it in plain values."""
-    view = View(size=(12, 8), crop_size=(12, 8), half_width=1.0, focus_m=3.0, aperture_radius_m=0.01)
+    view = View(
+        size=(12, 8), crop_size=(12, 8), half_width=1.0, focus_m=3.0, aperture_radius_m=0.01
+    )
     found = intrinsics(view, CAMERA)
-    assert found["focal_length_mm"] == pytest.approx(1 / (1 / (6 * 5.7e-3) + 1 / 3000), rel=1e-12)
-    np.testing.assert_allclose(found["field_of_view_deg"], [90.0, 2 * math.degrees(math.atan(2 / 3))], rtol=1e-12)
+    assert found["focal_length_mm"] == pytest.approx(
+        1 / (1 / (6 * 5.7e-3) + 1 / 3000), rel=1e-12
+    )
+    np.testing.assert_allclose(
+        found["field_of_view_deg"], [90.0, 2 * math.degrees(math.atan(2 / 3))], rtol=1e-12
+    )
     assert found["matrix"] == [[6.0, 0.0, 5.5], [0.0, 6.0, 3.5], [0.0, 0.0, 1.0]]
     assert json.loads(json.dumps(found)) == found and found["model"] == "thin lens"
     shifted = intrinsics(replace(view, principal_point=(0.25, 0.0)), CAMERA)

@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.lens_oracle import AXIAL_IRRADIANCE, DOUBLE_GAUSS, Table, axial_irradiance, forward, vertices
+from helpers.lens_oracle import (
+    AXIAL_IRRADIANCE,
+    DOUBLE_GAUSS,
+    Table,
+    axial_irradiance,
+    forward,
+    vertices,
+)
 
 from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.camera.lens_datasheet import LensSection
@@ -21,14 +28,21 @@ ALONG = np.array([0.0, 0.0, 1.0])
 
 def lens(**fields: Any) -> LensSection:
     fields = {"prescription": "double_gauss", **fields}
-    return load_camera("konnik_table1").replace(**{f"lens.{k}": v for k, v in fields.items()}).lens
+    return (
+        load_camera("konnik_table1").replace(**{f"lens.{k}": v for k, v in fields.items()}).lens
+    )
 
 
-def glass_ball(radius: float = 10.0, index: float = 1.5, aperture: float = 1.0) -> dict[str, Any]:
+def glass_ball(
+    radius: float = 10.0, index: float = 1.5, aperture: float = 1.0
+) -> dict[str, Any]:
     """A biconvex lens with its stop in front: everything about it has a closed form."""
     stop = {"semi_diameter_mm": aperture, "thickness_mm": 4.0, "stop": True}
     front = {"semi_diameter_mm": 6.0, "thickness_mm": 3.0, "radius_mm": radius, "index": index}
-    return {"name": "biconvex", "surfaces": [stop, front, {"semi_diameter_mm": 6.0, "radius_mm": -radius}]}
+    return {
+        "name": "biconvex",
+        "surfaces": [stop, front, {"semi_diameter_mm": 6.0, "radius_mm": -radius}],
+    }
 
 
 def test_a_thick_lens_has_the_focal_points_of_the_lensmakers_equation() -> None:
@@ -38,7 +52,9 @@ def test_a_thick_lens_has_the_focal_points_of_the_lensmakers_equation() -> None:
     found = cardinal_points(lens(prescription=glass_ball(), f_number=20.0))
     assert found.focal_length == pytest.approx(focal, rel=1e-12)
     assert found.back_focus == pytest.approx(focal * (1 - (n - 1) * t / (n * r)), rel=1e-12)
-    assert found.front_focus == pytest.approx(4.0 - focal * (1 - (n - 1) * t / (n * r)), rel=1e-12)
+    assert found.front_focus == pytest.approx(
+        4.0 - focal * (1 - (n - 1) * t / (n * r)), rel=1e-12
+    )
     assert (found.entrance_pupil, found.length) == (0.0, 7.0)
 
 
@@ -49,7 +65,9 @@ def traced_double_gauss(
     return forward(table, start, np.tile(ALONG, (len(heights), 1)), stop)
 
 
-def test_paraxial_focal_length_and_back_focus_of_a_double_gauss_are_those_of_traced_rays() -> None:
+def test_paraxial_focal_length_and_back_focus_of_a_double_gauss_are_those_of_traced_rays() -> (
+    None
+):
     """Rays 0.5 mm from the axis; asked for within 0.5 %, found within 0.01 %."""
     found = cardinal_points(lens())
     points, ways, _ = traced_double_gauss(np.array([0.5]), 8.0)
@@ -60,7 +78,9 @@ def test_paraxial_focal_length_and_back_focus_of_a_double_gauss_are_those_of_tra
 
 
 @pytest.mark.parametrize(("f_number", "irradiance"), AXIAL_IRRADIANCE.items())
-def test_the_f_number_sets_the_diaphragm_and_the_traced_cone_the_irradiance(f_number: float, irradiance: float) -> None:
+def test_the_f_number_sets_the_diaphragm_and_the_traced_cone_the_irradiance(
+    f_number: float, irradiance: float
+) -> None:
     """The paraxial entrance pupil has the diameter f/N: near the axis rays cross the stop at the same share of its
     radius. The widest cone that passes the stop then has π·sin²u′ as Optiland traces it."""
     points = cardinal_points(lens(f_number=f_number))
@@ -68,10 +88,14 @@ def test_the_f_number_sets_the_diaphragm_and_the_traced_cone_the_irradiance(f_nu
     near, _, _ = traced_double_gauss(np.array([1e-3 * pupil]), 99.0, DOUBLE_GAUSS[:6])
     assert points.entrance_radius == pytest.approx(pupil, rel=1e-12)
     assert abs(near[0, 0]) == pytest.approx(1e-3 * points.stop_radius, rel=1e-5)
-    assert axial_irradiance(DOUBLE_GAUSS, points.back_focus, points.stop_radius) == pytest.approx(irradiance, rel=1e-4)
+    assert axial_irradiance(
+        DOUBLE_GAUSS, points.back_focus, points.stop_radius
+    ) == pytest.approx(irradiance, rel=1e-4)
 
 
-def test_the_middle_of_the_stop_seen_from_outside_is_the_entrance_pupil_and_from_behind_the_exit_pupil() -> None:
+def test_the_middle_of_the_stop_seen_from_outside_is_the_entrance_pupil_and_from_behind_the_exit_pupil() -> (
+    None
+):
     """Rays that start in the middle of the stop with a small slope, traced both ways by other code."""
     from helpers.lens_oracle import backward
 
@@ -80,13 +104,19 @@ def test_the_middle_of_the_stop_seen_from_outside_is_the_entrance_pupil_and_from
     way = np.array([[slope, 0.0, math.sqrt(1 - slope**2)]])
     front, behind = DOUBLE_GAUSS[:6], ((0.0, 4.5, 1.0, 17.1), *DOUBLE_GAUSS[6:])
     p, d, _ = backward(front, start, way * [1, 1, -1], 8.0)
-    assert p[0, 2] - p[0, 0] / d[0, 0] * d[0, 2] == pytest.approx(found.entrance_pupil, rel=1e-4)
+    assert p[0, 2] - p[0, 0] / d[0, 0] * d[0, 2] == pytest.approx(
+        found.entrance_pupil, rel=1e-4
+    )
     p, d, _ = forward(behind, start - [0, 0, z[5]], way, 8.0)
-    assert p[0, 2] - p[0, 0] / d[0, 0] * d[0, 2] - vertices(behind)[-1] == pytest.approx(found.exit_pupil, rel=1e-4)
+    assert p[0, 2] - p[0, 0] / d[0, 0] * d[0, 2] - vertices(behind)[-1] == pytest.approx(
+        found.exit_pupil, rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("focus_m", [0.3, 1.0, 20.0])
-def test_a_point_in_focus_is_imaged_on_the_sensor_at_the_principal_distance_times_its_tangent(focus_m: float) -> None:
+def test_a_point_in_focus_is_imaged_on_the_sensor_at_the_principal_distance_times_its_tangent(
+    focus_m: float,
+) -> None:
     """Near-axis rays from a point 1 mrad off the axis, ``focus_m`` before the entrance pupil, by other code."""
     found = cardinal_points(lens(f_number=8.0))
     point = np.array([focus_m * 1e3 * 1e-3, 0.0, found.entrance_pupil - focus_m * 1e3])
@@ -104,7 +134,15 @@ def test_scaling_scales_every_length_and_no_f_number() -> None:
         cardinal_points(lens()),
         cardinal_points(lens(focal_length_mm=cardinal_points(lens()).focal_length / 2)),
     )
-    for name in ("focal_length", "front_focus", "back_focus", "entrance_pupil", "exit_pupil", "stop_radius", "length"):
+    for name in (
+        "focal_length",
+        "front_focus",
+        "back_focus",
+        "entrance_pupil",
+        "exit_pupil",
+        "stop_radius",
+        "length",
+    ):
         assert getattr(half, name) == pytest.approx(getattr(plain, name) / 2, rel=1e-9)
     assert half.entrance_radius == pytest.approx(plain.entrance_radius / 2, rel=1e-9)
 
@@ -112,13 +150,19 @@ def test_scaling_scales_every_length_and_no_f_number() -> None:
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
-        ({"f_number": 1.4}, r"lens.f_number is 1.4, and the lens 'double_gauss' opens to f/2.05 at most"),
+        (
+            {"f_number": 1.4},
+            r"lens.f_number is 1.4, and the lens 'double_gauss' opens to f/2.05 at most",
+        ),
         ({"f_number": 0.3}, "opens to f/2.05 at most; set lens.f_number to 2.05 or more"),
         (
             {"prescription": glass_ball(aperture=1e-9)},
             "no light on the axis passes the lens 'biconvex'; check the semi-",
         ),
-        ({"prescription": glass_ball(-10.0)}, "has a negative or infinite focal length; it must be positive"),
+        (
+            {"prescription": glass_ball(-10.0)},
+            "has a negative or infinite focal length; it must be positive",
+        ),
     ],
 )
 def test_a_lens_that_cannot_be_is_refused(fields: dict[str, Any], says: str) -> None:
@@ -133,7 +177,8 @@ def test_it_opens_as_far_as_it_says() -> None:
 def test_nothing_nearer_than_the_front_focal_point_can_be_in_focus() -> None:
     found: CardinalPoints = cardinal_points(lens())
     with pytest.raises(
-        InputError, match=r"focus distance is 0.04 m, and the lens has no real image of objects nearer than 0.0471 m"
+        InputError,
+        match=r"focus distance is 0.04 m, and the lens has no real image of objects nearer than 0.0471 m",
     ):
         found.image_distance(0.04)
 
@@ -146,10 +191,20 @@ def test_sellmeier_is_schotts_n_bk7() -> None:
 
 def test_an_index_and_an_abbe_number_give_both_back_and_the_glass_between() -> None:
     """Against N-BK7's own Sellmeier: 0.0003 from 400 to 700 nm."""
-    found = glass_behind(lens(prescription=glass_ball()).prescription.surfaces[1].model_copy(update={"abbe": 64.17}))
+    found = glass_behind(
+        lens(prescription=glass_ball())
+        .prescription.surfaces[1]
+        .model_copy(update={"abbe": 64.17})
+    )
     spread = found.index(F_NM) - found.index(C_NM)
     assert (found.index(D_NM) - 1) / spread == pytest.approx(64.17, rel=1e-12)
-    surface = lens(prescription=glass_ball(index=1.5168)).prescription.surfaces[1].model_copy(update={"abbe": 64.17})
+    surface = (
+        lens(prescription=glass_ball(index=1.5168))
+        .prescription.surfaces[1]
+        .model_copy(update={"abbe": 64.17})
+    )
     nm = np.linspace(400, 700, 31)
-    np.testing.assert_allclose(glass_behind(surface).index(nm), Glass(N_BK7).index(nm), atol=3e-4)
+    np.testing.assert_allclose(
+        glass_behind(surface).index(nm), Glass(N_BK7).index(nm), atol=3e-4
+    )
     assert abs(glass_behind(surface).index(1000.0) - Glass(N_BK7).index(1000.0)) < 2.1e-3

@@ -19,13 +19,17 @@ from mitsuba_sensor.optics.ray_trace import Ray, trace
 
 def lens(**fields: Any) -> LensSection:
     fields = {"prescription": "double_gauss", **fields}
-    return load_camera("konnik_table1").replace(**{f"lens.{k}": v for k, v in fields.items()}).lens
+    return (
+        load_camera("konnik_table1").replace(**{f"lens.{k}": v for k, v in fields.items()}).lens
+    )
 
 
 def rays(count: int, distance: float, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     """Points on a full-frame sensor and directions to the back of the lens, in a frame with z towards the scene."""
     random = np.random.default_rng(seed)
-    film = np.column_stack([random.uniform((-18, -12), (18, 12), (count, 2)), np.full(count, -distance)])
+    film = np.column_stack(
+        [random.uniform((-18, -12), (18, 12), (count, 2)), np.full(count, -distance)]
+    )
     ways = np.column_stack([random.uniform(-10, 10, (count, 2)), np.zeros(count)]) - film
     return film, ways / np.linalg.norm(ways, axis=1, keepdims=True)
 
@@ -62,7 +66,13 @@ def slopes(section: LensSection) -> np.ndarray:
     """Slopes towards the scene of a fan of rays from the focal point, up to 10 degrees."""
     sine = np.linspace(0.01, 0.17, 15)
     start = Ray(
-        0 * sine, 0 * sine, -cardinal_points(section).back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0
+        0 * sine,
+        0 * sine,
+        -cardinal_points(section).back_focus,
+        sine,
+        0 * sine,
+        np.sqrt(1 - sine**2),
+        sine > 0,
     )
     end = trace(surfaces_at_f_number(section), start)
     assert end.unvignetted.all()
@@ -81,31 +91,50 @@ def test_a_conic_written_as_a_polynomial_is_the_same_surface() -> None:
     for n in range(2, 20):  # binomial series of (1 − √(1 − (1 + k)·c²·r²))/((1 + k)·c)
         factor *= (2 * n - 3) / (2 * n)
         terms.append(factor * c ** (2 * n - 1) * ((1 + k) ** (n - 1) - 1.0))
-    assert np.abs(slopes(lens(prescription=plano(0.0, tuple(terms)), f_number=2.8))).max() < 1e-9
+    assert (
+        np.abs(slopes(lens(prescription=plano(0.0, tuple(terms)), f_number=2.8))).max() < 1e-9
+    )
 
 
 def test_a_scaled_asphere_refracts_rays_at_scaled_heights_by_the_same_angles() -> None:
     table = plano(-0.5, (2e-5, -3e-8))
-    small, large = (lens(prescription=table, f_number=2.8, focal_length_mm=f) for f in (40.0, 80.0))
+    small, large = (
+        lens(prescription=table, f_number=2.8, focal_length_mm=f) for f in (40.0, 80.0)
+    )
     np.testing.assert_allclose(slopes(small), slopes(large), atol=1e-12)
-    assert np.abs(slopes(small) - slopes(lens(prescription=plano(-0.5), f_number=2.8))).max() > 1e-4
+    assert (
+        np.abs(slopes(small) - slopes(lens(prescription=plano(-0.5), f_number=2.8))).max()
+        > 1e-4
+    )
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize(("name", "f_number"), [("double_gauss", 2.05), ("double_gauss", 16.0), ("singlet", 8.0)])
-def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(name: str, f_number: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "f_number"), [("double_gauss", 2.05), ("double_gauss", 16.0), ("singlet", 8.0)]
+)
+def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(
+    name: str, f_number: float
+) -> None:
     """Any ray outside would be light that is lost. 300 000 rays over the whole back from 200 image heights."""
     section = lens(prescription=name, f_number=f_number)
-    surfaces, distance = surfaces_at_f_number(section), cardinal_points(section).image_distance(np.inf)
+    surfaces, distance = (
+        surfaces_at_f_number(section),
+        cardinal_points(section).image_distance(np.inf),
+    )
     pupil, random = exit_pupil_bounds(surfaces, distance, 22.0), np.random.default_rng(11)
     heights = np.repeat(random.uniform(0, 22.0, 200), 1500)
     nodes = np.linspace(0, pupil.highest, len(pupil.centre))
-    centre, a, b = (np.interp(heights, nodes, v) for v in (pupil.centre, pupil.radial, pupil.tangential))
+    centre, a, b = (
+        np.interp(heights, nodes, v) for v in (pupil.centre, pupil.radial, pupil.tangential)
+    )
     wide = 1.5 * surfaces[0].semi_diameter
     x, y = random.uniform(-wide, wide, (2, heights.size))
     passed = trace(surfaces, ray_to(distance, heights, x, y)).unvignetted
     assert (((x - centre) / a) ** 2 + (y / b) ** 2)[passed].max() <= 1
-    radius, angle = np.sqrt(random.uniform(size=heights.size)), random.uniform(0, 2 * np.pi, heights.size)
+    radius, angle = (
+        np.sqrt(random.uniform(size=heights.size)),
+        random.uniform(0, 2 * np.pi, heights.size),
+    )
     x, y = centre + a * radius * np.cos(angle), b * radius * np.sin(angle)
     assert trace(surfaces, ray_to(distance, heights, x, y)).unvignetted.mean() > 0.85
 
@@ -126,7 +155,9 @@ def test_a_double_gauss_has_the_distortion_of_its_traced_chief_rays(focus_m: flo
         film = np.array([[height, 0.0, rear + points.image_distance(focus_m)]])
         way = np.array([[at, 0.0, rear]]) - film
         way /= np.linalg.norm(way)
-        p, _, _ = backward(DOUBLE_GAUSS[5:], film - [0, 0, vertices(DOUBLE_GAUSS)[5]], way, 99.0)
+        p, _, _ = backward(
+            DOUBLE_GAUSS[5:], film - [0, 0, vertices(DOUBLE_GAUSS)[5]], way, 99.0
+        )
         low, high = (at, high) if p[0, 0] < 0 else (low, at)
     p, d, passed = backward(DOUBLE_GAUSS, film, way, 8.0)
     assert passed.all()

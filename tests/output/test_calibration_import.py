@@ -30,7 +30,9 @@ from mitsuba_sensor.render.options import SceneOptions
 from mitsuba_sensor.render.scene.scene_settings import parse
 from mitsuba_sensor.render.variants import choose_variant, use
 
-GIVEN = Calibration(640, 480, (501.25, 501.25), (325.5, 231.0625), (-0.21, 0.06, 0.004, -1e-5, -0.01))
+GIVEN = Calibration(
+    640, 480, (501.25, 501.25), (325.5, 231.0625), (-0.21, 0.06, 0.004, -1e-5, -0.01)
+)
 TEXTS = {
     "a.yml": opencv_yaml(GIVEN),
     "a.xml": opencv_xml(GIVEN),
@@ -51,7 +53,11 @@ def view(folder: Path, camera: ms.Camera) -> Any:
     """The view of a scene whose sensor has what the description of the camera says."""
     use(choose_variant(skip_unless_usable("scalar_spectral")))
     said = re.findall(r"(fov|principal_point_offset_[xy]) ([-+.\de]*\d)", camera.description)
-    assert [name for name, _ in said] == ["fov", "principal_point_offset_x", "principal_point_offset_y"]
+    assert [name for name, _ in said] == [
+        "fov",
+        "principal_point_offset_x",
+        "principal_point_offset_y",
+    ]
     numbers = "".join(f'<float name="{name}" value="{value}"/>' for name, value in said)
     text = SENSOR.format(numbers, camera.sensor.columns, camera.sensor.rows, SKY)
     parsed = parse(write_scene(folder, text), complete(SceneOptions, {}))
@@ -59,7 +65,9 @@ def view(folder: Path, camera: ms.Camera) -> Any:
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_a_scene_seen_by_an_imported_camera_has_the_calibration_of_the_file(tmp_path: Path, name: str) -> None:
+def test_a_scene_seen_by_an_imported_camera_has_the_calibration_of_the_file(
+    tmp_path: Path, name: str
+) -> None:
     camera = imported(tmp_path, name, TEXTS[name])
     found = calibration_of(intrinsics(view(tmp_path, camera), camera), camera.pixel.pitch_x_um)
     assert (found.columns, found.rows, found.distortion) == (640, 480, GIVEN.distortion)
@@ -72,12 +80,21 @@ def test_files_that_opencv_writes_are_read(tmp_path: Path) -> None:
     cv2 = pytest.importorskip("cv2")
     for name in ("b.yml", "b.xml"):
         storage = cv2.FileStorage(str(tmp_path / name), cv2.FILE_STORAGE_WRITE)
-        for key, value in (("image_width", 640), ("image_height", 480), ("flags", 0), ("camera_matrix", GIVEN.matrix)):
+        for key, value in (
+            ("image_width", 640),
+            ("image_height", 480),
+            ("flags", 0),
+            ("camera_matrix", GIVEN.matrix),
+        ):
             storage.write(key, value)
         storage.write("distortion_coefficients", np.array(GIVEN.distortion)[:, None])
         storage.release()
         camera = import_camera(tmp_path / name)
-        assert (camera.sensor.columns, camera.sensor.rows, camera.lens.distortion) == (640, 480, GIVEN.distortion)
+        assert (camera.sensor.columns, camera.sensor.rows, camera.lens.distortion) == (
+            640,
+            480,
+            GIVEN.distortion,
+        )
 
 
 RATIONAL = (0.35, 0.02, 0.001, -0.002, 0.004, 0.62, 0.07, 0.003)
@@ -93,16 +110,27 @@ def points_of(camera: ms.Camera, seen: Any, tangents: Any) -> Any:
 
 
 def test_a_rational_polynomial_is_fitted_as_well_as_the_note_says(tmp_path: Path) -> None:
-    text = TEXTS["a.yaml"].replace("plumb_bob", "rational_polynomial").replace("cols: 5", "cols: 8")
-    text = text.replace(text.split("data: [")[2].partition("]")[0], ", ".join(map(str, RATIONAL)))
+    text = (
+        TEXTS["a.yaml"]
+        .replace("plumb_bob", "rational_polynomial")
+        .replace("cols: 5", "cols: 8")
+    )
+    text = text.replace(
+        text.split("data: [")[2].partition("]")[0], ", ".join(map(str, RATIONAL))
+    )
     camera = imported(tmp_path, "a.yaml", text)
-    misfit = float(re.search(r"fitted to more coefficients, to ([\d.e-]+) px", camera.description)[1])  # type: ignore[index]
+    misfit = float(
+        re.search(r"fitted to more coefficients, to ([\d.e-]+) px", camera.description)[1]
+    )  # type: ignore[index]
     tangents = np.random.default_rng(3).uniform(-0.45, 0.45, (400, 2))
     x, y = tangents.T
     r2 = x**2 + y**2
     k1, k2, p1, p2, k3, k4, k5, k6 = RATIONAL
     g = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3)
-    u, v = x * g + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * g + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    u, v = (
+        x * g + 2 * p1 * x * y + p2 * (r2 + 2 * x**2),
+        y * g + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y,
+    )
     expected = np.stack([501.25 * u + 325.5, 501.25 * v + 231.0625], axis=-1)
     found = points_of(camera, view(tmp_path, camera), tangents)
     assert 0 < misfit < 0.5
@@ -117,20 +145,30 @@ def test_a_fisheye_lens_becomes_a_table_of_image_heights(tmp_path: Path, format:
     text = text.replace(text.split("data: [")[2].partition("]")[0], ", ".join(map(str, k)))
     if format == "nerfstudio":
         coefficients = dict(zip(("k1", "k2", "k3", "k4"), k, strict=True), p1=0.0, p2=0.0)
-        text = json.dumps(json.loads(TEXTS["transforms.json"]) | coefficients | {"camera_model": "OPENCV_FISHEYE"})
+        text = json.dumps(
+            json.loads(TEXTS["transforms.json"])
+            | coefficients
+            | {"camera_model": "OPENCV_FISHEYE"}
+        )
     camera = imported(tmp_path, "transforms.json" if format == "nerfstudio" else "a.yaml", text)
     angle, turn = np.random.default_rng(3).uniform(0, (0.78, 2 * np.pi), (400, 2)).T
     direction = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     radius = angle * (1 + k[0] * angle**2 + k[1] * angle**4 + k[2] * angle**6 + k[3] * angle**8)
     found = points_of(camera, view(tmp_path, camera), np.tan(angle)[:, None] * direction)
-    np.testing.assert_allclose(found, 501.25 * radius[:, None] * direction + (325.5, 231.0625), atol=0.05)
+    np.testing.assert_allclose(
+        found, 501.25 * radius[:, None] * direction + (325.5, 231.0625), atol=0.05
+    )
 
 
 def test_the_table_of_a_small_fisheye_picture_reaches_its_corner(tmp_path: Path) -> None:
     """The corner of the corner pixel, not its middle."""
-    text = camera_info(Calibration(8, 6, (6.0, 6.0), (3.5, 2.5)), "tiny").replace("plumb_bob", "equidistant")
+    text = camera_info(Calibration(8, 6, (6.0, 6.0), (3.5, 2.5)), "tiny").replace(
+        "plumb_bob", "equidistant"
+    )
     camera = imported(
-        tmp_path, "a.yaml", text.replace("cols: 5", "cols: 4").replace("[0.0, 0.0, 0.0, 0.0, 0.0]", "[0]")
+        tmp_path,
+        "a.yaml",
+        text.replace("cols: 5", "cols: 4").replace("[0.0, 0.0, 0.0, 0.0, 0.0]", "[0]"),
     )
     assert np.isfinite(solid_angle_sr(view(tmp_path, camera), camera)).all()
 
@@ -140,19 +178,40 @@ def test_what_the_datasheet_cannot_say_is_in_the_description(tmp_path: Path) -> 
     data["frames"] = [*data["frames"], {**data["frames"][0], "fl_x": 900.0}]
     said = imported(tmp_path, "transforms.json", json.dumps(data)).description
     assert "fx / fy is 1.023" in said and "1 of 2 frames have intrinsics of their own" in said
-    text = opencv_yaml(GIVEN).replace("rows: 5", "rows: 12").replace("-0.01 ]", "-0.01, 0, 0, 0, 0.1, 0, 0.2, 0 ]")
-    assert "s1, s3 (thin prism, tilt) are left out" in imported(tmp_path, "a.yml", text).description
+    text = (
+        opencv_yaml(GIVEN)
+        .replace("rows: 5", "rows: 12")
+        .replace("-0.01 ]", "-0.01, 0, 0, 0, 0.1, 0, 0.2, 0 ]")
+    )
+    assert (
+        "s1, s3 (thin prism, tilt) are left out"
+        in imported(tmp_path, "a.yml", text).description
+    )
 
 
 def test_a_calibration_without_coefficients_says_so(tmp_path: Path) -> None:
-    camera = imported(tmp_path, "a.yaml", TEXTS["a.yaml"].replace("distortion_coefficients", "distortion_coeficients"))
-    assert camera.lens.distortion is None and "it has no distortion_coefficients" in camera.description
+    camera = imported(
+        tmp_path,
+        "a.yaml",
+        TEXTS["a.yaml"].replace("distortion_coefficients", "distortion_coeficients"),
+    )
+    assert (
+        camera.lens.distortion is None
+        and "it has no distortion_coefficients" in camera.description
+    )
 
 
 def test_a_camera_without_distortion_and_a_blender_angle_are_read(tmp_path: Path) -> None:
     """camera_angle_x is the field of view along the rows, as in the synthetic scenes of NeRF."""
-    camera = imported(tmp_path, "t.json", json.dumps({"camera_angle_x": 0.8, "w": 64, "h": 32, "frames": [{}]}))
-    assert camera.lens.distortion is None and (camera.sensor.columns, camera.sensor.rows) == (64, 32)
+    camera = imported(
+        tmp_path,
+        "t.json",
+        json.dumps({"camera_angle_x": 0.8, "w": 64, "h": 32, "frames": [{}]}),
+    )
+    assert camera.lens.distortion is None and (camera.sensor.columns, camera.sensor.rows) == (
+        64,
+        32,
+    )
     assert f"fov {np.degrees(0.8):.7g}, principal_point_offset_x 0," in camera.description
 
 
@@ -180,7 +239,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG.values(), ids=WRONG)
-def test_a_wrong_calibration_is_refused_in_one_sentence(tmp_path: Path, case: tuple[str, str, str]) -> None:
+def test_a_wrong_calibration_is_refused_in_one_sentence(
+    tmp_path: Path, case: tuple[str, str, str]
+) -> None:
     name, text, message = case
     with pytest.raises(ms.InputError, match=re.escape(message)) as caught:
         imported(tmp_path, name, text)

@@ -20,21 +20,32 @@ BAYER, RGBIR = ms.load_camera("bayer_2mp"), ms.load_camera("rgbir_2mp")
 
 
 @pytest.mark.parametrize("name", ["D65", "A", "FL2"])
-@pytest.mark.parametrize(("camera", "most"), [(BAYER, 1.1), (RGBIR, 4.0)], ids=("bayer", "rgbir"))
-def test_patches_that_were_not_trained_have_their_colours(camera: ms.Camera, most: float, name: str) -> None:
+@pytest.mark.parametrize(
+    ("camera", "most"), [(BAYER, 1.1), (RGBIR, 4.0)], ids=("bayer", "rgbir")
+)
+def test_patches_that_were_not_trained_have_their_colours(
+    camera: ms.Camera, most: float, name: str
+) -> None:
     """Daylight, lamps of 2856 K, fluorescent tubes; the QE curves alone, without a picture."""
     light = lit_by(name)
     matrix = colour_matrix(camera, light)
     assert matrix is not None and matrix.illuminant == "scene"
     reflectances = np.stack([np.interp(MIDDLES, SHAPE.wavelengths, one) for one in PATCHES])
     per_filter = camera.qe(MIDDLES) * light.power * MIDDLES
-    raw = reflectances @ per_filter.T / per_filter.sum(axis=1)[colour_order(camera.filter_names)].max()
+    raw = (
+        reflectances
+        @ per_filter.T
+        / per_filter.sum(axis=1)[colour_order(camera.filter_names)].max()
+    )
     assert distances(raw * matrix.white_balance @ matrix.to_srgb.T, seen(name)).mean() < most
 
 
 def test_no_patch_is_in_the_training_set() -> None:
     """The nearest of 190 reflectances is 0.004 and more away (rms over the wavelengths), for half of them 0.025."""
-    off = [np.sqrt(((surfaces(SHAPE.wavelengths) - patch) ** 2).mean(axis=1)).min() for patch in PATCHES]
+    off = [
+        np.sqrt(((surfaces(SHAPE.wavelengths) - patch) ** 2).mean(axis=1)).min()
+        for patch in PATCHES
+    ]
     assert min(off) > 0.003 and np.median(off) > 0.02
 
 
@@ -42,12 +53,17 @@ def test_no_patch_is_in_the_training_set() -> None:
 @pytest.mark.parametrize("name", ["D65", "A"])
 def test_white_is_white_under_every_illuminant(camera: ms.Camera, name: str) -> None:
     light = lit_by(name)
-    matrix, per_filter = colour_matrix(camera, light), (camera.qe(MIDDLES) * light.power * MIDDLES).sum(axis=1)
+    matrix, per_filter = (
+        colour_matrix(camera, light),
+        (camera.qe(MIDDLES) * light.power * MIDDLES).sum(axis=1),
+    )
     assert matrix is not None
     order = colour_order(camera.filter_names)
     white = matrix.white_balance * per_filter / per_filter[order].max()
     np.testing.assert_allclose(white[order], 1.0, rtol=1e-12)
-    np.testing.assert_allclose(matrix.to_srgb @ white, 1.0, atol=5e-4)  # sRGB is rounded to four digits
+    np.testing.assert_allclose(
+        matrix.to_srgb @ white, 1.0, atol=5e-4
+    )  # sRGB is rounded to four digits
     assert matrix.white_balance.min() == 1.0
 
 
@@ -62,7 +78,12 @@ def test_light_in_which_a_filter_sees_nothing_is_no_light_for_colours() -> None:
 def test_a_camera_without_red_green_and_blue_has_no_colours() -> None:
     assert colour_matrix(ms.load_camera("konnik_table1")) is None
     curves = {"R": [0.5, 0.5], "G": [0.5, 0.5], "B": [0.0, 0.0]}
-    blind = BAYER.replace(**{"quantum_efficiency.curves": curves, "quantum_efficiency.wavelengths_nm": [400.0, 700.0]})
+    blind = BAYER.replace(
+        **{
+            "quantum_efficiency.curves": curves,
+            "quantum_efficiency.wavelengths_nm": [400.0, 700.0],
+        }
+    )
     assert colour_matrix(blind) is None and colour_matrix(blind, lit_by("A")) is None
     assert colour_order(("B", "G", "R")) == [2, 1, 0]
     assert colour_order(("red", "green", "blue", "white")) == [0, 1, 2]
@@ -72,7 +93,9 @@ def test_a_camera_without_red_green_and_blue_has_no_colours() -> None:
 
 def taken(camera: ms.Camera, folder: Path, dng: bool = False) -> Path:
     """The ColorChecker as a camera sees it, rendered, exposed, with all noise."""
-    ms.capture("scenes/color_checker.xml", camera, ms.Exposure(0.1), spp=16, width=192, seed=3, dng=dng).save(folder)
+    ms.capture(
+        "scenes/color_checker.xml", camera, ms.Exposure(0.1), spp=16, width=192, seed=3, dng=dng
+    ).save(folder)
     return folder
 
 
@@ -94,7 +117,9 @@ def test_the_preview_of_a_color_checker_has_its_colours(bayer_files: Path) -> No
 
 
 @pytest.mark.exhaustive
-def test_a_mosaic_with_infrared_pixels_has_the_colours_of_a_color_checker(tmp_path: Path) -> None:
+def test_a_mosaic_with_infrared_pixels_has_the_colours_of_a_color_checker(
+    tmp_path: Path,
+) -> None:
     """Mean ΔE2000 2.86."""
     assert of_preview(taken(RGBIR, tmp_path)).mean() < 3
 

@@ -38,7 +38,9 @@ def saved(path: Path, camera: ms.Camera, photons: Any = 5000.0, **more: Any) -> 
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (0, 1), (1, 0), (3, 5)])
-def test_libraw_reads_every_pixel_of_a_mosaic_behind_its_own_filter(tmp_path: Path, origin: tuple[int, int]) -> None:
+def test_libraw_reads_every_pixel_of_a_mosaic_behind_its_own_filter(
+    tmp_path: Path, origin: tuple[int, int]
+) -> None:
     """Of an odd number of rows and columns, from an odd place of the sensor on."""
     rng = np.random.default_rng(1)
     frames = saved(tmp_path / "a.dng", BAYER, rng.uniform(0.0, 70_000.0, SIZE), origin=origin)
@@ -47,18 +49,36 @@ def test_libraw_reads_every_pixel_of_a_mosaic_behind_its_own_filter(tmp_path: Pa
         np.testing.assert_array_equal(raw.raw_image, frames.digital[0])
         np.testing.assert_array_equal(np.array(list("RGBG"))[raw.raw_colors], names)
         assert raw.color_desc == b"RGBG" and raw.sizes.flip == 0
-        assert raw.black_level_per_channel == [4] * 4 and raw.white_level == 4095  # 4σ of read noise; the last code
+        assert (
+            raw.black_level_per_channel == [4] * 4 and raw.white_level == 4095
+        )  # 4σ of read noise; the last code
         assert (raw.other.shutter_speed, raw.other.aperture) == pytest.approx((0.01, 2.8))
         assert raw.postprocess().shape == (*SIZE, 3)
-        crop = raw.sizes.crop_left_margin, raw.sizes.crop_top_margin, raw.sizes.crop_width, raw.sizes.crop_height
-        assert crop == (2, 2, SIZE[1] - 4, SIZE[0] - 4)  # Adobe's SDK warns of less at the edges
+        crop = (
+            raw.sizes.crop_left_margin,
+            raw.sizes.crop_top_margin,
+            raw.sizes.crop_width,
+            raw.sizes.crop_height,
+        )
+        assert crop == (
+            2,
+            2,
+            SIZE[1] - 4,
+            SIZE[0] - 4,
+        )  # Adobe's SDK warns of less at the edges
     back = read_raw(tmp_path / "a.dng")
     np.testing.assert_array_equal(back.frames, frames.digital)
-    assert back.tile == tuple(map(tuple, names[:2, :2])) and back.exposure_s == pytest.approx(0.01)
+    assert back.tile == tuple(map(tuple, names[:2, :2])) and back.exposure_s == pytest.approx(
+        0.01
+    )
 
 
-@pytest.mark.parametrize("camera", [EIGHT_BITS, MONO, SIXTEEN_BITS], ids=["8 bit", "12 bit", "16 bit"])
-def test_libraw_reads_every_pixel_of_a_camera_without_filters(tmp_path: Path, camera: ms.Camera) -> None:
+@pytest.mark.parametrize(
+    "camera", [EIGHT_BITS, MONO, SIXTEEN_BITS], ids=["8 bit", "12 bit", "16 bit"]
+)
+def test_libraw_reads_every_pixel_of_a_camera_without_filters(
+    tmp_path: Path, camera: ms.Camera
+) -> None:
     photons = np.random.default_rng(1).uniform(0.0, 2 * camera.pixel.full_well_e, SIZE)
     frames = saved(tmp_path / "a.dng", camera, photons)
     assert frames.digital.dtype == (np.uint8 if camera is EIGHT_BITS else np.uint16)
@@ -66,20 +86,32 @@ def test_libraw_reads_every_pixel_of_a_camera_without_filters(tmp_path: Path, ca
         np.testing.assert_array_equal(raw.raw_image, frames.digital[0])
         assert raw.num_colors == 1 and raw.postprocess().shape == (*SIZE, 1)
     tags = dng_tags(tmp_path / "a.dng")
-    assert tags["PhotometricInterpretation"] == 34892 and "CFAPattern" not in tags and len(tags["NoiseProfile"]) == 2
+    assert (
+        tags["PhotometricInterpretation"] == 34892
+        and "CFAPattern" not in tags
+        and len(tags["NoiseProfile"]) == 2
+    )
     assert dng_tags(tmp_path / "a.dng")["WhiteLevel"] == 2**camera.adc.bits - 1
 
 
-def test_the_white_level_is_that_of_a_full_well_where_the_converter_goes_further(tmp_path: Path) -> None:
+def test_the_white_level_is_that_of_a_full_well_where_the_converter_goes_further(
+    tmp_path: Path,
+) -> None:
     """10 000 e- at K = 0.2 DN/e- over a black level of 100.5 DN, of 4096 codes; three channels above saturation."""
-    fields = {"pixel.full_well_e": 10_000.0, "adc.full_scale_v": 4096 / 0.2 * 30e-6, "adc.black_level_dn": 100.5}
+    fields = {
+        "pixel.full_well_e": 10_000.0,
+        "adc.full_scale_v": 4096 / 0.2 * 30e-6,
+        "adc.black_level_dn": 100.5,
+    }
     camera = BAYER.replace(**fields, **{"pixel.prnu": 0.0})
     frames = saved(tmp_path / "a.dng", camera, 1e6)
     tags = dng_tags(tmp_path / "a.dng")
     assert tags["WhiteLevel"] in (2100, 2101) and tags["BlackLevel"] == [100.5] * 4
     assert frames.digital.mean() == pytest.approx(tags["WhiteLevel"], abs=0.6)
     saved(tmp_path / "b.dng", camera.replace(**{"pixel.full_well_e": 1.0}))
-    assert dng_tags(tmp_path / "b.dng")["WhiteLevel"] == 101, "above the black level, however small a full well is"
+    assert dng_tags(tmp_path / "b.dng")["WhiteLevel"] == 101, (
+        "above the black level, however small a full well is"
+    )
 
 
 def test_exposure_f_number_and_iso_stand_where_exif_has_them(tmp_path: Path) -> None:
@@ -94,19 +126,32 @@ def test_exposure_f_number_and_iso_stand_where_exif_has_them(tmp_path: Path) -> 
             assert raw.other.iso_speed == short  # LibRaw reads no larger one
     tags = dng_tags(tmp_path / "a.dng")
     assert tags["UniqueCameraModel"] == "sony_a7s2" and tags["Orientation"] == 1
-    assert bytes(tags["DNGVersion"]) == b"\1\4\0\0" and bytes(tags["DNGBackwardVersion"]) == b"\1\1\0\0"
+    assert (
+        bytes(tags["DNGVersion"]) == b"\1\4\0\0"
+        and bytes(tags["DNGBackwardVersion"]) == b"\1\1\0\0"
+    )
 
 
-def test_a_camera_without_iso_numbers_has_the_speed_at_which_it_saturates(tmp_path: Path) -> None:
+def test_a_camera_without_iso_numbers_has_the_speed_at_which_it_saturates(
+    tmp_path: Path,
+) -> None:
     """ISO 12232 in other terms: a metre of 1 lx of D65, photons counted every nanometre, fills the well 78/S times."""
     nm = np.arange(380.0, 781.0)
-    table, y = colour.SDS_ILLUMINANTS["D65"], colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy()
-    power, y = np.interp(nm, table.wavelengths, table.values), np.interp(nm, y.wavelengths, y.values[:, 1])
+    table, y = (
+        colour.SDS_ILLUMINANTS["D65"],
+        colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy(),
+    )
+    power, y = (
+        np.interp(nm, table.wavelengths, table.values),
+        np.interp(nm, y.wavelengths, y.values[:, 1]),
+    )
     photons = power / (683.0 * power @ y) / (constants.h * constants.c / (nm * 1e-9))
     electrons_per_lx_s = (BAYER.qe(nm) @ photons).max() * 5.86e-6**2
     saved(tmp_path / "a.dng", BAYER)
     expected = 78 * electrons_per_lx_s / BAYER.emva1288().saturation_e
-    assert dng_tags(tmp_path / "a.dng")["ExifTag"]["ISOSpeedRatings"] == pytest.approx(expected, rel=0.01)
+    assert dng_tags(tmp_path / "a.dng")["ExifTag"]["ISOSpeedRatings"] == pytest.approx(
+        expected, rel=0.01
+    )
 
 
 # Colours.
@@ -115,7 +160,11 @@ def test_a_camera_without_iso_numbers_has_the_speed_at_which_it_saturates(tmp_pa
 def chart(name: str) -> ms.Photons:
     """The 24 patches under an illuminant, blocks of 24 pixels, white near saturation."""
     light = lit_by(name)
-    photons = np.stack([np.interp(MIDDLES, SHAPE.wavelengths, one) for one in PATCHES]) * light.power * MIDDLES
+    photons = (
+        np.stack([np.interp(MIDDLES, SHAPE.wavelengths, one) for one in PATCHES])
+        * light.power
+        * MIDDLES
+    )
     photons *= 29_000 / (photons @ BAYER.qe(MIDDLES).T).max()
     blocks = photons.reshape(4, 6, -1).repeat(24, axis=0).repeat(24, axis=1)
     return ms.Photons(blocks, MIDDLES, illuminant=light)
@@ -125,11 +174,15 @@ def developed(path: Path, **how: Any) -> NDArray[np.float64]:
     """(24, 3) linear sRGB of the patches' middles, as LibRaw develops them."""
     with rawpy.imread(str(path)) as raw:
         done = raw.postprocess(no_auto_bright=True, output_bps=16, gamma=(1, 1), **how) / 65535
-    return np.asarray(done.reshape(4, 24, 6, 24, 3)[:, 6:18, :, 6:18].mean(axis=(1, 3)).reshape(24, 3))
+    return np.asarray(
+        done.reshape(4, 24, 6, 24, 3)[:, 6:18, :, 6:18].mean(axis=(1, 3)).reshape(24, 3)
+    )
 
 
 @pytest.mark.parametrize(("name", "mean", "largest"), [("D65", 1.1, 4.0), ("A", 4.0, 12.0)])
-def test_libraw_gives_a_color_checker_its_colours(tmp_path: Path, name: str, mean: float, largest: float) -> None:
+def test_libraw_gives_a_color_checker_its_colours(
+    tmp_path: Path, name: str, mean: float, largest: float
+) -> None:
     """LibRaw takes the matrix of D65 whatever the light is, so it is further off under lamps."""
     ms.expose(chart(name), BAYER, EXPOSURE).save_dng(tmp_path / "a.dng")
     off = distances(developed(tmp_path / "a.dng", use_camera_wb=True), seen(name))
@@ -141,18 +194,34 @@ def test_the_matrices_are_those_of_the_dng_specification(number: int) -> None:
     """Chapter 6 in colour-science's terms: ColorMatrix takes the illuminant's XYZ to the raw white; its inverse, and
     ForwardMatrix behind a white balance, take every patch near to what an observer sees."""
     name = ("A", "D65")[number]
-    found, power = calibrations(BAYER)[number], colour.SDS_ILLUMINANTS[name].copy().align(SHAPE).values
+    found, power = (
+        calibrations(BAYER)[number],
+        colour.SDS_ILLUMINANTS[name].copy().align(SHAPE).values,
+    )
     assert found.light_source == (17, 21)[number]
     per_filter = BAYER.qe(SHAPE.wavelengths) * power * SHAPE.wavelengths
-    neutral, white = per_filter.sum(axis=1) / per_filter.sum(axis=1).max(), power @ OBSERVER / (power @ OBSERVER)[1]
+    neutral, white = (
+        per_filter.sum(axis=1) / per_filter.sum(axis=1).max(),
+        power @ OBSERVER / (power @ OBSERVER)[1],
+    )
     np.testing.assert_allclose(found.to_raw @ white, neutral, atol=2e-3)
-    raw, d50 = PATCHES @ per_filter.T / per_filter.sum(axis=1).max(), colour.xy_to_XYZ([0.3457, 0.3585])
-    to_d65 = partial(colour.chromatic_adaptation, XYZ_wr=colour.xy_to_XYZ(WHITE), transform="Bradford")
+    raw, d50 = (
+        PATCHES @ per_filter.T / per_filter.sum(axis=1).max(),
+        colour.xy_to_XYZ([0.3457, 0.3585]),
+    )
+    to_d65 = partial(
+        colour.chromatic_adaptation, XYZ_wr=colour.xy_to_XYZ(WHITE), transform="Bradford"
+    )
     by_inverse = to_d65(raw @ np.linalg.inv(found.to_raw).T, white)
     by_forward = to_d65(raw / neutral @ found.to_xyz.T, d50)
     np.testing.assert_allclose(by_inverse, by_forward, atol=4e-3)
     for xyz in (by_inverse, by_forward):
-        assert distances(xyz @ colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB.T, seen(name)).mean() < 1.2
+        assert (
+            distances(
+                xyz @ colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB.T, seen(name)
+            ).mean()
+            < 1.2
+        )
 
 
 def test_white_is_as_shot_where_the_illuminant_is_known(tmp_path: Path) -> None:
@@ -167,8 +236,12 @@ def test_white_is_as_shot_where_the_illuminant_is_known(tmp_path: Path) -> None:
 # Noise.
 
 
-@pytest.mark.parametrize(("camera", "photons"), [(BAYER, 20_000.0), (BAYER, 0.0), (MONO, 12_000.0)])
-def test_the_noise_profile_is_the_variance_of_64_frames(tmp_path: Path, camera: ms.Camera, photons: float) -> None:
+@pytest.mark.parametrize(
+    ("camera", "photons"), [(BAYER, 20_000.0), (BAYER, 0.0), (MONO, 12_000.0)]
+)
+def test_the_noise_profile_is_the_variance_of_64_frames(
+    tmp_path: Path, camera: ms.Camera, photons: float
+) -> None:
     """Within 1 %, behind each filter; of 20 000 pixels and 64 frames the variance is known to 0.2 %."""
     camera = camera.replace(**{"readout.ve_nonlinearity": 0.0}) if camera is MONO else camera
     frames = ms.expose(np.full((100, 200), photons), camera, EXPOSURE, frames=64)
@@ -183,7 +256,9 @@ def test_the_noise_profile_is_the_variance_of_64_frames(tmp_path: Path, camera: 
         assert own.var(axis=0, ddof=1).mean() == pytest.approx(s * own.mean() + o, rel=0.01)
 
 
-def test_a_camera_without_shot_noise_and_the_published_chain_say_no_noise(tmp_path: Path) -> None:
+def test_a_camera_without_shot_noise_and_the_published_chain_say_no_noise(
+    tmp_path: Path,
+) -> None:
     saved(tmp_path / "a.dng", BAYER.without("shot_noise"))
     saved(tmp_path / "b.dng", MONO, chain="konnik2014")
     assert all("NoiseProfile" not in dng_tags(tmp_path / name) for name in ("a.dng", "b.dng"))
@@ -197,7 +272,9 @@ def test_the_camera_of_a_dng_can_be_imported(tmp_path: Path) -> None:
     assert (found.name, found.adc.bits, found.adc.black_level_dn) == ("bayer_2mp", 14, 256.0)
     assert found.system_gain_dn_per_e == pytest.approx(camera.system_gain_dn_per_e, rel=1e-4)
     rounding_e = np.sqrt(1 / 12) / camera.system_gain_dn_per_e
-    assert found.source_follower.read_noise_e == pytest.approx(np.hypot(6.83, rounding_e), rel=1e-3)
+    assert found.source_follower.read_noise_e == pytest.approx(
+        np.hypot(6.83, rounding_e), rel=1e-3
+    )
 
 
 # Files.
@@ -216,15 +293,30 @@ def test_the_command_line_writes_a_dng_of_every_frame_and_removes_older_ones(
     for page, name in zip(pages, names, strict=True):
         np.testing.assert_array_equal(page, tifffile.imread(tmp_path / name))
     assert cli(*command, "--dng").exit_code == 0
-    assert sorted(path.name for path in tmp_path.glob("*.dng")) == ["frame.dng", "frame_mine.dng"]
+    assert sorted(path.name for path in tmp_path.glob("*.dng")) == [
+        "frame.dng",
+        "frame_mine.dng",
+    ]
     assert cli(*command).exit_code == 0
     assert [path.name for path in tmp_path.glob("*.dng")] == ["frame_mine.dng"]
 
 
 REFUSED = {
-    "deep": (BAYER.replace(**{"adc.bits": 18}), SIZE, "a DNG has 16 bits at most, and bayer_2mp has 18; leave dng"),
-    "infrared": (RGBIR, SIZE, "filters R, G, B, IR in a tile of 2 × 2, and a DNG is read with red, green and blue"),
-    "small": (MONO, (21, 60), "21 × 60 pixels is too small for a DNG: LibRaw opens 22 × 22 and more; leave dng out"),
+    "deep": (
+        BAYER.replace(**{"adc.bits": 18}),
+        SIZE,
+        "a DNG has 16 bits at most, and bayer_2mp has 18; leave dng",
+    ),
+    "infrared": (
+        RGBIR,
+        SIZE,
+        "filters R, G, B, IR in a tile of 2 × 2, and a DNG is read with red, green and blue",
+    ),
+    "small": (
+        MONO,
+        (21, 60),
+        "21 × 60 pixels is too small for a DNG: LibRaw opens 22 × 22 and more; leave dng out",
+    ),
 }
 
 
@@ -233,15 +325,25 @@ def test_what_no_dng_holds_is_a_sentence_that_names_the_tiff(tmp_path: Path, cas
     camera, shape, said = REFUSED[case]
     with pytest.raises(ms.InputError, match=re.escape(said)) as refused:
         ms.expose(np.full(shape, 100.0), camera, EXPOSURE).save_dng(tmp_path / "a.dng")
-    assert "frame.tiff" in str(refused.value) and "\n" not in str(refused.value) and not list(tmp_path.iterdir())
+    assert (
+        "frame.tiff" in str(refused.value)
+        and "\n" not in str(refused.value)
+        and not list(tmp_path.iterdir())
+    )
 
 
 @pytest.mark.parametrize("more", [(), ("--render-noise", "per-frame")])
 def test_a_dng_that_cannot_be_is_refused_before_the_render(
-    scene_file: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
+    scene_file: Path,
+    tmp_path: Path,
+    cli: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
+    more: tuple[str, ...],
 ) -> None:
     monkeypatch.setattr(Scene, "render", lambda *_, **__: pytest.fail("rendered"))
-    done = cli("render", scene_file, "-o", tmp_path / "out", "--dng", "--set", "adc.bits=18", *more)
+    done = cli(
+        "render", scene_file, "-o", tmp_path / "out", "--dng", "--set", "adc.bits=18", *more
+    )
     assert done.exit_code == 2 and "a DNG has 16 bits at most" in " ".join(done.stderr.split())
     assert not (tmp_path / "out").exists()
 
@@ -250,5 +352,7 @@ def test_a_frame_that_is_none_of_these_is_refused(tmp_path: Path) -> None:
     frames = ms.expose(np.full(SIZE, 100.0), MONO, EXPOSURE, frames=2)
     frames.save_dng(tmp_path / "a.dng", -1)
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.dng"), frames.digital[1])
-    with pytest.raises(ms.InputError, match=r"number is 2, and there are 2 frames; the first one is 0\."):
+    with pytest.raises(
+        ms.InputError, match=r"number is 2, and there are 2 frames; the first one is 0\."
+    ):
         frames.save_dng(tmp_path / "b.dng", 2)

@@ -31,23 +31,31 @@ def opcodes(path: Path) -> dict[int, tuple[float, ...]]:
         number, version, flags, size = struct.unpack_from(">I4sII", content, place)
         assert version == b"\x01\x03\0\0" and flags == 1
         skipped = 4 if number == 1 else 0  # the count of colour planes
-        found[number] = struct.unpack_from(f">{(size - skipped) // 8}d", content, place + 16 + skipped)
+        found[number] = struct.unpack_from(
+            f">{(size - skipped) // 8}d", content, place + 16 + skipped
+        )
         place += 16 + size
     assert place == len(content)
     return found
 
 
-def normalised(values: tuple[float, ...], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float, Any]:
+def normalised(
+    values: tuple[float, ...], shape: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, float, Any]:
     """Δx, Δy over the distance of the farthest corner from the optical centre, that distance, and the centre."""
     rows, columns = shape
     centre = values[-2] * (columns - 1), values[-1] * (rows - 1)
-    reach = math.hypot(*(max(c, n - 1 - c) for c, n in zip(centre, (columns, rows), strict=True)))
+    reach = math.hypot(
+        *(max(c, n - 1 - c) for c, n in zip(centre, (columns, rows), strict=True))
+    )
     y, x = np.mgrid[:rows, :columns]
     return (x - centre[0]) / reach, (y - centre[1]) / reach, reach, centre
 
 
 def taken(tmp_path: Path, **fields: Any) -> tuple[ms.Capture, dict[int, tuple[float, ...]]]:
-    camera = ms.load_camera("bayer_2mp").replace(**{f"lens.{name}": value for name, value in fields.items()})
+    camera = ms.load_camera("bayer_2mp").replace(
+        **{f"lens.{name}": value for name, value in fields.items()}
+    )
     captured = ms.capture(CORNELL, camera, width=64, spp=8)
     captured.frames.save_dng(tmp_path / "frame.dng")
     return captured, opcodes(tmp_path / "frame.dng")
@@ -56,7 +64,10 @@ def taken(tmp_path: Path, **fields: Any) -> tuple[ms.Capture, dict[int, tuple[fl
 def test_warp_rectilinear_is_the_distortion_of_the_lens(tmp_path: Path) -> None:
     """Every pixel of the corrected picture comes from where OpenCV's formula has its image, to 1e-6 px."""
     captured, found = taken(tmp_path, distortion=BROWN)
-    shape, matrix = captured.frames.digital.shape[1:], captured.metadata["render"]["intrinsics"]["matrix"]
+    shape, matrix = (
+        captured.frames.digital.shape[1:],
+        captured.metadata["render"]["intrinsics"]["matrix"],
+    )
     x, y, reach, centre = normalised(found[1], shape)
     kr0, kr1, kr2, kr3, kt0, kt1 = found[1][:6]
     r2 = x**2 + y**2
@@ -83,7 +94,10 @@ def test_warp_rectilinear_is_the_distortion_of_the_lens(tmp_path: Path) -> None:
             ({}, 3e-4),
             ({"distortion": (-0.25, 0.05, 0.0, 0.0, 0.0)}, 1e-3),
             (
-                {"relative_illumination": [1.0, 0.97, 0.9, 0.7, 0.4, 0.1], "relative_illumination_heights_mm": HEIGHTS},
+                {
+                    "relative_illumination": [1.0, 0.97, 0.9, 0.7, 0.4, 0.1],
+                    "relative_illumination_heights_mm": HEIGHTS,
+                },
                 0.02,
             ),
         ],
@@ -100,10 +114,14 @@ def test_fix_vignette_radial_is_the_inverse_of_the_shading(
     r2 = x**2 + y**2
     gain = 1 + sum(k * r2 ** (power + 1) for power, k in enumerate(found[3][:5]))
     shading = captured.metadata["render"]["intrinsics"]["shading"]
-    known = np.interp(np.sqrt(r2) * reach, shading["radius_px"], shading["relative_illumination"])
+    known = np.interp(
+        np.sqrt(r2) * reach, shading["radius_px"], shading["relative_illumination"]
+    )
     np.testing.assert_allclose(gain * known, 1, atol=tolerance)
     if not fields:  # cos⁴ itself
-        tangent = np.sqrt(r2) * reach / captured.metadata["render"]["intrinsics"]["matrix"][0][0]
+        tangent = (
+            np.sqrt(r2) * reach / captured.metadata["render"]["intrinsics"]["matrix"][0][0]
+        )
         np.testing.assert_allclose(gain, (1 + tangent**2) ** 2, rtol=1e-3)
 
 

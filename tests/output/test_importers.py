@@ -48,18 +48,26 @@ def written(folder: Path, name: str, data: Any) -> Path:
 
 def measured(camera: ms.Camera, photoelectrons: float, frames: int = 2) -> tuple[float, float]:
     """Mean and temporal variance of flat frames, in the colour that the reference wavelength suits best [DN, DN²]."""
-    camera = camera.replace(**{key: x for key, x in FLAT.items() if key != "readout.dsnu_col" or x != 0.0})
+    camera = camera.replace(
+        **{key: x for key, x in FLAT.items() if key != "readout.dsnu_col" or x != 0.0}
+    )
     qe = camera.qe([camera.quantum_efficiency.reference_nm])[:, 0]
     light = np.full(SHAPE, photoelectrons / qe.max())
-    found = ms.expose(light, camera, ms.Exposure(0.01), frames=frames).digital.astype(np.float64)
+    found = ms.expose(light, camera, ms.Exposure(0.01), frames=frames).digital.astype(
+        np.float64
+    )
     found = found[:, camera.filter_index(SHAPE) == qe.argmax()]
     return found.mean(), 0.5 * np.var(found[0] - found[1])
 
 
 @pytest.mark.parametrize("bits", [10, 12])
-def test_frames_of_a_tuned_sensor_have_the_slope_of_rpi_noise(tmp_path: Path, bits: int) -> None:
+def test_frames_of_a_tuned_sensor_have_the_slope_of_rpi_noise(
+    tmp_path: Path, bits: int
+) -> None:
     """σ = slope·√value in the scale of 16 bits, above the read noise and the rounding."""
-    like = ms.load_camera("bayer_2mp").replace(**{"adc.bits": bits, "source_follower.read_noise_e": 2.0})
+    like = ms.load_camera("bayer_2mp").replace(
+        **{"adc.bits": bits, "source_follower.read_noise_e": 2.0}
+    )
     camera = import_camera(written(tmp_path, "imx477.json", TUNING), like)
     scale = 2.0 ** (16 - bits)
     assert camera.adc.black_level_dn * scale == 4096
@@ -70,7 +78,9 @@ def test_frames_of_a_tuned_sensor_have_the_slope_of_rpi_noise(tmp_path: Path, bi
     assert slope == pytest.approx(2.767, rel=0.5 * 5 * np.sqrt(2 / 1e5) + 2e-3)
 
 
-def test_a_constant_of_rpi_noise_is_the_noise_of_darkness_and_shading_is_that_of_the_table(tmp_path: Path) -> None:
+def test_a_constant_of_rpi_noise_is_the_noise_of_darkness_and_shading_is_that_of_the_table(
+    tmp_path: Path,
+) -> None:
     """The constant is in DN at 16 bits; a table of 1/cos⁴ comes back as the cos⁴ of the image heights."""
     like = ms.load_camera("bayer_2mp")
     width, height = 1920 * 5.86e-3, 1200 * 5.86e-3
@@ -85,7 +95,9 @@ def test_a_constant_of_rpi_noise_is_the_noise_of_darkness_and_shading_is_that_of
     assert np.sqrt(variance - 1 / 12) * 16 == pytest.approx(40.0, rel=0.02)
     heights = np.array(camera.lens.relative_illumination_heights_mm)
     expected = (1 + heights**2 / 64) ** -2.0
-    np.testing.assert_allclose(camera.lens.relative_illumination[:-1], expected[:-1] / expected[0], atol=0.03)
+    np.testing.assert_allclose(
+        camera.lens.relative_illumination[:-1], expected[:-1] / expected[0], atol=0.03
+    )
 
 
 def dng(path: Path, iso: int, s: float, o: float) -> Path:
@@ -94,7 +106,13 @@ def dng(path: Path, iso: int, s: float, o: float) -> Path:
         (51041, "d", 6, (s, o) * 3, True), (50714, "H", 1, 512, True), (50717, "H", 1, 16383, True),
         (50708, "s", 0, "Example 1", True), (34855, "H", 1, iso, True), (50706, "B", 4, (1, 4, 0, 0), True),
     ]  # fmt: skip
-    tifffile.imwrite(path, np.full((40, 60), 512, np.uint16), photometric=32803, extratags=extra, metadata=None)
+    tifffile.imwrite(
+        path,
+        np.full((40, 60), 512, np.uint16),
+        photometric=32803,
+        extratags=extra,
+        metadata=None,
+    )
     return path
 
 
@@ -102,25 +120,43 @@ def test_frames_of_a_dng_have_the_variance_of_its_noise_profile(tmp_path: Path) 
     """Var = S·x + O of the signal between black and white, in darkness and at 40 %."""
     s, o = 4e-5, 3e-7
     camera = import_camera(dng(tmp_path / "a.dng", 400, s, o))
-    assert (camera.name, camera.sensor.columns, camera.sensor.rows, camera.adc.bits) == ("Example 1", 60, 40, 14)
+    assert (camera.name, camera.sensor.columns, camera.sensor.rows, camera.adc.bits) == (
+        "Example 1",
+        60,
+        40,
+        14,
+    )
     camera = camera.replace(**{"sensor.columns": SHAPE[1], "sensor.rows": SHAPE[0]})
     span = 16383 - 512
     for light_e in (0.0, 0.4 / s):
         mean, variance = measured(camera, light_e)
         x = (mean - 512) / span
-        assert (variance - 1 / 12) / span**2 == pytest.approx(s * x + o, rel=5 * np.sqrt(2 / 1e5) + 2e-3)
+        assert (variance - 1 / 12) / span**2 == pytest.approx(
+            s * x + o, rel=5 * np.sqrt(2 / 1e5) + 2e-3
+        )
 
 
-def test_frames_of_a_calibration_have_its_gain_and_the_noise_of_pixels_and_rows(tmp_path: Path) -> None:
+def test_frames_of_a_calibration_have_its_gain_and_the_noise_of_pixels_and_rows(
+    tmp_path: Path,
+) -> None:
     """ISO 6400 of PMN's Sony A7S II: σ of the normal law that they fitted too is ours to 1.5 %; the tails."""
-    camera = import_camera(written(tmp_path, "a7s2.json", {"SonyA7S2_6400": TABLE["SonyA7S2_6400"]}))
+    camera = import_camera(
+        written(tmp_path, "a7s2.json", {"SonyA7S2_6400": TABLE["SonyA7S2_6400"]})
+    )
     row = TABLE["SonyA7S2_6400"]
     assert (camera.adc.bits, camera.adc.black_level_dn) == (14, 512)
     assert gain_dn_per_e(camera) == pytest.approx(row["Kmax"], rel=1e-5)
-    dark = ms.expose(np.zeros(SHAPE), camera.replace(**FLAT | {"readout.dsnu_col": 0.0}), ms.Exposure(0.0), frames=2)
+    dark = ms.expose(
+        np.zeros(SHAPE),
+        camera.replace(**FLAT | {"readout.dsnu_col": 0.0}),
+        ms.Exposure(0.0),
+        frames=2,
+    )
     off = (dark.digital[0].astype(float) - dark.digital[1]) / np.sqrt(2)
     assert off.std() == pytest.approx(np.hypot(row["sigGs"], row["sigR"]), rel=0.015)
-    assert off.mean(axis=1).std() == pytest.approx(np.hypot(row["sigR"], off.std() / np.sqrt(SHAPE[1])), rel=0.15)
+    assert off.mean(axis=1).std() == pytest.approx(
+        np.hypot(row["sigR"], off.std() / np.sqrt(SHAPE[1])), rel=0.15
+    )
     assert camera.source_follower.read_noise_shape == pytest.approx(row["lam"], rel=1e-5)
     one = dark.digital[0] - 512.0
     law = stats.tukeylambda(row["lam"], scale=row["sigTL"])
@@ -130,21 +166,37 @@ def test_frames_of_a_calibration_have_its_gain_and_the_noise_of_pixels_and_rows(
 def test_every_iso_of_a_calibration_is_a_gain_setting(tmp_path: Path) -> None:
     """Each is the camera of that row alone; numbers that one row has not are in none."""
     camera = import_camera(written(tmp_path, "all.json", TABLE))
-    assert [one.label for one in camera.gains] == ["100", "2000", "6400"] and camera.gain is None
+    assert [one.label for one in camera.gains] == [
+        "100",
+        "2000",
+        "6400",
+    ] and camera.gain is None
     for name, row in TABLE.items():
         alone = import_camera(written(tmp_path, "one.json", {name: row}))
         at = camera.at_gain(name.split("_")[1])
-        assert alone.gains == () and gain_dn_per_e(at) == pytest.approx(gain_dn_per_e(alone), rel=1e-5)
+        assert alone.gains == () and gain_dn_per_e(at) == pytest.approx(
+            gain_dn_per_e(alone), rel=1e-5
+        )
         assert (at.source_follower, at.readout) == (alone.source_follower, alone.readout)
         assert at.source_follower.read_noise_shape == pytest.approx(row["lam"], rel=1e-5)
     without = {**TABLE["SonyA7S2_100"], "iso": 100}
     del without["lam"], without["bl"]
-    camera = import_camera(written(tmp_path, "some.json", [without, {**TABLE["SonyA7S2_6400"], "iso": 6400}]))
-    assert {one.read_noise_shape for one in camera.gains} == {one.black_level_dn for one in camera.gains} == {None}
+    camera = import_camera(
+        written(tmp_path, "some.json", [without, {**TABLE["SonyA7S2_6400"], "iso": 6400}])
+    )
+    assert (
+        {one.read_noise_shape for one in camera.gains}
+        == {one.black_level_dn for one in camera.gains}
+        == {None}
+    )
 
 
-def test_the_ladder_of_the_camera_that_it_is_like_is_not_that_of_the_imported_one(tmp_path: Path) -> None:
-    camera = import_camera(written(tmp_path, "imx477.json", TUNING), ms.load_camera("raspberry_pi_hq").at_gain(16))
+def test_the_ladder_of_the_camera_that_it_is_like_is_not_that_of_the_imported_one(
+    tmp_path: Path,
+) -> None:
+    camera = import_camera(
+        written(tmp_path, "imx477.json", TUNING), ms.load_camera("raspberry_pi_hq").at_gain(16)
+    )
     assert camera.gains == () and camera.gain is None and "gains" not in camera.sources
     assert camera.source_follower.read_noise_e == 1.5
 
@@ -153,15 +205,21 @@ def test_the_shipped_ladder_of_the_sony_a7s2_is_its_calibration(tmp_path: Path) 
     """To the four digits of the file; so where this table has a row."""
     shipped = {one.label: one for one in ms.load_camera("sony_a7s2").gains}
     for one in import_camera(written(tmp_path, "a7s2.json", TABLE)).gains:
-        for field, value in one.model_dump(exclude={"name", "full_well_e"}, exclude_none=True).items():
-            near = pytest.approx(value, rel=5e-4, abs=5e-4 if field == "read_noise_shape" else 0)
+        for field, value in one.model_dump(
+            exclude={"name", "full_well_e"}, exclude_none=True
+        ).items():
+            near = pytest.approx(
+                value, rel=5e-4, abs=5e-4 if field == "read_noise_shape" else 0
+            )
             assert getattr(shipped[one.label], field) == near, (one.label, field)
 
 
 def test_dngs_of_several_iso_numbers_are_a_ladder(tmp_path: Path) -> None:
     """K = S·(white − black), σ_read = √O/S of each file."""
     profiles = {100: (4e-5, 3e-7), 800: (3e-4, 2e-6)}
-    camera = import_camera([dng(tmp_path / f"{iso}.dng", iso, *both) for iso, both in profiles.items()])
+    camera = import_camera(
+        [dng(tmp_path / f"{iso}.dng", iso, *both) for iso, both in profiles.items()]
+    )
     for iso, (s, o) in profiles.items():
         at = camera.at_gain(iso)
         assert gain_dn_per_e(at) == pytest.approx(s * (16383 - 512), rel=1e-5)
@@ -173,7 +231,9 @@ def test_a_csv_is_the_same_table(tmp_path: Path) -> None:
     text = "# DN\niso, K, lam, sigTL, sigR, bl, wp\n6400, 6.12032, -0.07517104, 3.4502964, 0.7218788, 512, 16383\n"
     one = import_camera(written(tmp_path, "a.csv", text))
     other = import_camera(written(tmp_path, "a.json", {"x_6400": TABLE["SonyA7S2_6400"]}))
-    assert one.model_dump(exclude={"sources", "description"}) == other.model_dump(exclude={"sources", "description"})
+    assert one.model_dump(exclude={"sources", "description"}) == other.model_dump(
+        exclude={"sources", "description"}
+    )
 
 
 REPORT = """<results><sensitivity><K><Short>System Gain</Short><Value>0.25</Value></K><QE><Value>62.5</Value></QE>
@@ -189,10 +249,14 @@ def test_an_emva_report_gives_back_its_own_figures(tmp_path: Path) -> None:
     assert (camera.pixel.prnu, camera.dark_current.rate_e_per_s) == (0.007, 3.5)
     assert camera.readout.dsnu_col * camera.pixel.full_well_e == pytest.approx(2.4)
     (dark, noise), (bright, variance) = (measured(camera, light_e) for light_e in (0.0, 6000.0))
-    assert (variance - noise) / (bright - dark) == pytest.approx(0.25, rel=5 * np.sqrt(2 / 2e5) + 2e-3)
+    assert (variance - noise) / (bright - dark) == pytest.approx(
+        0.25, rel=5 * np.sqrt(2 / 2e5) + 2e-3
+    )
     assert np.sqrt(noise - 1 / 12) / 0.25 == pytest.approx(6.4, rel=0.015)
     plain = "<results><inverse_K>4</inverse_K><sigma_d>6.4</sigma_d></results>"
-    assert gain_dn_per_e(import_camera(written(tmp_path, "p.xml", plain))) == pytest.approx(0.25, rel=1e-5)
+    assert gain_dn_per_e(import_camera(written(tmp_path, "p.xml", plain))) == pytest.approx(
+        0.25, rel=1e-5
+    )
 
 
 PRESET = """
@@ -218,7 +282,11 @@ qe = [0.6, 0.95, 0.3]
 def test_a_preset_of_getframes_is_the_same_camera(tmp_path: Path) -> None:
     """Gain, temperature and QE in our units; what we have no field for is said."""
     camera = import_camera(written(tmp_path, "preset.toml", PRESET))
-    assert (camera.sensor.rows, camera.sensor.columns, camera.filter_names) == (300, 400, ("mono",))
+    assert (camera.sensor.rows, camera.sensor.columns, camera.filter_names) == (
+        300,
+        400,
+        ("mono",),
+    )
     assert gain_dn_per_e(camera) == pytest.approx(1 / 0.3, rel=1e-5)
     assert camera.dark_current.at_temperature_k == pytest.approx(263.15)
     np.testing.assert_allclose(camera.qe([400.0, 550.0, 900.0])[0], [0.6, 0.95, 0.3])
@@ -230,7 +298,14 @@ CCD = PRESET.replace("SCMOS", "CCD")
 
 
 @pytest.mark.parametrize(
-    ("name", "data"), [("t.json", TUNING), ("a.json", TABLE), ("r.xml", REPORT), ("p.toml", PRESET), ("c.toml", CCD)]
+    ("name", "data"),
+    [
+        ("t.json", TUNING),
+        ("a.json", TABLE),
+        ("r.xml", REPORT),
+        ("p.toml", PRESET),
+        ("c.toml", CCD),
+    ],
 )
 def test_an_imported_camera_is_a_camera_file_without_faults_and_every_number_has_a_source(
     tmp_path: Path, name: str, data: Any
@@ -240,7 +315,9 @@ def test_an_imported_camera_is_a_camera_file_without_faults_and_every_number_has
     file = written(tmp_path, "camera.toml", camera.to_toml())
     assert ms.load_camera(file) == camera
     assert not ms.check_camera(file), ms.check_camera(file)
-    assert all(text.startswith((f"{name}: ", "assumed: ")) for text in camera.sources.values()), camera.sources
+    assert all(
+        text.startswith((f"{name}: ", "assumed: ")) for text in camera.sources.values()
+    ), camera.sources
 
 
 @pytest.mark.parametrize(

@@ -17,12 +17,21 @@ import pytest
 import mitsuba_sensor as ms
 from mitsuba_sensor.output.measurements import Measurements
 
-QUESTION = {"study": "ablation", "camera": {"adc": {"bits": 12}, "pixel": {"pitch": 5.0}}, "seeds": (1, 2)}
+QUESTION = {
+    "study": "ablation",
+    "camera": {"adc": {"bits": 12}, "pixel": {"pitch": 5.0}},
+    "seeds": (1, 2),
+}
 
 
 def filled(folder: Path) -> Measurements:
     found = Measurements(folder, QUESTION)
-    found["first"] = {"seconds": [0.25, 1 / 3], "error": math.inf, "none": None, "array": np.arange(3.0)}
+    found["first"] = {
+        "seconds": [0.25, 1 / 3],
+        "error": math.inf,
+        "none": None,
+        "array": np.arange(3.0),
+    }
     found["second"] = [1, 2, 3]
     return found
 
@@ -55,7 +64,9 @@ def test_a_file_that_was_cut_short_is_measured_again(tmp_path: Path, left: int) 
         {"machine": {"cpus": 3}},
     ],
 )
-def test_measurements_of_another_question_are_not_read_and_not_lost(tmp_path: Path, change: dict[str, Any]) -> None:
+def test_measurements_of_another_question_are_not_read_and_not_lost(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
     filled(tmp_path)
     other = Measurements(tmp_path, {**QUESTION, **change})
     assert not other
@@ -70,7 +81,10 @@ def test_measuring_anew_forgets_what_there_is_for_this_question_alone(tmp_path: 
     anew = Measurements(tmp_path, QUESTION, force=True)
     assert not anew
     anew["third"] = 3
-    assert list(Measurements(tmp_path, QUESTION)) == ["third"] and Measurements(tmp_path, other)["first"] == 3
+    assert (
+        list(Measurements(tmp_path, QUESTION)) == ["third"]
+        and Measurements(tmp_path, other)["first"] == 3
+    )
 
 
 def test_what_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
@@ -112,7 +126,9 @@ VALUES: dict[Any, Any] = {
 def test_records_come_back_as_they_were(tmp_path: Path) -> None:
     """A dict whose keys are those of the format's own tables stays a dict."""
     kinds = (Line, ms.Exposure)
-    Measurements(tmp_path, 1, records=kinds)["line"] = Line((Point(1.5, "b"), Point(-0.0)), VALUES)
+    Measurements(tmp_path, 1, records=kinds)["line"] = Line(
+        (Point(1.5, "b"), Point(-0.0)), VALUES
+    )
     line = Measurements(tmp_path, 1, records=kinds)["line"]
     assert line == Line((Point(1.5, "b"), Point(-0.0)), VALUES)
     assert type(line.numbers["scalar"]) is np.float32 and type(line.points[0]) is Point
@@ -157,9 +173,16 @@ def text(value: object) -> bytes:
         saved(np.array([Malicious()], object)),
         archive(json=saved(np.array([Malicious()], object))),
         archive(json=pickle.dumps(("first", Malicious()))),
-        archive(**{"json": text({"tuple": ["first", {"array": 0}]}), "0": saved(np.array([Malicious()], object))}),
+        archive(
+            **{
+                "json": text({"tuple": ["first", {"array": 0}]}),
+                "0": saved(np.array([Malicious()], object)),
+            }
+        ),
         archive(json=text({"tuple": ["first", {"class": ["pytest.fail", {"reason": "ran"}]}]})),
-        archive(json=text({"tuple": ["first", {"class": ["builtins.eval", {"source": "1/0"}]}]})),
+        archive(
+            json=text({"tuple": ["first", {"class": ["builtins.eval", {"source": "1/0"}]}]})
+        ),
         archive(json=text({"tuple": ["first"]})),
         archive(json=text({"dict": [["first", 1]], "tuple": []})),
         archive(json=text({"dict": [[{"dict": []}, 1]]})),
@@ -170,10 +193,14 @@ def text(value: object) -> bytes:
         archive(other=text(1)),
     ],
 )
-def test_files_of_strangers_run_nothing_and_are_measured_again(tmp_path: Path, content: bytes) -> None:
+def test_files_of_strangers_run_nothing_and_are_measured_again(
+    tmp_path: Path, content: bytes
+) -> None:
     folder = filled(tmp_path).folder
     for name in ("stranger.npz", "stranger.pickle"):
         (folder / name).write_bytes(content)
     resumed = Measurements(tmp_path, QUESTION, records=(Point,))
-    assert list(resumed) in (["first", "second"], ["second", "first"]) and resumed["second"] == [1, 2, 3]
+    assert list(resumed) in (["first", "second"], ["second", "first"]) and resumed[
+        "second"
+    ] == [1, 2, 3]
     assert resumed["first"]["error"] == math.inf

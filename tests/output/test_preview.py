@@ -43,7 +43,9 @@ def test_a_dark_frame_is_not_stretched() -> None:
 def test_demosaicing_keeps_what_was_measured() -> None:
     mosaic = np.random.default_rng(1).random((8, 10))
     planes = bilinear(mosaic, BAYER, 3)
-    np.testing.assert_array_equal(np.take_along_axis(planes, BAYER[..., None], axis=-1)[..., 0], mosaic)
+    np.testing.assert_array_equal(
+        np.take_along_axis(planes, BAYER[..., None], axis=-1)[..., 0], mosaic
+    )
 
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.03, 0.0), (0.0, 0.02), (0.03, 0.02)])
@@ -52,7 +54,9 @@ def test_demosaicing_is_exact_on_planes_inside_the_picture(slope: tuple[float, f
     plane = 0.1 + slope[0] * rows + slope[1] * columns
     colours = np.stack([plane, 2 * plane, 3 * plane], axis=-1)
     mosaic = np.take_along_axis(colours, BAYER[..., None], axis=-1)[..., 0]
-    np.testing.assert_allclose(bilinear(mosaic, BAYER, 3)[1:-1, 1:-1], colours[1:-1, 1:-1], rtol=1e-12)
+    np.testing.assert_allclose(
+        bilinear(mosaic, BAYER, 3)[1:-1, 1:-1], colours[1:-1, 1:-1], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2)])
@@ -64,13 +68,21 @@ def test_thin_pictures_are_demosaiced_without_complaint(shape: tuple[int, int]) 
 
 @pytest.mark.parametrize("origin", [(0, 0), (0, 1), (1, 0), (1, 1), (7, 12)])
 @pytest.mark.parametrize("camera", [COLOUR, RGBIR], ids=lambda camera: camera.name)
-def test_a_crop_of_a_frame_has_the_colours_of_the_frame(camera: ms.Camera, origin: tuple[int, int]) -> None:
+def test_a_crop_of_a_frame_has_the_colours_of_the_frame(
+    camera: ms.Camera, origin: tuple[int, int]
+) -> None:
     """Wherever the window begins; 12 pixels from its border the interpolation is the same."""
     red = (np.arange(len(camera.filter_names)) == 0)[camera.filter_index((60, 60))]
-    raw = black_level_dn(camera) + 1500.0 * red + 200.0 * np.random.default_rng(2).random((60, 60))
+    raw = (
+        black_level_dn(camera)
+        + 1500.0 * red
+        + 200.0 * np.random.default_rng(2).random((60, 60))
+    )
     row, column = origin
     whole, part = preview(raw, camera), preview(raw[row:, column:], camera, origin=origin)
-    np.testing.assert_array_equal(whole[row + 12 : -12, column + 12 : -12], part[12:-12, 12:-12])
+    np.testing.assert_array_equal(
+        whole[row + 12 : -12, column + 12 : -12], part[12:-12, 12:-12]
+    )
     if camera is COLOUR:
         assert part[..., 0].mean() > 1.5 * part[..., 1:].mean()
 
@@ -87,7 +99,9 @@ def test_the_edge_of_a_grey_surface_has_no_colour() -> None:
 
 @pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
 @pytest.mark.parametrize("values", [2, 5, 4096])
-def test_bayer_patterns_are_demosaiced_as_by_colour_demosaicing(pattern: str, values: int) -> None:
+def test_bayer_patterns_are_demosaiced_as_by_colour_demosaicing(
+    pattern: str, values: int
+) -> None:
     """To the bit, also where rows and columns change as little as each other, and in the smallest pictures."""
     random = np.random.default_rng(values)
     for _ in range(30):

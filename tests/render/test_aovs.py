@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    SCENES,
+    SKY,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 from numpy.typing import NDArray
 
 from mitsuba_sensor.camera.camera_file import load_camera
@@ -45,7 +52,14 @@ ARRAYS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 Floats = NDArray[np.float64]
 
 
-def aovs_of(folder: Path, *elements: str, sensor: str = PINHOLE, film: str = "", more: str = "", **how: Any) -> Aovs:
+def aovs_of(
+    folder: Path,
+    *elements: str,
+    sensor: str = PINHOLE,
+    film: str = "",
+    more: str = "",
+    **how: Any,
+) -> Aovs:
     use(choose_variant(skip_unless_usable(how.pop("variant", "scalar_spectral"))))
     path = write_scene(folder, scene_text(SKY, *elements, sensor=sensor, film=film, more=more))
     return render_aovs(path, how.pop("camera", CAMERA), **how)
@@ -53,7 +67,9 @@ def aovs_of(folder: Path, *elements: str, sensor: str = PINHOLE, film: str = "",
 
 def tangents(x: Floats, y: Floats) -> Floats:
     """Direction (left, up, 1) of places on the film [pixels], of a pinhole in Mitsuba's frame."""
-    return np.stack([(COLUMNS / 2 - x) / FOCAL_PX, (ROWS / 2 - y) / FOCAL_PX, np.ones_like(x)], axis=-1)
+    return np.stack(
+        [(COLUMNS / 2 - x) / FOCAL_PX, (ROWS / 2 - y) / FOCAL_PX, np.ones_like(x)], axis=-1
+    )
 
 
 def centres() -> tuple[Floats, Floats]:
@@ -72,7 +88,9 @@ def ball_and_wall(origin: Floats, ray: Floats) -> tuple[NDArray[np.bool_], Float
 
 @both_variants
 @pytest.mark.parametrize("posed", [False, True], ids=["at the origin", "posed"])
-def test_depth_position_normal_and_shape_have_their_closed_forms(tmp_path: Path, posed: bool, variant: str) -> None:
+def test_depth_position_normal_and_shape_have_their_closed_forms(
+    tmp_path: Path, posed: bool, variant: str
+) -> None:
     """Depth is along the optical axis, position and normal are in the world, to 5e-6 of 10 m."""
     aovs = aovs_of(tmp_path, BALL, WALL, more=POSE if posed else "", variant=variant)
     matrix = np.eye(4)
@@ -96,7 +114,9 @@ def test_depth_position_normal_and_shape_have_their_closed_forms(tmp_path: Path,
 
 
 @both_variants
-def test_albedo_is_the_diffuse_reflectance_in_three_bands_and_none_of_metal(tmp_path: Path, variant: str) -> None:
+def test_albedo_is_the_diffuse_reflectance_in_three_bands_and_none_of_metal(
+    tmp_path: Path, variant: str
+) -> None:
     """0.7 in red and 0.1 elsewhere; metal has none, rough or not; whatever light there is."""
     mirror = '<shape type="sphere"><point name="center" value="-1.5, 0, 4"/><bsdf type="roughconductor"/></shape>'
     aovs = aovs_of(tmp_path, BALL, WALL, mirror, variant=variant)
@@ -113,7 +133,11 @@ def test_nothing_is_infinitely_far_and_has_no_shape(tmp_path: Path, variant: str
     ball, _ = ball_and_wall(np.zeros(3), tangents(*centres()))
     void = ~ball
     assert (aovs.depth_m[void] == np.inf).all() and np.isnan(aovs.position_m[void]).all()
-    assert (aovs.normal[void] == 0).all() and (aovs.albedo[void] == 0).all() and (aovs.shape_index[void] == -1).all()
+    assert (
+        (aovs.normal[void] == 0).all()
+        and (aovs.albedo[void] == 0).all()
+        and (aovs.shape_index[void] == -1).all()
+    )
     assert (aovs.flow_px == 0).all() and np.isfinite(aovs.depth_m[ball]).all()
 
 
@@ -127,17 +151,26 @@ def test_scalar_and_llvm_agree(tmp_path: Path) -> None:
     motion = read_motion({"camera": {"velocity_m_per_s": [1, 0.2, -0.4]}, "objects": moves})
     how: dict[str, Any] = {"more": POSE, "motion": motion, "exposure": Exposure(0.05)}
     both = ("scalar_spectral", "llvm_ad_spectral")
-    one, other = (aovs_of(tmp_path, instance, BALL, cube, variant=variant, **how) for variant in both)
+    one, other = (
+        aovs_of(tmp_path, instance, BALL, cube, variant=variant, **how) for variant in both
+    )
     assert one.shapes == other.shapes == ("inst", "ball", "cube")
     assert set(np.unique(one.shape_index)) == {-1, 0, 1, 2}
     for name in ARRAYS:
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=2e-5, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(one, name), getattr(other, name), atol=2e-5, err_msg=name
+        )
 
 
 def test_meshes_of_one_material_keep_their_numbers(tmp_path: Path) -> None:
     place = '<transform name="to_world"><translate x="{}" z="5"/></transform>'
     cube = f'<shape type="cube" id="{{}}">{place}<ref id="m"/></shape>'
-    aovs = aovs_of(tmp_path, '<bsdf type="diffuse" id="m"/>', cube.format("right", -1.5), cube.format("left", 1.5))
+    aovs = aovs_of(
+        tmp_path,
+        '<bsdf type="diffuse" id="m"/>',
+        cube.format("right", -1.5),
+        cube.format("left", 1.5),
+    )
     assert aovs.shapes == ("right", "left")
     middle = aovs.shape_index[ROWS // 2]
     assert middle[9] == 1 and middle[-9] == 0
@@ -152,22 +185,33 @@ def image_of(points: Floats) -> Floats:
 def test_flow_of_a_camera_that_shifts_is_v_t_f_over_z(tmp_path: Path, variant: str) -> None:
     """3 m/s to the left for 20 ms: 0.06·f/Z pixels to the right, to 0.001 px; straight ahead, away from the axis."""
     _, depth = ball_and_wall(np.zeros(3), tangents(*centres()))
-    side = {"motion": read_motion({"camera": {"velocity_m_per_s": [3, 0, 0]}}), "exposure": Exposure(0.02)}
+    side = {
+        "motion": read_motion({"camera": {"velocity_m_per_s": [3, 0, 0]}}),
+        "exposure": Exposure(0.02),
+    }
     flow = aovs_of(tmp_path, BALL, WALL, variant=variant, **side).flow_px
     np.testing.assert_allclose(flow[..., 0], 0.06 * FOCAL_PX / depth, atol=1e-3)
     np.testing.assert_allclose(flow[..., 1], 0, atol=1e-3)
-    ahead = {"motion": read_motion({"camera": {"velocity_m_per_s": [0, 0, 10]}}), "exposure": Exposure(0.02)}
+    ahead = {
+        "motion": read_motion({"camera": {"velocity_m_per_s": [0, 0, 10]}}),
+        "exposure": Exposure(0.02),
+    }
     flow = aovs_of(tmp_path, BALL, WALL, variant=variant, **ahead).flow_px
     away = np.stack(centres(), axis=-1) - [COLUMNS / 2, ROWS / 2]
     np.testing.assert_allclose(flow, away * (depth / (depth - 0.2) - 1)[..., None], atol=1e-3)
 
 
-def test_flow_of_a_camera_that_turns_is_that_of_directions_and_the_background_is_far(tmp_path: Path) -> None:
+def test_flow_of_a_camera_that_turns_is_that_of_directions_and_the_background_is_far(
+    tmp_path: Path,
+) -> None:
     """A turn by 3° about the vertical moves every picture point alike, whatever its depth."""
     turn = read_motion({"camera": {"rotate_deg_per_s": 30, "axis": [0, 1, 0]}})
     flow = aovs_of(tmp_path, BALL, motion=turn, exposure=Exposure(0.1)).flow_px
     a, ray = math.radians(3), tangents(*centres())
-    back = ray @ np.array([[math.cos(a), 0, -math.sin(a)], [0, 1, 0], [math.sin(a), 0, math.cos(a)]]).T
+    back = (
+        ray
+        @ np.array([[math.cos(a), 0, -math.sin(a)], [0, 1, 0], [math.sin(a), 0, math.cos(a)]]).T
+    )
     np.testing.assert_allclose(flow, image_of(back) - np.stack(centres(), axis=-1), atol=1e-3)
     side = read_motion({"camera": {"velocity_m_per_s": [3, 0, 0]}})
     shifted = aovs_of(tmp_path, BALL, motion=side, exposure=Exposure(0.1))
@@ -179,7 +223,9 @@ def test_flow_of_a_moving_object_is_its_own(tmp_path: Path) -> None:
     up = read_motion({"objects": {"ball": {"velocity_m_per_s": [0, 1, 0]}}})
     aovs = aovs_of(tmp_path, BALL, WALL, motion=up, exposure=Exposure(0.1))
     ball, depth = ball_and_wall(np.zeros(3), tangents(*centres()))
-    np.testing.assert_allclose(aovs.flow_px[..., 1], np.where(ball, -0.1 * FOCAL_PX / depth, 0), atol=1e-3)
+    np.testing.assert_allclose(
+        aovs.flow_px[..., 1], np.where(ball, -0.1 * FOCAL_PX / depth, 0), atol=1e-3
+    )
     np.testing.assert_allclose(aovs.flow_px[..., 0], 0, atol=1e-3)
 
 
@@ -189,14 +235,18 @@ def test_normals_of_a_mesh_turn_with_it(tmp_path: Path, variant: str) -> None:
     cube = '<shape type="cube" id="it"><transform name="to_world"><translate z="5"/></transform></shape>'
     key = {"time_s": 0, "turn_deg": 30, "axis": [0, 1, 0]}
     turn = read_motion({"objects": {"it": {"pivot_m": [0, 0, 5], "keys": [key]}}})
-    normal = aovs_of(tmp_path, cube, motion=turn, exposure=Exposure(0.1), variant=variant).normal[ROWS // 2]
+    normal = aovs_of(
+        tmp_path, cube, motion=turn, exposure=Exposure(0.1), variant=variant
+    ).normal[ROWS // 2]
     faces = {tuple(n) for n in np.round(normal.astype(float), 3).tolist()} - {(0.0, 0.0, 0.0)}
     assert faces == {(-0.5, 0.0, -0.866), (0.866, 0.0, -0.5)}
 
 
 def test_what_passes_behind_the_camera_has_no_flow(tmp_path: Path) -> None:
     through = read_motion({"camera": {"velocity_m_per_s": [0, 0, 100]}})
-    assert np.isnan(aovs_of(tmp_path, WALL, motion=through, exposure=Exposure(0.1)).flow_px).all()
+    assert np.isnan(
+        aovs_of(tmp_path, WALL, motion=through, exposure=Exposure(0.1)).flow_px
+    ).all()
 
 
 def test_flow_goes_through_a_distorting_lens(tmp_path: Path) -> None:
@@ -206,12 +256,17 @@ def test_flow_goes_through_a_distorting_lens(tmp_path: Path) -> None:
     """
     k1 = -0.2
     camera = CAMERA.replace(**{"lens.distortion": [k1, 0.0, 0.0, 0.0, 0.0]})
-    side = {"motion": read_motion({"camera": {"velocity_m_per_s": [3, 1, 0]}}), "exposure": Exposure(0.1)}
+    side = {
+        "motion": read_motion({"camera": {"velocity_m_per_s": [3, 1, 0]}}),
+        "exposure": Exposure(0.1),
+    }
     aovs = aovs_of(tmp_path, BALL, WALL, variant="llvm_ad_spectral", camera=camera, **side)
 
     def seen(points: Floats) -> Floats:
         t = points[..., :2] / points[..., 2:]
-        return np.array([COLUMNS / 2, ROWS / 2]) - FOCAL_PX * t * (1 + k1 * (t**2).sum(-1, keepdims=True))
+        return np.array([COLUMNS / 2, ROWS / 2]) - FOCAL_PX * t * (
+            1 + k1 * (t**2).sum(-1, keepdims=True)
+        )
 
     position = aovs.position_m.astype(float)
     np.testing.assert_allclose(seen(position), np.stack(centres(), axis=-1), atol=0.01)
@@ -222,7 +277,9 @@ def test_flow_goes_through_a_distorting_lens(tmp_path: Path) -> None:
 
 
 @both_variants
-def test_rows_of_a_rolling_shutter_are_seen_when_they_open(tmp_path: Path, variant: str) -> None:
+def test_rows_of_a_rolling_shutter_are_seen_when_they_open(
+    tmp_path: Path, variant: str
+) -> None:
     """Camera 2 m/s to the left, ball 5 m/s up, 1 ms a row: row r is the still scene at r ms."""
     moves = {"ball": {"velocity_m_per_s": [0, 5, 0]}}
     motion = read_motion({"camera": {"velocity_m_per_s": [2, 0, 0]}, "objects": moves})
@@ -234,7 +291,9 @@ def test_rows_of_a_rolling_shutter_are_seen_when_they_open(tmp_path: Path, varia
         ball, depth = ball_and_wall(relative, ray[row])
         np.testing.assert_array_equal(rolling.shape_index[row], np.where(ball, 0, 1))
         np.testing.assert_allclose(rolling.depth_m[row], depth, atol=2e-5)
-        np.testing.assert_allclose(rolling.position_m[row, :, 0], 2 * when[row] + depth * ray[row, :, 0], atol=2e-5)
+        np.testing.assert_allclose(
+            rolling.position_m[row, :, 0], 2 * when[row] + depth * ray[row, :, 0], atol=2e-5
+        )
         shift = np.where(ball, -0.01, 0) * FOCAL_PX / depth
         np.testing.assert_allclose(rolling.flow_px[row, :, 1], shift, atol=1e-3)
 
@@ -244,7 +303,13 @@ def test_all_rows_of_a_rolling_shutter_run_the_kernels_of_the_first(tmp_path: Pa
     dr, hashes = drjit(), []
 
     def row(done: int, rows: int) -> None:
-        hashes.append({entry["hash"] for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT})
+        hashes.append(
+            {
+                entry["hash"]
+                for entry in dr.kernel_history()
+                if entry["type"] == dr.KernelType.JIT
+            }
+        )
         dr.kernel_history_clear()
 
     moves = {"ball": {"velocity_m_per_s": [0, 5, 0]}}
@@ -252,7 +317,11 @@ def test_all_rows_of_a_rolling_shutter_run_the_kernels_of_the_first(tmp_path: Pa
     before = dr.flag(dr.JitFlag.KernelHistory)
     dr.set_flag(dr.JitFlag.KernelHistory, True)
     try:
-        how: dict[str, Any] = {"motion": motion, "exposure": Exposure(0.01), "variant": "llvm_ad_spectral"}
+        how: dict[str, Any] = {
+            "motion": motion,
+            "exposure": Exposure(0.01),
+            "variant": "llvm_ad_spectral",
+        }
         aovs_of(tmp_path, BALL, WALL, camera=ROLLING, progress=row, **how)
     finally:
         dr.set_flag(dr.JitFlag.KernelHistory, before)
@@ -262,7 +331,9 @@ def test_all_rows_of_a_rolling_shutter_run_the_kernels_of_the_first(tmp_path: Pa
 @both_variants
 def test_a_crop_is_that_part_of_the_full_picture(tmp_path: Path, variant: str) -> None:
     window = {"width": 9, "height": 6, "offset_x": 13, "offset_y": 5}
-    crop = "".join(f'<integer name="crop_{key}" value="{value}"/>' for key, value in window.items())
+    crop = "".join(
+        f'<integer name="crop_{key}" value="{value}"/>' for key, value in window.items()
+    )
     how: dict[str, Any] = {
         "motion": read_motion({"camera": {"velocity_m_per_s": [2, 0, 1]}}),
         "exposure": Exposure(0.01),
@@ -271,45 +342,63 @@ def test_a_crop_is_that_part_of_the_full_picture(tmp_path: Path, variant: str) -
     whole = aovs_of(tmp_path, BALL, WALL, variant=variant, **how)
     part = aovs_of(tmp_path, BALL, WALL, film=crop, variant=variant, **how)
     for name in ARRAYS:
-        np.testing.assert_allclose(getattr(part, name), getattr(whole, name)[5:11, 13:22], atol=2e-4, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(part, name), getattr(whole, name)[5:11, 13:22], atol=2e-4, err_msg=name
+        )
 
 
 def test_the_aovs_lie_on_the_rendered_frame(tmp_path: Path) -> None:
     """A glowing ball on black: a pixel that is lit over 95 % of it is the ball's, one below 5 % is not."""
-    glow = BALL.replace(RED, '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter>')
+    glow = BALL.replace(
+        RED, '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter>'
+    )
     aovs = aovs_of(tmp_path, glow)
     scene = load_scene(tmp_path / "scene.xml", choose_bands(CAMERA, 550.0, 10.0, "auto"), {})
     lit = scene.render(hashed_seed(1, 0, 0), 64, (0, ROWS))[..., 0] / 10
     sky = 2e-4
     cover = (lit - sky) / (1 - sky)
-    assert (aovs.shape_index[cover > 0.95] == 0).all() and (aovs.shape_index[cover < 0.05] == -1).all()
+    assert (aovs.shape_index[cover > 0.95] == 0).all() and (
+        aovs.shape_index[cover < 0.05] == -1
+    ).all()
     mask = aovs.shape_index == 0
     for axis in (0, 1):
         places = np.indices(mask.shape)[axis]
-        assert np.average(places, weights=cover) == pytest.approx(np.average(places, weights=mask), abs=0.2)
+        assert np.average(places, weights=cover) == pytest.approx(
+            np.average(places, weights=mask), abs=0.2
+        )
     assert cover.sum() == pytest.approx(mask.sum(), rel=0.05)
 
 
 def test_a_thin_lens_is_seen_through_the_middle_of_its_pupil(tmp_path: Path) -> None:
     wide = '<float name="fov" value="60"/>'
-    open_ = wide + '<float name="aperture_radius" value="0.4"/><float name="focus_distance" value="2"/>'
+    open_ = (
+        wide
+        + '<float name="aperture_radius" value="0.4"/><float name="focus_distance" value="2"/>'
+    )
     lens, hole = (
         aovs_of(tmp_path, BALL, WALL, sensor=SENSOR.format(kind=kind, fields=fields))
         for kind, fields in (("thinlens", open_), ("perspective", wide))
     )
     for name in ARRAYS:
-        np.testing.assert_allclose(getattr(lens, name), getattr(hole, name), atol=2e-5, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(lens, name), getattr(hole, name), atol=2e-5, err_msg=name
+        )
 
 
 def test_a_telecentric_sensor_sees_and_moves_without_perspective(tmp_path: Path) -> None:
     """Orthographic, 4 m across: depth is the z of the point, a shift of 0.2 m is 1.5 of 30 pixels at any depth."""
     zoom = '<transform name="to_world"><scale x="2" y="2"/></transform>'
     sensor = SENSOR.format(kind="orthographic", fields=zoom)
-    side = {"motion": read_motion({"camera": {"velocity_m_per_s": [2, 0, 0]}}), "exposure": Exposure(0.1)}
+    side = {
+        "motion": read_motion({"camera": {"velocity_m_per_s": [2, 0, 0]}}),
+        "exposure": Exposure(0.1),
+    }
     aovs = aovs_of(tmp_path, BALL, WALL, sensor=sensor, **side)
     np.testing.assert_allclose(aovs.depth_m, aovs.position_m[..., 2], atol=1e-5)
     assert set(np.unique(aovs.shape_index)) == {0, 1}
-    np.testing.assert_allclose(aovs.flow_px, np.broadcast_to([1.5, 0], aovs.flow_px.shape), atol=1e-3)
+    np.testing.assert_allclose(
+        aovs.flow_px, np.broadcast_to([1.5, 0], aovs.flow_px.shape), atol=1e-3
+    )
 
 
 def test_lengths_are_metres_whatever_the_unit_of_the_scene(tmp_path: Path) -> None:
@@ -318,12 +407,16 @@ def test_lengths_are_metres_whatever_the_unit_of_the_scene(tmp_path: Path) -> No
     motion = read_motion({"camera": {"velocity_m_per_s": [1, 0, 0], **turn}})
     how: dict[str, Any] = {"motion": motion, "exposure": Exposure(0.1)}
     metres = aovs_of(tmp_path, BALL, WALL, **how)
-    big = BALL.replace("0.3, 0.1, 4", "300, 100, 4000").replace("/>", '/><float name="radius" value="1000"/>', 1)
+    big = BALL.replace("0.3, 0.1, 4", "300, 100, 4000").replace(
+        "/>", '/><float name="radius" value="1000"/>', 1
+    )
     far = WALL.replace('z="6"', 'z="6000"').replace('"90"', '"90000"')
     clip = '<float name="near_clip" value="10"/><float name="far_clip" value="1e7"/>'
     millimetres = aovs_of(tmp_path, big, far, more=clip, scene_unit="mm", **how)
     for name in ARRAYS:
-        np.testing.assert_allclose(getattr(millimetres, name), getattr(metres, name), atol=3e-4, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(millimetres, name), getattr(metres, name), atol=3e-4, err_msg=name
+        )
 
 
 def test_written_and_read_aovs_are_the_same(tmp_path: Path) -> None:
@@ -333,11 +426,22 @@ def test_written_and_read_aovs_are_the_same(tmp_path: Path) -> None:
     write_aovs_exr(tmp_path / "aovs.exr", aovs)
     back = read_aovs_exr(tmp_path / "aovs.exr")
     for field in fields(Aovs):
-        np.testing.assert_array_equal(getattr(back, field.name), getattr(aovs, field.name), err_msg=field.name)
+        np.testing.assert_array_equal(
+            getattr(back, field.name), getattr(aovs, field.name), err_msg=field.name
+        )
     with OpenEXR.File(str(tmp_path / "aovs.exr"), separate_channels=True) as file:
         header, names = dict(file.header()), set(file.channels())
-    assert {"depth_m", "position_m.X", "normal.Z", "albedo.R", "shape_index", "flow_px.Y"} <= names and len(names) == 13
-    assert json.loads(header["shapes"]) == ["ball"] and json.loads(header["units"])["depth_m"].startswith("m along")
+    assert {
+        "depth_m",
+        "position_m.X",
+        "normal.Z",
+        "albedo.R",
+        "shape_index",
+        "flow_px.Y",
+    } <= names and len(names) == 13
+    assert json.loads(header["shapes"]) == ["ball"] and json.loads(header["units"])[
+        "depth_m"
+    ].startswith("m along")
     with pytest.raises(InputError, match=r"cannot read .*none\.exr"):
         read_aovs_exr(tmp_path / "none.exr")
     with pytest.raises(InputError, match="not the focal-plane irradiance"):
@@ -359,6 +463,8 @@ def test_a_motion_needs_an_exposure_and_progress_is_told_in_rows(tmp_path: Path)
 def test_every_shipped_scene_has_aovs() -> None:
     use(choose_variant("scalar_spectral"))
     for name in ("cornell_box", "still_life", "rolling_fan"):
-        aovs = render_aovs(SCENES / f"{name}.xml", CAMERA, parameters={"width": 12, "height": 8})
+        aovs = render_aovs(
+            SCENES / f"{name}.xml", CAMERA, parameters={"width": 12, "height": 8}
+        )
         assert aovs.depth_m.shape == (8, 12) and np.isfinite(aovs.depth_m).any()
         assert aovs.albedo.min() >= 0 and aovs.albedo.max() <= 1

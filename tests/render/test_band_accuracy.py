@@ -36,8 +36,14 @@ MERCURY = ((404.7, 0.4), (435.8, 1.0), (546.1, 1.1), (578.0, 0.9))
 
 def lines(*of: tuple[float, float]) -> str:
     """A table of triangles, 1 nm wide at the foot, about wavelengths of some strength."""
-    corners = [(nm + x, y * 1e-2) for nm, strength in of for x, y in ((-0.5, 0.0), (0.0, strength), (0.5, 0.0))]
-    return ", ".join(f"{nm:.2f}:{value:g}" for nm, value in [(380.0, 0.0), *corners, (720.0, 0.0)])
+    corners = [
+        (nm + x, y * 1e-2)
+        for nm, strength in of
+        for x, y in ((-0.5, 0.0), (0.0, strength), (0.5, 0.0))
+    ]
+    return ", ".join(
+        f"{nm:.2f}:{value:g}" for nm, value in [(380.0, 0.0), *corners, (720.0, 0.0)]
+    )
 
 
 SPECTRA = {
@@ -57,10 +63,14 @@ def values_of(response: Mapping[str, object]) -> list[float]:
 
 
 def nodes_of(response: Mapping[str, object]) -> np.ndarray:
-    return np.linspace(response["wavelength_min"], response["wavelength_max"], len(values_of(response)))
+    return np.linspace(
+        response["wavelength_min"], response["wavelength_max"], len(values_of(response))
+    )
 
 
-def expected_e(camera: ms.Camera, table: str, low_nm: float = 380.0, high_nm: float = 720.0) -> np.ndarray:
+def expected_e(
+    camera: ms.Camera, table: str, low_nm: float = 380.0, high_nm: float = 720.0
+) -> np.ndarray:
     """Photoelectrons of each filter per steradian, by the midpoint rule at 0.01 nm."""
     nm = np.arange(low_nm, high_nm, 0.01) + 0.005
     radiance = np.interp(nm, *table_of(table).T)
@@ -72,37 +82,52 @@ def rendered(
     path: Path, camera: ms.Camera, width_nm: float, spp: int, spectral: str = "auto"
 ) -> tuple[Irradiance, View]:
     variant = skip_unless_usable("llvm_ad_spectral")
-    job = prepared.prepare(path, camera, EXPOSURE, bandwidth_nm=width_nm, variant=variant, spectral=spectral)
+    job = prepared.prepare(
+        path, camera, EXPOSURE, bandwidth_nm=width_nm, variant=variant, spectral=spectral
+    )
     return job.render(1, job.stop_criterion({"spp": spp})), job.scene.view
 
 
 def electrons_of(light: Irradiance, camera: ms.Camera) -> np.ndarray:
     """Mean photoelectrons, (H, W)."""
-    return np.asarray(ms.expose(ms.collect(light, camera, EXPOSURE), camera, EXPOSURE).detected.mean_e)
+    return np.asarray(
+        ms.expose(ms.collect(light, camera, EXPOSURE), camera, EXPOSURE).detected.mean_e
+    )
 
 
 def means_per_sr(light: Irradiance, camera: ms.Camera, view: View) -> np.ndarray:
     """Mean photoelectrons per steradian of the pixels of each filter."""
-    index, found = camera.filter_index(SHAPE), electrons_of(light, camera) / solid_angle_sr(view, BAYER)
+    index, found = (
+        camera.filter_index(SHAPE),
+        electrons_of(light, camera) / solid_angle_sr(view, BAYER),
+    )
     return np.array([found[index == number].mean() for number in range(index.max() + 1)])
 
 
 def flat_field(folder: Path, table: str) -> Path:
     return write_scene(
-        folder, scene_text(f'<emitter type="constant"><spectrum name="radiance" value="{table}"/></emitter>')
+        folder,
+        scene_text(
+            f'<emitter type="constant"><spectrum name="radiance" value="{table}"/></emitter>'
+        ),
     )
 
 
 @pytest.mark.parametrize("spectral", ["auto", "cube"])
 @pytest.mark.parametrize("width_nm", [5.0, 10.0, 20.0, 50.0, 330.0])
 @pytest.mark.parametrize("name", SPECTRA)
-def test_the_film_has_the_integral_at_any_bandwidth(name: str, width_nm: float, spectral: str) -> None:
+def test_the_film_has_the_integral_at_any_bandwidth(
+    name: str, width_nm: float, spectral: str
+) -> None:
     """Responses of the film times the spectrum, against the integral of QE·T·λ at 0.01 nm: lines too, to 1e-4."""
     nm = np.arange(380.0, 720.0, 0.01) + 0.005
     radiance = np.interp(nm, *table_of(SPECTRA[name]).T)
     for camera in (BAYER, COLOURED):
         bands = with_filters(choose_bands(camera, None, width_nm, spectral), camera)
-        curves = [np.interp(nm, nodes_of(one), values_of(one), 0.0, 0.0) for one in bands.responses[len(bands) :]]
+        curves = [
+            np.interp(nm, nodes_of(one), values_of(one), 0.0, 0.0)
+            for one in bands.responses[len(bands) :]
+        ]
         film = (np.array(curves) @ radiance * 0.01).reshape(-1, bands.filters).sum(axis=0)
         photons = photons_per_irradiance(camera, EXPOSURE, [bands.reference_nm], [1.0])
         np.testing.assert_allclose(film * photons, expected_e(camera, SPECTRA[name]), rtol=1e-4)
@@ -123,10 +148,15 @@ def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None
     size, variant = {"width": 24, "height": 16}, skip_unless_usable("llvm_ad_spectral")
     options = {"bandwidth_nm": width_nm, "parameters": size, "variant": variant}
     job = prepared.prepare(SCENES / "color_checker.xml", BAYER, EXPOSURE, **options)
-    light, nm = job.render(1, job.stop_criterion({"spp": 1024})), np.arange(390.0, 710.0, 0.05) + 0.025
+    light, nm = (
+        job.render(1, job.stop_criterion({"spp": 1024})),
+        np.arange(390.0, 710.0, 0.05) + 0.025,
+    )
     weights = BAYER.qe(nm) * photons_per_irradiance(BAYER, EXPOSURE, nm, np.full(nm.size, 0.05))
     lit = spectra.d65_radiance(85 / np.pi, nm)
-    expected = np.array([weights @ (np.interp(nm, *table) * lit) for table in REFLECTANCES.values()])
+    expected = np.array(
+        [weights @ (np.interp(nm, *table) * lit) for table in REFLECTANCES.values()]
+    )
     found = electrons_of(light, BAYER) / solid_angle_sr(job.scene.view, BAYER)
     for number in range(3):
         own = np.where(BAYER.filter_index((16, 24)) == number, found, np.nan)
@@ -136,7 +166,9 @@ def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None
 
 
 @pytest.mark.parametrize("width_nm", [5.0, 50.0])
-def test_electrons_of_a_laser_follow_its_own_wavelength(tmp_path: Path, width_nm: float) -> None:
+def test_electrons_of_a_laser_follow_its_own_wavelength(
+    tmp_path: Path, width_nm: float
+) -> None:
     """Per irradiance of the same samples, whose noise cancels: QE at 632.8 nm, to 0.1 %, not that of the band."""
     light, _ = rendered(flat_field(tmp_path, SPECTRA["laser"]), BAYER, width_nm, 2048)
     index = BAYER.filter_index(SHAPE)
@@ -179,7 +211,9 @@ def test_another_camera_is_told_its_error(tmp_path: Path) -> None:
         assert not list(band_note(light, band_error(light, BAYER)))
     assert stated[0] < stated[1] < stated[2]
     (note,) = band_note(light, error)
-    assert "not rendered for this camera: in bands of 50 nm" in note and "--bandwidth-nm" in note
+    assert (
+        "not rendered for this camera: in bands of 50 nm" in note and "--bandwidth-nm" in note
+    )
 
 
 def test_a_line_in_a_band_is_bounded_for_another_camera(tmp_path: Path) -> None:
@@ -201,11 +235,17 @@ def test_expose_names_the_error_of_a_file_for_another_camera(tmp_path: Path) -> 
     light, _ = rendered(flat_field(tmp_path, SPECTRA["sloped"]), BAYER, 50.0, 64)
     write_irradiance_exr(tmp_path / "light.exr", light)
     own, other = (
-        ms.capture(tmp_path / "light.exr", ms.load_camera(name), EXPOSURE) for name in ("bayer_2mp", "rgbir_2mp")
+        ms.capture(tmp_path / "light.exr", ms.load_camera(name), EXPOSURE)
+        for name in ("bayer_2mp", "rgbir_2mp")
     )
-    assert own.metadata["bands"]["error_estimate"] == 0 < other.metadata["bands"]["error_estimate"]
+    assert (
+        own.metadata["bands"]["error_estimate"] == 0 < other.metadata["bands"]["error_estimate"]
+    )
     assert not any("not rendered for" in note for note in own.metadata["notes"])
-    for part in ("not rendered for this camera", "nothing was rendered beyond 390 to 710 nm, where the IR pixels"):
+    for part in (
+        "not rendered for this camera",
+        "nothing was rendered beyond 390 to 710 nm, where the IR pixels",
+    ):
         assert any(part in note for note in other.metadata["notes"])
 
 
@@ -213,12 +253,20 @@ def test_what_is_known_of_a_pixel_holds_for_its_own_filter_only(tmp_path: Path) 
     """Moved by one pixel, behind another mosaic or another QE, electrons are those of the bands alone; brighter light
     has more of both."""
     light, _ = rendered(flat_field(tmp_path, SPECTRA["laser"]), BAYER, 50.0, 64)
-    photons, bare = ms.collect(light, BAYER, EXPOSURE), ms.collect(replace(light, in_band=None), BAYER, EXPOSURE)
+    photons, bare = (
+        ms.collect(light, BAYER, EXPOSURE),
+        ms.collect(replace(light, in_band=None), BAYER, EXPOSURE),
+    )
     turned = BAYER.replace(**{"quantum_efficiency.tile": [["B", "G"], ["G", "R"]]})
     for camera, options in ((BAYER, {"origin": (0, 1)}), (turned, {})):
-        one, two = (ms.expose(x, camera, EXPOSURE, **options).detected.mean_e for x in (photons, bare))
+        one, two = (
+            ms.expose(x, camera, EXPOSURE, **options).detected.mean_e for x in (photons, bare)
+        )
         np.testing.assert_array_equal(one, two)
-    own, by_two = (ms.expose(photons, BAYER, EXPOSURE, origin=origin).detected.mean_e for origin in (None, (2, 4)))
+    own, by_two = (
+        ms.expose(photons, BAYER, EXPOSURE, origin=origin).detected.mean_e
+        for origin in (None, (2, 4))
+    )
     np.testing.assert_array_equal(own, by_two)
     twice = ms.expose(replace(photons, mean=2 * photons.mean), BAYER, EXPOSURE).detected.mean_e
     np.testing.assert_allclose(twice, 2 * own, rtol=1e-6)
@@ -239,12 +287,16 @@ def test_a_quantum_yield_is_averaged_over_the_band_too(tmp_path: Path) -> None:
 
 def test_integrals_over_bands_are_exact_for_polynomials() -> None:
     low, high = np.array([1.0, 2.5, 0.0]), np.array([2.0, 7.0, 10.0])
-    found = band_integrals(lambda x: np.array([x**5, np.where(x < 4, 0, x)]), np.array([0.0, 4.0, 10.0]), low, high)
+    found = band_integrals(
+        lambda x: np.array([x**5, np.where(x < 4, 0, x)]), np.array([0.0, 4.0, 10.0]), low, high
+    )
     np.testing.assert_allclose(found[0], (high**6 - low**6) / 6, rtol=1e-13)
     np.testing.assert_allclose(found[1], [0.0, (49 - 16) / 2, (100 - 16) / 2], rtol=1e-13)
 
 
 @pytest.mark.parametrize("width_nm", [1e-6, 1.0, 300.0])
 def test_a_constant_is_its_own_average(width_nm: float) -> None:
-    found = photon_averages(np.ones_like, np.array([100.0, 1000.0]), np.array([550.0]), np.array([width_nm]))
+    found = photon_averages(
+        np.ones_like, np.array([100.0, 1000.0]), np.array([550.0]), np.array([width_nm])
+    )
     np.testing.assert_allclose(found, 1.0, rtol=1e-6)

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    BALL,
+    SCENES,
+    SKY,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 from mitsuba_sensor import expose
 from mitsuba_sensor.camera.camera_file import load_camera
@@ -23,7 +31,13 @@ LAMP = '<emitter type="constant"><spectrum name="radiance" value="360:1e-4, 560:
 
 def electrons(light: object, camera: object = BAYER) -> np.ndarray:
     """Mean photoelectrons, before any noise."""
-    found = expose(collect(light, camera, EXPOSURE), camera, EXPOSURE, keep="photoelectrons", precision="float64")
+    found = expose(
+        collect(light, camera, EXPOSURE),
+        camera,
+        EXPOSURE,
+        keep="photoelectrons",
+        precision="float64",
+    )
     assert found.photoelectrons is not None
     return found.photoelectrons[0]
 
@@ -43,7 +57,9 @@ def test_channels_free_the_electrons_that_the_cube_frees(tmp_path: Path, variant
     index = BAYER.filter_index((8, 12))
     one, two = electrons(channels), electrons(cube)
     for number in range(3):
-        assert one[index == number].mean() == pytest.approx(two[index == number].mean(), rel=0.01)
+        assert one[index == number].mean() == pytest.approx(
+            two[index == number].mean(), rel=0.01
+        )
 
 
 def test_channels_are_the_integral_of_qe_over_the_spectrum(tmp_path: Path) -> None:
@@ -64,13 +80,19 @@ def test_channels_are_the_integral_of_qe_over_the_spectrum(tmp_path: Path) -> No
 def test_the_bands_of_a_camera_know_their_response() -> None:
     bands = channel_bands(BAYER)
     assert bands.kind == "channels" and len(bands) == 3
-    assert bands.response == response_fingerprint(BAYER) != response_fingerprint(load_camera("rgbir_2mp"))
+    assert (
+        bands.response
+        == response_fingerprint(BAYER)
+        != response_fingerprint(load_camera("rgbir_2mp"))
+    )
     assert choose_bands(BAYER, None, 10.0, "cube").response is None
 
 
 def test_light_in_channels_is_refused_by_another_camera(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf="")))
-    light = render(path, BAYER, EXPOSURE, spectral="channels", spp=16, variant="scalar_spectral")
+    light = render(
+        path, BAYER, EXPOSURE, spectral="channels", spp=16, variant="scalar_spectral"
+    )
     assert collect(light, BAYER.replace(**{"adc.bits": 8}), EXPOSURE).detected
     with pytest.raises(InputError, match="another quantum efficiency"):
         collect(light, load_camera("rgbir_2mp"), EXPOSURE)
@@ -78,7 +100,9 @@ def test_light_in_channels_is_refused_by_another_camera(tmp_path: Path) -> None:
 
 def test_channels_survive_the_file(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf="")))
-    light = render(path, BAYER, EXPOSURE, spectral="channels", spp=16, variant="scalar_spectral")
+    light = render(
+        path, BAYER, EXPOSURE, spectral="channels", spp=16, variant="scalar_spectral"
+    )
     write_irradiance_exr(tmp_path / "light.exr", light)
     again = read_irradiance_exr(tmp_path / "light.exr")
     np.testing.assert_array_equal(again.data, light.data)
@@ -88,13 +112,26 @@ def test_channels_survive_the_file(tmp_path: Path) -> None:
 
 
 def test_a_camera_with_a_quantum_yield_needs_bands() -> None:
-    camera = BAYER.replace(**{"quantum_efficiency.quantum_yield": [1.0] * len(BAYER.quantum_efficiency.wavelengths_nm)})
+    camera = BAYER.replace(
+        **{
+            "quantum_efficiency.quantum_yield": [1.0]
+            * len(BAYER.quantum_efficiency.wavelengths_nm)
+        }
+    )
     with pytest.raises(InputError, match="quantum_yield"):
-        render(SCENES / "flat_field.xml", camera, EXPOSURE, spectral="channels", variant="scalar_spectral")
+        render(
+            SCENES / "flat_field.xml",
+            camera,
+            EXPOSURE,
+            spectral="channels",
+            variant="scalar_spectral",
+        )
 
 
 @both_variants
-def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(tmp_path: Path, variant: str) -> None:
+def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(
+    tmp_path: Path, variant: str
+) -> None:
     """Thirty bands of a uniform sky: means of 96 pixels right to 1 % (four standard errors), a quarter of the noise.
 
     Four at a time, each path has about one wavelength in each band; together, every band gets one by chance.
@@ -105,7 +142,9 @@ def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(tmp_path: P
     grouped = render(path, table1, EXPOSURE, spectral="cube", **options)
     together = render(path, table1, EXPOSURE, **options)
     assert grouped.statistics.samples_per_pixel == together.statistics.samples_per_pixel == 192
-    lens = together.data.mean(axis=2, keepdims=True)  # cos⁴: the same for all bands of a flat spectrum
+    lens = together.data.mean(
+        axis=2, keepdims=True
+    )  # cos⁴: the same for all bands of a flat spectrum
     one, other = (np.std(light.data / lens) for light in (grouped, together))
     assert one < 0.25 * other
     np.testing.assert_allclose((grouped.data / lens).mean(axis=(0, 1)), 1.0, rtol=1e-2)
@@ -115,13 +154,18 @@ def test_few_samples_are_not_spread_over_groups(tmp_path: Path) -> None:
     """Twelve bands are three groups of at least 8 passes: 24 samples are the least that stand grouped."""
     path, table1 = write_scene(tmp_path, scene_text(SKY)), load_camera("konnik_table1")
     options = {"bandwidth_nm": 25, "spectral": "cube", "variant": "scalar_spectral"}
-    found = [render(path, table1, EXPOSURE, spp=spp, **options).statistics.samples_per_pixel for spp in (1, 16, 24, 96)]
+    found = [
+        render(path, table1, EXPOSURE, spp=spp, **options).statistics.samples_per_pixel
+        for spp in (1, 16, 24, 96)
+    ]
     assert found == [2, 16, 24, 96]
 
 
 def test_groups_are_four_neighbours_of_a_cube_only() -> None:
     table1 = load_camera("konnik_table1")
-    assert [len(range(*g.indices(99))) for g in choose_bands(table1, None, 30.0, "cube").groups] == [4, 4, 2]
+    assert [
+        len(range(*g.indices(99))) for g in choose_bands(table1, None, 30.0, "cube").groups
+    ] == [4, 4, 2]
     for bands in (
         choose_bands(table1, None, 30.0, "auto"),
         channel_bands(BAYER),

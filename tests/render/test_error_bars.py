@@ -17,7 +17,11 @@ from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.render.passes.prepared import render
-from mitsuba_sensor.render.passes.statistics import firefly_fraction, summary_of, why_not_trusted
+from mitsuba_sensor.render.passes.statistics import (
+    firefly_fraction,
+    summary_of,
+    why_not_trusted,
+)
 from mitsuba_sensor.render.scene.scene import load_scene
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
@@ -31,7 +35,11 @@ def ball(centre: str, radius: float, made_of: str) -> str:
 
 
 def at_550(scene: str, size: int, **options: object) -> Irradiance:
-    options |= {"wavelength_nm": 550, "parameters": {"width": size, "height": size}, "denoise": False}
+    options |= {
+        "wavelength_nm": 550,
+        "parameters": {"width": size, "height": size},
+        "denoise": False,
+    }
     return render(SCENES / f"{scene}.xml", CAMERA, EXPOSURE, **options)
 
 
@@ -56,9 +64,13 @@ def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples(
     variant = skip_unless_usable("llvm_ad_spectral")
     size = {"width": 64, "height": 64}
     lights = [at_550("cornell_box", 64, spp=1152, seed=seed, variant=variant) for seed in seeds]
-    view = load_scene(SCENES / "cornell_box.xml", choose_bands(CAMERA, 550.0, 10.0, "auto"), size).view
+    view = load_scene(
+        SCENES / "cornell_box.xml", choose_bands(CAMERA, 550.0, 10.0, "auto"), size
+    ).view
     reference = np.load(REFERENCE)["radiance"] * solid_angle_sr(view, CAMERA) / 10.0
-    z = np.abs([(light.data[..., 0] - reference) / light.standard_error[..., 0] for light in lights])
+    z = np.abs(
+        [(light.data[..., 0] - reference) / light.standard_error[..., 0] for light in lights]
+    )
     assert within_1[0] < (z < 1).mean() < within_1[1]
     assert within_2[0] < (z < 2).mean() < within_2[1]
     assert all(light.statistics.reliable and light.statistics.passes == 8 for light in lights)
@@ -74,7 +86,10 @@ def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp:
 
 
 @both_variants
-@pytest.mark.parametrize("scene", one_in(3, ["cornell_box", "still_life", "color_checker", "step_wedge", "flat_field"]))
+@pytest.mark.parametrize(
+    "scene",
+    one_in(3, ["cornell_box", "still_life", "color_checker", "step_wedge", "flat_field"]),
+)
 def test_ordinary_scenes_do_not_raise_it(variant: str, scene: str) -> None:
     found = at_550(scene, 24, spp=128, variant=skip_unless_usable(variant)).statistics
     assert found.reliable, found.firefly_fraction
@@ -83,7 +98,9 @@ def test_ordinary_scenes_do_not_raise_it(variant: str, scene: str) -> None:
 
 def test_the_flag_does_not_go_blind_as_samples_grow() -> None:
     """Before the caustic 4096 samples are as unreliable as 64: their share does not fall below the limit."""
-    assert not at_550("caustic", 24, spp=4096, variant=skip_unless_usable("llvm_ad_spectral")).statistics.reliable
+    assert not at_550(
+        "caustic", 24, spp=4096, variant=skip_unless_usable("llvm_ad_spectral")
+    ).statistics.reliable
 
 
 @pytest.mark.parametrize("bulb", [False, True])
@@ -94,13 +111,24 @@ def test_glass_in_the_cornell_box_raises_it(tmp_path: Path, bulb: bool, spp: int
     lamp, for 0.30 and 0.66 with the bulb, |z| < 2 for 0.59, 0.73, 0.38 and 0.85."""
     text = (SCENES / "cornell_box.xml").read_text(encoding="utf-8")
     text = re.sub(r'<shape type="cube">.*?</shape>', "", text, flags=re.DOTALL)
-    balls = ball("-0.4, 0.45, -0.3", 0.45, '<bsdf type="conductor"/>') + ball("0.45, 0.4, 0.3", 0.4, GLASS)
-    [lamp] = re.findall(r'<shape type="rectangle">(?:(?!</shape>).)*<emitter.*?</shape>', text, flags=re.DOTALL)
+    balls = ball("-0.4, 0.45, -0.3", 0.45, '<bsdf type="conductor"/>') + ball(
+        "0.45, 0.4, 0.3", 0.4, GLASS
+    )
+    [lamp] = re.findall(
+        r'<shape type="rectangle">(?:(?!</shape>).)*<emitter.*?</shape>', text, flags=re.DOTALL
+    )
     if bulb:
         [emitter] = re.findall(r"<emitter.*?</emitter>", lamp, flags=re.DOTALL)
-        text = text.replace(lamp, ball("0, 1.3, 0", 0.06, emitter) + ball("0, 1.3, 0", 0.2, GLASS))
+        text = text.replace(
+            lamp, ball("0, 1.3, 0", 0.06, emitter) + ball("0, 1.3, 0", 0.2, GLASS)
+        )
     scene = write_scene(tmp_path, text.replace("</scene>", f"{balls}</scene>"))
-    options = {"wavelength_nm": 550, "width": 24, "denoise": False, "variant": skip_unless_usable("llvm_ad_spectral")}
+    options = {
+        "wavelength_nm": 550,
+        "width": 24,
+        "denoise": False,
+        "variant": skip_unless_usable("llvm_ad_spectral"),
+    }
     found = render(scene, CAMERA, EXPOSURE, spp=spp, **options).statistics
     assert not found.reliable and found.firefly_fraction > 0.12
 
@@ -109,7 +137,9 @@ def test_a_larger_lamp_makes_the_caustic_reliable() -> None:
     """What the note advises helps: a lamp of the ball's size."""
     size = {"width": 24, "height": 24, "lamp_radius": 4}
     options = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral", "denoise": False}
-    large = render(SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **options).statistics
+    large = render(
+        SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **options
+    ).statistics
     assert large.reliable and large.firefly_fraction < 0.01
 
 
@@ -128,7 +158,9 @@ def test_the_share_counts_lit_pixels_whose_spread_is_one_bright_pass() -> None:
 
 
 def test_few_passes_are_never_trusted() -> None:
-    assert not why_not_trusted(8, 0.0) and why_not_trusted(7, 0.0) and why_not_trusted(100, 0.11)
+    assert (
+        not why_not_trusted(8, 0.0) and why_not_trusted(7, 0.0) and why_not_trusted(100, 0.11)
+    )
     assert (
         "guesses" in why_not_trusted(2, 0.0)
         and "too small" in why_not_trusted(64, 0.11)
@@ -147,5 +179,8 @@ def test_the_median_is_freed_of_the_bias_of_few_passes() -> None:
 def test_the_summary_leaves_infinite_and_dark_pixels_out() -> None:
     ratio, many = np.array([0.0, 1.0, 2.0, np.inf, 9.0]), 10**6
     found = summary_of(ratio, np.array([True, True, True, True, False]), many)
-    assert found["noise_ratio_median"] == pytest.approx(1.0, rel=1e-5) and found["noise_ratio_max"] == 2.0
+    assert (
+        found["noise_ratio_median"] == pytest.approx(1.0, rel=1e-5)
+        and found["noise_ratio_max"] == 2.0
+    )
     assert summary_of(np.array([np.inf]), np.array([True]), 16)["noise_ratio_max"] == 0.0

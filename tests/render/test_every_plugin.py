@@ -49,15 +49,24 @@ def texture(kind: str, inside: str = "") -> str:
 
 
 def medium(kind: str, inside: str, phase: str = "") -> str:
-    return CUBE.format(MEDIUM.format(kind, inside + phase)) + SKY + '<integrator type="volpath"/>'
+    return (
+        CUBE.format(MEDIUM.format(kind, inside + phase)) + SKY + '<integrator type="volpath"/>'
+    )
 
 
 def phase(kind: str, inside: str = "") -> str:
-    return medium("homogeneous", '<float name="sigma_t" value="1"/>', f'<phase type="{kind}">{inside}</phase>')
+    return medium(
+        "homogeneous",
+        '<float name="sigma_t" value="1"/>',
+        f'<phase type="{kind}">{inside}</phase>',
+    )
 
 
 def curve(kind: str) -> str:
-    return f'<shape type="{kind}"><string name="filename" value="hair.txt"/>{DIFFUSE}{POSE}</shape>' + SKY
+    return (
+        f'<shape type="{kind}"><string name="filename" value="hair.txt"/>{DIFFUSE}{POSE}</shape>'
+        + SKY
+    )
 
 
 def light(kind: str, inside: str) -> str:
@@ -77,7 +86,9 @@ def raw(name: str, use: str) -> str:
 
 
 def lamp(kind: str, inside: str) -> str:
-    return ball(f'<emitter type="area"><spectrum name="radiance" type="{kind}">{inside}</spectrum></emitter>')
+    return ball(
+        f'<emitter type="area"><spectrum name="radiance" type="{kind}">{inside}</spectrum></emitter>'
+    )
 
 
 TABLE = """<float name="wavelength_min" value="400"/><float name="wavelength_max" value="700"/>
@@ -146,16 +157,33 @@ def write_files(folder: Path, mi: Any) -> None:
     mi.Bitmap(picture).write(str(folder / "a.exr"))
     normals = np.tile(np.array([0.5, 0.5, 1.0], np.float32), (4, 4, 1))
     mi.Bitmap(normals).write(str(folder / "n.exr"))
-    (folder / "m.obj").write_text("v 0 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 2\n", encoding="utf-8")
-    (folder / "hair.txt").write_text("\n".join(f"0 {y} 0 0.4" for y in (-2, -1, 0, 1, 2)), encoding="utf-8")
+    (folder / "m.obj").write_text(
+        "v 0 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 2\n", encoding="utf-8"
+    )
+    (folder / "hair.txt").write_text(
+        "\n".join(f"0 {y} 0 0.4" for y in (-2, -1, 0, 1, 2)), encoding="utf-8"
+    )
     names = ["x", "y", "z"], ["r", "g", "b"]
-    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {n}" for part in names for n in part)]
+    head = [
+        "ply",
+        "format ascii 1.0",
+        "element vertex 3",
+        *(f"property float {n}" for part in names for n in part),
+    ]
     head += ["element face 2", "property list uchar int vertex_indices", "end_header"]
-    rows = ["0 -1 0 0.8 0.1 0.1", "1 1 0 0.8 0.1 0.1", "-1 1 0 0.8 0.1 0.1", "3 0 1 2", "3 0 2 1"]
+    rows = [
+        "0 -1 0 0.8 0.1 0.1",
+        "1 1 0 0.8 0.1 0.1",
+        "-1 1 0 0.8 0.1 0.1",
+        "3 0 1 2",
+        "3 0 2 1",
+    ]
     (folder / "m.ply").write_text("\n".join([*head, *rows, ""]), encoding="utf-8")
     axis = np.linspace(0, 1, 8, dtype=np.float32) - 0.5
     z, y, x = np.meshgrid(axis, axis, axis, indexing="ij")
-    mi.VolumeGrid((np.sqrt(x**2 + y**2 + z**2) - 0.4).astype(np.float32)[..., None]).write(str(folder / "sdf.vol"))
+    mi.VolumeGrid((np.sqrt(x**2 + y**2 + z**2) - 0.4).astype(np.float32)[..., None]).write(
+        str(folder / "sdf.vol")
+    )
     mi.VolumeGrid(np.full((4, 4, 4, 1), 0.5, np.float32)).write(str(folder / "v.vol"))
 
 

@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import one_in
-from helpers.scenes import BALL, PERSPECTIVE, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    BALL,
+    PERSPECTIVE,
+    SKY,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
@@ -45,11 +53,17 @@ def render_frames(folder: Path, text: str, spp: int = 64, **options: Any) -> np.
 
 
 @both_variants
-def test_an_rgb_film_with_a_gaussian_filter_renders_as_spectral_bands(tmp_path: Path, variant: str) -> None:
+def test_an_rgb_film_with_a_gaussian_filter_renders_as_spectral_bands(
+    tmp_path: Path, variant: str
+) -> None:
     """A red ball under an rgb sky, film and sampler as in most scenes of the web: red above blue, nothing negative."""
     ready(variant)
-    red = BALL.format(bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>')
-    text = scene_text(RGB_SKY, red, '<integrator type="path"/>', film='<rfilter type="gaussian"/>')
+    red = BALL.format(
+        bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>'
+    )
+    text = scene_text(
+        RGB_SKY, red, '<integrator type="path"/>', film='<rfilter type="gaussian"/>'
+    )
     light = render_frames(tmp_path, text)
     assert (light > 0).all() and light[4, 6, 2] > 3 * light[4, 6, 0]
 
@@ -60,7 +74,9 @@ def test_an_even_environment_map_is_an_even_sky(tmp_path: Path, variant: str) ->
     mi = ready(variant)
     mi.Bitmap(np.full((4, 8, 3), 0.5, np.float32)).write(str(tmp_path / "sky.exr"))
     sky = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
-    mapped, even = (render_frames(tmp_path, scene_text(e), 256).mean(axis=(0, 1)) for e in (sky, RGB_SKY))
+    mapped, even = (
+        render_frames(tmp_path, scene_text(e), 256).mean(axis=(0, 1)) for e in (sky, RGB_SKY)
+    )
     np.testing.assert_allclose(mapped, even, rtol=0.02)
 
 
@@ -79,7 +95,9 @@ def test_textures_colour_the_wall(tmp_path: Path, variant: str) -> None:
 
 
 @both_variants
-def test_a_scene_in_millimetres_gives_the_light_of_the_same_scene_in_metres(tmp_path: Path, variant: str) -> None:
+def test_a_scene_in_millimetres_gives_the_light_of_the_same_scene_in_metres(
+    tmp_path: Path, variant: str
+) -> None:
     """A thin lens close up, where the magnification of 0.19 takes 30 % of the light; scene_unit says what 1 is."""
     ready(variant)
 
@@ -93,11 +111,15 @@ def test_a_scene_in_millimetres_gives_the_light_of_the_same_scene_in_metres(tmp_
 
     metres = load_scene(write_scene(tmp_path, text(1)), BANDS, {}, scene_unit="m")
     millimetres = load_scene(write_scene(tmp_path, text(1e-3)), BANDS, {}, scene_unit="mm")
-    assert magnification(millimetres.view, CAMERA) == pytest.approx(magnification(metres.view, CAMERA), rel=1e-6)
+    assert magnification(millimetres.view, CAMERA) == pytest.approx(
+        magnification(metres.view, CAMERA), rel=1e-6
+    )
     assert magnification(metres.view, CAMERA) == pytest.approx(0.19, abs=0.01)
     numbers = [aperture_f_number(scene.view, CAMERA) for scene in (metres, millimetres)]
     assert numbers[0] == pytest.approx(numbers[1], rel=1e-6)
-    np.testing.assert_allclose(solid_angle_sr(millimetres.view, CAMERA), solid_angle_sr(metres.view, CAMERA), rtol=1e-6)
+    np.testing.assert_allclose(
+        solid_angle_sr(millimetres.view, CAMERA), solid_angle_sr(metres.view, CAMERA), rtol=1e-6
+    )
     a, b = (scene.render(1, 64, (0, 8)) for scene in (metres, millimetres))
     np.testing.assert_allclose(a.mean(axis=(0, 1)), b.mean(axis=(0, 1)), rtol=0.01)
 
@@ -127,8 +149,12 @@ def test_an_old_scene_that_mitsuba_can_upgrade_renders(tmp_path: Path) -> None:
     """Format 0.6: toWorld, maxDepth and fovAxis are understood."""
     ready()
     old = '<integrator type="path"><integer name="maxDepth" value="8"/></integrator>'
-    text = scene_text(SKY, old, more='<string name="fovAxis" value="y"/>').replace("3.0.0", "0.6.0")
-    assert load_scene(write_scene(tmp_path, text), BANDS, {}).view.half_width == pytest.approx(1.5 * np.tan(np.pi / 6))
+    text = scene_text(SKY, old, more='<string name="fovAxis" value="y"/>').replace(
+        "3.0.0", "0.6.0"
+    )
+    assert load_scene(write_scene(tmp_path, text), BANDS, {}).view.half_width == pytest.approx(
+        1.5 * np.tan(np.pi / 6)
+    )
 
 
 def test_gradient_integrators_render_where_they_exist(tmp_path: Path) -> None:
@@ -180,7 +206,9 @@ def test_a_broken_scene_is_one_sentence_and_exit_code_2(
     assert said.endswith((".", "?"))
 
 
-def test_render_refuses_it_with_the_same_sentence(tmp_path: Path, cli: Callable[..., Any]) -> None:
+def test_render_refuses_it_with_the_same_sentence(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
     """Before anything is rendered or written."""
     path = write_scene(tmp_path, BROKEN[4][0])
     calls = ("lint", path), ("render", path, "-o", tmp_path / "out")
@@ -193,56 +221,87 @@ def test_all_missing_files_are_named_at_once(tmp_path: Path) -> None:
     """Three of them, with their lines, in one sentence; a file that is there is not."""
     ready().Bitmap(np.ones((2, 2, 3), np.float32)).write(str(tmp_path / "here.exr"))
     mesh = '\n<shape type="ply"><string name="filename" value="{}"/></shape>'
-    pictures = [WALL.format(bsdf=PICTURE.format(name=name, more="")) for name in ("here.exr", "wood.png")]
+    pictures = [
+        WALL.format(bsdf=PICTURE.format(name=name, more=""))
+        for name in ("here.exr", "wood.png")
+    ]
     text = scene_text(SKY, mesh.format("a.ply"), mesh.format("b.ply"), *pictures)
-    with pytest.raises(InputError, match=r"lacks 3 files: a\.ply \(line 3\), b\.ply \(line 4\), wood\.png") as caught:
+    with pytest.raises(
+        InputError, match=r"lacks 3 files: a\.ply \(line 3\), b\.ply \(line 4\), wood\.png"
+    ) as caught:
         load_scene(write_scene(tmp_path, text), BANDS, {})
     assert "here.exr" not in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", ["bdpt", "depth", "ptracer", "pathtracer", "aov"])
-def test_integrator_replaces_whatever_the_scene_has_and_says_so(tmp_path: Path, kind: str) -> None:
+def test_integrator_replaces_whatever_the_scene_has_and_says_so(
+    tmp_path: Path, kind: str
+) -> None:
     ready()
     inside = '<integer name="max_depth" value="2"/><integrator type="direct"/>'
     scene = scene_text(SKY, BALL.format(bsdf=""), '<integrator type="{}">{}</integrator>')
     path = write_scene(tmp_path, scene.format(kind, inside))
     found = load_scene(parse_scene(path, {}, "path"), BANDS, {})
     plain = write_scene(tmp_path, scene.format("path", '<integer name="max_depth" value="2"/>'))
-    assert (found.render(1, 16, (0, 8)) == load_scene(plain, BANDS, {}).render(1, 16, (0, 8))).all()
+    assert (
+        found.render(1, 16, (0, 8)) == load_scene(plain, BANDS, {}).render(1, 16, (0, 8))
+    ).all()
     assert any(f"integrator '{kind}' is replaced by 'path'" in note for note in found.notes)
 
 
-def test_integrator_of_a_scene_without_one_and_of_the_command_line(tmp_path: Path, cli: Callable[..., Any]) -> None:
+def test_integrator_of_a_scene_without_one_and_of_the_command_line(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
     """A ball of fog needs volpath, which the scene does not name: it is dark for 'path' and bright for 'volpath'."""
     fog = '<medium name="interior" type="homogeneous"><float name="sigma_t" value="5"/></medium><bsdf type="null"/>'
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf=fog)))
     photons = []
     for kind in ("path", "volpath"):
-        options = ("--integrator", kind, "--spp", 16, "--variant", "scalar_spectral", "--exposure-s", 0.1, "--json")
+        options = (
+            "--integrator",
+            kind,
+            "--spp",
+            16,
+            "--variant",
+            "scalar_spectral",
+            "--exposure-s",
+            0.1,
+            "--json",
+        )
         done = cli("render", path, "-o", tmp_path / "out", *options)
         photons.append(json.loads(done.stdout)["photons"]["min"])
     assert photons[0] != pytest.approx(photons[1], rel=0.05)
     wrong = cli("lint", path, "--integrator", "bdpt")
-    assert wrong.exit_code == 2 and "it must be one of path, volpath" in " ".join(wrong.stderr.split())
+    assert wrong.exit_code == 2 and "it must be one of path, volpath" in " ".join(
+        wrong.stderr.split()
+    )
 
 
-def test_polarising_elements_act_on_unpolarised_light_where_that_is_asked_for(tmp_path: Path) -> None:
+def test_polarising_elements_act_on_unpolarised_light_where_that_is_asked_for(
+    tmp_path: Path,
+) -> None:
     """An ideal linear or circular polarizer lets half of it through, a retarder all; a note says what is wrong then."""
     ready()
     pane = '<shape type="rectangle"><bsdf type="{}"/><transform name="to_world"><scale value="9"/><translate z="2"/>'
     for kind, share in (("polarizer", 0.5), ("circular", 0.5), ("retarder", 1.0)):
-        path = write_scene(tmp_path, scene_text(FLAT, pane.format(kind) + "</transform></shape>"))
+        path = write_scene(
+            tmp_path, scene_text(FLAT, pane.format(kind) + "</transform></shape>")
+        )
         scene = load_scene(parse_scene(path, {}, ignore_polarization=True), BANDS, {})
         light = scene.render(1, 64, (0, 8)) / BANDS.bandwidths_nm
         np.testing.assert_allclose(light.mean(), share, rtol=0.01)
         assert any("unpolarised light" in note for note in scene.notes)
 
 
-def test_path_elements_work_beside_nested_includes_defaults_and_instances(tmp_path: Path) -> None:
+def test_path_elements_work_beside_nested_includes_defaults_and_instances(
+    tmp_path: Path,
+) -> None:
     """<path value="$folder"/> finds the mesh that an included file includes, and its instance is drawn."""
     ready()
     (tmp_path / "meshes").mkdir()
-    (tmp_path / "meshes" / "m.obj").write_text("v 0 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 2\n", encoding="utf-8")
+    (tmp_path / "meshes" / "m.obj").write_text(
+        "v 0 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 2\n", encoding="utf-8"
+    )
     group = """<scene version="3.0.0"><shape type="shapegroup" id="group"><shape type="obj">
     <string name="filename" value="m.obj"/></shape></shape></scene>"""
     (tmp_path / "inner.xml").write_text(group, encoding="utf-8")
@@ -257,14 +316,18 @@ def test_path_elements_work_beside_nested_includes_defaults_and_instances(tmp_pa
     empty = load_scene(write_scene(tmp_path, scene_text(SKY)), BANDS, {}).render(1, 16, (0, 8))
     assert found.mean() < 0.99 * empty.mean()
     with pytest.raises(InputError, match="nowhere"):
-        load_scene(write_scene(tmp_path, text.replace('3.0.0">', f'3.0.0">{paths}', 1)), BANDS, {})
+        load_scene(
+            write_scene(tmp_path, text.replace('3.0.0">', f'3.0.0">{paths}', 1)), BANDS, {}
+        )
 
 
 def test_what_a_compiled_variant_cannot_render_is_told_the_one_that_can(
     tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
     """timed_sunsky of Mitsuba 3.9.1 works in scalar variants only, and its failure would spoil all later renders."""
-    path = write_scene(tmp_path, scene_text('<emitter type="timed_sunsky"/>', BALL.format(bsdf="")))
+    path = write_scene(
+        tmp_path, scene_text('<emitter type="timed_sunsky"/>', BALL.format(bsdf=""))
+    )
     variant = skip_unless_usable("llvm_ad_spectral")
     done = cli("render", path, "-o", tmp_path / "out", "--spp", 16, "--variant", variant)
     said = " ".join(done.stderr.split())

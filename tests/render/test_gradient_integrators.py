@@ -20,7 +20,9 @@ from mitsuba_sensor.render.variants import choose_variant, use
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 OPTIONS: Any = {"spp": 64, "bandwidth_nm": 100, "denoise": False, "seed": 5}
 RGB_ONLY = "volprim_rf_basic"
-GREY = BALL.format(bsdf='<bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf>')
+GREY = BALL.format(
+    bsdf='<bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf>'
+)
 IN_SPECTRA = sorted({*gradient_integrators()} - {RGB_ONLY})
 
 
@@ -29,7 +31,11 @@ def ready(variant: str = "llvm_ad_spectral") -> Any:
 
 
 def text_of(integrator: str) -> str:
-    return scene_text(SKY, GREY, f'<integrator type="{integrator}"><integer name="max_depth" value="3"/></integrator>')
+    return scene_text(
+        SKY,
+        GREY,
+        f'<integrator type="{integrator}"><integer name="max_depth" value="3"/></integrator>',
+    )
 
 
 def dict_of(integrator: Any) -> dict[str, Any]:
@@ -37,7 +43,13 @@ def dict_of(integrator: Any) -> dict[str, Any]:
     sky = {"type": "constant", "radiance": {"type": "uniform", "value": 2e-4}}
     ball = {"type": "sphere", "center": [0.0, 0.0, 4.0]}
     sensor = {"type": "perspective", "fov": 60.0, "film": film}
-    return {"type": "scene", "integrator": integrator, "sensor": sensor, "sky": sky, "ball": ball}
+    return {
+        "type": "scene",
+        "integrator": integrator,
+        "sensor": sensor,
+        "sky": sky,
+        "ball": ball,
+    }
 
 
 def assert_same_light(one: ms.Irradiance, other: ms.Irradiance) -> None:
@@ -55,7 +67,9 @@ def test_its_light_is_that_of_path(integrator: str) -> None:
     name, _, distorted = integrator.partition(" ")
     coefficients = {"lens.distortion": [-0.2, 0.0, 0.0, 0.0, 0.0]} if distorted else {}
     camera = CAMERA.replace(**coefficients)
-    reference, light = (ms.render(text_of(kind), camera, EXPOSURE, **OPTIONS) for kind in ("path", name))
+    reference, light = (
+        ms.render(text_of(kind), camera, EXPOSURE, **OPTIONS) for kind in ("path", name)
+    )
     assert_same_light(light, reference)
 
 
@@ -72,7 +86,16 @@ def test_it_may_be_named_in_a_dict_be_an_object_or_be_loaded() -> None:
 def test_the_command_line_renders_it(tmp_path: Path, cli: Callable[..., Any]) -> None:
     ready()
     scene = write_scene(tmp_path, text_of("prb"))
-    flags = ("--camera", "konnik_table1", "--exposure-s", "0.01", "--spp", "8", "--variant", "llvm_ad_spectral")
+    flags = (
+        "--camera",
+        "konnik_table1",
+        "--exposure-s",
+        "0.01",
+        "--spp",
+        "8",
+        "--variant",
+        "llvm_ad_spectral",
+    )
     done = cli("render", scene, "-o", tmp_path / "out", *flags)
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "out" / "frame.tiff").is_file()
@@ -80,8 +103,14 @@ def test_the_command_line_renders_it(tmp_path: Path, cli: Callable[..., Any]) ->
 
 def test_one_for_red_green_and_blue_alone_is_one_sentence() -> None:
     ready()
-    with pytest.raises(InputError, match="renders radiance fields of red, green and blue and no spectra; take"):
-        ms.render(text_of(RGB_ONLY).replace('<integer name="max_depth" value="3"/>', ""), CAMERA, EXPOSURE)
+    with pytest.raises(
+        InputError, match="renders radiance fields of red, green and blue and no spectra; take"
+    ):
+        ms.render(
+            text_of(RGB_ONLY).replace('<integer name="max_depth" value="3"/>', ""),
+            CAMERA,
+            EXPOSURE,
+        )
 
 
 def test_a_misspelt_one_is_told_what_is_near() -> None:
@@ -89,14 +118,18 @@ def test_a_misspelt_one_is_told_what_is_near() -> None:
     assert {*IN_SPECTRA, "path", "raw_frame"} <= {*plugin_names()}
     for variant in ("llvm_ad_spectral", "scalar_spectral"):
         ready(variant)
-        with pytest.raises(InputError, match=r"there is no plugin 'prbvol'\. Did you mean 'prbvolpath'"):
+        with pytest.raises(
+            InputError, match=r"there is no plugin 'prbvol'\. Did you mean 'prbvolpath'"
+        ):
             ms.render(dict_of({"type": "prbvol"}), CAMERA, EXPOSURE)
 
 
 def test_a_scalar_variant_says_which_variants_have_it() -> None:
     ready("scalar_spectral")
     for scene in (dict_of({"type": "prb"}), text_of("prb")):
-        with pytest.raises(InputError, match="needs an llvm or cuda variant: 'path' gives the same image"):
+        with pytest.raises(
+            InputError, match="needs an llvm or cuda variant: 'path' gives the same image"
+        ):
             ms.render(scene, CAMERA, EXPOSURE)
 
 
@@ -107,7 +140,9 @@ def test_a_plugin_of_the_user_s_own_may_stand_in_a_dict() -> None:
     scene = dict_of({"type": "path"})
     grey = ms.render(scene, CAMERA, EXPOSURE, **OPTIONS)
     scene["ball"]["bsdf"] = {"type": "user_s_own"}
-    np.testing.assert_allclose(ms.render(scene, CAMERA, EXPOSURE, **OPTIONS).data, grey.data, rtol=1e-5)
+    np.testing.assert_allclose(
+        ms.render(scene, CAMERA, EXPOSURE, **OPTIONS).data, grey.data, rtol=1e-5
+    )
 
 
 def test_native_code_beside_a_dict_is_refused_before_anything_is_built(
@@ -126,7 +161,9 @@ def test_a_spectral_response_of_the_sensor_is_replaced_by_that_of_the_camera() -
     ready("scalar_spectral")
     response = '<spectrum name="srf" value="400:0.5, 700:0.9"/>'
     scenes = scene_text(SKY, GREY), scene_text(SKY, GREY, more=response)
-    without, light = (ms.render(scene, CAMERA, EXPOSURE, **{**OPTIONS, "spp": 8}) for scene in scenes)
+    without, light = (
+        ms.render(scene, CAMERA, EXPOSURE, **{**OPTIONS, "spp": 8}) for scene in scenes
+    )
     np.testing.assert_array_equal(light.data, without.data)
     assert any("srf replaced by that of the camera" in note for note in light.statistics.notes)
 
@@ -141,11 +178,15 @@ RAW = '<string name="output" value="raw"/>'
 
 
 @pytest.mark.parametrize("integrator", ["path", "prb"])
-def test_the_light_of_a_photosensor_has_the_derivative_of_a_central_difference(integrator: str) -> None:
+def test_the_light_of_a_photosensor_has_the_derivative_of_a_central_difference(
+    integrator: str,
+) -> None:
     """With respect to the reflectance of a ball that lights nothing else, in which the light is linear. Of 24 576
     paths; the derivative has a seed of its own, and they agree to about 1 %, so that 6 % are never left by chance."""
     mi, dr = ready(), drjit()
-    scene = mi.load_string(OURS.format(integrator=f'<integrator type="{integrator}"/>', film=""))
+    scene = mi.load_string(
+        OURS.format(integrator=f'<integrator type="{integrator}"/>', film="")
+    )
     parameters = mi.traverse(scene)
     name = next(key for key, _ in parameters if "reflectance" in key)
 
@@ -164,7 +205,10 @@ def test_the_light_of_a_photosensor_has_the_derivative_of_a_central_difference(i
 def test_a_raw_frame_has_the_light_of_its_integrator_and_no_derivative() -> None:
     """The frame of ms.capture for the same seed, bit for bit; one sentence instead of a gradient of zero."""
     mi, dr = ready(), drjit()
-    around = OURS.format(integrator='<integrator type="raw_frame"><integrator type="prb"/></integrator>', film=RAW)
+    around = OURS.format(
+        integrator='<integrator type="raw_frame"><integrator type="prb"/></integrator>',
+        film=RAW,
+    )
     scene = mi.load_string(around)
     frame = np.array(mi.render(scene, spp=16, seed=3))[..., 0]
     inside = OURS.format(integrator='<integrator type="prb"/>', film="")
@@ -173,5 +217,8 @@ def test_a_raw_frame_has_the_light_of_its_integrator_and_no_derivative() -> None
     name = next(key for key, _ in parameters if "reflectance" in key)
     dr.enable_grad(parameters[name])
     parameters.update()
-    with pytest.raises(InputError, match="the digital numbers of a raw frame have no derivative; render the light"):
+    with pytest.raises(
+        InputError,
+        match="the digital numbers of a raw frame have no derivative; render the light",
+    ):
         dr.backward(dr.sum(mi.render(scene, parameters, spp=4), axis=None))

@@ -53,7 +53,9 @@ def picture(folder: Path, name: str, value: float, channels: int) -> str:
     return texture("bitmap", f'<string name="filename" value="{name}"/>')
 
 
-def render(text: str, camera: ms.Camera = INFRARED, width: int = 8, variant: str = "scalar_spectral") -> ms.Irradiance:
+def render(
+    text: str, camera: ms.Camera = INFRARED, width: int = 8, variant: str = "scalar_spectral"
+) -> ms.Irradiance:
     return ms.render(text, camera, EXPOSURE, width=width, spp=8, variant=variant, denoise=False)
 
 
@@ -73,14 +75,20 @@ def test_a_light_without_a_spectrum_ends_as_d65_does(tmp_path: Path, kind: str) 
     lamp = D65_BY_DEFAULT[kind].format(f'<emitter type="{kind}"/>')
     others = () if kind == "constant" else (SKY,)
     (finding,) = serious(tmp_path, *others, lamp, camera=INFRARED)
-    assert finding.level == "black" and "light in 1 place is black outside 360 to 830 nm" in finding.what
+    assert (
+        finding.level == "black"
+        and "light in 1 place is black outside 360 to 830 nm" in finding.what
+    )
     assert serious(tmp_path, *others, lamp) == []
 
 
 @pytest.mark.parametrize("kind", D65_BY_DEFAULT)
 def test_mitsuba_gives_a_light_without_a_spectrum_that_of_d65(kind: str) -> None:
     mi = mitsuba()
-    shape = {"type": "rectangle", "to_world": mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])}
+    shape = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0]),
+    }
     lamp = {**shape, "emitter": {"type": kind}} if kind == "area" else {"type": kind}
     if kind in ("spot", "projector"):
         lamp["to_world"] = shape["to_world"]
@@ -90,7 +98,9 @@ def test_mitsuba_gives_a_light_without_a_spectrum_that_of_d65(kind: str) -> None
         lamp["position"] = [0, 0, 2]
     point = mi.SurfaceInteraction3f()
     point.wavelengths, point.n = [355.0, 450.0, 650.0, 835.0], [0, 0, 1]
-    scene = mi.load_dict({"type": "scene", "lamp": lamp, "bead": {"type": "sphere", "radius": 0.1}})
+    scene = mi.load_dict(
+        {"type": "scene", "lamp": lamp, "bead": {"type": "sphere", "radius": 0.1}}
+    )
     weight = np.array(scene.emitters()[0].sample_direction(point, [0.5, 0.5])[1])
     assert weight[0] == weight[3] == 0.0
     assert weight[1] / weight[2] == pytest.approx(117.008 / 80.0268, rel=1e-3)  # CIE D65
@@ -99,10 +109,20 @@ def test_mitsuba_gives_a_light_without_a_spectrum_that_of_d65(kind: str) -> None
 def test_the_sky_is_lit_from_320_to_720_nm(tmp_path: Path) -> None:
     """Rendered at 340 nm, where it has light; refused at 800 nm with the range of its data, where it has none."""
     path = write_scene(tmp_path, scene_text(ball(grey("0.5")), '<emitter type="sunsky"/>'))
-    light = ms.render(path, INFRARED, EXPOSURE, width=8, spp=8, variant="scalar_spectral", wavelength_nm=340)
+    light = ms.render(
+        path, INFRARED, EXPOSURE, width=8, spp=8, variant="scalar_spectral", wavelength_nm=340
+    )
     assert light.data.mean() > 0
     with pytest.raises(InputError, match="black outside 320 to 720 nm"):
-        ms.render(path, INFRARED, EXPOSURE, width=8, spp=8, variant="scalar_spectral", wavelength_nm=800)
+        ms.render(
+            path,
+            INFRARED,
+            EXPOSURE,
+            width=8,
+            spp=8,
+            variant="scalar_spectral",
+            wavelength_nm=800,
+        )
 
 
 TOO_LARGE = [
@@ -113,7 +133,10 @@ TOO_LARGE = [
     (texture("uniform", '<float name="value" value="1.5"/>'), "1.5", "from 0 to 1"),
     (texture("checkerboard", '<spectrum name="color0" value="3"/>'), "3", "percent"),
     (
-        texture("irregular", '<string name="wavelengths" value="300 800"/><string name="values" value="7 7"/>'),
+        texture(
+            "irregular",
+            '<string name="wavelengths" value="300 800"/><string name="values" value="7 7"/>',
+        ),
         "7",
         "percent",
     ),
@@ -130,14 +153,23 @@ TOO_LARGE = [
 
 
 @pytest.mark.parametrize(("reflectance", "largest", "remedy"), TOO_LARGE)
-def test_a_reflectance_above_one_is_wrong(tmp_path: Path, reflectance: str, largest: str, remedy: str) -> None:
+def test_a_reflectance_above_one_is_wrong(
+    tmp_path: Path, reflectance: str, largest: str, remedy: str
+) -> None:
     (finding,) = serious(tmp_path, SKY, ball(reflectance))
-    assert finding.level == "wrong" and f"'reflectance' in 1 place is as large as {largest}" in finding.what
+    assert (
+        finding.level == "wrong"
+        and f"'reflectance' in 1 place is as large as {largest}" in finding.what
+    )
     assert remedy in finding.remedy
 
 
 def test_every_share_of_light_that_comes_back_has_bounds(tmp_path: Path) -> None:
-    kinds = {"plastic": "diffuse_reflectance", "dielectric": "specular_transmittance", "principled": "base_color"}
+    kinds = {
+        "plastic": "diffuse_reflectance",
+        "dielectric": "specular_transmittance",
+        "principled": "base_color",
+    }
     for kind, name in kinds.items():
         (finding,) = serious(tmp_path, SKY, ball(grey("40", name), kind))
         assert f"{name!r} in 1 place is as large as 40" in finding.what
@@ -147,7 +179,9 @@ def test_a_table_in_percent_makes_light(tmp_path: Path) -> None:
     """What is called wrong is wrong: of a sky of 0.01, a convex surface of reflectance 40 sends back 40 times as much
     as a perfect one. The file is read beside the scene."""
     (tmp_path / "percent.spd").write_text("300 40\n1100 40\n", encoding="utf-8")
-    path = write_scene(tmp_path, scene_text(SKY, ball('<spectrum name="reflectance" filename="percent.spd"/>')))
+    path = write_scene(
+        tmp_path, scene_text(SKY, ball('<spectrum name="reflectance" filename="percent.spd"/>'))
+    )
     light, perfect = (ms.render(x, VISIBLE, EXPOSURE, width=8, spp=8, variant="scalar_spectral", denoise=False)
                       for x in (path, scene_text(SKY, ball(grey("1")))))  # fmt: skip
     assert light.data.max() / perfect.data.max() > 30
@@ -164,7 +198,9 @@ def test_an_element_of_a_dict_is_named_and_has_no_line() -> None:
         "sky": {"type": "constant"},
     }
     found = inspect_scene(parse_nodes(scene, {}), VISIBLE, {}, None)
-    assert [finding.where for finding in found if finding.level == "wrong"] == ['node "ball.bsdf"']
+    assert [finding.where for finding in found if finding.level == "wrong"] == [
+        'node "ball.bsdf"'
+    ]
 
 
 def test_values_outside_the_bands_of_the_camera_do_not_count(tmp_path: Path) -> None:
@@ -179,10 +215,14 @@ def test_negative_light_is_wrong(tmp_path: Path) -> None:
         assert finding.level == "wrong" and "as small as -0.5" in finding.what
 
 
-@pytest.mark.parametrize(("channels", "effect"), [(1, "more light is sent out"), (3, "Mitsuba takes 1 instead")])
+@pytest.mark.parametrize(
+    ("channels", "effect"), [(1, "more light is sent out"), (3, "Mitsuba takes 1 instead")]
+)
 def test_pictures_above_one_are_wrong(tmp_path: Path, channels: int, effect: str) -> None:
     (finding,) = serious(tmp_path, SKY, ball(picture(tmp_path, "p.exr", 3.0, channels)))
-    assert finding.level == "wrong" and "as large as 3" in finding.what and effect in finding.what
+    assert (
+        finding.level == "wrong" and "as large as 3" in finding.what and effect in finding.what
+    )
 
 
 def test_pictures_of_fractions_are_not_told(tmp_path: Path) -> None:
@@ -203,8 +243,12 @@ def test_a_medium_that_returns_more_light_than_it_gets_is_wrong(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_a_volume_that_returns_more_light_than_it_gets_is_wrong(tmp_path: Path, channels: int) -> None:
-    mitsuba().VolumeGrid(np.full((2, 2, 2, channels), 3, np.float32)).write(str(tmp_path / "v.vol"))
+def test_a_volume_that_returns_more_light_than_it_gets_is_wrong(
+    tmp_path: Path, channels: int
+) -> None:
+    mitsuba().VolumeGrid(np.full((2, 2, 2, channels), 3, np.float32)).write(
+        str(tmp_path / "v.vol")
+    )
     grid = '<volume name="albedo" type="gridvolume"><string name="filename" value="v.vol"/></volume>'
     medium = f'<medium name="interior" type="heterogeneous">{grid}</medium>'
     cube = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
@@ -230,17 +274,27 @@ end_header
 """
 
 
-def mesh(folder: Path, attribute: str, colour: str, kind: str = "float", names: str = "red green blue") -> str:
+def mesh(
+    folder: Path,
+    attribute: str,
+    colour: str,
+    kind: str = "float",
+    names: str = "red green blue",
+) -> str:
     """A square whose vertices have a colour, and whose material takes an attribute."""
     properties = "".join(f"property {kind} {name}\n" for name in names.split())
-    (folder / "square.ply").write_text(PLY.format(properties=properties, colour=colour), encoding="utf-8")
+    (folder / "square.ply").write_text(
+        PLY.format(properties=properties, colour=colour), encoding="utf-8"
+    )
     inside = texture("mesh_attribute", f'<string name="name" value="{attribute}"/>')
     bsdf = f'<bsdf type="twosided"><bsdf type="diffuse">{inside}</bsdf></bsdf>'
     return f'<shape type="ply"><string name="filename" value="square.ply"/>{bsdf}</shape>'
 
 
 @both_variants
-def test_an_attribute_that_the_mesh_does_not_have_is_refused(tmp_path: Path, variant: str) -> None:
+def test_an_attribute_that_the_mesh_does_not_have_is_refused(
+    tmp_path: Path, variant: str
+) -> None:
     use(choose_variant(skip_unless_usable(variant)))
     with pytest.raises(InputError, match=r"no attribute 'vertex_albedo'.*it has vertex_color"):
         serious(tmp_path, SKY, mesh(tmp_path, "vertex_albedo", "0.8 0.2 0.1"))
@@ -254,8 +308,12 @@ def test_an_attribute_of_a_shape_in_a_group_is_looked_for(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("kind", "names"), [("uchar", "red green blue"), ("float", "r g b")])
-def test_colours_of_vertices_from_0_to_255_are_wrong(tmp_path: Path, kind: str, names: str) -> None:
-    (finding,) = serious(tmp_path, SKY, mesh(tmp_path, "vertex_color", "100 200 50", kind, names))
+def test_colours_of_vertices_from_0_to_255_are_wrong(
+    tmp_path: Path, kind: str, names: str
+) -> None:
+    (finding,) = serious(
+        tmp_path, SKY, mesh(tmp_path, "vertex_color", "100 200 50", kind, names)
+    )
     assert finding.level == "wrong" and "'square.ply' are as large as 200" in finding.what
     read = loaded_colours(tmp_path)
     mesh(tmp_path, "vertex_color", "1 1 1")
@@ -273,7 +331,9 @@ end_header
 """
 
 
-def test_colours_of_vertices_are_read_from_bytes_and_a_damaged_file_has_none(tmp_path: Path) -> None:
+def test_colours_of_vertices_are_read_from_bytes_and_a_damaged_file_has_none(
+    tmp_path: Path,
+) -> None:
     """Two vertices as struct writes them; then the file cut after each of its bytes."""
     content = BYTES + struct.pack(">dBHfdBHf", 1e9, 3, 300, 0.5, 1e9, 255, 2, 4.0)
     path = tmp_path / "mesh.ply"
@@ -318,10 +378,15 @@ NAMED = '<string name="material" value="Cr"/>'
 def test_a_metal_continues_as_its_table_held_by_hand(variant: str) -> None:
     """Bit for bit, though the table by hand goes on to 1100 nm and the other one to the end of the camera."""
     use(choose_variant(skip_unless_usable(variant)))
-    named, by_hand = (scene_text(SKY, ball(inside, "conductor")) for inside in (NAMED, held("Cr", 1100.0)))
+    named, by_hand = (
+        scene_text(SKY, ball(inside, "conductor")) for inside in (NAMED, held("Cr", 1100.0))
+    )
     light, reference = render(named, variant=variant), render(by_hand, variant=variant)
     np.testing.assert_array_equal(light.data, reference.data)
-    assert any("table of 'Cr' in 1 place has 300.19 to 885.57 nm" in note for note in light.statistics.notes)
+    assert any(
+        "table of 'Cr' in 1 place has 300.19 to 885.57 nm" in note
+        for note in light.statistics.notes
+    )
 
 
 def test_a_metal_reflects_beyond_its_table_what_its_last_indices_do() -> None:
@@ -331,7 +396,13 @@ def test_a_metal_reflects_beyond_its_table_what_its_last_indices_do() -> None:
 
     def mean(inside: str) -> float:
         text = scene_text(SKY, WALL.format(inside), film=SQUARE, sensor=HEAD_ON)
-        options = {"width": 8, "spp": 8, "variant": "scalar_spectral", "denoise": False, "wavelength_nm": 950}
+        options = {
+            "width": 8,
+            "spp": 8,
+            "variant": "scalar_spectral",
+            "denoise": False,
+            "wavelength_nm": 950,
+        }
         return float(ms.render(text, INFRARED, EXPOSURE, **options).data.mean())
 
     n, k = 4.38, 4.31
@@ -342,7 +413,10 @@ def test_a_metal_reflects_beyond_its_table_what_its_last_indices_do() -> None:
 def test_a_metal_within_its_table_stays_as_it_is(tmp_path: Path) -> None:
     assert serious(tmp_path, SKY, ball(NAMED, "conductor")) == []
     (finding,) = serious(
-        tmp_path, SKY, ball('<string name="material" value="Cu_palik"/>', "roughconductor"), camera=INFRARED
+        tmp_path,
+        SKY,
+        ball('<string name="material" value="Cu_palik"/>', "roughconductor"),
+        camera=INFRARED,
     )
     assert finding.level == "note" and "309.95 to 826.53 nm" in finding.what
 
@@ -389,20 +463,28 @@ def test_the_share_of_the_photoelectrons_that_rests_on_a_table_is_told() -> None
     """A flat light, seen by a flat sensor from 400 to 1000 nm and a metal that fills the picture: with E ∝ R(λ) the
     electrons of the bands beyond 885.57 nm, of all, weighed by λ."""
     flat = VISIBLE.replace(
-        **{"quantum_efficiency.curves": {"mono": (0.5, 0.5)}, "quantum_efficiency.wavelengths_nm": (400, 1000)}
+        **{
+            "quantum_efficiency.curves": {"mono": (0.5, 0.5)},
+            "quantum_efficiency.wavelengths_nm": (400, 1000),
+        }
     )
     light = render(scene_text(SKY, ball(NAMED, "conductor")), flat)
     (note,) = (note for note in light.statistics.notes if "where data of the scene end" in note)
     nm = light.wavelengths_nm
     electrons = light.data.mean(axis=(0, 1), dtype=float) * nm
-    share = electrons[nm > 880].sum() / electrons.sum()  # the band from 880 to 890 nm reaches beyond
+    share = (
+        electrons[nm > 880].sum() / electrons.sum()
+    )  # the band from 880 to 890 nm reaches beyond
     assert note.startswith(f"up to {share:.1%} of the photoelectrons of the mono pixels")
 
 
 def test_lint_says_what_share_of_a_flat_spectrum_is_beyond(tmp_path: Path) -> None:
     """∫λ dλ from 830 to 1000 nm over that from 400 to 1000 nm: 37.0 % for a flat quantum efficiency."""
     flat = VISIBLE.replace(
-        **{"quantum_efficiency.curves": {"mono": (0.5, 0.5)}, "quantum_efficiency.wavelengths_nm": (400, 1000)}
+        **{
+            "quantum_efficiency.curves": {"mono": (0.5, 0.5)},
+            "quantum_efficiency.wavelengths_nm": (400, 1000),
+        }
     )
     share = (1000**2 - 830**2) / (1000**2 - 400**2)
     (finding,) = serious(tmp_path, '<emitter type="constant"/>', camera=flat)
@@ -410,7 +492,9 @@ def test_lint_says_what_share_of_a_flat_spectrum_is_beyond(tmp_path: Path) -> No
 
 
 @both_variants
-def test_nan_in_an_environment_map_makes_a_render_unreliable(tmp_path: Path, variant: str) -> None:
+def test_nan_in_an_environment_map_makes_a_render_unreliable(
+    tmp_path: Path, variant: str
+) -> None:
     mi = use(choose_variant(skip_unless_usable(variant)))
     sky = np.ones((4, 8, 3), np.float32)
     sky[1, 2] = np.nan

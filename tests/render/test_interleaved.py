@@ -23,14 +23,28 @@ RENDERS = 20
 def prepared(scene: object, width: int = 24, **options: object) -> PreparedRender:
     options = {"wavelength_nm": 550, **options}
     variant = skip_unless_usable("llvm_ad_spectral")
-    return prepare(scene, CAMERA, EXPOSURE, variant=variant, width=width, denoise=False, **options)
+    return prepare(
+        scene, CAMERA, EXPOSURE, variant=variant, width=width, denoise=False, **options
+    )
 
 
 def test_a_number_of_passes_is_shared_out_evenly_and_in_two_halves_where_it_can_be() -> None:
     """8 passes in halves, 9 in thirds, 13 at once; where anything else can end the render, one after the other."""
-    for passes, most, count in ((8, 99, 4), (8, 3, 2), (9, 99, 3), (13, 99, 13), (13, 5, 1), (16, 1, 1), (2, 99, 2)):
+    for passes, most, count in (
+        (8, 99, 4),
+        (8, 3, 2),
+        (9, 99, 3),
+        (13, 99, 13),
+        (13, 5, 1),
+        (16, 1, 1),
+        (2, 99, 2),
+    ):
         assert StopCriterion(passes, 4).together(most) == count
-    for stop in (StopCriterion(8, 4, goal=0.1), StopCriterion(8, 4, max_seconds=9.0), StopCriterion(8, 4, sized=False)):
+    for stop in (
+        StopCriterion(8, 4, goal=0.1),
+        StopCriterion(8, 4, max_seconds=9.0),
+        StopCriterion(8, 4, sized=False),
+    ):
         assert stop.together(99) == 1
 
 
@@ -67,7 +81,9 @@ def test_the_mean_is_that_of_single_passes_and_the_error_bars_are_of_independent
         for seed in range(first, first + RENDERS):
             job.renderer.run(seed, stop, lambda step: None)
             found.append(job.renderer.electrons())
-        return np.array([mean for mean, _ in found]), np.array([variance for _, variance in found])
+        return np.array([mean for mean, _ in found]), np.array(
+            [variance for _, variance in found]
+        )
 
     mean, variance = renders(0)
     with patch.object(interleaved, "MOST_IN_FLIGHT", 1):
@@ -75,8 +91,12 @@ def test_the_mean_is_that_of_single_passes_and_the_error_bars_are_of_independent
     sums = mean.sum(axis=(1, 2)), single.sum(axis=(1, 2))
     apart = abs(sums[0].mean() - sums[1].mean())
     assert apart < 4 * np.hypot(sums[0].std(), sums[1].std()) / RENDERS**0.5
-    assert mean.var(axis=0, ddof=1).sum() == pytest.approx(variance.mean(axis=0).sum(), rel=0.08)
-    normal = (mean - mean.mean(axis=0)) / mean.std(axis=0)  # 11 040 pairs of neighbours: 0.01 is a standard error
+    assert mean.var(axis=0, ddof=1).sum() == pytest.approx(
+        variance.mean(axis=0).sum(), rel=0.08
+    )
+    normal = (mean - mean.mean(axis=0)) / mean.std(
+        axis=0
+    )  # 11 040 pairs of neighbours: 0.01 is a standard error
     neighbours = np.corrcoef(normal[:, :, 1:].ravel(), normal[:, :, :-1].ravel())
     assert abs(neighbours[0, 1]) < 0.05
 
@@ -97,7 +117,11 @@ def test_a_render_of_few_samples_is_two_launches_of_one_kernel() -> None:
 def test_every_kind_of_channels_has_the_same_light(spectral: str) -> None:
     """The whole picture's photoelectrons within 2 % of those of single passes, 128 samples."""
     options = {"spectral": spectral, "wavelength_nm": None, "bandwidth_nm": 50}
-    job, stop, sums = prepared(SCENES / "cornell_box.xml", **options), stop_criterion_of({"spp": 128}), []
+    job, stop, sums = (
+        prepared(SCENES / "cornell_box.xml", **options),
+        stop_criterion_of({"spp": 128}),
+        [],
+    )
     for most in (interleaved.MOST_IN_FLIGHT, 1):
         with patch.object(interleaved, "MOST_IN_FLIGHT", most):
             job.renderer.run(1, stop, lambda step: None)
@@ -115,7 +139,10 @@ def test_a_camera_within_a_medium_stays_within_it(tmp_path) -> None:
     medium += '<spectrum name="albedo" value="0"/></medium>'
     text, found = scene_text(medium, '<integrator type="volpath"/>', wall), []
     for inside in (False, True):
-        here = text.replace('<sensor type="perspective">', '<sensor type="perspective"><ref name="m" id="water"/>')
+        here = text.replace(
+            '<sensor type="perspective">',
+            '<sensor type="perspective"><ref name="m" id="water"/>',
+        )
         job = prepared(write_scene(tmp_path, here if inside else text), 12)
         rows = job.scene.view.crop_size[1]
         found.append([job.scene.render(5, 64, (0, rows), count).mean() for count in (1, 4)])

@@ -16,7 +16,15 @@ import numpy as np
 import pytest
 from helpers.marks import one_in
 from helpers.patches import REFLECTANCES
-from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    BALL,
+    SCENES,
+    SKY,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
@@ -47,10 +55,14 @@ def test_flat_field_equals_closed_form(variant: str) -> None:
     """
     expected = math.pi * 2e-4 / (4 * 2.8**2)
     options = {"parameters": SMALL, "variant": skip_unless_usable(variant)}
-    single = render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, wavelength_nm=550, spp=16, **options)
+    single = render(
+        SCENES / "flat_field.xml", CAMERA, EXPOSURE, wavelength_nm=550, spp=16, **options
+    )
     assert single.data.shape == (16, 16, 1)
     np.testing.assert_allclose(single.data, expected, rtol=1e-4)
-    cube = render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, bandwidth_nm=50, spp=1024, **options)
+    cube = render(
+        SCENES / "flat_field.xml", CAMERA, EXPOSURE, bandwidth_nm=50, spp=1024, **options
+    )
     np.testing.assert_allclose(cube.data.mean(axis=(0, 1)), expected, rtol=1e-3)
 
 
@@ -62,7 +74,12 @@ def test_perspective_uniform_scene_falls_off_with_cos4(tmp_path: Path, variant: 
     step = np.linspace(-0.5, 0.5, 9) * half
     fine = [(1 + (x + a) ** 2 + (y + b) ** 2) ** -2.0 for a in step for b in step]
     edge = np.array([0.5, *[1] * 7, 0.5]) / 8
-    expected = math.pi * 2e-4 / (4 * 2.8**2) * np.average(fine, axis=0, weights=np.outer(edge, edge).ravel())
+    expected = (
+        math.pi
+        * 2e-4
+        / (4 * 2.8**2)
+        * np.average(fine, axis=0, weights=np.outer(edge, edge).ravel())
+    )
     light = render(
         write_scene(tmp_path, scene_text(SKY)),
         CAMERA,
@@ -90,7 +107,9 @@ def test_each_color_checker_patch_has_the_photons_of_its_integral(variant: str) 
         variant=skip_unless_usable(variant),
     )
     assert light.statistics.samples_per_pixel == 1024
-    photons = light.data @ photons_per_irradiance(CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
+    photons = light.data @ photons_per_irradiance(
+        CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm
+    )
     patches = photons.reshape(4, 4, 6, 4)[:, 1:3, :, 1:3].mean(axis=(1, 3)).ravel()
     ratio = patches / [checker_photons(*table) for table in REFLECTANCES.values()]
     assert np.abs(ratio - 1).max() < 0.01, ratio
@@ -100,7 +119,9 @@ def test_each_color_checker_patch_has_the_photons_of_its_integral(variant: str) 
 def checker_photons(wavelengths_nm: np.ndarray, reflectance: np.ndarray) -> float:
     """Photons of one patch by direct integration of colour-science tables, 85 lux of D65."""
     fine = np.arange(400.0, 700.5)
-    radiance = np.interp(fine, wavelengths_nm, reflectance) * spectra.d65_radiance(85 / math.pi, fine)
+    radiance = np.interp(fine, wavelengths_nm, reflectance) * spectra.d65_radiance(
+        85 / math.pi, fine
+    )
     per_nm = radiance * math.pi / (4 * 2.8**2) * (5.7e-6**2 * 0.5 * 0.1) / photon_energy_j(fine)
     return float(per_nm.sum() - 0.5 * (per_nm[0] + per_nm[-1]))
 
@@ -108,7 +129,9 @@ def checker_photons(wavelengths_nm: np.ndarray, reflectance: np.ndarray) -> floa
 def test_d65_of_one_lux_is_one_lux() -> None:
     """Integrated against V(λ), D65 of luminance L has L cd/m² (closed loop through colour-science's tables)."""
     fine = np.arange(360.0, 831.0)
-    assert spectra.luminous(fine, spectra.d65_radiance(100.0, fine)) == pytest.approx(100.0, rel=1e-12)
+    assert spectra.luminous(fine, spectra.d65_radiance(100.0, fine)) == pytest.approx(
+        100.0, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("mended", one_in(2, [True, False]))
@@ -128,9 +151,23 @@ def test_adjacent_bands_of_nearly_equal_height_are_unbiased(
     responses = []
     for low, high in zip(edges[:-1], edges[1:], strict=True):
         height = 1 + 3e-7 * random.standard_normal()
-        responses.append({"type": "irregular", "wavelengths": f"{low}, {high}", "values": f"{height!r}, {height!r}"})
-    sensor = {"type": "orthographic", "film": film.response_film(responses, {"width": 16, "height": 16})}
-    sky = {"type": "regular", "wavelength_min": 360.0, "wavelength_max": 830.0, "values": "1, 1"}
+        responses.append(
+            {
+                "type": "irregular",
+                "wavelengths": f"{low}, {high}",
+                "values": f"{height!r}, {height!r}",
+            }
+        )
+    sensor = {
+        "type": "orthographic",
+        "film": film.response_film(responses, {"width": 16, "height": 16}),
+    }
+    sky = {
+        "type": "regular",
+        "wavelength_min": 360.0,
+        "wavelength_max": 830.0,
+        "values": "1, 1",
+    }
     scene = mi.load_dict(
         {
             "type": "scene",
@@ -139,7 +176,9 @@ def test_adjacent_bands_of_nearly_equal_height_are_unbiased(
             "sensor": {**sensor, "sampler": {"type": "multijitter", "sample_count": 400}},
         }
     )
-    image = np.array(scene.integrator().render(scene, sensor=scene.sensors()[0], seed=1, spp=400))
+    image = np.array(
+        scene.integrator().render(scene, sensor=scene.sensors()[0], seed=1, spp=400)
+    )
     bands = image.astype(float).mean(axis=(0, 1)) / 10
     if mended:
         np.testing.assert_allclose(bands, 1.0, atol=6e-3)
@@ -161,11 +200,16 @@ def test_same_seed_same_bits_and_another_seed_another_noise(tmp_path: Path) -> N
     """One seed gives identical arrays; another moves every lit pixel by no more than six standard errors."""
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf="")))
     a, b, c = (
-        render(path, CAMERA, EXPOSURE, bandwidth_nm=100, spp=64, seed=s, variant="scalar_spectral") for s in (1, 1, 2)
+        render(
+            path, CAMERA, EXPOSURE, bandwidth_nm=100, spp=64, seed=s, variant="scalar_spectral"
+        )
+        for s in (1, 1, 2)
     )
     np.testing.assert_array_equal(a.data, b.data)
     assert (a.data != c.data).any()
-    assert (np.abs(a.data - c.data) <= 6 * np.hypot(a.standard_error, c.standard_error) + 1e-12).mean() > 0.98
+    assert (
+        np.abs(a.data - c.data) <= 6 * np.hypot(a.standard_error, c.standard_error) + 1e-12
+    ).mean() > 0.98
 
 
 def test_error_bars_cover_the_reference() -> None:
@@ -184,9 +228,14 @@ def test_error_bars_cover_the_reference() -> None:
         denoise=False,
     )
     assert light.statistics.passes == 16
-    weights = photons_per_irradiance(CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
+    weights = photons_per_irradiance(
+        CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm
+    )
     expected = math.pi * 2e-4 / (4 * 2.8**2) * weights.sum()
-    covered = np.abs(light.data @ weights * light.in_band - expected) < light.relative_error * expected
+    covered = (
+        np.abs(light.data @ weights * light.in_band - expected)
+        < light.relative_error * expected
+    )
     assert 0.60 < covered.mean() < 0.75
 
 
@@ -196,15 +245,30 @@ def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> Non
     Dark current of 174 e- in 0.1 s and 3 e- of read noise beside 16 000 e- of light; 1/12 DN² is 5 e-².
     """
     camera = CAMERA.replace(**{"readout.reset": "true_cds", "readout.ve_nonlinearity": 0.0})
-    options = {"spp": 64, "bandwidth_nm": 60, "parameters": SMALL, "variant": "scalar_spectral", "denoise": False}
+    options = {
+        "spp": 64,
+        "bandwidth_nm": 60,
+        "parameters": SMALL,
+        "variant": "scalar_spectral",
+        "denoise": False,
+    }
     job = prepare(SCENES / "flat_field.xml", camera, EXPOSURE, **options)
     light = job.render(1, job.stop_criterion({"spp": 64}))
-    electrons = 0.6 * (light.data @ photons_per_irradiance(camera, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm))
+    electrons = 0.6 * (
+        light.data
+        @ photons_per_irradiance(camera, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
+    )
     k, read_noise = gain_dn_per_e(camera), SourceFollowerNoise.from_camera(camera, ())
-    noise = electrons + mean_dark_e(camera, EXPOSURE) + (read_noise.sigma_v / sense_gain_v_per_e(camera)) ** 2
+    noise = (
+        electrons
+        + mean_dark_e(camera, EXPOSURE)
+        + (read_noise.sigma_v / sense_gain_v_per_e(camera)) ** 2
+    )
     ratio = job.renderer.electrons()[1] / (noise + 1 / 12 / k**2)
     found = light.statistics
-    assert found.noise_ratio_median == pytest.approx(np.median(ratio) * 7 / 6.346, rel=2e-3)  # χ² of 7
+    assert found.noise_ratio_median == pytest.approx(
+        np.median(ratio) * 7 / 6.346, rel=2e-3
+    )  # χ² of 7
     assert found.noise_ratio_max == pytest.approx(ratio.max(), rel=2e-3)
     assert found.noise_ratio_p95 == pytest.approx(np.percentile(ratio, 95), rel=2e-3)
 
@@ -230,7 +294,9 @@ def test_dark_exposure_has_no_noise_ratio() -> None:
     assert light.statistics.noise_ratio_max == 0
 
 
-def test_strips_of_rows_see_what_the_whole_film_sees(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_strips_of_rows_see_what_the_whole_film_sees(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Cut into strips of one and two rows, a single-band uniform scene keeps its cos⁴ in every pixel."""
     path, reports = write_scene(tmp_path, scene_text(SKY)), []
     options = {"wavelength_nm": 550, "spp": 16, "variant": "scalar_spectral"}
@@ -250,12 +316,16 @@ def test_crop_of_the_film_is_the_crop_of_the_picture(tmp_path: Path) -> None:
         f'<integer name="crop_{k}" value="{v}"/>'
         for k, v in (("width", 3), ("height", 2), ("offset_x", 9), ("offset_y", 1))
     )
-    part = render(write_scene(tmp_path, scene_text(SKY, film=crop)), CAMERA, EXPOSURE, **options)
+    part = render(
+        write_scene(tmp_path, scene_text(SKY, film=crop)), CAMERA, EXPOSURE, **options
+    )
     np.testing.assert_allclose(part.data, full.data[1:3, 9:12], rtol=1e-5)
     assert any("crop" in note for note in part.statistics.notes)
 
 
-def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """In every one of 8 passes: one NaN, one negative (both become 0), one +inf band (then its pixel is infinite)."""
     real = Scene.render
 
@@ -306,7 +376,9 @@ def test_one_sample_still_makes_two_passes_and_says_so() -> None:
         variant="scalar_spectral",
     )
     assert (light.statistics.passes, light.statistics.samples_per_pixel) == (2, 2)
-    assert any("1 samples per pixel asked for, 2 taken" in note for note in light.statistics.notes)
+    assert any(
+        "1 samples per pixel asked for, 2 taken" in note for note in light.statistics.notes
+    )
 
 
 def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
@@ -321,7 +393,9 @@ def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
         parameters={"width": 32, "height": 32},
         variant="scalar_spectral",
     )
-    by_filter = [light.relative_error[camera.filter_index((32, 32)) == f].mean() for f in range(3)]
+    by_filter = [
+        light.relative_error[camera.filter_index((32, 32)) == f].mean() for f in range(3)
+    ]
     assert np.ptp(by_filter) > 0.05 * np.mean(by_filter)
 
 
@@ -343,14 +417,23 @@ def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
 )
 def test_nonsense_is_refused_in_one_sentence(options: dict[str, object], sentence: str) -> None:
     with pytest.raises(InputError) as caught:
-        render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, **{"variant": "scalar_spectral", **options})
+        render(
+            SCENES / "flat_field.xml",
+            CAMERA,
+            EXPOSURE,
+            **{"variant": "scalar_spectral", **options},
+        )
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_the_error_of_a_sum_lies_between_its_pixels_in_quadrature_and_one_error_of_all(light: Any) -> None:
+def test_the_error_of_a_sum_lies_between_its_pixels_in_quadrature_and_one_error_of_all(
+    light: Any,
+) -> None:
     """Even light: error bars of 1 %, of the passes 3 %. Of 4 denoised pixels the bound of one common error counts, of
     192 the passes in quadrature, 3 %/√192; with small errors of the passes the pixels' own in quadrature, 1 %/√192."""
-    even = replace(light, data=np.ones_like(light.data), pass_error=np.full((12, 16), 0.03, np.float32))
+    even = replace(
+        light, data=np.ones_like(light.data), pass_error=np.full((12, 16), 0.03, np.float32)
+    )
     denoised = replace(even, statistics=replace(light.statistics, denoised={"by": "a filter"}))
     corner, mask = np.s_[:2, :2], np.zeros((12, 16), bool)
     mask[5, 7] = True

@@ -33,7 +33,9 @@ BAND = np.array([545.0, 555.0])
 def camera(pitch_mm: float, **lens: Any) -> Camera:
     lens = {"prescription": "double_gauss", **lens}
     pitch = {"pixel.pitch_x_um": pitch_mm * 1e3, "pixel.pitch_y_um": pitch_mm * 1e3}
-    return load_camera("konnik_table1").replace(**pitch, **{f"lens.{k}": v for k, v in lens.items()})
+    return load_camera("konnik_table1").replace(
+        **pitch, **{f"lens.{k}": v for k, v in lens.items()}
+    )
 
 
 def sensor(kind: str = "perspective", more: str = "", size: tuple[int, int] = (12, 8)) -> str:
@@ -43,7 +45,9 @@ def sensor(kind: str = "perspective", more: str = "", size: tuple[int, int] = (1
     )
 
 
-def load(tmp_path: Path, cam: Camera, variant: str = LLVM, edges_nm: np.ndarray = BAND, **fields: Any) -> Scene:
+def load(
+    tmp_path: Path, cam: Camera, variant: str = LLVM, edges_nm: np.ndarray = BAND, **fields: Any
+) -> Scene:
     use(choose_variant(skip_unless_usable(variant)))
     path = write_scene(tmp_path, scene_text(SKY, sensor=sensor(**fields)))
     return load_scene(path, box_bands(cam, edges_nm), {}, cam)
@@ -55,7 +59,9 @@ def relative(scene: Scene, spp: int, seed: int = 1) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("f_number", "traced"), AXIAL_IRRADIANCE.items())
-def test_irradiance_on_the_axis_is_that_of_the_traced_pupil(tmp_path: Path, f_number: float, traced: float) -> None:
+def test_irradiance_on_the_axis_is_that_of_the_traced_pupil(
+    tmp_path: Path, f_number: float, traced: float
+) -> None:
     """8 × 8 pixels of 0.02 mm, 16384 samples: 95 % pass, so 0.02 % of standard error; held to 0.1 %, where π/(4N²) is
     off by 0.95 % and 0.17 %."""
     scene = load(tmp_path, camera(0.02, f_number=f_number), size=(8, 8))
@@ -72,15 +78,24 @@ def test_vignetting_from_the_axis_to_the_corner_is_that_of_counted_rays(tmp_path
     """
     cam = camera(3.0)
     points, image = cardinal_points(cam.lens), relative(load(tmp_path, cam), 4096)
-    for (row, column), rays in {(4, 6): 300_000, (4, 8): 300_000, (4, 11): 300_000, (7, 11): 1_000_000}.items():
+    for (row, column), rays in {
+        (4, 6): 300_000,
+        (4, 8): 300_000,
+        (4, 11): 300_000,
+        (7, 11): 1_000_000,
+    }.items():
         corners = (3.0 * (column - 6), 3.0 * (row - 4)), (3.0 * (column - 5), 3.0 * (row - 3))
-        counted, error = irradiance(DOUBLE_GAUSS, corners, points.back_focus, points.stop_radius, rays)
+        counted, error = irradiance(
+            DOUBLE_GAUSS, corners, points.back_focus, points.stop_radius, rays
+        )
         assert error < 0.005 * counted
         assert image[row, column] == pytest.approx(counted, abs=4 * error + 1e-3 * counted)
     assert image[7, 11] / image[4, 6] == pytest.approx(0.444, abs=0.01)
 
 
-def test_a_lens_closed_far_falls_off_with_cos4_over_the_area_of_its_distortion(tmp_path: Path) -> None:
+def test_a_lens_closed_far_falls_off_with_cos4_over_the_area_of_its_distortion(
+    tmp_path: Path,
+) -> None:
     """At f/16 nothing is cut off 9 mm from the axis: cos⁴θ·dA(ideal)/dA(real) within 0.6 %; cos⁴ alone is 1.2 % off.
 
     What is left is the entrance pupil, which grows by 0.3 % there. The closed form of a measured distortion, tested
@@ -98,21 +113,29 @@ def test_a_lens_closed_far_falls_off_with_cos4_over_the_area_of_its_distortion(t
     assert np.abs(image / cos4 - 1).max() > 9e-3
 
 
-def rays(scene: Scene, place: tuple[float, float], aperture: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rays(
+    scene: Scene, place: tuple[float, float], aperture: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, directions (n, 3) and weights (n,) of rays from one place of the film [fractions]."""
     from mitsuba_sensor.render.variants import mitsuba
 
     mi, found = mitsuba(), []
     for a in aperture:
-        ray, weight = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(*place), mi.Point2f(*map(float, a)))
+        ray, weight = scene.sensor.sample_ray(
+            0.0, 0.5, mi.Point2f(*place), mi.Point2f(*map(float, a))
+        )
         found.append([np.ravel(v) for v in (ray.o, ray.d, np.ravel(weight)[:1])])
     return tuple(np.array(column) for column in zip(*found, strict=True))
 
 
-EDGE = np.array([[0.5 + 0.47 * math.cos(a), 0.5 + 0.47 * math.sin(a)] for a in np.arange(8) * math.pi / 4])
+EDGE = np.array(
+    [[0.5 + 0.47 * math.cos(a), 0.5 + 0.47 * math.sin(a)] for a in np.arange(8) * math.pi / 4]
+)
 
 
-def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(tmp_path: Path) -> None:
+def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(
+    tmp_path: Path,
+) -> None:
     """All rays of a place meet at the focus distance; at half of it they are half a pupil radius from each other."""
     cam = camera(0.75, focus_m=2.0, f_number=8.0)
     origins, ways, weights = rays(load(tmp_path, cam), (0.5, 0.5), EDGE)
@@ -128,11 +151,16 @@ def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(tm
 
 
 def test_the_scenes_own_focus_distance_is_used(tmp_path: Path) -> None:
-    thin = '<float name="aperture_radius" value="0.01"/><float name="focus_distance" value="3"/>'
+    thin = (
+        '<float name="aperture_radius" value="0.01"/><float name="focus_distance" value="3"/>'
+    )
     own = load(tmp_path, camera(0.75), kind="thinlens", more=thin)
     assert (own.view.focus_m, own.view.sequential) == (3.0, True)
     assert load(tmp_path, camera(0.75)).view.focus_m == math.inf
-    assert load(tmp_path, camera(0.75, focus_m=5.0), kind="thinlens", more=thin).view.focus_m == 5.0
+    assert (
+        load(tmp_path, camera(0.75, focus_m=5.0), kind="thinlens", more=thin).view.focus_m
+        == 5.0
+    )
 
 
 def test_scalar_and_llvm_trace_the_same_rays(tmp_path: Path) -> None:
@@ -140,20 +168,30 @@ def test_scalar_and_llvm_trace_the_same_rays(tmp_path: Path) -> None:
     found = []
     for variant in ("scalar_spectral", LLVM):
         scene = load(tmp_path, camera(3.0), variant)
-        found.append([rays(scene, place, EDGE[:2] * 0.8) for place in ((0.5, 0.5), (0.2, 0.7), (0.95, 0.95))])
+        found.append(
+            [
+                rays(scene, place, EDGE[:2] * 0.8)
+                for place in ((0.5, 0.5), (0.2, 0.7), (0.95, 0.95))
+            ]
+        )
     for scalar, llvm in zip(*found, strict=True):
         for ours, theirs in zip(scalar, llvm, strict=True):
             np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=2e-6)
 
 
 def test_scalar_says_that_it_is_slow(tmp_path: Path) -> None:
-    assert any("an llvm variant" in note for note in load(tmp_path, camera(3.0), "scalar_spectral").notes)
+    assert any(
+        "an llvm variant" in note
+        for note in load(tmp_path, camera(3.0), "scalar_spectral").notes
+    )
     assert not any("an llvm variant" in note for note in load(tmp_path, camera(3.0)).notes)
 
 
 @both_variants
 @pytest.mark.parametrize("lens", [{}, {"prescription": None, "distortion": [-0.2, 0, 0, 0, 0]}])
-def test_a_sensor_that_is_moved_takes_its_lens_along(tmp_path: Path, variant: str, lens: dict[str, Any]) -> None:
+def test_a_sensor_that_is_moved_takes_its_lens_along(
+    tmp_path: Path, variant: str, lens: dict[str, Any]
+) -> None:
     """Through the parameters of this sensor, and of the one in the scene."""
     scene = load(tmp_path, camera(0.75, **lens), variant)
     mi = use(choose_variant(variant))
@@ -175,12 +213,20 @@ def test_dispersion_refracts_blue_light_more_by_the_makers_index(tmp_path: Path)
 
     What the same ray has without dispersion, its spherical aberration, is taken off.
     """
-    indices = {450.0: 1.52532, 650.0: 1.51452, 587.5618: 1.51680}  # refractiveindex.info, Sellmeier of Schott
+    indices = {
+        450.0: 1.52532,
+        650.0: 1.51452,
+        587.5618: 1.51680,
+    }  # refractiveindex.info, Sellmeier of Schott
     slopes = {}
     for nm in (450.0, 650.0):
         lens = {"prescription": "singlet", "f_number": 16.0}
         colour, plain = (
-            load(tmp_path, camera(0.01, **lens, dispersion=on), edges_nm=np.array([nm - 0.5, nm + 0.5]))
+            load(
+                tmp_path,
+                camera(0.01, **lens, dispersion=on),
+                edges_nm=np.array([nm - 0.5, nm + 0.5]),
+            )
             for on in (True, False)
         )
         height = 0.0
@@ -208,7 +254,9 @@ def test_rays_carry_the_solid_angle_and_the_view_says_so(tmp_path: Path) -> None
     view = load(tmp_path, cam).view
     assert (solid_angle_sr(view, cam) == 1).all() and solid_angle_sr(view, cam).shape == (8, 12)
     assert aperture_f_number(view, cam) == 2.8
-    assert view.half_width == pytest.approx(18.0 / cardinal_points(cam.lens).focal_length, rel=1e-12)
+    assert view.half_width == pytest.approx(
+        18.0 / cardinal_points(cam.lens).focal_length, rel=1e-12
+    )
 
 
 def test_rays_start_in_the_units_of_the_scene(tmp_path: Path) -> None:
@@ -216,7 +264,9 @@ def test_rays_start_in_the_units_of_the_scene(tmp_path: Path) -> None:
     cam = camera(3.0)
     in_metres = load(tmp_path, cam)
     in_mm = load_scene(tmp_path / "scene.xml", box_bands(cam, BAND), {}, cam, "mm")
-    (start, way, _), (start_mm, way_mm, _) = (rays(scene, (0.4, 0.6), EDGE[1:2]) for scene in (in_metres, in_mm))
+    (start, way, _), (start_mm, way_mm, _) = (
+        rays(scene, (0.4, 0.6), EDGE[1:2]) for scene in (in_metres, in_mm)
+    )
     np.testing.assert_allclose(start_mm, start * 1000, rtol=1e-5)
     np.testing.assert_allclose(way_mm, way, rtol=1e-5)
     assert start_mm[0, 2] == pytest.approx(cardinal_points(cam.lens).entrance_pupil, rel=0.2)
@@ -233,18 +283,24 @@ def test_pixels_that_are_not_square_have_two_focal_lengths_in_k(tmp_path: Path) 
     np.testing.assert_allclose(back[:2], [9.0, 6.0], atol=0.01)
 
 
-def test_the_notes_say_what_the_lens_determines_and_where_it_passes_no_light(tmp_path: Path) -> None:
+def test_the_notes_say_what_the_lens_determines_and_where_it_passes_no_light(
+    tmp_path: Path,
+) -> None:
     notes = load(tmp_path, camera(3.0, focus_m=2.0)).notes
     expected = r"the lens 'double_gauss' determines the field of view, 38.5 degrees across instead of the scene's 60"
     assert any(note.startswith(expected) and "focused at 2 m" in note for note in notes)
-    dark = [note for note in load(tmp_path, camera(8.0)).notes if "no light comes through" in note]
+    dark = [
+        note for note in load(tmp_path, camera(8.0)).notes if "no light comes through" in note
+    ]
     assert len(dark) == 1 and "the sensor's corner is at 57.7 mm" in dark[0]
 
 
 @pytest.mark.parametrize("lens", [{}, {"prescription": None, "distortion": [-0.2, 0, 0, 0, 0]}])
 def test_an_orthographic_sensor_has_no_lens(tmp_path: Path, lens: dict[str, Any]) -> None:
     use(choose_variant("scalar_spectral"))
-    text = scene_text(SKY, sensor=sensor("orthographic").replace('<float name="fov" value="60"/>', ""))
+    text = scene_text(
+        SKY, sensor=sensor("orthographic").replace('<float name="fov" value="60"/>', "")
+    )
     cam = camera(3.0, **lens)
     with pytest.raises(InputError, match="orthographic") as caught:
         load_scene(write_scene(tmp_path, text), box_bands(cam, BAND), {}, cam)

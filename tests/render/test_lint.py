@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import BALL, SCENES, SHIPPED, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    BALL,
+    SCENES,
+    SHIPPED,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.camera_file import load_camera
@@ -19,16 +27,28 @@ from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 VISIBLE = load_camera("konnik_table1")
 INFRARED = VISIBLE.replace(
-    **{"quantum_efficiency.curves": {"mono": (0.6, 0.3)}, "quantum_efficiency.wavelengths_nm": (400, 1000)}
+    **{
+        "quantum_efficiency.curves": {"mono": (0.6, 0.3)},
+        "quantum_efficiency.wavelengths_nm": (400, 1000),
+    }
 )
 OURS = '<sampler type="multijitter"/>'
 FILM = """<film type="specfilm"><integer name="width" value="12"/><integer name="height" value="8"/>
 <string name="component_format" value="float32"/><rfilter type="box"/>
 <spectrum name="band" value="360:1, 830:1"/></film>"""
-SENSOR = '<sensor type="perspective"><float name="fov" value="60"/>{more}' + FILM + OURS + "</sensor>"
+SENSOR = (
+    '<sensor type="perspective"><float name="fov" value="60"/>{more}'
+    + FILM
+    + OURS
+    + "</sensor>"
+)
 WHITE = '<emitter type="constant"><spectrum name="radiance" value="1e-4"/></emitter>'
-GREY = BALL.format(bsdf='<bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf>')
-RED = BALL.format(bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>')
+GREY = BALL.format(
+    bsdf='<bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf>'
+)
+RED = BALL.format(
+    bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>'
+)
 POINT = '<emitter type="point"><spectrum name="intensity" value="1"/></emitter>'
 PROJECTOR = '<emitter type="projector"><spectrum name="irradiance" value="1"/></emitter>'
 
@@ -48,7 +68,9 @@ def clean(*elements: str, more: str = "") -> str:
     return scene_text(WHITE, GREY, *elements, sensor=sensor(more))
 
 
-def findings(folder: Path, text: str, camera: Camera = VISIBLE, scene_unit: str | None = None) -> tuple[Finding, ...]:
+def findings(
+    folder: Path, text: str, camera: Camera = VISIBLE, scene_unit: str | None = None
+) -> tuple[Finding, ...]:
     return inspect_scene(write_scene(folder, text), camera, {}, scene_unit)
 
 
@@ -65,7 +87,9 @@ def test_a_clean_scene_has_no_finding(tmp_path: Path, camera: Camera) -> None:
 @pytest.mark.parametrize("name", (*SHIPPED, "one_file", "first_frame"))
 def test_the_shipped_scenes_are_clean_from_360_to_830_nm(name: str) -> None:
     camera = VISIBLE.replace(**{"quantum_efficiency.wavelengths_nm": (360, 830)})
-    assert inspect_scene(SCENES / f"{name}.xml", camera, {"width": 16, "height": 12}, None) == ()
+    assert (
+        inspect_scene(SCENES / f"{name}.xml", camera, {"width": 16, "height": 12}, None) == ()
+    )
 
 
 DARK = [
@@ -81,15 +105,21 @@ DARK = [
 
 
 @pytest.mark.parametrize(("value", "ends"), DARK)
-def test_a_light_that_ends_inside_the_band_is_black(tmp_path: Path, value: str, ends: str) -> None:
+def test_a_light_that_ends_inside_the_band_is_black(
+    tmp_path: Path, value: str, ends: str
+) -> None:
     """Found for a camera that sees to 1000 nm, with the two ends; the flat light of the clean scene is not."""
     (found,) = findings(tmp_path, light(value), INFRARED)
-    assert found.level == "black" and f"light in 1 place is black outside {ends} nm" in found.what
+    assert (
+        found.level == "black" and f"light in 1 place is black outside {ends} nm" in found.what
+    )
     assert "line" in found.where and "400 to 1000" in found.remedy
 
 
 def test_a_blackbody_with_ends_of_its_own_is_not_black(tmp_path: Path) -> None:
-    ends = '<float name="wavelength_min" value="300"/><float name="wavelength_max" value="1100"/>'
+    ends = (
+        '<float name="wavelength_min" value="300"/><float name="wavelength_max" value="1100"/>'
+    )
     body = f'<spectrum type="blackbody" name="radiance"><float name="temperature" value="3000"/>{ends}</spectrum>'
     assert findings(tmp_path, light(body), INFRARED) == ()
 
@@ -102,13 +132,14 @@ def test_a_blackbody_with_ends_of_its_own_is_not_black(tmp_path: Path) -> None:
         '<texture type="bitmap" name="radiance"><string name="filename" value="grey.exr"/></texture>',
     ],
 )
-def test_a_coloured_texture_of_a_lamp_is_made_up_outside_the_visible(tmp_path: Path, texture: str) -> None:
+def test_a_coloured_texture_of_a_lamp_is_made_up_outside_the_visible(
+    tmp_path: Path, texture: str
+) -> None:
     """Unlike an rgb lamp it is not multiplied by D65 and does not end: Mitsuba extrapolates it."""
     mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
-    lamp = (
-        f'<shape type="sphere"><point name="center" value="0, 0, 4"/><emitter type="area">{texture}</emitter></shape>'
-    )
+    emitter = f'<emitter type="area">{texture}</emitter>'
+    lamp = f'<shape type="sphere"><point name="center" value="0, 0, 4"/>{emitter}</shape>'
     (found,) = findings(tmp_path, clean(lamp), INFRARED)
     assert found.level == "wrong" and "extrapolated" in found.what
     assert findings(tmp_path, clean(lamp)) == ()
@@ -140,7 +171,9 @@ def test_what_is_called_black_is_black(tmp_path: Path) -> None:
 
 
 def test_a_reflectance_that_ends_is_black_in_all_its_places(tmp_path: Path) -> None:
-    short = BALL.format(bsdf='\n<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>')
+    short = BALL.format(
+        bsdf='\n<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>'
+    )
     (found,) = findings(tmp_path, clean(short, short))
     assert (found.level, found.where) == ("black", "lines 4, 5")
     assert "'reflectance' in 2 places is black outside 450 to 650 nm" in found.what
@@ -156,10 +189,19 @@ def test_colours_are_made_up_outside_the_visible(tmp_path: Path, bsdf: str) -> N
     """An rgb red of 0.8 becomes 0.999 at 850 nm: told to an infrared camera only."""
     mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
-    picture = '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">{}</texture></bsdf>'
-    ball = RED if bsdf == "rgb" else BALL.format(bsdf=picture.format('<string name="filename" value="grey.exr"/>'))
+    picture = (
+        '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">{}</texture></bsdf>'
+    )
+    ball = (
+        RED
+        if bsdf == "rgb"
+        else BALL.format(bsdf=picture.format('<string name="filename" value="grey.exr"/>'))
+    )
     (found,) = findings(tmp_path, clean(ball), INFRARED)
-    assert found.level == "wrong" and "rgb in 1 place is extrapolated outside 360 to 830 nm" in found.what
+    assert (
+        found.level == "wrong"
+        and "rgb in 1 place is extrapolated outside 360 to 830 nm" in found.what
+    )
     assert findings(tmp_path, clean(ball)) == ()
 
 
@@ -174,7 +216,9 @@ def test_raw_pictures_are_no_colours(tmp_path: Path) -> None:
 def test_a_float_light_is_d65_and_is_told(tmp_path: Path) -> None:
     """Found, and true: Mitsuba's float light has the ratio of D65 between two wavelengths, its spectrum is flat."""
     (found,) = findings(tmp_path, light('<float name="radiance" value="1"/>'))
-    assert found.level == "wrong" and "a float in 1 place gives the spectrum of D65" in found.what
+    assert (
+        found.level == "wrong" and "a float in 1 place gives the spectrum of D65" in found.what
+    )
     mi = use(choose_variant("scalar_spectral"))
 
     def ratio(value: str) -> float:
@@ -184,11 +228,17 @@ def test_a_float_light_is_d65_and_is_told(tmp_path: Path) -> None:
         radiance = np.array(emitter.eval(point))
         return float(radiance[0] / radiance[1])
 
-    assert ratio('<float name="radiance" value="1"/>') == pytest.approx(117.008 / 80.0268, rel=1e-3)  # CIE D65
+    assert ratio('<float name="radiance" value="1"/>') == pytest.approx(
+        117.008 / 80.0268, rel=1e-3
+    )  # CIE D65
     assert ratio('<spectrum name="radiance" value="1"/>') == pytest.approx(1, rel=1e-6)
 
 
-@pytest.mark.parametrize("lamp", [POINT, POINT.replace("point", "spot"), PROJECTOR], ids=["point", "spot", "projector"])
+@pytest.mark.parametrize(
+    "lamp",
+    [POINT, POINT.replace("point", "spot"), PROJECTOR],
+    ids=["point", "spot", "projector"],
+)
 def test_a_point_light_needs_the_scene_unit(tmp_path: Path, lamp: str) -> None:
     """A note where the unit is unknown; wrong, with the factor, in millimetres; nothing in metres."""
     text = clean(lamp)
@@ -204,13 +254,19 @@ def test_the_factor_of_the_point_light_is_right(tmp_path: Path) -> None:
     mi = use(choose_variant("scalar_spectral"))
 
     def wall(unit: float) -> float:
-        lamp = {"type": "point", "position": [0, 0, 2 / unit], "intensity": {"type": "spectrum", "value": 1.0}}
+        lamp = {
+            "type": "point",
+            "position": [0, 0, 2 / unit],
+            "intensity": {"type": "spectrum", "value": 1.0},
+        }
         scene = mi.load_dict({"type": "scene", "lamp": lamp})
         point = mi.SurfaceInteraction3f()
         point.wavelengths = [550.0] * 4
         return float(scene.emitters()[0].sample_direction(point, [0.5, 0.5])[1][0])
 
-    assert wall(1e-3) * 1e6 == pytest.approx(wall(1.0), rel=1e-5) == pytest.approx(0.25, rel=1e-3)
+    assert (
+        wall(1e-3) * 1e6 == pytest.approx(wall(1.0), rel=1e-5) == pytest.approx(0.25, rel=1e-3)
+    )
 
 
 CLIPPED = [
@@ -221,7 +277,9 @@ CLIPPED = [
 
 
 @pytest.mark.parametrize(("more", "sentence"), CLIPPED)
-def test_clip_planes_that_cut_the_scene_are_told(tmp_path: Path, more: str, sentence: str) -> None:
+def test_clip_planes_that_cut_the_scene_are_told(
+    tmp_path: Path, more: str, sentence: str
+) -> None:
     """A ball of radius 1 stands 4 before the sensor: its box goes from 3 to 5."""
     (found,) = findings(tmp_path, clean(more=more))
     assert found.level == "black" and sentence in found.what
@@ -245,26 +303,46 @@ def test_clip_planes_are_read_in_every_variant(tmp_path: Path, variant: str) -> 
 @pytest.mark.parametrize("radius", [0, 1e-6])
 def test_a_shape_without_size_is_told(tmp_path: Path, radius: float) -> None:
     point = f'<shape type="sphere" id="bead"><float name="radius" value="{radius}"/></shape>'
-    told = [(one.level, one.where) for one in findings(tmp_path, clean(point)) if "no size" in one.what]
+    told = [
+        (one.level, one.where)
+        for one in findings(tmp_path, clean(point))
+        if "no size" in one.what
+    ]
     assert told == ([] if radius else [("note", "shape 'bead'")])
 
 
 @pytest.mark.parametrize(("name", "value"), [("shutter_open", -1), ("shutter_close", 1)])
 def test_a_shutter_does_nothing(tmp_path: Path, name: str, value: int) -> None:
     (found,) = findings(tmp_path, clean(more=f'<float name="{name}" value="{value}"/>'))
-    assert found.level == "wrong" and "change nothing" in found.what and "exposure" in found.remedy
+    assert (
+        found.level == "wrong" and "change nothing" in found.what and "exposure" in found.remedy
+    )
 
 
 INTEGRATORS = [
-    ('<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>', "wrong", "hide_emitters"),
-    ('<integrator type="path"><integer name="max_depth" value="3"/></integrator>', "note", "after 3 segments"),
+    (
+        '<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>',
+        "wrong",
+        "hide_emitters",
+    ),
+    (
+        '<integrator type="path"><integer name="max_depth" value="3"/></integrator>',
+        "note",
+        "after 3 segments",
+    ),
     ('<integrator type="direct"/>', "note", "after 2 segments, which loses 0.25"),
-    ('<integrator type="stokes"><integrator type="path"/></integrator>', "note", "'stokes' adds channels"),
+    (
+        '<integrator type="stokes"><integrator type="path"/></integrator>',
+        "note",
+        "'stokes' adds channels",
+    ),
 ]
 
 
 @pytest.mark.parametrize(("text", "level", "sentence"), INTEGRATORS)
-def test_integrators_that_leave_out_light_are_told(tmp_path: Path, text: str, level: str, sentence: str) -> None:
+def test_integrators_that_leave_out_light_are_told(
+    tmp_path: Path, text: str, level: str, sentence: str
+) -> None:
     (found,) = findings(tmp_path, clean(text))
     assert found.level == level and sentence in found.what
 
@@ -284,22 +362,45 @@ def test_integrators_that_keep_the_light_are_not_told(tmp_path: Path, text: str)
 def test_short_paths_are_enough_for_a_flat_chart(tmp_path: Path) -> None:
     """What lies in one plane does not light itself."""
     chart = '<shape type="rectangle"><transform name="to_world"><translate z="4"/></transform></shape>'
-    assert findings(tmp_path, scene_text(WHITE, chart, '<integrator type="direct"/>', sensor=sensor())) == ()
+    assert (
+        findings(
+            tmp_path, scene_text(WHITE, chart, '<integrator type="direct"/>', sensor=sensor())
+        )
+        == ()
+    )
 
 
 FILMS = [
     (FILM, "", None),
-    (FILM.replace('type="box"', 'type="gaussian"'), "note", "filter 'gaussian' is wider than a pixel"),
-    (FILM.replace('<rfilter type="box"/>', ""), "note", "filter 'gaussian' is wider than a pixel"),
+    (
+        FILM.replace('type="box"', 'type="gaussian"'),
+        "note",
+        "filter 'gaussian' is wider than a pixel",
+    ),
+    (
+        FILM.replace('<rfilter type="box"/>', ""),
+        "note",
+        "filter 'gaussian' is wider than a pixel",
+    ),
     (FILM.replace("float32", "float16"), "note", "float16"),
     (FILM.replace('<string name="component_format" value="float32"/>', ""), "note", "float16"),
-    (FILM.replace("</film>", '<integer name="crop_width" value="5"/></film>'), "note", "crop window"),
-    ('<film type="hdrfilm"><rfilter type="box"/></film>', "note", "'hdrfilm' does not keep spectra"),
+    (
+        FILM.replace("</film>", '<integer name="crop_width" value="5"/></film>'),
+        "note",
+        "crop window",
+    ),
+    (
+        '<film type="hdrfilm"><rfilter type="box"/></film>',
+        "note",
+        "'hdrfilm' does not keep spectra",
+    ),
 ]
 
 
 @pytest.mark.parametrize(("film", "level", "sentence"), FILMS)
-def test_films_that_are_replaced_are_told(tmp_path: Path, film: str, level: str, sentence: str | None) -> None:
+def test_films_that_are_replaced_are_told(
+    tmp_path: Path, film: str, level: str, sentence: str | None
+) -> None:
     found = findings(tmp_path, clean().replace(FILM, film))
     assert [one.level for one in found] == [level] * bool(level)
     assert sentence is None or sentence in found[0].what
@@ -307,7 +408,10 @@ def test_films_that_are_replaced_are_told(tmp_path: Path, film: str, level: str,
 
 def test_a_noisier_sampler_is_told(tmp_path: Path) -> None:
     (found,) = findings(tmp_path, clean().replace(OURS, '<sampler type="independent"/>'))
-    assert found.level == "note" and found.remedy == "sampler 'independent' replaced by 'multijitter'"
+    assert (
+        found.level == "note"
+        and found.remedy == "sampler 'independent' replaced by 'multijitter'"
+    )
 
 
 def test_a_photosensor_is_not_told_to_be_replaced(tmp_path: Path) -> None:
@@ -317,11 +421,17 @@ def test_a_photosensor_is_not_told_to_be_replaced(tmp_path: Path) -> None:
 
 def test_the_gravest_comes_first_and_lines_are_counted(tmp_path: Path) -> None:
     """Black, wrong, note, whatever their order in the file; five places are four lines and one more."""
-    short = '\n<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>'
+    short = (
+        '\n<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>'
+    )
     lamp = '<emitter type="spot"><float name="intensity" value="1"/></emitter>'
-    found = findings(tmp_path, clean(*[BALL.format(bsdf=short)] * 5, lamp, '<sensor type="orthographic"/>'))
+    found = findings(
+        tmp_path, clean(*[BALL.format(bsdf=short)] * 5, lamp, '<sensor type="orthographic"/>')
+    )
     assert [one.level for one in found] == ["black", "wrong", "note", "note"]
-    assert found[0].where == "lines 4, 5, 6, 7 and 1 more" and found[0].what.startswith("'reflectance' in 5 places")
+    assert found[0].where == "lines 4, 5, 6, 7 and 1 more" and found[0].what.startswith(
+        "'reflectance' in 5 places"
+    )
 
 
 def test_findings_become_the_notes_of_a_render(tmp_path: Path) -> None:
@@ -335,7 +445,8 @@ def test_findings_become_the_notes_of_a_render(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "code"), [(clean(), 0), (clean(POINT), 0), (light('<float name="radiance" value="1"/>'), 1)]
+    ("text", "code"),
+    [(clean(), 0), (clean(POINT), 0), (light('<float name="radiance" value="1"/>'), 1)],
 )
 def test_the_exit_code_tells_light_that_is_wrong_from_notes(
     tmp_path: Path, cli: Callable[..., Any], text: str, code: int
@@ -352,7 +463,12 @@ def test_json_holds_every_finding(tmp_path: Path, cli: Callable[..., Any]) -> No
     assert done.exit_code == 1 and [one["level"] for one in found] == ["wrong", "note"]
     assert all(set(one) == {"level", "where", "what", "remedy"} for one in found)
     assert (
-        json.loads(cli("lint", path, "--scene-unit", "m", "--variant", "scalar_spectral", "--json").stdout) == found[:1]
+        json.loads(
+            cli(
+                "lint", path, "--scene-unit", "m", "--variant", "scalar_spectral", "--json"
+            ).stdout
+        )
+        == found[:1]
     )
 
 
@@ -364,5 +480,8 @@ def test_the_camera_decides_the_band(tmp_path: Path, cli: Callable[..., Any]) ->
     assert cli("lint", path, "--variant", "scalar_spectral").exit_code == 1
     path = write_scene(tmp_path, daylight)
     assert cli("lint", path, "--variant", "scalar_spectral").exit_code == 0
-    assert cli("lint", path, "--variant", "scalar_spectral", "--camera", "rgbir_2mp").exit_code == 1
+    assert (
+        cli("lint", path, "--variant", "scalar_spectral", "--camera", "rgbir_2mp").exit_code
+        == 1
+    )
     assert cli("lint", path, "--variant", "scalar_spectral", "--camera", "leica").exit_code == 2

@@ -19,7 +19,12 @@ from mitsuba_sensor.render.scene.scene_edits import NORMALS, POSITIONS, vertex_a
 from mitsuba_sensor.render.variants import choose_variant, use
 
 GLOW = '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter>'
-MOVED = {"velocity_m_per_s": [0.5, 0, 0], "rotate_deg_per_s": 30, "axis": [0, 0, 1], "pivot_m": [0, 0, 5]}
+MOVED = {
+    "velocity_m_per_s": [0.5, 0, 0],
+    "rotate_deg_per_s": 30,
+    "axis": [0, 0, 1],
+    "pivot_m": [0, 0, 5],
+}
 TURNED = read_motion({"objects": {"it": MOVED}})
 
 
@@ -47,16 +52,25 @@ class Renamed:
         return iter(self._parameters)
 
     def __contains__(self, key: str) -> bool:
-        return not key.endswith(tuple(self._old.values())) and self._old_key(key) in self._parameters
+        return (
+            not key.endswith(tuple(self._old.values()))
+            and self._old_key(key) in self._parameters
+        )
 
     def __getitem__(self, key: str) -> Any:
         value = self._parameters[self._old_key(key)]
-        return value if self._old_key(key) == key else self._mi.TensorXf(np.array(value).reshape(-1, 3))
+        return (
+            value
+            if self._old_key(key) == key
+            else self._mi.TensorXf(np.array(value).reshape(-1, 3))
+        )
 
     def __setitem__(self, key: str, value: Any) -> None:
         old = self._old_key(key)
         assert old == key or np.shape(value) == np.shape(self[key])
-        self._parameters[old] = value if old == key else type(self._parameters[old])(np.array(value).ravel())
+        self._parameters[old] = (
+            value if old == key else type(self._parameters[old])(np.array(value).ravel())
+        )
 
     def keep(self, keys: list[str]) -> None:
         self._parameters.keep([self._old_key(key) for key in keys])

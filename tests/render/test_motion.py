@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import one_in
-from helpers.scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    SCENES,
+    SKY,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -28,7 +35,11 @@ from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, phase_of_pass, shutt
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.motion import moving_scene
 from mitsuba_sensor.render.motion.motion import Motion, read_motion
-from mitsuba_sensor.render.motion.moving_scene import AnimatedTransforms, MovingScene, subframes_of_pass
+from mitsuba_sensor.render.motion.moving_scene import (
+    AnimatedTransforms,
+    MovingScene,
+    subframes_of_pass,
+)
 from mitsuba_sensor.render.options import RenderOptions
 from mitsuba_sensor.render.passes.passes import hashed_seed
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
@@ -50,13 +61,17 @@ RIGHT = {  # what moves the edge to the right of the picture: world −x, becaus
 }
 
 
-def loaded(folder: Path, *elements: str, film: str = "", variant: str = "scalar_spectral") -> Scene:
+def loaded(
+    folder: Path, *elements: str, film: str = "", variant: str = "scalar_spectral"
+) -> Scene:
     use(choose_variant(skip_unless_usable(variant)))
     text = scene_text(*elements, sensor=SENSOR, film=film)
     return load_scene(write_scene(folder, text), choose_bands(GLOBAL, 550.0, 10.0, "auto"), {})
 
 
-def picture(scene: Scene | MovingScene, passes: int = 8, samples: int = 16) -> NDArray[np.float64]:
+def picture(
+    scene: Scene | MovingScene, passes: int = 8, samples: int = 16
+) -> NDArray[np.float64]:
     """Mean of some passes over the brightness of the edge, (rows, columns)."""
     rows, frames = (0, scene.view.crop_size[1]), []
     for k in range(passes):
@@ -77,14 +92,20 @@ def width_px(row: NDArray[np.float64]) -> float:
     """Length of the ramp: that of a box with the second moment of the slope, less the pixel's own 1/12."""
     slope, at = -np.diff(row), np.arange(len(row) - 1)
     mean = np.average(at, weights=slope)
-    return math.sqrt(12 * np.average((at - mean) ** 2, weights=slope) - 2)  # a difference of two pixels: 1/12 twice
+    return math.sqrt(
+        12 * np.average((at - mean) ** 2, weights=slope) - 2
+    )  # a difference of two pixels: 1/12 twice
 
 
 @both_variants
 @pytest.mark.parametrize("who", one_in(2, ["camera", "object"]))
-def test_a_moving_edge_blurs_by_speed_times_time(tmp_path: Path, who: str, variant: str) -> None:
+def test_a_moving_edge_blurs_by_speed_times_time(
+    tmp_path: Path, who: str, variant: str
+) -> None:
     """10 m/s at 4 m in 0.1 s: 5.2 px, within 0.25 px, and every pixel of the ramp within 0.05 of the closed form."""
-    moving = MovingScene(loaded(tmp_path, EDGE, variant=variant), RIGHT[who], GLOBAL, Exposure(0.1))
+    moving = MovingScene(
+        loaded(tmp_path, EDGE, variant=variant), RIGHT[who], GLOBAL, Exposure(0.1)
+    )
     mean = picture(moving).mean(axis=0)
     blur = SPEED_PX_PER_S * 0.1
     assert width_px(mean) == pytest.approx(blur, abs=0.25)
@@ -92,11 +113,15 @@ def test_a_moving_edge_blurs_by_speed_times_time(tmp_path: Path, who: str, varia
 
 
 @both_variants
-def test_a_rolling_shutter_skews_by_speed_times_row_time_times_rows(tmp_path: Path, variant: str) -> None:
+def test_a_rolling_shutter_skews_by_speed_times_row_time_times_rows(
+    tmp_path: Path, variant: str
+) -> None:
     """15 rows of 1 ms at 52 px/s: 0.78 px from top to bottom, times ten; each row to 0.25 px, and blurred by v·t."""
     fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
     speed = 60 * FOCAL_PX / 4
-    moving = MovingScene(loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, Exposure(0.008))
+    moving = MovingScene(
+        loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, Exposure(0.008)
+    )
     frame = picture(moving)
     edges = frame.sum(axis=1)
     skew = np.polyfit(np.arange(ROWS), edges, 1)[0] * ROWS
@@ -121,7 +146,9 @@ def test_sub_frames_leave_no_ghosts_in_the_mean_of_the_passes(tmp_path: Path) ->
     moving = MovingScene(scene, RIGHT["camera"], GLOBAL, Exposure(0.25), subframes=2)
     blur = SPEED_PX_PER_S * 0.25
     mean = np.mean([picture_of(moving, k) for k in range(64)], axis=(0, 1))
-    np.testing.assert_allclose(mean, np.minimum(ramp(np.array(COLUMNS / 2 + blur), blur), 1), atol=0.15)
+    np.testing.assert_allclose(
+        mean, np.minimum(ramp(np.array(COLUMNS / 2 + blur), blur), 1), atol=0.15
+    )
     np.testing.assert_array_equal(picture(scene, 1, 4), before)
 
 
@@ -131,11 +158,15 @@ def picture_of(scene: MovingScene, number: int) -> NDArray[np.float64]:
     return scene.render(hashed_seed(2, 0, number), 2, (0, 4))[..., 0].astype(np.float64) / 10
 
 
-def test_an_exposure_shorter_than_a_row_is_skewed_as_much_and_hardly_blurred(tmp_path: Path) -> None:
+def test_an_exposure_shorter_than_a_row_is_skewed_as_much_and_hardly_blurred(
+    tmp_path: Path,
+) -> None:
     """Rows share the sub-frames within half a pixel of motion: each edge to 0.25 px, in at most three per pixel."""
     moving = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], ROLLING, Exposure(1e-5))
     edges = picture(moving).sum(axis=1)
-    np.testing.assert_allclose(edges, COLUMNS / 2 + SPEED_PX_PER_S * np.arange(ROWS) * 1e-3, atol=0.25)
+    np.testing.assert_allclose(
+        edges, COLUMNS / 2 + SPEED_PX_PER_S * np.arange(ROWS) * 1e-3, atol=0.25
+    )
     frozen = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], GLOBAL, Exposure(0.0))
     np.testing.assert_allclose(picture(frozen), picture(loaded(tmp_path, EDGE)), atol=1e-6)
 
@@ -149,15 +180,21 @@ def test_a_crop_sees_the_rows_of_the_full_frame_at_their_own_times(tmp_path: Pat
     fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
     moving = MovingScene(loaded(tmp_path, EDGE, film=crop), fast, ROLLING, Exposure(0.004))
     middle_s = np.arange(10, 14) * 1e-3 + 0.002
-    np.testing.assert_allclose(picture(moving).sum(axis=1), COLUMNS / 2 + 60 * FOCAL_PX / 4 * middle_s, atol=0.25)
+    np.testing.assert_allclose(
+        picture(moving).sum(axis=1), COLUMNS / 2 + 60 * FOCAL_PX / 4 * middle_s, atol=0.25
+    )
 
 
 @both_variants
 @pytest.mark.parametrize("camera", [GLOBAL, ROLLING], ids=["global", "rolling"])
-def test_motion_through_even_light_changes_nothing(tmp_path: Path, camera: Any, variant: str) -> None:
+def test_motion_through_even_light_changes_nothing(
+    tmp_path: Path, camera: Any, variant: str
+) -> None:
     """Energy is kept: under a uniform sky each pixel of each pass is what it is at rest, to float32."""
     still = loaded(tmp_path, SKY, variant=variant)
-    motion = read_motion({"camera": {"velocity_m_per_s": [3, 2, 1], "rotate_deg_per_s": 900, "axis": [1, 1, 0]}})
+    motion = read_motion(
+        {"camera": {"velocity_m_per_s": [3, 2, 1], "rotate_deg_per_s": 900, "axis": [1, 1, 0]}}
+    )
     moving = MovingScene(still, motion, camera, Exposure(0.02))
     np.testing.assert_allclose(picture(moving, 1, 9), picture(still, 1, 9), rtol=1e-6)
 
@@ -186,20 +223,29 @@ def test_the_weights_of_every_row_add_up_to_one_and_lie_in_its_own_exposure() ->
         step = shutter.step_s(count, math.inf, rows)
         for phase in (0.0, 0.37, 0.999999):
             times_s, weights = subframes(shutter, rows, count, step, phase)
-            assert (weights.sum(axis=1) == pytest.approx(1.0, abs=1e-15)) and weights.shape == (40, len(times_s))
+            assert (weights.sum(axis=1) == pytest.approx(1.0, abs=1e-15)) and weights.shape == (
+                40,
+                len(times_s),
+            )
             assert weights[:, 0].any() and weights[:, -1].any()
             late = times_s - shutter.start_s(np.arange(*rows))[:, None]
-            assert (late[weights > 0] > -1e-12).all() and (late[weights > 0] < 0.01 + 1e-12).all()
+            assert (late[weights > 0] > -1e-12).all() and (
+                late[weights > 0] < 0.01 + 1e-12
+            ).all()
 
 
 @pytest.mark.parametrize("row_time_s", [0.0, 0.0007])
-def test_over_the_passes_every_instant_of_an_exposure_has_the_same_chance(row_time_s: float) -> None:
+def test_over_the_passes_every_instant_of_an_exposure_has_the_same_chance(
+    row_time_s: float,
+) -> None:
     """With 50 even phases the instants of a row are (i + ½)·t/(50·m) from its start: no ghosts, no preferred time."""
     shutter, count = Shutter(0.01, row_time_s), 4
     step = shutter.step_s(count, math.inf, (0, 20))
     cuts = [subframes(shutter, (0, 20), count, step, (j + 0.5) / 50) for j in range(50)]
     for row in (0, 7, 19):
-        instants = np.sort(np.concatenate([times_s[weights[row] > 0] for times_s, weights in cuts]))
+        instants = np.sort(
+            np.concatenate([times_s[weights[row] > 0] for times_s, weights in cuts])
+        )
         even = row * row_time_s + (np.arange(200) + 0.5) * 0.01 / 200
         np.testing.assert_allclose(instants, even, atol=0.01 / 200 / 2 + 1e-12)
         assert instants.mean() == pytest.approx(row * row_time_s + 0.005, abs=0.01 / 400)
@@ -207,30 +253,44 @@ def test_over_the_passes_every_instant_of_an_exposure_has_the_same_chance(row_ti
 
 @pytest.mark.parametrize("row_time_s", [0.0, 0.0007])
 @pytest.mark.parametrize("passes", [8, 16])
-def test_few_passes_of_four_sub_frames_blur_and_skew_by_the_exposure(passes: int, row_time_s: float) -> None:
+def test_few_passes_of_four_sub_frames_blur_and_skew_by_the_exposure(
+    passes: int, row_time_s: float
+) -> None:
     """√12 times the deviation of a row's instants is the exposure, the slope of their means the row time: to 0.1 %.
 
     100 random starts. Random phases in every pass would blur 0.4 % too little with 8 passes, and 0.9 % uncertainly.
     """
-    shutter, count, starts = Shutter(0.01, row_time_s), 4, np.random.default_rng(3).uniform(size=100)
+    shutter, count, starts = (
+        Shutter(0.01, row_time_s),
+        4,
+        np.random.default_rng(3).uniform(size=100),
+    )
     step, lengths, slopes = shutter.step_s(count, math.inf, (0, 40)), [], []
     for start in starts:
         instants = np.empty((40, 0))
         for number in range(passes):
-            times_s, weights = subframes(shutter, (0, 40), count, step, phase_of_pass(start, number))
+            times_s, weights = subframes(
+                shutter, (0, 40), count, step, phase_of_pass(start, number)
+            )
             instants = np.append(instants, [times_s[row > 0] for row in weights], axis=1)
         lengths.append(math.sqrt(12) * instants.std(axis=1).mean())
         slopes.append(np.polyfit(np.arange(40), instants.mean(axis=1), 1)[0])
     assert np.mean(lengths) == pytest.approx(shutter.open_s, rel=1e-3)
     assert np.std(lengths) < 1.5e-3 * shutter.open_s
-    assert np.std(slopes) < 1e-3 * 0.0007 and np.mean(slopes) == pytest.approx(row_time_s, rel=1e-3, abs=1e-12)
+    assert np.std(slopes) < 1e-3 * 0.0007 and np.mean(slopes) == pytest.approx(
+        row_time_s, rel=1e-3, abs=1e-12
+    )
 
 
-def test_every_pass_of_a_render_has_its_own_phase(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_pass_of_a_render_has_its_own_phase(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A render of 8 passes asks for the sub-frames of 8 phases that are about evenly apart."""
     phases = list[float]()
 
-    def spy(shutter: Shutter, rows: tuple[int, int], count: int, step_s: float, phase: float) -> Any:
+    def spy(
+        shutter: Shutter, rows: tuple[int, int], count: int, step_s: float, phase: float
+    ) -> Any:
         phases.append(phase)
         return subframes(shutter, rows, count, step_s, phase)
 
@@ -238,7 +298,15 @@ def test_every_pass_of_a_render_has_its_own_phase(tmp_path: Path, monkeypatch: p
     use(choose_variant("scalar_spectral"))
     scene = write_scene(tmp_path, scene_text(EDGE, sensor=SENSOR))
     motion = RIGHT["camera"]
-    ms.render(scene, GLOBAL, Exposure(0.01), motion=motion, spp=8, denoise=False, variant="scalar_spectral")
+    ms.render(
+        scene,
+        GLOBAL,
+        Exposure(0.01),
+        motion=motion,
+        spp=8,
+        denoise=False,
+        variant="scalar_spectral",
+    )
     gaps = np.diff(np.sort([*phases, min(phases) + 1]))
     assert len(phases) == 8 and gaps.min() > 0.08 and gaps.max() < 0.22
 
@@ -257,9 +325,23 @@ def test_rows_share_a_sub_frame_where_the_picture_moves_less_than_half_a_pixel()
 
 def test_sub_frames_share_the_samples_of_a_pass_evenly() -> None:
     """The next count that divides them and leaves each a grid of the sampler; at most one sub-frame for each sample."""
-    assert [subframes_of_pass(n, 16) for n in (1, 2, 3, 5, 9, 16, 400)] == [1, 2, 4, 8, 16, 16, 16]
+    assert [subframes_of_pass(n, 16) for n in (1, 2, 3, 5, 9, 16, 400)] == [
+        1,
+        2,
+        4,
+        8,
+        16,
+        16,
+        16,
+    ]
     assert [subframes_of_pass(n, 12) for n in (1, 2, 4, 5, 7)] == [1, 2, 4, 6, 12]
-    assert [subframes_of_pass(n, 20) for n in (1, 2, 4, 5, 6)] == [1, 5, 5, 5, 10]  # 2 × 10 and 4 × 5 are no grids
+    assert [subframes_of_pass(n, 20) for n in (1, 2, 4, 5, 6)] == [
+        1,
+        5,
+        5,
+        5,
+        10,
+    ]  # 2 × 10 and 4 × 5 are no grids
     assert subframes_of_pass(3, 1) == 1
 
 
@@ -267,7 +349,10 @@ def test_the_camera_says_how_it_opens() -> None:
     assert shutter_of(GLOBAL, Exposure(0.1)) == Shutter(0.1, 0.0)
     assert shutter_of(ROLLING, Exposure(0.1)) == Shutter(0.1, 1e-3)
     within_float32 = ROLLING.replace(**{"sensor.shutter": "global"})
-    assert within_float32.sensor.row_time_us == 1000 and shutter_of(within_float32, Exposure(0.1)).row_time_s == 0
+    assert (
+        within_float32.sensor.row_time_us == 1000
+        and shutter_of(within_float32, Exposure(0.1)).row_time_s == 0
+    )
     with pytest.raises(InputError, match="a rolling shutter needs row_time_us"):
         GLOBAL.replace(**{"sensor.shutter": "rolling"})
 
@@ -278,7 +363,9 @@ def test_the_fastest_thing_decides_how_many_sub_frames(tmp_path: Path, who: str)
     moving = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1))
     assert moving.speed_px_per_s == pytest.approx(SPEED_PX_PER_S, rel=0.01)
     moving.render(1, 16, (0, 2))
-    assert moving.notes[-1] == ("16 sub-frames per exposure and pass; the image moves up to 5.2 px while a row is open")
+    assert moving.notes[-1] == (
+        "16 sub-frames per exposure and pass; the image moves up to 5.2 px while a row is open"
+    )
     few = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1), subframes=3)
     few.render(1, 16, (0, 2))
     assert few.notes[-1].startswith("4 sub-frames") and "11 would be smooth" in few.notes[-1]
@@ -288,9 +375,9 @@ def test_a_thing_too_small_for_the_probing_rays_is_still_seen_to_move(tmp_path: 
     place = '<point name="center" value="0.2,0.2,4"/><float name="radius" value="0.01"/>'
     dot = f'<shape type="sphere" id="dot">{place}{GLOW}</shape>'
     motion = read_motion({"objects": {"dot": {"velocity_m_per_s": [10, 0, 0]}}})
-    assert MovingScene(loaded(tmp_path, dot), motion, GLOBAL, Exposure(0.01)).speed_px_per_s == pytest.approx(
-        52, rel=0.02
-    )
+    assert MovingScene(
+        loaded(tmp_path, dot), motion, GLOBAL, Exposure(0.01)
+    ).speed_px_per_s == pytest.approx(52, rel=0.02)
 
 
 KINDS = {
@@ -310,7 +397,9 @@ def distance_m(scene: Scene) -> float:
 
 @both_variants
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_shape_moves_turns_and_comes_back(tmp_path: Path, kind: str, variant: str) -> None:
+def test_every_kind_of_shape_moves_turns_and_comes_back(
+    tmp_path: Path, kind: str, variant: str
+) -> None:
     """One metre away in 0.1 s, and a quarter turn about a pivot beside it takes it out of the ray."""
     scene = loaded(tmp_path, SKY, KINDS[kind].format(glow=GLOW), variant=variant)
     before = distance_m(scene)
@@ -341,17 +430,24 @@ def test_two_things_of_one_material_move_apart(tmp_path: Path) -> None:
 
 def test_all_poses_share_one_kernel(tmp_path: Path) -> None:
     """Passes after the first, at other instants, run no kernel that the first did not (LLVM compiles 1 to 4 s)."""
-    scene = loaded(tmp_path, EDGE, KINDS["sphere"].format(glow=GLOW), SKY, variant="llvm_ad_spectral")
+    scene = loaded(
+        tmp_path, EDGE, KINDS["sphere"].format(glow=GLOW), SKY, variant="llvm_ad_spectral"
+    )
     both = {"edge": {"velocity_m_per_s": [-10, 0, 0]}, "it": {"velocity_m_per_s": [0, 1, 0]}}
     moving = MovingScene(
-        scene, read_motion({"camera": {"velocity_m_per_s": [1, 0, 0]}, "objects": both}), GLOBAL, Exposure(0.1)
+        scene,
+        read_motion({"camera": {"velocity_m_per_s": [1, 0, 0]}, "objects": both}),
+        GLOBAL,
+        Exposure(0.1),
     )
     dr = drjit()
 
     def kernels(seed: int) -> set[Any]:
         dr.kernel_history_clear()
         moving.render(seed, 4, (0, ROWS))
-        return {entry["hash"] for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT}
+        return {
+            entry["hash"] for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT
+        }
 
     before = dr.flag(dr.JitFlag.KernelHistory)
     dr.set_flag(dr.JitFlag.KernelHistory, True)
@@ -368,7 +464,12 @@ def test_steady_velocities_have_their_closed_form() -> None:
     body = read_motion(
         {
             "objects": {
-                "it": {"rotate_deg_per_s": 90, "axis": [0, 0, 2], "pivot_m": [1, 0, 0], "velocity_m_per_s": [0, 0, 3]}
+                "it": {
+                    "rotate_deg_per_s": 90,
+                    "axis": [0, 0, 2],
+                    "pivot_m": [1, 0, 0],
+                    "velocity_m_per_s": [0, 0, 3],
+                }
             }
         }
     ).objects["it"]
@@ -377,14 +478,21 @@ def test_steady_velocities_have_their_closed_form() -> None:
 
 
 def test_keys_are_joined_by_straight_lines_and_shorter_arcs_and_held_at_the_ends() -> None:
-    keys = [{"time_s": 0.0}, {"time_s": 2.0, "move_m": [4, 0, 0], "turn_deg": 90, "axis": [0, 0, 1]}]
+    keys = [
+        {"time_s": 0.0},
+        {"time_s": 2.0, "move_m": [4, 0, 0], "turn_deg": 90, "axis": [0, 0, 1]},
+    ]
     body = read_motion({"objects": {"it": {"pivot_m": [0, 1, 0], "keys": keys}}}).objects["it"]
     half = body.displacement(1.0)
     np.testing.assert_allclose(half @ [0, 1, 0, 1], [2, 1, 0, 1], atol=1e-12)
-    np.testing.assert_allclose(half[:2, :2], np.array([[1, -1], [1, 1]]) / math.sqrt(2), atol=1e-12)
+    np.testing.assert_allclose(
+        half[:2, :2], np.array([[1, -1], [1, 1]]) / math.sqrt(2), atol=1e-12
+    )
     np.testing.assert_array_equal(body.displacement(-1.0), body.displacement(0.0))
     np.testing.assert_array_equal(body.displacement(9.0), body.displacement(2.0))
-    within_float32 = read_motion({"camera": {"keys": [{"time_s": 0, "move_m": [1, 2, 3]}]}}).camera
+    within_float32 = read_motion(
+        {"camera": {"keys": [{"time_s": 0, "move_m": [1, 2, 3]}]}}
+    ).camera
     assert within_float32 is not None
     np.testing.assert_array_equal(within_float32.displacement(5.0)[:3, 3], [1, 2, 3])
 
@@ -394,13 +502,27 @@ def test_a_camera_key_is_the_pose_that_mitsuba_makes_of_the_same_values() -> Non
     mi = use(choose_variant("scalar_spectral"))
     look = {"origin": [1, 2, 3], "target": [0, 0.5, -1], "up": [0, 0, 1]}
     wanted = np.array(mi.ScalarTransform4f().look_at(**look).matrix)
-    fields = {"time_s": 0, "origin_m": look["origin"], "target_m": look["target"], "up": look["up"]}
+    fields = {
+        "time_s": 0,
+        "origin_m": look["origin"],
+        "target_m": look["target"],
+        "up": look["up"],
+    }
     for zoom in (np.eye(4), np.diag([2.0, 2.0, 1.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0])):
-        base = np.array(mi.ScalarTransform4f().look_at(origin=[5, 0, 1], target=[0, 1, 0], up=[0, 1, 0]).matrix) @ zoom
+        base = (
+            np.array(
+                mi.ScalarTransform4f()
+                .look_at(origin=[5, 0, 1], target=[0, 1, 0], up=[0, 1, 0])
+                .matrix
+            )
+            @ zoom
+        )
         for key in (fields, {"time_s": 0, "to_world": wanted.tolist()}):
             camera = read_motion({"camera": {"keys": [key]}}).camera
             assert camera is not None
-            np.testing.assert_allclose(camera.displacement(3.0, base) @ base, wanted @ zoom, atol=1e-6)
+            np.testing.assert_allclose(
+                camera.displacement(3.0, base) @ base, wanted @ zoom, atol=1e-6
+            )
 
 
 def test_a_camera_turns_about_its_own_place() -> None:
@@ -408,17 +530,28 @@ def test_a_camera_turns_about_its_own_place() -> None:
     base = np.eye(4)
     base[:3, 3] = [7, 8, 9]
     assert camera is not None
-    np.testing.assert_allclose((camera.displacement(1.0, base) @ base)[:3, 3], [7, 8, 9], atol=1e-12)
+    np.testing.assert_allclose(
+        (camera.displacement(1.0, base) @ base)[:3, 3], [7, 8, 9], atol=1e-12
+    )
 
 
 TURN = {"rotate_deg_per_s": 90, "axis": [0, 1, 0]}
 MISTAKES: dict[str, tuple[Any, str]] = {
     "a number": (3, "motion is 3; pass a TOML file, a mapping of its fields, or a Motion"),
     "nothing": ({}, r"moves nothing; give it a table \[camera\] or \[objects\.ID\]"),
-    "a wrong table": ({"camra": {}}, r"camra is not a field of a motion file\. Did you mean 'camera'\?"),
-    "a wrong field": ({"camera": {"velocity": [1, 0, 0]}}, "Did you mean 'camera.velocity_m_per_s'"),
+    "a wrong table": (
+        {"camra": {}},
+        r"camra is not a field of a motion file\. Did you mean 'camera'\?",
+    ),
+    "a wrong field": (
+        {"camera": {"velocity": [1, 0, 0]}},
+        "Did you mean 'camera.velocity_m_per_s'",
+    ),
     "no table": ({"camera": 3}, "camera is 3; it must be a table"),
-    "an empty body": ({"camera": {}}, "must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both"),
+    "an empty body": (
+        {"camera": {}},
+        "must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both",
+    ),
     "both ways": ({"camera": {**TURN, "keys": [{"time_s": 0}]}}, "or keys, and not both"),
     "two numbers": (
         {"camera": {"velocity_m_per_s": [1, 0]}},
@@ -432,16 +565,31 @@ MISTAKES: dict[str, tuple[Any, str]] = {
         {"camera": {"velocity_m_per_s": [1, math.nan, 0]}},
         r"velocity_m_per_s\.1 is nan; it must be a finite number",
     ),
-    "no axis": ({"camera": {"rotate_deg_per_s": 9}}, "has rotate_deg_per_s and no axis; a rotation needs both"),
+    "no axis": (
+        {"camera": {"rotate_deg_per_s": 9}},
+        "has rotate_deg_per_s and no axis; a rotation needs both",
+    ),
     "no angle": ({"camera": {"axis": [0, 1, 0]}}, "has axis and no rotate_deg_per_s"),
-    "a null axis": ({"camera": {"rotate_deg_per_s": 9, "axis": [0, 0, 0]}}, r"axis is \[0, 0, 0\]; give a"),
-    "no pivot": ({"objects": {"fan": TURN}}, r"objects\.fan: rotates and has no pivot_m; give its fixed point"),
+    "a null axis": (
+        {"camera": {"rotate_deg_per_s": 9, "axis": [0, 0, 0]}},
+        r"axis is \[0, 0, 0\]; give a",
+    ),
+    "no pivot": (
+        {"objects": {"fan": TURN}},
+        r"objects\.fan: rotates and has no pivot_m; give its fixed point",
+    ),
     "no time": (
         {"camera": {"keys": [{"move_m": [0, 0, 1]}]}},
         r"camera\.keys\.0\.time_s is missing; seconds from the start of the exposure, e\.g\. 0\.01",
     ),
-    "no list": ({"camera": {"keys": {"time_s": 0}}}, r"must be a list \(a list of tables with time_s"),
-    "an order": ({"camera": {"keys": [{"time_s": 1}, {"time_s": 1}]}}, "has time_s 1 after 1; the times must increase"),
+    "no list": (
+        {"camera": {"keys": {"time_s": 0}}},
+        r"must be a list \(a list of tables with time_s",
+    ),
+    "an order": (
+        {"camera": {"keys": [{"time_s": 1}, {"time_s": 1}]}},
+        "has time_s 1 after 1; the times must increase",
+    ),
     "a place of an object": (
         {"objects": {"it": {"keys": [{"time_s": 0, "to_world": np.eye(4).tolist()}]}}},
         "has to_world, which belongs to the camera",
@@ -473,15 +621,20 @@ def test_every_mistake_in_a_motion_has_its_sentence(name: str) -> None:
     assert read_motion(RIGHT["camera"]) is RIGHT["camera"]
 
 
-def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_said_so(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"motion file '.*none\.toml' cannot be read: No such file"):
+def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_said_so(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(
+        InputError, match=r"motion file '.*none\.toml' cannot be read: No such file"
+    ):
         read_motion(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("camera = [", encoding="utf-8")
     with pytest.raises(InputError, match="is not valid TOML"):
         read_motion(tmp_path / "bad.toml")
     wrong = read_motion({"objects": {"edg": {"velocity_m_per_s": [1, 0, 0]}}})
     with pytest.raises(
-        InputError, match=r"'edg', which is no shape of the scene; the ids .* edge\. Did you mean 'edge'"
+        InputError,
+        match=r"'edg', which is no shape of the scene; the ids .* edge\. Did you mean 'edge'",
     ):
         MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, Exposure(0.1))
     for bad in (0, 2.5, "many"):
@@ -493,7 +646,15 @@ def test_the_shipped_example_is_a_fan_that_turns(tmp_path: Path) -> None:
     motion = read_motion(SCENES / "rolling_fan.toml")
     use(choose_variant("scalar_spectral"))
     small = load_scene(
-        SCENES / "rolling_fan.xml", choose_bands(GLOBAL, 550.0, 10.0, "auto"), {"width": 24, "height": 16}
+        SCENES / "rolling_fan.xml",
+        choose_bands(GLOBAL, 550.0, 10.0, "auto"),
+        {"width": 24, "height": 16},
     )
-    frame = picture(MovingScene(small, motion, ROLLING.replace(**{"sensor.row_time_us": 15.0}), Exposure(0.002)), 1, 4)
+    frame = picture(
+        MovingScene(
+            small, motion, ROLLING.replace(**{"sensor.row_time_us": 15.0}), Exposure(0.002)
+        ),
+        1,
+        4,
+    )
     assert isinstance(motion, Motion) and motion.objects and frame.min() > 0

@@ -12,7 +12,12 @@ from helpers.marks import exhaustive
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.passes.noisy_pixels import GROWTH, MOST_TIMES, NoisyPixels, fewest_samples
+from mitsuba_sensor.render.passes.noisy_pixels import (
+    GROWTH,
+    MOST_TIMES,
+    NoisyPixels,
+    fewest_samples,
+)
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render_frames import render_frames
@@ -27,21 +32,33 @@ def test_every_pixel_gets_what_it_needs_with_the_fewest_samples_in_all(seed: int
     """Needs over nine decades, some of them 0. All get enough but those that need more than the limit; no number of
     samples for all pixels takes fewer in all, to the step from one that is tried to the next."""
     random = np.random.default_rng(seed)
-    needed = 10 ** random.uniform(-2, random.uniform(0, 7), (5, 7)) * (random.random((5, 7)) > 0.2)
+    needed = 10 ** random.uniform(-2, random.uniform(0, 7), (5, 7)) * (
+        random.random((5, 7)) > 0.2
+    )
     least = 10 ** random.uniform(0, 4)
     samples, times = fewest_samples(needed, least)
-    assert samples >= least and times.min() >= 0 and times.max() < MOST_TIMES and times.sum() <= times.size
+    assert (
+        samples >= least
+        and times.min() >= 0
+        and times.max() < MOST_TIMES
+        and times.sum() <= times.size
+    )
     enough = samples * (1 + times) >= needed * (1 - 1e-12)
     assert (enough | (times == MOST_TIMES - 1)).all()
     for other in least * 1.37 ** np.arange(60):
         others = np.clip(np.ceil(needed / other) - 1, 0, MOST_TIMES - 1)
         if others.sum() <= others.size:
-            assert samples * (1 + times.mean()) <= other * (1 + others.mean()) * GROWTH * (1 + 1e-9)
+            assert samples * (1 + times.mean()) <= other * (1 + others.mean()) * GROWTH * (
+                1 + 1e-9
+            )
 
 
 def test_pixels_that_need_the_same_get_no_more_than_each_other() -> None:
     samples, times = fewest_samples(np.full((4, 4), 100.0), 10.0)
-    assert samples * (1 + times.mean()) == pytest.approx(100, rel=GROWTH - 1) and np.ptp(times) == 0
+    assert (
+        samples * (1 + times.mean()) == pytest.approx(100, rel=GROWTH - 1)
+        and np.ptp(times) == 0
+    )
 
 
 def test_nothing_that_is_needed_costs_nothing() -> None:
@@ -69,7 +86,12 @@ VIEW = """<sensor type="thinlens"><float name="fov" value="40"/><float name="ape
 def passes(scene: Scene, seed: int) -> Any:
     """(64, H, W, channels) of passes of 9 samples, in two strips of rows; of bands those of the first group."""
     strips = ((0, 4), (4, 11))
-    return np.array([np.concatenate([scene.render(seed + k, 9, rows)[..., :4] for rows in strips]) for k in range(64)])
+    return np.array(
+        [
+            np.concatenate([scene.render(seed + k, 9, rows)[..., :4] for rows in strips])
+            for k in range(64)
+        ]
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,7 +109,9 @@ def test_noisy_pixels_see_the_same_light_in_the_same_places(
     together as they should; and pixels that are not listed keep their bits."""
     file = write_scene(tmp_path, scene_text(FLOOR, sensor=VIEW))
     options = {"variant": skip_unless_usable("llvm_ad_spectral"), "bandwidth_nm": 80}
-    prepared = prepare(file, BAYER.replace(**lens), ms.Exposure(0.01), spectral=spectral, **options)
+    prepared = prepare(
+        file, BAYER.replace(**lens), ms.Exposure(0.01), spectral=spectral, **options
+    )
     scene, bands = prepared.at_rest, prepared.bands
     times = np.random.default_rng(3).integers(0, 4, (11, 17))
     if spectral == "cube":
@@ -98,19 +122,28 @@ def test_noisy_pixels_see_the_same_light_in_the_same_places(
     lit = error > 0
     z = (plain.mean(axis=0) - more.mean(axis=0))[lit] / error[lit]
     assert np.abs(z).max() < 5
-    assert (z**2).mean() == pytest.approx(126 / 124, abs=5 * math.sqrt(2 / times.size))  # channels share their paths
+    assert (z**2).mean() == pytest.approx(
+        126 / 124, abs=5 * math.sqrt(2 / times.size)
+    )  # channels share their paths
     listed = times > 0
     ratio = more.var(axis=0, ddof=1)[listed].sum() / plain.var(axis=0, ddof=1)[listed].sum()
     assert 0.2 < ratio < 0.65, "with 2 … 4 times the samples"
-    np.testing.assert_array_equal(noisy.render(7, 9, (0, 4))[~listed[:4]], scene.render(7, 9, (0, 4))[~listed[:4]])
+    np.testing.assert_array_equal(
+        noisy.render(7, 9, (0, 4))[~listed[:4]], scene.render(7, 9, (0, 4))[~listed[:4]]
+    )
 
 
 @pytest.mark.exhaustive
 def test_edges_of_a_lamp_are_compensated_too() -> None:
     """The lamp of the Cornell box: without more samples there, 4 % of all variance stay, in 0.5 % of the pixels that
     have more render noise than shot noise."""
-    options = {"parameters": {"width": 24, "height": 24}, "variant": skip_unless_usable("llvm_ad_spectral")}
-    frames = list(render_frames(CORNELL, CAMERA, ms.Exposure(2e-3), frames=2, seed=2, **options))
+    options = {
+        "parameters": {"width": 24, "height": 24},
+        "variant": skip_unless_usable("llvm_ad_spectral"),
+    }
+    frames = list(
+        render_frames(CORNELL, CAMERA, ms.Exposure(2e-3), frames=2, seed=2, **options)
+    )
     for frame in frames:
         assert frame.uncompensated < 0.015
         assert frame.above_shot_noise < 0.004
@@ -119,6 +152,11 @@ def test_edges_of_a_lamp_are_compensated_too() -> None:
 
 
 def test_a_picture_beyond_the_full_well_has_no_noisy_pixels() -> None:
-    options = {"parameters": {"width": 6, "height": 6}, "variant": skip_unless_usable("llvm_ad_spectral")}
+    options = {
+        "parameters": {"width": 6, "height": 6},
+        "variant": skip_unless_usable("llvm_ad_spectral"),
+    }
     (frame,) = render_frames(CORNELL, CAMERA, ms.Exposure(1e4), frames=1, max_spp=64, **options)
-    assert frame.uncompensated == 0 and not any("noisiest" in one for one in frame.light.statistics.notes)
+    assert frame.uncompensated == 0 and not any(
+        "noisiest" in one for one in frame.light.statistics.notes
+    )

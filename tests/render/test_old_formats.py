@@ -26,7 +26,9 @@ PICTURE = '<texture type="bitmap" name="reflectance"><string name="filename" val
 @pytest.fixture(autouse=True)
 def variant(tmp_path: Path) -> Any:
     mi = use(choose_variant(skip_unless_usable("scalar_spectral")))
-    mi.Bitmap(np.linspace(0.1, 0.9, 48, dtype=np.float32).reshape(4, 4, 3)).write(str(tmp_path / "a.exr"))
+    mi.Bitmap(np.linspace(0.1, 0.9, 48, dtype=np.float32).reshape(4, 4, 3)).write(
+        str(tmp_path / "a.exr")
+    )
     return mi
 
 
@@ -122,18 +124,27 @@ PAIRS = {  # the old form, its version, and what it means in version 3
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_the_old_form_renders_as_the_new_one_and_a_note_says_so(tmp_path: Path, name: str) -> None:
+def test_the_old_form_renders_as_the_new_one_and_a_note_says_so(
+    tmp_path: Path, name: str
+) -> None:
     old, new, note = PAIRS[name]
     light = "" if name == "sky" else SKY
-    found, expected = loaded(tmp_path, light, old), loaded(tmp_path, light, new, version="3.0.0")
+    found, expected = (
+        loaded(tmp_path, light, old),
+        loaded(tmp_path, light, new, version="3.0.0"),
+    )
     np.testing.assert_allclose(picture(found), picture(expected), rtol=1e-4)
     assert any(note in one for one in found.notes), found.notes
 
 
 @pytest.mark.parametrize("kind", ["bdpt", "photonmapper", "sppm", "mlt", "vpl"])
-def test_bidirectional_integrators_become_a_path_tracer_of_the_same_depth(tmp_path: Path, kind: str) -> None:
+def test_bidirectional_integrators_become_a_path_tracer_of_the_same_depth(
+    tmp_path: Path, kind: str
+) -> None:
     more = '<integer name="maxDepth" value="3"/><boolean name="lightImage" value="true"/>'
-    found = loaded(tmp_path, SKY, BALL.format(bsdf=""), f'<integrator type="{kind}">{more}</integrator>')
+    found = loaded(
+        tmp_path, SKY, BALL.format(bsdf=""), f'<integrator type="{kind}">{more}</integrator>'
+    )
     expected = loaded(
         tmp_path,
         SKY,
@@ -149,8 +160,12 @@ def test_a_black_body_has_the_radiance_of_planck_and_the_given_scale(tmp_path: P
     old = '<emitter type="constant"><blackbody name="radiance" temperature="5000K" scale="1e-6"/></emitter>'
     new = '<spectrum name="radiance" type="blackbody"><float name="temperature" value="5000"/></spectrum>'
     found = picture(loaded(tmp_path, old))
-    expected = picture(loaded(tmp_path, f'<emitter type="constant">{new}</emitter>', version="3.0.0"))
-    np.testing.assert_allclose(found.mean(axis=(0, 1)), 1e-6 * expected.mean(axis=(0, 1)), rtol=0.002)
+    expected = picture(
+        loaded(tmp_path, f'<emitter type="constant">{new}</emitter>', version="3.0.0")
+    )
+    np.testing.assert_allclose(
+        found.mean(axis=(0, 1)), 1e-6 * expected.mean(axis=(0, 1)), rtol=0.002
+    )
 
 
 def test_lookat_of_all_ages(tmp_path: Path) -> None:
@@ -161,10 +176,21 @@ def test_lookat_of_all_ages(tmp_path: Path) -> None:
         '<lookAt ox="1" oy="2" oz="-3" tz="4" uy="1"/>',
     )
     pose = '<transform name="{}">{}</transform>'
-    expected = picture(loaded(tmp_path, SKY, BALL.format(bsdf=""), more=pose.format("to_world", new), version="3.0.0"))
+    expected = picture(
+        loaded(
+            tmp_path,
+            SKY,
+            BALL.format(bsdf=""),
+            more=pose.format("to_world", new),
+            version="3.0.0",
+        )
+    )
     for old in olds:
         assert (
-            picture(loaded(tmp_path, SKY, BALL.format(bsdf=""), more=pose.format("toWorld", old))) == expected
+            picture(
+                loaded(tmp_path, SKY, BALL.format(bsdf=""), more=pose.format("toWorld", old))
+            )
+            == expected
         ).all()
 
 
@@ -174,7 +200,9 @@ def test_included_files_of_the_same_age_are_converted_too(tmp_path: Path) -> Non
         encoding="utf-8",
     )
     found = loaded(tmp_path, SKY, '<include filename="ball.xml"/>', version="0.5.0")
-    expected = loaded(tmp_path, SKY, diffuse(f'<rgb name="reflectance" value="{LINEAR}"/>'), version="3.0.0")
+    expected = loaded(
+        tmp_path, SKY, diffuse(f'<rgb name="reflectance" value="{LINEAR}"/>'), version="3.0.0"
+    )
     np.testing.assert_allclose(picture(found), picture(expected), rtol=1e-4)
 
 
@@ -194,17 +222,30 @@ def test_an_error_names_the_line_in_the_file_that_was_converted(tmp_path: Path) 
 
 def test_parameters_single_quotes_and_white_space_are_read(tmp_path: Path) -> None:
     element = "<srgb  name='reflectance'\n value='$grey' />"
-    text = scene_text('<default name="grey" value="#000000"/>', SKY, diffuse(element)).replace("3.0.0", "0.6.0")
+    text = scene_text('<default name="grey" value="#000000"/>', SKY, diffuse(element)).replace(
+        "3.0.0", "0.6.0"
+    )
     path = write_scene(tmp_path, text)
-    expected = loaded(tmp_path, SKY, diffuse(f'<rgb name="reflectance" value="{LINEAR}"/>'), version="3.0.0")
+    expected = loaded(
+        tmp_path, SKY, diffuse(f'<rgb name="reflectance" value="{LINEAR}"/>'), version="3.0.0"
+    )
     path.write_text(text, encoding="utf-8")
     found = load_scene(path, BANDS, {"grey": "#808080"})
     np.testing.assert_allclose(picture(found), picture(expected), rtol=1e-4)
 
 
-UNREADABLE = ['<srgb name="reflectance" value="#12"/>', '<srgb name="reflectance" value="#xyzxyz"/>']
-UNREADABLE += ['<srgb name="reflectance" value="red"/>', '<blackbody name="reflectance" temperature="hot"/>']
-UNREADABLE += ['<blackbody name="reflectance" temperature="0"/>', '<srgb name="reflectance" value="$none"/>']
+UNREADABLE = [
+    '<srgb name="reflectance" value="#12"/>',
+    '<srgb name="reflectance" value="#xyzxyz"/>',
+]
+UNREADABLE += [
+    '<srgb name="reflectance" value="red"/>',
+    '<blackbody name="reflectance" temperature="hot"/>',
+]
+UNREADABLE += [
+    '<blackbody name="reflectance" temperature="0"/>',
+    '<srgb name="reflectance" value="$none"/>',
+]
 
 
 @pytest.mark.parametrize("element", UNREADABLE)
@@ -223,5 +264,7 @@ def test_new_files_are_left_as_they_are(tmp_path: Path) -> None:
 
 def test_the_digest_tells_what_was_changed(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY, '<integrator type="path"/>'))
-    digests = {parse_scene(path, {}, integrator).digest() for integrator in (None, "direct", "volpath")}
+    digests = {
+        parse_scene(path, {}, integrator).digest() for integrator in (None, "direct", "volpath")
+    }
     assert len(digests) == 3 and all(re.fullmatch("[0-9a-f]{64}", one) for one in digests)

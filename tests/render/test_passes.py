@@ -7,7 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from mitsuba_sensor.render.passes.passes import MOST_SPP, Welford, clean, hashed_seed, pass_plan, row_strips
+from mitsuba_sensor.render.passes.passes import (
+    MOST_SPP,
+    Welford,
+    clean,
+    hashed_seed,
+    pass_plan,
+    row_strips,
+)
 from mitsuba_sensor.render.variants import choose_variant, use
 
 
@@ -21,11 +28,15 @@ def test_multijitter_keeps_exactly_the_counts_we_choose() -> None:
     """Our rule for the rounding of a sample count is Mitsuba's own."""
     mi = use(choose_variant("scalar_spectral"))
     counts = range(1, 60)
-    made = [mi.load_dict({"type": "multijitter", "sample_count": n}).sample_count() for n in counts]
+    made = [
+        mi.load_dict({"type": "multijitter", "sample_count": n}).sample_count() for n in counts
+    ]
     assert made == [multijitter_count(n) for n in counts]
 
 
-@pytest.mark.parametrize("spp", [1, 2, 5, 7, 8, 9, 16, 31, 64, 100, 256, 1000, 1024, 4096, 10_000, 16_384, 100_000])
+@pytest.mark.parametrize(
+    "spp", [1, 2, 5, 7, 8, 9, 16, 31, 64, 100, 256, 1000, 1024, 4096, 10_000, 16_384, 100_000]
+)
 def test_plan_takes_what_was_asked_for_in_at_least_eight_passes(spp: int) -> None:
     """Within 7 % of the request, each pass a full grid of at most 1024; below 8 samples, passes of one sample."""
     passes, samples = pass_plan(spp)
@@ -41,14 +52,28 @@ def test_round_numbers_come_out_exactly() -> None:
 
 
 def test_strips_cover_all_rows_once_and_bound_the_samples_in_flight() -> None:
-    for size, bands, samples in (((256, 256), 30, 16), ((2048, 2048), 47, 100), ((5000, 3), 1, 1024), ((1, 1), 1, 1)):
+    for size, bands, samples in (
+        ((256, 256), 30, 16),
+        ((2048, 2048), 47, 100),
+        ((5000, 3), 1, 1024),
+        ((1, 1), 1, 1),
+    ):
         strips = row_strips(size, bands, samples)
-        assert [row for first, last in strips for row in range(first, last)] == list(range(size[1]))
-        assert max(last - first for first, last in strips) * size[0] * samples <= max(2**22, size[0] * samples)
+        assert [row for first, last in strips for row in range(first, last)] == list(
+            range(size[1])
+        )
+        assert max(last - first for first, last in strips) * size[0] * samples <= max(
+            2**22, size[0] * samples
+        )
 
 
 def test_seeds_of_passes_are_distinct() -> None:
-    seeds = {hashed_seed(seed, strip, k) for seed in range(5) for strip in range(5) for k in range(16)}
+    seeds = {
+        hashed_seed(seed, strip, k)
+        for seed in range(5)
+        for strip in range(5)
+        for k in range(16)
+    }
     assert len(seeds) == 400 and all(0 <= seed < 2**32 for seed in seeds)
 
 
@@ -59,7 +84,9 @@ def test_welford_is_the_mean_and_its_standard_error() -> None:
     for row in values:
         running.add(row.copy())
     np.testing.assert_allclose(running.mean, values.mean(axis=0), rtol=1e-15)
-    np.testing.assert_allclose(np.sqrt(running.variance_of_mean), values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-8)
+    np.testing.assert_allclose(
+        np.sqrt(running.variance_of_mean), values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-8
+    )
 
 
 def test_several_passes_at_once_are_the_same_as_one_after_the_other() -> None:
@@ -74,7 +101,9 @@ def test_several_passes_at_once_are_the_same_as_one_after_the_other() -> None:
                 running.add_rows(values[done : done + count, rows].copy(), rows.start)
             done += count
         np.testing.assert_allclose(running.mean, values.mean(axis=0), rtol=1e-15)
-        np.testing.assert_allclose(running.variance_of_mean, values.var(axis=0, ddof=1) / 12, rtol=1e-8)
+        np.testing.assert_allclose(
+            running.variance_of_mean, values.var(axis=0, ddof=1) / 12, rtol=1e-8
+        )
 
 
 def test_bad_values_are_counted_and_clamped_and_infinity_is_marked() -> None:

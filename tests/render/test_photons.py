@@ -21,12 +21,16 @@ def light(data: Any, wavelengths: Any = (550.0,), widths: Any = (1.0,)) -> Any:
     """An Irradiance without errors, and of a render of which nothing is known."""
     values, statistics = np.asarray(data), SimpleNamespace(intrinsics=None, notes=())
     errors = np.zeros(values.shape, np.float32), np.zeros(values.shape[:2], np.float32)
-    return ms.Irradiance(values, np.asarray(wavelengths), np.asarray(widths), *errors, statistics)  # type: ignore[arg-type]
+    return ms.Irradiance(
+        values, np.asarray(wavelengths), np.asarray(widths), *errors, statistics
+    )  # type: ignore[arg-type]
 
 
 def test_one_watt_per_square_metre_gives_table_1s_photons() -> None:
     """1 W/m² at 550 nm, 5.7 µm, fill factor 50 %, 0.1 s: 4 497 857.3 photons, with hc of SI 2019."""
-    assert photons_per_irradiance(CAMERA, EXPOSURE, [550.0], [1.0])[0] == pytest.approx(4497857.300185223, rel=1e-9)
+    assert photons_per_irradiance(CAMERA, EXPOSURE, [550.0], [1.0])[0] == pytest.approx(
+        4497857.300185223, rel=1e-9
+    )
 
 
 def test_the_irradiance_of_a_full_well_fills_the_well() -> None:
@@ -37,10 +41,14 @@ def test_the_irradiance_of_a_full_well_fills_the_well() -> None:
 
 
 @pytest.mark.parametrize("wavelength", [200.0, 550.0, 1100.0])
-def test_photons_times_their_energy_is_the_energy_that_fell_on_the_pixel(wavelength: float) -> None:
+def test_photons_times_their_energy_is_the_energy_that_fell_on_the_pixel(
+    wavelength: float,
+) -> None:
     """Conservation: E·Δλ·w·h·FF·t joules, whatever the colour; so 1100 nm brings twice the photons of 550 nm."""
     photons = photons_per_irradiance(CAMERA, EXPOSURE, [wavelength], [10.0])[0]
-    assert photons * photon_energy_j(wavelength) == pytest.approx(10 * 5.7e-6**2 * 0.5 * 0.1, rel=1e-12)
+    assert photons * photon_energy_j(wavelength) == pytest.approx(
+        10 * 5.7e-6**2 * 0.5 * 0.1, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -49,20 +57,33 @@ def test_photons_times_their_energy_is_the_energy_that_fell_on_the_pixel(wavelen
         ({"pixel.fill_factor": 1.0}, 2),
         ({"pixel.pitch_x_um": 11.4}, 2),
         ({"pixel.pitch_y_um": 11.4}, 2),
-        ({"quantum_efficiency.curves": {"mono": [0.1, 0.1]}, "lens.transmission": 0.5, "lens.f_number": 8.0}, 1),
+        (
+            {
+                "quantum_efficiency.curves": {"mono": [0.1, 0.1]},
+                "lens.transmission": 0.5,
+                "lens.f_number": 8.0,
+            },
+            1,
+        ),
     ],
     ids=str,
 )
-def test_photons_follow_the_area_of_the_pixel_and_nothing_behind_it(change: dict[str, Any], factor: float) -> None:
+def test_photons_follow_the_area_of_the_pixel_and_nothing_behind_it(
+    change: dict[str, Any], factor: float
+) -> None:
     """The lens has done its work before the focal plane; QE comes after it."""
     other = CAMERA.replace(**change)
-    one, two = (photons_per_irradiance(c, EXPOSURE, [550.0], [10.0])[0] for c in (CAMERA, other))
+    one, two = (
+        photons_per_irradiance(c, EXPOSURE, [550.0], [10.0])[0] for c in (CAMERA, other)
+    )
     assert two == pytest.approx(factor * one, rel=1e-12)
 
 
 def test_bands_stay_apart_and_mean_photons_are_not_rounded() -> None:
     data = np.array([[[1e-9, 2e-9, 0.0]]])
-    photons = ms.collect(light(data, [450.0, 550.0, 650.0], [10.0, 20.0, 5.0]), CAMERA, EXPOSURE)
+    photons = ms.collect(
+        light(data, [450.0, 550.0, 650.0], [10.0, 20.0, 5.0]), CAMERA, EXPOSURE
+    )
     factor = photons_per_irradiance(CAMERA, EXPOSURE, [450.0, 550.0, 650.0], [10.0, 20.0, 5.0])
     np.testing.assert_array_equal(photons.mean, data * factor)
     np.testing.assert_array_equal(photons.wavelengths_nm, [450.0, 550.0, 650.0])
@@ -72,8 +93,12 @@ def test_bands_stay_apart_and_mean_photons_are_not_rounded() -> None:
 
 def test_splitting_a_band_in_two_keeps_its_energy() -> None:
     """Constant irradiance: 400–700 nm in 10 nm bands and in 1 nm bands bring the same photons, within 1e-12."""
-    coarse = photons_per_irradiance(CAMERA, EXPOSURE, np.arange(405.0, 700, 10), np.full(30, 10.0)).sum()
-    fine = photons_per_irradiance(CAMERA, EXPOSURE, np.arange(400.5, 700, 1), np.ones(300)).sum()
+    coarse = photons_per_irradiance(
+        CAMERA, EXPOSURE, np.arange(405.0, 700, 10), np.full(30, 10.0)
+    ).sum()
+    fine = photons_per_irradiance(
+        CAMERA, EXPOSURE, np.arange(400.5, 700, 1), np.ones(300)
+    ).sum()
     assert coarse == pytest.approx(fine, rel=1e-12)
 
 
@@ -96,7 +121,9 @@ def test_float32_light_is_collected_in_float64() -> None:
     data = np.full((1, 1, 1), 0.01, dtype=np.float32)
     photons = ms.collect(light(data), CAMERA, EXPOSURE)
     assert photons.mean.dtype == np.float64
-    assert photons.mean.item() == pytest.approx(float(np.float32(0.01)) * 4497857.300185223, rel=1e-12)
+    assert photons.mean.item() == pytest.approx(
+        float(np.float32(0.01)) * 4497857.300185223, rel=1e-12
+    )
 
 
 def test_photons_are_an_array_for_numpy() -> None:
@@ -106,7 +133,9 @@ def test_photons_are_an_array_for_numpy() -> None:
     assert photons.total is photons.mean
 
 
-def test_photons_of_a_render_are_the_same_whole_in_strips_and_by_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_photons_of_a_render_are_the_same_whole_in_strips_and_by_pixel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of bands in float32, one of them infinite in a pixel, as photons that are made at once in float64."""
     monkeypatch.setattr("mitsuba_sensor.core.signals.VALUES_AT_ONCE", 2 * 5 * 3)
     data = np.random.default_rng(1).random((7, 5, 3)).astype(np.float32)
@@ -119,8 +148,12 @@ def test_photons_of_a_render_are_the_same_whole_in_strips_and_by_pixel(monkeypat
     for name, values in {"total": whole.total, "mean": whole.mean}.items():
         fresh = lazy.changed(origin=(1, 0))
         np.testing.assert_array_equal(fresh.at(pixels), whole.at(pixels))
-        np.testing.assert_array_equal(np.concatenate([strip.mean for strip in fresh.strips()]), whole.mean)
-        np.testing.assert_array_equal(fresh.crop_rows(slice(2, 4)).crop_rows(slice(1, 2)).mean, whole.mean[3:4])
+        np.testing.assert_array_equal(
+            np.concatenate([strip.mean for strip in fresh.strips()]), whole.mean
+        )
+        np.testing.assert_array_equal(
+            fresh.crop_rows(slice(2, 4)).crop_rows(slice(1, 2)).mean, whole.mean[3:4]
+        )
         assert "mean" not in vars(fresh)
         np.testing.assert_array_equal(getattr(fresh, name), values, err_msg=name)
 

@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 from helpers import CAMERAS
 from helpers.marks import one_in
-from helpers.scenes import BALL, SCENES, SKY, both_variants, read_settings, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    BALL,
+    SCENES,
+    SKY,
+    both_variants,
+    read_settings,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
@@ -47,7 +56,9 @@ def one_file(lens: str = LENS, film: str = NAME + SIZE, *elements: str) -> str:
 
 def by_hand(kind: str, parameters: dict[str, float], film: str = SIZE) -> str:
     """The same scene with Mitsuba's own sensor and film."""
-    floats = "".join(f'<float name="{name}" value="{value!r}"/>' for name, value in parameters.items())
+    floats = "".join(
+        f'<float name="{name}" value="{value!r}"/>' for name, value in parameters.items()
+    )
     sensor = f'<sensor type="{kind}">{floats}<film type="hdrfilm">{film}</film></sensor>'
     return f'<scene version="3.0.0">{sensor}{SKY}{NEAR_BALL}</scene>'
 
@@ -67,7 +78,9 @@ def ready(variant: str) -> Any:
 
 
 @both_variants
-def test_plain_mitsuba_renders_the_two_elements_as_its_own_objects(tmp_path: Path, variant: str) -> None:
+def test_plain_mitsuba_renders_the_two_elements_as_its_own_objects(
+    tmp_path: Path, variant: str
+) -> None:
     """mi.load_file and mi.render; every pixel of an even sky is L·Δλ in every one of 30 bands.
 
     96 pixels of 256 samples know a band to 1.7 % (independent sampler), so that 8 % fails for one seed in 10 000.
@@ -81,11 +94,15 @@ def test_plain_mitsuba_renders_the_two_elements_as_its_own_objects(tmp_path: Pat
 
 
 @both_variants
-def test_a_camera_without_focus_is_a_perspective_of_the_focal_length(tmp_path: Path, variant: str) -> None:
+def test_a_camera_without_focus_is_a_perspective_of_the_focal_length(
+    tmp_path: Path, variant: str
+) -> None:
     """Field of view 2·atan(columns·pitch/2f): the same numbers, bit for bit, as a perspective written by hand."""
     ready(variant)
     ours = load_scene(write_scene(tmp_path, one_file()), BANDS, {})
-    hand = load_scene(write_scene(tmp_path, by_hand("perspective", {"fov": fov_deg(0.05e-3)})), BANDS, {})
+    hand = load_scene(
+        write_scene(tmp_path, by_hand("perspective", {"fov": fov_deg(0.05e-3)})), BANDS, {}
+    )
     assert ours.view == hand.view and ours.notes == ()
     np.testing.assert_array_equal(ours.render(1, 16, (0, 8)), hand.render(1, 16, (0, 8)))
 
@@ -105,7 +122,9 @@ def test_a_camera_in_focus_is_a_thin_lens_in_scene_units(
         "aperture_radius": focal / (2 * 2.0) / metres,
         "focus_distance": focus / metres,
     }
-    hand = load_scene(write_scene(tmp_path, by_hand("thinlens", parameters)), BANDS, {}, scene_unit=unit)
+    hand = load_scene(
+        write_scene(tmp_path, by_hand("thinlens", parameters)), BANDS, {}, scene_unit=unit
+    )
     assert ours.view == hand.view
     np.testing.assert_array_equal(ours.render(1, 16, (0, 8)), hand.render(1, 16, (0, 8)))
 
@@ -114,14 +133,18 @@ def test_a_camera_in_focus_is_a_thin_lens_in_scene_units(
     ("lens", "name", "value"),
     [(LENS + FOCUS, "aperture_radius", 0.05e-3 / 4), (LENS, "principal_point_offset_x", 0.1)],
 )
-def test_plain_mitsuba_gets_the_same_sensor_as_load_scene(tmp_path: Path, lens: str, name: str, value: float) -> None:
+def test_plain_mitsuba_gets_the_same_sensor_as_load_scene(
+    tmp_path: Path, lens: str, name: str, value: float
+) -> None:
     """The factory and the rewriting agree on every parameter, also on those that are passed along."""
     mi = ready("scalar_spectral")
     more = '<float name="near_clip" value="0.5"/><transform name="to_world"><translate x="1" z="-2"/></transform>'
     if name == "principal_point_offset_x":
         more += f'<float name="{name}" value="{value}"/>'
     path = write_scene(tmp_path, one_file(lens + more))
-    ours, theirs = (mi.traverse(s) for s in (load_scene(path, BANDS, {}).sensor, plain(path).sensors()[0]))
+    ours, theirs = (
+        mi.traverse(s) for s in (load_scene(path, BANDS, {}).sensor, plain(path).sensors()[0])
+    )
     same = {key for key, _ in ours if not key.startswith("film.band")}
     assert {"x_fov", "near_clip", "far_clip", "to_world", name} < same
     assert all(str(ours[key]) == str(theirs[key]) for key in same)
@@ -147,7 +170,10 @@ def test_a_whole_render_of_one_file_is_that_of_the_scene_by_hand(tmp_path: Path)
     options: dict[str, Any] = {"spp": 8, "bandwidth_nm": 100, "variant": "scalar_spectral"}
     ours = render(write_scene(tmp_path, one_file()), CAMERA, Exposure(0.1), **options)
     hand = render(
-        write_scene(tmp_path, by_hand("perspective", {"fov": fov_deg(0.05e-3)})), CAMERA, Exposure(0.1), **options
+        write_scene(tmp_path, by_hand("perspective", {"fov": fov_deg(0.05e-3)})),
+        CAMERA,
+        Exposure(0.1),
+        **options,
     )
     np.testing.assert_array_equal(ours.data, hand.data)
 
@@ -167,20 +193,30 @@ def test_two_films_keep_their_own_pixels(tmp_path: Path) -> None:
     """Nothing is shared between loads: each sensor finds the pitch of its own film, whichever was loaded last."""
     mi = ready("scalar_spectral")
     pitch = '<float name="pixel.pitch_x_um" value="{0}"/><float name="pixel.pitch_y_um" value="{0}"/>'
-    scenes = [plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + pitch.format(um)))) for um in (2.0, 8.0)]
+    scenes = [
+        plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + pitch.format(um))))
+        for um in (2.0, 8.0)
+    ]
     for scene, um in zip(scenes, (2.0, 8.0), strict=True):
         expected = 2 * math.degrees(math.atan(12 * um * 1e-6 / (2 * 0.05e-3)))
-        assert float(mi.traverse(scene.sensors()[0])["x_fov"]) == pytest.approx(expected, rel=1e-6)
+        assert float(mi.traverse(scene.sensors()[0])["x_fov"]) == pytest.approx(
+            expected, rel=1e-6
+        )
 
 
-def test_channels_of_the_film_hold_the_transmission_of_the_sensor_around_it(tmp_path: Path) -> None:
+def test_channels_of_the_film_hold_the_transmission_of_the_sensor_around_it(
+    tmp_path: Path,
+) -> None:
     """The response is T(λ)·QE(λ)·λ/λ_ref with the spectrum that the sensor element gives."""
     mi = ready("scalar_spectral")
     through = '<spectrum name="transmission" value="400:0.5, 700:0.9"/>'
     spectral = '<string name="spectral" value="channels"/>'
     path = write_scene(tmp_path, one_file(LENS + through, NAME + SIZE + spectral))
     film = mi.traverse(plain(path).sensors()[0].film())
-    lens = {"lens.transmission_curve": (0.5, 0.9), "lens.transmission_wavelengths_nm": (400.0, 700.0)}
+    lens = {
+        "lens.transmission_curve": (0.5, 0.9),
+        "lens.transmission_wavelengths_nm": (400.0, 700.0),
+    }
     expected = channel_bands(CAMERA.replace(**lens)).responses[0]["values"]
     values = [float(number) for number in expected.split(",")]
     np.testing.assert_allclose(np.array(film["band0000.values"]), values, rtol=1e-6)
@@ -191,7 +227,9 @@ def test_wavelengths_are_drawn_from_the_mended_density(tmp_path: Path) -> None:
     """Whole numbers from 1 to 64, as for the films of load_scene: neighbours are equal or clearly different."""
     mi = ready("scalar_spectral")
     spectral = '<string name="spectral" value="channels"/>'
-    film = plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + spectral))).sensors()[0].film()
+    film = (
+        plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + spectral))).sensors()[0].film()
+    )
     density = np.array(mi.traverse(film.sensor_response_function())["values"])
     assert density.max() == 64 and density.min() >= 1 and (density == np.round(density)).all()
 
@@ -200,11 +238,17 @@ def test_defaults_and_given_parameters_reach_both_elements(tmp_path: Path) -> No
     mi = ready("scalar_spectral")
     default = '<default name="f" value="0.05"/><default name="bits" value="10"/>'
     film = NAME + SIZE + '<integer name="adc.bits" value="$bits"/>'
-    text = one_file('<float name="focal_length_mm" value="$f"/>', film).replace("<sensor", f"{default}<sensor", 1)
+    text = one_file('<float name="focal_length_mm" value="$f"/>', film).replace(
+        "<sensor", f"{default}<sensor", 1
+    )
     path = write_scene(tmp_path, text)
     for parameters, focal, bits in (({}, 0.05, 10), ({"f": "0.1", "bits": "14"}, 0.1, 14)):
         settings = read_settings(path, parameters)
-        assert settings.camera is not None and settings.camera.adc.bits == bits and settings.focal_length_mm == focal
+        assert (
+            settings.camera is not None
+            and settings.camera.adc.bits == bits
+            and settings.focal_length_mm == focal
+        )
         view = float(mi.traverse(plain(path, **parameters).sensors()[0])["x_fov"])
         assert view == pytest.approx(fov_deg(focal * 1e-3), rel=1e-6)
 
@@ -214,14 +258,19 @@ def test_a_text_none_in_the_film_unsets_a_field_of_its_camera(tmp_path: Path) ->
     none = '<string name="source_follower.white_nv_per_rthz" value="none"/>'
     film = NAME + SIZE + none + '<float name="source_follower.read_noise_e" value="3"/>'
     settings = read_settings(write_scene(tmp_path, one_file(LENS, film)), {})
-    assert settings.camera is not None and settings.camera.source_follower.white_nv_per_rthz is None
+    assert (
+        settings.camera is not None
+        and settings.camera.source_follower.white_nv_per_rthz is None
+    )
     assert settings.camera.source_follower.read_noise_e == 3
     assert settings.overruled_by(load_camera("bayer_2mp")) == ["source_follower.read_noise_e"]
 
 
 def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
     lens = (
-        LENS + FOCUS + '<string name="pupil_convention" value="planar"/><float name="pupil_magnification" value="1.5"/>'
+        LENS
+        + FOCUS
+        + '<string name="pupil_convention" value="planar"/><float name="pupil_magnification" value="1.5"/>'
     )
     film = NAME + SIZE + (
         '<float name="exposure_s" value="0.02"/><float name="temperature_k" value="310"/>'
@@ -232,10 +281,25 @@ def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
     lens += '<float name="transmission" value="0.8"/>'
     settings = read_settings(write_scene(tmp_path, one_file(lens, film)), {})
     assert settings.exposure == Exposure(0.02, 310.0)
-    assert (settings.seed, settings.serial, settings.wavelength_nm, settings.bandwidth_nm) == (7, 9, 600.0, 5.0)
-    assert (settings.spectral, settings.focus_distance_m, settings.unit_m) == ("cube", 3.0, None)
-    expected = {"lens.f_number": 2.0, "lens.convention": "planar", "lens.pupil_magnification": 1.5}
-    assert settings.camera == CAMERA.replace(**expected, **{"lens.transmission": 0.8, "pixel.prnu": 0.02})
+    assert (settings.seed, settings.serial, settings.wavelength_nm, settings.bandwidth_nm) == (
+        7,
+        9,
+        600.0,
+        5.0,
+    )
+    assert (settings.spectral, settings.focus_distance_m, settings.unit_m) == (
+        "cube",
+        3.0,
+        None,
+    )
+    expected = {
+        "lens.f_number": 2.0,
+        "lens.convention": "planar",
+        "lens.pupil_magnification": 1.5,
+    }
+    assert settings.camera == CAMERA.replace(
+        **expected, **{"lens.transmission": 0.8, "pixel.prnu": 0.02}
+    )
 
 
 def test_setup_is_empty_where_the_file_says_nothing(tmp_path: Path) -> None:
@@ -269,7 +333,9 @@ def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
         .replace("pitch_x_um = 5.7", "pitch_x_um = 11.4")
     )
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
-    path = write_scene(tmp_path, one_file(LENS, '<string name="camera" value="mine.toml"/>' + SIZE))
+    path = write_scene(
+        tmp_path, one_file(LENS, '<string name="camera" value="mine.toml"/>' + SIZE)
+    )
     assert not Path("mine.toml").exists()
     settings = read_settings(path, {})
     assert settings.camera is not None and settings.camera.name == "mine"
@@ -279,7 +345,9 @@ def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
 
 
 def test_files_of_inline_fields_lie_beside_the_scene(tmp_path: Path) -> None:
-    (tmp_path / "qe.csv").write_text("wavelength_nm,mono_fraction\n420,0.1\n680,0.3\n", encoding="utf-8")
+    (tmp_path / "qe.csv").write_text(
+        "wavelength_nm,mono_fraction\n420,0.1\n680,0.3\n", encoding="utf-8"
+    )
     film = NAME + SIZE + '<string name="quantum_efficiency.file" value="qe.csv"/>'
     camera = read_settings(write_scene(tmp_path, one_file(LENS, film)), {}).camera
     assert camera is not None and camera.qe([420.0, 680.0]).tolist() == [[0.1, 0.3]]
@@ -296,7 +364,9 @@ def test_registering_works_before_any_variant_is_set() -> None:
         "    mi.set_variant(variant)\n"
         f"assert mi.load_file({str(SCENES / 'one_file.xml')!r}, width='8', height='6').sensors()\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ))
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ)
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -310,7 +380,9 @@ TYPING_ERRORS = [
 
 
 @pytest.mark.parametrize(("lens", "film", "name", "line"), TYPING_ERRORS)
-def test_a_typing_error_is_told_with_its_line(tmp_path: Path, lens: str, film: str, name: str, line: int) -> None:
+def test_a_typing_error_is_told_with_its_line(
+    tmp_path: Path, lens: str, film: str, name: str, line: int
+) -> None:
     """By plain Mitsuba, when nothing is rendered, and by load_scene, which gives the nearest name."""
     ready("scalar_spectral")
     path = write_scene(tmp_path, one_file(lens, film))
@@ -342,7 +414,9 @@ def test_a_typing_error_is_told_with_its_line(tmp_path: Path, lens: str, film: s
         (LENS, SIZE, "names it"),
     ],
 )  # fmt: skip
-def test_wrong_values_are_refused_in_one_sentence(tmp_path: Path, lens: str, film: str, sentence: str) -> None:
+def test_wrong_values_are_refused_in_one_sentence(
+    tmp_path: Path, lens: str, film: str, sentence: str
+) -> None:
     """By load_scene; and plain Mitsuba does not build it either."""
     ready("scalar_spectral")
     path = write_scene(tmp_path, one_file(lens, film))
@@ -353,12 +427,18 @@ def test_wrong_values_are_refused_in_one_sentence(tmp_path: Path, lens: str, fil
         plain(path)
 
 
-def test_a_camera_around_another_film_takes_its_pixels_from_the_camera_that_renders(tmp_path: Path) -> None:
+def test_a_camera_around_another_film_takes_its_pixels_from_the_camera_that_renders(
+    tmp_path: Path,
+) -> None:
     """load_scene is given the camera; plain Mitsuba is not, and raises."""
     ready("scalar_spectral")
-    path = write_scene(tmp_path, one_file().replace('type="photosensor"', 'type="hdrfilm"').replace(NAME, ""))
+    path = write_scene(
+        tmp_path, one_file().replace('type="photosensor"', 'type="hdrfilm"').replace(NAME, "")
+    )
     view = load_scene(path, BANDS, {}, CAMERA).view
-    assert 2 * math.degrees(math.atan(view.half_width)) == pytest.approx(fov_deg(0.05e-3), rel=1e-6)
+    assert 2 * math.degrees(math.atan(view.half_width)) == pytest.approx(
+        fov_deg(0.05e-3), rel=1e-6
+    )
     with pytest.raises(RuntimeError, match="needs a <film"):
         plain(path)
 
@@ -382,7 +462,13 @@ def test_the_example_loads_in_plain_mitsuba_and_says_everything(variant: str) ->
     assert np.array(mi.render(plain(path, **small), spp=4)).shape == (12, 16, 15)
     settings = read_settings(path, small)
     assert settings.camera is not None and settings.exposure == Exposure(0.1, 298.15)
-    assert None not in (settings.seed, settings.serial, settings.spectral, settings.bandwidth_nm, settings.unit_m)
+    assert None not in (
+        settings.seed,
+        settings.serial,
+        settings.spectral,
+        settings.bandwidth_nm,
+        settings.unit_m,
+    )
     scene: Scene = load_scene(path, BANDS, small)
     assert scene.notes == () and scene.view.focus_m == pytest.approx(0.3, rel=1e-6)
 
@@ -395,14 +481,18 @@ IN_PLAIN_MITSUBA = (
 
 
 @pytest.mark.parametrize("imports", one_in(3, IN_PLAIN_MITSUBA))
-def test_importing_the_package_makes_the_plugins_known_in_either_order(tmp_path: Path, imports: str) -> None:
+def test_importing_the_package_makes_the_plugins_known_in_either_order(
+    tmp_path: Path, imports: str
+) -> None:
     """Nothing is registered by hand; importing one does not import the other."""
     path = write_scene(tmp_path, one_file())
     code = (
         f"import sys; {imports.replace('import mitsuba_sensor', IMPORT)}\n"
         f"print(mi.render(mi.load_file({str(path)!r}), spp=1).shape, type(mitsuba_sensor.render).__name__)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ))
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ)
+    )
     assert done.stdout.split("\n")[-2] == "(8, 12, 30) function", done.stderr
 
 

@@ -19,14 +19,16 @@ LENS = '<sensor type="camera"><float name="focal_length_mm" value="0.05"/>'
 
 
 def scene(
-    integrator: str = '<integrator type="raw_frame"><integrator type="path"/></integrator>', film: str = RAW
+    integrator: str = '<integrator type="raw_frame"><integrator type="path"/></integrator>',
+    film: str = RAW,
 ) -> str:
     """A ball under an even sky, exposed by a Bayer camera whose window begins in an odd column."""
-    size = (
-        '<integer name="width" value="12"/><integer name="height" value="8"/><integer name="crop_offset_x" value="3"/>'
-    )
+    size = '<integer name="width" value="12"/><integer name="height" value="8"/>'
+    size += '<integer name="crop_offset_x" value="3"/>'
     named = '<string name="camera" value="bayer_2mp"/><float name="exposure_s" value="0.02"/>'
-    window = f'{named}{size}<integer name="crop_width" value="6"/><integer name="serial" value="7"/>'
+    window = (
+        f'{named}{size}<integer name="crop_width" value="6"/><integer name="serial" value="7"/>'
+    )
     sensor = f'{LENS}<film type="photosensor">{film}{window}</film></sensor>'
     return f'<scene version="3.0.0">{integrator}{sensor}{SKY}{BALL.format(bsdf="")}</scene>'
 
@@ -45,7 +47,11 @@ def test_mitsuba_renders_the_raw_frame_of_capture(tmp_path: Path, variant: str) 
         film.develop()
     rendered = np.array(mi.render(loaded, spp=16, seed=3))
     wanted = ms.capture(scene(), seed=3, spp=16).frames
-    assert rendered.shape == (8, 6, 1) and wanted.first.window.origin == (0, 3) and wanted.first.window.serial == 7
+    assert (
+        rendered.shape == (8, 6, 1)
+        and wanted.first.window.origin == (0, 3)
+        and wanted.first.window.serial == 7
+    )
     np.testing.assert_array_equal(rendered[..., 0], wanted.digital[0])
     np.testing.assert_array_equal(np.array(film.develop(raw=True)), rendered)
     bitmap = np.array(film.bitmap())
@@ -60,7 +66,9 @@ def test_mitsuba_renders_the_raw_frame_of_capture(tmp_path: Path, variant: str) 
 
 def test_a_loaded_scene_with_a_raw_film_can_be_captured_too() -> None:
     mi = ready("scalar_spectral")
-    one, other = (ms.capture(x, spp=16).frames.digital for x in (scene(), mi.load_string(scene())))
+    one, other = (
+        ms.capture(x, spp=16).frames.digital for x in (scene(), mi.load_string(scene()))
+    )
     np.testing.assert_array_equal(one, other)
     assert not any("raw_frame" in note for note in ms.render(scene(), spp=1).statistics.notes)
 
@@ -68,7 +76,9 @@ def test_a_loaded_scene_with_a_raw_film_can_be_captured_too() -> None:
 def test_a_raw_film_and_another_integrator_are_one_sentence() -> None:
     """And the integrator with another film; and an output that there is not."""
     mi = ready("scalar_spectral")
-    with pytest.raises(InputError, match='output "raw" needs <integrator type="raw_frame">; put the'):
+    with pytest.raises(
+        InputError, match='output "raw" needs <integrator type="raw_frame">; put the'
+    ):
         mi.render(mi.load_string(scene('<integrator type="path"/>')), spp=1)
     with pytest.raises(InputError, match="raw_frame renders a sensor with"):
         mi.render(mi.load_string(scene(film="")), spp=1)
@@ -101,7 +111,9 @@ def test_any_sensor_of_a_scene_has_a_raw_frame(variant: str) -> None:
     alone = frame(mi, seen_by(TWO[1]))
     scene = mi.load_string(seen_by(*TWO))
     np.testing.assert_array_equal(np.array(mi.render(scene, sensor=1, spp=16, seed=3)), alone)
-    np.testing.assert_array_equal(np.array(mi.render(scene, sensor=scene.sensors()[1], spp=16, seed=3)), alone)
+    np.testing.assert_array_equal(
+        np.array(mi.render(scene, sensor=scene.sensors()[1], spp=16, seed=3)), alone
+    )
     assert (frame(mi, seen_by(*TWO)) != alone).any()
 
 
@@ -109,7 +121,11 @@ def test_any_sensor_of_a_scene_has_a_raw_frame(variant: str) -> None:
 def test_the_raw_frames_of_a_batch_are_side_by_side(variant: str) -> None:
     """The first is that of its sensor alone; the second shows the ball elsewhere, with temporal noise of its own."""
     mi = ready(variant)
-    film = TWO[0][TWO[0].index("<film") :].replace('value="6"', 'value="12"').removesuffix("</sensor>")
+    film = (
+        TWO[0][TWO[0].index("<film") :]
+        .replace('value="6"', 'value="12"')
+        .removesuffix("</sensor>")
+    )
     batch = frame(mi, seen_by(f'<sensor type="batch">{film}{"".join(TWO)}</sensor>'))
     assert batch.shape == (8, 12, 1)
     np.testing.assert_array_equal(batch[:, :6], frame(mi, seen_by(TWO[0])))
@@ -137,7 +153,9 @@ def test_aov_around_raw_frame_adds_its_channels_to_the_frame(variant: str) -> No
     np.testing.assert_array_equal(np.array(scene.sensors()[0].film().develop()), alone)
     (fov,) = np.ravel(mi.traverse(scene.sensors()[0])["x_fov"])
     size = '<integer name="width" value="6"/><integer name="height" value="8"/><rfilter type="box"/>'
-    film = f'<film type="hdrfilm">{size}<string name="component_format" value="float32"/></film>'
+    film = (
+        f'<film type="hdrfilm">{size}<string name="component_format" value="float32"/></film>'
+    )
     sensor = f'<sensor type="perspective"><float name="fov" value="{fov}"/>{film}</sensor>'
     plain = frame(mi, seen_by(sensor, integrator=around.format('<integrator type="path"/>')))
     assert both[..., 1].max() > 3
@@ -148,5 +166,7 @@ def test_aov_around_raw_frame_adds_its_channels_to_the_frame(variant: str) -> No
 def test_raw_frame_may_be_given_to_render_instead_of_the_integrator_of_the_scene() -> None:
     mi = ready("llvm_ad_spectral")
     around = mi.load_dict({"type": "raw_frame"})
-    given = frame(mi, seen_by(TWO[0], integrator='<integrator type="direct"/>'), integrator=around)
+    given = frame(
+        mi, seen_by(TWO[0], integrator='<integrator type="direct"/>'), integrator=around
+    )
     np.testing.assert_array_equal(given, frame(mi, seen_by(TWO[0])))

@@ -29,7 +29,9 @@ def test_with_denoising_more_are_needed_as_its_gain_falls(light: Any) -> None:
     assert samples_for(1.4, 1.5, statistics) == pytest.approx((1.5 / 1.4) ** (4 / 3) * 64)
 
 
-def test_a_pixel_as_noisy_by_the_render_as_by_the_sensor_owes_half_its_variance_to_it(light: Any) -> None:
+def test_a_pixel_as_noisy_by_the_render_as_by_the_sensor_owes_half_its_variance_to_it(
+    light: Any,
+) -> None:
     """The render's error scaled until the median ratio is 1: half of the variance, more than that in half the pixels;
     seconds are those of the render and of the samples that are missing."""
     statistics = replace(light.statistics, passes=2**20, seconds=2.0, seconds_per_sample=0.5)
@@ -57,9 +59,13 @@ def test_a_note_says_how_much_of_the_grain_is_the_renders(light: Any) -> None:
     nothing = {"over_sensor_median": None, "share_of_variance_median": None}
     frames = ms.expose(ms.collect(light, CAMERA, EXPOSURE), CAMERA, EXPOSURE)
     half = "50% of the noise variance of a typical pixel is the render's, not the camera's; "
-    assert list(noise_note(light, long | known, frames)) == [half + "--noise-ratio 0.1 takes about 1200 samples, 57 s"]
+    assert list(noise_note(light, long | known, frames)) == [
+        half + "--noise-ratio 0.1 takes about 1200 samples, 57 s"
+    ]
     for further in (unknown, endless):
-        assert list(noise_note(light, long | further, frames)) == [half + "render with more samples than 64 (--spp)"]
+        assert list(noise_note(light, long | further, frames)) == [
+            half + "render with more samples than 64 (--spp)"
+        ]
     (most,) = noise_note(light, long | known | {"share_of_variance_median": 0.998}, frames)
     assert most.startswith("nearly all of the noise variance")
     assert not list(noise_note(light, short | known, frames))
@@ -79,10 +85,17 @@ def test_a_noise_ratio_is_that_of_the_camera_and_exposure_of_its_render(
     light: Any, settings: dict[str, int], time_s: float, new: str
 ) -> None:
     """For others the scene is rendered again with them: the same command would stop where it did before."""
-    known = replace(light, relative_error=10 * light.relative_error, rendered_for=RenderedFor(CAMERA, EXPOSURE, 1))
+    known = replace(
+        light,
+        relative_error=10 * light.relative_error,
+        rendered_for=RenderedFor(CAMERA, EXPOSURE, 1),
+    )
     taken = ms.capture(known, CAMERA.replace(**settings), ms.Exposure(time_s))
     goal = f"a render for this {new} with --noise-ratio 0.1" if new else "--noise-ratio 0.1"
-    assert sum(f"the camera's; {goal} takes about" in note for note in taken.metadata["notes"]) == 1
+    assert (
+        sum(f"the camera's; {goal} takes about" in note for note in taken.metadata["notes"])
+        == 1
+    )
 
 
 def test_the_error_bars_of_two_passes_have_one_degree_of_freedom(light: Any) -> None:

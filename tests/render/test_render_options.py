@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    PERSPECTIVE,
+    SCENES,
+    SKY,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 from mitsuba_sensor import expose
 from mitsuba_sensor.camera.camera_file import load_camera
@@ -30,7 +38,9 @@ Cli = Callable[..., Any]
 
 def cropped(x: int, y: int) -> str:
     options = {"crop_width": 6, "crop_height": 4, "crop_offset_x": x, "crop_offset_y": y}
-    return "".join(f'<integer name="{name}" value="{value}"/>' for name, value in options.items())
+    return "".join(
+        f'<integer name="{name}" value="{value}"/>' for name, value in options.items()
+    )
 
 
 @pytest.mark.parametrize("spectral", ["cube", "channels"])
@@ -41,14 +51,18 @@ def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: 
     render is cut by hand and both are exposed; the film's window only has to say where it lies.
     """
     options = {"spectral": spectral, "spp": 16, "variant": "scalar_spectral"}
-    part = render(write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1))), BAYER, EXPOSURE, **options)
+    part = render(
+        write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1))), BAYER, EXPOSURE, **options
+    )
     assert part.origin == (1, 3)
     photons = collect(part, BAYER, EXPOSURE)
     whole, in_band = np.zeros((8, 12, photons.mean.shape[2])), np.ones((8, 12))
     whole[1:5, 3:9] = photons.mean
     in_band[1:5, 3:9] = 1.0 if photons.in_band is None else photons.in_band
     full = expose(replace(photons, mean=whole, in_band=in_band, origin=(0, 0)), BAYER, EXPOSURE)
-    np.testing.assert_array_equal(expose(photons, BAYER, EXPOSURE).digital[0], full.digital[0, 1:5, 3:9])
+    np.testing.assert_array_equal(
+        expose(photons, BAYER, EXPOSURE).digital[0], full.digital[0, 1:5, 3:9]
+    )
 
 
 def test_where_a_crop_lies_survives_the_file(tmp_path: Path) -> None:
@@ -60,7 +74,12 @@ def test_where_a_crop_lies_survives_the_file(tmp_path: Path) -> None:
 
 def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> None:
     """Focal length and f-number are the camera's own, whatever the unit; the scene's lengths are what changes."""
-    options = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    options = {
+        "parameters": SMALL,
+        "spp": 16,
+        "wavelength_nm": 550,
+        "variant": "scalar_spectral",
+    }
     for unit in (None, "cm", "m"):
         found = render(ONE_FILE, scene_unit=unit, **options).statistics
         assert found.intrinsics is not None
@@ -71,7 +90,9 @@ def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> No
 @both_variants
 def test_parallel_rays_have_aovs(tmp_path: Path, variant: str) -> None:
     """A wall before an orthographic sensor: one depth and one normal everywhere."""
-    sensor = PERSPECTIVE.replace("perspective", "orthographic").replace('<float name="fov" value="60"/>', "")
+    sensor = PERSPECTIVE.replace("perspective", "orthographic").replace(
+        '<float name="fov" value="60"/>', ""
+    )
     wall = '<shape type="rectangle"><transform name="to_world"><scale value="9"/><translate z="4"/></transform></shape>'
     path = write_scene(tmp_path, scene_text(SKY, wall, sensor=sensor))
     found = render_aovs(path, TABLE1, variant=skip_unless_usable(variant))
@@ -81,26 +102,50 @@ def test_parallel_rays_have_aovs(tmp_path: Path, variant: str) -> None:
 
 
 def test_a_camera_that_overrules_the_lens_of_the_file_is_told(tmp_path: Path) -> None:
-    options = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    options = {
+        "parameters": SMALL,
+        "spp": 16,
+        "wavelength_nm": 550,
+        "variant": "scalar_spectral",
+    }
     given = render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **options).statistics
     assert any("overruled" in note and "lens.f_number" in note for note in given.notes)
     assert not any("overruled" in note for note in render(ONE_FILE, **options).statistics.notes)
 
 
 def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> None:
-    options = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral", "render_noise": "per-frame"}
+    options = {
+        "parameters": SMALL,
+        "spp": 16,
+        "variant": "scalar_spectral",
+        "render_noise": "per-frame",
+    }
     scene = SCENES / "cornell_box.xml"
-    assert next(render_frames(scene, TABLE1, EXPOSURE, **options)).light.statistics.spectral == "channels"
-    assert next(render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **options)).light.statistics.spectral == "cube"
+    assert (
+        next(render_frames(scene, TABLE1, EXPOSURE, **options)).light.statistics.spectral
+        == "channels"
+    )
+    assert (
+        next(
+            render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **options)
+        ).light.statistics.spectral
+        == "cube"
+    )
 
 
 def test_a_quantum_yield_has_bands_with_a_render_for_every_frame() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
     options = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
-    frame = next(render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **options))
+    frame = next(
+        render_frames(
+            SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **options
+        )
+    )
     assert frame.light.statistics.spectral == "cube"
     with pytest.raises(InputError, match="take render_noise 'per-frame'"):
-        render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **options)
+        render_frames(
+            SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **options
+        )
 
 
 def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
@@ -109,7 +154,9 @@ def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
     area += '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter></shape>'
     ball = '<shape type="sphere"><point name="center" value="0, 0, 9"/></shape>'
     path = write_scene(tmp_path, scene_text(area, ball))
-    light = render(path, TABLE1, EXPOSURE, wavelength_nm=550, noise_ratio=0.5, variant="scalar_spectral")
+    light = render(
+        path, TABLE1, EXPOSURE, wavelength_nm=550, noise_ratio=0.5, variant="scalar_spectral"
+    )
     lit = light.data[..., 0] > 0
     assert lit.mean() < 0.5
     assert 0 < light.statistics.noise_ratio_median <= 0.55
@@ -144,14 +191,40 @@ def test_another_lens_comes_too_late_for_light_that_is_rendered(
 
 
 def test_plan_takes_camera_and_exposure_of_the_scene(cli: Cli) -> None:
-    small = ("-D", "width=8", "-D", "height=6", "--spp", "16", "--variant", "scalar_spectral", "--json")
+    small = (
+        "-D",
+        "width=8",
+        "-D",
+        "height=6",
+        "--spp",
+        "16",
+        "--variant",
+        "scalar_spectral",
+        "--json",
+    )
     done = cli("plan", ONE_FILE, "-D", "camera=bayer_2mp", "-D", "exposure_s=0.5", *small)
     assert done.exit_code == 0, done.stderr
     assert json.loads(done.stdout)["camera"] == "bayer_2mp"
 
 
-def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(tmp_path: Path, cli: Cli) -> None:
-    options = ("-D", "width=8", "-D", "height=6", "--spp", "16", "--wavelength-nm", "550", "--json")
-    done = cli("render", ONE_FILE, "-o", tmp_path, "--set", "lens.prescription=double_gauss", *options)
+def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(
+    tmp_path: Path, cli: Cli
+) -> None:
+    options = (
+        "-D",
+        "width=8",
+        "-D",
+        "height=6",
+        "--spp",
+        "16",
+        "--wavelength-nm",
+        "550",
+        "--json",
+    )
+    done = cli(
+        "render", ONE_FILE, "-o", tmp_path, "--set", "lens.prescription=double_gauss", *options
+    )
     assert done.exit_code == 0, done.stderr
-    assert json.loads(done.stdout)["render"]["intrinsics"]["focal_length_mm"] == pytest.approx(2.5, rel=1e-3)
+    assert json.loads(done.stdout)["render"]["intrinsics"]["focal_length_mm"] == pytest.approx(
+        2.5, rel=1e-3
+    )

@@ -65,13 +65,17 @@ def signal_dn(light: Any, camera: ms.Camera) -> Any:
 
 def alone(light: Any, band: int) -> Any:
     """The light of one band."""
-    return replace(light, data=np.where(np.arange(light.data.shape[2]) == band, light.data, 0.0))
+    return replace(
+        light, data=np.where(np.arange(light.data.shape[2]) == band, light.data, 0.0)
+    )
 
 
 def moved_dn(light: Any, camera: ms.Camera, size: int) -> float:
     """What re-binning changes, every band by itself and summed up, at the pixel where it is most."""
     bands = [alone(light, band) for band in range(light.data.shape[2])]
-    changes = [np.abs(signal_dn(rebinned(one, size), camera) - signal_dn(one, camera)) for one in bands]
+    changes = [
+        np.abs(signal_dn(rebinned(one, size), camera) - signal_dn(one, camera)) for one in bands
+    ]
     return float(np.sum(changes, axis=0).max())
 
 
@@ -79,7 +83,9 @@ def test_what_the_bands_of_a_group_change_does_not_cancel(make: Any) -> None:
     """Photons grow with λ: the middle of 400 to 700 nm stands for all of it by chance, each band is 75/550 off."""
     light = make(np.full(30, 1e-5), 400, 700)
     brightest = signal_dn(light, TABLE1).max()
-    assert np.abs(signal_dn(rebinned(light, 30), TABLE1) - signal_dn(light, TABLE1)).max() < 1e-6
+    assert (
+        np.abs(signal_dn(rebinned(light, 30), TABLE1) - signal_dn(light, TABLE1)).max() < 1e-6
+    )
     need = bands_of(light, TABLE1, 0.14 * brightest)
     assert need.effect_dn == pytest.approx(75 / 550 * brightest, rel=1e-6)
     assert not need.kept and need.reason == "1 are enough: --bandwidth-nm 300"
@@ -92,7 +98,9 @@ def test_a_full_well_hides_no_band(make: Any) -> None:
     bright = replace(light, data=light.data * 1e4)
     assert signal_dn(bright, BAYER).min() > 10 * 2**BAYER.adc.bits
     assert bands_of(bright, BAYER, 1.0).kept
-    assert bands_of(bright, BAYER, 1.0).effect_dn == pytest.approx(1e4 * moved_dn(light, BAYER, 2), rel=1e-6)
+    assert bands_of(bright, BAYER, 1.0).effect_dn == pytest.approx(
+        1e4 * moved_dn(light, BAYER, 2), rel=1e-6
+    )
 
 
 def test_a_narrow_line_under_a_mosaic_needs_all_bands(make: Any) -> None:
@@ -110,7 +118,9 @@ def test_a_narrow_line_under_a_mosaic_needs_all_bands(make: Any) -> None:
 
 @pytest.mark.parametrize("tolerance_dn", [0.01, 0.1, 1.0, 10.0, 100.0])
 @pytest.mark.parametrize(
-    "camera", one_in(2, [TABLE1, BAYER, ms.load_camera("rgbir_2mp")]), ids=lambda camera: camera.name
+    "camera",
+    one_in(2, [TABLE1, BAYER, ms.load_camera("rgbir_2mp")]),
+    ids=lambda camera: camera.name,
 )
 def test_the_bands_that_are_left_out_move_no_pixel_by_more_than_the_tolerance(
     camera: ms.Camera, tolerance_dn: float, make: Any
@@ -131,7 +141,10 @@ def test_the_bands_that_are_left_out_move_no_pixel_by_more_than_the_tolerance(
 
 def test_the_tolerances_of_these_tests_lead_to_different_answers(make: Any) -> None:
     light = make(2e-6 * (1 + np.sin(np.linspace(0, 2, 36)) ** 2), 400, 760)
-    assert len({bands_of(light, BAYER, tolerance).reason for tolerance in (0.01, 1.0, 100.0, 1e9)}) >= 3
+    assert (
+        len({bands_of(light, BAYER, tolerance).reason for tolerance in (0.01, 1.0, 100.0, 1e9)})
+        >= 3
+    )
 
 
 def test_without_tolerance_all_bands_are_kept(make: Any) -> None:

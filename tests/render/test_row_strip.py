@@ -12,7 +12,9 @@ from mitsuba_sensor.render.passes import row_strip
 from mitsuba_sensor.render.passes.row_strip import Spillable, on_disk
 
 SHAPES = ((7, 5, 3), (11, 2))
-pytestmark = pytest.mark.skipif(not row_strip.CAN_SPILL, reason="memory is given back where the system has madvise")
+pytestmark = pytest.mark.skipif(
+    not row_strip.CAN_SPILL, reason="memory is given back where the system has madvise"
+)
 
 
 def filled(monkeypatch: pytest.MonkeyPatch) -> tuple[list[Spillable], list[np.ndarray]]:
@@ -25,7 +27,9 @@ def filled(monkeypatch: pytest.MonkeyPatch) -> tuple[list[Spillable], list[np.nd
     return arrays, [array.values.copy() for array in arrays]
 
 
-def test_memory_is_given_back_meanwhile_and_views_hold_the_same_values_after(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_given_back_meanwhile_and_views_hold_the_same_values_after(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     arrays, before = filled(monkeypatch)
     views = [array.values[1:3] for array in arrays]
     with on_disk(arrays):
@@ -39,7 +43,9 @@ def test_an_error_meanwhile_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     arrays, before = filled(monkeypatch)
     with pytest.raises(KeyboardInterrupt), on_disk(arrays):
         raise KeyboardInterrupt
-    assert all((array.values == values).all() for array, values in zip(arrays, before, strict=True))
+    assert all(
+        (array.values == values).all() for array, values in zip(arrays, before, strict=True)
+    )
 
 
 @pytest.mark.parametrize("when", ["opened", "written"])
@@ -53,8 +59,12 @@ def test_on_a_full_disk_they_stay_in_memory(monkeypatch: pytest.MonkeyPatch, whe
 
     monkeypatch.setattr(tempfile, "TemporaryFile", full)
     with on_disk(arrays):
-        assert all((array.values == values).all() for array, values in zip(arrays, before, strict=True))
-    assert all((array.values == values).all() for array, values in zip(arrays, before, strict=True))
+        assert all(
+            (array.values == values).all() for array, values in zip(arrays, before, strict=True)
+        )
+    assert all(
+        (array.values == values).all() for array, values in zip(arrays, before, strict=True)
+    )
 
 
 def test_little_is_not_worth_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,4 +72,6 @@ def test_little_is_not_worth_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(row_strip, "LEAST_BYTES", 2**20)
     monkeypatch.setattr(tempfile, "TemporaryFile", None)
     with on_disk(arrays):
-        assert all((array.values == values).all() for array, values in zip(arrays, before, strict=True))
+        assert all(
+            (array.values == values).all() for array, values in zip(arrays, before, strict=True)
+        )

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import exhaustive
-from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    PERSPECTIVE,
+    SCENES,
+    SKY,
+    both_variants,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
@@ -34,7 +42,9 @@ Cli = Callable[..., Any]
 
 
 @both_variants
-def test_a_parameter_that_is_set_is_the_one_that_the_file_could_have(tmp_path: Path, variant: str) -> None:
+def test_a_parameter_that_is_set_is_the_one_that_the_file_could_have(
+    tmp_path: Path, variant: str
+) -> None:
     """Radiance 2 by its name in the scene of radiance 1, and in the file: the same bits, another digest than 1."""
     options = {**ONE_BAND, "variant": skip_unless_usable(variant)}
     one = write_scene(tmp_path, scene_text(LAMP.format(1), WALL))
@@ -44,7 +54,10 @@ def test_a_parameter_that_is_set_is_the_one_that_the_file_could_have(tmp_path: P
     np.testing.assert_array_equal(found.data, render(two, TABLE1, EXPOSURE, **options).data)
     plain = render(one, TABLE1, EXPOSURE, **options)
     np.testing.assert_allclose(found.data, 2 * plain.data, rtol=1e-5)
-    digests = [render(one, TABLE1, EXPOSURE, traverse=x, **options).statistics.scene_sha256 for x in ({}, {VALUE: 3})]
+    digests = [
+        render(one, TABLE1, EXPOSURE, traverse=x, **options).statistics.scene_sha256
+        for x in ({}, {VALUE: 3})
+    ]
     assert digests[0] == plain.statistics.scene_sha256
     assert len({*digests, found.statistics.scene_sha256}) == 3
 
@@ -53,7 +66,10 @@ def test_a_parameter_that_is_set_is_the_one_that_the_file_could_have(tmp_path: P
 def test_transforms_and_points_are_set_by_their_numbers(tmp_path: Path, variant: str) -> None:
     """A wall 4 m away is moved to 6 m, given as 16 numbers or as four rows of four."""
     spot = '<emitter type="point" id="bulb"><point name="position" value="0, 0, 1"/></emitter>'
-    scene, matrix = write_scene(tmp_path, scene_text(SKY, WALL, spot)), np.diag([-9.0, 9, -9, 1])
+    scene, matrix = (
+        write_scene(tmp_path, scene_text(SKY, WALL, spot)),
+        np.diag([-9.0, 9, -9, 1]),
+    )
     matrix[2, 3] = 6
     options = {"variant": skip_unless_usable(variant)}
     for value in (matrix.ravel().tolist(), matrix):
@@ -68,10 +84,18 @@ def test_light_that_only_a_parameter_brings_into_the_bands_is_light(tmp_path: Pa
     lamp = """<emitter type="constant" id="lamp"><spectrum name="radiance" type="regular">
     <float name="wavelength_min" value="200"/><float name="wavelength_max" value="300"/>
     <string name="values" value="1, 1"/></spectrum></emitter>"""
-    scene, options = write_scene(tmp_path, scene_text(lamp)), {**ONE_BAND, "variant": "scalar_spectral"}
+    scene, options = (
+        write_scene(tmp_path, scene_text(lamp)),
+        {**ONE_BAND, "variant": "scalar_spectral"},
+    )
     with pytest.raises(InputError, match="no light in the bands"):
         render(scene, TABLE1, EXPOSURE, **options)
-    assert render(scene, TABLE1, EXPOSURE, traverse={"lamp.radiance.range": [300, 1000]}, **options).data.min() > 0
+    assert (
+        render(
+            scene, TABLE1, EXPOSURE, traverse={"lamp.radiance.range": [300, 1000]}, **options
+        ).data.min()
+        > 0
+    )
 
 
 @pytest.mark.parametrize(
@@ -95,12 +119,16 @@ def test_light_that_only_a_parameter_brings_into_the_bands_is_light(tmp_path: Pa
         (VALUE, "pass names and numbers"),
     ],
 )
-def test_parameters_that_cannot_be_set_are_refused(traverse: Any, said: str, tmp_path: Path) -> None:
+def test_parameters_that_cannot_be_set_are_refused(
+    traverse: Any, said: str, tmp_path: Path
+) -> None:
     sensor = PERSPECTIVE.replace("<sensor", '<sensor id="eye"')
     cube = '<shape type="cube" id="mesh"/>'
     scene = write_scene(tmp_path, scene_text(LAMP.format(1), WALL, cube, sensor=sensor))
     with pytest.raises(InputError, match=said) as caught:
-        render(scene, TABLE1, EXPOSURE, traverse=traverse, variant="scalar_spectral", **ONE_BAND)
+        render(
+            scene, TABLE1, EXPOSURE, traverse=traverse, variant="scalar_spectral", **ONE_BAND
+        )
     assert "\n" not in str(caught.value)
 
 
@@ -118,7 +146,9 @@ def test_the_pose_is_that_of_lookat_in_the_file_in_metres(tmp_path: Path, varian
     """AOVs of the same pose in the file and as an option; a scene in centimetres."""
     lookat = '<transform name="to_world"><lookat origin="{}" target="{}" up="{}"/></transform>'
     (tmp_path / "moved").mkdir()
-    rest = write_scene(tmp_path, scene_text(SKY, WALL, more=lookat.format("0, 0, 0", "0, 0, 1", "0, 1, 0")))
+    rest = write_scene(
+        tmp_path, scene_text(SKY, WALL, more=lookat.format("0, 0, 0", "0, 0, 1", "0, 1, 0"))
+    )
     posed = lookat.format("100, 20, -300", "0, 0, 4", "1, 1, 0")
     moved = write_scene(tmp_path / "moved", scene_text(SKY, WALL, more=posed))
     look_at = {"origin_m": [1, 0.2, -3], "target_m": (0, 0, 0.04), "up": [1, 1, 0]}
@@ -127,20 +157,31 @@ def test_the_pose_is_that_of_lookat_in_the_file_in_metres(tmp_path: Path, varian
     for given in (look_at, "1,0.2,-3 0,0,0.04 1,1,0"):
         found = render_aovs(rest, TABLE1, look_at=given, **options)
         for name in ("depth_m", "position_m", "normal"):
-            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-4, atol=1e-5)
+            np.testing.assert_allclose(
+                getattr(found, name), getattr(expected, name), rtol=1e-4, atol=1e-5
+            )
         assert found.scene_sha256 != render_aovs(rest, TABLE1, **options).scene_sha256
     motion = {"camera": {"velocity_m_per_s": [0.0, 0.0, 1.0]}}
-    for one in (render_aovs(rest, TABLE1, exposure=EXPOSURE, motion=motion, look_at=look_at, **options), expected):
+    for one in (
+        render_aovs(rest, TABLE1, exposure=EXPOSURE, motion=motion, look_at=look_at, **options),
+        expected,
+    ):
         np.testing.assert_allclose(one.depth_m, expected.depth_m, rtol=1e-4, atol=1e-5)
 
 
 def test_a_scale_and_a_mirror_of_the_camera_stay(tmp_path: Path) -> None:
     """An orthographic camera of 3 m half width that is mirrored sees the points of the file's pose, moved along."""
-    sensor = PERSPECTIVE.replace("perspective", "orthographic").replace('<float name="fov" value="60"/>', "")
-    pose = '<transform name="to_world"><scale x="-3" y="3" z="1"/><translate z="{}"/></transform>'
+    sensor = PERSPECTIVE.replace("perspective", "orthographic").replace(
+        '<float name="fov" value="60"/>', ""
+    )
+    pose = (
+        '<transform name="to_world"><scale x="-3" y="3" z="1"/><translate z="{}"/></transform>'
+    )
     (tmp_path / "near").mkdir()
     far = write_scene(tmp_path, scene_text(SKY, WALL, sensor=sensor, more=pose.format(-5)))
-    near = write_scene(tmp_path / "near", scene_text(SKY, WALL, sensor=sensor, more=pose.format(1)))
+    near = write_scene(
+        tmp_path / "near", scene_text(SKY, WALL, sensor=sensor, more=pose.format(1))
+    )
     found = render_aovs(far, TABLE1, look_at="0,0,1 0,0,2", variant="scalar_spectral")
     expected = render_aovs(near, TABLE1, variant="scalar_spectral")
     np.testing.assert_allclose(found.position_m, expected.position_m, rtol=1e-5, atol=1e-5)
@@ -175,14 +216,40 @@ def test_the_pose_of_the_camera_is_given_once(tmp_path: Path) -> None:
     matrix = {"eye.to_world": np.eye(4).tolist()}
     render_aovs(scene, TABLE1, traverse=matrix, variant="scalar_spectral")
     with pytest.raises(InputError, match="leave one of them out"):
-        render_aovs(scene, TABLE1, traverse=matrix, look_at="0,0,0 0,0,1", variant="scalar_spectral")
+        render_aovs(
+            scene, TABLE1, traverse=matrix, look_at="0,0,0 0,0,1", variant="scalar_spectral"
+        )
 
 
 def test_the_command_line_takes_names_and_a_pose(tmp_path: Path, cli: Cli) -> None:
     scene = write_scene(tmp_path, scene_text(LAMP.format(1), WALL))
-    small = ("--spp", "8", "--variant", "scalar_spectral", "--exposure-s", "0.01", "--wavelength-nm", "550")
-    named = ("--traverse", f"{VALUE}=2", "--traverse", "wall.to_world=-9,0,0,0,0,9,0,0,0,0,-9,6,0,0,0,1")
-    done = cli("render", scene, "-o", tmp_path / "out", *small, *named, "--look-at", "0,0,1 0,0,2", "--repeatable")
+    small = (
+        "--spp",
+        "8",
+        "--variant",
+        "scalar_spectral",
+        "--exposure-s",
+        "0.01",
+        "--wavelength-nm",
+        "550",
+    )
+    named = (
+        "--traverse",
+        f"{VALUE}=2",
+        "--traverse",
+        "wall.to_world=-9,0,0,0,0,9,0,0,0,0,-9,6,0,0,0,1",
+    )
+    done = cli(
+        "render",
+        scene,
+        "-o",
+        tmp_path / "out",
+        *small,
+        *named,
+        "--look-at",
+        "0,0,1 0,0,2",
+        "--repeatable",
+    )
     assert done.exit_code == 0, done.stderr
     wrong = cli("render", scene, "-o", tmp_path / "other", *small, "--traverse", f"{VALUE}=2;3")
     assert wrong.exit_code == 2 and "finite number" in " ".join(wrong.stderr.split())
@@ -192,13 +259,17 @@ def test_the_command_line_takes_names_and_a_pose(tmp_path: Path, cli: Cli) -> No
 def test_a_repeatable_plan_has_passes_of_a_power_of_two_up_to_8(spp: int) -> None:
     passes, samples = pass_plan(spp, repeatable=True)
     assert samples in (1, 2, 4, 8) and samples == whole_grid(samples)
-    assert passes >= min(max(spp, 2), FEWEST) and abs(passes * samples - spp) <= max(0.07 * spp, 1)
+    assert passes >= min(max(spp, 2), FEWEST) and abs(passes * samples - spp) <= max(
+        0.07 * spp, 1
+    )
     assert pass_plan(METERING_SPP) == pass_plan(METERING_SPP, repeatable=True)
 
 
 def bits(light: Irradiance) -> str:
     arrays = [light.data, light.standard_error, light.relative_error, light.in_band]
-    return hashlib.sha256(b"".join(array.tobytes() for array in arrays if array is not None)).hexdigest()
+    return hashlib.sha256(
+        b"".join(array.tobytes() for array in arrays if array is not None)
+    ).hexdigest()
 
 
 def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) -> set[str]:
@@ -208,7 +279,14 @@ def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) 
     try:
         for count in threads:
             dr.set_thread_count(count)
-            made = render(SCENES / "cornell_box.xml", BAYER, EXPOSURE, repeatable=True, variant=variant, **options)
+            made = render(
+                SCENES / "cornell_box.xml",
+                BAYER,
+                EXPOSURE,
+                repeatable=True,
+                variant=variant,
+                **options,
+            )
             found.add(bits(made))
     finally:
         dr.set_thread_count(before)
@@ -220,24 +298,51 @@ def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) 
     [
         {"spp": 100, "width": 33, "spectral": "channels", "denoise": False},
         {"spp": 500, "width": 21, "bandwidth_nm": 50, "denoise": True},
-        exhaustive({"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False}),
-        exhaustive({"noise_ratio": 20, "max_spp": 400, "width": 25, "bandwidth_nm": 80, "denoise": False}),
+        exhaustive(
+            {"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False}
+        ),
+        exhaustive(
+            {
+                "noise_ratio": 20,
+                "max_spp": 400,
+                "width": 25,
+                "bandwidth_nm": 80,
+                "denoise": False,
+            }
+        ),
     ],
 )
-def test_a_repeatable_render_has_the_same_bits_with_any_number_of_threads(options: dict[str, Any]) -> None:
+def test_a_repeatable_render_has_the_same_bits_with_any_number_of_threads(
+    options: dict[str, Any],
+) -> None:
     """Without ``repeatable`` the same renders differ in the last bits of some pixels."""
-    assert len(rendered_by_threads(skip_unless_usable("llvm_ad_spectral"), (1, 2, 3, 7), **options)) == 1
+    assert (
+        len(
+            rendered_by_threads(skip_unless_usable("llvm_ad_spectral"), (1, 2, 3, 7), **options)
+        )
+        == 1
+    )
 
 
 def test_a_repeatable_render_repeats_in_scalar_variants_too() -> None:
     """Mitsuba's blocks are 32 pixels wide, and 16 here with seven threads."""
-    options: dict[str, Any] = {"spp": 2, "width": 33, "wavelength_nm": 550, "parameters": {"max_depth": 3}}
+    options: dict[str, Any] = {
+        "spp": 2,
+        "width": 33,
+        "wavelength_nm": 550,
+        "parameters": {"max_depth": 3},
+    }
     assert len(rendered_by_threads("scalar_spectral", (1, 7), denoise=False, **options)) == 1
 
 
 def test_frames_of_their_own_repeat(tmp_path: Path) -> None:
     """The first frame determines the passes of the others: still a power of two."""
-    options: dict[str, Any] = {"variant": "scalar_spectral", "frames": 2, "repeatable": True, "max_spp": 2000}
+    options: dict[str, Any] = {
+        "variant": "scalar_spectral",
+        "frames": 2,
+        "repeatable": True,
+        "max_spp": 2000,
+    }
     scene = write_scene(tmp_path, scene_text(LAMP.format(1e-4), WALL))
     frames = list(render_frames(scene, TABLE1, Exposure(1e-3), **options))
     found = [frame.light.statistics for frame in frames]

@@ -66,18 +66,36 @@ def test_a_dict_and_what_mitsuba_loads_of_it_are_the_same_picture(variant: str) 
     parts["integrator"], parts["light"]["emitter"] = (
         mi.load_dict(one) for one in (parts["integrator"], parts["light"]["emitter"])
     )
-    np.testing.assert_array_equal(ms.render(parts, CAMERA, EXPOSURE, **OPTIONS).data, given.data)
+    np.testing.assert_array_equal(
+        ms.render(parts, CAMERA, EXPOSURE, **OPTIONS).data, given.data
+    )
 
 
 @pytest.mark.exhaustive
 def test_instances_and_lights_of_every_kind_stay_as_they_are_in_a_loaded_scene() -> None:
     """Bit for bit: the scene itself is rendered, not a copy of its shapes."""
     mi = ready("llvm_ad_spectral")
-    scene, move, one = room(mi), mi.ScalarTransform4f().translate, {"type": "uniform", "value": 1.0}
+    scene, move, one = (
+        room(mi),
+        mi.ScalarTransform4f().translate,
+        {"type": "uniform", "value": 1.0},
+    )
     scene |= {"group": {"type": "shapegroup", "ball": {"type": "sphere", "radius": 0.2}}}
-    scene |= {"here": {"type": "instance", "ref": {"type": "ref", "id": "group"}, "to_world": move([0.3, 0, 0])}}
-    scene |= {"point": {"type": "point", "position": [0, 0, 0.5], "intensity": one}, "sky": {"type": "constant"}}
-    given, built = (ms.render(x, CAMERA, EXPOSURE, **OPTIONS) for x in (scene, mi.load_dict(scene, optimize=False)))
+    scene |= {
+        "here": {
+            "type": "instance",
+            "ref": {"type": "ref", "id": "group"},
+            "to_world": move([0.3, 0, 0]),
+        }
+    }
+    scene |= {
+        "point": {"type": "point", "position": [0, 0, 0.5], "intensity": one},
+        "sky": {"type": "constant"},
+    }
+    given, built = (
+        ms.render(x, CAMERA, EXPOSURE, **OPTIONS)
+        for x in (scene, mi.load_dict(scene, optimize=False))
+    )
     np.testing.assert_array_equal(built.data, given.data)
 
 
@@ -89,7 +107,11 @@ def test_a_scene_of_our_plugins_keeps_camera_lens_crop_and_exposure_when_it_is_l
     np.testing.assert_array_equal(loaded.frames.digital, from_text.frames.digital)
     known = loaded.light.rendered_for
     assert known is not None and known.exposure == ms.Exposure(0.02) and known.serial == 7
-    assert known.camera is not None and known.camera.adc.bits == 14 and known.camera.lens.f_number == 2
+    assert (
+        known.camera is not None
+        and known.camera.adc.bits == 14
+        and known.camera.lens.f_number == 2
+    )
     assert loaded.light.origin == (0, 3) and loaded.light.data.shape[:2] == (8, 5)
     assert known.camera.lens.transmission_curve is not None
 
@@ -98,13 +120,34 @@ def test_a_dict_may_have_our_elements_and_fields_of_the_camera() -> None:
     """As in XML; mi.load_dict itself refuses the name of a field, because it has a dot."""
     mi = ready("scalar_spectral")
     size = {"width": 12, "height": 8, "crop_width": 5, "crop_offset_x": 3}
-    film = {"type": "photosensor", "camera": "konnik_table1", **size, "exposure_s": 0.02, "serial": 7, "adc.bits": 14}
-    lens = {"type": "camera", "focal_length_mm": 0.05, "f_number": 2.0, "focus_distance_m": 3.0, "film": film}
+    film = {
+        "type": "photosensor",
+        "camera": "konnik_table1",
+        **size,
+        "exposure_s": 0.02,
+        "serial": 7,
+        "adc.bits": 14,
+    }
+    lens = {
+        "type": "camera",
+        "focal_length_mm": 0.05,
+        "f_number": 2.0,
+        "focus_distance_m": 3.0,
+        "film": film,
+    }
     glass = {"type": "spectrum", "value": [(400.0, 0.5), (700.0, 0.9)]}
     pose = mi.ScalarTransform4f().translate([0, 0, -1])
-    sky = {"type": "constant", "radiance": {"type": "spectrum", "value": [(360.0, 2e-4), (830.0, 2e-4)]}}
+    sky = {
+        "type": "constant",
+        "radiance": {"type": "spectrum", "value": [(360.0, 2e-4), (830.0, 2e-4)]},
+    }
     ball = {"type": "sphere", "center": [0, 0, 4]}
-    given = {"type": "scene", "lens": {**lens, "transmission": glass, "to_world": pose}, "sky": sky, "ball": ball}
+    given = {
+        "type": "scene",
+        "lens": {**lens, "transmission": glass, "to_world": pose},
+        "sky": sky,
+        "ball": ball,
+    }
     np.testing.assert_array_equal(
         ms.capture(given, **OPTIONS).frames.digital, ms.capture(OWN, **OPTIONS).frames.digital
     )
@@ -128,33 +171,56 @@ def test_aovs_frames_of_their_own_and_a_user_s_film_are_left_as_they_were() -> N
     """To the rounding of float32: threads of LLVM add the samples of a pixel in any order."""
     mi = ready("llvm_ad_spectral")
     scene = mi.load_dict(room(mi))
-    before, names = np.array(mi.render(scene, spp=4, seed=1)), [shape.id() for shape in scene.shapes()]
+    before, names = (
+        np.array(mi.render(scene, spp=4, seed=1)),
+        [shape.id() for shape in scene.shapes()],
+    )
     found = ms.capture(scene, CAMERA, EXPOSURE, aovs=True, **OPTIONS)
-    assert found.aovs is not None and np.isfinite(found.aovs.depth_m).any() and "red-wall" in found.aovs.shapes
+    assert (
+        found.aovs is not None
+        and np.isfinite(found.aovs.depth_m).any()
+        and "red-wall" in found.aovs.shapes
+    )
     assert [shape.id() for shape in scene.shapes()] == names
     each = list(ms.render_frames(scene, CAMERA, EXPOSURE, frames=2, spp=16))
     assert len(each) == 2 and each[0].frames.digital.shape == (1, 12, 16)
-    np.testing.assert_allclose(np.array(mi.render(scene, spp=4, seed=1)), before, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        np.array(mi.render(scene, spp=4, seed=1)), before, rtol=1e-5, atol=1e-9
+    )
 
 
 def test_notes_say_what_was_replaced() -> None:
     mi = ready("scalar_spectral")
     for scene in (room(mi), mi.load_dict(room(mi))):
         notes = " ".join(ms.render(scene, CAMERA, EXPOSURE, **OPTIONS).statistics.notes)
-        assert "film 'hdrfilm' replaced" in notes and "filter 'gaussian' replaced by 'box'" in notes
+        assert (
+            "film 'hdrfilm' replaced" in notes
+            and "filter 'gaussian' replaced by 'box'" in notes
+        )
     assert "not looked at for what is black" in notes
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"parameters": {"width": 3}}, "parameters is given and the scene is a loaded mi.Scene"),
-        ({"motion": "x.toml"}, "motion is given and the scene is a loaded mi.Scene, which it cannot change; pass the"),
+        (
+            {"parameters": {"width": 3}},
+            "parameters is given and the scene is a loaded mi.Scene",
+        ),
+        (
+            {"motion": "x.toml"},
+            "motion is given and the scene is a loaded mi.Scene, which it cannot change; pass the",
+        ),
         ({"integrator": "direct"}, "integrator is given and the scene is a loaded mi.Scene"),
-        ({"variant": "scalar_spectral"}, "loaded in variant 'llvm_ad_spectral', and 'scalar_spectral' is to render it"),
+        (
+            {"variant": "scalar_spectral"},
+            "loaded in variant 'llvm_ad_spectral', and 'scalar_spectral' is to render it",
+        ),
     ],
 )
-def test_what_a_loaded_scene_cannot_do_is_one_sentence(options: dict[str, Any], said: str) -> None:
+def test_what_a_loaded_scene_cannot_do_is_one_sentence(
+    options: dict[str, Any], said: str
+) -> None:
     mi = ready("llvm_ad_spectral")
     with pytest.raises(InputError, match=said):
         ms.render(mi.load_dict(room(mi)), CAMERA, EXPOSURE, **options)
@@ -167,18 +233,27 @@ def test_a_scene_of_another_variant_is_one_sentence() -> None:
     mi.set_variant("scalar_rgb")
     coloured, given = mi.load_dict(room(mi)), room(mi)
     try:
-        with pytest.raises(InputError, match="loaded in variant 'scalar_rgb', which keeps no spectra; call"):
+        with pytest.raises(
+            InputError, match="loaded in variant 'scalar_rgb', which keeps no spectra; call"
+        ):
             ms.render(coloured, CAMERA, EXPOSURE)
         mi.set_variant("scalar_spectral")
-        with pytest.raises(InputError, match="loaded in variant 'llvm_ad_spectral', and 'scalar_spectral' is to"):
+        with pytest.raises(
+            InputError,
+            match="loaded in variant 'llvm_ad_spectral', and 'scalar_spectral' is to",
+        ):
             ms.render(scene, CAMERA, EXPOSURE)
-        with pytest.raises(InputError, match="'white' of the dict was made in variant 'llvm_ad_spectral'"):
+        with pytest.raises(
+            InputError, match="'white' of the dict was made in variant 'llvm_ad_spectral'"
+        ):
             ms.render({**given, "white": bsdf}, CAMERA, EXPOSURE)
     finally:
         mi.set_variant("scalar_spectral")
 
 
-def test_a_picture_in_a_dict_can_be_rendered_again_in_any_variant_and_counts_for_the_scene() -> None:
+def test_a_picture_in_a_dict_can_be_rendered_again_in_any_variant_and_counts_for_the_scene() -> (
+    None
+):
     """Plain Mitsuba takes the pixels out of the Bitmap that it is given: its second scene is black."""
     mi = ready("scalar_spectral")
     half, quarter = (mi.Bitmap(np.full((4, 4, 3), value, np.float32)) for value in (0.5, 0.25))
@@ -191,15 +266,32 @@ def test_a_picture_in_a_dict_can_be_rendered_again_in_any_variant_and_counts_for
     darker = ms.render(wall(quarter), CAMERA, EXPOSURE, **OPTIONS)
     np.testing.assert_array_equal(first.data, again.data)
     assert darker.data.mean() < first.data.mean()
-    assert first.statistics.scene_sha256 == again.statistics.scene_sha256 != darker.statistics.scene_sha256
-    compiled = ms.render(wall(half), CAMERA, EXPOSURE, variant=skip_unless_usable("llvm_ad_spectral"), **OPTIONS)
-    assert compiled.data.mean() == pytest.approx(first.data.mean(), rel=0.5)  # noise: about 15 %
+    assert (
+        first.statistics.scene_sha256
+        == again.statistics.scene_sha256
+        != darker.statistics.scene_sha256
+    )
+    compiled = ms.render(
+        wall(half), CAMERA, EXPOSURE, variant=skip_unless_usable("llvm_ad_spectral"), **OPTIONS
+    )
+    assert compiled.data.mean() == pytest.approx(
+        first.data.mean(), rel=0.5
+    )  # noise: about 15 %
 
 
 def test_what_is_no_scene_is_one_sentence() -> None:
     mi = ready("scalar_spectral")
-    aov = {**room(mi), "integrator": {"type": "aov", "aovs": "d:depth", "inner": {"type": "path"}}}
-    fish = {**room(mi), "sensor": {"type": "radiancemeter", "film": {"type": "hdrfilm", "width": 1, "height": 1}}}
+    aov = {
+        **room(mi),
+        "integrator": {"type": "aov", "aovs": "d:depth", "inner": {"type": "path"}},
+    }
+    fish = {
+        **room(mi),
+        "sensor": {
+            "type": "radiancemeter",
+            "film": {"type": "hdrfilm", "width": 1, "height": 1},
+        },
+    }
     turned = room(mi)
     turned["white"] = {"type": "circular"}
     wrong: list[tuple[Any, str]] = [
@@ -209,7 +301,10 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         (mi.load_dict({"type": "sphere"}), "pass a path, XML text"),
         ({"type": "scene", "sensor": {"type": "perspektive"}}, "Did you mean 'perspective'"),
         ({"type": "scene", "light": {"type": "constant"}}, "scene 'dict' has no sensor"),
-        (mi.load_dict({"type": "scene", "light": {"type": "constant"}}), "scene 'mi.Scene' has no sensor"),
+        (
+            mi.load_dict({"type": "scene", "light": {"type": "constant"}}),
+            "scene 'mi.Scene' has no sensor",
+        ),
         (
             {**room(mi), "small-box": {"type": "ply", "filename": "no.ply"}},
             'lacks a file: no.ply \\(node "small-box"\\)',
@@ -218,17 +313,27 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         ("<scene version='3.0.0'/>", "scene 'XML text' has no sensor"),
         ("no_such.xml", "scene 'no_such.xml' is not a file"),
         (mi.load_dict(aov), "the integrator of the scene, AOVIntegrator, adds channels"),
-        (mi.load_dict(fish), "the sensor of the scene is a RadianceMeter; it must be one of PerspectiveCamera"),
-        (mi.load_dict({**room(mi), "integrator": {"type": "depth"}}), "DepthIntegrator, computes no radiance"),
+        (
+            mi.load_dict(fish),
+            "the sensor of the scene is a RadianceMeter; it must be one of PerspectiveCamera",
+        ),
+        (
+            mi.load_dict({**room(mi), "integrator": {"type": "depth"}}),
+            "DepthIntegrator, computes no radiance",
+        ),
     ]
     for scene, said in wrong:
         with pytest.raises(InputError, match=said) as error:
             ms.render(scene, CAMERA, EXPOSURE)
         assert "\n" not in str(error.value)
-    with pytest.raises(InputError, match="parameters are for the <default> names of a scene in XML"):
+    with pytest.raises(
+        InputError, match="parameters are for the <default> names of a scene in XML"
+    ):
         ms.render(room(mi), CAMERA, EXPOSURE, parameters={"a": 1})
     given = {**room(mi), "integrator": mi.load_dict({"type": "path"})}
-    with pytest.raises(InputError, match="integrator is given and 'integrator' of the dict is one already"):
+    with pytest.raises(
+        InputError, match="integrator is given and 'integrator' of the dict is one already"
+    ):
         ms.render(given, CAMERA, EXPOSURE, integrator="direct")
 
 

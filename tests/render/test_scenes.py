@@ -27,10 +27,14 @@ BANDS = box_bands(CAMERA, np.array([400.0, 550.0, 700.0]))
 def fill(light: Irradiance) -> np.ndarray:
     """Detected electrons over full well, at 0.1 s, (H, W)."""
     photons = collect(light, CAMERA, Exposure(0.1))
-    return (photons.mean * CAMERA.qe(light.wavelengths_nm)[0]).sum(axis=-1) / CAMERA.pixel.full_well_e
+    return (photons.mean * CAMERA.qe(light.wavelengths_nm)[0]).sum(
+        axis=-1
+    ) / CAMERA.pixel.full_well_e
 
 
-def render_frames(name: str, spp: int, size: tuple[int, int], **parameters: object) -> np.ndarray:
+def render_frames(
+    name: str, spp: int, size: tuple[int, int], **parameters: object
+) -> np.ndarray:
     options = {"width": size[0], "height": size[1], **parameters}
     return fill(
         render(
@@ -51,7 +55,11 @@ def test_shipped_scenes_load_without_a_note_and_in_plain_mitsuba(name: str) -> N
     """Nothing of ours has to be replaced, and nothing is black in 360 to 830 nm."""
     mi = use(choose_variant("scalar_spectral"))
     assert (
-        load_scene(SCENES / f"{name}.xml", box_bands(CAMERA, np.array([360.0, 830.0])), {"width": 8, "height": 8}).notes
+        load_scene(
+            SCENES / f"{name}.xml",
+            box_bands(CAMERA, np.array([360.0, 830.0])),
+            {"width": 8, "height": 8},
+        ).notes
         == ()
     )
     assert mi.load_file(str(SCENES / f"{name}.xml"), width="8", height="8").sensors()
@@ -102,10 +110,17 @@ def test_one_file_is_well_exposed_by_its_own_camera() -> None:
     settings = read_settings(SCENES / "one_file.xml", {})
     assert settings.camera is not None and settings.exposure is not None
     light = render(
-        SCENES / "one_file.xml", settings.camera, settings.exposure, spp=8, bandwidth_nm=50, variant="scalar_spectral"
+        SCENES / "one_file.xml",
+        settings.camera,
+        settings.exposure,
+        spp=8,
+        bandwidth_nm=50,
+        variant="scalar_spectral",
     )
     photons = collect(light, settings.camera, settings.exposure)
-    well = (photons.mean * settings.camera.qe(light.wavelengths_nm)[0]).sum(axis=-1) / settings.camera.pixel.full_well_e
+    well = (photons.mean * settings.camera.qe(light.wavelengths_nm)[0]).sum(
+        axis=-1
+    ) / settings.camera.pixel.full_well_e
     assert 0.1 < np.median(well) < 0.5 and np.percentile(well, 99) < 1
 
 
@@ -127,28 +142,49 @@ def test_foreign_rgb_scene_renders_and_the_user_is_told(tmp_path: Path) -> None:
     """rgb colours, hdrfilm, gaussian filter, independent sampler, two sensors, an aov integrator: all still loads."""
     text = scene_text(
         '<emitter type="constant"><rgb name="radiance" value="0.01, 0.01, 0.01"/></emitter>',
-        BALL.format(bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>'),
+        BALL.format(
+            bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>'
+        ),
         '<integrator type="aov"><string name="aovs" value="d:depth"/><integrator type="path"/></integrator>',
         '<sensor type="perspective"/>',
         film='<rfilter type="gaussian"/>',
         more='<sampler type="independent"/>',
     )
     light = render(
-        write_scene(tmp_path, text), CAMERA, Exposure(0.1), spp=16, bandwidth_nm=100, variant="scalar_spectral"
+        write_scene(tmp_path, text),
+        CAMERA,
+        Exposure(0.1),
+        spp=16,
+        bandwidth_nm=100,
+        variant="scalar_spectral",
     )
     notes = "\n".join(light.statistics.notes)
-    for note in ("'hdrfilm' replaced", "'gaussian' replaced", "'independent' replaced", "'aov' replaced", "2 sensors"):
+    for note in (
+        "'hdrfilm' replaced",
+        "'gaussian' replaced",
+        "'independent' replaced",
+        "'aov' replaced",
+        "2 sensors",
+    ):
         assert note in notes
     assert light.data.shape == (8, 12, 3) and (light.data > 0).all()
-    assert light.data[4, 6, 2] > 3 * light.data[4, 6, 0], "the ball is red: 650 nm far above 450 nm"
+    assert light.data[4, 6, 2] > 3 * light.data[4, 6, 0], (
+        "the ball is red: 650 nm far above 450 nm"
+    )
 
 
 def test_spectra_that_end_inside_the_band_are_told(tmp_path: Path) -> None:
     use(choose_variant("scalar_spectral"))
-    short = '<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>'
-    path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf=short), BALL.format(bsdf=short)))
+    short = (
+        '<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>'
+    )
+    path = write_scene(
+        tmp_path, scene_text(SKY, BALL.format(bsdf=short), BALL.format(bsdf=short))
+    )
     notes = load_scene(path, BANDS, {}).notes
-    assert any("'reflectance' in 2 places is black outside 450 to 650 nm" in note for note in notes)
+    assert any(
+        "'reflectance' in 2 places is black outside 450 to 650 nm" in note for note in notes
+    )
     notes = load_scene(path, box_bands(CAMERA, np.array([380.0, 1000.0])), {}).notes
     assert any("light in 1 place is black outside 360 to 830 nm" in note for note in notes)
 
@@ -161,7 +197,9 @@ def test_parameters_reach_the_scene_and_its_fingerprint(tmp_path: Path) -> None:
     assert small.sha256 == same.sha256 != large.sha256
 
 
-def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_path: Path) -> None:
+def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(
+    tmp_path: Path,
+) -> None:
     """A texture is looked for beside the scene file, and a later scene elsewhere does not see it."""
     mi = use(choose_variant("scalar_spectral"))
     mi.Bitmap(np.full((2, 2, 3), 128, np.uint8)).write(str(tmp_path / "grey.png"))
@@ -176,7 +214,9 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_p
         load_scene(write_scene(tmp_path / "elsewhere", text), BANDS, {})
 
 
-def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(tmp_path: Path) -> None:
+def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(
+    tmp_path: Path,
+) -> None:
     """<path value="…"/>, relative to the scene file, as plain Mitsuba reads it."""
     mi = use(choose_variant("scalar_spectral"))
     (tmp_path / "pictures").mkdir()
@@ -186,7 +226,9 @@ def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(
         '<string name="filename" value="grey.png"/></texture></bsdf>'
     )
     before, ball = str(mi.file_resolver()), BALL.format(bsdf=texture)
-    assert load_scene(write_scene(tmp_path, scene_text('<path value="pictures"/>', SKY, ball)), BANDS, {})
+    assert load_scene(
+        write_scene(tmp_path, scene_text('<path value="pictures"/>', SKY, ball)), BANDS, {}
+    )
     assert str(mi.file_resolver()) == before
     with pytest.raises(InputError, match=r"grey\.png"):
         load_scene(write_scene(tmp_path, scene_text(SKY, ball)), BANDS, {})
@@ -203,19 +245,38 @@ def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(
         (scene_text(), "add an emitter"),
         (scene_text(SKY, '<shape type="blob"/>'), '"blob" not found'),
         (scene_text(SKY, "<blob/>"), "<blob>"),
-        (scene_text(SKY, '<shape type="sphere"><float name="radios" value="3"/></shape>'), "radios"),
-        (scene_text(SKY, '<shape type="sphere"><float name="radius" value="$r"/></shape>'), "-D name=value"),
-        (scene_text(SKY, '<shape type="sphere"><float name="radius" value="abc"/></shape>'), "abc"),
+        (
+            scene_text(SKY, '<shape type="sphere"><float name="radios" value="3"/></shape>'),
+            "radios",
+        ),
+        (
+            scene_text(SKY, '<shape type="sphere"><float name="radius" value="$r"/></shape>'),
+            "-D name=value",
+        ),
+        (
+            scene_text(SKY, '<shape type="sphere"><float name="radius" value="abc"/></shape>'),
+            "abc",
+        ),
         (scene_text(SKY, '<shape type="sphere"><ref id="gone"/></shape>'), "gone"),
-        (scene_text(SKY, '<shape type="ply"><string name="filename" value="no.ply"/></shape>'), "no.ply"),
+        (
+            scene_text(
+                SKY, '<shape type="ply"><string name="filename" value="no.ply"/></shape>'
+            ),
+            "no.ply",
+        ),
         (scene_text(SKY, '<include filename="no.xml"/>'), "no.xml"),
         (scene_text(SKY, film='<integer name="crop_width" value="99"/>'), "crop"),
         (scene_text(SKY, '<integrator type="depth"/>'), "computes no radiance"),
-        (scene_text(SKY, sensor='<sensor type="irradiancemeter"/>'), "must be one of perspective"),
+        (
+            scene_text(SKY, sensor='<sensor type="irradiancemeter"/>'),
+            "must be one of perspective",
+        ),
         (scene_text(SKY.replace("360:", "750:")), "no light in the bands"),
     ],
 )
-def test_broken_scenes_are_refused_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+def test_broken_scenes_are_refused_in_one_sentence(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
     use(choose_variant("scalar_spectral"))
     with pytest.raises(InputError) as caught:
         load_scene(write_scene(tmp_path, text), BANDS, {})
@@ -248,15 +309,25 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
     use(choose_variant("scalar_spectral"))
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf='<bsdf type="diffuse"/>')))
     exposure = Exposure(0.1)
-    wide, narrow = (render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, width=c).data[..., 0] for c in (12, 6))
+    wide, narrow = (
+        render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, width=c).data[..., 0]
+        for c in (12, 6)
+    )
     binned = wide.reshape(4, 2, 6, 2).mean(axis=(1, 3))
     assert narrow.shape == binned.shape and np.ptp(binned) > 0.2 * binned.max()
     np.testing.assert_allclose(narrow, binned, rtol=0.05)
     crop = "".join(
         f'<integer name="{k}" value="{v}"/>'
-        for k, v in {"crop_width": 6, "crop_height": 4, "crop_offset_x": 4, "crop_offset_y": 2}.items()
+        for k, v in {
+            "crop_width": 6,
+            "crop_height": 4,
+            "crop_offset_x": 4,
+            "crop_offset_y": 2,
+        }.items()
     )
-    view = load_scene(write_scene(tmp_path, scene_text(SKY, film=crop)), BANDS, {}, width=6).view
+    view = load_scene(
+        write_scene(tmp_path, scene_text(SKY, film=crop)), BANDS, {}, width=6
+    ).view
     assert (view.size, view.crop_size, view.crop_offset) == ((6, 4), (3, 2), (2, 1))
 
 

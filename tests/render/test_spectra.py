@@ -25,20 +25,26 @@ def test_illuminants_are_those_of_colour_science(name: str) -> None:
 def test_the_observer_is_that_of_colour_science() -> None:
     table = colour.MSDS_CMFS[OBSERVER]
     for own, values in zip(spectra.observer(NM), table.values.T, strict=True):
-        np.testing.assert_array_equal(own, np.interp(NM, table.wavelengths, values, left=0.0, right=0.0))
+        np.testing.assert_array_equal(
+            own, np.interp(NM, table.wavelengths, values, left=0.0, right=0.0)
+        )
 
 
 def test_the_training_set_is_that_of_colour_science() -> None:
     """Its values of -1e-16 are 0 here."""
     table = read_training_data_rawtoaces_v1()
-    np.testing.assert_allclose(spectra.surfaces(table.wavelengths), table.values.T, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        spectra.surfaces(table.wavelengths), table.values.T, rtol=0, atol=1e-15
+    )
 
 
 def test_whites_and_matrices_are_those_of_colour_science() -> None:
     d50, d65 = (colour.xy_to_XYZ(WHITES[name]) for name in ("D50", "D65"))
     np.testing.assert_allclose(spectra.d50_xyz(), d50, rtol=1e-15)
     np.testing.assert_allclose(spectra.daylight_xyz(), d65, rtol=1e-15)
-    np.testing.assert_array_equal(spectra.xyz_to_srgb(), colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB)
+    np.testing.assert_array_equal(
+        spectra.xyz_to_srgb(), colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB
+    )
     bradford = matrix_chromatic_adaptation_VonKries(d65, d50, transform="Bradford")
     np.testing.assert_allclose(spectra.bradford(d65, d50), bradford, atol=1e-14)
 
@@ -47,6 +53,10 @@ def test_colours_are_adapted_and_placed_in_cielab_as_by_colour_science() -> None
     """Dark colours, where CIELAB is a straight line, included."""
     xyz = np.random.default_rng(1).random((1000, 3)) ** 4
     white = colour.xy_to_XYZ(WHITES["A"])
-    expected = colour.chromatic_adaptation(xyz, white, colour.xy_to_XYZ(WHITES["D65"]), transform="CAT02")
+    expected = colour.chromatic_adaptation(
+        xyz, white, colour.xy_to_XYZ(WHITES["D65"]), transform="CAT02"
+    )
     np.testing.assert_allclose(spectra.adapted_to_daylight(xyz, white), expected, atol=1e-14)
-    np.testing.assert_allclose(spectra.lab(xyz), colour.XYZ_to_Lab(xyz, WHITES["D65"]), atol=1e-12)
+    np.testing.assert_allclose(
+        spectra.lab(xyz), colour.XYZ_to_Lab(xyz, WHITES["D65"]), atol=1e-12
+    )

@@ -19,13 +19,22 @@ from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.render.passes import stop_criterion
 from mitsuba_sensor.render.passes.passes import FEWEST, MOST_SPP, whole_grid
 from mitsuba_sensor.render.passes.prepared import prepare, render
-from mitsuba_sensor.render.passes.stop_criterion import FIRST_LOOK, PASS_SPP, StopCriterion, stop_criterion_of
+from mitsuba_sensor.render.passes.stop_criterion import (
+    FIRST_LOOK,
+    PASS_SPP,
+    StopCriterion,
+    stop_criterion_of,
+)
 from mitsuba_sensor.render.scene.scene import Scene
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 BOX = SCENES / "cornell_box.xml"  # noise in every pixel
 SMALL = {"width": 16, "height": 12}  # large enough to be denoised
-FAST = {"wavelength_nm": 550, "variant": "scalar_spectral", "parameters": {"width": 12, "height": 8}}
+FAST = {
+    "wavelength_nm": 550,
+    "variant": "scalar_spectral",
+    "parameters": {"width": 12, "height": 8},
+}
 
 
 def test_a_noise_ratio_is_reached_and_the_statistics_say_so() -> None:
@@ -42,10 +51,14 @@ def test_the_ratio_that_is_reached_is_true() -> None:
     pixels of squares: a standard deviation of 4 %, the bound is 15 %.
     """
     options = {**FAST, "parameters": {"width": 48, "height": 32}, "denoise": False}
-    one, two = (render(BOX, CAMERA, EXPOSURE, noise_ratio=2.0, seed=s, **options) for s in (1, 2))
+    one, two = (
+        render(BOX, CAMERA, EXPOSURE, noise_ratio=2.0, seed=s, **options) for s in (1, 2)
+    )
     claimed = one.standard_error.astype(float) ** 2 + two.standard_error.astype(float) ** 2
     z = (one.data - two.data).astype(float) ** 2 / claimed
-    assert np.median(z) / 0.47 == pytest.approx(1.0, abs=0.15)  # F of 1 and about 50 degrees of freedom
+    assert np.median(z) / 0.47 == pytest.approx(
+        1.0, abs=0.15
+    )  # F of 1 and about 50 degrees of freedom
     assert one.statistics.noise_ratio_median <= 2.0
 
 
@@ -61,7 +74,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """The render's clock, which goes on by a second for each sample of each row; ``now_s`` is what it shows."""
     shown, rendered = SimpleNamespace(now_s=0.0), Scene.render
 
-    def timed(self: Scene, seed: int, samples: int, rows: tuple[int, int], count: int = 1) -> np.ndarray:
+    def timed(
+        self: Scene, seed: int, samples: int, rows: tuple[int, int], count: int = 1
+    ) -> np.ndarray:
         shown.now_s += samples * (rows[1] - rows[0]) * count
         return rendered(self, seed, samples, rows, count)
 
@@ -71,7 +86,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize("options", [{}, {"noise_ratio": 1e-6}, {"spp": 10**6}])
-def test_a_render_ends_when_its_time_is_up(options: dict[str, Any], clock: SimpleNamespace) -> None:
+def test_a_render_ends_when_its_time_is_up(
+    options: dict[str, Any], clock: SimpleNamespace
+) -> None:
     """No pass is begun that would end later; two passes are always made, behind a trial of a few samples."""
     light = render(BOX, CAMERA, EXPOSURE, max_seconds=2000, **options, **FAST)
     assert light.statistics.ended_by == "max_seconds"
@@ -120,7 +137,9 @@ def test_a_long_render_is_forecast_before_its_first_strip_ends_and_has_the_same_
 @pytest.mark.usefixtures("clock")
 def test_a_render_with_a_time_is_forecast_from_its_beginning() -> None:
     steps: list[Any] = []
-    render(BOX, CAMERA, EXPOSURE, noise_ratio=1e-6, max_seconds=2000, progress=steps.append, **FAST)
+    render(
+        BOX, CAMERA, EXPOSURE, noise_ratio=1e-6, max_seconds=2000, progress=steps.append, **FAST
+    )
     assert steps[0].done == 0 and steps[0].seconds_left == 2000
     assert all(0 <= step.seconds_left <= 2000 for step in steps if step.doing == "rendering")
 
@@ -133,7 +152,9 @@ def test_the_size_of_the_passes_follows_the_need_and_stays_on_the_sampler_s_grid
         assert PASS_SPP <= sized.samples <= max(PASS_SPP, PASS_SPP * ratio / 0.01 / 32)
 
 
-def test_a_render_without_a_number_of_samples_stops_where_the_sensor_is_noisier_than_the_render() -> None:
+def test_a_render_without_a_number_of_samples_stops_where_the_sensor_is_noisier_than_the_render() -> (
+    None
+):
     """95 % of the lit pixels; the same bytes as of so many samples that were asked for. Much light has little shot
     noise beside it, so that all samples are taken."""
     dim = render(BOX, CAMERA, Exposure(0.0005), **FAST)
@@ -162,11 +183,15 @@ def test_all_samples_are_taken_where_much_light_shows_the_render_s_noise() -> No
 @pytest.mark.parametrize("denoise", [True, False])
 def test_a_look_at_the_noise_leaves_the_rest_of_the_render_as_it_is(denoise: bool) -> None:
     """Compared with a render that is never looked at."""
-    prepared = prepare(BOX, CAMERA, Exposure(0.05), **{**FAST, "parameters": SMALL}, denoise=denoise)
+    prepared = prepare(
+        BOX, CAMERA, Exposure(0.05), **{**FAST, "parameters": SMALL}, denoise=denoise
+    )
     looked_at = stop_criterion_of({})
     light = prepared.render(1, looked_at)
     assert light.statistics.passes > FIRST_LOOK
-    plain = prepared.render(1, replace(looked_at, passes=light.statistics.passes, to_sensor_noise=False))
+    plain = prepared.render(
+        1, replace(looked_at, passes=light.statistics.passes, to_sensor_noise=False)
+    )
     assert plain.data.tobytes() == light.data.tobytes()
     assert plain.relative_error.tobytes() == light.relative_error.tobytes()
     raw_ratio = "raw_noise_ratio_p95"
@@ -196,7 +221,9 @@ def test_the_next_look_comes_when_the_noise_should_be_low_enough() -> None:
 def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() -> None:
     budget = StopCriterion(1000, 16, goal=0.01)
     assert budget.expected(20, 0.05, 10.0, 0.5) == 100
-    assert StopCriterion(1000, 16, goal=0.01, max_seconds=20).expected(20, 0.05, 10.0, 0.5) == 40
+    assert (
+        StopCriterion(1000, 16, goal=0.01, max_seconds=20).expected(20, 0.05, 10.0, 0.5) == 40
+    )
     assert StopCriterion(30, 16, goal=0.01).expected(20, 0.05, 10.0, 0.5) == 30
 
 
@@ -214,9 +241,13 @@ def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() 
         ({"spectral": "channels", "wavelength_nm": 550}, "a single band has no colour filters"),
     ],
 )
-def test_contradictory_budgets_are_refused_in_one_sentence(options: dict[str, Any], said: str) -> None:
+def test_contradictory_budgets_are_refused_in_one_sentence(
+    options: dict[str, Any], said: str
+) -> None:
     with pytest.raises(InputError) as caught:
-        render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, variant="scalar_spectral", **options)
+        render(
+            SCENES / "flat_field.xml", CAMERA, EXPOSURE, variant="scalar_spectral", **options
+        )
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 

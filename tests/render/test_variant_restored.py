@@ -46,14 +46,23 @@ def read_colours(folder: Path, _: str) -> None:
 
 
 def call_the_program(folder: Path, variant: str) -> None:
-    arguments = "lint", str(write_scene(folder, SCENE)), "--camera", "konnik_table1", "--variant", variant
+    arguments = (
+        "lint",
+        str(write_scene(folder, SCENE)),
+        "--camera",
+        "konnik_table1",
+        "--variant",
+        variant,
+    )
     assert CliRunner().invoke(app, list(arguments)).exit_code == 0
 
 
 CALLS: dict[str, Callable[[Path, str], object]] = {
     "render": lambda _, variant: ms.render(SCENE, CAMERA, EXPOSURE, variant=variant, **FAST),
     "capture": lambda _, variant: ms.capture(SCENE, CAMERA, EXPOSURE, variant=variant, **FAST),
-    "render_frames": lambda _, variant: list(ms.render_frames(SCENE, CAMERA, EXPOSURE, variant=variant, spp=2)),
+    "render_frames": lambda _, variant: list(
+        ms.render_frames(SCENE, CAMERA, EXPOSURE, variant=variant, spp=2)
+    ),
     "render_aovs": lambda _, variant: render_aovs(SCENE, CAMERA, variant=variant),
     "read_irradiance": read_colours,
     "lint": call_the_program,
@@ -62,7 +71,9 @@ CALLS: dict[str, Callable[[Path, str], object]] = {
 
 @pytest.mark.parametrize("call", one_in(3, CALLS))
 @pytest.mark.parametrize(("own", "rendering"), PAIRS)
-def test_the_user_s_variant_comes_back(tmp_path: Path, call: str, own: str, rendering: str) -> None:
+def test_the_user_s_variant_comes_back(
+    tmp_path: Path, call: str, own: str, rendering: str
+) -> None:
     mi = user_has(own)
     CALLS[call](tmp_path, rendering)
     assert mi.variant() == own
@@ -87,7 +98,9 @@ def test_the_user_s_own_scene_renders_as_before(integrator: str) -> None:
     scene = mi.load_dict(box)
     before = np.array(mi.render(scene, spp=4, seed=1))
     ms.render(SCENE, CAMERA, EXPOSURE, variant="llvm_ad_spectral", **FAST)
-    np.testing.assert_allclose(np.array(mi.render(scene, spp=4, seed=1)), before, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(
+        np.array(mi.render(scene, spp=4, seed=1)), before, rtol=1e-5, atol=1e-7
+    )
 
 
 @pytest.mark.exhaustive
@@ -95,7 +108,9 @@ def test_frames_one_by_one_do_not_mind_what_is_set_between_them() -> None:
     """Between two frames the user's variant is set, whichever that is then; the frames are the same."""
     mi = user_has("llvm_ad_rgb")
     options: Any = {"variant": "llvm_ad_spectral", "spp": 2, "frames": 2, "seed": 5}
-    expected = [made.frames.digital for made in ms.render_frames(SCENE, CAMERA, EXPOSURE, **options)]
+    expected = [
+        made.frames.digital for made in ms.render_frames(SCENE, CAMERA, EXPOSURE, **options)
+    ]
     frames = ms.render_frames(SCENE, CAMERA, EXPOSURE, **options)
     for own, digital in zip(("llvm_ad_rgb", "scalar_rgb"), expected, strict=True):
         mi.set_variant(own)
@@ -131,5 +146,8 @@ def test_a_polarised_variant_is_refused_for_what_it_is(call: str) -> None:
     if call != "variant":
         mi.set_variant(polarised)
     scene = mi.load_string(SCENE) if call == "loaded" else SCENE
-    with pytest.raises(InputError, match="follows the polarisation of light, and that is not simulated here; take 'sc"):
+    with pytest.raises(
+        InputError,
+        match="follows the polarisation of light, and that is not simulated here; take 'sc",
+    ):
         ms.render(scene, CAMERA, EXPOSURE, **options, **FAST)

@@ -44,7 +44,11 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "16 bit, everything non-linear": {"adc.bits": 16, **NONLINEAR},
     "small well": {"pixel.full_well_e": 1000.0},
     "low gain": {"adc.full_scale_v": 5.0},
-    "coupled maps": {"pixel.prnu_distribution": "ar", "pixel.prnu_coupling": 0.25, "readout.dsnu_col_coupling": 0.4},
+    "coupled maps": {
+        "pixel.prnu_distribution": "ar",
+        "pixel.prnu_coupling": 0.25,
+        "readout.dsnu_col_coupling": 0.4,
+    },
     "log-normal prnu": {"pixel.prnu_distribution": "lognormal", "pixel.prnu": 0.3},
     "gaussian dark": {"dark_current.distribution": "gaussian", "dark_current.cv": 0.8},
     "gamma dark": {"dark_current.distribution": "gamma", "dark_current.cv": 0.4},
@@ -53,11 +57,18 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "coupled dark": {"dark_current.distribution": "ar", "dark_current.coupling": 0.3},
     "parts": {"dark_current.components": [UNIFORM, NORMAL]},
     "RTS": {f"dark_current.{key}": value for key, value in RTS.items()},
-    "offsets": {"readout.dsnu_row": 1e-3, "readout.dsnu_row_coupling": 0.2, "pixel.dsnu_e": 10.0},
+    "offsets": {
+        "readout.dsnu_row": 1e-3,
+        "readout.dsnu_row_coupling": 0.2,
+        "pixel.dsnu_e": 10.0,
+    },
     "coupled pixels": {"pixel.dsnu_e": 10.0, "pixel.dsnu_coupling": 0.3},
     "prnu column": {"readout.prnu_col": 0.02, "readout.prnu_col_coupling": 0.1},
     "steps": {"adc.bits": 10, "adc.dnl_lsb": {"100": 0.7, "511": -1.0, "900": 0.3}},
-    "quantum yield": {"quantum_efficiency.quantum_yield": [2.3, 1.1], "quantum_efficiency.fano_factor": 0.1},
+    "quantum yield": {
+        "quantum_efficiency.quantum_yield": [2.3, 1.1],
+        "quantum_efficiency.fano_factor": 0.1,
+    },
     "no noise at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0},
 }
 
@@ -78,7 +89,9 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes_with_every_option(case: str
     """0 of 50 000 pixels in each of 21 cameras, 1.05 million in all, from darkness to saturation."""
     camera = TABLE1.replace(**OPTIONS[case])
     light = dark_to_saturation(camera)
-    one, other = (frame(camera, light, engine, seed=3, serial=8) for engine in ("numpy", "drjit"))
+    one, other = (
+        frame(camera, light, engine, seed=3, serial=8) for engine in ("numpy", "drjit")
+    )
     assert one.min() < one.max() and one.dtype == other.dtype
     np.testing.assert_array_equal(one, other)
 
@@ -94,9 +107,14 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes_for_every_camera_file(name:
 @compiled
 def test_bands_and_given_maps_are_the_same_on_both() -> None:
     light = dark_to_saturation(TABLE1)[..., None] * [0.2, 0.5, 0.3]
-    maps = {"prnu": np.random.default_rng(1).normal(1, 0.1, SHAPE), "dsnu_col_e": np.full((1, SHAPE[1]), -40.0)}
+    maps = {
+        "prnu": np.random.default_rng(1).normal(1, 0.1, SHAPE),
+        "dsnu_col_e": np.full((1, SHAPE[1]), -40.0),
+    }
     how: dict[str, Any] = {"wavelengths_nm": [460.0, 550.0, 820.0], "maps": maps}
-    np.testing.assert_array_equal(frame(TABLE1, light, "numpy", **how), frame(TABLE1, light, "drjit", **how))
+    np.testing.assert_array_equal(
+        frame(TABLE1, light, "numpy", **how), frame(TABLE1, light, "drjit", **how)
+    )
 
 
 @compiled
@@ -105,7 +123,8 @@ def test_the_signals_on_the_way_are_the_same_bits_too(keep: str) -> None:
     camera = TABLE1.replace(**NONLINEAR)
     light = dark_to_saturation(camera)
     one, other = (
-        getattr(ms.expose(light, camera, EXPOSURE, keep=keep, engine=engine), keep) for engine in ("numpy", "drjit")
+        getattr(ms.expose(light, camera, EXPOSURE, keep=keep, engine=engine), keep)
+        for engine in ("numpy", "drjit")
     )
     np.testing.assert_array_equal(one, other)
 
@@ -165,7 +184,9 @@ def test_a_stream_that_is_left_lets_its_threads_go(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("shape", [(1, 1), (1, 1000), (1000, 1), (3, 2**16 + 1)])
 def test_windows_of_any_shape_are_the_same(shape: tuple[int, int]) -> None:
     light, how = np.full(shape, 20_000.0), {"origin": (40_000, 3_000_000)}
-    np.testing.assert_array_equal(frame(TABLE1, light, "numpy", **how), frame(TABLE1, light, "drjit", **how))
+    np.testing.assert_array_equal(
+        frame(TABLE1, light, "numpy", **how), frame(TABLE1, light, "drjit", **how)
+    )
 
 
 @compiled
@@ -181,11 +202,31 @@ def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
             return sum(not one["cache_hit"] for one in dr.kernel_history([dr.KernelType.JIT]))
 
     compiles(camera)
-    numbers = {"pixel.full_well_e": 2e4, "pixel.prnu": 0.02, "source_follower.gain": 0.7, "adc.gamma": 1.1}
-    numbers |= {"readout.ve_nonlinearity": 0.2, "dark_current.cv": 0.3, "adc.bits": 11, "adc.black_level_dn": 7.0}
+    numbers = {
+        "pixel.full_well_e": 2e4,
+        "pixel.prnu": 0.02,
+        "source_follower.gain": 0.7,
+        "adc.gamma": 1.1,
+    }
+    numbers |= {
+        "readout.ve_nonlinearity": 0.2,
+        "dark_current.cv": 0.3,
+        "adc.bits": 11,
+        "adc.black_level_dn": 7.0,
+    }
     for field, value in numbers.items():
         assert compiles(camera.replace(**{field: value})) == 0, field
-    assert compiles(camera, ms.Exposure(0.02, 280.0), seed=9, serial=2**40, first_frame=77, origin=(5, 6)) == 0
+    assert (
+        compiles(
+            camera,
+            ms.Exposure(0.02, 280.0),
+            seed=9,
+            serial=2**40,
+            first_frame=77,
+            origin=(5, 6),
+        )
+        == 0
+    )
     compiles(camera.replace(**{"adc.gamma": None, "adc.ile": None}))
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
@@ -197,7 +238,9 @@ def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
 
 
 @compiled
-def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel_per_frame() -> None:
+def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel_per_frame() -> (
+    None
+):
     """A row and a column of normals per frame, also filtered by the user: data of one kernel, whatever the frame."""
     dr, window = drjit(), SensorWindow(7, (40, 64), (5, 9))
     kernel = DrJitBackend()
@@ -206,8 +249,12 @@ def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel
         spectrum = frame.row_normal("banding", np.arange(5 - 2, 45))
         filtered = spectrum[2:] + 0.5 * spectrum[1:-1] + 0.25 * spectrum[:-2]
         backend = frame.window.backend
-        lines = backend.from_numpy(filtered[:, None], frame.window) + frame.row_normal("row_noise")
-        return backend.to_numpy(lines * frame.column_normal("column_noise") + frame.normal("reset"), frame.window)
+        lines = backend.from_numpy(filtered[:, None], frame.window) + frame.row_normal(
+            "row_noise"
+        )
+        return backend.to_numpy(
+            lines * frame.column_normal("column_noise") + frame.normal("reset"), frame.window
+        )
 
     compiled_kernels = []
     for index in range(4):
@@ -215,13 +262,17 @@ def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
             fast = sum_of_lines(frame.on(kernel))
-            compiled_kernels.append(sum(not one["cache_hit"] for one in dr.kernel_history([dr.KernelType.JIT])))
+            compiled_kernels.append(
+                sum(not one["cache_hit"] for one in dr.kernel_history([dr.KernelType.JIT]))
+            )
         np.testing.assert_array_equal(fast, sum_of_lines(frame.on(NUMPY_FLOAT32)))
     assert compiled_kernels[1:] == [0, 0, 0]
 
 
 @compiled
-def test_auto_compiles_for_much_work_and_not_for_little(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_auto_compiles_for_much_work_and_not_for_little(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     assert run.choose_backend("auto", "float32", 1000) is NUMPY_FLOAT32
     assert run.choose_backend("auto", "float32", 10**8).compiled
     assert run.choose_backend("auto", "float64", 10**8) is NUMPY_FLOAT64
@@ -239,21 +290,32 @@ def test_auto_compiles_for_much_work_and_not_for_little(monkeypatch: pytest.Monk
         ({"precision": "float32", "chain": "konnik2014"}, "leave the precision out"),
     ],
 )
-def test_an_engine_that_is_not_there_is_one_sentence(how: dict[str, Any], sentence: str) -> None:
+def test_an_engine_that_is_not_there_is_one_sentence(
+    how: dict[str, Any], sentence: str
+) -> None:
     with pytest.raises(ms.InputError, match=sentence):
         ms.expose([[1.0]], TABLE1, EXPOSURE, **how)
 
 
-def test_without_llvm_the_compiled_engine_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "backend_problem", lambda backend: "no LLVM 17 or newer on this machine")
-    with pytest.raises(ms.InputError, match=r"take engine numpy, or .*apt-get install libllvm19\.$"):
+def test_without_llvm_the_compiled_engine_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(
+        run, "backend_problem", lambda backend: "no LLVM 17 or newer on this machine"
+    )
+    with pytest.raises(
+        ms.InputError, match=r"take engine numpy, or .*apt-get install libllvm19\.$"
+    ):
         ms.expose([[1.0]], TABLE1, EXPOSURE, engine="drjit")
 
 
 @pytest.mark.skipif(no_cuda is not None, reason=f"{no_cuda}")
 def test_cuda_has_the_same_random_bits_and_at_most_1_dn() -> None:
     light = dark_to_saturation(TABLE1)
-    one, other = (frame(TABLE1.replace(**NONLINEAR), light, engine).astype(int) for engine in ("numpy", "cuda"))
+    one, other = (
+        frame(TABLE1.replace(**NONLINEAR), light, engine).astype(int)
+        for engine in ("numpy", "cuda")
+    )
     assert np.abs(one - other).max() <= 1
 
 
@@ -261,7 +323,9 @@ def test_float64_differs_little_from_float32_with_the_same_random_bits() -> None
     """12 bits: fewer than 1 % of the pixels move, and by 1 DN; the plan finds that without the frames."""
     camera, light = TABLE1.replace(**NONLINEAR), dark_to_saturation(TABLE1)
     single, double = (
-        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(int)
+        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(
+            int
+        )
         for precision in ("float32", "float64")
     )
     moved = np.abs(single - double)

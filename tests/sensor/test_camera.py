@@ -61,7 +61,10 @@ WRONG_TYPES: dict[str, tuple[Any, ...]] = {
     "object": (5, "many", True, [1]),
     "boolean": (5, "many", "true", [True], {"a": True}),
 }
-PINHOLE = {"name": "hole", "surfaces": [{"semi_diameter_mm": 1, "stop": True}, {"semi_diameter_mm": 1}]}
+PINHOLE = {
+    "name": "hole",
+    "surfaces": [{"semi_diameter_mm": 1, "stop": True}, {"semi_diameter_mm": 1}],
+}
 
 
 def toml(data: dict[str, Any]) -> str:
@@ -109,7 +112,15 @@ def refusal(tmp_path: Path, data: dict[str, Any]) -> str:
         ms.load_camera(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: ") and "\n" not in message
-    for jargon in ("Input", "pydantic", "tuple", "dictionary", "instance of", "Section", "validation"):
+    for jargon in (
+        "Input",
+        "pydantic",
+        "tuple",
+        "dictionary",
+        "instance of",
+        "Section",
+        "validation",
+    ):
         assert jargon not in message.removeprefix(f"{path}"), message
     return message.removeprefix(f"{path}: ")
 
@@ -133,16 +144,22 @@ def outside(dotted: str) -> list[float]:
         if schema["type"] == "number" and schema["minimum"] > 0:
             bad += [0.0, 0.9 * schema["minimum"]]
     if "maximum" in schema:
-        bad += [schema["maximum"] * 1.001 if schema["type"] == "number" else schema["maximum"] + 1]
+        bad += [
+            schema["maximum"] * 1.001 if schema["type"] == "number" else schema["maximum"] + 1
+        ]
     return bad
 
 
 @pytest.mark.parametrize("dotted", NUMBERS)
-def test_every_number_out_of_range_is_refused_with_value_range_and_example(dotted: str, tmp_path: Path) -> None:
+def test_every_number_out_of_range_is_refused_with_value_range_and_example(
+    dotted: str, tmp_path: Path
+) -> None:
     assert outside(dotted)
     for bad in outside(dotted):
         message = refusal(tmp_path, with_field(dotted, bad))
-        assert re.match(rf"{dotted} is -?(nan|inf|[\d.e+-]+); it must be .+ \(.+{REMEDY}\)\.$", message), message
+        assert re.match(
+            rf"{dotted} is -?(nan|inf|[\d.e+-]+); it must be .+ \(.+{REMEDY}\)\.$", message
+        ), message
         assert value(bad) in message or repr(bad) in message
 
 
@@ -156,7 +173,9 @@ def test_every_number_has_a_lower_bound(dotted: str) -> None:
 
 
 @pytest.mark.parametrize("dotted", one_in(4, FIELDS))
-def test_every_field_of_the_wrong_type_is_refused_with_the_way_out(dotted: str, tmp_path: Path) -> None:
+def test_every_field_of_the_wrong_type_is_refused_with_the_way_out(
+    dotted: str, tmp_path: Path
+) -> None:
     """No coercion: "5" is no number, 1.5 is no count, true is not 1."""
     for bad in WRONG_TYPES[schema_of(dotted)["type"]]:
         message = refusal(tmp_path, with_field(dotted, bad))
@@ -177,7 +196,9 @@ def test_every_missing_field_is_named_with_an_example(dotted: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("dotted", one_in(4, [name for name in FIELDS if "." in name]))
-def test_every_misspelt_field_is_refused_with_the_right_one(dotted: str, tmp_path: Path) -> None:
+def test_every_misspelt_field_is_refused_with_the_right_one(
+    dotted: str, tmp_path: Path
+) -> None:
     """A letter too many, in a file and in replace(): the field that was meant is named."""
     data = with_field(dotted + "s", 1)
     message = refusal(tmp_path, data)
@@ -186,7 +207,13 @@ def test_every_misspelt_field_is_refused_with_the_right_one(dotted: str, tmp_pat
         ms.load_camera("konnik_table1").replace(**{dotted + "s": 1})
 
 
-NOT_ALONE = ("dark_current", "source_follower", "readout.ve_k1", "lens.focal_length_mm", "lens.focus_m")
+NOT_ALONE = (
+    "dark_current",
+    "source_follower",
+    "readout.ve_k1",
+    "lens.focal_length_mm",
+    "lens.focus_m",
+)
 
 
 @pytest.mark.parametrize("dotted", FIELDS)
@@ -203,22 +230,41 @@ def test_every_field_has_a_description_an_example_and_the_example_is_right(dotte
 
 
 CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "two dark-current models": ({"dark_current.rate_e_per_s": 5.0}, "either fom_na_per_cm2 or rate_e_per_s"),
-    "no dark-current model": ({"dark_current.fom_na_per_cm2": None}, "either fom_na_per_cm2 or rate_e_per_s"),
+    "two dark-current models": (
+        {"dark_current.rate_e_per_s": 5.0},
+        "either fom_na_per_cm2 or rate_e_per_s",
+    ),
+    "no dark-current model": (
+        {"dark_current.fom_na_per_cm2": None},
+        "either fom_na_per_cm2 or rate_e_per_s",
+    ),
     "half a dark-current model": (
-        {"dark_current.fom_na_per_cm2": None, "dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0},
+        {
+            "dark_current.fom_na_per_cm2": None,
+            "dark_current.rate_e_per_s": 5.0,
+            "dark_current.doubling_k": 7.0,
+        },
         "go together",
     ),
     "two read noises": ({"source_follower.read_noise_e": 3.0}, "and not both"),
-    "no read noise": ({"source_follower.white_nv_per_rthz": None}, "either read_noise_e or white_nv_per_rthz"),
+    "no read noise": (
+        {"source_follower.white_nv_per_rthz": None},
+        "either read_noise_e or white_nv_per_rthz",
+    ),
     "falling wavelengths": ({"quantum_efficiency.wavelengths_nm": [700, 400]}, "must increase"),
     "equal wavelengths": ({"quantum_efficiency.wavelengths_nm": [500, 500]}, "must increase"),
     "one wavelength": ({"quantum_efficiency.wavelengths_nm": [500]}, "at least 2 long"),
     "short curve": ({"quantum_efficiency.curves": {"mono": [0.6]}}, "1 values for 2"),
     "no curve": ({"quantum_efficiency.curves": {}}, "at least 1 long"),
-    "QE above 1": ({"quantum_efficiency.curves": {"mono": [0.6, 60.0]}}, "less than or equal to 1"),
+    "QE above 1": (
+        {"quantum_efficiency.curves": {"mono": [0.6, 60.0]}},
+        "less than or equal to 1",
+    ),
     "QE nan": ({"quantum_efficiency.curves": {"mono": [0.6, math.nan]}}, "finite number"),
-    "curves without tile": ({"quantum_efficiency.curves": {"R": [0.1, 0.6], "G": [0.6, 0.1]}}, "need a tile"),
+    "curves without tile": (
+        {"quantum_efficiency.curves": {"R": [0.1, 0.6], "G": [0.6, 0.1]}},
+        "need a tile",
+    ),
     "unknown filter": ({"quantum_efficiency.tile": [["mono", "X"]]}, "'X', which has no curve"),
     "ragged tile": ({"quantum_efficiency.tile": [["mono", "mono"], ["mono"]]}, "rectangle"),
     "empty tile": ({"quantum_efficiency.tile": [[]]}, "rectangle"),
@@ -249,7 +295,10 @@ def test_replace_makes_another_camera_and_leaves_the_first() -> None:
     assert (other.adc.bits, other.pixel.prnu) == (14, 0.01)
     assert (camera.adc.bits, camera.pixel.prnu) == (12, 0.005)
     assert other != camera and other.replace(**{"adc.bits": 12}) != camera
-    assert other.sources["adc.bits"] == "set by the user" and camera.sources["adc.bits"] != "set by the user"
+    assert (
+        other.sources["adc.bits"] == "set by the user"
+        and camera.sources["adc.bits"] != "set by the user"
+    )
     assert camera.replace() == camera
     with pytest.raises(ValueError):
         camera.adc.bits = 14
@@ -257,7 +306,8 @@ def test_replace_makes_another_camera_and_leaves_the_first() -> None:
 
 def test_replacing_an_unknown_field_says_which_one_was_meant() -> None:
     with pytest.raises(
-        ms.InputError, match=r"full_well is not a field of a camera\. Did you mean 'pixel\.full_well_e'"
+        ms.InputError,
+        match=r"full_well is not a field of a camera\. Did you mean 'pixel\.full_well_e'",
     ):
         ms.load_camera("konnik_table1").replace(full_well=5)
     with pytest.raises(ms.InputError, match="xyzzy is not a field of a camera"):
@@ -291,7 +341,9 @@ def test_the_cameras_that_ship_are_the_ones_that_are_listed() -> None:
     cameras = [ms.load_camera(name) for name in ms.list_cameras()]
     assert "konnik_table1" in ms.list_cameras()
     assert any(camera.sensor.technology == "ccd" for camera in cameras)
-    assert any(len(camera.filter_names) == 3 and np.shape(camera.tile) == (2, 2) for camera in cameras)
+    assert any(
+        len(camera.filter_names) == 3 and np.shape(camera.tile) == (2, 2) for camera in cameras
+    )
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
@@ -313,7 +365,8 @@ def test_the_schema_is_json_schema_that_names_every_field() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "k"), [("konnik_table1", 0.12412121), ("bayer_2mp", 4096 / 32_691), ("eev_44_82", 1 / 1.8586)]
+    ("name", "k"),
+    [("konnik_table1", 0.12412121), ("bayer_2mp", 4096 / 32_691), ("eev_44_82", 1 / 1.8586)],
 )
 def test_the_gain_of_a_shipped_camera_is_that_of_its_datasheet(name: str, k: float) -> None:
     assert gain_dn_per_e(ms.load_camera(name)) == pytest.approx(k, rel=1e-4)
@@ -323,15 +376,22 @@ def test_the_dark_current_model_is_the_one_that_was_given() -> None:
     camera = ms.load_camera("bayer_2mp")
     assert dark_current_model(camera).rate_e_per_s(298.15) == pytest.approx(5.0)
     assert dark_current_model(camera).rate_e_per_s(305.15) == pytest.approx(10.0)
-    assert dark_current_model(ms.load_camera("konnik_table1")).rate_e_per_s(300.0) == pytest.approx(2027.87, rel=5e-6)
+    assert dark_current_model(ms.load_camera("konnik_table1")).rate_e_per_s(
+        300.0
+    ) == pytest.approx(2027.87, rel=5e-6)
 
 
 def test_quantum_efficiency_is_linear_between_its_points_and_zero_outside() -> None:
     camera = ms.load_camera("konnik_table1").replace(
-        **{"quantum_efficiency.wavelengths_nm": [400, 500, 700], "quantum_efficiency.curves": {"mono": [0.2, 0.6, 0.0]}}
+        **{
+            "quantum_efficiency.wavelengths_nm": [400, 500, 700],
+            "quantum_efficiency.curves": {"mono": [0.2, 0.6, 0.0]},
+        }
     )
     np.testing.assert_allclose(
-        camera.qe([399.999, 400, 425, 500, 650, 700, 700.001]), [[0, 0.2, 0.3, 0.6, 0.15, 0, 0]], atol=1e-12
+        camera.qe([399.999, 400, 425, 500, 650, 700, 700.001]),
+        [[0, 0.2, 0.3, 0.6, 0.15, 0, 0]],
+        atol=1e-12,
     )
     assert camera.band_nm == (400, 700)
 
@@ -341,7 +401,10 @@ def test_the_band_is_where_any_filter_sees_and_no_wider_than_its_neighbours() ->
     camera = ms.load_camera("konnik_table1").replace(
         **{
             "quantum_efficiency.wavelengths_nm": [300, 350, 400, 500, 600, 650, 700],
-            "quantum_efficiency.curves": {"A": [0, 0, 0, 0.5, 0, 0, 0], "B": [0, 0, 0, 0, 0.5, 0, 0]},
+            "quantum_efficiency.curves": {
+                "A": [0, 0, 0, 0.5, 0, 0, 0],
+                "B": [0, 0, 0, 0, 0.5, 0, 0],
+            },
             "quantum_efficiency.tile": [["A", "B"]],
         }
     )
@@ -353,7 +416,9 @@ def test_the_mosaic_repeats_from_the_first_pixel_of_the_sensor() -> None:
     assert camera.filter_names == ("R", "G", "B")
     np.testing.assert_array_equal(camera.filter_index((2, 4)), [[0, 1, 0, 1], [1, 2, 1, 2]])
     np.testing.assert_array_equal(camera.filter_index((2, 2), origin=(1, 1)), [[2, 1], [1, 0]])
-    np.testing.assert_array_equal(camera.filter_index((3, 3), (5, 4)), camera.filter_index((9, 9))[5:8, 4:7])
+    np.testing.assert_array_equal(
+        camera.filter_index((3, 3), (5, 4)), camera.filter_index((9, 9))[5:8, 4:7]
+    )
 
 
 def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
@@ -369,7 +434,9 @@ def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
     light = np.broadcast_to([100.0, 200.0, 300.0], (4, 6, 3))
     frame = Frame(Exposure(0.1), SensorWindow(1, (4, 6), (1, 0)))
     electrons = detection.sample(Photons(light, wavelengths), frame).light
-    expected = (camera.qe(wavelengths) @ [100.0, 200.0, 300.0])[camera.filter_index((4, 6), (1, 0))]
+    expected = (camera.qe(wavelengths) @ [100.0, 200.0, 300.0])[
+        camera.filter_index((4, 6), (1, 0))
+    ]
     np.testing.assert_allclose(electrons, expected, rtol=1e-12)
 
 
@@ -399,7 +466,9 @@ def test_a_camera_survives_its_own_dump() -> None:
     """model_dump is what frame.json holds: the camera can be made again from it, through JSON."""
     for name in ms.list_cameras():
         camera = ms.load_camera(name)
-        again = Camera.model_validate(json.loads(json.dumps(camera.model_dump(), allow_nan=False)))
+        again = Camera.model_validate(
+            json.loads(json.dumps(camera.model_dump(), allow_nan=False))
+        )
         assert again == camera and chain(again) == chain(camera)
 
 
@@ -408,7 +477,11 @@ def test_a_camera_survives_pickling_and_copying(name: str) -> None:
     """Its chain too, once it is built."""
     camera = ms.load_camera(name)
     stages = camera.stages
-    for other in (pickle.loads(pickle.dumps(camera)), copy.deepcopy(camera), camera.model_copy()):
+    for other in (
+        pickle.loads(pickle.dumps(camera)),
+        copy.deepcopy(camera),
+        camera.model_copy(),
+    ):
         assert other == camera and other.stages == stages
 
 
@@ -426,5 +499,8 @@ def test_equal_cameras_have_one_hash() -> None:
     whole, real = (camera.replace(**{"adc.black_level_dn": value}) for value in (64, 64.0))
     assert camera == again and hash(camera) == hash(again) and len({camera, again}) == 1
     assert whole == real and hash(whole) == hash(real) and hash(camera.lens) == hash(again.lens)
-    others = [camera.replace(**{"adc.bits": 14}), *(ms.load_camera(name) for name in ms.list_cameras())]
+    others = [
+        camera.replace(**{"adc.bits": 14}),
+        *(ms.load_camera(name) for name in ms.list_cameras()),
+    ]
     assert len({*others, camera}) == len(others)

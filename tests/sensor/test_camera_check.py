@@ -97,7 +97,9 @@ def checked(text: str, folder: Path) -> tuple[CameraFinding, ...]:
 def test_all_errors_of_a_file_are_found_at_once_with_their_lines(tmp_path: Path) -> None:
     """Thirteen errors, of values, names, tables and contradictions; a misspelt table is looked into too."""
     errors = [one for one in checked(MANY, tmp_path) if one.level == "error"]
-    assert {one.line: one.field for one in errors} == {line: field for line, (field, _) in ERRORS.items()}
+    assert {one.line: one.field for one in errors} == {
+        line: field for line, (field, _) in ERRORS.items()
+    }
     assert len(errors) == len(ERRORS) == 13
     for one in errors:
         assert ERRORS[one.line or 0][1] in one.text and one.text.endswith((".", "?"))
@@ -107,21 +109,34 @@ def test_all_errors_of_a_file_are_found_at_once_with_their_lines(tmp_path: Path)
 def test_the_warnings_of_a_file_with_errors_come_with_them(tmp_path: Path) -> None:
     warnings = {one.line: one.text for one in checked(MANY, tmp_path) if one.level == "warning"}
     assert sorted(warnings) == [8, 12, 22]
-    assert warnings[8].endswith("if 5.86e-06 is in metres, write 5.86.") and warnings[22].endswith("write 0.4.")
+    assert warnings[8].endswith("if 5.86e-06 is in metres, write 5.86.") and warnings[
+        22
+    ].endswith("write 0.4.")
 
 
 def test_loading_such_a_file_says_how_many_errors_there_are(tmp_path: Path) -> None:
     checked(MANY, tmp_path)
-    with pytest.raises(ms.InputError, match=r"first of \d+ errors; `mitsuba-sensor cameras check`, or check_camera"):
+    with pytest.raises(
+        ms.InputError,
+        match=r"first of \d+ errors; `mitsuba-sensor cameras check`, or check_camera",
+    ):
         ms.load_camera(tmp_path / "mine.toml")
 
 
-@pytest.mark.parametrize("dotted", ["pixel.full_well_e", "readout.reset", "adc.bits", "sensor.columns", "adc"])
-def test_a_misspelt_required_key_is_one_error_that_says_which_was_meant(dotted: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "dotted", ["pixel.full_well_e", "readout.reset", "adc.bits", "sensor.columns", "adc"]
+)
+def test_a_misspelt_required_key_is_one_error_that_says_which_was_meant(
+    dotted: str, tmp_path: Path
+) -> None:
     """Not two, of an unknown key and of a missing one; loading says it too."""
     table, _, key = dotted.rpartition(".")
     wrong = key[:-1] + "x" + key[-1]
-    text = re.sub(rf"(?m)^{key} = ", f"{wrong} = ", TABLE1) if table else TABLE1.replace(f"[{key}]", f"[{wrong}]")
+    text = (
+        re.sub(rf"(?m)^{key} = ", f"{wrong} = ", TABLE1)
+        if table
+        else TABLE1.replace(f"[{key}]", f"[{wrong}]")
+    )
     (one,) = checked(text, tmp_path)
     assert one.line == next(n for n, line in enumerate(text.splitlines(), 1) if wrong in line)
     assert f"Did you mean '{dotted}'?" in one.text
@@ -133,12 +148,21 @@ UNUSUAL = {  # a line of Table 1 → what stands there instead, and the end of t
     "prnu = 0.005": ("prnu = 50", "0 to 0.1 is usual: if 50 is in percent, write 0.5."),
     "pitch_x_um = 5.7": ("pitch_x_um = 5.86e-6", "if 5.86e-06 is in metres, write 5.86."),
     "pitch_y_um = 5.7": ("pitch_y_um = 5700", "if 5700 is in nanometres, write 5.7."),
-    "wavelengths_nm = [400, 700]": ("wavelengths_nm = [0.4, 0.7]", "has 0.4, and 100 to 3000 is usual: if 0.4 is in"),
+    "wavelengths_nm = [400, 700]": (
+        "wavelengths_nm = [0.4, 0.7]",
+        "has 0.4, and 100 to 3000 is usual: if 0.4 is in",
+    ),
     "reference_nm = 550": ("reference_nm = 5.5e-7", "if 5.5e-07 is in metres, write 550."),
     "cv = 0.01": ("cv = 11", "if 11 is in percent, write 0.11."),
-    "sense_gain_uv_per_e = 5.0": ("sense_gain_uv_per_e = 5e-6", "if 5e-06 is in volts, write 5."),
+    "sense_gain_uv_per_e = 5.0": (
+        "sense_gain_uv_per_e = 5e-6",
+        "if 5e-06 is in volts, write 5.",
+    ),
     "full_well_e = 33000": ("full_well_e = 33", "if 33 is in thousands, write 33000."),
-    "bits = 12": ("bits = 12\nblack_level_dn = 5000", "leaves 0 of 4095 codes for light; take a lower one"),
+    "bits = 12": (
+        "bits = 12\nblack_level_dn = 5000",
+        "leaves 0 of 4095 codes for light; take a lower one",
+    ),
     "f_number = 2.8": ("f_number = 2.8\ntransmission = 0.001", "0.01 to 1 is usual"),
     "cds_sample_s = 1e-6": ("cds_sample_s = 1.0", "if 1 is in microseconds, write 1e-06."),
     "white_nv_per_rthz = 15": ("read_noise_e = 9000", "0.05 to 500 is usual: check its unit."),
@@ -152,14 +176,20 @@ def test_an_unusual_number_is_a_warning_with_the_way_out(line: str, tmp_path: Pa
     assert f"\n{line}" in TABLE1
     text = TABLE1.replace(f"\n{line}", f"\n{new}")
     (found,) = checked(text, tmp_path)
-    number = next(n for n, row in enumerate(text.splitlines(), 1) if row.startswith(new.splitlines()[-1]))
+    number = next(
+        n for n, row in enumerate(text.splitlines(), 1) if row.startswith(new.splitlines()[-1])
+    )
     assert (found.level, found.line) == ("warning", number) and said in found.text
     assert ms.load_camera(tmp_path / "mine.toml").notes == (found.text.removesuffix("."),)
 
 
 def test_a_full_scale_in_another_unit_leaves_the_codes_unused(tmp_path: Path) -> None:
     notes = ms.load_camera("konnik_table1").replace(**{"adc.full_scale_v": 8.0}).notes
-    assert len(notes) == 1 and "a full well fills 0.0206 of it" in notes[0] and "write 0.165" in notes[0]
+    assert (
+        len(notes) == 1
+        and "a full well fills 0.0206 of it" in notes[0]
+        and "write 0.165" in notes[0]
+    )
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
@@ -169,7 +199,9 @@ def test_a_shipped_camera_has_no_finding(name: str) -> None:
 
 def test_the_example_of_a_field_is_usual() -> None:
     """So that a sentence with the example does not lead into a warning."""
-    ranges = {name: usual for name, info in fields_of(Camera).items() if (usual := usual_of(info))}
+    ranges = {
+        name: usual for name, info in fields_of(Camera).items() if (usual := usual_of(info))
+    }
     assert len(ranges) > 25
     for name, usual in ranges.items():
         example = fields_of(Camera)[name].examples[0]  # type: ignore[index]
@@ -200,7 +232,10 @@ def test_values_that_are_no_toml_are_found_with_all_other_errors(tmp_path: Path)
         "pitch_x_um",
     ]
     assert [one.level for one in found.values()] == ["error"] * 4 + ["warning"]
-    assert {'a text needs quotes, write "cmos".', "a number has a decimal point, write 0.005."} <= set(found)
+    assert {
+        'a text needs quotes, write "cmos".',
+        "a number has a decimal point, write 0.005.",
+    } <= set(found)
     assert "a decimal point has digits on both sides, write 0.5." in found
 
 
@@ -213,7 +248,9 @@ def test_values_that_are_no_toml_are_found_with_all_other_errors(tmp_path: Path)
         ('name = """x\ny\n', None),
     ],
 )
-def test_a_file_whose_lines_cannot_be_told_apart_has_one_error(text: str, line: int | None, tmp_path: Path) -> None:
+def test_a_file_whose_lines_cannot_be_told_apart_has_one_error(
+    text: str, line: int | None, tmp_path: Path
+) -> None:
     """The first, with the parser's line; the rest waits."""
     (one,) = checked(text, tmp_path)
     assert one.level == "error" and one.line == line and one.text.startswith("not valid TOML: ")
@@ -225,7 +262,9 @@ def test_a_file_whose_lines_cannot_be_told_apart_has_one_error(text: str, line: 
 
 def test_an_unknown_key_that_looks_like_no_other_is_named_alone(tmp_path: Path) -> None:
     (one,) = checked(TABLE1.replace("[adc]", "[adc]\nqwfp = 3"), tmp_path)
-    assert one.field == "adc.qwfp" and one.line == TABLE1[: TABLE1.index("[adc]")].count("\n") + 2
+    assert (
+        one.field == "adc.qwfp" and one.line == TABLE1[: TABLE1.index("[adc]")].count("\n") + 2
+    )
 
 
 def test_a_missing_key_has_the_line_of_its_table(tmp_path: Path) -> None:
@@ -240,17 +279,52 @@ def test_lines_of_every_kind_of_toml() -> None:
         'a.b = 1\n"c d" = """\nx = 2\n"""\nlist = [\n  1, # [no]\n  2]\n\n[t]\nk = {m = 1}\n'
         "[[t.many]]\ny = 1\n[t.many.in]\nz = 1\n[[t.many]]\ny = 2\n[[t.many.deep]]\nw = 1\n[u]\nv = 1\n"
     )
-    assert [lines(("a",)), lines(("a", "b")), lines(("c d",)), lines(("list", 1))] == [1, 1, 2, 5]
-    assert [lines(("t",)), lines(("t", "k")), lines(("t", "k", "m")), lines(("u", "v"))] == [9, 10, 10, 20]
-    assert [lines(("t", "many", 0, "y")), lines(("t", "many", 0, "in", "z")), lines(("t", "many", 1))] == [12, 14, 15]
+    assert [lines(("a",)), lines(("a", "b")), lines(("c d",)), lines(("list", 1))] == [
+        1,
+        1,
+        2,
+        5,
+    ]
+    assert [lines(("t",)), lines(("t", "k")), lines(("t", "k", "m")), lines(("u", "v"))] == [
+        9,
+        10,
+        10,
+        20,
+    ]
+    assert [
+        lines(("t", "many", 0, "y")),
+        lines(("t", "many", 0, "in", "z")),
+        lines(("t", "many", 1)),
+    ] == [12, 14, 15]
     assert [lines(("t", "many", 1, "y")), lines(("t", "many", 1, "deep", 0, "w"))] == [16, 18]
     assert lines(("nothing",)) is None and lines(("t", "nothing")) == 9
     lines.rename(("t",), ("s",))
     assert lines(("s", "many", 1, "y")) == 16
 
 
-JUNK = ("-3", "nan", "'x'", "[]", "[1]", "{a = 1}", "true", "1e40", "", "=", "[[", "2999-01-01", "[[1, 2], ['R']]")
-HEADERS = ("[adc]", "[lens.prescription]", "[[dark_current.components]]", "[[pixel]]", "[pixel.prnu]", "[sources]")
+JUNK = (
+    "-3",
+    "nan",
+    "'x'",
+    "[]",
+    "[1]",
+    "{a = 1}",
+    "true",
+    "1e40",
+    "",
+    "=",
+    "[[",
+    "2999-01-01",
+    "[[1, 2], ['R']]",
+)
+HEADERS = (
+    "[adc]",
+    "[lens.prescription]",
+    "[[dark_current.components]]",
+    "[[pixel]]",
+    "[pixel.prnu]",
+    "[sources]",
+)
 
 
 def damaged(text: str, random: np.random.Generator) -> str:
@@ -271,7 +345,9 @@ def damaged(text: str, random: np.random.Generator) -> str:
 
 
 @pytest.mark.parametrize("files", [15, exhaustive(60)])
-def test_a_damaged_file_has_an_error_exactly_if_it_does_not_load(files: int, tmp_path: Path) -> None:
+def test_a_damaged_file_has_an_error_exactly_if_it_does_not_load(
+    files: int, tmp_path: Path
+) -> None:
     """None of them stops the check; lines are those of the file."""
     random, loads, path = np.random.default_rng(5), 0, tmp_path / "mine.toml"
     for _ in range(files):

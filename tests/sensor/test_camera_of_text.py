@@ -22,12 +22,20 @@ def text_of(name: str) -> str:
 @pytest.mark.parametrize("name", ms.list_cameras())
 def test_text_and_dict_are_the_camera_of_the_file(name: str) -> None:
     camera, text = ms.load_camera(name), text_of(name)
-    for source in (text, text.replace("\n", "\r\n"), tomllib.loads(text), camera.to_toml(), camera.model_dump()):
+    for source in (
+        text,
+        text.replace("\n", "\r\n"),
+        tomllib.loads(text),
+        camera.to_toml(),
+        camera.model_dump(),
+    ):
         assert ms.load_camera(source) == camera
     assert ms.check_camera(text) == () == ms.check_camera(tomllib.loads(text))
 
 
-def test_a_dict_may_have_numpy_numbers_arrays_and_paths_and_stays_as_it_is(tmp_path: Path) -> None:
+def test_a_dict_may_have_numpy_numbers_arrays_and_paths_and_stays_as_it_is(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "qe.csv").write_text(QE, "utf-8")
     tables: dict[str, Any] = tomllib.loads(text_of("konnik_table1"))
     tables["adc"] = {"bits": np.int64(14), "full_scale_v": np.float32(0.5)}
@@ -43,7 +51,9 @@ def test_a_dict_may_have_numpy_numbers_arrays_and_paths_and_stays_as_it_is(tmp_p
     assert ms.load_camera(tables).qe([550.0]).item() == pytest.approx(0.3)
 
 
-def test_files_that_they_name_are_sought_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_they_name_are_sought_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "qe.csv").write_text(QE, "utf-8")
     monkeypatch.chdir(tmp_path)
     tables = tomllib.loads(text_of("konnik_table1"))
@@ -60,7 +70,11 @@ def test_the_sentences_are_those_of_a_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(text, "utf-8")
     said = []
-    for source, name in ((file, str(file)), (text, "the TOML text"), (tomllib.loads(text), "the dict")):
+    for source, name in (
+        (file, str(file)),
+        (text, "the TOML text"),
+        (tomllib.loads(text), "the dict"),
+    ):
         with pytest.raises(ms.InputError) as error:
             ms.load_camera(source)
         assert str(error.value).startswith(f"{name}: adc.bits is 99; it must be")
@@ -85,7 +99,10 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "empty dict": ({}, "the dict: name is missing"),
     "no table": ({"sensor": 3}, "the dict: name is missing"),
     "a number as key": ({1: 2}, "the dict: name is missing"),
-    "a number": (5, "pass the name of a camera or the path of a .toml file, or a camera itself, as its text or a dict"),
+    "a number": (
+        5,
+        "pass the name of a camera or the path of a .toml file, or a camera itself, as its text or a dict",
+    ),
 }
 
 

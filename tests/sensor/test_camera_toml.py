@@ -23,12 +23,22 @@ COMPONENT = {"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit
 TEXTS = 'quotes " and \\ and tab \t and \x7f and \n new lines, µ, 東京'
 
 CAMERAS: dict[str, ms.Camera] = {name: ms.load_camera(name) for name in ms.list_cameras()} | {
-    "a prescription": TABLE1.replace(**{"lens.prescription": "double_gauss", "lens.focal_length_mm": 25}),
-    "components": TABLE1.replace(**{"dark_current.components": [COMPONENT, COMPONENT | {"weight": 0.1}]}),
-    "steps of the ADC": TABLE1.replace(**{"adc.dnl_lsb": {str(code): 0.1 / code for code in range(1, 60)}}),
+    "a prescription": TABLE1.replace(
+        **{"lens.prescription": "double_gauss", "lens.focal_length_mm": 25}
+    ),
+    "components": TABLE1.replace(
+        **{"dark_current.components": [COMPONENT, COMPONENT | {"weight": 0.1}]}
+    ),
+    "steps of the ADC": TABLE1.replace(
+        **{"adc.dnl_lsb": {str(code): 0.1 / code for code in range(1, 60)}}
+    ),
     "names to be quoted": ms.load_camera("bayer_2mp").replace(
         **{
-            "quantum_efficiency.curves": {"R e d": [0.1, 0.2], "g.1": [0.0, 1 / 3], "": [0.5, 0.5]},
+            "quantum_efficiency.curves": {
+                "R e d": [0.1, 0.2],
+                "g.1": [0.0, 1 / 3],
+                "": [0.5, 0.5],
+            },
             "quantum_efficiency.wavelengths_nm": [400, 1e9 / 3],
             "quantum_efficiency.tile": [["R e d", "g.1"], ["", ""]],
             "name": TEXTS,
@@ -36,8 +46,14 @@ CAMERAS: dict[str, ms.Camera] = {name: ms.load_camera(name) for name in ms.list_
         }
     ),
     "tiny and huge numbers": TABLE1.replace(
-        **{"readout.ve_k1_c": 1.0909e-14, "readout.ve_nonlinearity": 0.1, "readout.sense_gain_uv_per_e": None}
-    ).replace(**{"source_follower.corner_hz": 1.2345678901234567e12, "pixel.dsnu_e": 5e-324 * 2**1000}),
+        **{
+            "readout.ve_k1_c": 1.0909e-14,
+            "readout.ve_nonlinearity": 0.1,
+            "readout.sense_gain_uv_per_e": None,
+        }
+    ).replace(
+        **{"source_follower.corner_hz": 1.2345678901234567e12, "pixel.dsnu_e": 5e-324 * 2**1000}
+    ),
     "alternatives": TABLE1.replace(
         **{
             "source_follower.white_nv_per_rthz": None,
@@ -62,7 +78,10 @@ def test_the_file_of_a_camera_loads_as_an_equal_camera(name: str, tmp_path: Path
     text = CAMERAS[name].to_toml()
     again = loaded(text, tmp_path)
     assert again == CAMERAS[name] and again.to_toml() == text
-    assert max(map(len, re.findall(r"(?m)^#.*$", text.partition("[sources]")[0]))) <= 120 or name == "alternatives"
+    assert (
+        max(map(len, re.findall(r"(?m)^#.*$", text.partition("[sources]")[0]))) <= 120
+        or name == "alternatives"
+    )
 
 
 def keys_of(text: str) -> dict[str, set[str]]:
@@ -83,10 +102,16 @@ def test_every_key_that_there_is_stands_in_the_file_below_its_explanation(name: 
     keys, prose = keys_of(text), " ".join(text.replace("\n#  ", "").split())
     for table in tables(Camera):
         if table.path in keys:
-            entries = [one for one in table.entries if f"{table.path}.{one.name}".lstrip(".") not in keys]
+            entries = [
+                one
+                for one in table.entries
+                if f"{table.path}.{one.name}".lstrip(".") not in keys
+            ]
             assert {one.name for one in entries} == keys[table.path], table.path
             for one in entries:
-                said = " ".join(f"{one.meaning}{f' [{one.unit}]' if one.unit else ''}; {one.allowed}".split())
+                said = " ".join(
+                    f"{one.meaning}{f' [{one.unit}]' if one.unit else ''}; {one.allowed}".split()
+                )
                 assert f"# {said}" in prose, said
                 assert f"usual {one.usual}" in prose or not one.usual
     assert {table.path for table in tables(Camera)} >= set(keys) - {"sources"}
@@ -104,7 +129,11 @@ def test_every_example_behind_a_number_sign_is_a_value_of_its_type(name: str) ->
 def test_a_set_number_without_a_source_is_listed_for_one() -> None:
     camera = TABLE1.model_copy(update={"sources": {"adc.bits": "a book"}})
     text = camera.to_toml()
-    assert '"adc.bits" = "a book"' in text and '# "pixel.prnu" = ""' in text and '# "adc.bits"' not in text
+    assert (
+        '"adc.bits" = "a book"' in text
+        and '# "pixel.prnu" = ""' in text
+        and '# "adc.bits"' not in text
+    )
 
 
 def test_a_camera_with_a_stage_of_ones_own_is_in_no_file() -> None:
@@ -123,8 +152,21 @@ def test_a_camera_with_a_stage_of_ones_own_is_in_no_file() -> None:
 
 def test_values_as_toml_read_again_as_the_same() -> None:
     random = np.random.default_rng(1)
-    numbers = [float(x) for x in random.standard_normal(200) * 10.0 ** random.integers(-300, 300, 200)]
-    for value in [*numbers, 0.0, -3.0, 1e7, 1e22, True, 12, TEXTS, [1, [2.5, "x"]], {"a b": 1, "c": {"d": [1.5]}}]:
+    numbers = [
+        float(x) for x in random.standard_normal(200) * 10.0 ** random.integers(-300, 300, 200)
+    ]
+    for value in [
+        *numbers,
+        0.0,
+        -3.0,
+        1e7,
+        1e22,
+        True,
+        12,
+        TEXTS,
+        [1, [2.5, "x"]],
+        {"a b": 1, "c": {"d": [1.5]}},
+    ]:
         assert tomllib.loads(assignment("key", value))["key"] == value
         assert math.isfinite(value) if isinstance(value, float) else toml_of(value)
     assert max(map(len, assignment("key", numbers).splitlines())) <= 110
@@ -132,9 +174,18 @@ def test_values_as_toml_read_again_as_the_same() -> None:
 
 def test_the_tables_of_the_docs_name_every_key_with_its_unit() -> None:
     page = markdown(Camera)
-    assert "| `full_well_e` | e- | 1 or more | 200 to 1e8 | required | saturation capacity |" in page
-    assert '| `technology` | – | "cmos" or "ccd" | – | required | chooses the stages of the chain |' in page
-    assert "| `wavelengths_nm` | nm | list of at least 2, each above 0 | 100 to 3000 | required |" in page
+    assert (
+        "| `full_well_e` | e- | 1 or more | 200 to 1e8 | required | saturation capacity |"
+        in page
+    )
+    assert (
+        '| `technology` | – | "cmos" or "ccd" | – | required | chooses the stages of the chain |'
+        in page
+    )
+    assert (
+        "| `wavelengths_nm` | nm | list of at least 2, each above 0 | 100 to 3000 | required |"
+        in page
+    )
     assert page.count("\n### `[") + page.count("\n### `[[") >= 11 and ":meth:" not in page
 
 
@@ -157,8 +208,12 @@ MERIT = {
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
-@pytest.mark.parametrize("changes", [ELECTRONS | RATE, DENSITIES | MERIT], ids=["electrons", "densities"])
-def test_either_alternative_can_be_chosen_on_any_camera(name: str, changes: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "changes", [ELECTRONS | RATE, DENSITIES | MERIT], ids=["electrons", "densities"]
+)
+def test_either_alternative_can_be_chosen_on_any_camera(
+    name: str, changes: dict[str, Any]
+) -> None:
     """What is unset has no source any more."""
     camera = ms.load_camera(name).replace(**changes)
     data = camera.model_dump()
@@ -170,17 +225,25 @@ def test_either_alternative_can_be_chosen_on_any_camera(name: str, changes: dict
 
 
 def test_an_unset_field_has_its_default_again() -> None:
-    camera = TABLE1.replace(**{"source_follower.gain": 0.5, "lens.f_number": 8.0, "adc.black_level_dn": 64})
+    camera = TABLE1.replace(
+        **{"source_follower.gain": 0.5, "lens.f_number": 8.0, "adc.black_level_dn": 64}
+    )
     assert camera.replace(**{"source_follower.gain": None}).source_follower.gain == 1.0
     assert camera.replace(**{"lens": None}).lens == type(camera.lens)()
-    assert not [key for key in camera.replace(**{"lens": None}).sources if key.startswith("lens.")]
+    assert not [
+        key for key in camera.replace(**{"lens": None}).sources if key.startswith("lens.")
+    ]
     assert camera.replace(**{"adc.black_level_dn": None}).adc == TABLE1.adc
-    with pytest.raises(ms.InputError, match=r"adc\.bits is missing; resolution \[bit\], e\.g\. 12"):
+    with pytest.raises(
+        ms.InputError, match=r"adc\.bits is missing; resolution \[bit\], e\.g\. 12"
+    ):
         camera.replace(**{"adc.bits": None})
 
 
 def test_an_alternative_beside_the_other_says_how_to_unset_it() -> None:
-    with pytest.raises(ms.InputError, match=r"and not both\. None unsets a field; .* --set FIELD=none\.$"):
+    with pytest.raises(
+        ms.InputError, match=r"and not both\. None unsets a field; .* --set FIELD=none\.$"
+    ):
         TABLE1.replace(**{"source_follower.read_noise_e": 3.0})
 
 

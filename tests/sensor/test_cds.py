@@ -29,7 +29,9 @@ def test_white_noise_of_the_paper() -> None:
 
 def test_flicker_noise_of_the_paper() -> None:
     white = replace(PAPER, corner_hz=0.0)
-    assert math.sqrt(electrons(PAPER) ** 2 - electrons(white) ** 2) == pytest.approx(5.182973, abs=5e-7)
+    assert math.sqrt(electrons(PAPER) ** 2 - electrons(white) ** 2) == pytest.approx(
+        5.182973, abs=5e-7
+    )
 
 
 def test_total_noise_of_the_paper() -> None:
@@ -38,11 +40,14 @@ def test_total_noise_of_the_paper() -> None:
 
 def test_a_hundred_microseconds_between_the_samples() -> None:
     """t_s = 100 µs with τ_D = 50 µs; a frequency grid of 10 kHz says 0.218 e- here."""
-    assert electrons(replace(PAPER, sample_s=1e-4, dominant_s=0.5e-4)) == pytest.approx(5.19300, abs=5e-6)
+    assert electrons(replace(PAPER, sample_s=1e-4, dominant_s=0.5e-4)) == pytest.approx(
+        5.19300, abs=5e-6
+    )
 
 
 @pytest.mark.parametrize(
-    ("rtn_s", "expected"), [(50e-9, 6.6102), (1e-6, 17.8268), (10e-6, 10.1226), (1e-3, 1.1012), (1.0, 0.034855)]
+    ("rtn_s", "expected"),
+    [(50e-9, 6.6102), (1e-6, 17.8268), (10e-6, 10.1226), (1e-3, 1.1012), (1.0, 0.034855)],
 )
 def test_telegraph_noise_of_200_microvolts(rtn_s: float, expected: float) -> None:
     assert electrons(replace(RTN, rtn_s=rtn_s)) == pytest.approx(expected, rel=3e-5)
@@ -50,7 +55,9 @@ def test_telegraph_noise_of_200_microvolts(rtn_s: float, expected: float) -> Non
 
 def test_independent_noises_add_their_variances() -> None:
     parts = (replace(PAPER, corner_hz=0.0).sigma_v ** 2, PAPER.sigma_v**2, RTN.sigma_v**2)
-    assert replace(PAPER, rtn_uv=200.0).sigma_v ** 2 == pytest.approx(parts[1] + parts[2], rel=1e-12)
+    assert replace(PAPER, rtn_uv=200.0).sigma_v ** 2 == pytest.approx(
+        parts[1] + parts[2], rel=1e-12
+    )
     assert parts[0] < parts[1]
 
 
@@ -59,7 +66,9 @@ def test_telegraph_noise_passes_smoothly_through_twice_the_dominant_time() -> No
     middle = RTN.dominant_s * 2
     at = replace(RTN, rtn_s=middle).rtn_v2
     for distance in (1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3):
-        below, above = (replace(RTN, rtn_s=middle * (1 + sign * distance)).rtn_v2 for sign in (-1, 1))
+        below, above = (
+            replace(RTN, rtn_s=middle * (1 + sign * distance)).rtn_v2 for sign in (-1, 1)
+        )
         assert below == pytest.approx(at, rel=2 * distance + 1e-9)
         assert above == pytest.approx(at, rel=2 * distance + 1e-9)
         assert (below + above) / 2 == pytest.approx(at, rel=2 * distance**2 + 1e-9)
@@ -114,10 +123,14 @@ def test_telegraph_noise_is_the_integral_that_it_stands_for(rtn_s: float) -> Non
     """
     noise = replace(RTN, rtn_s=rtn_s)
     r, tau, t = rtn_s / 2, noise.dominant_s, noise.sample_s
-    value = integrate.quad(lambda u: 1 / ((1 + (u * r / tau) ** 2) * (1 + u * u)), 0, np.inf, limit=500)[0]
+    value = integrate.quad(
+        lambda u: 1 / ((1 + (u * r / tau) ** 2) * (1 + u * u)), 0, np.inf, limit=500
+    )[0]
     # ∫ cos(k·u) with QUADPACK's Fourier weight, which needs no half-periods.
     k = t / tau
-    wave = integrate.quad(lambda u: 1 / ((1 + (u * r / tau) ** 2) * (1 + u * u)), 0, np.inf, weight="cos", wvar=k)[0]
+    wave = integrate.quad(
+        lambda u: 1 / ((1 + (u * r / tau) ** 2) * (1 + u * u)), 0, np.inf, weight="cos", wvar=k
+    )[0]
     expected = (200e-6) ** 2 * r * 2 * (value - wave) / (2 * math.pi * tau)
     assert noise.rtn_v2 == pytest.approx(expected, rel=2e-4)
 
@@ -131,7 +144,9 @@ def test_the_papers_sum_up_to_20_mhz_is_a_little_less_than_the_whole() -> None:
     f = np.concatenate([fine, coarse])
     width = np.repeat([1.0, 100.0], [fine.size, coarse.size])
     response = (2 - 2 * np.cos(2 * np.pi * f * 1e-6)) / (1 + (2 * np.pi * f * 0.5e-6) ** 2)
-    total = math.sqrt(np.sum((15e-9) ** 2 * (1 + 1e6 / f) * response * width)) / (VOLTS_PER_E * (1 - math.exp(-2)))
+    total = math.sqrt(np.sum((15e-9) ** 2 * (1 + 1e6 / f) * response * width)) / (
+        VOLTS_PER_E * (1 - math.exp(-2))
+    )
     assert total == pytest.approx(6.094824, abs=2e-6)
     assert total < electrons(PAPER) < 1.002 * total
 

@@ -37,7 +37,11 @@ OWN = {
     "source_follower.read_noise_cv": 0.5,
     "readout.prnu_col": 0.03,
 }
-CURVED = {"source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04, "readout.ve_nonlinearity": 1.0}
+CURVED = {
+    "source_follower.vv_nonlinearity": 1.05,
+    "adc.gamma": 1.04,
+    "readout.ve_nonlinearity": 1.0,
+}
 CAMERAS: dict[str, Any] = {
     "0.1 DN": TABLE1.replace(**QUIET),
     "all pixels differ": TABLE1.replace(**RTS, **OWN),
@@ -55,7 +59,12 @@ CASES = [
 def photons_of(camera: ms.Camera, share: float) -> Any:
     """So large a share of what fills the well or the converter."""
     one = ms.expose(np.ones(SHAPE), camera, ms.Exposure(0.0)).detected.mean_e.max()
-    return np.full(SHAPE, share * min(camera.pixel.full_well_e, (2**camera.adc.bits - 1) / gain_dn_per_e(camera)) / one)
+    return np.full(
+        SHAPE,
+        share
+        * min(camera.pixel.full_well_e, (2**camera.adc.bits - 1) / gain_dn_per_e(camera))
+        / one,
+    )
 
 
 @pytest.mark.parametrize(("name", "share"), one_in(3, CASES, several=True))
@@ -72,38 +81,53 @@ def test_the_average_of_many_frames_is_the_clean_frame(name: str, share: float) 
     for frame in ms.stream(photons, camera, EXPOSURE, frames=FRAMES):
         off += (frame - clean) / FRAMES
         square += (frame - clean) ** 2 / FRAMES
-    moving = variance > 0.1 * variance.max()  # else the codes are at the clip but for few frames: no normal average
+    moving = (
+        variance > 0.1 * variance.max()
+    )  # else the codes are at the clip but for few frames: no normal average
     assert np.all(np.abs(off[moving]) < 4 * np.sqrt(variance[moving] / FRAMES))
     assert np.all(np.abs(off[~moving]) < 4 * np.sqrt(variance.max() / FRAMES))
-    assert np.sum((square - off**2)[moving]) == pytest.approx(np.sum(variance[moving]), rel=0.03)
+    assert np.sum((square - off**2)[moving]) == pytest.approx(
+        np.sum(variance[moving]), rel=0.03
+    )
 
 
 @pytest.mark.parametrize("slope", [0.124, 0.34, 0.5, 1.0])
 @pytest.mark.parametrize("mean_e", [0.3, 7.0, 90.0])
 @pytest.mark.parametrize("sigma", [0.06, 0.1, 0.4])
-def test_a_rounded_poisson_and_normal_number_in_closed_form(slope: float, mean_e: float, sigma: float) -> None:
+def test_a_rounded_poisson_and_normal_number_in_closed_form(
+    slope: float, mean_e: float, sigma: float
+) -> None:
     """The same as the sum over counts and codes."""
     n = np.arange(300.0)[:, None]
     chance = scipy.stats.poisson.pmf(n, mean_e)
     codes = np.arange(-20.0, 400.0)
     x = 10.3 + slope * n
-    law = scipy.special.ndtr((codes + 0.5 - x) / sigma) - scipy.special.ndtr((codes - 0.5 - x) / sigma)
+    law = scipy.special.ndtr((codes + 0.5 - x) / sigma) - scipy.special.ndtr(
+        (codes - 0.5 - x) / sigma
+    )
     mean = np.sum(chance * law * codes)
     variance = np.sum(chance * law * (codes - mean) ** 2)
     one = np.ones(1)
-    found = rounded_poisson(one * (10.3 + slope * mean_e), one * sigma, one * slope, one * mean_e)
+    found = rounded_poisson(
+        one * (10.3 + slope * mean_e), one * sigma, one * slope, one * mean_e
+    )
     assert found[0][0] == pytest.approx(mean, abs=1e-9)
     assert found[1][0] == pytest.approx(variance, abs=1e-8)
 
 
-@pytest.mark.parametrize(("mean", "variance"), [(5.0, 5.0), (40.0, 30.0), (3.3, 2.9), (20.0, 60.0), (900.0, 900.0)])
+@pytest.mark.parametrize(
+    ("mean", "variance"), [(5.0, 5.0), (40.0, 30.0), (3.3, 2.9), (20.0, 60.0), (900.0, 900.0)]
+)
 def test_nodes_of_a_count_have_its_mean_and_variance(mean: float, variance: float) -> None:
     law = CountLaws(np.array([mean]), np.array([variance]))
     cells = law.in_cells(np.full((2, 1), 0.9 * mean), np.ones(1), np.inf)
     for nodes in (law.every_count(), *([cells] if mean > 64 else [])):
         found = np.sum(nodes.chances * nodes.counts)
         spread = np.sum(nodes.chances * ((nodes.counts - found) ** 2 + nodes.rest_e2))
-        assert (found, spread) == (pytest.approx(mean, rel=1e-9), pytest.approx(variance, rel=1e-6))
+        assert (found, spread) == (
+            pytest.approx(mean, rel=1e-9),
+            pytest.approx(variance, rel=1e-6),
+        )
 
 
 def test_cells_end_at_the_full_well_and_keep_the_skewness_of_the_count() -> None:
@@ -127,7 +151,9 @@ def test_far_from_all_ends_a_straight_camera_is_gain_times_electrons_and_its_off
     dark_e = EXPOSURE.time_s * TABLE1.stages[2].model.rate_e_per_s(EXPOSURE.temperature_k)  # type: ignore[attr-defined]
     electrons = found.detected.mean_e * maps["prnu"] + dark_e * maps["dark_fpn"]
     gain, black = gain_dn_per_e(TABLE1), TABLE1.stages[-1].black_level_dn  # type: ignore[attr-defined]
-    assert found.clean[0] == pytest.approx(black + gain * (electrons + maps["dsnu_col_e"]), abs=2e-3)
+    assert found.clean[0] == pytest.approx(
+        black + gain * (electrons + maps["dsnu_col_e"]), abs=2e-3
+    )
     own = found.temporal_variance - gain**2 * electrons
     assert np.ptp(own) < 1e-3 and 0.5 < own.mean() < 2.0
 
@@ -143,8 +169,14 @@ def test_clean_frames_of_many_serials_average_to_the_spatial_mean() -> None:
 
 IN_TABLES: dict[str, tuple[ms.Camera, float]] = {
     "dim colours": (ms.load_camera("bayer_2mp"), 5.0),
-    "dark and shallow wells": (ms.load_camera("bayer_2mp").replace(**{"pixel.full_well_e": 60.0}), 40.0),
-    "offsets of pixels": (TABLE1.replace(**{"adc.black_level_dn": 2, "pixel.dsnu_e": 3.0}), 30.0),
+    "dark and shallow wells": (
+        ms.load_camera("bayer_2mp").replace(**{"pixel.full_well_e": 60.0}),
+        40.0,
+    ),
+    "offsets of pixels": (
+        TABLE1.replace(**{"adc.black_level_dn": 2, "pixel.dsnu_e": 3.0}),
+        30.0,
+    ),
     "0.1 DN": (TABLE1.replace(**{**QUIET, "adc.black_level_dn": 0}), 8.0),
     "curved": (ms.load_camera("sony_imx174").replace(**{"adc.gamma": 1.04}), 20.0),
 }
@@ -158,7 +190,9 @@ def test_a_pixel_among_many_has_the_clean_value_that_it_has_among_few(
     camera, mean = IN_TABLES[name]
     summed, sum_of = [], PixelCodes._over
     monkeypatch.setattr(
-        PixelCodes, "_over", lambda self, nodes: summed.append(self.numbers.size) or sum_of(self, nodes)
+        PixelCodes,
+        "_over",
+        lambda self, nodes: summed.append(self.numbers.size) or sum_of(self, nodes),
     )
     photons = mean * np.random.default_rng(1).lognormal(0.0, 0.7, (100, 160))
     many = ms.expose(photons, camera, EXPOSURE)
@@ -174,14 +208,22 @@ def test_a_pixel_among_many_has_the_clean_value_that_it_has_among_few(
 
 def test_infinite_light_is_the_largest_code_and_does_not_vary() -> None:
     found = ms.expose(ms.Photons(np.full(SHAPE, np.inf)), TABLE1, EXPOSURE)
-    assert np.all(found.clean == 4095) and np.all(found.temporal_variance < 1e-30) and found.clean.shape == (1, *SHAPE)
+    assert (
+        np.all(found.clean == 4095)
+        and np.all(found.temporal_variance < 1e-30)
+        and found.clean.shape == (1, *SHAPE)
+    )
 
 
 def test_given_maps_are_taken_pixel_by_pixel() -> None:
     photons, maps = photons_of(TABLE1, 0.4), ms.fpn_maps(TABLE1, SHAPE)
     maps["dsnu_pixel_e"] = np.arange(96.0).reshape(SHAPE)
-    plain, found = (ms.expose(photons, TABLE1, EXPOSURE, **more).clean[0] for more in ({}, {"maps": maps}))
-    assert found - plain == pytest.approx(gain_dn_per_e(TABLE1) * maps["dsnu_pixel_e"], abs=2e-3)
+    plain, found = (
+        ms.expose(photons, TABLE1, EXPOSURE, **more).clean[0] for more in ({}, {"maps": maps})
+    )
+    assert found - plain == pytest.approx(
+        gain_dn_per_e(TABLE1) * maps["dsnu_pixel_e"], abs=2e-3
+    )
 
 
 @dataclass(frozen=True)
@@ -197,7 +239,9 @@ class Ramp(ms.Stage):
         return m
 
     def gain(self, frame: Frame) -> Array:
-        return frame.window.backend.from_numpy(1 + 0.01 * frame.window.columns[None, :], frame.window)
+        return frame.window.backend.from_numpy(
+            1 + 0.01 * frame.window.columns[None, :], frame.window
+        )
 
 
 @dataclass(frozen=True)
@@ -207,7 +251,9 @@ class Jitter(ms.Stage):
     domain = "electrons"
 
     def sample(self, signal: Electrons, frame: Frame) -> Array:
-        return Electrons(signal.light + frame.number(100.0) * frame.normal("jitter"), signal.dark)
+        return Electrons(
+            signal.light + frame.number(100.0) * frame.normal("jitter"), signal.dark
+        )
 
     def moments(self, m: Moments) -> Moments:
         return m.add(temporal=1e4)
@@ -218,10 +264,14 @@ def test_stages_of_a_user_count_as_they_are_sampled_or_by_their_moments() -> Non
     plain = ms.expose(photons, TABLE1, EXPOSURE)
     ramp = ms.expose(photons, TABLE1.with_stage(Ramp(), after="prnu"), EXPOSURE)
     light = plain.detected.mean_e * ms.fpn_maps(TABLE1, SHAPE)["prnu"]
-    assert ramp.clean[0] - plain.clean[0] == pytest.approx(gain * light * 0.01 * np.arange(SHAPE[1]), abs=5e-3)
+    assert ramp.clean[0] - plain.clean[0] == pytest.approx(
+        gain * light * 0.01 * np.arange(SHAPE[1]), abs=5e-3
+    )
     moved = ms.expose(photons, TABLE1.with_stage(Jitter(), after="prnu"), EXPOSURE)
     assert moved.clean == pytest.approx(plain.clean, abs=2e-3)
-    assert moved.temporal_variance - plain.temporal_variance == pytest.approx(1e4 * gain**2, rel=1e-3)
+    assert moved.temporal_variance - plain.temporal_variance == pytest.approx(
+        1e4 * gain**2, rel=1e-3
+    )
 
 
 def test_the_published_chain_has_no_clean_frame() -> None:

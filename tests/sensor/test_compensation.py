@@ -86,7 +86,9 @@ SHARES = (0.0, 1e-9, 0.05, 0.16, 0.3, 1 / 3)
 
 @pytest.mark.parametrize("mean", MEANS)
 @pytest.mark.parametrize("share", SHARES)
-def test_the_law_has_exactly_the_mean_and_what_the_render_leaves_of_the_variance(mean: float, share: float) -> None:
+def test_the_law_has_exactly_the_mean_and_what_the_render_leaves_of_the_variance(
+    mean: float, share: float
+) -> None:
     """All counts added up: to 1e-10, from a thousandth of an electron to a million. (SciPy's law is as good at 1e6.)"""
     variance = min(share * mean, float(largest_e2(np.float64(mean))))
     n, law = law_of(mean, variance)
@@ -113,7 +115,15 @@ def test_a_mean_compensates_as_much_as_its_distribution_can_lose(mean: float) ->
 # Samples
 
 
-CASES_E = ((0.3, 0.09), (1.0, 0.2), (2.5, 0.7), (9.0, 2.25), (12.0, 3.999), (100.0, 16.0), (1e4, 3e3))
+CASES_E = (
+    (0.3, 0.09),
+    (1.0, 0.2),
+    (2.5, 0.7),
+    (9.0, 2.25),
+    (12.0, 3.999),
+    (100.0, 16.0),
+    (1e4, 3e3),
+)
 """Mean light [e-] and the variance of its render [e-²]; all of it can be compensated."""
 
 DRAWS = 2**19
@@ -121,28 +131,42 @@ DRAWS = 2**19
 
 @pytest.mark.parametrize("backend", BACKENDS, indirect=True)
 @pytest.mark.parametrize("dark_e", [exhaustive(0.0), 5.0])
-def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: Backend, dark_e: float) -> None:
+def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(
+    backend: Backend, dark_e: float
+) -> None:
     """2^19 draws each: 5 standard errors of the variance are 1.0 % (1.3 % at 0.3 e-), of the mean 0.7 % of σ.
 
     28 comparisons each at P(|z| > 5) = 6e-7: one other seed in 60 000 would fail (the backends share their bits).
     """
-    mean, noise = (np.repeat(np.array(x)[:, None], DRAWS, axis=1) for x in zip(*CASES_E, strict=True))
+    mean, noise = (
+        np.repeat(np.array(x)[:, None], DRAWS, axis=1) for x in zip(*CASES_E, strict=True)
+    )
     frame = frame_of(mean.shape, backend)
     light, variance = (backend.from_numpy(x, frame.window) for x in (mean, noise))
     dark = frame.number(dark_e) if dark_e else 0.0
     after = ShotNoise().sample(Electrons(light, dark, variance_e2=variance), frame)
-    for drawn, about, compensated in ((after.light, mean, noise), (after.dark, np.full_like(mean, dark_e), 0 * noise)):
+    for drawn, about, compensated in (
+        (after.light, mean, noise),
+        (after.dark, np.full_like(mean, dark_e), 0 * noise),
+    ):
         n = np.asarray(backend.to_numpy(drawn, frame.window), dtype=np.float64)
         assert (n >= 0).all() and (n == np.floor(n)).all()
-        expected, sigma = (about - compensated)[:, 0], np.sqrt(np.maximum((about - compensated)[:, 0], 1e-30))
+        expected, sigma = (
+            (about - compensated)[:, 0],
+            np.sqrt(np.maximum((about - compensated)[:, 0], 1e-30)),
+        )
         away = n - about
-        assert (np.abs(away.mean(axis=1)) <= 5 * sigma / np.sqrt(DRAWS) + 1e-6 * about[:, 0]).all()
+        assert (
+            np.abs(away.mean(axis=1)) <= 5 * sigma / np.sqrt(DRAWS) + 1e-6 * about[:, 0]
+        ).all()
         error = 5 * np.sqrt(np.maximum((away**4).mean(axis=1) - expected**2, 0) / DRAWS)
         assert (np.abs((away**2).mean(axis=1) - expected) <= error + 1e-6 * expected).all()
     assert after.variance_e2 is None
 
 
-def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_compensated() -> None:
+def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_compensated() -> (
+    None
+):
     """With a gain of its own for every pixel, E[g²]·v is compensated.
 
     5 standard errors of 1e6 draws are 0.7 % of the variance: P(|z| > 5) = 6e-7.
@@ -150,12 +174,21 @@ def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_com
     shape, mean, noise = (1, 2**20), 400.0, 64.0
     gain = Prnu(Rectified(0.2))
     frame = frame_of(shape)
-    before = gain.sample(Electrons(np.full(shape, mean), variance_e2=np.full(shape, noise)), frame)
-    np.testing.assert_allclose(before.variance_e2, noise * (before.light / mean) ** 2, rtol=1e-12)
+    before = gain.sample(
+        Electrons(np.full(shape, mean), variance_e2=np.full(shape, noise)), frame
+    )
+    np.testing.assert_allclose(
+        before.variance_e2, noise * (before.light / mean) ** 2, rtol=1e-12
+    )
     after = ShotNoise().sample(before, frame)
     m = ShotNoise().moments(gain.moments(Moments(mean, 0.0, 0.0, frame, variance_e2=noise)))
-    assert float(m.temporal) == pytest.approx(mean - noise * 1.04, rel=1e-6) and m.variance_e2 is None
-    assert np.mean((after.light - before.light) ** 2) == pytest.approx(float(m.temporal), rel=5 * (2 / 2**20) ** 0.5)
+    assert (
+        float(m.temporal) == pytest.approx(mean - noise * 1.04, rel=1e-6)
+        and m.variance_e2 is None
+    )
+    assert np.mean((after.light - before.light) ** 2) == pytest.approx(
+        float(m.temporal), rel=5 * (2 / 2**20) ** 0.5
+    )
 
 
 RENDERS = 240
@@ -185,7 +218,11 @@ def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noi
     frames = []
     for index in range(RENDERS):
         render = np.maximum(draw.normal(mean, np.sqrt(noise)), 0.0)
-        frames.append(ms.expose(rendered(render, noise), flat, EXPOSURE, first_frame=index, keep="electrons").electrons)
+        frames.append(
+            ms.expose(
+                rendered(render, noise), flat, EXPOSURE, first_frame=index, keep="electrons"
+            ).electrons
+        )
     n = np.concatenate(frames)
     dark = next(stage for stage in chain(flat) if isinstance(stage, DarkCurrent))
     expected = mean + dark.mean_e(frame_of(shape))
@@ -193,18 +230,26 @@ def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noi
     assert n.mean() == pytest.approx(expected, abs=5 * expected**0.5 / size + 1e-4 * mean)
     assert n.var() / n.mean() == pytest.approx(1, abs=5 * 2.8**0.5 / size + 1e-3)
     away = n - n.mean()
-    for a, b in ((away[:, 1:], away[:, :-1]), (away[:, :, 1:], away[:, :, :-1]), (away[1:], away[:-1])):
+    for a, b in (
+        (away[:, 1:], away[:, :-1]),
+        (away[:, :, 1:], away[:, :, :-1]),
+        (away[1:], away[:-1]),
+    ):
         assert abs(np.mean(a * b)) / away.var() < 5 / size
 
 
 @pytest.mark.exhaustive
-def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the_table_says() -> None:
+def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the_table_says() -> (
+    None
+):
     """Variance and third cumulant over the mean (Poisson: 1) and the distance to Poisson's law, added up exactly.
 
     A few corners of the table of benchmarks/compensation.py. Fireflies hide their variance from eight passes.
     """
     arguments = "--means 1 10 --ratios 0.16 0.63 --json"
-    done = subprocess.run([sys.executable, str(BENCHMARK), *arguments.split()], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, str(BENCHMARK), *arguments.split()], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["limit"] == LIMIT
@@ -248,11 +293,15 @@ def test_light_of_an_exact_mean_reports_nothing_of_it() -> None:
 
 def test_dark_current_compensates_what_the_light_cannot() -> None:
     """2 e- of light that vary by 3 e-², and 30 e- of dark current: both keep their mean, the sum varies by 29 e-²."""
-    by_light, by_dark = compensable(np.array([[2.0, 9.0]]), np.array([[30.0, 30.0]]), np.array([[3.0, 3.0]]))
+    by_light, by_dark = compensable(
+        np.array([[2.0, 9.0]]), np.array([[30.0, 30.0]]), np.array([[3.0, 3.0]])
+    )
     np.testing.assert_array_equal(by_light, [[0.0, 3.0]])
     np.testing.assert_array_equal(by_dark, [[3.0, 0.0]])
     shape = (1, 2**19)
-    after = ShotNoise().sample(Electrons(np.full(shape, 2.0), 30.0, variance_e2=np.full(shape, 3.0)), frame_of(shape))
+    after = ShotNoise().sample(
+        Electrons(np.full(shape, 2.0), 30.0, variance_e2=np.full(shape, 3.0)), frame_of(shape)
+    )
     size = shape[1] ** 0.5
     for n, mean, variance in ((after.light, 2, 2), (after.dark, 30, 27), (after.total, 32, 29)):
         assert n.mean() == pytest.approx(mean, abs=5 * variance**0.5 / size)
@@ -272,14 +321,22 @@ def test_dark_current_compensates_what_the_light_cannot() -> None:
         (np.inf, np.nan, False),
     ],
 )
-@pytest.mark.parametrize("backend", [exhaustive("float64"), "numpy", exhaustive("drjit")], indirect=True)
-def test_extremes_give_whole_electrons(backend: Backend, light_e: float, noise_e2: float, short: bool) -> None:
+@pytest.mark.parametrize(
+    "backend", [exhaustive("float64"), "numpy", exhaustive("drjit")], indirect=True
+)
+def test_extremes_give_whole_electrons(
+    backend: Backend, light_e: float, noise_e2: float, short: bool
+) -> None:
     """Darkness, certainty, noise without end, a mean beyond every well, and light that saturates."""
     engine = "drjit" if backend.compiled else "numpy"
     light = rendered(np.full((3, 5), light_e), np.full((3, 5), noise_e2))
-    frames = ms.expose(light, BARE, EXPOSURE, engine=engine, precision=backend.precision, keep="electrons")  # type: ignore[arg-type]
+    frames = ms.expose(
+        light, BARE, EXPOSURE, engine=engine, precision=backend.precision, keep="electrons"
+    )  # type: ignore[arg-type]
     n = frames.electrons
-    assert n is not None and np.isfinite(n).all() and (n >= 0).all() and (n == np.floor(n)).all()
+    assert (
+        n is not None and np.isfinite(n).all() and (n >= 0).all() and (n == np.floor(n)).all()
+    )
     if light_e in (0.0, 1e-20) or light_e >= 1e9:
         assert (n == min(np.floor(light_e), BARE.pixel.full_well_e)).all()
     assert frames.report["counts"]["compensated_short"] == 15 * short
@@ -289,10 +346,19 @@ def test_extremes_give_whole_electrons(backend: Backend, light_e: float, noise_e
 
 
 @pytest.mark.parametrize("camera", [TABLE1, BARE], ids=["dark current", "no dark current"])
-def test_no_variance_to_compensate_is_the_plain_frame_bit_for_bit(backend: Backend, camera: ms.Camera) -> None:
+def test_no_variance_to_compensate_is_the_plain_frame_bit_for_bit(
+    backend: Backend, camera: ms.Camera
+) -> None:
     engine = "drjit" if backend.compiled else "numpy"
     plain, compensated = (
-        ms.expose(light, camera, EXPOSURE, engine=engine, precision=backend.precision, keep=expose.KEEP)  # type: ignore[arg-type]
+        ms.expose(
+            light,
+            camera,
+            EXPOSURE,
+            engine=engine,
+            precision=backend.precision,
+            keep=expose.KEEP,
+        )  # type: ignore[arg-type]
         for light in (rendered(LIGHT_E), rendered(LIGHT_E, np.zeros(SHAPE)))
     )
     for name in (*expose.KEEP, "digital"):
@@ -303,8 +369,12 @@ CAMERAS = {
     "table 1": TABLE1,
     "no dark current": BARE,
     "patterns": TABLE1.replace(**{"pixel.prnu": 0.2, "dark_current.cv": 0.4}),
-    "RTS pixels": TABLE1.replace(**{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0}),
-    "strong dark": TABLE1.replace(**{"dark_current.fom_na_per_cm2": 20.0, "dark_current.distribution": "wald"}),
+    "RTS pixels": TABLE1.replace(
+        **{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0}
+    ),
+    "strong dark": TABLE1.replace(
+        **{"dark_current.fom_na_per_cm2": 20.0, "dark_current.distribution": "wald"}
+    ),
 }
 SIGNALS = ("photoelectrons", "dark_electrons", "electrons", "volts", "digital")
 
@@ -316,7 +386,10 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes(name: str) -> None:
     shape = (231, 217)
     light_e = np.geomspace(0.01, 45_000.0, shape[0] * shape[1]).reshape(shape)
     light = rendered(light_e, light_e * np.random.default_rng(1).uniform(0, 0.6, shape))
-    one, other = (ms.expose(light, CAMERAS[name], EXPOSURE, engine=e, keep=expose.KEEP) for e in ("numpy", "drjit"))
+    one, other = (
+        ms.expose(light, CAMERAS[name], EXPOSURE, engine=e, keep=expose.KEEP)
+        for e in ("numpy", "drjit")
+    )
     for signal in SIGNALS:
         np.testing.assert_array_equal(getattr(one, signal), getattr(other, signal))
     plain = ms.expose(rendered(light_e), CAMERAS[name], EXPOSURE, engine="numpy")
@@ -324,13 +397,21 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes(name: str) -> None:
 
 
 @pytest.mark.parametrize("engine", ["numpy", pytest.param("drjit", marks=compiled)])
-def test_strips_threads_and_crops_cut_the_variance_with_the_light(engine: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    def frame(rows: slice = slice(None), columns: slice = slice(None), **how: Any) -> NDArray[Any]:
+def test_strips_threads_and_crops_cut_the_variance_with_the_light(
+    engine: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def frame(
+        rows: slice = slice(None), columns: slice = slice(None), **how: Any
+    ) -> NDArray[Any]:
         light = rendered(LIGHT_E[rows, columns], NOISE_E2[rows, columns])
-        return ms.expose(light, CAMERAS["patterns"], EXPOSURE, engine=engine, first_frame=4, **how).digital[0]
+        return ms.expose(
+            light, CAMERAS["patterns"], EXPOSURE, engine=engine, first_frame=4, **how
+        ).digital[0]
 
     whole = frame()
-    np.testing.assert_array_equal(frame(slice(11, 40), slice(5, 30), origin=(11, 5)), whole[11:40, 5:30])
+    np.testing.assert_array_equal(
+        frame(slice(11, 40), slice(5, 30), origin=(11, 5)), whole[11:40, 5:30]
+    )
     from mitsuba_sensor.core import drjit_backend as kernel
 
     for processors, strip in ((1, 100), (2, 500)):
@@ -353,20 +434,30 @@ def test_float32_agrees_with_float64() -> None:
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["patterns", "RTS pixels", "strong dark"])
 def test_the_noise_budget_adds_up_to_the_frame_and_to_the_theory(name: str) -> None:
-    frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
+    frames = ms.expose(
+        rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64"
+    )
     noise_budget = frames.noise_budget()
     assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
     m = FrameTheory(frames.stages, frames.detected, frames.first).averages(frames.stages[-1])
     size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
-    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(m.temporal, abs=1e-9 * size)
-    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(m.spatial, abs=1e-9 * size)
+    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(
+        m.temporal, abs=1e-9 * size
+    )
+    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(
+        m.spatial, abs=1e-9 * size
+    )
 
 
 def test_a_plan_takes_the_mean_for_exact_and_exposes_with_it() -> None:
     light = rendered(LIGHT_E, NOISE_E2)
-    plan, exact = (ms.plan(TABLE1, EXPOSURE, x, tolerance_dn=0.01) for x in (light, rendered(LIGHT_E)))
+    plan, exact = (
+        ms.plan(TABLE1, EXPOSURE, x, tolerance_dn=0.01) for x in (light, rendered(LIGHT_E))
+    )
     assert plan.to_dict() == exact.to_dict() and "frame" in plan.explain()
-    whole, planned = (ms.expose(light, TABLE1, EXPOSURE, plan=p).digital.astype(int) for p in (None, plan))
+    whole, planned = (
+        ms.expose(light, TABLE1, EXPOSURE, plan=p).digital.astype(int) for p in (None, plan)
+    )
     assert np.abs(whole - planned).max() <= 1
 
 
@@ -381,7 +472,9 @@ def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> No
 
     shape = (200, 200)
     light = rendered(np.full(shape, mean), np.full(shape, noise))
-    slope = differentiable(light, BARE, EXPOSURE, "photons").frame().forward("photons") / (QE * gain_dn_per_e(BARE))
+    slope = differentiable(light, BARE, EXPOSURE, "photons").frame().forward("photons") / (
+        QE * gain_dn_per_e(BARE)
+    )
     assert slope.mean() == pytest.approx(1, abs=5 * float(slope.std()) / 200)
 
 
@@ -394,7 +487,10 @@ def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> No
         ("much", "variance_e2 is not numeric; pass an array"),
         (1.0, r"has shape \(\); it must be \(53, 47\), one variance per pixel"),
         (np.zeros((47, 53)), r"has shape \(47, 53\)"),
-        (np.where(LIGHT_E > 1e4, -1.0, 0.0), r"is -1 in the first of \d+ bad place\(s\), \(\d+, \d+\)"),
+        (
+            np.where(LIGHT_E > 1e4, -1.0, 0.0),
+            r"is -1 in the first of \d+ bad place\(s\), \(\d+, \d+\)",
+        ),
         (np.full(SHAPE, np.nan), "a render of one pass has none, so pass None"),
         (np.full(SHAPE, np.inf), "is inf in the first of 2491"),
     ],
@@ -418,10 +514,16 @@ def test_infinite_light_compensates_nothing_and_needs_no_variance() -> None:
     [
         ({"frames": 2}, {}, "frames is 2 and photons has variance_e2, .* one frame at a time"),
         ({"chain": "konnik2014"}, {}, "this chain has no shot noise to count it in"),
-        ({}, {"quantum_efficiency.quantum_yield": [2.0, 1.0]}, "quantum_yield .* leave one of them out"),
+        (
+            {},
+            {"quantum_efficiency.quantum_yield": [2.0, 1.0]},
+            "quantum_yield .* leave one of them out",
+        ),
     ],
 )
-def test_compensation_is_refused_where_it_would_be_wrong(how: dict[str, Any], changes: Any, sentence: str) -> None:
+def test_compensation_is_refused_where_it_would_be_wrong(
+    how: dict[str, Any], changes: Any, sentence: str
+) -> None:
     """Frames that share a render would be too quiet from one to the next."""
     camera, light = TABLE1.replace(**changes), rendered(LIGHT_E, NOISE_E2)
     for ask in (ms.expose, ms.stream):

@@ -29,7 +29,10 @@ def test_bands_beyond_the_curve_are_named_with_their_share_of_the_photons() -> N
     """Both ends; the ends themselves are inside. Pixels do not all have the same spectrum."""
     bands = [399.9, 400.0, 550.0, 700.0, 700.1]
     light = np.array([[[10.0, 1.0, 5.0, 1.0, 3.0], [0.0, 2.0, 0.0, 0.0, 7.0]]])
-    assert outside_qe(light, bands) == {"wavelengths_nm": [399.9, 700.1], "share_of_photons": pytest.approx(20 / 29)}
+    assert outside_qe(light, bands) == {
+        "wavelengths_nm": [399.9, 700.1],
+        "share_of_photons": pytest.approx(20 / 29),
+    }
 
 
 def test_a_curve_that_covers_the_render_loses_nothing() -> None:
@@ -51,7 +54,9 @@ def test_photons_without_a_wavelength_are_inside() -> None:
 def test_what_is_outside_frees_no_electron() -> None:
     """The share is of the photons that came in; what remains are the electrons of the others."""
     light = np.full((50, 50, 2), 4000.0)
-    frames = ms.expose(light, TABLE1, ms.Exposure(0.0), wavelengths_nm=[550.0, 800.0], keep="electrons")
+    frames = ms.expose(
+        light, TABLE1, ms.Exposure(0.0), wavelengths_nm=[550.0, 800.0], keep="electrons"
+    )
     share = frames.report["outside_qe"]["share_of_photons"]
     expected = 0.6 * 8000 * (1 - share)
     assert frames.electrons.mean() == pytest.approx(
@@ -59,11 +64,15 @@ def test_what_is_outside_frees_no_electron() -> None:
     )
 
 
-def test_the_command_line_says_which_bands_were_not_detected(light_file: Path, tmp_path: Path, cli: Any) -> None:
+def test_the_command_line_says_which_bands_were_not_detected(
+    light_file: Path, tmp_path: Path, cli: Any
+) -> None:
     """Photons per band: irradiance × width × λ; 545, 555.25 and 1000.5 nm, the last beyond 700 nm."""
     done = cli("expose", light_file, "-o", tmp_path / "out")
     assert done.exit_code == 0 and "not detected" in done.stdout
-    found = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))["outside_qe"]
+    found = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))[
+        "outside_qe"
+    ]
     assert found["wavelengths_nm"] == [1000.5]
     assert found["share_of_photons"] == pytest.approx(
         1000.5 * 2 / 3 / (545 * 10 + 555.25 * 10.5 + 1000.5 * 2 / 3), rel=0.1
@@ -74,14 +83,26 @@ S_LOGISTIC = math.sqrt(3) / math.pi
 CUT: dict[str, tuple[dict[str, Any], str, float]] = {
     "gaussian prnu": ({"pixel.prnu": 1.0}, "prnu", ndtr(-1.0)),
     "coupled prnu": ({"pixel.prnu": 0.5, "pixel.prnu_distribution": "ar"}, "prnu", ndtr(-2.0)),
-    "lognormal prnu": ({"pixel.prnu": 1.0, "pixel.prnu_distribution": "lognormal"}, "prnu", 0.0),
-    "gaussian dark": ({"dark_current.cv": 1.0, "dark_current.distribution": "gaussian"}, "dark_fpn", ndtr(-1.0)),
+    "lognormal prnu": (
+        {"pixel.prnu": 1.0, "pixel.prnu_distribution": "lognormal"},
+        "prnu",
+        0.0,
+    ),
+    "gaussian dark": (
+        {"dark_current.cv": 1.0, "dark_current.distribution": "gaussian"},
+        "dark_fpn",
+        ndtr(-1.0),
+    ),
     "logistic dark": (
         {"dark_current.cv": 1.0, "dark_current.distribution": "logistic"},
         "dark_fpn",
         1 / (1 + math.exp(1 / S_LOGISTIC)),
     ),
-    "gamma dark": ({"dark_current.cv": 1.0, "dark_current.distribution": "gamma"}, "dark_fpn", 0.0),
+    "gamma dark": (
+        {"dark_current.cv": 1.0, "dark_current.distribution": "gamma"},
+        "dark_fpn",
+        0.0,
+    ),
     "narrow prnu": ({"pixel.prnu": 0.01}, "prnu", 0.0),
 }
 
@@ -92,7 +113,9 @@ def test_pixels_that_a_law_made_negative_are_counted(case: str) -> None:
     changes, name, share = CUT[case]
     report = ms.expose(np.full((200, 250), 100.0), TABLE1.replace(**changes), EXPOSURE).report
     number = report["counts"][f"cut_to_zero_{name}"]
-    assert number == pytest.approx(50_000 * share, abs=5 * math.sqrt(50_000 * share * (1 - share)))
+    assert number == pytest.approx(
+        50_000 * share, abs=5 * math.sqrt(50_000 * share * (1 - share))
+    )
 
 
 def test_a_given_map_is_counted_as_it_is() -> None:

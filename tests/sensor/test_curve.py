@@ -51,17 +51,29 @@ def by_quadrature(
     return mean, (squares - means**2) @ weights, (means - mean) ** 2 @ weights
 
 
-@pytest.mark.parametrize(("gamma", "percent"), [(0.8, 2.5), (0.95, 1.0), (0.999, 0.5), (1.05, 1.0)])
+@pytest.mark.parametrize(
+    ("gamma", "percent"), [(0.8, 2.5), (0.95, 1.0), (0.999, 0.5), (1.05, 1.0)]
+)
 @pytest.mark.parametrize("dsnu_e", one_in(2, [0.0, 25.0]))
-def test_tails_come_onto_the_scale_along_the_curve_there(gamma: float, percent: float, dsnu_e: float) -> None:
+def test_tails_come_onto_the_scale_along_the_curve_there(
+    gamma: float, percent: float, dsnu_e: float
+) -> None:
     """A scale of 20 e- under 21 e- of noise, and light of 1.5 and 6 scales: up to 4σ beyond its end."""
     asked = (gamma, 20.0, 21.0, dsnu_e)
     for electrons in (30.0, 120.0):
-        frames = ms.expose(ms.Photons(np.full((1, 1), electrons), detected=True), camera(*asked), ms.Exposure(0.1))
+        frames = ms.expose(
+            ms.Photons(np.full((1, 1), electrons), detected=True),
+            camera(*asked),
+            ms.Exposure(0.1),
+        )
         found = frames.theory.averages(frames.stages[-1])
         mean, *variances = by_quadrature(*asked, electrons)
         far, errors = 0.03 * (electrons > 100), found.errors  # 4 σ beyond the end
         short = HIGHEST - mean
-        assert HIGHEST - found.mean == pytest.approx(short, rel=2 * percent / 100 + far, abs=1e-3 + 4 * errors[0])
+        assert HIGHEST - found.mean == pytest.approx(
+            short, rel=2 * percent / 100 + far, abs=1e-3 + 4 * errors[0]
+        )
         for value, expected, error in zip(found[1:3], variances, errors[1:], strict=True):
-            assert value == pytest.approx(expected, rel=2 * percent / 100 + 2 * far, abs=0.01 + 4 * error)
+            assert value == pytest.approx(
+                expected, rel=2 * percent / 100 + 2 * far, abs=0.01 + 4 * error
+            )

@@ -26,20 +26,27 @@ def test_the_band_gap_of_silicon_at_300_k() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kelvin", "rate"), [(300.0, 2027.87), (298.15, 1741.58), (77.0, 1.1100e-26), (400.0, 1.031887e6)]
+    ("kelvin", "rate"),
+    [(300.0, 2027.87), (298.15, 1741.58), (77.0, 1.1100e-26), (400.0, 1.031887e6)],
 )
 def test_the_dark_rate_of_table_1_at_four_temperatures(kelvin: float, rate: float) -> None:
     """The printed values were made with the Boltzmann constant of CODATA 2006, 1.1e-6 larger: 6e-6 at 400 K."""
-    assert TABLE1.rate_e_per_s(kelvin) == pytest.approx(rate, rel=1e-4 if kelvin == 77 else 7e-6)
+    assert TABLE1.rate_e_per_s(kelvin) == pytest.approx(
+        rate, rel=1e-4 if kelvin == 77 else 7e-6
+    )
 
 
 def test_the_figure_of_merit_is_what_its_name_says_at_300_k() -> None:
     """1 nA/cm² on the area of a pixel, in electrons: nothing else may stand in the formula at 300 K."""
-    assert TABLE1.rate_e_per_s(300.0) == pytest.approx(1e-9 * 5.7e-4**2 / 1.602176634e-19, rel=1e-14)
+    assert TABLE1.rate_e_per_s(300.0) == pytest.approx(
+        1e-9 * 5.7e-4**2 / 1.602176634e-19, rel=1e-14
+    )
 
 
 def test_eight_kelvin_nearly_double_the_dark_current() -> None:
-    assert TABLE1.rate_e_per_s(308.0) / TABLE1.rate_e_per_s(300.0) == pytest.approx(1.8930, abs=5e-5)
+    assert TABLE1.rate_e_per_s(308.0) / TABLE1.rate_e_per_s(300.0) == pytest.approx(
+        1.8930, abs=5e-5
+    )
 
 
 @pytest.mark.parametrize("kelvin", [0.0, 5e-324, 1e-300, 1e-3, 4.0])
@@ -51,7 +58,9 @@ def test_dark_current_never_falls_when_it_gets_warmer() -> None:
     """1 K to 1600 K; silicon melts at 1687 K."""
     for law in (TABLE1, Doubling(5.0, 298.15, 7.0)):
         rates = [law.rate_e_per_s(float(kelvin)) for kelvin in range(1, 1600, 7)]
-        assert all(b >= a for a, b in itertools.pairwise(rates)) and all(map(math.isfinite, rates))
+        assert all(b >= a for a, b in itertools.pairwise(rates)) and all(
+            map(math.isfinite, rates)
+        )
 
 
 def test_the_doubling_law_doubles() -> None:
@@ -65,10 +74,19 @@ def test_the_doubling_law_doubles() -> None:
 @pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
 @pytest.mark.parametrize(
     "pattern",
-    [LogNormal(0.01), LogNormal(0.4), Gaussian(0.01), Gaussian(0.2), Gaussian(0.4), LogNormal(1.0)],
+    [
+        LogNormal(0.01),
+        LogNormal(0.4),
+        Gaussian(0.01),
+        Gaussian(0.2),
+        Gaussian(0.4),
+        LogNormal(1.0),
+    ],
     ids=str,
 )
-def test_dark_current_fpn_keeps_the_mean_and_has_its_cv_at_every_time(pattern: object, time_s: float) -> None:
+def test_dark_current_fpn_keeps_the_mean_and_has_its_cv_at_every_time(
+    pattern: object, time_s: float
+) -> None:
     """Mean D and σ = D·D_N over 400 000 pixels; the map is the same at every time, so it only scales.
 
     5 standard errors of the mean; of σ with the law's own kurtosis: 6e-7 false alarms each. (D_N = 0.4 of the normal
@@ -88,7 +106,9 @@ def test_dark_current_fpn_keeps_the_mean_and_has_its_cv_at_every_time(pattern: o
 
 @pytest.mark.parametrize("cv", [0.0, 0.01, 0.4, 1.0, 10.0])
 @pytest.mark.parametrize("family", [Gaussian, LogNormal])
-def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_pattern(family: type, cv: float) -> None:
+def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_pattern(
+    family: type, cv: float
+) -> None:
     """250 000 pixels; a log-normal of cv 10 converges slowly: its logarithm is looked at elsewhere (test_draws)."""
     frame = Frame(Exposure(0.1, 300.0), SensorWindow(2, (500, 500)))
     dark = DarkCurrent(TABLE1, family(cv)).sample(Electrons(np.zeros((500, 500))), frame).dark
@@ -98,7 +118,8 @@ def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_patter
 
 
 @pytest.mark.parametrize(
-    ("wavelength_nm", "energy_j"), [(200.0, 9.932229286e-19), (550.0, 3.611719740e-19), (1100.0, 1.805859870e-19)]
+    ("wavelength_nm", "energy_j"),
+    [(200.0, 9.932229286e-19), (550.0, 3.611719740e-19), (1100.0, 1.805859870e-19)],
 )
 def test_the_energy_of_a_photon(wavelength_nm: float, energy_j: float) -> None:
     """hc = 1.98644586e-25 J·m."""

@@ -46,7 +46,11 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
         "source_follower.vv_nonlinearity",
         "greater than 0.5",
     ),
-    "gamma of e": ({"adc.gamma": 2.718281828459045}, "adc.gamma", "is 2.718281828459045; it must be less than 2.718"),
+    "gamma of e": (
+        {"adc.gamma": 2.718281828459045},
+        "adc.gamma",
+        "is 2.718281828459045; it must be less than 2.718",
+    ),
     "gamma above e": ({"adc.gamma": 3.0}, "adc.gamma", "is 3.0; it must be less than 2.718"),
     "gamma and ile": (
         {"adc.gamma": 1.04, "adc.ile": 0.0099},
@@ -54,16 +58,36 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
         "give either gamma or ile, and not both; gamma = 1.04",
     ),
     "ile too large": ({"adc.ile": 0.25}, "adc.ile", "is 0.25; it must be less than 0.25"),
-    "DNL below -1": ({"adc.dnl_lsb": {"7": -1.5}}, "adc.dnl_lsb.7", "is -1.5; it must be greater than or equal to -1"),
-    "DNL of a code above the range": ({"adc.dnl_lsb": {"300": 0.1}, "adc.bits": 8}, "adc", "'300'; .* from 1 to 254"),
+    "DNL below -1": (
+        {"adc.dnl_lsb": {"7": -1.5}},
+        "adc.dnl_lsb.7",
+        "is -1.5; it must be greater than or equal to -1",
+    ),
+    "DNL of a code above the range": (
+        {"adc.dnl_lsb": {"300": 0.1}, "adc.bits": 8},
+        "adc",
+        "'300'; .* from 1 to 254",
+    ),
     "DNL of the first code": ({"adc.dnl_lsb": {"0": 0.1}}, "adc", "'0'; .* from 1 to 4094"),
     "DNL of no code": ({"adc.dnl_lsb": {"last": 0.1}}, "adc", "'last'; .* from 1 to 4094"),
     **{
-        f"{field} of one half": ({field: 0.5}, field, "is 0.5; it must be less than or equal to 0.4999")
-        for field in ("readout.dsnu_col_coupling", "readout.dsnu_row_coupling", "readout.prnu_col_coupling")
+        f"{field} of one half": (
+            {field: 0.5},
+            field,
+            "is 0.5; it must be less than or equal to 0.4999",
+        )
+        for field in (
+            "readout.dsnu_col_coupling",
+            "readout.dsnu_row_coupling",
+            "readout.prnu_col_coupling",
+        )
     },
     **{
-        f"{field} of one half": ({field: 0.5}, field, "is 0.5; it must be less than or equal to 0.45")
+        f"{field} of one half": (
+            {field: 0.5},
+            field,
+            "is 0.5; it must be less than or equal to 0.45",
+        )
         for field in ("pixel.prnu_coupling", "pixel.dsnu_coupling", "dark_current.coupling")
     },
     "coupling of a family without": (
@@ -86,9 +110,17 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
         "dark_current",
         "rate_e_per_s and at_temperature_k go together; one of them is missing",
     ),
-    "a temperature of no rate": ({"dark_current.at_temperature_k": 300.0}, "dark_current", "go together"),
+    "a temperature of no rate": (
+        {"dark_current.at_temperature_k": 300.0},
+        "dark_current",
+        "go together",
+    ),
     "a rate measured at 4 K": (
-        {"dark_current.fom_na_per_cm2": None, "dark_current.rate_e_per_s": 5.0, "dark_current.at_temperature_k": 4.0},
+        {
+            "dark_current.fom_na_per_cm2": None,
+            "dark_current.rate_e_per_s": 5.0,
+            "dark_current.at_temperature_k": 4.0,
+        },
         "dark_current.at_temperature_k",
         "is 4.0; it must be greater than or equal to 50",
     ),
@@ -217,7 +249,11 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
 
 def toml_of(value: Any) -> str:
     if isinstance(value, dict):
-        return "{" + ", ".join(f'"{k}" = {toml_of(v)}' for k, v in value.items() if v is not None) + "}"
+        return (
+            "{"
+            + ", ".join(f'"{k}" = {toml_of(v)}' for k, v in value.items() if v is not None)
+            + "}"
+        )
     if isinstance(value, list):
         return "[" + ", ".join(toml_of(v) for v in value) + "]"
     return f'"{value}"' if isinstance(value, str) else repr(value)
@@ -228,7 +264,9 @@ def file_with(changes: dict[str, Any], folder: Path) -> Path:
     text = TOML.split("[sources]")[0]
     for dotted, value in changes.items():
         section, field = dotted.split(".")
-        text = re.sub(rf"(?m)(^\[{section}\]\n(?:[^\[].*\n|\n)*?){field}(?:\.\w+)? = .*\n", r"\1", text)
+        text = re.sub(
+            rf"(?m)(^\[{section}\]\n(?:[^\[].*\n|\n)*?){field}(?:\.\w+)? = .*\n", r"\1", text
+        )
         if value is not None:
             text = text.replace(f"[{section}]\n", f"[{section}]\n{field} = {toml_of(value)}\n")
     path = folder / "mine.toml"
@@ -237,7 +275,9 @@ def file_with(changes: dict[str, Any], folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_contradiction_in_a_file_is_one_sentence_with_file_field_and_remedy(case: str, tmp_path: Path) -> None:
+def test_a_contradiction_in_a_file_is_one_sentence_with_file_field_and_remedy(
+    case: str, tmp_path: Path
+) -> None:
     changes, field, said = CASES[case]
     path = file_with(changes, tmp_path)
     with pytest.raises(ms.InputError) as caught:
@@ -245,7 +285,12 @@ def test_a_contradiction_in_a_file_is_one_sentence_with_file_field_and_remedy(ca
     sentence = str(caught.value)
     assert sentence.startswith(f"{path}: {field}"), sentence
     assert re.search(said, sentence), sentence
-    assert "\n" not in sentence and sentence.endswith(".") and not sentence.endswith("..") and len(sentence) < 400
+    assert (
+        "\n" not in sentence
+        and sentence.endswith(".")
+        and not sentence.endswith("..")
+        and len(sentence) < 400
+    )
 
 
 @pytest.mark.parametrize("case", CASES)

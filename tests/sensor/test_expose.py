@@ -30,12 +30,19 @@ def test_a_number_lights_the_whole_sensor() -> None:
     camera = CAMERA.replace(**{"sensor.columns": 7, "sensor.rows": 5})
     frames = ms.expose(1000.0, camera, EXPOSURE)
     assert frames.digital.shape == (1, 5, 7)
-    np.testing.assert_array_equal(frames.digital, ms.expose(np.full((5, 7), 1000.0), camera, EXPOSURE).digital)
+    np.testing.assert_array_equal(
+        frames.digital, ms.expose(np.full((5, 7), 1000.0), camera, EXPOSURE).digital
+    )
 
 
 def test_photons_come_as_an_array_a_list_or_photons_and_give_the_same_frame() -> None:
     one = ms.expose(LIGHT, CAMERA, EXPOSURE).digital
-    for same in (LIGHT.tolist(), LIGHT.astype(np.float32), LIGHT.astype(int), ms.Photons(LIGHT)):
+    for same in (
+        LIGHT.tolist(),
+        LIGHT.astype(np.float32),
+        LIGHT.astype(int),
+        ms.Photons(LIGHT),
+    ):
         np.testing.assert_array_equal(ms.expose(same, CAMERA, EXPOSURE).digital, one)
     with_band = ms.expose(LIGHT[..., None], CAMERA, EXPOSURE, wavelengths_nm=[550.0])
     np.testing.assert_array_equal(with_band.digital, one)
@@ -44,7 +51,9 @@ def test_photons_come_as_an_array_a_list_or_photons_and_give_the_same_frame() ->
 def test_bands_are_weighted_with_their_quantum_efficiency() -> None:
     """Photons at 460 nm and 620 nm in one picture free the electrons that both free alone, on average."""
     light = np.full((100, 100, 2), 10_000.0)
-    electrons = ms.expose(light, BAYER, EXPOSURE, wavelengths_nm=[460.0, 620.0], keep=("electrons",)).electrons[0]
+    electrons = ms.expose(
+        light, BAYER, EXPOSURE, wavelengths_nm=[460.0, 620.0], keep=("electrons",)
+    ).electrons[0]
     filters = BAYER.filter_index((100, 100))
     for number, qe in enumerate(BAYER.qe([460.0, 620.0]).sum(axis=1)):
         mean = 10_000 * qe + 0.5
@@ -55,7 +64,9 @@ def test_bands_are_weighted_with_their_quantum_efficiency() -> None:
 
 def test_light_that_the_sensor_cannot_see_leaves_it_dark() -> None:
     for wavelength in (380.0, 1100.0):
-        electrons = ms.expose(LIGHT, CAMERA, ms.Exposure(0.0), wavelengths_nm=wavelength, keep=("electrons",)).electrons
+        electrons = ms.expose(
+            LIGHT, CAMERA, ms.Exposure(0.0), wavelengths_nm=wavelength, keep=("electrons",)
+        ).electrons
         assert not electrons.any()
 
 
@@ -68,17 +79,25 @@ def test_intermediate_signals_come_on_request_and_belong_together() -> None:
     assert frames.electrons.shape == frames.volts.shape == frames.digital.shape == (3, 6, 8)
     np.testing.assert_array_equal(frames.electrons, np.floor(frames.electrons))
     adc = chain(CAMERA)[-1]
-    code = np.clip(np.floor(adc.black_level_dn + frames.volts * adc.gain_dn_per_v + 0.5), 0, 4095)
+    code = np.clip(
+        np.floor(adc.black_level_dn + frames.volts * adc.gain_dn_per_v + 0.5), 0, 4095
+    )
     np.testing.assert_array_equal(frames.digital, code)
 
 
 def test_without_noise_the_frame_is_the_closed_form() -> None:
     """Every source off but the shot noise, which the kept electrons show: DN = round(black level + K·N)."""
     quiet = CAMERA.replace(
-        **{"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "source_follower.white_nv_per_rthz": 0.0},
+        **{
+            "pixel.prnu": 0.0,
+            "readout.dsnu_col": 0.0,
+            "source_follower.white_nv_per_rthz": 0.0,
+        },
         **{"adc.black_level_dn": 50.25},
     )
-    frames = ms.expose(np.linspace(0, 60_000, 300).reshape(10, 30), quiet, EXPOSURE, keep=("electrons",))
+    frames = ms.expose(
+        np.linspace(0, 60_000, 300).reshape(10, 30), quiet, EXPOSURE, keep=("electrons",)
+    )
     expected = np.minimum(np.floor(50.25 + gain_dn_per_e(quiet) * frames.electrons + 0.5), 4095)
     np.testing.assert_array_equal(frames.digital, expected)
 
@@ -109,16 +128,25 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a picture of text": ({"maps": {"prnu": "flat"}}, r"maps\['prnu'\] is not numeric"),
     "a map of text": ({"maps": {"prnu": [["1.0"] * 8] * 6}}, r"maps\['prnu'\] is not numeric"),
     "a map of nothing": ({"maps": {"prnu": None}}, r"maps\['prnu'\] is not numeric"),
-    "a complex map": ({"maps": {"prnu": np.ones((6, 8)) * 1j}}, r"maps\['prnu'\] is not numeric"),
+    "a complex map": (
+        {"maps": {"prnu": np.ones((6, 8)) * 1j}},
+        r"maps\['prnu'\] is not numeric",
+    ),
     "a ragged map": ({"maps": {"prnu": [[1.0], [1.0, 2.0]]}}, r"maps\['prnu'\] is not numeric"),
     "a map without a name": ({"maps": {3: np.ones((6, 8))}}, "maps names 3"),
     "maps without names": ({"maps": [np.ones((6, 8))]}, "maps is a list; pass a dict"),
     "maps as text": ({"maps": "prnu"}, "maps is a str; pass a dict"),
     "maps by their file": ({"maps": np.ones((6, 8))}, "maps is a ndarray; pass a dict"),
     "a plan as text": ({"plan": "fast"}, "plan is 'fast'; pass what plan"),
-    "colour for a wavelength": ({"wavelengths_nm": "green"}, "wavelengths_nm is not numeric; pass numbers in nm"),
+    "colour for a wavelength": (
+        {"wavelengths_nm": "green"},
+        "wavelengths_nm is not numeric; pass numbers in nm",
+    ),
     "wavelength as text": ({"wavelengths_nm": "550"}, "wavelengths_nm is not numeric"),
-    "no numbers for wavelengths": ({"wavelengths_nm": {"nm": 550}}, "wavelengths_nm is not numeric"),
+    "no numbers for wavelengths": (
+        {"wavelengths_nm": {"nm": 550}},
+        "wavelengths_nm is not numeric",
+    ),
     "two wavelengths": ({"wavelengths_nm": [500.0, 600.0]}, "1 band.* and wavelengths_nm 2"),
     "no wavelength": ({"wavelengths_nm": [math.nan]}, "wavelengths_nm holds"),
     "infinite wavelength": ({"wavelengths_nm": [math.inf]}, "wavelengths_nm holds inf;"),
@@ -127,7 +155,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize(("wrong", "says"), WRONG.values(), ids=WRONG)
-def test_what_cannot_be_done_is_refused_in_one_sentence(wrong: dict[str, Any], says: str) -> None:
+def test_what_cannot_be_done_is_refused_in_one_sentence(
+    wrong: dict[str, Any], says: str
+) -> None:
     with pytest.raises(ms.InputError, match=says) as caught:
         ms.expose(LIGHT, CAMERA, EXPOSURE, **wrong)
     assert "\n" not in str(caught.value)
@@ -167,24 +197,39 @@ def test_what_is_no_camera_is_refused_with_the_way_to_get_one(camera: Any) -> No
         lambda: ms.plan(camera, EXPOSURE, LIGHT),
         lambda: ms.fpn_maps(camera, (2, 2)),
     ):
-        with pytest.raises(ms.InputError, match=r"camera is .*; pass a Camera, e.g. load_camera"):
+        with pytest.raises(
+            ms.InputError, match=r"camera is .*; pass a Camera, e.g. load_camera"
+        ):
             ask()
 
 
 @pytest.mark.parametrize("exposure", NO_EXPOSURE, ids=str)
 def test_what_is_no_exposure_is_refused_with_an_example(exposure: Any) -> None:
-    for ask in (lambda: ms.expose(LIGHT, CAMERA, exposure), lambda: ms.plan(CAMERA, exposure, LIGHT)):
-        with pytest.raises(ms.InputError, match=r"exposure is .*; pass an Exposure, e.g. Exposure\(time_s=0.1\)"):
+    for ask in (
+        lambda: ms.expose(LIGHT, CAMERA, exposure),
+        lambda: ms.plan(CAMERA, exposure, LIGHT),
+    ):
+        with pytest.raises(
+            ms.InputError,
+            match=r"exposure is .*; pass an Exposure, e.g. Exposure\(time_s=0.1\)",
+        ):
             ask()
 
 
-@pytest.mark.parametrize("name", [None, 3, CAMERA, ["konnik_table1"]], ids=lambda name: type(name).__name__)
+@pytest.mark.parametrize(
+    "name", [None, 3, CAMERA, ["konnik_table1"]], ids=lambda name: type(name).__name__
+)
 def test_the_name_of_a_camera_is_a_text_or_a_path(name: Any) -> None:
-    with pytest.raises(ms.InputError, match=r"name is .*; pass the name of a camera or the path"):
+    with pytest.raises(
+        ms.InputError, match=r"name is .*; pass the name of a camera or the path"
+    ):
         ms.load_camera(name)
 
 
-@pytest.mark.parametrize("shape", [3, (3,), (3, 4, 5), (0, 4), (3, 0), (-1, 4), (2.5, 4), "all", ("a", "b"), (None, 2)])
+@pytest.mark.parametrize(
+    "shape",
+    [3, (3,), (3, 4, 5), (0, 4), (3, 0), (-1, 4), (2.5, 4), "all", ("a", "b"), (None, 2)],
+)
 def test_patterns_of_an_impossible_window_are_refused(shape: Any) -> None:
     with pytest.raises(ms.InputError, match="shape is"):
         ms.fpn_maps(CAMERA, shape)
@@ -213,16 +258,24 @@ def test_the_report_holds_every_stage_with_theory_and_sample_that_agree(name: st
     (DSNU_col is one number per column: the frame is wide and flat, so that there are 12 500 of them.)
     """
     camera = ms.load_camera(name)
-    light = 0.4 * camera.pixel.full_well_e / camera.qe([camera.quantum_efficiency.reference_nm]).max()
+    light = (
+        0.4
+        * camera.pixel.full_well_e
+        / camera.qe([camera.quantum_efficiency.reference_nm]).max()
+    )
     report = ms.expose(np.full((4, 12_500), light * 0.5), camera, EXPOSURE).report
-    assert [stage["name"] for stage in report["stages"]] == [stage.label for stage in chain(camera)]
+    assert [stage["name"] for stage in report["stages"]] == [
+        stage.label for stage in chain(camera)
+    ]
     assert {stage["unit"] for stage in report["stages"]} == {"e-", "V", "DN"}
     for stage in report["stages"]:
         sigma = stage["sigma_expected"]
         assert stage["mean_frame"] == pytest.approx(
             stage["mean_expected"], abs=5 * sigma / math.sqrt(12_500) + 1e-9, rel=3e-7
         )
-        assert stage["sigma_frame"] == pytest.approx(sigma, rel=0.04, abs=3e-7 * stage["mean_expected"])
+        assert stage["sigma_frame"] == pytest.approx(
+            sigma, rel=0.04, abs=3e-7 * stage["mean_expected"]
+        )
         split = math.hypot(stage["sigma_temporal_expected"], stage["sigma_spatial_expected"])
         assert split == pytest.approx(sigma, rel=1e-9)
 
@@ -238,7 +291,9 @@ def test_the_report_is_json_with_photons_gain_and_counts() -> None:
     assert report["counts"]["clipped_full_well"] == 4
     assert report["counts"]["clipped_adc_high"] == np.sum(frames.digital[0] == 4095)
     assert report["counts"]["clipped_adc_low"] == 0
-    cut = ms.expose(np.zeros((50, 50)), CAMERA.replace(**{"adc.black_level_dn": 0.0}), ms.Exposure(0.0))
+    cut = ms.expose(
+        np.zeros((50, 50)), CAMERA.replace(**{"adc.black_level_dn": 0.0}), ms.Exposure(0.0)
+    )
     assert cut.report["counts"]["clipped_adc_low"] == np.sum(cut.digital == 0) > 500
 
 
@@ -263,14 +318,20 @@ def test_a_whole_number_of_numpy_is_that_number(name: str, number: Any) -> None:
     """frames as uint8, 100 of them from 200 on, would end at 44."""
     many = np.uint8(100) if name == "first_frame" else 2
     found = ms.expose(LIGHT[:1, :2], CAMERA, EXPOSURE, frames=many, **{name: number}).digital
-    plain = ms.expose(LIGHT[:1, :2], CAMERA, EXPOSURE, frames=int(many), **{name: int(number)}).digital
+    plain = ms.expose(
+        LIGHT[:1, :2], CAMERA, EXPOSURE, frames=int(many), **{name: int(number)}
+    ).digital
     np.testing.assert_array_equal(found, plain)
 
 
 @pytest.mark.parametrize(
-    "value", [np.array([1, 2]), np.array([[]]), 10**400, np.array(["1"])], ids=["array", "empty", "endless", "texts"]
+    "value",
+    [np.array([1, 2]), np.array([[]]), 10**400, np.array(["1"])],
+    ids=["array", "empty", "endless", "texts"],
 )
-@pytest.mark.parametrize("name", ["seed", "serial", "frames", "first_frame", "chain", "engine", "precision"])
+@pytest.mark.parametrize(
+    "name", ["seed", "serial", "frames", "first_frame", "chain", "engine", "precision"]
+)
 def test_arrays_and_endless_integers_are_refused_in_one_sentence(name: str, value: Any) -> None:
     with pytest.raises(ms.InputError, match=name):
         ms.expose(LIGHT, CAMERA, EXPOSURE, **{name: value})

@@ -22,26 +22,41 @@ def test_table_1_has_its_closed_forms() -> None:
     """K = 4096 codes over 33 000 e-; σ_SF = 6.105 e- (paper eq. 19-24); the converter ends at (4095 − black)/K."""
     gain, noise_e = 4096 / 33_000, 6.10506886
     found = TABLE1.emva1288()
-    assert TABLE1.system_gain_dn_per_e == found.system_gain_dn_per_e == pytest.approx(gain, rel=1e-12)
+    assert (
+        TABLE1.system_gain_dn_per_e
+        == found.system_gain_dn_per_e
+        == pytest.approx(gain, rel=1e-12)
+    )
     assert found.temporal_dark_noise_e == pytest.approx(noise_e, rel=1e-7)
-    assert found.saturation_e == pytest.approx((4095 - black_level_dn(TABLE1)) / gain, rel=1e-12)
+    assert found.saturation_e == pytest.approx(
+        (4095 - black_level_dn(TABLE1)) / gain, rel=1e-12
+    )
     least_e = math.sqrt(noise_e**2 + (QUANTISATION_DN / gain) ** 2 + 0.25) + 0.5
     assert found.absolute_sensitivity_e == pytest.approx(least_e, rel=1e-7)
     assert found.snr_max == pytest.approx(math.sqrt(found.saturation_e), rel=1e-12)
     assert found.dynamic_range == pytest.approx(found.saturation_e / least_e, rel=1e-7)
-    assert found.dynamic_range_db == pytest.approx(20 * math.log10(found.dynamic_range), rel=1e-12)
-    assert [one.value for one in found.table()][-2:] == [found.snr_max_db, found.dynamic_range_db]
+    assert found.dynamic_range_db == pytest.approx(
+        20 * math.log10(found.dynamic_range), rel=1e-12
+    )
+    assert [one.value for one in found.table()][-2:] == [
+        found.snr_max_db,
+        found.dynamic_range_db,
+    ]
 
 
 def test_saturation_is_the_full_well_where_the_converter_does_not_end_before() -> None:
     wide = TABLE1.replace(**{"adc.full_scale_v": 0.33})
     assert wide.emva1288().saturation_e == 33_000
-    assert wide.system_gain_dn_per_e == pytest.approx(TABLE1.system_gain_dn_per_e / 2, rel=1e-12)
+    assert wide.system_gain_dn_per_e == pytest.approx(
+        TABLE1.system_gain_dn_per_e / 2, rel=1e-12
+    )
 
 
 def test_independent_read_noise_adds_in_squares_and_kelvin_scale_ktc_noise() -> None:
     """√(k_B·T·A_SN/q)/A_SN of a hard reset at 250 K; row, column and dark shot noise beside it."""
-    noisy = TABLE1.replace(**{"readout.reset": "hard", "readout.row_noise_e": 3.0, "readout.column_noise_e": 4.0})
+    noisy = TABLE1.replace(
+        **{"readout.reset": "hard", "readout.row_noise_e": 3.0, "readout.column_noise_e": 4.0}
+    )
     ktc_e = math.sqrt(1.380649e-23 * 250 / (1.602176634e-19 * 5e-6))
     found = noisy.emva1288(ms.Exposure(0.0, 250.0)).temporal_dark_noise_e
     assert found == pytest.approx(math.hypot(6.10506886, 3.0, 4.0, ktc_e), rel=1e-7)
@@ -61,19 +76,32 @@ def test_dark_current_adds_its_shot_noise_and_takes_its_electrons_from_the_satur
     )
     assert short.saturation_e - long.saturation_e == pytest.approx(500, rel=1e-9)
     full = camera.emva1288(ms.Exposure(1e6))
-    assert full.saturation_e == 0 and full.dynamic_range_db == -math.inf and math.isfinite(full.absolute_sensitivity_e)
+    assert (
+        full.saturation_e == 0
+        and full.dynamic_range_db == -math.inf
+        and math.isfinite(full.absolute_sensitivity_e)
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
         ("konnik_table1", {}),
-        ("konnik_table1", {"readout.reset": "hard", "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}),
+        (
+            "konnik_table1",
+            {
+                "readout.reset": "hard",
+                "source_follower.vv_nonlinearity": 1.05,
+                "adc.gamma": 1.04,
+            },
+        ),
         ("bayer_2mp", {"source_follower.read_noise_cv": 0.4}),
         ("eev_44_82", {}),
     ],
 )
-def test_frames_have_the_temporal_dark_noise_and_system_gain(name: str, changes: dict[str, Any]) -> None:
+def test_frames_have_the_temporal_dark_noise_and_system_gain(
+    name: str, changes: dict[str, Any]
+) -> None:
     """80 000 differences of dark frames: σ to 0.25 %, 5 of that 1.3 %; K by 2000 e- of exact mean, to 0.5 %."""
     camera = ms.load_camera(name).replace(**changes)
     figures, dark = camera.emva1288(), ms.Exposure(0.0)
@@ -81,7 +109,9 @@ def test_frames_have_the_temporal_dark_noise_and_system_gain(name: str, changes:
     variance = np.mean((two[1] - two[0]) ** 2) / 2 - 1 / 12
     found = math.sqrt(variance) / camera.system_gain_dn_per_e
     assert found == pytest.approx(figures.temporal_dark_noise_e, rel=0.013)
-    quiet = camera.without("shot_noise", "prnu", "prnu_column", "dsnu_column", "dsnu_row", "dsnu_pixel")
+    quiet = camera.without(
+        "shot_noise", "prnu", "prnu_column", "dsnu_column", "dsnu_row", "dsnu_pixel"
+    )
     reference = quiet.quantum_efficiency.reference_nm
     photons = 500 / quiet.qe([reference])[0].item()
     levels = [np.full((64, 64), x) for x in (0.0, photons)]
@@ -95,7 +125,11 @@ def test_without_shot_noise_signal_over_noise_is_straight() -> None:
     found = TABLE1.without("shot_noise").emva1288()
     still_e = math.hypot(6.10506886, QUANTISATION_DN / TABLE1.system_gain_dn_per_e)
     assert found.absolute_sensitivity_e == pytest.approx(still_e, rel=1e-7)
-    assert found.snr_max == found.dynamic_range == pytest.approx(found.saturation_e / still_e, rel=1e-7)
+    assert (
+        found.snr_max
+        == found.dynamic_range
+        == pytest.approx(found.saturation_e / still_e, rel=1e-7)
+    )
 
 
 def test_a_camera_without_codes_for_light_has_one_sentence_and_is_shown_nevertheless() -> None:
@@ -110,4 +144,7 @@ def test_the_command_line_shows_symbol_value_and_unit(cli: Callable[..., Any]) -
     for line in (r"σ_d +6\.1051 +e- rms", r"K +0\.12412 +DN/e-", r"DR +73\.36\d +dB"):
         assert re.search(line, said), said
     found = json.loads(cli("cameras", "show", "konnik_table1", "--json").stdout)["emva1288"]
-    assert found["system_gain_dn_per_e"] == TABLE1.system_gain_dn_per_e and found["exposure"]["time_s"] == 0
+    assert (
+        found["system_gain_dn_per_e"] == TABLE1.system_gain_dn_per_e
+        and found["exposure"]["time_s"] == 0
+    )

@@ -31,7 +31,16 @@ from mitsuba_sensor.stages.fpn_distributions import (
     Wald,
 )
 
-FAMILIES = [Gaussian, LogNormal, Gamma, Wald, Logistic, Rectified, Autoregressive, AutoregressiveRectified]
+FAMILIES = [
+    Gaussian,
+    LogNormal,
+    Gamma,
+    Wald,
+    Logistic,
+    Rectified,
+    Autoregressive,
+    AutoregressiveRectified,
+]
 CVS = [0.0, 0.01, 0.4, 1.0, 10.0]
 HEAVY = [(family, 10.0) for family in (LogNormal, Gamma, Wald)]
 """Their variance estimate does not converge: a few pixels carry all of it. Their exact law is tested instead."""
@@ -42,17 +51,29 @@ SHAPE = (300, 500)
 
 
 def pattern(family: Any, cv: float) -> Any:
-    return family(cv, coupling=0.25) if issubclass(family, Autoregressive | AutoregressiveRectified) else family(cv)
+    return (
+        family(cv, coupling=0.25)
+        if issubclass(family, Autoregressive | AutoregressiveRectified)
+        else family(cv)
+    )
 
 
-def map_of(family: Any, cv: float, shape: tuple[int, int] = SHAPE, origin: tuple[int, int] = (0, 0)) -> Any:
+def map_of(
+    family: Any, cv: float, shape: tuple[int, int] = SHAPE, origin: tuple[int, int] = (0, 0)
+) -> Any:
     return pattern(family, cv).map_of(SensorWindow(7, shape, origin), "dark_fpn")
 
 
 def standard_error(x: Any, power: int, tiles: int = 5) -> float:
     """Of the mean of (x − mean)^power over a map, from tiles of it, so that neighbours may be alike."""
     values = (x - (x.mean() if power > 1 else 0.0)) ** power
-    parts = np.array([part.mean() for row in np.split(values, tiles) for part in np.split(row, tiles, axis=1)])
+    parts = np.array(
+        [
+            part.mean()
+            for row in np.split(values, tiles)
+            for part in np.split(row, tiles, axis=1)
+        ]
+    )
     return float(parts.std(ddof=1) / np.sqrt(parts.size))
 
 
@@ -74,7 +95,10 @@ def test_mean_and_variance_are_those_of_its_own_theory(family: Any, cv: float) -
 @pytest.mark.parametrize(
     ("family", "law"),
     [
-        (LogNormal, lambda cv: stats.lognorm(math.sqrt(math.log1p(cv**2)), scale=(1 + cv**2) ** -0.5)),
+        (
+            LogNormal,
+            lambda cv: stats.lognorm(math.sqrt(math.log1p(cv**2)), scale=(1 + cv**2) ** -0.5),
+        ),
         (Gamma, lambda cv: stats.gamma(cv**-2, scale=cv**2)),
         (Rectified, lambda cv: stats.norm(1, cv)),
         (Gaussian, lambda cv: stats.norm(1, cv)),
@@ -87,19 +111,30 @@ def test_a_family_is_the_quantile_function_of_its_law(family: Any, law: Any, cv:
     raw = np.maximum(law(cv).isf(SURVIVAL), 0.0)
     mean = 1.0
     if family in (Gaussian, Logistic):
-        mean = integrate.quad(law(cv).sf, 0, 1, epsabs=1e-13)[0] + integrate.quad(law(cv).sf, 1, math.inf)[0]
-    np.testing.assert_allclose(family(cv).from_bits(NUMPY_FLOAT64, INTEGERS), raw / mean, rtol=1e-7, atol=1e-12)
+        mean = (
+            integrate.quad(law(cv).sf, 0, 1, epsabs=1e-13)[0]
+            + integrate.quad(law(cv).sf, 1, math.inf)[0]
+        )
+    np.testing.assert_allclose(
+        family(cv).from_bits(NUMPY_FLOAT64, INTEGERS), raw / mean, rtol=1e-7, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("cv", CVS[1:])
 @pytest.mark.parametrize("family", [Gaussian, Rectified, Logistic], ids=lambda f: f.__name__)
 def test_the_theory_of_a_cut_family_is_the_integral_of_its_law(family: Any, cv: float) -> None:
     """E[max(0, x)] = ∫ sf and E[max(0, x)²] = ∫ 2x·sf, by quadrature."""
-    law = stats.logistic(1, math.sqrt(3) * cv / math.pi) if family is Logistic else stats.norm(1, cv)
+    law = (
+        stats.logistic(1, math.sqrt(3) * cv / math.pi)
+        if family is Logistic
+        else stats.norm(1, cv)
+    )
     edges = [0.0, max(0.0, 1 - 8 * cv), 1.0, 1 + 8 * cv, 1 + 60 * cv]
     pieces = list(pairwise(edges))
     mean = sum(integrate.quad(law.sf, a, b, epsabs=1e-14)[0] for a, b in pieces)
-    second = sum(integrate.quad(lambda x: 2 * x * law.sf(x), a, b, epsabs=1e-14)[0] for a, b in pieces)
+    second = sum(
+        integrate.quad(lambda x: 2 * x * law.sf(x), a, b, epsabs=1e-14)[0] for a, b in pieces
+    )
     scale = 1.0 if family is Rectified else mean
     assert family(cv).mean == pytest.approx(mean / scale, rel=1e-9)
     assert family(cv).variance == pytest.approx((second - mean**2) / scale**2, rel=1e-7)
@@ -112,7 +147,10 @@ def test_wald_picks_its_two_roots_with_the_chances_of_the_inverse_gaussian(cv: f
     20 000 evenly spread z: the sum is a cdf to 1e-4, and a scale that is 1 % off moves it by 2.4e-3 or more.
     """
     z = stats.norm.ppf((np.arange(20_000) + 0.5) / 20_000)
-    small, large = distributions.wald(z, np.zeros(z.size), cv), distributions.wald(z, np.ones(z.size), cv)
+    small, large = (
+        distributions.wald(z, np.zeros(z.size), cv),
+        distributions.wald(z, np.ones(z.size), cv),
+    )
     chance = 1 / (1 + small)
     np.testing.assert_allclose(small * large, 1.0, rtol=1e-12)
     np.testing.assert_array_equal(distributions.wald(z, chance * (1 - 1e-12), cv), small)
@@ -120,7 +158,9 @@ def test_wald_picks_its_two_roots_with_the_chances_of_the_inverse_gaussian(cv: f
     law = stats.invgauss(cv**2, scale=cv**-2)
     for p in (0.001, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999):
         x = law.ppf(p)
-        assert np.mean(chance * (small <= x) + (1 - chance) * (large <= x)) == pytest.approx(p, abs=2e-4)
+        assert np.mean(chance * (small <= x) + (1 - chance) * (large <= x)) == pytest.approx(
+            p, abs=2e-4
+        )
 
 
 @pytest.mark.parametrize(("family", "law"), [
@@ -128,12 +168,16 @@ def test_wald_picks_its_two_roots_with_the_chances_of_the_inverse_gaussian(cv: f
     (Gamma, stats.gamma(0.01, scale=100)),
     (Wald, stats.invgauss(100, scale=0.01)),
 ], ids=["LogNormal", "Gamma", "Wald"])  # fmt: skip
-def test_maps_of_heavy_tails_follow_their_law_where_the_variance_does_not_converge(family: Any, law: Any) -> None:
+def test_maps_of_heavy_tails_follow_their_law_where_the_variance_does_not_converge(
+    family: Any, law: Any
+) -> None:
     """cv = 10: the share of pixels below nine quantiles, 5 σ of the binomial law (0.56 % at the median)."""
     x = map_of(family, 10.0)
     for p in np.arange(1, 10) / 10:
         if law.ppf(p) > 1e-300:
-            assert np.mean(x <= law.ppf(p)) == pytest.approx(p, abs=5 * math.sqrt(p * (1 - p) / x.size))
+            assert np.mean(x <= law.ppf(p)) == pytest.approx(
+                p, abs=5 * math.sqrt(p * (1 - p) / x.size)
+            )
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (37, 90), (500, 505)], ids=str)
@@ -141,12 +185,21 @@ def test_maps_of_heavy_tails_follow_their_law_where_the_variance_does_not_conver
 def test_the_map_of_a_crop_is_the_crop_of_the_map(family: Any, origin: tuple[int, int]) -> None:
     """Bit for bit, also across the edges of the blocks that an AR map is made in (512)."""
     y, x = origin
-    whole = map_of(family, 0.4, (y + 16 - max(y - 5, 0), x + 16 - max(x - 5, 0)), (max(y - 5, 0), max(x - 5, 0)))
-    np.testing.assert_array_equal(map_of(family, 0.4, (12, 14), origin), whole[min(y, 5) :, min(x, 5) :][:12, :14])
+    whole = map_of(
+        family,
+        0.4,
+        (y + 16 - max(y - 5, 0), x + 16 - max(x - 5, 0)),
+        (max(y - 5, 0), max(x - 5, 0)),
+    )
+    np.testing.assert_array_equal(
+        map_of(family, 0.4, (12, 14), origin), whole[min(y, 5) :, min(x, 5) :][:12, :14]
+    )
 
 
 @pytest.mark.parametrize("coupling", [0.0, 0.1, 0.25, 0.45])
-def test_the_autoregression_has_variance_one_and_rho_1_of_twice_the_coupling(coupling: float) -> None:
+def test_the_autoregression_has_variance_one_and_rho_1_of_twice_the_coupling(
+    coupling: float,
+) -> None:
     """From the answer to one impulse: Σh² = 1, Σh_i·h_{i+1} = 2a, and h solves x_j = a(x_{j−1} + x_{j+1}) + U_j."""
     impulse = np.zeros(601)
     impulse[300] = 1.0
@@ -157,9 +210,13 @@ def test_the_autoregression_has_variance_one_and_rho_1_of_twice_the_coupling(cou
     assert np.abs(np.delete(left, 300 - 96 - 1)).max() < 1e-9
 
 
-@pytest.mark.parametrize("family", [Autoregressive, AutoregressiveRectified], ids=lambda f: f.__name__)
+@pytest.mark.parametrize(
+    "family", [Autoregressive, AutoregressiveRectified], ids=lambda f: f.__name__
+)
 @pytest.mark.parametrize("coupling", [0.0, 0.25, 0.45])
-def test_neighbours_along_rows_and_columns_correlate_by_twice_the_coupling(family: Any, coupling: float) -> None:
+def test_neighbours_along_rows_and_columns_correlate_by_twice_the_coupling(
+    family: Any, coupling: float
+) -> None:
     """On a map, whose seams between blocks must not show; 5 standard errors from 64 tiles (0.006 at a = 0.25)."""
     x = family(0.01, coupling=coupling).map_of(SensorWindow(5, (1024, 1024)), "prnu") / 0.01
     x = x - family(0.01).mean / 0.01
@@ -167,11 +224,15 @@ def test_neighbours_along_rows_and_columns_correlate_by_twice_the_coupling(famil
         tiles = pairs[:, :1016].reshape(8, 128, 8, 127).mean(axis=(1, 3)) - 2 * coupling
         assert abs(tiles.mean()) < 5 * tiles.std(ddof=1) / 8
     seam = np.concatenate([x[:, 511] * x[:, 512], x[511] * x[512]])
-    assert seam.mean() == pytest.approx(2 * coupling, abs=5 * 1.5 * math.sqrt((1 + 2 * coupling) / 2048 * 4))
+    assert seam.mean() == pytest.approx(
+        2 * coupling, abs=5 * 1.5 * math.sqrt((1 + 2 * coupling) / 2048 * 4)
+    )
 
 
 @pytest.mark.parametrize("cv", [0.0, 1e-12, 0.01, 0.1, 0.4, 1.0, 10.0])
-def test_the_variance_of_dark_current_fpn_is_that_of_the_rectified_distribution(cv: float) -> None:
+def test_the_variance_of_dark_current_fpn_is_that_of_the_rectified_distribution(
+    cv: float,
+) -> None:
     """A Gaussian cut at 0 and made unit-mean again: cv² as long as nothing is cut, and known when much is."""
     assert LogNormal(cv).variance == pytest.approx(cv**2, rel=1e-6 if cv <= 1 else 0.02)
     mean, variance = rectified_normal(cv)
@@ -197,12 +258,16 @@ def drawable_integers() -> tuple[Any, Any]:
         ranks.append(np.rint(low + (high - low) * (nodes + 1) / 2 - 0.5))
         shares.append(weights * (high - low) / 2)
     rank, share = np.concatenate(ranks), np.concatenate(shares) / 2**32
-    return np.concatenate([rank, 2**32 - 1 - rank]).astype(np.uint32), np.concatenate([share, share])
+    return np.concatenate([rank, 2**32 - 1 - rank]).astype(np.uint32), np.concatenate(
+        [share, share]
+    )
 
 
 @pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
 @pytest.mark.parametrize(("family", "cv"), one_in(3, DRAWN, several=True))
-def test_theory_is_that_of_the_factors_that_32_bits_draw(family: Any, cv: float, backend: Any) -> None:
+def test_theory_is_that_of_the_factors_that_32_bits_draw(
+    family: Any, cv: float, backend: Any
+) -> None:
     """No chance: an integral over all integers. Without their end a log-normal law of cv 100 has 21 % more σ."""
     bits, share = drawable_integers()
     factors = np.asarray(family(cv).from_bits(backend, bits), np.float64)
@@ -210,12 +275,20 @@ def test_theory_is_that_of_the_factors_that_32_bits_draw(family: Any, cv: float,
     sigma = math.sqrt(float(share @ np.square(factors - mean)))
     assert mean == pytest.approx(family(cv).mean, rel=1e-3)
     assert sigma == pytest.approx(math.sqrt(family(cv).variance), rel=1e-3)
-    assert mean == pytest.approx(rectified_normal(cv)[0] if family is Rectified else 1.0, rel=1e-3)
+    assert mean == pytest.approx(
+        rectified_normal(cv)[0] if family is Rectified else 1.0, rel=1e-3
+    )
 
 
-@pytest.mark.parametrize(("distribution", "most"), [("lognormal", 100), ("gamma", 50), ("wald", 1000)])
-def test_a_width_that_32_bits_do_not_draw_is_refused_with_a_way_out(distribution: str, most: float) -> None:
-    camera = ms.load_camera("konnik_table1").replace(**{"dark_current.distribution": distribution})
+@pytest.mark.parametrize(
+    ("distribution", "most"), [("lognormal", 100), ("gamma", 50), ("wald", 1000)]
+)
+def test_a_width_that_32_bits_do_not_draw_is_refused_with_a_way_out(
+    distribution: str, most: float
+) -> None:
+    camera = ms.load_camera("konnik_table1").replace(
+        **{"dark_current.distribution": distribution}
+    )
     camera.replace(**{"dark_current.cv": float(most)})
     said = f"cv is {most + 1}; that of {distribution} must be at most {most}, .*Take another"
     with pytest.raises(ms.InputError, match=said):
@@ -225,7 +298,9 @@ def test_a_width_that_32_bits_do_not_draw_is_refused_with_a_way_out(distribution
 def test_a_lognormal_dark_current_that_is_drawn_narrower_says_so() -> None:
     """E[X²; Z < 6.3] of a log-normal law: 1 − Φ(2σ − 6.3) of it, near enough."""
     camera = ms.load_camera("konnik_table1")
-    (note,) = (one for one in camera.replace(**{"dark_current.cv": 30.0}).notes if "6.3 σ" in one)
+    (note,) = (
+        one for one in camera.replace(**{"dark_current.cv": 30.0}).notes if "6.3 σ" in one
+    )
     sigma = math.sqrt(math.log1p(30.0**2))
     drawn = math.sqrt(901 * stats.norm.cdf(6.3 - 2 * sigma) - 1)
     assert float(note.split(" is ")[2].split(":")[0]) == pytest.approx(drawn, rel=0.03)

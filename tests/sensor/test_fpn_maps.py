@@ -15,7 +15,11 @@ TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (12, 17)
 LIGHT = np.linspace(0, 50_000, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
-PARTS = {"dark_current.components": [{"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}]}
+PARTS = {
+    "dark_current.components": [
+        {"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}
+    ]
+}
 OPTIONS: dict[str, dict[str, Any]] = {
     "as shipped": {},
     "no pattern at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0},
@@ -26,16 +30,35 @@ OPTIONS: dict[str, dict[str, Any]] = {
         for f in ("gaussian", "gamma", "wald", "logistic")
     },
     "gamma of no width": {"dark_current.distribution": "gamma", "dark_current.cv": 0.0},
-    "ar dark": {"dark_current.distribution": "ar", "dark_current.cv": 0.2, "dark_current.coupling": 0.45},
-    "offsets": {"readout.dsnu_row": 0.001, "readout.dsnu_col_coupling": 0.25, "pixel.dsnu_e": 20.0},
-    "coupled pixels": {"pixel.dsnu_e": 20.0, "pixel.dsnu_coupling": 0.25, "readout.dsnu_row_coupling": 0.4},
+    "ar dark": {
+        "dark_current.distribution": "ar",
+        "dark_current.cv": 0.2,
+        "dark_current.coupling": 0.45,
+    },
+    "offsets": {
+        "readout.dsnu_row": 0.001,
+        "readout.dsnu_col_coupling": 0.25,
+        "pixel.dsnu_e": 20.0,
+    },
+    "coupled pixels": {
+        "pixel.dsnu_e": 20.0,
+        "pixel.dsnu_coupling": 0.25,
+        "readout.dsnu_row_coupling": 0.4,
+    },
     "prnu column": {"readout.prnu_col": 0.01, "readout.dsnu_residual": 0.5},
-    "curves": {"source_follower.vv_nonlinearity": 1.05, "readout.ve_nonlinearity": 1.0, "adc.ile": 0.01},
+    "curves": {
+        "source_follower.vv_nonlinearity": 1.05,
+        "readout.ve_nonlinearity": 1.0,
+        "adc.ile": 0.01,
+    },
     "yield": {"quantum_efficiency.quantum_yield": [2.0, 1.2]},
 }
 SITES = {
     "parts": PARTS,
-    "RTS pixels": {"dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 900.0},
+    "RTS pixels": {
+        "dark_current.rts_fraction": 0.3,
+        "dark_current.rts_amplitude_e_per_s": 900.0,
+    },
 }
 """Which pixels follow a component or are RTS pixels follows from the serial, also where maps are given."""
 
@@ -50,7 +73,9 @@ def test_a_sensor_is_its_maps_whatever_the_serial(
     camera = TABLE1.replace(**OPTIONS[option])
     np.savez(tmp_path / "maps.npz", **ms.fpn_maps(camera, SHAPE, serial=7, origin=origin))
     with np.load(tmp_path / "maps.npz") as maps:
-        given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, frames=2, origin=origin, maps=maps)
+        given = ms.expose(
+            LIGHT, camera, EXPOSURE, serial=99, frames=2, origin=origin, maps=maps
+        )
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, frames=2, origin=origin)
     assert given.digital.tobytes() == own.digital.tobytes()
 
@@ -60,15 +85,25 @@ def test_giving_a_sensor_its_own_maps_changes_nothing(option: str) -> None:
     camera = TABLE1.replace(**(OPTIONS | SITES)[option])
     maps = ms.fpn_maps(camera, SHAPE, serial=7)
     given = ms.expose(LIGHT, camera, EXPOSURE, serial=7, maps=maps)
-    assert given.digital.tobytes() == ms.expose(LIGHT, camera, EXPOSURE, serial=7).digital.tobytes()
+    assert (
+        given.digital.tobytes()
+        == ms.expose(LIGHT, camera, EXPOSURE, serial=7).digital.tobytes()
+    )
     assert np.abs(given.noise_budget().total - given.digital[0]).max() < 1e-6
 
 
-@pytest.mark.parametrize("name", ["prnu", "dark_fpn", "dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e", "prnu_col"])
+@pytest.mark.parametrize(
+    "name", ["prnu", "dark_fpn", "dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e", "prnu_col"]
+)
 def test_one_given_map_stands_in_for_one_pattern_and_for_no_other(name: str) -> None:
     """All others are the serial's own: putting the own map back in place gives the own frame, another one does not."""
     camera = TABLE1.replace(
-        **{"readout.dsnu_row": 0.001, "pixel.dsnu_e": 20.0, "readout.prnu_col": 0.01, "dark_current.cv": 0.4}
+        **{
+            "readout.dsnu_row": 0.001,
+            "pixel.dsnu_e": 20.0,
+            "readout.prnu_col": 0.01,
+            "dark_current.cv": 0.4,
+        }
     )
     maps = {serial: ms.fpn_maps(camera, SHAPE, serial=serial)[name] for serial in (7, 8)}
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7).digital
@@ -82,7 +117,9 @@ def test_a_map_is_used_even_where_the_datasheet_asks_for_no_pattern() -> None:
     camera = TABLE1.replace(**{"pixel.prnu": 0.0})
     light = np.full(SHAPE, 10_000.0)
     brighter = ms.expose(light, camera, EXPOSURE, maps={"prnu": np.full((1, 1), 1.5)})
-    np.testing.assert_array_equal(brighter.digital, ms.expose(light * 1.5, camera, EXPOSURE).digital)
+    np.testing.assert_array_equal(
+        brighter.digital, ms.expose(light * 1.5, camera, EXPOSURE).digital
+    )
 
 
 def test_the_report_of_a_given_map_expects_what_the_map_says() -> None:
@@ -95,7 +132,9 @@ def test_the_report_of_a_given_map_expects_what_the_map_says() -> None:
     assert line["mean_frame"] == pytest.approx(line["mean_expected"], rel=1e-5)
 
 
-def test_patterns_have_the_shape_of_what_they_belong_to_and_the_whole_sensor_by_default() -> None:
+def test_patterns_have_the_shape_of_what_they_belong_to_and_the_whole_sensor_by_default() -> (
+    None
+):
     small = TABLE1.replace(**{"sensor.rows": 5, "sensor.columns": 9})
     shapes = {name: values.shape for name, values in ms.fpn_maps(small).items()}
     assert shapes == {
@@ -114,10 +153,17 @@ def test_maps_of_the_whole_sensor_are_cut_to_the_window(
     origin: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A sensor of 20 × 30, a window of 12 × 17 somewhere on it: of that sensor, byte by byte, in the same noise."""
-    rich = {"readout.dsnu_row": 0.01, "pixel.dsnu_e": 20.0, "readout.prnu_col": 0.1, "dark_current.cv": 0.4}
+    rich = {
+        "readout.dsnu_row": 0.01,
+        "pixel.dsnu_e": 20.0,
+        "readout.prnu_col": 0.1,
+        "dark_current.cv": 0.4,
+    }
     camera = TABLE1.replace(**rich | {"sensor.rows": 20, "sensor.columns": 30})
     monkeypatch.setattr(Frame, "key", 5)
-    given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.fpn_maps(camera, serial=7))
+    given = ms.expose(
+        LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.fpn_maps(camera, serial=7)
+    )
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, origin=origin)
     assert given.digital.tobytes() == own.digital.tobytes()
 
@@ -130,15 +176,33 @@ def test_a_window_that_ends_beyond_the_sensor_has_no_part_in_its_maps() -> None:
 
 BAD = {
     "misspelt": ({"prnv": np.ones(SHAPE)}, r"maps names 'prnv'.*Did you mean 'prnu'"),
-    "of another camera": ({"well_depth": np.ones(SHAPE)}, r"maps names 'well_depth'; this camera's maps are prnu, "),
-    "wrong shape": ({"prnu": np.ones((12, 16))}, r"has shape \(12, 16\); it must be \(12, 17\), or 1"),
-    "columns for rows": ({"dsnu_row_e": np.ones((1, 17))}, r"has shape \(1, 17\); it must be \(12, 1\), or 1"),
-    "rows for columns": ({"prnu_col": np.ones((12, 1))}, r"has shape \(12, 1\); it must be \(1, 17\), or 1"),
+    "of another camera": (
+        {"well_depth": np.ones(SHAPE)},
+        r"maps names 'well_depth'; this camera's maps are prnu, ",
+    ),
+    "wrong shape": (
+        {"prnu": np.ones((12, 16))},
+        r"has shape \(12, 16\); it must be \(12, 17\), or 1",
+    ),
+    "columns for rows": (
+        {"dsnu_row_e": np.ones((1, 17))},
+        r"has shape \(1, 17\); it must be \(12, 1\), or 1",
+    ),
+    "rows for columns": (
+        {"prnu_col": np.ones((12, 1))},
+        r"has shape \(12, 1\); it must be \(1, 17\), or 1",
+    ),
     "text": ({"prnu": "flat"}, r"maps\['prnu'\] is not numeric"),
     "a row of nothing": ({"prnu": np.ones(17)}, r"has shape \(17,\)"),
     "a stack": ({"prnu": np.ones((1, 12, 17))}, r"has shape \(1, 12, 17\)"),
-    "NaN": ({"prnu": np.full(SHAPE, np.nan)}, r"maps\['prnu'\] holds NaN, infinite or negative values; correct"),
-    "infinite": ({"dsnu_col_e": np.full((1, 17), np.inf)}, r"maps\['dsnu_col_e'\] holds NaN, infinite"),
+    "NaN": (
+        {"prnu": np.full(SHAPE, np.nan)},
+        r"maps\['prnu'\] holds NaN, infinite or negative values; correct",
+    ),
+    "infinite": (
+        {"dsnu_col_e": np.full((1, 17), np.inf)},
+        r"maps\['dsnu_col_e'\] holds NaN, infinite",
+    ),
     "negative gain": (
         {"dark_fpn": np.full(SHAPE, -0.1)},
         r"maps\['dark_fpn'\] holds NaN, infinite or negative",

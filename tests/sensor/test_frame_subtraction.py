@@ -11,10 +11,19 @@ import pytest
 import mitsuba_sensor as ms
 
 TABLE1 = ms.load_camera("konnik_table1")
-STRIPES = TABLE1.replace(**{"readout.dsnu_col": 0.002, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 30.0, "adc.bits": 16})
+STRIPES = TABLE1.replace(
+    **{
+        "readout.dsnu_col": 0.002,
+        "readout.dsnu_row": 0.001,
+        "pixel.dsnu_e": 30.0,
+        "adc.bits": 16,
+    }
+)
 """Fixed offsets of 66, 33 and 30 electrons, 131, 66 and 60 DN; 6 electrons of read noise."""
 
-SILENT = STRIPES.replace(**{"readout.reset": "true_cds", "source_follower.white_nv_per_rthz": 0.0})
+SILENT = STRIPES.replace(
+    **{"readout.reset": "true_cds", "source_follower.white_nv_per_rthz": 0.0}
+)
 ZERO = ms.Exposure(0.0)
 DARKNESS = np.zeros((200, 200))
 
@@ -27,19 +36,35 @@ def test_fixed_patterns_cancel_exactly_where_nothing_is_temporal() -> None:
 
 OTHERS = {
     "serial": (SILENT, {"serial": 2}, r"konnik_table1, serial 2, from pixel \(0, 0\)"),
-    "datasheet": (SILENT.replace(**{"pixel.dsnu_e": 31.0}), {}, r"konnik_table1, .*\(the datasheet differs\)"),
+    "datasheet": (
+        SILENT.replace(**{"pixel.dsnu_e": 31.0}),
+        {},
+        r"konnik_table1, .*\(the datasheet differs\)",
+    ),
     "camera": (SILENT.replace(name="another"), {}, "the reference of another, serial 1"),
-    "part of the sensor": (SILENT, {"origin": (0, 5)}, r"pixel \(0, 5\) \(the part of the sensor differs\)"),
+    "part of the sensor": (
+        SILENT,
+        {"origin": (0, 5)},
+        r"pixel \(0, 5\) \(the part of the sensor differs\)",
+    ),
 }
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_frames_of_another_chip_are_refused_with_both_named_for_their_patterns_do_not_cancel(name: str) -> None:
+def test_frames_of_another_chip_are_refused_with_both_named_for_their_patterns_do_not_cancel(
+    name: str,
+) -> None:
     camera, how, sentence = OTHERS[name]
-    frames, reference = ms.expose(DARKNESS, SILENT, ZERO), ms.expose(DARKNESS, camera, ZERO, **how)
+    frames, reference = (
+        ms.expose(DARKNESS, SILENT, ZERO),
+        ms.expose(DARKNESS, camera, ZERO, **how),
+    )
     if name != "camera":
         assert (frames.digital.astype(int) - reference.digital).std() > 1
-    with pytest.raises(ms.InputError, match=rf"frames are of konnik_table1, serial 1, .*{sentence}.*same camera"):
+    with pytest.raises(
+        ms.InputError,
+        match=rf"frames are of konnik_table1, serial 1, .*{sentence}.*same camera",
+    ):
         frames.minus(reference)
 
 
@@ -50,7 +75,11 @@ def test_what_the_sensor_does_not_show_makes_no_other_camera() -> None:
     capped = ms.expose(DARKNESS, SILENT.replace(**{"lens.f_number": 22.0}), ZERO, seed=2)
     assert not frames.minus(capped).any()
     short = ms.plan(SILENT, ZERO, ms.Photons(DARKNESS), tolerance_dn=0.5)
-    assert frames.minus(ms.expose(DARKNESS, SILENT, ZERO, plan=short, seed=2)).shape == (1, 200, 200)
+    assert frames.minus(ms.expose(DARKNESS, SILENT, ZERO, plan=short, seed=2)).shape == (
+        1,
+        200,
+        200,
+    )
 
 
 def test_what_is_left_of_two_equal_frames_is_temporal_noise_times_the_root_of_two() -> None:
@@ -77,7 +106,10 @@ def test_a_bright_frame_keeps_its_signal_and_its_own_noise() -> None:
 
 def test_the_difference_is_signed_and_nothing_wraps() -> None:
     camera = TABLE1.replace(**{"adc.bits": 8})
-    dark, bright = (ms.expose(np.full((4, 5), light), camera, ZERO, seed=seed) for seed, light in ((1, 0.0), (2, 1e6)))
+    dark, bright = (
+        ms.expose(np.full((4, 5), light), camera, ZERO, seed=seed)
+        for seed, light in ((1, 0.0), (2, 1e6))
+    )
     assert dark.digital.dtype == np.uint8
     difference = dark.minus(bright)
     assert difference.dtype == np.int64 and difference.min() < -200
@@ -85,7 +117,9 @@ def test_the_difference_is_signed_and_nothing_wraps() -> None:
 
 
 def test_one_reference_serves_a_stack_and_a_stack_is_taken_in_pairs() -> None:
-    stack, references = (ms.expose(np.full((4, 5), 500.0), TABLE1, ZERO, frames=3, seed=seed) for seed in (1, 2))
+    stack, references = (
+        ms.expose(np.full((4, 5), 500.0), TABLE1, ZERO, frames=3, seed=seed) for seed in (1, 2)
+    )
     one = ms.expose(np.full((4, 5), 500.0), TABLE1, ZERO, seed=2)
     pairs, by_one = stack.minus(references), stack.minus(one)
     for index in range(3):
@@ -99,7 +133,9 @@ def test_a_zero_exposure_of_the_same_seed_takes_no_noise_away() -> None:
 
     With one stream for all exposures the read noise cancelled, and 13 e- were left of 103.
     """
-    light = ms.expose(np.full((200, 200), 500.0), TABLE1.replace(**{"pixel.prnu": 0.0}), ms.Exposure(1e-4))
+    light = ms.expose(
+        np.full((200, 200), 500.0), TABLE1.replace(**{"pixel.prnu": 0.0}), ms.Exposure(1e-4)
+    )
     reference = ms.expose(DARKNESS, TABLE1.replace(**{"pixel.prnu": 0.0}), ZERO)
     sigma = math.sqrt(light.temporal_variance.mean() + reference.temporal_variance.mean())
     assert reference.temporal_variance.mean() > 0.1 * sigma**2
@@ -111,9 +147,14 @@ def test_frames_of_equal_temporal_noise_are_refused_and_the_way_out_works() -> N
     light, dark = np.full((4, 5), 500.0), np.zeros((4, 5))
     stack = ms.expose(light, TABLE1, ms.Exposure(0.1), frames=3, first_frame=4, seed=6)
     for first_frame, frames in ((4, 3), (2, 3), (6, 3), (4, 1), (6, 1)):
-        same = ms.expose(dark, TABLE1, ms.Exposure(0.1), frames=frames, first_frame=first_frame, seed=6)
+        same = ms.expose(
+            dark, TABLE1, ms.Exposure(0.1), frames=frames, first_frame=first_frame, seed=6
+        )
         shared = max(first_frame, 4)
-        with pytest.raises(ms.InputError, match=rf"share frame {shared} of seed 6 .*seed, or with first_frame=7\.$"):
+        with pytest.raises(
+            ms.InputError,
+            match=rf"share frame {shared} of seed 6 .*seed, or with first_frame=7\.$",
+        ):
             stack.minus(same)
     for how in (
         {"first_frame": 7, "seed": 6},
@@ -127,16 +168,24 @@ def test_frames_of_equal_temporal_noise_are_refused_and_the_way_out_works() -> N
 
 
 @pytest.mark.parametrize(
-    ("shape", "frames"), [((4, 5), 2), ((4, 5), 4), ((5, 4), 3), ((1, 1), 1), ((4, 1), 1)], ids=str
+    ("shape", "frames"),
+    [((4, 5), 2), ((4, 5), 4), ((5, 4), 3), ((1, 1), 1), ((4, 1), 1)],
+    ids=str,
 )
-def test_frames_that_do_not_fit_are_refused_with_both_shapes(shape: tuple[int, int], frames: int) -> None:
+def test_frames_that_do_not_fit_are_refused_with_both_shapes(
+    shape: tuple[int, int], frames: int
+) -> None:
     stack = ms.expose(np.zeros((4, 5)), TABLE1, ZERO, frames=3)
-    with pytest.raises(ms.InputError, match=r"shape \(.*\); it must be \(3, 4, 5\), or \(1, 4, 5\)"):
+    with pytest.raises(
+        ms.InputError, match=r"shape \(.*\); it must be \(3, 4, 5\), or \(1, 4, 5\)"
+    ):
         stack.minus(ms.expose(np.zeros(shape), TABLE1, ZERO, frames=frames))
 
 
 @pytest.mark.parametrize(
-    "reference", [None, 3, np.zeros((1, 4, 5)), "dark"], ids=["nothing", "number", "array", "text"]
+    "reference",
+    [None, 3, np.zeros((1, 4, 5)), "dark"],
+    ids=["nothing", "number", "array", "text"],
 )
 def test_what_is_no_frame_is_refused(reference: Any) -> None:
     with pytest.raises(ms.InputError, match=r"the reference is a .*; pass the Frames"):

@@ -23,30 +23,59 @@ from mitsuba_sensor.output.exr import write_irradiance_exr
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
 LADDER: list[dict[str, Any]] = [
-    {"iso": 100, "gain_dn_per_e": 0.25, "read_noise_e": 8.0, "black_level_dn": 64, "full_well_e": 15_000},
-    {"iso": 400, "gain_dn_per_e": 1.0, "read_noise_e": 4.5, "black_level_dn": 66, "full_well_e": 15_000},
-    {"name": "hcg 400", "gain_dn_per_e": 1.0, "read_noise_e": 1.5, "black_level_dn": 80, "full_well_e": 3000},
+    {
+        "iso": 100,
+        "gain_dn_per_e": 0.25,
+        "read_noise_e": 8.0,
+        "black_level_dn": 64,
+        "full_well_e": 15_000,
+    },
+    {
+        "iso": 400,
+        "gain_dn_per_e": 1.0,
+        "read_noise_e": 4.5,
+        "black_level_dn": 66,
+        "full_well_e": 15_000,
+    },
+    {
+        "name": "hcg 400",
+        "gain_dn_per_e": 1.0,
+        "read_noise_e": 1.5,
+        "black_level_dn": 80,
+        "full_well_e": 3000,
+    },
 ]
 for one, sense_uv in zip(LADDER, (30.0, 30.0, 150.0), strict=True):
     one["sense_gain_uv_per_e"] = sense_uv
 CAMERA = ms.load_camera("konnik_table1").replace(gains=LADDER)
-SETTINGS: dict[int | str, dict[str, Any]] = {one.get("iso", one.get("name")): one for one in LADDER}
-EVEN = CAMERA.replace(**{"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "quantum_efficiency.value": 1.0})
+SETTINGS: dict[int | str, dict[str, Any]] = {
+    one.get("iso", one.get("name")): one for one in LADDER
+}
+EVEN = CAMERA.replace(
+    **{"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "quantum_efficiency.value": 1.0}
+)
 SHAPE, TOLERANCE = (512, 512), 0.014
 DARK = ms.Exposure(0.0)
 
 
 def pair(camera: ms.Camera, photons: float, **options: Any) -> tuple[float, float]:
     """Mean and temporal variance of two frames [DN, DN²]."""
-    one, two = ms.expose(np.full(SHAPE, photons), camera, DARK, frames=2, engine="numpy", **options).digital.astype(int)
+    one, two = ms.expose(
+        np.full(SHAPE, photons), camera, DARK, frames=2, engine="numpy", **options
+    ).digital.astype(int)
     return float((one + two).mean() / 2), float((one - two).var() / 2)
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
-def test_gain_read_noise_and_black_level_of_a_setting_are_measured_from_its_frames(setting: int | str) -> None:
+def test_gain_read_noise_and_black_level_of_a_setting_are_measured_from_its_frames(
+    setting: int | str,
+) -> None:
     """Photon transfer: K = Δσ²/Δμ, σ_read = √(σ_dark² − 1/12)/K, the mean of darkness, the highest code."""
     given = SETTINGS[setting]
-    (dark, quiet), (bright, shot) = pair(EVEN, 0.0, gain=setting), pair(EVEN, 2000.0, gain=setting)
+    (dark, quiet), (bright, shot) = (
+        pair(EVEN, 0.0, gain=setting),
+        pair(EVEN, 2000.0, gain=setting),
+    )
     k = (shot - quiet) / (bright - dark)
     assert k == pytest.approx(given["gain_dn_per_e"], rel=TOLERANCE)
     assert math.sqrt(quiet - 1 / 12) / k == pytest.approx(given["read_noise_e"], rel=TOLERANCE)
@@ -59,12 +88,23 @@ def test_gain_read_noise_and_black_level_of_a_setting_are_measured_from_its_fram
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_a_camera_at_a_setting_has_its_numbers_exactly(setting: int | str) -> None:
     camera, given = CAMERA.at_gain(setting), SETTINGS[setting]
-    assert camera.gain == str(setting) and camera.name == CAMERA.name and camera.gains == CAMERA.gains
+    assert (
+        camera.gain == str(setting)
+        and camera.name == CAMERA.name
+        and camera.gains == CAMERA.gains
+    )
     assert gain_dn_per_e(camera) == pytest.approx(given["gain_dn_per_e"], rel=1e-12)
     assert camera.source_follower.read_noise_e == given["read_noise_e"]
-    assert (camera.adc.black_level_dn, camera.pixel.full_well_e) == (given["black_level_dn"], given["full_well_e"])
+    assert (camera.adc.black_level_dn, camera.pixel.full_well_e) == (
+        given["black_level_dn"],
+        given["full_well_e"],
+    )
     assert camera.sources["adc.full_scale_v"] == f"gain setting {setting}"
-    assert camera.notes == () and camera.at_gain(setting) is camera and camera.at_gain(None) is camera
+    assert (
+        camera.notes == ()
+        and camera.at_gain(setting) is camera
+        and camera.at_gain(None) is camera
+    )
 
 
 def test_the_conversion_gain_is_a_step_in_everything_that_the_sense_node_decides() -> None:
@@ -76,15 +116,22 @@ def test_the_conversion_gain_is_a_step_in_everything_that_the_sense_node_decides
         ktc_e = math.sqrt(BOLTZMANN_J_PER_K * DARK.temperature_k * farads) / ELEMENTARY_CHARGE_C
         expected = math.hypot(ktc_e, SETTINGS[setting]["read_noise_e"])
         _, variance = pair(camera.replace(**{"adc.black_level_dn": 500}), 0.0)
-        assert math.sqrt(variance - 1 / 12) / gain_dn_per_e(camera) == pytest.approx(expected, rel=TOLERANCE)
+        assert math.sqrt(variance - 1 / 12) / gain_dn_per_e(camera) == pytest.approx(
+            expected, rel=TOLERANCE
+        )
 
 
-def test_fixed_patterns_are_the_same_at_every_setting_and_offsets_of_columns_keep_their_volts() -> None:
+def test_fixed_patterns_are_the_same_at_every_setting_and_offsets_of_columns_keep_their_volts() -> (
+    None
+):
     camera = CAMERA.replace(**{"pixel.dsnu_e": 5.0, "readout.dsnu_row": 0.002})
     base = ms.fpn_maps(camera, (40, 60), serial=7)
     for setting in SETTINGS:
         at = camera.at_gain(setting)
-        maps, volts = ms.fpn_maps(at, (40, 60), serial=7), sense_gain_v_per_e(at) / sense_gain_v_per_e(camera)
+        maps, volts = (
+            ms.fpn_maps(at, (40, 60), serial=7),
+            sense_gain_v_per_e(at) / sense_gain_v_per_e(camera),
+        )
         for name in ("prnu", "dark_fpn", "dsnu_pixel_e"):
             np.testing.assert_array_equal(maps[name], base[name])
         for name in ("dsnu_col_e", "dsnu_row_e"):
@@ -114,12 +161,21 @@ def test_every_way_to_ask_for_a_setting_is_the_same_frame(engine: str) -> None:
     expected = ms.expose(light, at, DARK, **options).digital
     found = [ms.expose(light, CAMERA, DARK, gain="hcg 400", **options).digital]
     found += [next(ms.stream(light, CAMERA, DARK, gain="hcg 400", **options))[None]]
-    found += [ms.Sensor(CAMERA, serial=3).expose(light, DARK, gain="hcg 400", engine=engine, seed=4).digital]
+    found += [
+        ms.Sensor(CAMERA, serial=3)
+        .expose(light, DARK, gain="hcg 400", engine=engine, seed=4)
+        .digital
+    ]
     found += [ms.Sensor(at, serial=3).expose(light, DARK, engine=engine, seed=4).digital]
     for one in found:
         np.testing.assert_array_equal(one, expected)
-    iso = [ms.expose(light, CAMERA, DARK, gain=x, **options).digital for x in (400, 400.0, "400", " 400 ")]
-    assert all(np.array_equal(one, iso[0]) for one in iso) and not np.array_equal(iso[0], expected)
+    iso = [
+        ms.expose(light, CAMERA, DARK, gain=x, **options).digital
+        for x in (400, 400.0, "400", " 400 ")
+    ]
+    assert all(np.array_equal(one, iso[0]) for one in iso) and not np.array_equal(
+        iso[0], expected
+    )
 
 
 def test_a_sensor_changes_its_setting_from_call_to_call() -> None:
@@ -127,7 +183,9 @@ def test_a_sensor_changes_its_setting_from_call_to_call() -> None:
     sensor, light = ms.Sensor(CAMERA, serial=3), np.full((12, 16), 800.0)
     for number, setting in enumerate((100, "hcg 400", 100, 400)):
         fresh = ms.expose(light, CAMERA, DARK, serial=3, gain=setting, first_frame=number)
-        np.testing.assert_array_equal(sensor.expose(light, DARK, gain=setting).digital, fresh.digital)
+        np.testing.assert_array_equal(
+            sensor.expose(light, DARK, gain=setting).digital, fresh.digital
+        )
 
 
 def test_derivatives_are_those_of_the_setting() -> None:
@@ -135,7 +193,8 @@ def test_derivatives_are_those_of_the_setting() -> None:
     light = np.full((32, 32), 800.0)
     frame = ms.differentiable(light, EVEN, ms.Exposure(0.1), "photons", gain=400).frame()
     np.testing.assert_array_equal(
-        frame.codes, ms.expose(light, EVEN, ms.Exposure(0.1), gain=400, engine="drjit").digital[0]
+        frame.codes,
+        ms.expose(light, EVEN, ms.Exposure(0.1), gain=400, engine="drjit").digital[0],
     )
     assert frame.forward("photons").mean() == pytest.approx(1.0, rel=0.01)
 
@@ -147,20 +206,36 @@ def test_read_noise_has_the_shape_of_its_setting() -> None:
         {"iso": int(iso), "gain_dn_per_e": 20.0, "read_noise_e": 2.0, "read_noise_shape": x}
         for iso, x in shapes.items()
     ]
-    tails = {"source_follower.read_noise_distribution": "tukey_lambda", "source_follower.read_noise_shape": 0.0}
-    camera = EVEN.replace(**{**tails, "adc.black_level_dn": 1000.0, "adc.bits": 14}, gains=rungs)
+    tails = {
+        "source_follower.read_noise_distribution": "tukey_lambda",
+        "source_follower.read_noise_shape": 0.0,
+    }
+    camera = EVEN.replace(
+        **{**tails, "adc.black_level_dn": 1000.0, "adc.bits": 14}, gains=rungs
+    )
     for setting, shape in shapes.items():
         at = camera.at_gain(setting)
         assert (at.source_follower.read_noise_shape, at.notes) == (shape, ())
         dark = ms.expose(np.zeros((1000, 2000)), at, DARK, engine="numpy").digital - 1000.0
         assert dark.std() == pytest.approx(40, rel=0.01)
-        expected = 2 * stats.tukeylambda.sf(160.5 / 40 * stats.tukeylambda.std(shape), shape) * dark.size
-        assert (np.abs(dark) > 160).sum() == pytest.approx(expected, abs=5 * math.sqrt(expected))
+        expected = (
+            2
+            * stats.tukeylambda.sf(160.5 / 40 * stats.tukeylambda.std(shape), shape)
+            * dark.size
+        )
+        assert (np.abs(dark) > 160).sum() == pytest.approx(
+            expected, abs=5 * math.sqrt(expected)
+        )
 
 
-def test_light_is_metered_for_the_setting_and_remembers_it(light: Any, scene_file: Path, tmp_path: Path) -> None:
+def test_light_is_metered_for_the_setting_and_remembers_it(
+    light: Any, scene_file: Path, tmp_path: Path
+) -> None:
     """Half the saturation, half the time; the irradiance of a render is exposed again as it was."""
-    times = {one: ms.expose(light, CAMERA, "auto", gain=one).first.exposure.time_s for one in SETTINGS}
+    times = {
+        one: ms.expose(light, CAMERA, "auto", gain=one).first.exposure.time_s
+        for one in SETTINGS
+    }
     ends = {one: saturation_e(CAMERA.at_gain(one)) for one in SETTINGS}
     assert ends[100] == pytest.approx(15_000) and ends[400] == pytest.approx(4095 - 66)
     for one in SETTINGS:
@@ -185,7 +260,10 @@ def test_a_camera_file_keeps_the_ladder_and_the_setting(tmp_path: Path) -> None:
 
 
 REFUSED: dict[str, tuple[Any, str]] = {
-    "unknown": (800, r"gain is '800'; the gain settings of konnik_table1 are 100, 400, hcg 400\."),
+    "unknown": (
+        800,
+        r"gain is '800'; the gain settings of konnik_table1 are 100, 400, hcg 400\.",
+    ),
     "misspelt": ("hgc 400", "Did you mean 'hcg 400'"),
     "no setting": (True, "gain is True; pass an ISO number or the name"),
     "a list": ([400], r"gain is \[400\]; pass an ISO number"),
@@ -202,23 +280,35 @@ def test_a_setting_that_there_is_not_is_one_sentence(name: str) -> None:
 
 
 def test_the_published_chain_has_no_gain_settings() -> None:
-    with pytest.raises(ms.InputError, match="converter ends at the full well, and konnik_table1 is at gain '400'"):
+    with pytest.raises(
+        ms.InputError,
+        match="converter ends at the full well, and konnik_table1 is at gain '400'",
+    ):
         ms.expose(np.ones((2, 2)), CAMERA, DARK, gain=400, chain="konnik2014")
 
 
 def test_a_camera_without_a_ladder_says_so() -> None:
-    with pytest.raises(ms.InputError, match=r"gain is '800', and bayer_2mp has no gain settings; add \[\[gains\]\]"):
+    with pytest.raises(
+        ms.InputError,
+        match=r"gain is '800', and bayer_2mp has no gain settings; add \[\[gains\]\]",
+    ):
         ms.load_camera("bayer_2mp").at_gain(800)
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "no name": ({"gains": [{"gain_dn_per_e": 1.0, "read_noise_e": 1.0}]}, "either an iso or a name"),
+    "no name": (
+        {"gains": [{"gain_dn_per_e": 1.0, "read_noise_e": 1.0}]},
+        "either an iso or a name",
+    ),
     "two names": (
         {"gains": [{"iso": 100, "name": "a", "gain_dn_per_e": 1.0, "read_noise_e": 1.0}]},
         "either an iso or a name",
     ),
     "twice": ({"gains": [LADDER[0], LADDER[0]]}, "2 gain settings are called '100'"),
-    "number and text": ({"gains": [LADDER[0], {**LADDER[2], "name": "100.0"}]}, "2 gain settings are called '100'"),
+    "number and text": (
+        {"gains": [LADDER[0], {**LADDER[2], "name": "100.0"}]},
+        "2 gain settings are called '100'",
+    ),
     "half a column": (
         {"gains": [LADDER[0], {"iso": 200, "gain_dn_per_e": 1.0, "read_noise_e": 1.0}]},
         "'100' has black_level_dn and '200' has none; give it in all or in none",
@@ -250,22 +340,37 @@ def test_a_ladder_that_cannot_be_is_refused(name: str) -> None:
 
 def test_a_camera_that_left_its_setting_says_so(tmp_path: Path) -> None:
     """Numbers that were changed since, and a setting that is written by hand, are notes; none that is not there."""
-    changed = CAMERA.at_gain(400).replace(**{"adc.bits": 14, "source_follower.read_noise_e": 9.0})
+    changed = CAMERA.at_gain(400).replace(
+        **{"adc.bits": 14, "source_follower.read_noise_e": 9.0}
+    )
     assert [note.split(";")[0] for note in changed.notes] == [
         "gain is '400', whose gain_dn_per_e is 1, and the camera's is 4",
         "gain is '400', whose read_noise_e is 4.5, and the camera's is 9",
     ]
     assert CAMERA.at_gain(400).replace(gain=None).notes == ()
     path = tmp_path / "mine.toml"
-    path.write_text(CAMERA.to_toml().replace('# gain = "800"', 'gain = "400"'), encoding="utf-8")
+    path.write_text(
+        CAMERA.to_toml().replace('# gain = "800"', 'gain = "400"'), encoding="utf-8"
+    )
     found = ms.check_camera(path)
-    assert len(found) == 5 and {one.level for one in found} == {"warning"} and {one.field for one in found} == {"gain"}
-    path.write_text(CAMERA.to_toml().replace('# gain = "800"', 'gain = "800"'), encoding="utf-8")
+    assert (
+        len(found) == 5
+        and {one.level for one in found} == {"warning"}
+        and {one.field for one in found} == {"gain"}
+    )
+    path.write_text(
+        CAMERA.to_toml().replace('# gain = "800"', 'gain = "800"'), encoding="utf-8"
+    )
     (error,) = ms.check_camera(path)
-    assert error.level == "error" and "gain is '800'; its settings are 100, 400, hcg 400" in error.text
+    assert (
+        error.level == "error"
+        and "gain is '800'; its settings are 100, 400, hcg 400" in error.text
+    )
 
 
-def test_the_command_line_takes_settings(light: Any, tmp_path: Path, cli: Callable[..., Any]) -> None:
+def test_the_command_line_takes_settings(
+    light: Any, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
     """--gain and --iso are one; --set overrules a setting; an unknown setting exits with 2 and writes nothing."""
     file, source = tmp_path / "mine.toml", tmp_path / "light.exr"
     file.write_text(CAMERA.to_toml(), encoding="utf-8")
@@ -273,7 +378,9 @@ def test_the_command_line_takes_settings(light: Any, tmp_path: Path, cli: Callab
     found = {}
     for flag, value in (("--gain", "400"), ("--iso", "400"), ("--gain", "hcg 400")):
         out = tmp_path / f"out{len(found)}"
-        done = cli("expose", source, "-o", out, "--camera", file, "--exposure-s", "0.001", flag, value)
+        done = cli(
+            "expose", source, "-o", out, "--camera", file, "--exposure-s", "0.001", flag, value
+        )
         assert done.exit_code == 0 and f"at gain {value}" in done.stdout, done.stderr
         found[flag, value] = json.loads((out / "frame.json").read_text("utf-8"))
     assert found["--gain", "400"]["camera"] == found["--iso", "400"]["camera"]
@@ -281,11 +388,27 @@ def test_the_command_line_takes_settings(light: Any, tmp_path: Path, cli: Callab
     assert found["--gain", "hcg 400"]["image"]["black_level_dn"] == 80
     set_too = ("--set", "adc.black_level_dn=99")
     done = cli(
-        "expose", source, "-o", tmp_path / "set", "--camera", file, "--exposure-s", "1", "--iso", "400", *set_too
+        "expose",
+        source,
+        "-o",
+        tmp_path / "set",
+        "--camera",
+        file,
+        "--exposure-s",
+        "1",
+        "--iso",
+        "400",
+        *set_too,
     )
-    assert done.exit_code == 0 and "black_level_dn is 66, and the camera's is 99" in done.stdout.replace("\n", " ")
+    assert (
+        done.exit_code == 0
+        and "black_level_dn is 66, and the camera's is 99" in done.stdout.replace("\n", " ")
+    )
     done = cli("expose", source, "-o", tmp_path / "no", "--camera", file, "--iso", "800")
-    assert done.exit_code == 2 and "the gain settings of konnik_table1 are 100, 400, hcg 400" in done.stderr
+    assert (
+        done.exit_code == 2
+        and "the gain settings of konnik_table1 are 100, 400, hcg 400" in done.stderr
+    )
     assert not (tmp_path / "no").exists()
 
 
@@ -312,5 +435,7 @@ def test_stages_of_ones_own_stay_at_every_setting() -> None:
     camera = CAMERA.with_stage(Fixed(), after="sense_node").at_gain(400)
     assert len(camera.added) == 1
     shift = 0.01 / sense_gain_v_per_e(camera)
-    dark = ms.expose(np.zeros(SHAPE), camera.replace(**{"readout.dsnu_col": 0.0}), DARK).digital.mean()
+    dark = ms.expose(
+        np.zeros(SHAPE), camera.replace(**{"readout.dsnu_col": 0.0}), DARK
+    ).digital.mean()
     assert dark == pytest.approx(66 + shift, abs=5 * 4.5 / 512)

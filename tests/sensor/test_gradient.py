@@ -99,7 +99,9 @@ def value_of(name: str, camera: ms.Camera = RICH, exposure: ms.Exposure = EXPOSU
     return found
 
 
-def changed(name: str, factor: float, camera: ms.Camera = RICH) -> tuple[float, ms.Camera, ms.Exposure]:
+def changed(
+    name: str, factor: float, camera: ms.Camera = RICH
+) -> tuple[float, ms.Camera, ms.Exposure]:
     """(factor for the photons, camera, exposure), one of them changed."""
     if name == "photons":
         return factor, camera, EXPOSURE
@@ -115,7 +117,9 @@ def theory(photons: Any, camera: ms.Camera, exposure: ms.Exposure) -> np.ndarray
     m = Moments(ms.Photons(levels), 0.0, 0.0, Frame(exposure, SensorWindow(0, levels.shape)))
     for stage in chain(camera):
         m = stage.moments(m)
-    return np.array([np.broadcast_to(x, levels.shape)[0] for x in (m.mean, m.temporal + m.spatial)])
+    return np.array(
+        [np.broadcast_to(x, levels.shape)[0] for x in (m.mean, m.temporal + m.spatial)]
+    )
 
 
 def theory_slope(name: str, photons: Any, camera: ms.Camera = RICH) -> np.ndarray:
@@ -136,7 +140,9 @@ def sampled(level: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     frame.store()
     slopes = {name: frame.forward(name).astype(float) for name in PARAMETERS}
     scale = {name: value_of(name) if name != "photons" else level / QE for name in PARAMETERS}
-    return frame.codes.astype(float), {name: slope * scale[name] for name, slope in slopes.items()}
+    return frame.codes.astype(float), {
+        name: slope * scale[name] for name, slope in slopes.items()
+    }
 
 
 def by_columns(x: np.ndarray) -> tuple[float, float]:
@@ -152,9 +158,15 @@ def test_mean_and_variance_follow_the_closed_forms(name: str, level: int) -> Non
     wanted = theory_slope(name, [level / QE])[:, 0]
     digital, slopes = sampled(level)
     signal = mean - RICH.adc.black_level_dn
-    for what, moved in zip(wanted, (slopes[name], 2 * (digital - mean) * slopes[name]), strict=True):
+    for what, moved in zip(
+        wanted, (slopes[name], 2 * (digital - mean) * slopes[name]), strict=True
+    ):
         found, error = by_columns(moved)
-        assert abs(found - what) < SURE * error + 2e-4 * abs(what) + 1e-6 * signal, (found, what, error)
+        assert abs(found - what) < SURE * error + 2e-4 * abs(what) + 1e-6 * signal, (
+            found,
+            what,
+            error,
+        )
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -165,19 +177,26 @@ def test_the_mean_follows_frames_with_equal_random_bits(name: str, level: int) -
     for sign in (1, -1):
         factor, camera, exposure = changed(name, 1 + sign * step)
         photons = np.full(SHAPE, level / QE * factor)
-        shot = ms.expose(photons, camera, exposure, seed=4, serial=9, first_frame=2, engine="drjit")
+        shot = ms.expose(
+            photons, camera, exposure, seed=4, serial=9, first_frame=2, engine="drjit"
+        )
         ends.append(shot.digital[0].astype(float))
     digital, slopes = sampled(level)
     found, error = by_columns((ends[0] - ends[1]) / (2 * step) - slopes[name])
-    error += 1 / (2 * step * digital.size)  # no pixel may have changed its code where one should
+    error += 1 / (
+        2 * step * digital.size
+    )  # no pixel may have changed its code where one should
     assert abs(found) < SURE * error + 2e-3 * abs(slopes[name].mean()) + 1e-6 * digital.mean()
 
 
 @pytest.mark.parametrize(
-    "name", one_in(2, ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"])
+    "name",
+    one_in(2, ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"]),
 )
 def test_backward_adds_up_what_forward_says(name: str) -> None:
-    frames = differentiable(np.full((37, 41), 900.0), RICH, EXPOSURE, PARAMETERS, seed=4, serial=9)
+    frames = differentiable(
+        np.full((37, 41), 900.0), RICH, EXPOSURE, PARAMETERS, seed=4, serial=9
+    )
     frame = frames.frame()
     weights = np.linspace(-1.0, 2.0, 37 * 41, dtype=np.float32)
     found = frame.backward(frame.digital * type(frame.digital)(weights))
@@ -186,9 +205,14 @@ def test_backward_adds_up_what_forward_says(name: str) -> None:
     squares = again.backward((again.digital - 150.0) * (again.digital - 150.0) * 0.5)
     slope = frame.forward(name).astype(float)
     digital = frame.codes.astype(float)
-    for derivative, weight in ((found[name], weights.reshape(37, 41)), (squares[name], digital - 150.0)):
+    for derivative, weight in (
+        (found[name], weights.reshape(37, 41)),
+        (squares[name], digital - 150.0),
+    ):
         wanted = slope * weight if name == "photons" else np.sum(slope * weight)
-        assert derivative == pytest.approx(wanted, rel=1e-5, abs=1e-6 * np.abs(slope * weight).sum())
+        assert derivative == pytest.approx(
+            wanted, rel=1e-5, abs=1e-6 * np.abs(slope * weight).sum()
+        )
 
 
 COLOURS = {
@@ -204,7 +228,10 @@ CAMERAS: dict[str, dict[str, Any]] = {
         "adc.dnl_lsb": {"101": -1.0, "140": 0.7},
         "dark_current.components": [PART],
     },
-    "gamma, yield": {"dark_current.distribution": "gamma", "quantum_efficiency.quantum_yield": [2.0, 1.0]},
+    "gamma, yield": {
+        "dark_current.distribution": "gamma",
+        "quantum_efficiency.quantum_yield": [2.0, 1.0],
+    },
     "ar, colours": {
         "dark_current.distribution": "ar",
         "dark_current.coupling": 0.25,
@@ -246,7 +273,9 @@ def test_values_are_those_of_expose_bit_by_bit(kind: str) -> None:
 
 
 def test_one_pixel_has_derivatives_too() -> None:
-    frame = differentiable(np.full((1, 1), 1000.0), RICH, EXPOSURE, ("photons", "pixel.full_well_e")).frame()
+    frame = differentiable(
+        np.full((1, 1), 1000.0), RICH, EXPOSURE, ("photons", "pixel.full_well_e")
+    ).frame()
     found = frame.backward(frame.digital)
     assert found["photons"][0, 0] == pytest.approx(0.067, rel=0.1)
     assert frame.codes.shape == found["photons"].shape == (1, 1)
@@ -255,7 +284,9 @@ def test_one_pixel_has_derivatives_too() -> None:
 def test_photons_of_every_band_count_by_their_quantum_efficiency() -> None:
     camera = RICH.replace(**COLOURS)
     photons = np.full((8, 8, 2), 5000.0)
-    frame = differentiable(photons, camera, EXPOSURE, "photons", wavelengths_nm=[400.0, 550.0]).frame()
+    frame = differentiable(
+        photons, camera, EXPOSURE, "photons", wavelengths_nm=[400.0, 550.0]
+    ).frame()
     found = frame.backward(frame.digital)["photons"]
     red = camera.filter_index((8, 8)) == 0
     assert np.allclose(found[red][:, 1] / found[red][:, 0], 3.0, rtol=1e-6)
@@ -279,9 +310,14 @@ def test_every_family_of_patterns_follows_its_coefficient_of_variation(pattern: 
     )
     mean, variance = theory(500.0, camera, EXPOSURE)[:, 0]
     wanted = theory_slope("dark_current.cv", [500.0], camera)[:, 0]
-    frame = differentiable(np.full((512, 512), 500.0), camera, EXPOSURE, "dark_current.cv", serial=3).frame()
+    frame = differentiable(
+        np.full((512, 512), 500.0), camera, EXPOSURE, "dark_current.cv", serial=3
+    ).frame()
     frame.store()
-    slope, digital = frame.forward("dark_current.cv").astype(float) * 0.25, frame.codes.astype(float)
+    slope, digital = (
+        frame.forward("dark_current.cv").astype(float) * 0.25,
+        frame.codes.astype(float),
+    )
     for moved, what in ((slope, wanted[0]), (2 * (digital - mean) * slope, wanted[1])):
         assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 2e-4 * np.sqrt(variance)
 
@@ -303,7 +339,9 @@ def test_a_quantum_yield_is_followed(name: str) -> None:
     wanted = theory_slope(name, [100.0], camera)[:, 0]
     frame = differentiable(photons, camera, EXPOSURE, name).frame()
     frame.store()
-    slope = frame.forward(name).astype(float) * (100.0 if name == "photons" else value_of(name, camera))
+    slope = frame.forward(name).astype(float) * (
+        100.0 if name == "photons" else value_of(name, camera)
+    )
     for moved, what in zip((slope, 2 * (frame.codes - mean) * slope), wanted, strict=True):
         assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 1e-3 * abs(what)
 
@@ -356,7 +394,9 @@ WIDE_LIGHT = np.full((48, 64), 8000.0)
 
 @cache
 def wide() -> Any:
-    frame = differentiable(WIDE_LIGHT, WIDE, EXPOSURE, [name for name in FIELDS if name not in NO_SLOPE]).frame()
+    frame = differentiable(
+        WIDE_LIGHT, WIDE, EXPOSURE, [name for name in FIELDS if name not in NO_SLOPE]
+    ).frame()
     frame.store()
     return frame
 
@@ -369,9 +409,14 @@ def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name
         return
     step = 5e-3
     ends = [changed(name, 1 + sign * step, WIDE)[1] for sign in (1, -1)]
-    shots = [ms.expose(WIDE_LIGHT, camera, EXPOSURE, engine="drjit").digital[0].astype(float) for camera in ends]
+    shots = [
+        ms.expose(WIDE_LIGHT, camera, EXPOSURE, engine="drjit").digital[0].astype(float)
+        for camera in ends
+    ]
     missed = shots[0] - shots[1] - 2 * step * value_of(name, WIDE) * wide().forward(name)
-    assert np.sqrt(np.mean(missed**2)) < 0.75  # two roundings: 0.41; counts of electrons jump as well
+    assert (
+        np.sqrt(np.mean(missed**2)) < 0.75
+    )  # two roundings: 0.41; counts of electrons jump as well
 
 
 def test_what_is_clipped_does_not_move() -> None:
@@ -384,19 +429,26 @@ def test_what_is_clipped_does_not_move() -> None:
     narrow = RICH.replace(**{"adc.full_scale_v": 0.05})
     top = differentiable(np.full((32, 32), 4e4), narrow, EXPOSURE, names).frame()
     assert not any(np.any(x) for x in top.backward(top.digital).values())
-    low = differentiable(np.full((32, 32), 1.0), RICH.replace(**{"adc.black_level_dn": 0.0}), EXPOSURE, names).frame()
+    low = differentiable(
+        np.full((32, 32), 1.0), RICH.replace(**{"adc.black_level_dn": 0.0}), EXPOSURE, names
+    ).frame()
     assert np.all(low.forward("photons") >= 0)
 
 
 def theory_full_well() -> float:
-    ends = [theory(1e6, changed("pixel.full_well_e", 1 + x)[1], EXPOSURE)[0, 0] for x in (1e-3, -1e-3)]
+    ends = [
+        theory(1e6, changed("pixel.full_well_e", 1 + x)[1], EXPOSURE)[0, 0]
+        for x in (1e-3, -1e-3)
+    ]
     return float(ends[0] - ends[1]) / 2e-3 / value_of("pixel.full_well_e")
 
 
 def test_no_light_and_hardly_any_have_the_right_mean_derivative() -> None:
     photons = np.full((512, 512), 0.0)
     photons[256:] = 1e-11
-    frame = differentiable(photons, PLAIN.replace(**{"pixel.prnu": 0.0}), EXPOSURE, "photons").frame()
+    frame = differentiable(
+        photons, PLAIN.replace(**{"pixel.prnu": 0.0}), EXPOSURE, "photons"
+    ).frame()
     slope = frame.backward(frame.digital)["photons"]
     for half in (slope[:256], slope[256:]):
         assert half.mean() == pytest.approx(4096 / 33000 * QE, rel=1e-3)
@@ -410,7 +462,12 @@ ENDS: dict[str, tuple[float, dict[str, float]]] = {
     "full well": (1020.0, {"adc__black_level_dn": 16.0, "pixel__full_well_e": 1000.4}),
     "3 DN/e-": (5.0, {"adc__black_level_dn": 9.3, "dn_per_e": 3.0}),
 }
-BEHIND = ("readout.sense_gain_uv_per_e", "source_follower.read_noise_e", "adc.black_level_dn", "pixel.full_well_e")
+BEHIND = (
+    "readout.sense_gain_uv_per_e",
+    "source_follower.read_noise_e",
+    "adc.black_level_dn",
+    "pixel.full_well_e",
+)
 
 
 @pytest.mark.parametrize("end", one_in(2, ENDS))
@@ -418,42 +475,67 @@ BEHIND = ("readout.sense_gain_uv_per_e", "source_follower.read_noise_e", "adc.bl
     "sigma_dn",
     [0.3, *map(exhaustive, (0.05, 0.1, 0.7, 1.05, 2.0, 5.0))],
 )
-def test_at_edges_and_clips_the_slopes_are_those_of_the_expected_code(end: str, sigma_dn: float) -> None:
+def test_at_edges_and_clips_the_slopes_are_those_of_the_expected_code(
+    end: str, sigma_dn: float
+) -> None:
     """Of the mean at every noise; of the variance where the slope is that of the expected code."""
     electrons, fields = ENDS[end]
     camera = bare_camera(sigma_dn, **fields)
     mean, variance = mean_and_variance(camera, electrons)
-    frame = differentiable(np.full((512, 512), electrons / QE), camera, EXPOSURE, ("photons", *BEHIND)).frame()
+    frame = differentiable(
+        np.full((512, 512), electrons / QE), camera, EXPOSURE, ("photons", *BEHIND)
+    ).frame()
     frame.store()
     x = frame.codes.ravel().astype(float) - mean
-    known = np.column_stack([np.ones(x.size), x, x * x - variance])  # what has mean 0 takes the noise away
+    known = np.column_stack(
+        [np.ones(x.size), x, x * x - variance]
+    )  # what has mean 0 takes the noise away
     for name in ("photons", *BEHIND):
         scale = electrons / QE if name == "photons" else value_of(name, camera)
         slope = frame.forward(name).ravel().astype(float) * scale
         exact = slopes(camera, electrons, name)
-        for moved, what in zip((slope, 2 * x * slope), exact[: 1 if sigma_dn > 1 else 2], strict=False):
+        for moved, what in zip(
+            (slope, 2 * x * slope), exact[: 1 if sigma_dn > 1 else 2], strict=False
+        ):
             found = np.linalg.lstsq(known, moved, rcond=None)[0]
             error = np.std(moved - known @ found) / 512
-            assert abs(found[0] - what) < SURE * error + 2e-3 * abs(what) + 2e-4, (name, found[0], what, error)
+            assert abs(found[0] - what) < SURE * error + 2e-3 * abs(what) + 2e-4, (
+                name,
+                found[0],
+                what,
+                error,
+            )
 
 
 def curved(vv: float, alpha: float) -> ms.Camera:
     """Little noise before a converter, behind a V/V or V/e- non-linearity."""
-    fields = {"source_follower__vv_nonlinearity": vv, "readout__ve_nonlinearity": alpha, "readout__v_ref_v": 0.3}
+    fields = {
+        "source_follower__vv_nonlinearity": vv,
+        "readout__ve_nonlinearity": alpha,
+        "readout__v_ref_v": 0.3,
+    }
     return bare_camera(0.2, adc__black_level_dn=5.4, pixel__full_well_e=20000.0, **fields)
 
 
 @pytest.mark.parametrize("camera", [curved(1.05, 0.0), curved(1.0, 1.0), curved(1.0, 0.0).replace(
     **{"adc.dnl_lsb": {"9": -1.0, "10": 0.8, "11": 0.5, "12": -0.4}})], ids=["V/V", "V/e-", "DNL"])  # fmt: skip
-@pytest.mark.parametrize("name", one_in(3, ["photons", "readout.sense_gain_uv_per_e", "adc.black_level_dn"]))
-def test_bent_and_uneven_responses_follow_frames_with_equal_random_bits(name: str, camera: ms.Camera) -> None:
+@pytest.mark.parametrize(
+    "name", one_in(3, ["photons", "readout.sense_gain_uv_per_e", "adc.black_level_dn"])
+)
+def test_bent_and_uneven_responses_follow_frames_with_equal_random_bits(
+    name: str, camera: ms.Camera
+) -> None:
     light, step = np.full((1024, 1024), 50.0 / QE), 0.02
     ends = []
     for sign in (1, -1):
         factor, other, _ = changed(name, 1 + sign * step, camera)
-        ends.append(ms.expose(light * factor, other, EXPOSURE, engine="drjit").digital[0].astype(float))
+        ends.append(
+            ms.expose(light * factor, other, EXPOSURE, engine="drjit").digital[0].astype(float)
+        )
     frame = differentiable(light, camera, EXPOSURE, name).frame()
-    slope = frame.forward(name).astype(float) * (light[0, 0] if name == "photons" else value_of(name, camera))
+    slope = frame.forward(name).astype(float) * (
+        light[0, 0] if name == "photons" else value_of(name, camera)
+    )
     missed = (ends[0] - ends[1]) / (2 * step) - slope
     assert abs(missed.mean()) < SURE * missed.std() / 1024 + 5e-3 * abs(slope.mean())
 
@@ -464,7 +546,9 @@ def test_noise_far_below_a_step_gets_a_warning() -> None:
 
 
 @pytest.mark.parametrize("sigma_dn", [0.2, 2.0])
-def test_strips_of_rows_have_the_derivatives_of_the_whole(sigma_dn: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_strips_of_rows_have_the_derivatives_of_the_whole(
+    sigma_dn: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     names = ("photons", "pixel.prnu", "readout.sense_gain_uv_per_e")
     camera = bare_camera(sigma_dn).replace(**{"pixel.prnu": 0.01})
     light = np.linspace(50.0, 900.0, 37 * 41).reshape(37, 41)
@@ -496,13 +580,27 @@ def test_strips_of_rows_have_the_derivatives_of_the_whole(sigma_dn: float, monke
         ("adc.bits", {}, "which is 12; only a number that can change by a little"),
         ("readout.ve_k1_c", {}, "which is None; only a number"),
         ("lens.f_number", {}, "no number of this chain depends smoothly"),
-        ("dark_current.coupling", {"dark_current.distribution": "ar", "dark_current.coupling": 0.2}, "no number"),
-        ("pixel.prnu", {"pixel.prnu": 0.0}, "which is 0, where the chain leaves a stage out; choose a value beside it"),
-        ("readout.cds_gain", {"readout.cds_gain": 1.0}, "which is 1, where the chain leaves a stage out"),
+        (
+            "dark_current.coupling",
+            {"dark_current.distribution": "ar", "dark_current.coupling": 0.2},
+            "no number",
+        ),
+        (
+            "pixel.prnu",
+            {"pixel.prnu": 0.0},
+            "which is 0, where the chain leaves a stage out; choose a value beside it",
+        ),
+        (
+            "readout.cds_gain",
+            {"readout.cds_gain": 1.0},
+            "which is 1, where the chain leaves a stage out",
+        ),
         ((), {}, "parameters is empty"),
     ],
 )
-def test_what_has_no_derivative_is_refused_in_one_sentence(name: Any, camera: dict[str, Any], reason: str) -> None:
+def test_what_has_no_derivative_is_refused_in_one_sentence(
+    name: Any, camera: dict[str, Any], reason: str
+) -> None:
     with pytest.raises(ms.InputError, match="(?s)" + reason.replace("(", r"\(")) as error:
         differentiable(np.ones((4, 4)), RICH.replace(**camera), EXPOSURE, name)
     assert "\n" not in str(error.value)
@@ -510,13 +608,22 @@ def test_what_has_no_derivative_is_refused_in_one_sentence(name: Any, camera: di
 
 def test_a_jump_of_the_default_black_level_is_seen() -> None:
     def noisy(read_noise_e: float) -> ms.Camera:
-        return RICH.replace(**{"adc.black_level_dn": None, "source_follower.read_noise_e": read_noise_e})
+        return RICH.replace(
+            **{"adc.black_level_dn": None, "source_follower.read_noise_e": read_noise_e}
+        )
 
-    low, high = 3.0, 60.0  # [e-]: the black level jumps from one whole number to the next somewhere between
+    low, high = (
+        3.0,
+        60.0,
+    )  # [e-]: the black level jumps from one whole number to the next somewhere between
     start = chain(noisy(low))[-1].black_level_dn
     while high - low > 1e-7:
         middle = (low + high) / 2
-        low, high = (middle, high) if chain(noisy(middle))[-1].black_level_dn == start else (low, middle)
+        low, high = (
+            (middle, high)
+            if chain(noisy(middle))[-1].black_level_dn == start
+            else (low, middle)
+        )
     camera = noisy(low)
     with pytest.raises(ms.InputError, match="jumps"):
         differentiable(np.ones((4, 4)), camera, EXPOSURE, "source_follower.read_noise_e")
@@ -533,15 +640,24 @@ def test_the_other_refusals() -> None:
         frame.backward(type(frame.digital)(1.0))
     uv = RICH.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
     with pytest.raises(ms.InputError, match="pass one band"):
-        differentiable(np.ones((4, 4, 2)), uv, EXPOSURE, "photons", wavelengths_nm=[450.0, 500.0])
+        differentiable(
+            np.ones((4, 4, 2)), uv, EXPOSURE, "photons", wavelengths_nm=[450.0, 500.0]
+        )
 
 
 def test_arrays_without_derivatives_pay_nothing() -> None:
     import drjit as dr
 
     line = lambda *_: pytest.fail("nobody asked for a derivative")  # noqa: E731
-    for x in (np.float32(2.0), np.ones(3, np.float32), dr.llvm.Float32(2.0), dr.llvm.ad.Float32(2.0)):
-        assert np.all(np.asarray(arrays.with_derivative_of(line, lambda x: x + 1, x)) == np.asarray(x) + 1)
+    for x in (
+        np.float32(2.0),
+        np.ones(3, np.float32),
+        dr.llvm.Float32(2.0),
+        dr.llvm.ad.Float32(2.0),
+    ):
+        assert np.all(
+            np.asarray(arrays.with_derivative_of(line, lambda x: x + 1, x)) == np.asarray(x) + 1
+        )
 
 
 @pytest.mark.exhaustive
@@ -551,7 +667,9 @@ def test_the_benchmark_runs() -> None:
     assert done.returncode == 0, done.stderr
     (row,) = json.loads(done.stdout)["rows"]
     assert set(row["tasks"]) == {"plain", "ten_parameters", "all_photons", "both"}
-    assert all(task["times_plain"] > 0 and task["seconds"] > 0 for task in row["tasks"].values())
+    assert all(
+        task["times_plain"] > 0 and task["seconds"] > 0 for task in row["tasks"].values()
+    )
 
 
 @pytest.mark.exhaustive

@@ -46,21 +46,31 @@ class Weighted(ms.Stage):
 
 
 @pytest.mark.parametrize(("light", "dark"), [(1.0, 0.0), (0.0, 1.0), (2.0, 1.0), (1.0, 3.0)])
-def test_each_part_has_the_derivatives_of_its_own_poisson_law(light: float, dark: float) -> None:
+def test_each_part_has_the_derivatives_of_its_own_poisson_law(
+    light: float, dark: float
+) -> None:
     """Mean and variance of w·n are w·λ and w²·λ. By chance beyond 5 standard errors, one of 16 in 100 000 runs."""
     camera = CAMERA.with_stage(Weighted(light, dark), after="shot_noise")
     names = {"photons": (LIGHT_E, light), "dark_current.rate_e_per_s": (DARK_E, dark)}
     photons = np.full(SHAPE, LIGHT_E / 0.5)
-    frame = differentiable(photons, camera, ms.Exposure(1.0), tuple(names), seed=3, serial=5).frame(1)
+    frame = differentiable(
+        photons, camera, ms.Exposure(1.0), tuple(names), seed=3, serial=5
+    ).frame(1)
     frame.store()
     gain, codes = gain_dn_per_e(camera), frame.codes.astype(np.float64)
     off = codes - codes.mean()
     for name, (electrons, weight) in names.items():
-        per_log = frame.forward(name).astype(np.float64) * (LIGHT_E / 0.5 if name == "photons" else DARK_E)
+        per_log = frame.forward(name).astype(np.float64) * (
+            LIGHT_E / 0.5 if name == "photons" else DARK_E
+        )
         for found, expected in (
             (per_log, gain * weight * electrons),
             (2 * off * (per_log - per_log.mean()), gain**2 * weight**2 * electrons),
         ):
             error = found.std() / np.sqrt(found.size)
-            assert abs(found.mean() - expected) <= SURE * error + 1e-4 * expected, (name, found.mean(), expected)
+            assert abs(found.mean() - expected) <= SURE * error + 1e-4 * expected, (
+                name,
+                found.mean(),
+                expected,
+            )
             assert error <= 0.01 * max(expected, gain**2 * electrons)

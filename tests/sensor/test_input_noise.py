@@ -33,11 +33,16 @@ def test_equal_cameras_share_their_noise_and_others_do_not() -> None:
     assert input_noise(one, EXPOSURE) is input_noise(same, EXPOSURE)
     other = one.replace(**{"source_follower.read_noise_e": 40.0})
     levels = np.array([10.0])
-    assert input_noise(other, EXPOSURE).ratio(levels, levels) < 0.5 * input_noise(one, EXPOSURE).ratio(levels, levels)
+    assert input_noise(other, EXPOSURE).ratio(levels, levels) < 0.5 * input_noise(
+        one, EXPOSURE
+    ).ratio(levels, levels)
 
 
 def test_a_stage_without_a_hash_has_the_same_noise() -> None:
     camera = ms.load_camera("bayer_2mp")
-    added, levels = camera.with_stage(Tabulated(), after="reset_noise"), np.array([1.0, 100.0, 5000.0])
+    added, levels = (
+        camera.with_stage(Tabulated(), after="reset_noise"),
+        np.array([1.0, 100.0, 5000.0]),
+    )
     found = [input_noise(one, EXPOSURE).ratio(levels, levels) for one in (camera, added)]
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9)

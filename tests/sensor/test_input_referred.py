@@ -15,7 +15,13 @@ NAME = "input_referred_electrons"
 EXPOSURE = ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
 GAINS = TABLE1.replace(
-    **{"source_follower.gain": 0.8, "readout.cds_gain": 2.5, "adc.bits": 16, "readout.dsnu_col": 0.0, "pixel.prnu": 0.0}
+    **{
+        "source_follower.gain": 0.8,
+        "readout.cds_gain": 2.5,
+        "adc.bits": 16,
+        "readout.dsnu_col": 0.0,
+        "pixel.prnu": 0.0,
+    }
 )
 LIGHT = np.linspace(0.0, 4e4, 48 * 64).reshape(48, 64)
 
@@ -41,7 +47,9 @@ def test_both_engines_and_any_strip_have_the_same_bytes() -> None:
 
 def test_less_the_electrons_of_the_well_it_is_the_read_noise() -> None:
     """σ of 12 288 numbers to 5 standard errors, 3.2 %; and the code is K times it, on the black level, ± ½ DN."""
-    frames = ms.expose(np.full((96, 128), 1e4), GAINS, EXPOSURE, keep=(NAME, "electrons"), precision="float64")
+    frames = ms.expose(
+        np.full((96, 128), 1e4), GAINS, EXPOSURE, keep=(NAME, "electrons"), precision="float64"
+    )
     assert frames.electrons is not None and frames.input_referred_electrons is not None
     off = frames.input_referred_electrons - frames.electrons
     assert off.std() == pytest.approx(GAINS.emva1288().temporal_dark_noise_e, rel=0.032)
@@ -54,9 +62,14 @@ def test_its_moments_are_those_of_the_last_stage_in_volts() -> None:
     camera = TABLE1.replace(**{"pixel.dsnu_e": 20.0})
     frames = ms.expose(np.full((96, 128), 1e4), camera, ms.Exposure(1.0), keep=NAME)
     assert frames.input_referred_electrons is not None
-    found, expected = frames.input_referred_electrons[0], frames.theory.averages(frames.stages[-2])
+    found, expected = (
+        frames.input_referred_electrons[0],
+        frames.theory.averages(frames.stages[-2]),
+    )
     lines = found.mean(axis=0)  # columns share an offset
-    assert abs(found.mean() - expected.mean / 5e-6) < 5 * lines.std(ddof=1) / math.sqrt(lines.size)
+    assert abs(found.mean() - expected.mean / 5e-6) < 5 * lines.std(ddof=1) / math.sqrt(
+        lines.size
+    )
     assert found.std() == pytest.approx(expected.sigma / 5e-6, rel=0.05)
 
 

@@ -17,10 +17,14 @@ FULL_WELL_W_PER_M2 = 0.0122280424770
 """Fills Table 1's well in 0.1 s at 550 nm."""
 
 
-def photons_of(irradiance: float, wavelength_nm: float, camera: ms.Camera = TABLE1, time_s: float = 0.1) -> float:
+def photons_of(
+    irradiance: float, wavelength_nm: float, camera: ms.Camera = TABLE1, time_s: float = 0.1
+) -> float:
     """E·w·h·FF·t·λ/(hc), written out."""
     area = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-12 * camera.pixel.fill_factor
-    return irradiance * area * time_s * wavelength_nm * 1e-9 / (PLANCK_J_S * LIGHT_SPEED_M_PER_S)
+    return (
+        irradiance * area * time_s * wavelength_nm * 1e-9 / (PLANCK_J_S * LIGHT_SPEED_M_PER_S)
+    )
 
 
 def test_the_irradiance_of_the_paper_fills_the_well_of_table_1() -> None:
@@ -33,8 +37,12 @@ def test_the_irradiance_of_the_paper_fills_the_well_of_table_1() -> None:
     photons = ms.collect(light, TABLE1, EXPOSURE)
     assert photons.mean.shape == (3, 4, 1) and list(photons.wavelengths_nm) == [550.0]
     np.testing.assert_allclose(photons.total, 55_000, rtol=2e-7)
-    frames = ms.expose(photons, TABLE1.replace(**{"pixel.prnu": 0.0, "pixel.full_well_e": 1e6}), EXPOSURE)
-    line = next(line for line in frames.report["stages"] if line["name"] == "quantum efficiency")
+    frames = ms.expose(
+        photons, TABLE1.replace(**{"pixel.prnu": 0.0, "pixel.full_well_e": 1e6}), EXPOSURE
+    )
+    line = next(
+        line for line in frames.report["stages"] if line["name"] == "quantum efficiency"
+    )
     assert line["mean_frame"] == pytest.approx(33_000, rel=3e-7)
 
 
@@ -43,16 +51,22 @@ def test_the_map_becomes_photons_in_proportion_to_time_and_wavelength() -> None:
     for wavelength in (400.0, 550.0, 700.0):
         for time_s in (0.0, 1e-3, 2.0):
             photons = ms.collect(light, TABLE1, ms.Exposure(time_s), wavelengths_nm=wavelength)
-            expected = [[photons_of(e, wavelength, TABLE1, time_s) for e in row] for row in light]
+            expected = [
+                [photons_of(e, wavelength, TABLE1, time_s) for e in row] for row in light
+            ]
             np.testing.assert_allclose(photons.mean[..., 0], expected, rtol=1e-12)
     listed = ms.collect(light, TABLE1, EXPOSURE, wavelengths_nm=[400])
-    np.testing.assert_array_equal(listed.mean, ms.collect(light, TABLE1, EXPOSURE, wavelengths_nm=400).mean)
+    np.testing.assert_array_equal(
+        listed.mean, ms.collect(light, TABLE1, EXPOSURE, wavelengths_nm=400).mean
+    )
 
 
 def test_a_mean_is_not_rounded_and_integers_and_float32_are_numbers_too() -> None:
     """0.49 of a photon stays 0.49 (the released code's black)."""
     level = 0.49 / photons_of(1.0, 550.0)
-    assert ms.collect(np.full((1, 1), level), TABLE1, EXPOSURE).total[0, 0] == pytest.approx(0.49, rel=1e-12)
+    assert ms.collect(np.full((1, 1), level), TABLE1, EXPOSURE).total[0, 0] == pytest.approx(
+        0.49, rel=1e-12
+    )
     for kind in (np.int32, np.uint8, np.float32):
         photons = ms.collect(np.ones((2, 2), dtype=kind), TABLE1, EXPOSURE)
         assert photons.mean.dtype == np.float64
@@ -64,7 +78,9 @@ def test_a_complex_field_is_the_irradiance_of_its_squared_modulus() -> None:
     amplitude = np.linspace(0, 0.1, 12).reshape(3, 4)
     phase = np.linspace(0, 40, 12).reshape(3, 4)
     field = ms.collect(amplitude * np.exp(1j * phase), TABLE1, EXPOSURE)
-    np.testing.assert_allclose(field.mean, ms.collect(amplitude**2, TABLE1, EXPOSURE).mean, rtol=1e-12)
+    np.testing.assert_allclose(
+        field.mean, ms.collect(amplitude**2, TABLE1, EXPOSURE).mean, rtol=1e-12
+    )
     single = ms.collect((amplitude * np.exp(1j * phase)).astype(np.complex64), TABLE1, EXPOSURE)
     np.testing.assert_allclose(single.mean, field.mean, rtol=1e-5)
 
@@ -74,7 +90,9 @@ def test_two_beams_interfere_before_they_are_counted() -> None:
     one = np.full((2, 2), 0.05 + 0.02j)
     alone = ms.collect(one, TABLE1, EXPOSURE).mean
     np.testing.assert_array_equal(ms.collect(one - one, TABLE1, EXPOSURE).mean, 0.0)
-    np.testing.assert_allclose(ms.collect(one + one, TABLE1, EXPOSURE).mean, 4 * alone, rtol=1e-12)
+    np.testing.assert_allclose(
+        ms.collect(one + one, TABLE1, EXPOSURE).mean, 4 * alone, rtol=1e-12
+    )
 
 
 def test_a_cube_is_counted_band_by_band() -> None:
@@ -84,7 +102,9 @@ def test_a_cube_is_counted_band_by_band() -> None:
     photons = ms.collect(cube, BAYER, EXPOSURE, wavelengths_nm=centres)
     for k, wavelength in enumerate(centres):
         factor = photons_of(1.0, wavelength, BAYER)
-        np.testing.assert_allclose(photons.mean[..., k], cube[..., k] * 50.0 * factor, rtol=1e-12)
+        np.testing.assert_allclose(
+            photons.mean[..., k], cube[..., k] * 50.0 * factor, rtol=1e-12
+        )
     widths = [10.0, 20.0, 30.0, 40.0]
     given = ms.collect(cube, BAYER, EXPOSURE, wavelengths_nm=centres, bandwidths_nm=widths)
     np.testing.assert_allclose(given.mean, photons.mean * np.array(widths) / 50, rtol=1e-12)
@@ -95,10 +115,14 @@ def test_a_cube_is_counted_band_by_band() -> None:
 def test_a_cube_of_narrow_bands_is_the_map_of_their_sum() -> None:
     """One band of 1 nm at 550 nm is the monochromatic map, whatever way it is said."""
     light = np.full((2, 2), 0.003)
-    one = ms.collect(light[..., None], TABLE1, EXPOSURE, wavelengths_nm=[550], bandwidths_nm=[1.0])
+    one = ms.collect(
+        light[..., None], TABLE1, EXPOSURE, wavelengths_nm=[550], bandwidths_nm=[1.0]
+    )
     np.testing.assert_allclose(one.mean, ms.collect(light, TABLE1, EXPOSURE).mean, rtol=1e-12)
     half = np.stack([light / 2, light / 2], axis=-1)
-    two = ms.collect(half, TABLE1, EXPOSURE, wavelengths_nm=[549.999, 550.001], bandwidths_nm=1.0)
+    two = ms.collect(
+        half, TABLE1, EXPOSURE, wavelengths_nm=[549.999, 550.001], bandwidths_nm=1.0
+    )
     np.testing.assert_allclose(two.total, one.total, rtol=1e-9)
 
 
@@ -123,30 +147,65 @@ def test_the_test_lights_are_what_they_are_called() -> None:
 def test_infinite_light_saturates_and_no_time_collects_none_of_it() -> None:
     light = np.array([[np.inf, 0.001]])
     assert np.isinf(ms.collect(light, TABLE1, EXPOSURE).total[0, 0])
-    assert ms.expose(ms.collect(light, TABLE1, EXPOSURE), TABLE1, EXPOSURE).digital[0, 0, 0] == 4095
+    assert (
+        ms.expose(ms.collect(light, TABLE1, EXPOSURE), TABLE1, EXPOSURE).digital[0, 0, 0]
+        == 4095
+    )
     np.testing.assert_array_equal(ms.collect(light, TABLE1, ms.Exposure(0.0)).mean, 0.0)
 
 
 FLAT = np.full((2, 3), 0.01)
 BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
-    "negative": (-FLAT, {}, r"light is negative or NaN in 6 place\(s\), first at \(0, 0\); irradiance is 0 or more"),
-    "NaN": (np.where(np.eye(2, 3) > 0, np.nan, FLAT), {}, r"in 2 place\(s\), first at \(0, 0\)"),
+    "negative": (
+        -FLAT,
+        {},
+        r"light is negative or NaN in 6 place\(s\), first at \(0, 0\); irradiance is 0 or more",
+    ),
+    "NaN": (
+        np.where(np.eye(2, 3) > 0, np.nan, FLAT),
+        {},
+        r"in 2 place\(s\), first at \(0, 0\)",
+    ),
     "a NaN field": (FLAT * complex(np.nan, 1), {}, r"negative or NaN in 6 place"),
-    "a number": (np.array(0.01), {}, r"light has shape \(\); pass \(H, W\) in W/m², or \(H, W, bands\)"),
+    "a number": (
+        np.array(0.01),
+        {},
+        r"light has shape \(\); pass \(H, W\) in W/m², or \(H, W, bands\)",
+    ),
     "a line": (FLAT[0], {}, r"light has shape \(3,\)"),
     "nothing": (FLAT[:0], {}, r"light has shape \(0, 3\)"),
     "text": (np.array([["bright"]]), {}, r"light is not numeric"),
     "objects": (np.array([[None]]), {}, r"light is not numeric"),
-    "map with two wavelengths": (FLAT, {"wavelengths_nm": [500, 600]}, r"light is a map at one wavelength"),
-    "cube without wavelengths": (FLAT[..., None], {}, r"light has 1 bands; pass wavelengths_nm"),
-    "cube with too few": (np.ones((2, 2, 3)), {"wavelengths_nm": [500, 600]}, r"light has 3 bands"),
+    "map with two wavelengths": (
+        FLAT,
+        {"wavelengths_nm": [500, 600]},
+        r"light is a map at one wavelength",
+    ),
+    "cube without wavelengths": (
+        FLAT[..., None],
+        {},
+        r"light has 1 bands; pass wavelengths_nm",
+    ),
+    "cube with too few": (
+        np.ones((2, 2, 3)),
+        {"wavelengths_nm": [500, 600]},
+        r"light has 3 bands",
+    ),
     "uneven bands": (
         np.ones((2, 2, 3)),
         {"wavelengths_nm": [500, 510, 600]},
         r"not evenly spaced and rising; pass bandwidths",
     ),
-    "falling bands": (np.ones((2, 2, 2)), {"wavelengths_nm": [600, 500]}, r"not evenly spaced and rising"),
-    "one band without width": (np.ones((2, 2, 1)), {"wavelengths_nm": [600]}, r"pass bandwidths_nm"),
+    "falling bands": (
+        np.ones((2, 2, 2)),
+        {"wavelengths_nm": [600, 500]},
+        r"not evenly spaced and rising",
+    ),
+    "one band without width": (
+        np.ones((2, 2, 1)),
+        {"wavelengths_nm": [600]},
+        r"pass bandwidths_nm",
+    ),
     "no width": (
         np.ones((2, 2, 2)),
         {"wavelengths_nm": [500, 600], "bandwidths_nm": [0, 1]},
@@ -198,11 +257,23 @@ def test_the_test_lights_refuse_what_is_no_irradiance(level: Any) -> None:
         (lambda: ms.collect([[1.0], [1.0, 2.0]], TABLE1, EXPOSURE), "light is not numeric"),  # type: ignore[arg-type]
         (lambda: ms.collect(ms.Photons(np.ones((2, 2))), TABLE1, EXPOSURE), "light is Photons"),  # type: ignore[arg-type]
         (
-            lambda: ms.collect(np.ones((2, 2, 2)), TABLE1, EXPOSURE, wavelengths_nm=[500, 600], bandwidths_nm="wide"),
+            lambda: ms.collect(
+                np.ones((2, 2, 2)),
+                TABLE1,
+                EXPOSURE,
+                wavelengths_nm=[500, 600],
+                bandwidths_nm="wide",
+            ),
             "bandwidths_nm is not numeric",
         ),
         (
-            lambda: ms.collect(np.ones((2, 2, 2)), TABLE1, EXPOSURE, wavelengths_nm=[500, 600], bandwidths_nm=np.inf),
+            lambda: ms.collect(
+                np.ones((2, 2, 2)),
+                TABLE1,
+                EXPOSURE,
+                wavelengths_nm=[500, 600],
+                bandwidths_nm=np.inf,
+            ),
             "bandwidths_nm is inf",
         ),
         (lambda: ms.uniform_light(1.0, 3), "shape is 3"),  # type: ignore[arg-type]

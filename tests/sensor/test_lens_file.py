@@ -29,7 +29,9 @@ def surfaces(camera: Camera) -> Any:
 
 def test_the_shipped_double_gauss_is_the_published_table() -> None:
     found = surfaces(with_lens(prescription="double_gauss"))
-    assert [(s.radius_mm or 0, s.thickness_mm, s.index, 2 * s.semi_diameter_mm) for s in found] == list(DOUBLE_GAUSS)
+    assert [
+        (s.radius_mm or 0, s.thickness_mm, s.index, 2 * s.semi_diameter_mm) for s in found
+    ] == list(DOUBLE_GAUSS)
     assert [s.stop for s in found].index(True) == 5
 
 
@@ -38,12 +40,16 @@ def test_every_shipped_lens_names_its_source(name: str) -> None:
     assert len(with_lens(prescription=name, f_number=8.0).lens.prescription.source) > 40
 
 
-@pytest.mark.parametrize("before", ["# D-GAUSS F/2\n# US patent 2,673,491\n", "# focal length\n50\n", "\ufeff"])
+@pytest.mark.parametrize(
+    "before", ["# D-GAUSS F/2\n# US patent 2,673,491\n", "# focal length\n50\n", "\ufeff"]
+)
 def test_a_dat_table_is_the_same_lens(tmp_path: Path, before: str) -> None:
     """Four columns as PBRT has them; comments are the source, a lone number is passed over."""
     path = tmp_path / "dgauss.dat"
     path.write_text(before + TABLE, encoding="utf-8")
-    read, shipped = (surfaces(with_lens(prescription=lens)) for lens in (str(path), "double_gauss"))
+    read, shipped = (
+        surfaces(with_lens(prescription=lens)) for lens in (str(path), "double_gauss")
+    )
     assert [s.model_copy(update={"abbe": None}) for s in shipped] == list(read)
 
 
@@ -56,22 +62,38 @@ def test_a_fifth_column_is_the_abbe_number(tmp_path: Path) -> None:
 
 def test_an_iset_table_is_the_same_lens(tmp_path: Path) -> None:
     rows = [
-        {"radius": r, "thickness": t, "ior": n, "semi_aperture": [d / 2, d / 2], "conic_constant": [0.0, 0.0]}
+        {
+            "radius": r,
+            "thickness": t,
+            "ior": n,
+            "semi_aperture": [d / 2, d / 2],
+            "conic_constant": [0.0, 0.0],
+        }
         for r, t, n, d in DOUBLE_GAUSS
     ]
     path = tmp_path / "dgauss.json"
-    path.write_text(json.dumps({"description": "from a book", "name": "D-Gauss", "surfaces": rows}), encoding="utf-8")
+    path.write_text(
+        json.dumps({"description": "from a book", "name": "D-Gauss", "surfaces": rows}),
+        encoding="utf-8",
+    )
     read = with_lens(prescription=str(path))
     shipped = surfaces(with_lens(prescription="double_gauss"))
     assert [s.model_copy(update={"abbe": None}) for s in shipped] == list(surfaces(read))
-    assert (read.lens.prescription.name, read.lens.prescription.source) == ("D-Gauss", "from a book")
+    assert (read.lens.prescription.name, read.lens.prescription.source) == (
+        "D-Gauss",
+        "from a book",
+    )
 
 
 def test_a_camera_file_finds_its_lens_beside_it_and_keeps_it(tmp_path: Path) -> None:
     """The camera holds the surfaces, not the path: it is the same when the file is gone."""
     from mitsuba_sensor.camera.camera_file import SHIPPED
 
-    text = (SHIPPED / "konnik_table1.toml").read_text("utf-8").replace("[lens]", '[lens]\nprescription = "mine.dat"')
+    text = (
+        (SHIPPED / "konnik_table1.toml")
+        .read_text("utf-8")
+        .replace("[lens]", '[lens]\nprescription = "mine.dat"')
+    )
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     (tmp_path / "mine.dat").write_text(TABLE, encoding="utf-8")
     camera = load_camera(tmp_path / "mine.toml")
@@ -82,17 +104,29 @@ def test_a_camera_file_finds_its_lens_beside_it_and_keeps_it(tmp_path: Path) -> 
 
 FILES = {
     "missing.dat": (None, "cannot be read: No such file"),
-    "short.dat": ("1 2 3", "has a line of 3 numbers; each must be radius, thickness, index, diameter"),
+    "short.dat": (
+        "1 2 3",
+        "has a line of 3 numbers; each must be radius, thickness, index, diameter",
+    ),
     "letters.dat": ("s 2 1 4", "has a line that is not numbers"),
-    "stopless.dat": ("50 2 1.5 20\n-50 0 1 20", "has no aperture stop; add a line with radius 0"),
+    "stopless.dat": (
+        "50 2 1.5 20\n-50 0 1 20",
+        "has no aperture stop; add a line with radius 0",
+    ),
     "broken.json": ("{", "is not valid JSON"),
     "list.json": ("[]", "has no list of surfaces"),
-    "iset.json": ('{"surfaces": [{"semi_aperture": 3, "radius": 1, "thickness": 1}]}', "not numbers for radius"),
+    "iset.json": (
+        '{"surfaces": [{"semi_aperture": 3, "radius": 1, "thickness": 1}]}',
+        "not numbers for radius",
+    ),
     "oval.json": (
         '{"surfaces": [{"semi_aperture": [3, 4], "radius": 1, "thickness": 1, "ior": 1}]}',
         "not numbers for radius",
     ),
-    "typo.json": ('{"surfaces": [{"semi_diameter_mm": 1, "radius": 3}, {"semi_diameter_mm": 1}]}', "is not a field"),
+    "typo.json": (
+        '{"surfaces": [{"semi_diameter_mm": 1, "radius": 3}, {"semi_diameter_mm": 1}]}',
+        "is not a field",
+    ),
     "two.json": (
         '{"surfaces": [{"semi_diameter_mm": 1, "stop": true}, {"semi_diameter_mm": 1, "stop": true}]}',
         "2 surfaces are the aperture stop; mark exactly one",
@@ -126,13 +160,23 @@ def test_a_wrong_lens_file_is_one_sentence(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         with_lens(prescription=str(tmp_path / name))
     message = str(caught.value)
-    assert says in message and message.startswith("konnik_table1: lens.prescription") and "\n" not in message
+    assert (
+        says in message
+        and message.startswith("konnik_table1: lens.prescription")
+        and "\n" not in message
+    )
 
 
 HEIGHTS = {"distortion_heights_mm": (0.0, 3.0), "relative_illumination_heights_mm": (0.0, 3.0)}
 CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "curve without wavelengths": ({"transmission_curve": [0.5, 1.0]}, "go together; one is missing"),
-    "wavelengths without curve": ({"transmission_wavelengths_nm": [400, 700]}, "go together; one is missing"),
+    "curve without wavelengths": (
+        {"transmission_curve": [0.5, 1.0]},
+        "go together; one is missing",
+    ),
+    "wavelengths without curve": (
+        {"transmission_wavelengths_nm": [400, 700]},
+        "go together; one is missing",
+    ),
     "unequal curve": (
         {"transmission_curve": [0.5, 1.0, 1.0], "transmission_wavelengths_nm": [400, 700]},
         "has 3 values for 2",
@@ -151,7 +195,11 @@ CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
         "must start with 0 at the height 0",
     ),
     "two distortions": (
-        {"distortion": [0.1, 0, 0, 0, 0], "distortion_percent": [0.0, 1.0], "distortion_heights_mm": [0.0, 2.0]},
+        {
+            "distortion": [0.1, 0, 0, 0, 0],
+            "distortion_percent": [0.0, 1.0],
+            "distortion_heights_mm": [0.0, 2.0],
+        },
         "either distortion or distortion_percent",
     ),
     "focus of nothing": ({"focus_m": 2.0}, "focus_m belongs to a prescription"),
@@ -161,7 +209,11 @@ CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
         "has its own distortion, which is traced",
     ),
     "fall-off of a prescription": (
-        {"prescription": "double_gauss", "relative_illumination": [1, 0.5], "relative_illumination_heights_mm": [0, 9]},
+        {
+            "prescription": "double_gauss",
+            "relative_illumination": [1, 0.5],
+            "relative_illumination_heights_mm": [0, 9],
+        },
         "has its own relative_illumination",
     ),
     "dispersion without glass": (

@@ -14,7 +14,12 @@ import mitsuba_sensor as ms
 DARK = ms.Exposure(0.0)
 SHAPE = (24, 32)
 CAMERA = ms.load_camera("konnik_table1").replace(
-    **{"source_follower.gain": 0.8, "readout.cds_gain": 1.5, "adc.black_level_dn": 60.0, "readout.dsnu_col": 0.0}
+    **{
+        "source_follower.gain": 0.8,
+        "readout.cds_gain": 1.5,
+        "adc.black_level_dn": 60.0,
+        "readout.dsnu_col": 0.0,
+    }
 )
 """Read noise of 0.76 DN, which hides the steps of the converter."""
 
@@ -27,7 +32,9 @@ def random_map(name: str) -> Any:
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("residual", [1.0, 0.3])
-def test_offsets_in_dn_appear_in_the_mean_of_all_frames_as_they_are(name: str, residual: float) -> None:
+def test_offsets_in_dn_appear_in_the_mean_of_all_frames_as_they_are(
+    name: str, residual: float
+) -> None:
     """The clean frame is the mean of infinitely many frames: 60 DN + map. Steps show by e^(-2π²·0.76²) < 2e-5 DN; the
     rest is float32. What a CDS leaves of offsets is in a map that was measured behind it."""
     camera, values = CAMERA.replace(**{"readout.dsnu_residual": residual}), random_map(name)
@@ -38,11 +45,21 @@ def test_offsets_in_dn_appear_in_the_mean_of_all_frames_as_they_are(name: str, r
 def test_a_round_trip_through_frames_gives_the_map_back() -> None:
     """Mean of 400 dark frames less the black level, within 5 standard errors of every pixel (chance: 4e-4)."""
     values = random_map("dsnu_pixel")
-    frames = ms.expose(np.zeros(SHAPE), CAMERA, DARK, frames=400, maps={"dsnu_pixel_dn": values})
+    frames = ms.expose(
+        np.zeros(SHAPE), CAMERA, DARK, frames=400, maps={"dsnu_pixel_dn": values}
+    )
     measured = frames.digital.mean(axis=0) - 60.0
-    error = np.sqrt((CAMERA.emva1288().temporal_dark_noise_e * CAMERA.system_gain_dn_per_e) ** 2 + 1 / 12) / 20
+    error = (
+        np.sqrt(
+            (CAMERA.emva1288().temporal_dark_noise_e * CAMERA.system_gain_dn_per_e) ** 2
+            + 1 / 12
+        )
+        / 20
+    )
     assert np.abs(measured - values).max() < 5 * error
-    assert np.mean((measured - values) ** 2) == pytest.approx(error**2, rel=0.26)  # 5 of √(2/768)
+    assert np.mean((measured - values) ** 2) == pytest.approx(
+        error**2, rel=0.26
+    )  # 5 of √(2/768)
     again = ms.expose(np.zeros(SHAPE), CAMERA, DARK, maps={"dsnu_pixel_dn": measured})
     np.testing.assert_allclose(again.clean[0] - 60.0, measured, atol=1e-4)
 
@@ -51,7 +68,10 @@ def test_dn_are_electrons_times_the_overall_system_gain() -> None:
     values = random_map("dsnu_pixel")
     in_e, in_dn = (
         ms.expose(np.full(SHAPE, 1e4), CAMERA, DARK, maps=maps)
-        for maps in ({"dsnu_pixel_e": values}, {"dsnu_pixel_dn": values * CAMERA.system_gain_dn_per_e})
+        for maps in (
+            {"dsnu_pixel_e": values},
+            {"dsnu_pixel_dn": values * CAMERA.system_gain_dn_per_e},
+        )
     )
     np.testing.assert_array_equal(in_e.digital, in_dn.digital)
 
@@ -60,17 +80,37 @@ def test_read_noise_in_dn_is_the_noise_of_the_frames() -> None:
     """Of two halves of the pixels, 0.8 and 2 DN, and 1/12 DN² of rounding. 400 frames of 384 pixels: σ² to 0.36 %."""
     camera = CAMERA.replace(**{"source_follower.read_noise_cv": 0.3})
     values = np.repeat([0.8, 2.0], 12)[:, None] * np.ones(SHAPE)
-    frames = ms.expose(np.zeros(SHAPE), camera, DARK, frames=400, maps={"read_noise_dn": values})
+    frames = ms.expose(
+        np.zeros(SHAPE), camera, DARK, frames=400, maps={"read_noise_dn": values}
+    )
     variance = frames.digital.var(axis=0, ddof=1)
     for rows, sigma in ((slice(0, 12), 0.8), (slice(12, 24), 2.0)):
         assert variance[rows].mean() == pytest.approx(sigma**2 + 1 / 12, rel=0.02)
 
 
-def test_a_file_of_maps_in_dn_serves_the_commands(tmp_path: Path, cli: Callable[..., Any], light_file: Path) -> None:
+def test_a_file_of_maps_in_dn_serves_the_commands(
+    tmp_path: Path, cli: Callable[..., Any], light_file: Path
+) -> None:
     values = np.random.default_rng(4).normal(0.0, 3.0, (12, 16))
     np.savez(tmp_path / "maps.npz", dsnu_pixel_dn=values)
-    flags = ("--exposure-s", "0", "--clean", "--set", "adc.black_level_dn=60", "--set", "readout.dsnu_col=0")
-    done = cli("expose", light_file, "-o", tmp_path / "out", "--fpn-maps", tmp_path / "maps.npz", *flags)
+    flags = (
+        "--exposure-s",
+        "0",
+        "--clean",
+        "--set",
+        "adc.black_level_dn=60",
+        "--set",
+        "readout.dsnu_col=0",
+    )
+    done = cli(
+        "expose",
+        light_file,
+        "-o",
+        tmp_path / "out",
+        "--fpn-maps",
+        tmp_path / "maps.npz",
+        *flags,
+    )
     assert done.exit_code == 0, done.stderr
     import tifffile
 
@@ -90,10 +130,22 @@ def test_plans_and_derivatives_take_the_same_maps() -> None:
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "no unit": ({}, {"dsnu_pixel": 0.0}, "Did you mean 'dsnu_pixel_e'"),
     "a unit of none": ({}, {"prnu_dn": 1.0}, "this camera's maps are prnu, .*dsnu_pixel_dn"),
-    "both": ({}, {"dsnu_pixel_e": 0.0, "dsnu_pixel_dn": 0.0}, "dsnu_pixel_dn', and dsnu_pixel_e too; give one of both"),
-    "nothing left": ({"readout.dsnu_residual": 0.0}, {"dsnu_col_dn": 0.0}, "dsnu_residual is 0: no offset is left"),
+    "both": (
+        {},
+        {"dsnu_pixel_e": 0.0, "dsnu_pixel_dn": 0.0},
+        "dsnu_pixel_dn', and dsnu_pixel_e too; give one of both",
+    ),
+    "nothing left": (
+        {"readout.dsnu_residual": 0.0},
+        {"dsnu_col_dn": 0.0},
+        "dsnu_residual is 0: no offset is left",
+    ),
     "nan": ({}, {"dsnu_pixel_dn": np.nan}, r"maps\['dsnu_pixel_dn'\] holds NaN"),
-    "negative noise": ({"source_follower.read_noise_cv": 0.3}, {"read_noise_dn": -1.0}, "negative"),
+    "negative noise": (
+        {"source_follower.read_noise_cv": 0.3},
+        {"read_noise_dn": -1.0},
+        "negative",
+    ),
 }
 
 

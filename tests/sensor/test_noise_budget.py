@@ -14,22 +14,34 @@ from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.frame_theory import FrameTheory
 from mitsuba_sensor.theory.noise_budget import Contribution, NoiseBudget
 
-TABLE1 = ms.load_camera("konnik_table1").replace(**{"adc.black_level_dn": 200.0, "readout.reset": "soft"})
+TABLE1 = ms.load_camera("konnik_table1").replace(
+    **{"adc.black_level_dn": 200.0, "readout.reset": "soft"}
+)
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (200, 300)
 RICH = {
     "pixel.prnu": 0.01, "dark_current.cv": 0.4, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 10.0,
     "readout.prnu_col": 0.002, "dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 500.0,
 }  # fmt: skip
-CURVED = {"readout.ve_nonlinearity": 1.0, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
+CURVED = {
+    "readout.ve_nonlinearity": 1.0,
+    "source_follower.vv_nonlinearity": 1.05,
+    "adc.gamma": 1.04,
+}
 YIELD = {"quantum_efficiency.quantum_yield": [1.5, 1.5]}
-PARTS = {"dark_current.components": [{"weight": 0.1, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]}
+PARTS = {
+    "dark_current.components": [
+        {"weight": 0.1, "family": "uniform", "low": 100, "high": 900, "unit": "e"}
+    ]
+}
 CAMERAS = {
     "table 1": TABLE1,
     "everything": TABLE1.replace(**RICH),
     "non-linear": TABLE1.replace(**RICH | CURVED),
     "quantum yield": TABLE1.replace(**RICH | YIELD | PARTS),
-    "steps": TABLE1.replace(**RICH | {"adc.bits": 8, "adc.black_level_dn": 20.0, "adc.dnl_lsb": {"60": -1.0}}),
+    "steps": TABLE1.replace(
+        **RICH | {"adc.bits": 8, "adc.black_level_dn": 20.0, "adc.dnl_lsb": {"60": -1.0}}
+    ),
     "ccd": ms.load_camera("eev_44_82"),
 }
 
@@ -44,20 +56,28 @@ def entries(noise_budget: NoiseBudget) -> dict[str, Contribution]:
 
 @pytest.mark.parametrize("light", [exhaustive(0.0), 20_000.0, exhaustive(70_000.0)])
 @pytest.mark.parametrize("name", one_in(3, CAMERAS))
-def test_contributions_add_up_to_the_frame_and_variances_to_the_theory(name: str, light: float) -> None:
+def test_contributions_add_up_to_the_frame_and_variances_to_the_theory(
+    name: str, light: float
+) -> None:
     """To 1e-6 DN in every pixel, in darkness, at half a well, and where well and converter clip."""
     frames = frames_of(CAMERAS[name], light)
     noise_budget = frames.noise_budget()
     assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
     m = FrameTheory(frames.stages, frames.detected, frames.first).averages(frames.stages[-1])
     size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
-    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(m.temporal, abs=1e-9 * size)
-    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(m.spatial, abs=1e-9 * size)
+    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(
+        m.temporal, abs=1e-9 * size
+    )
+    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(
+        m.spatial, abs=1e-9 * size
+    )
 
 
 def test_a_colour_camera_balances_its_books_too() -> None:
     camera = ms.load_camera("bayer_2mp")
-    frames = ms.expose(np.full((20, 30, 2), 2000.0), camera, EXPOSURE, wavelengths_nm=[480, 620])
+    frames = ms.expose(
+        np.full((20, 30, 2), 2000.0), camera, EXPOSURE, wavelengths_nm=[480, 620]
+    )
     assert np.abs(frames.noise_budget().total - frames.digital[0]).max() < 1e-6
 
 
@@ -72,7 +92,10 @@ OFF = {
     "PRNU column": {"readout.prnu_col": 0.0},
 }
 FOLLOWS = {
-    **{name: {"photon shot noise", "dark shot noise", "PRNU column"} for name in ("PRNU", "dark current")},
+    **{
+        name: {"photon shot noise", "dark shot noise", "PRNU column"}
+        for name in ("PRNU", "dark current")
+    },
     **{name: {"PRNU column"} for name in OFF if name not in ("PRNU", "dark current")},
 }
 """What must change along: the shot noise of light and dark current, which is one count that is split, and the gain that
@@ -88,7 +111,9 @@ def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
     electrons as the means of these pixels are, 1e-5 of which changes with a map.
     """
     on = TABLE1.replace(**{key: value for key, value in RICH.items() if "rts" not in key})
-    before, after = (entries(frames_of(camera).noise_budget()) for camera in (on, on.replace(**OFF[source])))
+    before, after = (
+        entries(frames_of(camera).noise_budget()) for camera in (on, on.replace(**OFF[source]))
+    )
     assert list(before) == list(after)
     names = list(before)
     assert before[source].dn.std() > 0.01
@@ -99,29 +124,40 @@ def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
             np.testing.assert_array_equal(before[name].dn, after[name].dn)
         else:
             np.testing.assert_allclose(before[name].dn, after[name].dn, atol=5e-12, rtol=0)
-        assert before[name].temporal_dn2 == pytest.approx(after[name].temporal_dn2, rel=1e-4, abs=1e-6)
-        assert before[name].spatial_dn2 == pytest.approx(after[name].spatial_dn2, rel=0.04, abs=0.02)
+        assert before[name].temporal_dn2 == pytest.approx(
+            after[name].temporal_dn2, rel=1e-4, abs=1e-6
+        )
+        assert before[name].spatial_dn2 == pytest.approx(
+            after[name].spatial_dn2, rel=0.04, abs=0.02
+        )
 
 
 def test_random_sources_are_as_strong_as_they_must_be() -> None:
     """rms of each entry over 60 000 pixels within 5 σ (1.5 %) of closed forms written out here."""
-    frames = frames_of(TABLE1.replace(**{"adc.bits": 14, "adc.black_level_dn": 800.0, "pixel.prnu": 0.01}))
+    frames = frames_of(
+        TABLE1.replace(**{"adc.bits": 14, "adc.black_level_dn": 800.0, "pixel.prnu": 0.01})
+    )
     books, k = entries(frames.noise_budget()), gain_dn_per_e(frames.camera)
     light, dark = 12_000.0, 174.158
     expected = {
         "PRNU": 0.01 * light,
         "photon shot noise": math.sqrt(light * (1 + 0.0)),
         "dark shot noise": math.sqrt(dark),
-        "reset noise": math.sqrt(0.5 * 1.380649e-23 * 298.15 * 1.602176634e-19 / 5e-6) / 1.602176634e-19,
+        "reset noise": math.sqrt(0.5 * 1.380649e-23 * 298.15 * 1.602176634e-19 / 5e-6)
+        / 1.602176634e-19,
         "source follower noise": 6.105069,
         "ADC": math.sqrt(1 / 12) / k,
     }
     for name, electrons in expected.items():
         dn = books[name].dn - (800.0 if name == "ADC" else 0.0)
-        assert np.sqrt(np.mean(dn**2)) == pytest.approx(k * electrons, rel=5 / math.sqrt(2 * dn.size) + 3e-4), name
+        assert np.sqrt(np.mean(dn**2)) == pytest.approx(
+            k * electrons, rel=5 / math.sqrt(2 * dn.size) + 3e-4
+        ), name
         assert abs(dn.mean()) < 5 * k * electrons / math.sqrt(dn.size), name
         variance = books[name].spatial_dn2 if name == "PRNU" else books[name].temporal_dn2
-        assert variance == pytest.approx((k * electrons) ** 2, rel=0.02 if name == "PRNU" else 2e-4), name
+        assert variance == pytest.approx(
+            (k * electrons) ** 2, rel=0.02 if name == "PRNU" else 2e-4
+        ), name
     assert books["quantum efficiency"].dn.mean() == pytest.approx(k * light, rel=1e-12)
     assert books["dark current"].dn.mean() == pytest.approx(k * dark, rel=1e-3)
     assert books["DSNU column"].spatial_dn2 == pytest.approx((33 * k) ** 2, rel=0.04)
@@ -130,7 +166,14 @@ def test_random_sources_are_as_strong_as_they_must_be() -> None:
 def test_entries_of_two_sources_are_not_correlated() -> None:
     """|ρ| < 5/√n for all pairs of temporal sources."""
     books = entries(frames_of(TABLE1).noise_budget())
-    noises = ("photon shot noise", "dark shot noise", "reset noise", "source follower noise", "PRNU", "dark current")
+    noises = (
+        "photon shot noise",
+        "dark shot noise",
+        "reset noise",
+        "source follower noise",
+        "PRNU",
+        "dark current",
+    )
     rho = np.corrcoef([books[name].dn.ravel() for name in noises]) - np.eye(len(noises))
     assert np.abs(rho).max() < 5 / math.sqrt(SHAPE[0] * SHAPE[1])
 
@@ -140,12 +183,20 @@ def test_a_full_well_is_booked_as_what_it_took_away() -> None:
     books = entries(frames_of(TABLE1, 200_000.0).noise_budget())
     k = gain_dn_per_e(TABLE1)
     assert books["quantum efficiency"].dn.mean() == pytest.approx(120_000 * k)
-    assert books["full well"].dn.mean() == pytest.approx((33_000 - 120_000 - 174.158) * k, rel=1e-3)
+    assert books["full well"].dn.mean() == pytest.approx(
+        (33_000 - 120_000 - 174.158) * k, rel=1e-3
+    )
     assert books["full well"].temporal_dn2 < 0
 
 
 def test_a_noise_budget_of_frame_3_is_of_frame_3_and_explains_itself() -> None:
     frames = frames_of(TABLE1, first_frame=3)
-    assert np.abs(frames.noise_budget().total - frames_of(TABLE1, frames=4).digital[3]).max() < 1e-6
+    assert (
+        np.abs(frames.noise_budget().total - frames_of(TABLE1, frames=4).digital[3]).max()
+        < 1e-6
+    )
     text = frames.noise_budget().explain()
-    assert len(text.splitlines()) == 1 + len(frames.noise_budget().entries) and "photon shot noise" in text
+    assert (
+        len(text.splitlines()) == 1 + len(frames.noise_budget().entries)
+        and "photon shot noise" in text
+    )

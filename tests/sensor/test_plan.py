@@ -44,20 +44,25 @@ def averages(plan: ms.Plan, out: list[Stage], level_e: float) -> Averages:
 
 @pytest.mark.parametrize("name", EACH_KIND)
 @pytest.mark.parametrize("light", [0.0, 1e3, 1e5])
-def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(name: str, light: float) -> None:
+def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
+    name: str, light: float
+) -> None:
     """Tolerance 0 leaves out what changes nothing, and that must be true of the sample too, not only of its moments."""
     camera = ms.load_camera(name)
     picture = np.full((20, 30), light)
     plan = ms.plan(camera, EXPOSURE, picture)
     whole, planned = (
-        ms.expose(picture, camera, EXPOSURE, frames=2, plan=one, precision="float64") for one in (None, plan)
+        ms.expose(picture, camera, EXPOSURE, frames=2, plan=one, precision="float64")
+        for one in (None, plan)
     )
     np.testing.assert_array_equal(planned.digital, whole.digital)
 
 
 @pytest.mark.parametrize("name", EACH_KIND)
 @pytest.mark.parametrize("tolerance", [0.02, 0.5, 50.0])
-def test_all_that_is_left_out_together_moves_no_level_by_more_than_the_tolerance(name: str, tolerance: float) -> None:
+def test_all_that_is_left_out_together_moves_no_level_by_more_than_the_tolerance(
+    name: str, tolerance: float
+) -> None:
     """Mean, and the roots of the changes of both variances, also between the levels that the plan looked at."""
     camera = ms.load_camera(name)
     plan = ms.plan(camera, EXPOSURE, SCENE, tolerance)
@@ -66,7 +71,9 @@ def test_all_that_is_left_out_together_moves_no_level_by_more_than_the_tolerance
         whole, rest = (averages(plan, some, level_e) for some in ([], out))
         error = 4 * math.hypot(whole.errors[0], rest.errors[0]) if tolerance > 1 else 0.0
         moved = [abs(whole.mean - rest.mean) - error]
-        for before, after, *errors in zip(whole[1:3], rest[1:3], whole.errors[1:], rest.errors[1:], strict=True):
+        for before, after, *errors in zip(
+            whole[1:3], rest[1:3], whole.errors[1:], rest.errors[1:], strict=True
+        ):
             moved.append(math.sqrt(max(abs(after - before) - 4 * math.hypot(*errors), 0.0)))
         assert max(moved) <= 1e-3 + 1.02 * tolerance
 
@@ -74,16 +81,26 @@ def test_all_that_is_left_out_together_moves_no_level_by_more_than_the_tolerance
 def test_two_noises_that_may_each_go_may_not_both_go() -> None:
     """Two of 8.9 DN, together 12.6: a tolerance of 12 lets one of them go."""
     camera = CAMERA.replace(
-        **{"readout.reset": "hard", "source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 71.68}
+        **{
+            "readout.reset": "hard",
+            "source_follower.white_nv_per_rthz": None,
+            "source_follower.read_noise_e": 71.68,
+        }
     )
     plan = ms.plan(camera, EXPOSURE, np.zeros((2, 2)), 12.0)
-    both = {name: effects_of(plan)[name].temporal_dn for name in ("reset noise", "source follower noise")}
+    both = {
+        name: effects_of(plan)[name].temporal_dn
+        for name in ("reset noise", "source follower noise")
+    }
     assert all(x == pytest.approx(8.9, abs=0.2) for x in both.values())
     assert len(both.keys() & kept(plan)) == 1
 
 
 def test_a_larger_tolerance_never_keeps_more() -> None:
-    plans = [kept(ms.plan(CAMERA, EXPOSURE, SCENE, tolerance)) for tolerance in (0.0, 0.1, 1.0, 5.0, 30.0, 1e9)]
+    plans = [
+        kept(ms.plan(CAMERA, EXPOSURE, SCENE, tolerance))
+        for tolerance in (0.0, 0.1, 1.0, 5.0, 30.0, 1e9)
+    ]
     assert all(more >= fewer for more, fewer in itertools.pairwise(plans))
     assert plans[-1] == UNITS
 
@@ -101,7 +118,9 @@ def test_a_picture_in_the_dark_needs_no_prnu_and_no_full_well_and_a_bright_one_d
     assert not {"PRNU", "full well"} & dark
     assert {"dark current", "shot noise", "DSNU column", "source follower noise"} <= dark
     bright = np.full((4, 4), 54_000.0)
-    assert {"PRNU", "full well"} <= kept(ms.plan(CAMERA.replace(**{"adc.full_scale_v": 0.25}), EXPOSURE, bright, 0.01))
+    assert {"PRNU", "full well"} <= kept(
+        ms.plan(CAMERA.replace(**{"adc.full_scale_v": 0.25}), EXPOSURE, bright, 0.01)
+    )
     assert "PRNU" in kept(ms.plan(CAMERA, EXPOSURE, bright, 0.01))
 
 
@@ -125,7 +144,9 @@ def test_the_effect_of_a_stage_is_its_own_size_in_digital_numbers() -> None:
     assert effects["PRNU"].spatial_dn == pytest.approx(0.005 * 16_500 * 4096 / 33_000, rel=0.03)
     assert effects["PRNU"].structure_dn < 1e-9
     assert effects["dark current"].mean_dn == pytest.approx(21.6167, rel=1e-3)
-    assert effects["shot noise"].temporal_dn == pytest.approx(np.sqrt(16_500 + 174.0) * 4096 / 33_000, rel=0.01)
+    assert effects["shot noise"].temporal_dn == pytest.approx(
+        np.sqrt(16_500 + 174.0) * 4096 / 33_000, rel=0.01
+    )
 
 
 def test_each_filter_of_a_mosaic_counts() -> None:
@@ -141,7 +162,9 @@ def test_one_bright_pixel_is_looked_at_under_every_filter() -> None:
     for size in (9, 10):
         light = np.zeros((size, size, 1))
         light[3, 3] = 80_000.0
-        assert "full well" in kept(ms.plan(camera, EXPOSURE, light, 0.01, wavelengths_nm=[460.0]))
+        assert "full well" in kept(
+            ms.plan(camera, EXPOSURE, light, 0.01, wavelengths_nm=[460.0])
+        )
     red = np.zeros((1, 4, 1))
     red[0, 0] = 80_000.0
     assert "full well" not in kept(ms.plan(camera, EXPOSURE, red, 0.01, wavelengths_nm=[460.0]))
@@ -152,14 +175,21 @@ def test_explain_is_a_table_with_every_stage_and_the_range_and_to_dict_is_json()
     text = plan.explain()
     assert CAMERA.name in text and "0.5 DN" in text and max(map(len, text.splitlines())) <= 120
     _, held, _, _, *lines, single, measured = text.splitlines()
-    assert "0.5977 … 2.409e+04 mean photoelectrons per pixel, 0.1 s at 298.15 K, 30 × 20 pixels" in held
+    assert (
+        "0.5977 … 2.409e+04 mean photoelectrons per pixel, 0.1 s at 298.15 K, 30 × 20 pixels"
+        in held
+    )
     assert single.startswith("float32: ")
     assert measured.startswith("measured: ") and all(seconds > 0 for seconds in plan.seconds)
     for effect, line in zip(plan.effects, lines, strict=True):
         assert line.startswith(effect.stage + " ") and ("left out" in line) == (not effect.kept)
     again = json.loads(json.dumps(plan.to_dict(), allow_nan=False))
-    assert again["tolerance_dn"] == 0.5 and [s["stage"] for s in again["stages"]] == [e.stage for e in plan.effects]
-    assert again["range"]["exposure"]["time_s"] == 0.1 and again["range"]["brightest_e"] > 24_000
+    assert again["tolerance_dn"] == 0.5 and [s["stage"] for s in again["stages"]] == [
+        e.stage for e in plan.effects
+    ]
+    assert (
+        again["range"]["exposure"]["time_s"] == 0.1 and again["range"]["brightest_e"] > 24_000
+    )
 
 
 def test_the_report_of_a_planned_frame_is_that_of_the_frame_that_was_delivered() -> None:
@@ -184,6 +214,9 @@ def test_an_impossible_tolerance_is_refused(tolerance: Any) -> None:
 
 def test_a_plan_refuses_the_photons_that_expose_refuses() -> None:
     for bad in (np.full((2, 2), np.nan), -SCENE, np.zeros((0, 2)), np.zeros(3), "light"):
-        for ask in (lambda x: ms.plan(CAMERA, EXPOSURE, x), lambda x: ms.expose(x, CAMERA, EXPOSURE)):
+        for ask in (
+            lambda x: ms.plan(CAMERA, EXPOSURE, x),
+            lambda x: ms.expose(x, CAMERA, EXPOSURE),
+        ):
             with pytest.raises(ms.InputError, match="photons"):
                 ask(bad)

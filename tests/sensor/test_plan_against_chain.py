@@ -10,7 +10,13 @@ import mitsuba_sensor as ms
 
 FRAMES, SIZE = 24, 96
 PAIRS = range(12)
-CMOS_ONLY = ("readout.reset", "readout.dsnu_col", "readout.dsnu_row", "readout.prnu_col", "pixel.dsnu_e")
+CMOS_ONLY = (
+    "readout.reset",
+    "readout.dsnu_col",
+    "readout.dsnu_row",
+    "readout.prnu_col",
+    "pixel.dsnu_e",
+)
 
 
 def random_camera(chance: np.random.Generator) -> ms.Camera:
@@ -51,7 +57,11 @@ def statistics(frames: ms.Frames) -> tuple[float, float, float]:
     """Mean, temporal and fixed σ over the frame [DN]; the fixed one with the temporal remainder taken off."""
     digital = frames.digital.astype(np.float64)
     temporal = digital.var(axis=0, ddof=1).mean()
-    return digital.mean(), np.sqrt(temporal), np.sqrt(max(digital.mean(axis=0).var() - temporal / len(digital), 0.0))
+    return (
+        digital.mean(),
+        np.sqrt(temporal),
+        np.sqrt(max(digital.mean(axis=0).var() - temporal / len(digital), 0.0)),
+    )
 
 
 @pytest.mark.parametrize("number", one_in(4, PAIRS))
@@ -69,7 +79,9 @@ def test_a_planned_frame_differs_by_no_more_than_the_tolerance(number: int) -> N
     differs = (whole.digital.astype(np.float64) - planned.digital).std()
     samples = SIZE if len(plan.stages) < len(plan.whole) else 1
     error = 5 * differs / np.sqrt(samples)
-    for name, a, b in zip(("mean", "temporal σ", "fixed σ"), statistics(whole), statistics(planned), strict=True):
+    for name, a, b in zip(
+        ("mean", "temporal σ", "fixed σ"), statistics(whole), statistics(planned), strict=True
+    ):
         assert abs(a - b) <= tolerance + error, (name, a, b, plan.explain())
 
 
@@ -77,8 +89,12 @@ def test_a_planned_frame_differs_by_no_more_than_the_tolerance(number: int) -> N
 def test_tolerance_zero_leaves_out_identities_alone_and_changes_no_byte(number: int) -> None:
     camera, exposure, photons = pair(number)
     plan = ms.plan(camera, exposure, photons, tolerance_dn=0.0)
-    whole, planned = (ms.expose(photons, camera, exposure, plan=p, precision="float64") for p in (None, plan))
-    assert all(max(e.mean_dn, e.temporal_dn, e.spatial_dn) == 0 for e in plan.effects if not e.kept)
+    whole, planned = (
+        ms.expose(photons, camera, exposure, plan=p, precision="float64") for p in (None, plan)
+    )
+    assert all(
+        max(e.mean_dn, e.temporal_dn, e.spatial_dn) == 0 for e in plan.effects if not e.kept
+    )
     assert np.array_equal(whole.digital, planned.digital)
 
 
@@ -89,5 +105,9 @@ def test_a_plan_leaves_something_out_and_says_what_it_would_have_changed() -> No
     for number in PAIRS:
         camera, exposure, photons = pair(number)
         plan = ms.plan(camera, exposure, photons, tolerance_dn=0.05)
-        lost += [e for e in plan.effects if not e.kept and max(e.mean_dn, e.temporal_dn, e.spatial_dn) > 0]
+        lost += [
+            e
+            for e in plan.effects
+            if not e.kept and max(e.mean_dn, e.temporal_dn, e.spatial_dn) > 0
+        ]
     assert lost and all(max(e.mean_dn, e.temporal_dn, e.spatial_dn) <= 0.05 for e in lost)

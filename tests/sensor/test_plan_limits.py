@@ -21,17 +21,37 @@ REFUSED: dict[str, tuple[Any, ms.Exposure, dict[str, Any], str]] = {
         {},
         r"made for 0.1 s at 298.15 K, and this exposure is 0.2 s at 298.15",
     ),
-    "a warmer one": (DIM, ms.Exposure(0.1, 320.0), {}, "this exposure is 0.1 s at 320 K; make a plan for this one"),
+    "a warmer one": (
+        DIM,
+        ms.Exposure(0.1, 320.0),
+        {},
+        "this exposure is 0.1 s at 320 K; make a plan for this one",
+    ),
     "45 000 photons": (
         np.full((30, 40), 45_000.0),
         EXPOSURE,
         {},
         r"… 60.* mean photoelectrons per pixel, and this light",
     ),
-    "one bright pixel": (np.where(DIM == 1.0, 200.0, DIM), EXPOSURE, {}, "this light has 0.6.* … 120"),
+    "one bright pixel": (
+        np.where(DIM == 1.0, 200.0, DIM),
+        EXPOSURE,
+        {},
+        "this light has 0.6.* … 120",
+    ),
     "darkness": (np.zeros((30, 40)), EXPOSURE, {}, r"this light has 0 … 0; make a plan"),
-    "a larger window": (np.full((31, 40), 50.0), EXPOSURE, {}, "made for 30 × 40 pixels, and this window has 31 × 40"),
-    "a wider window": (np.full((3, 41), 50.0), EXPOSURE, {}, "made for 30 × 40 pixels, and this window has 3 × 41"),
+    "a larger window": (
+        np.full((31, 40), 50.0),
+        EXPOSURE,
+        {},
+        "made for 30 × 40 pixels, and this window has 31 × 40",
+    ),
+    "a wider window": (
+        np.full((3, 41), 50.0),
+        EXPOSURE,
+        {},
+        "made for 30 × 40 pixels, and this window has 3 × 41",
+    ),
     "measured maps": (
         DIM,
         EXPOSURE,
@@ -68,8 +88,14 @@ def test_a_plan_of_a_map_serves_that_map_alone() -> None:
 def test_tolerance_dn_is_the_plan_of_that_light(tolerance: float) -> None:
     plan = ms.plan(CAMERA, EXPOSURE, DIM, tolerance)
     frames = ms.expose(DIM, CAMERA, EXPOSURE, tolerance_dn=tolerance, frames=2)
-    assert frames.plan is not None and frames.plan.left_out == plan.left_out and frames.stages == plan.stages
-    np.testing.assert_array_equal(frames.digital, ms.expose(DIM, CAMERA, EXPOSURE, plan=plan, frames=2).digital)
+    assert (
+        frames.plan is not None
+        and frames.plan.left_out == plan.left_out
+        and frames.stages == plan.stages
+    )
+    np.testing.assert_array_equal(
+        frames.digital, ms.expose(DIM, CAMERA, EXPOSURE, plan=plan, frames=2).digital
+    )
     streamed = list(ms.stream(DIM, CAMERA, EXPOSURE, tolerance_dn=tolerance, frames=2))
     np.testing.assert_array_equal(frames.digital, streamed)
 
@@ -86,7 +112,10 @@ REFUSED_OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
         {"tolerance_dn": 0.1, "chain": "konnik2014"},
         "tolerance_dn is 0.1, which is for the physical",
     ),
-    "beside a plan": ({"tolerance_dn": 0.1, "plan": True}, "a plan is given, which has a tolerance of its own"),
+    "beside a plan": (
+        {"tolerance_dn": 0.1, "plan": True},
+        "a plan is given, which has a tolerance of its own",
+    ),
 }
 
 
@@ -102,7 +131,9 @@ def test_a_tolerance_that_makes_no_sense_is_refused(case: str) -> None:
 def test_capture_writes_what_was_left_out_into_the_metadata(light: Any) -> None:
     with_plan = ms.capture(light, CAMERA, EXPOSURE, tolerance_dn=0.5)
     found = with_plan.metadata
-    assert found["left_out"] == with_plan.frames.plan.left_out and "CDS gain" in found["left_out"]
+    assert (
+        found["left_out"] == with_plan.frames.plan.left_out and "CDS gain" in found["left_out"]
+    )
     assert [e["stage"] for e in found["effects"] if not e["kept"]] == found["left_out"]
     assert found["options"]["tolerance_dn"] == 0.5
     assert {line["name"] for line in found["stages"]}.isdisjoint(found["left_out"])

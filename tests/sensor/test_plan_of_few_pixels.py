@@ -25,9 +25,18 @@ def effect(plan: ms.Plan, stage: str) -> Effect:
     return found
 
 
-def both(light: Any, camera: ms.Camera, plan: ms.Plan, exposure: ms.Exposure = EXPOSURE, **options: Any) -> Any:
+def both(
+    light: Any,
+    camera: ms.Camera,
+    plan: ms.Plan,
+    exposure: ms.Exposure = EXPOSURE,
+    **options: Any,
+) -> Any:
     """Frames with and without a plan, of equal seeds."""
-    return [ms.expose(light, camera, exposure, plan=one, **options).digital.astype(np.float64) for one in (None, plan)]
+    return [
+        ms.expose(light, camera, exposure, plan=one, **options).digital.astype(np.float64)
+        for one in (None, plan)
+    ]
 
 
 def test_prnu_of_few_bright_pixels_and_one_saturated_one_is_seen() -> None:
@@ -65,17 +74,27 @@ def test_shot_noise_of_few_pixels_of_one_filter_is_seen(few_green: ms.Camera) ->
     assert effect(plan, "shot noise").kept
     sigma_dn = np.sqrt(4000.0) * gain_dn_per_e(few_green)
     assert effect(plan, "shot noise").temporal_dn == pytest.approx(sigma_dn, rel=0.02)
-    whole, planned = (x[:, 4::18, 9::18].std(axis=0).mean() for x in both(light, few_green, plan, SHORT, frames=60))
+    whole, planned = (
+        x[:, 4::18, 9::18].std(axis=0).mean()
+        for x in both(light, few_green, plan, SHORT, frames=60)
+    )
     assert planned == pytest.approx(whole, rel=0.01)
 
 
 @pytest.mark.parametrize("black_level_dn", [2.0, 2.3, 2.5])
-def test_pixel_offsets_that_dither_the_offsets_of_columns_are_kept(black_level_dn: float) -> None:
+def test_pixel_offsets_that_dither_the_offsets_of_columns_are_kept(
+    black_level_dn: float,
+) -> None:
     """6 bit, 0.013 DN of noise, pixel DSNU 0.013 DN: without it the column means follow the steps of the converter.
 
     The variance of the column means is ∫ (Σ Φ)² - (∫ Σ Φ)² over the offsets of the columns, by summing 40 000 of them.
     """
-    fields = {"adc.bits": 6, "adc.black_level_dn": black_level_dn, "pixel.dsnu_e": 6.69, "readout.dsnu_col": 0.0044}
+    fields = {
+        "adc.bits": 6,
+        "adc.black_level_dn": black_level_dn,
+        "pixel.dsnu_e": 6.69,
+        "readout.dsnu_col": 0.0044,
+    }
     camera, rows = ms.load_camera("bayer_2mp").replace(**fields), 400
     dn_per_e = gain_dn_per_e(camera)
     noise, offset, column = 6.83 * dn_per_e, 6.69 * dn_per_e, 0.0044 * 64
@@ -87,7 +106,10 @@ def test_pixel_offsets_that_dither_the_offsets_of_columns_are_kept(black_level_d
         code = ndtr((black_level_dn + column * z[:, None] - ends) / sigma).sum(axis=1)
         found.append(chance @ code**2 - (chance @ code) ** 2)
     moved = np.sqrt(rows * abs(found[1] - found[0]))
-    alone = effect(ms.plan(camera, ms.Exposure(1e-3, 255.0), np.zeros((rows, 64)), 0.9 * moved), "DSNU pixel")
+    alone = effect(
+        ms.plan(camera, ms.Exposure(1e-3, 255.0), np.zeros((rows, 64)), 0.9 * moved),
+        "DSNU pixel",
+    )
     assert alone.kept and alone.spatial_dn < 0.2 * moved < moved < alone.structure_dn
 
 
@@ -98,7 +120,9 @@ def test_column_offsets_do_not_hide_behind_a_larger_prnu() -> None:
     alone = effect(ms.plan(camera, EXPOSURE, light, 0.2), "DSNU column")
     assert alone.kept and alone.spatial_dn == pytest.approx(2.87, rel=0.02)
     assert alone.structure_dn == pytest.approx(2.87 * np.sqrt(200), rel=0.02)
-    plan = ms.plan(camera, EXPOSURE, light, 3.5)  # a pixel's own offset may go, a column's may not
+    plan = ms.plan(
+        camera, EXPOSURE, light, 3.5
+    )  # a pixel's own offset may go, a column's may not
     assert effect(plan, "DSNU column").spatial_dn < 3.5 and effect(plan, "DSNU column").kept
     whole, planned = (x.mean(axis=(0, 1)).std() for x in both(light, camera, plan))
     assert planned == pytest.approx(whole, rel=0.05)
@@ -107,7 +131,10 @@ def test_column_offsets_do_not_hide_behind_a_larger_prnu() -> None:
 def test_rows_are_judged_by_the_length_of_a_row() -> None:
     """Temporal row noise of 0.1 e-: 0.012 DN of a pixel, 0.25 DN beside the noise of a mean over 400 pixels."""
     camera = TABLE1.replace(**{"readout.row_noise_e": 0.1})
-    dark = {n: effect(ms.plan(camera, EXPOSURE, np.zeros((8, n)), 0.1), "temporal row noise") for n in (16, 400)}
+    dark = {
+        n: effect(ms.plan(camera, EXPOSURE, np.zeros((8, n)), 0.1), "temporal row noise")
+        for n in (16, 400)
+    }
     assert not dark[16].kept and dark[400].kept
     assert dark[400].structure_dn == pytest.approx(20 * 0.1 * gain_dn_per_e(camera), rel=0.02)
 
@@ -130,7 +157,9 @@ def test_rare_telegraph_pixels_are_counted() -> None:
 def test_hot_pixels_keep_the_dark_current() -> None:
     """1e-5 of the pixels with 1000 e-: 0.0012 DN on average, and ten pixels of a megapixel."""
     part = {"weight": 1e-5, "family": "uniform", "low": 900.0, "high": 1100.0, "unit": "e"}
-    camera = TABLE1.replace(**{"dark_current.components": [part], "dark_current.fom_na_per_cm2": 0.0})
+    camera = TABLE1.replace(
+        **{"dark_current.components": [part], "dark_current.fom_na_per_cm2": 0.0}
+    )
     found = effect(ms.plan(camera, EXPOSURE, np.zeros((1000, 1000)), 1.0), "dark current")
     assert found.kept and found.mean_dn < 0.01 and 10 <= found.pixels_beyond < 15
 
@@ -141,11 +170,18 @@ def test_a_camera_without_dark_current_and_traps_has_none_in_its_plan() -> None:
     light = np.full((20, 20), 1000.0)
     plan = ms.plan(camera, EXPOSURE, light, 0.02)
     found = effect(plan, "dark current")
-    assert found.largest_dn == 0 and found.pixels_beyond == 0 and found.reason == "changes nothing"
-    budget = {one.source: one for one in ms.expose(light, camera, EXPOSURE, plan=plan).noise_budget().entries}
+    assert (
+        found.largest_dn == 0 and found.pixels_beyond == 0 and found.reason == "changes nothing"
+    )
+    budget = {
+        one.source: one
+        for one in ms.expose(light, camera, EXPOSURE, plan=plan).noise_budget().entries
+    }
     assert "dark current" not in budget
     assert budget["dark shot noise"].temporal_dn2 == pytest.approx(0, abs=1e-9)
-    assert budget["photon shot noise"].temporal_dn2 == pytest.approx(600 * gain_dn_per_e(camera) ** 2, rel=0.01)
+    assert budget["photon shot noise"].temporal_dn2 == pytest.approx(
+        600 * gain_dn_per_e(camera) ** 2, rel=0.01
+    )
 
 
 def test_shot_noise_left_out_leaves_every_mean_where_it_was() -> None:
@@ -161,7 +197,11 @@ def test_shot_noise_left_out_leaves_every_mean_where_it_was() -> None:
 
 def test_the_pixels_that_several_laws_with_tails_move_are_bounded_together() -> None:
     """PRNU and a wide dark current that each stay within the tolerance, far out in their tails, may not both go."""
-    fields = {"pixel.prnu": 0.001, "dark_current.cv": 0.5, "dark_current.distribution": "lognormal"}
+    fields = {
+        "pixel.prnu": 0.001,
+        "dark_current.cv": 0.5,
+        "dark_current.distribution": "lognormal",
+    }
     camera, light = TABLE1.replace(**fields), np.full((200, 200), 2000.0)
     exposure = ms.Exposure(0.0006)
     alone = ms.plan(camera, exposure, light, 1.0)
@@ -185,8 +225,12 @@ def test_a_measured_map_is_judged_as_it_is_pixel_by_pixel() -> None:
         frames = ms.expose(light, camera, EXPOSURE, maps=maps, tolerance_dn=0.05)
         assert frames.plan is not None and effect(frames.plan, "DSNU column").kept == kept
         plan = ms.plan(camera, EXPOSURE, light, 0.05, maps=maps)
-        np.testing.assert_array_equal(frames.digital, ms.expose(light, camera, EXPOSURE, maps=maps, plan=plan).digital)
-    found = effect(ms.plan(camera, EXPOSURE, light, 0.05, maps=measured(column_e=3.0)), "DSNU column")
+        np.testing.assert_array_equal(
+            frames.digital, ms.expose(light, camera, EXPOSURE, maps=maps, plan=plan).digital
+        )
+    found = effect(
+        ms.plan(camera, EXPOSURE, light, 0.05, maps=measured(column_e=3.0)), "DSNU column"
+    )
     assert 40 <= found.pixels_beyond < 120
 
 
@@ -194,7 +238,9 @@ def test_one_hot_pixel_of_a_measured_map_is_counted() -> None:
     gains = np.ones((40, 60))
     gains[3, 3] = 1.05
     camera = TABLE1.replace(**{"pixel.prnu": 0.0})
-    found = effect(ms.plan(camera, EXPOSURE, np.full((40, 60), 1000.0), 1.0, maps={"prnu": gains}), "PRNU")
+    found = effect(
+        ms.plan(camera, EXPOSURE, np.full((40, 60), 1000.0), 1.0, maps={"prnu": gains}), "PRNU"
+    )
     assert found.kept and found.pixels_beyond >= 1
 
 
@@ -205,7 +251,10 @@ def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) 
     plan = ms.plan(camera, EXPOSURE, light, 1e9)
     stages = tuple(stage for stage in plan.whole if not stage.counts_electrons)
     frames = np.stack(
-        [sample(stages, ms.Photons(light), Frame(EXPOSURE, SensorWindow(n, (24, 200)), n)) for n in range(24)]
+        [
+            sample(stages, ms.Photons(light), Frame(EXPOSURE, SensorWindow(n, (24, 200)), n))
+            for n in range(24)
+        ]
     )
     expected = FrameTheory(stages, plan.light, plan.frame).averages(stages[-1])
     means = frames.mean(axis=(1, 2))
@@ -220,13 +269,16 @@ def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) 
 def test_electrons_that_photons_free_vary_without_shot_noise(photons: float) -> None:
     """Yield 2.5, Fano 0.5: temporal variance within 4 standard errors of 24 serials (chance of a miss 6e-5)."""
     yields = {"quantum_yield": [2.5, 2.5], "fano_factor": 0.5, "curves": {"mono": [0.6, 0.6]}}
-    camera = TABLE1.replace(**{f"quantum_efficiency.{name}": value for name, value in yields.items()})
+    camera = TABLE1.replace(
+        **{f"quantum_efficiency.{name}": value for name, value in yields.items()}
+    )
     light = ms.Photons(np.full((24, 200, 1), photons), np.array([550.0]))
     plan = ms.plan(camera, EXPOSURE, light)
     stages = tuple(stage for stage in plan.whole if not stage.counts_electrons)
     windows = [SensorWindow(n, (24, 200)) for n in range(24)]
     frames = [
-        [sample(stages, light, Frame(EXPOSURE, window, n, k)) for k in range(2)] for n, window in enumerate(windows)
+        [sample(stages, light, Frame(EXPOSURE, window, n, k)) for k in range(2)]
+        for n, window in enumerate(windows)
     ]
     found = 0.5 * np.diff(np.array(frames), axis=1)[:, 0] ** 2
     temporal = FrameTheory(stages, plan.light, plan.frame).averages(stages[-1]).temporal
@@ -238,7 +290,12 @@ def test_noise_that_hides_whole_electrons_from_the_converter_is_kept() -> None:
     """Of steps 118.95 electrons wide some take 118 counts and others 119: without read noise the variance goes up and
     down by 0.01 DN² over 2 300 electrons, whatever the shot noise; here by SciPy's Poisson law and the steps alone.
     """
-    changes = {"pixel.prnu": 0.0, "source_follower.read_noise_e": 4.0, "adc.bits": 10, "adc.full_scale_v": 0.73084}
+    changes = {
+        "pixel.prnu": 0.0,
+        "source_follower.read_noise_e": 4.0,
+        "adc.bits": 10,
+        "adc.full_scale_v": 0.73084,
+    }
     camera, cold = ms.load_camera("eev_44_82").replace(**changes), ms.Exposure(1e-3, 200.0)
     per_e = gain_dn_per_e(camera)
     assert 1 / per_e == pytest.approx(118.95, abs=0.01)
@@ -246,7 +303,9 @@ def test_noise_that_hides_whole_electrons_from_the_converter_is_kept() -> None:
     counts = np.arange(64_000, 72_000)
     chance, codes = poisson.pmf(counts, means[:, None]), np.floor(counts * per_e + 0.5)
     without = chance @ codes**2 - (chance @ codes) ** 2
-    moved = np.abs(without - (per_e**2 * (means + 4.0**2) + 1 / 12)).max()  # the noise hides the wave: K²σ² and 1/12
+    moved = np.abs(
+        without - (per_e**2 * (means + 4.0**2) + 1 / 12)
+    ).max()  # the noise hides the wave: K²σ² and 1/12
     assert moved > 0.009
     light = np.tile(means / camera.qe([camera.quantum_efficiency.reference_nm])[0, 0], (20, 1))
     plan = ms.plan(camera, cold, light, 0.9 * moved**0.5)
@@ -260,7 +319,9 @@ def test_the_report_of_a_frame_without_shot_noise_is_right() -> None:
     light = np.full((40, 40), 2.0)
     frames = ms.expose(light, TABLE1, ms.Exposure(1e-6), tolerance_dn=0.5)
     assert "shot noise" in frames.plan.left_out  # type: ignore[union-attr]
-    dark, *_ = [line for line in frames.report["stages"] if line["name"] == "quantum efficiency"]
+    dark, *_ = [
+        line for line in frames.report["stages"] if line["name"] == "quantum efficiency"
+    ]
     assert dark["mean_expected"] == pytest.approx(1.2, rel=1e-3)
     last = frames.report["stages"][-1]
     assert last["mean_expected"] == pytest.approx(last["mean_frame"], abs=1.0)

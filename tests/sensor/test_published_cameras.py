@@ -31,7 +31,11 @@ PUBLISHED = {  # K [DN/e-] and read noise [e-] as published; where, says [source
     "sony_imx174": (1 / 8.16, 6.83),
 }
 LADDERS = {  # K [DN/e-] and temporal dark noise without rounding [e-] of every gain setting, as published
-    "eso_feros": {"normal": (1 / 2.96, 4.80), "slow": (1 / 1.03, 2.67), "fast": (1 / 2.56, 6.48)},
+    "eso_feros": {
+        "normal": (1 / 2.96, 4.80),
+        "slow": (1 / 1.03, 2.67),
+        "fast": (1 / 2.56, 6.48),
+    },
     "hamamatsu_orca_quest_2": {"standard": (1 / 0.107, 0.43), "ultra quiet": (1 / 0.107, 0.30)},
     "moravian_c1_5000": {"0 dB": (1 / 2.8, 2.2), "24 dB": (1 / 0.3, 2.0)},
     "raspberry_pi_hq": {"1": (0.47, 3.0), "16": (0.47 * 16, 1.5)},
@@ -48,7 +52,9 @@ PMN = {  # ISO → Kmax [DN/e-], sigGs, sigR [DN]: normal law of the pixels, and
     "12800": (12.24064, 14.245901, 1.2749791),
     "25600": (24.48128, 25.853043, 2.2760193),
 }
-LADDERS["sony_a7s2"] = {iso: (k, np.sqrt(g**2 + r**2 - 1 / 12) / k) for iso, (k, g, r) in PMN.items()}
+LADDERS["sony_a7s2"] = {
+    iso: (k, np.sqrt(g**2 + r**2 - 1 / 12) / k) for iso, (k, g, r) in PMN.items()
+}
 STEP = "1600", "2000"
 """Gain settings between which the α7S II changes its conversion gain."""
 NOT_REAL = {"konnik_table1", "bayer_2mp", "rgbir_2mp"}
@@ -72,27 +78,41 @@ def test_frames_of_a_published_camera_have_its_gain_and_read_noise(name: str) ->
     seen = camera.filter_index(SHAPE) == qe.argmax()
     mean, variance = [], []
     for light in (0.0, level):
-        two = ms.expose(np.full(SHAPE, light), camera, ms.Exposure(0.0), frames=2).digital[:, seen].astype(float)
+        two = (
+            ms.expose(np.full(SHAPE, light), camera, ms.Exposure(0.0), frames=2)
+            .digital[:, seen]
+            .astype(float)
+        )
         mean.append(two.mean())
         variance.append(0.5 * np.var(two[0] - two[1]))
     rows_dn2 = (camera.readout.row_noise_e * dn_per_e) ** 2
     measured = (variance[1] - variance[0]) / (mean[1] - mean[0])
     assert measured == pytest.approx(dn_per_e, rel=0.015)
-    assert np.sqrt(variance[0] - 1 / 12 - rows_dn2) / dn_per_e == pytest.approx(read_noise_e, rel=0.015)
+    assert np.sqrt(variance[0] - 1 / 12 - rows_dn2) / dn_per_e == pytest.approx(
+        read_noise_e, rel=0.015
+    )
 
 
 def stack(camera: ms.Camera, share: float) -> Stack:
     """Two frames of a share of the saturation, of the pixels of one colour; noise of its own at every share."""
-    photons = share * saturation_e(camera) / camera.qe([camera.quantum_efficiency.reference_nm]).max()
+    photons = (
+        share * saturation_e(camera) / camera.qe([camera.quantum_efficiency.reference_nm]).max()
+    )
     options: Any = {"frames": 2, "seed": round(1000 * share), "engine": "numpy"}
-    frames = ms.expose(np.full((400, 800), photons), camera, ms.Exposure(0.0), **options).digital
+    frames = ms.expose(
+        np.full((400, 800), photons), camera, ms.Exposure(0.0), **options
+    ).digital
     of_green = frames[:, ::2, 1::2] if len(camera.filter_names) > 1 else frames
     return Stack(of_green, 0.0, photons, bits=camera.adc.bits)
 
 
 def test_every_shipped_ladder_is_in_this_list() -> None:
-    found = {name: [one.label for one in ms.load_camera(name).gains] for name in ms.list_cameras()}
-    assert {name: labels for name, labels in found.items() if labels} == {x: list(y) for x, y in LADDERS.items()}
+    found = {
+        name: [one.label for one in ms.load_camera(name).gains] for name in ms.list_cameras()
+    }
+    assert {name: labels for name, labels in found.items() if labels} == {
+        x: list(y) for x, y in LADDERS.items()
+    }
 
 
 @pytest.mark.exhaustive
@@ -104,7 +124,9 @@ def test_photon_transfer_at_two_settings_has_the_published_gain(name: str) -> No
         camera = ms.load_camera(name).at_gain(setting)
         flats = [stack(camera, share) for share in (0.2, 0.35, 0.5, 0.65, 0.95)]
         found = photon_transfer(series([stack(camera, 0.0)], flats))
-        assert found.fitted.sum() == 4 and found.gain.value == pytest.approx(LADDERS[name][setting][0], rel=0.01)
+        assert found.fitted.sum() == 4 and found.gain.value == pytest.approx(
+            LADDERS[name][setting][0], rel=0.01
+        )
 
 
 @pytest.mark.parametrize("name", one_in(3, LADDERS))
@@ -113,11 +135,16 @@ def test_temporal_dark_noise_at_every_setting_is_the_published_one(name: str) ->
     found = {}
     for setting, (dn_per_e, noise_e) in LADDERS[name].items():
         total_dn = dark_noise([stack(ms.load_camera(name).at_gain(setting), 0.0)]).total.value
-        assert total_dn == pytest.approx(np.sqrt((dn_per_e * noise_e) ** 2 + 1 / 12), rel=0.02), setting
+        assert total_dn == pytest.approx(
+            np.sqrt((dn_per_e * noise_e) ** 2 + 1 / 12), rel=0.02
+        ), setting
         found[setting] = total_dn / dn_per_e
     if name == "sony_a7s2":
         high, low = (np.hypot(*PMN[iso][1:]) / PMN[iso][0] for iso in STEP)
-        assert found["1600"] / found["2000"] == pytest.approx(high / low, rel=0.02) and high / low > 2.9
+        assert (
+            found["1600"] / found["2000"] == pytest.approx(high / low, rel=0.02)
+            and high / low > 2.9
+        )
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -131,21 +158,30 @@ def test_a_published_camera_has_no_warnings_and_a_source_for_every_number(name: 
             continue
         value = getattr(getattr(camera, table), field)
         info = type(getattr(camera, table)).model_fields[field]
-        if isinstance(value, int | float) and not isinstance(value, bool) and value != info.default:
+        if (
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and value != info.default
+        ):
             assert dotted in camera.sources, dotted
 
 
 def row(name: str) -> str:
     """A line of the table in docs/published-cameras.md."""
     camera = ms.load_camera(name)
-    where, noise = camera.sources["adc.full_scale_v"].partition(": ")[0], camera.source_follower.read_noise_e
+    where, noise = (
+        camera.sources["adc.full_scale_v"].partition(": ")[0],
+        camera.source_follower.read_noise_e,
+    )
     numbers = f"{gain_dn_per_e(camera):.4g} | {noise:.4g} | {camera.pixel.full_well_e:.6g} | {camera.adc.bits}"
     return f"| `{name}` | {camera.description} | {numbers} | {where} |"
 
 
 def test_the_page_of_published_cameras_has_their_numbers() -> None:
     """The table of docs/published-cameras.md is made of the camera files; this prints it when it is not."""
-    head = "| camera | what it is | K [DN/e-] | read noise [e-] | full well [e-] | bits | K from |"
+    head = (
+        "| camera | what it is | K [DN/e-] | read noise [e-] | full well [e-] | bits | K from |"
+    )
     head += "\n|---|---|---|---|---|---|---|"
     table = "\n".join((head, *map(row, sorted(PUBLISHED))))
     assert_on_page(table)
@@ -167,7 +203,9 @@ def settings(name: str) -> list[str]:
 def test_the_page_of_published_cameras_has_their_gain_settings() -> None:
     head = "| camera | gain setting | K [DN/e-] | read noise [e-] | row noise [e-] | λ | black level [DN] |"
     head += "\n|---|---|---|---|---|---|---|"
-    assert_on_page("\n".join((head, *(line for name in sorted(LADDERS) for line in settings(name)))))
+    assert_on_page(
+        "\n".join((head, *(line for name in sorted(LADDERS) for line in settings(name))))
+    )
 
 
 def assert_on_page(table: str) -> None:

@@ -15,7 +15,9 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERAS = {
-    "table 1": ms.load_camera("konnik_table1").replace(**{"dark_current.cv": 0.4, "readout.prnu_col": 0.002}),
+    "table 1": ms.load_camera("konnik_table1").replace(
+        **{"dark_current.cv": 0.4, "readout.prnu_col": 0.002}
+    ),
     "rts, ar": ms.load_camera("konnik_table1").replace(
         **{
             "dark_current.rts_fraction": 0.1,
@@ -52,7 +54,9 @@ def test_calls_one_after_the_other_are_the_frames_of_expose(name: str, engine: s
         (light(5), EXPOSURE, {"keep": ("electrons", "photons")}),
         (light(1), EXPOSURE, {"tolerance_dn": 0.5}),
     ]
-    for (photons, exposure, options), number in zip(calls, (0, 1, 9, 2, 10, 11, 12, 13), strict=True):
+    for (photons, exposure, options), number in zip(
+        calls, (0, 1, 9, 2, 10, 11, 12, 13), strict=True
+    ):
         assert options.get("first_frame", sensor.frames_taken) == number
         kept = sensor.expose(photons, exposure, engine=engine, **options)
         options = {"first_frame": number, **options}
@@ -69,8 +73,13 @@ def test_calls_one_after_the_other_are_the_frames_of_expose(name: str, engine: s
 @pytest.mark.parametrize("engine", ENGINES)
 def test_two_calls_with_the_same_light_have_other_noise(engine: str) -> None:
     """|ρ| < 5/√n of 2^14 pixels of shot and read noise, 6e-7 false alarms; an error takes no number."""
-    camera = CAMERAS["table 1"].replace(**{"pixel.prnu": 0.0, "readout.prnu_col": 0.0, "readout.dsnu_col": 0.0})
-    sensor, flat = ms.Sensor(camera.replace(**{"dark_current.cv": 0.0})), np.full((128, 128), 1000.0)
+    camera = CAMERAS["table 1"].replace(
+        **{"pixel.prnu": 0.0, "readout.prnu_col": 0.0, "readout.dsnu_col": 0.0}
+    )
+    sensor, flat = (
+        ms.Sensor(camera.replace(**{"dark_current.cv": 0.0})),
+        np.full((128, 128), 1000.0),
+    )
     one = sensor.expose(flat, EXPOSURE, engine=engine)
     with pytest.raises(ms.InputError, match="NaN"):
         sensor.expose(flat * np.nan, EXPOSURE, engine=engine)
@@ -81,11 +90,15 @@ def test_two_calls_with_the_same_light_have_other_noise(engine: str) -> None:
     sensor.clear()
     assert sensor.expose(flat, EXPOSURE, engine=engine).first.index == 2
     sensor.frames_taken = 0
-    np.testing.assert_array_equal(sensor.expose(flat, EXPOSURE, engine=engine).digital, one.digital)
+    np.testing.assert_array_equal(
+        sensor.expose(flat, EXPOSURE, engine=engine).digital, one.digital
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_maps_are_made_once_and_forgotten_when_that_is_asked_for(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_maps_are_made_once_and_forgotten_when_that_is_asked_for(
+    engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made: list[str] = []
     original = SensorWindow.fixed_map
 
@@ -127,10 +140,16 @@ def test_measured_maps_are_those_of_the_sensor() -> None:
     camera = CAMERAS["table 1"]
     maps = ms.fpn_maps(camera, (40, 60), serial=7)
     given = ms.Sensor(camera, serial=7, maps=maps).expose(light(1), EXPOSURE).digital
-    np.testing.assert_array_equal(given, ms.expose(light(1), camera, EXPOSURE, serial=7).digital)
+    np.testing.assert_array_equal(
+        given, ms.expose(light(1), camera, EXPOSURE, serial=7).digital
+    )
     other = ms.Sensor(camera, serial=1, maps=maps).expose(light(1), EXPOSURE)
-    np.testing.assert_array_equal(other.clean, ms.expose(light(1), camera, EXPOSURE, serial=7).clean)
-    assert (other.digital != given).mean() > 0.9, "the temporal noise is that of serial number 1"
+    np.testing.assert_array_equal(
+        other.clean, ms.expose(light(1), camera, EXPOSURE, serial=7).clean
+    )
+    assert (other.digital != given).mean() > 0.9, (
+        "the temporal noise is that of serial number 1"
+    )
 
 
 def mean_photons(kind: str) -> Any:
@@ -140,21 +159,39 @@ def mean_photons(kind: str) -> Any:
     shifted = np.empty(photons.size + 1)[1:].reshape(photons.shape)
     shifted[...] = photons
     single = photons.clip(max=3e38).astype(np.float32)
-    kinds = {"plain": photons, "bands": photons[..., None], "columns": np.asfortranarray(photons), "shifted": shifted}
-    return {**kinds, "every second": np.repeat(photons, 2, axis=1)[:, ::2], "float32": single}[kind]
+    kinds = {
+        "plain": photons,
+        "bands": photons[..., None],
+        "columns": np.asfortranarray(photons),
+        "shifted": shifted,
+    }
+    return {**kinds, "every second": np.repeat(photons, 2, axis=1)[:, ::2], "float32": single}[
+        kind
+    ]
 
 
 @pytest.mark.parametrize("qe", [0.63, 1 / 3, 0.0])
-@pytest.mark.parametrize("kind", one_in(3, ["plain", "bands", "columns", "shifted", "every second", "float32"]))
+@pytest.mark.parametrize(
+    "kind", one_in(3, ["plain", "bands", "columns", "shifted", "every second", "float32"])
+)
 @pytest.mark.filterwarnings("ignore:overflow")
-def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(kind: str, qe: float) -> None:
+def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(
+    kind: str, qe: float
+) -> None:
     """The bytes of the frame and of the mean photoelectrons; also where photons times QE ends between two float32s."""
     camera = CAMERAS["table 1"].replace(**{"quantum_efficiency.value": qe})
     sensor, photons = ms.Sensor(camera, serial=7), mean_photons(kind)
     options: Any = {"wavelengths_nm": [550.0]} if kind == "bands" else {}
-    fast = [sensor.expose(photons, EXPOSURE, engine=engine, first_frame=1, **options) for engine in ENGINES]
-    streamed = list(sensor.stream(photons, EXPOSURE, engine=ENGINES[-1], frames=2, first_frame=0, **options))[1]
-    cropped = sensor.expose(photons[7:], EXPOSURE, engine=ENGINES[-1], first_frame=1, origin=(7, 0), **options)
+    fast = [
+        sensor.expose(photons, EXPOSURE, engine=engine, first_frame=1, **options)
+        for engine in ENGINES
+    ]
+    streamed = list(
+        sensor.stream(photons, EXPOSURE, engine=ENGINES[-1], frames=2, first_frame=0, **options)
+    )[1]
+    cropped = sensor.expose(
+        photons[7:], EXPOSURE, engine=ENGINES[-1], first_frame=1, origin=(7, 0), **options
+    )
     for one in fast:
         np.testing.assert_array_equal(one.digital[0], streamed)
         np.testing.assert_array_equal(one.digital[0, 7:], cropped.digital[0])
@@ -163,7 +200,9 @@ def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(kind:
 
 @pytest.mark.parametrize("shape", [(301, 499), (64, 1), (1, 64)])
 @pytest.mark.parametrize("kind", ["channels", "one band"])
-def test_light_on_a_mosaic_that_the_kernel_detects_is_that_of_the_host(kind: str, shape: tuple[int, int]) -> None:
+def test_light_on_a_mosaic_that_the_kernel_detects_is_that_of_the_host(
+    kind: str, shape: tuple[int, int]
+) -> None:
     """From every corner of the tile, each pixel gets the layer or the QE of its filter."""
     camera, layers = CAMERAS["bayer"], np.random.default_rng(3).uniform(0, 20_000, (*shape, 3))
     layers[0, 0], layers[-1, -1] = np.inf, [0, np.inf, 1e300]
@@ -172,11 +211,22 @@ def test_light_on_a_mosaic_that_the_kernel_detects_is_that_of_the_host(kind: str
         if kind == "channels"
         else ms.Photons(layers[..., 0])
     )
-    options: Any = {"first_frame": 3} if kind == "channels" else {"first_frame": 3, "wavelengths_nm": [612.0]}
+    options: Any = (
+        {"first_frame": 3}
+        if kind == "channels"
+        else {"first_frame": 3, "wavelengths_nm": [612.0]}
+    )
     for origin in ((0, 0), (0, 1), (1, 0), (7, 9)):
         sensor = ms.Sensor(camera, serial=7)
-        one = [sensor.expose(photons, EXPOSURE, engine=engine, origin=origin, **options) for engine in ENGINES]
-        streamed = next(sensor.stream(photons, EXPOSURE, engine=ENGINES[-1], origin=origin, frames=2, **options))
+        one = [
+            sensor.expose(photons, EXPOSURE, engine=engine, origin=origin, **options)
+            for engine in ENGINES
+        ]
+        streamed = next(
+            sensor.stream(
+                photons, EXPOSURE, engine=ENGINES[-1], origin=origin, frames=2, **options
+            )
+        )
         np.testing.assert_array_equal(one[-1].digital[0], streamed)
         np.testing.assert_array_equal(one[-1].digital, one[0].digital)
         np.testing.assert_array_equal(one[-1].detected.mean_e, one[0].detected.mean_e)
@@ -188,7 +238,9 @@ def test_bad_photons_of_any_channel_are_refused(engine: str) -> None:
     layers[3, 4, 2] = np.nan
     photons = ms.Photons(layers, np.array([450.0, 550.0, 650.0]), detected=True)
     for at in ((3, 4), (3, 5), (4, 4), (4, 5)):  # whichever filter that pixel has
-        with pytest.raises(ms.InputError, match=r"photons is NaN in 1 place\(s\), first at \(3, 4, 2\)"):
+        with pytest.raises(
+            ms.InputError, match=r"photons is NaN in 1 place\(s\), first at \(3, 4, 2\)"
+        ):
             ms.Sensor(CAMERAS["bayer"]).expose(photons, EXPOSURE, engine=engine, origin=at)
 
 
@@ -200,9 +252,13 @@ def test_bad_photons_are_refused_where_they_are_detected(bad: float, engine: str
     photons[30, 7] = bad
     kind = "NaN" if np.isnan(bad) else "negative"
     for refused in (sensor.expose, sensor.stream):
-        with pytest.raises(ms.InputError, match=rf"photons is {kind} in 1 place\(s\), first at \(30, 7\)"):
+        with pytest.raises(
+            ms.InputError, match=rf"photons is {kind} in 1 place\(s\), first at \(30, 7\)"
+        ):
             refused(photons, EXPOSURE, engine=engine)
-    np.testing.assert_array_equal(sensor.expose(light(1), EXPOSURE, engine=engine, first_frame=0).digital, before)
+    np.testing.assert_array_equal(
+        sensor.expose(light(1), EXPOSURE, engine=engine, first_frame=0).digital, before
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -210,7 +266,10 @@ def test_photons_may_be_written_over_once_a_frame_is_there(engine: str) -> None:
     """The next scene of a data set in the same memory: report, electrons and a stream are those of the first."""
     sensor, photons = ms.Sensor(CAMERAS["table 1"]), light(1)
     options: Any = {"engine": engine, "first_frame": 0}
-    frames, stream = sensor.expose(photons, EXPOSURE, **options), sensor.stream(photons, EXPOSURE, **options)
+    frames, stream = (
+        sensor.expose(photons, EXPOSURE, **options),
+        sensor.stream(photons, EXPOSURE, **options),
+    )
     fresh = sensor.expose(photons.copy(), EXPOSURE, **options)
     photons[...] = 0.0
     sensor.expose(photons, EXPOSURE, engine=engine)
@@ -226,5 +285,9 @@ def test_threads_never_take_the_same_frame(engine: Any) -> None:
     alone, shared = (ms.Sensor(CAMERAS["table 1"], serial=7) for _ in range(2))
     expected = {alone.expose(photons, EXPOSURE, **asked).digital.tobytes() for _ in range(40)}
     with ThreadPoolExecutor(8) as pool:
-        taken = list(pool.map(lambda _: shared.expose(photons, EXPOSURE, **asked).digital.tobytes(), range(40)))
+        taken = list(
+            pool.map(
+                lambda _: shared.expose(photons, EXPOSURE, **asked).digital.tobytes(), range(40)
+            )
+        )
     assert len(expected) == 40 and set(taken) == expected and shared.frames_taken == 40

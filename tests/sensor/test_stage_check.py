@@ -105,7 +105,9 @@ def test_an_amp_glow_whose_moments_are_those_of_its_window_passes(stage: AmpGlow
 @pytest.mark.parametrize("draw", ["normal", "row_normal", "column_normal"])
 def test_three_percent_of_a_temporal_variance_are_found(draw: str) -> None:
     ms.check_stage(Hum(draw), camera=TABLE1, after="reset_noise")
-    with pytest.raises(ms.InputError, match=r"moments says that the temporal variance is 1\.03e-06 V²"):
+    with pytest.raises(
+        ms.InputError, match=r"moments says that the temporal variance is 1\.03e-06 V²"
+    ):
         ms.check_stage(Hum(draw, stated=1.03), camera=TABLE1, after="reset_noise")
 
 
@@ -116,7 +118,10 @@ def test_moments_of_another_place_are_told_with_place_and_numbers() -> None:
 
 
 def test_noise_that_enters_and_is_not_amplified_in_moments_is_found() -> None:
-    with pytest.raises(ms.InputError, match=r"with a noisy signal, moments says that the (temporal|spatial) variance"):
+    with pytest.raises(
+        ms.InputError,
+        match=r"with a noisy signal, moments says that the (temporal|spatial) variance",
+    ):
         ms.check_stage(Amplifier(), camera=TABLE1, after="reset_noise")
 
 
@@ -139,5 +144,7 @@ def test_every_stage_of_a_camera_behind_which_are_electrons_or_volts_passes(name
 
 def test_a_stage_that_is_not_in_the_chain_needs_its_place() -> None:
     for stage in (Hum(), TABLE1.stages[0], TABLE1.stages[-1]):
-        with pytest.raises(ms.InputError, match=r"say where it stands, e\.g\. after='dark_current'"):
+        with pytest.raises(
+            ms.InputError, match=r"say where it stands, e\.g\. after='dark_current'"
+        ):
             ms.check_stage(stage, camera=TABLE1)

@@ -33,13 +33,34 @@ from mitsuba_sensor.stages.stage import Stage
 BASE = ms.load_camera("konnik_table1")
 UNIFORM = [{"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]
 EVERYTHING = BASE.replace(
-    **{"pixel.prnu": 0.02, "pixel.dsnu_e": 20.0, "dark_current.cv": 0.4, "dark_current.components": UNIFORM},
+    **{
+        "pixel.prnu": 0.02,
+        "pixel.dsnu_e": 20.0,
+        "dark_current.cv": 0.4,
+        "dark_current.components": UNIFORM,
+    },
     **{"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 2000.0},
-    **{"dark_current.rts_switching": 0.2, "dark_current.rts_duty": 0.3, "readout.reset": "hard"},
+    **{
+        "dark_current.rts_switching": 0.2,
+        "dark_current.rts_duty": 0.3,
+        "readout.reset": "hard",
+    },
     **{"quantum_efficiency.quantum_yield": [1.5, 1.5], "quantum_efficiency.fano_factor": 0.2},
-    **{"readout.dsnu_col": 0.002, "readout.dsnu_col_coupling": 0.25, "readout.dsnu_residual": 0.4},
-    **{"readout.prnu_col": 0.005, "readout.prnu_col_coupling": 0.2, "readout.ve_nonlinearity": 0.8},
-    **{"source_follower.vv_nonlinearity": 0.9, "source_follower.rtn_uv": 200.0, "source_follower.rtn_s": 1e-6},
+    **{
+        "readout.dsnu_col": 0.002,
+        "readout.dsnu_col_coupling": 0.25,
+        "readout.dsnu_residual": 0.4,
+    },
+    **{
+        "readout.prnu_col": 0.005,
+        "readout.prnu_col_coupling": 0.2,
+        "readout.ve_nonlinearity": 0.8,
+    },
+    **{
+        "source_follower.vv_nonlinearity": 0.9,
+        "source_follower.rtn_uv": 200.0,
+        "source_follower.rtn_s": 1e-6,
+    },
     **{"adc.ile": 0.02, "adc.bits": 14},
 )
 """Every noise source and every curve at once."""
@@ -71,7 +92,9 @@ def test_every_stage_of_a_camera_file_has_the_moments_that_it_states(
 
 @pytest.mark.parametrize("engine", ["float64", "numpy", exhaustive("drjit")])
 @pytest.mark.parametrize("level", [0.0, 0.4])
-def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_states(level: float, engine: str) -> None:
+def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_states(
+    level: float, engine: str
+) -> None:
     """Chance: 3 × 18 comparisons in 2 cases at 5e-6 each: one other seed in 1800 would fail somewhere."""
     backend_of(engine)
     for step in steps(EVERYTHING, photons(EVERYTHING, level, WIDE), engine):
@@ -79,7 +102,9 @@ def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_state
 
 
 def test_report_plan_and_noise_budget_name_every_stage_of_a_camera_with_every_effect() -> None:
-    assert_report_plan_and_noise_budget_name(EVERYTHING, [stage.label for stage in chain(EVERYTHING)])
+    assert_report_plan_and_noise_budget_name(
+        EVERYTHING, [stage.label for stage in chain(EVERYTHING)]
+    )
 
 
 def test_two_clips_in_a_row_are_within_5_percent_of_their_theory() -> None:
@@ -89,7 +114,9 @@ def test_two_clips_in_a_row_are_within_5_percent_of_their_theory() -> None:
     off = mean - last.theory.mean
     assert abs(off.mean()) < 0.05 * last.theory.sigma
     assert abs((temporal - last.theory.temporal).mean()) < 0.05 * np.mean(last.theory.temporal)
-    assert abs((off**2 - temporal / 3 - last.theory.spatial).mean()) < 0.05 * np.mean(last.theory.spatial)
+    assert abs((off**2 - temporal / 3 - last.theory.spatial).mean()) < 0.05 * np.mean(
+        last.theory.spatial
+    )
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
@@ -110,7 +137,10 @@ def test_a_ccd_has_no_reset_noise_no_dsnu_and_no_telegraph_noise() -> None:
     """One amplifier and true CDS; asking for them is refused, unless it is asked for a CMOS sensor."""
     ccd = ms.load_camera("eev_44_82")
     noisy = {"readout.reset": "hard", "readout.dsnu_col": 0.1, "source_follower.rtn_uv": 500.0}
-    with pytest.raises(ms.InputError, match=r"reset is 'hard' and source_follower\.rtn_uv is 500\.0 and readout\.ds"):
+    with pytest.raises(
+        ms.InputError,
+        match=r"reset is 'hard' and source_follower\.rtn_uv is 500\.0 and readout\.ds",
+    ):
         ccd.replace(**noisy)
     assert not any(isinstance(stage, ResetNoise | DsnuColumn) for stage in chain(ccd))
     cmos = ccd.replace(**noisy, **{"sensor.technology": "cmos"})
@@ -118,7 +148,11 @@ def test_a_ccd_has_no_reset_noise_no_dsnu_and_no_telegraph_noise() -> None:
 
 
 NEUTRAL: dict[str, dict[str, Any]] = {
-    "curves": {"source_follower.vv_nonlinearity": 1.0, "readout.ve_nonlinearity": 0.0, "adc.gamma": 1.0},
+    "curves": {
+        "source_follower.vv_nonlinearity": 1.0,
+        "readout.ve_nonlinearity": 0.0,
+        "adc.gamma": 1.0,
+    },
     "ile": {"adc.ile": 0.0},
     "dnl": {"adc.dnl_lsb": {"7": 0.0}},
     "offsets": {
@@ -128,12 +162,25 @@ NEUTRAL: dict[str, dict[str, Any]] = {
         "readout.prnu_col": 0.0,
     },
     "residual": {"readout.dsnu_residual": 1.0, "readout.ktc_residual": 0.0},
-    "components": {"dark_current.components": [{"weight": 0.0, "family": "uniform", "low": 5, "high": 6, "unit": "e"}]},
-    "no RTS pixels": {"dark_current.rts_fraction": 0.0, "dark_current.rts_amplitude_e_per_s": 500.0},
-    "RTS of no amplitude": {"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 0.0},
+    "components": {
+        "dark_current.components": [
+            {"weight": 0.0, "family": "uniform", "low": 5, "high": 6, "unit": "e"}
+        ]
+    },
+    "no RTS pixels": {
+        "dark_current.rts_fraction": 0.0,
+        "dark_current.rts_amplitude_e_per_s": 500.0,
+    },
+    "RTS of no amplitude": {
+        "dark_current.rts_fraction": 0.5,
+        "dark_current.rts_amplitude_e_per_s": 0.0,
+    },
     "uncoupled": {"pixel.prnu_coupling": 0.0, "pixel.dsnu_coupling": 0.0},
     "mpp without diffusion": {"dark_current.diffusion_fom_na_per_cm2": 0.0},
-    "yield of one": {"quantum_efficiency.quantum_yield": [1.0, 1.0], "quantum_efficiency.fano_factor": 0.5},
+    "yield of one": {
+        "quantum_efficiency.quantum_yield": [1.0, 1.0],
+        "quantum_efficiency.fano_factor": 0.5,
+    },
     "no telegraph": {"source_follower.rtn_uv": 0.0, "source_follower.rtn_s": 1e-3},
 }
 
@@ -141,8 +188,12 @@ NEUTRAL: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("option", NEUTRAL)
 def test_a_neutral_option_of_a_camera_gives_the_same_bytes(option: str) -> None:
     light = np.linspace(0, 60_000, 600).reshape(20, 30)
-    frame = ms.expose(light, BASE.replace(**NEUTRAL[option]), ms.Exposure(0.1), frames=2).digital
-    assert frame.tobytes() == ms.expose(light, BASE, ms.Exposure(0.1), frames=2).digital.tobytes()
+    frame = ms.expose(
+        light, BASE.replace(**NEUTRAL[option]), ms.Exposure(0.1), frames=2
+    ).digital
+    assert (
+        frame.tobytes() == ms.expose(light, BASE, ms.Exposure(0.1), frames=2).digital.tobytes()
+    )
 
 
 def test_a_crop_and_a_single_frame_of_the_richest_camera_are_cut_from_the_whole() -> None:
@@ -152,6 +203,8 @@ def test_a_crop_and_a_single_frame_of_the_richest_camera_are_cut_from_the_whole(
     )
     light = np.linspace(0, 20_000, 24 * 30).reshape(24, 30)
     whole = ms.expose(light, camera, ms.Exposure(0.1), frames=3, origin=(500, 4090)).digital
-    part = ms.expose(light[5:20, 3:28], camera, ms.Exposure(0.1), first_frame=2, origin=(505, 4093)).digital
+    part = ms.expose(
+        light[5:20, 3:28], camera, ms.Exposure(0.1), first_frame=2, origin=(505, 4093)
+    ).digital
     np.testing.assert_array_equal(part[0], whole[2, 5:20, 3:28])
     assert any(isinstance(stage, AdcWithDnl) for stage in chain(camera))

@@ -22,10 +22,19 @@ SHAPE, LIMIT = (256, 256), 5 / 2**8
 EXPOSURE = ms.Exposure(0.1)
 # No fixed pattern, and a step of the converter of half an electron: what differs from frame to frame is all there is.
 CAMERA = ms.load_camera("konnik_table1").replace(
-    **{"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "dark_current.cv": 0.0, "adc.bits": 16, "adc.black_level_dn": 200},
+    **{
+        "pixel.prnu": 0.0,
+        "readout.dsnu_col": 0.0,
+        "dark_current.cv": 0.0,
+        "adc.bits": 16,
+        "adc.black_level_dn": 200,
+    },
     **{"readout.reset": "hard"},
 )
-ENGINES: dict[str, Any] = {"float64": {"precision": "float64"}, "float32": {"precision": "float32", "engine": "numpy"}}
+ENGINES: dict[str, Any] = {
+    "float64": {"precision": "float64"},
+    "float32": {"precision": "float32", "engine": "numpy"},
+}
 if backend_problem("llvm") is None:
     ENGINES["drjit"] = {"engine": "drjit"}
 
@@ -48,7 +57,9 @@ def correlation(a: Any, b: Any) -> float:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("photons", [0.0, 1000.0])
-def test_no_two_frames_of_another_chip_camera_exposure_seed_or_number_share_noise(photons: float, engine: str) -> None:
+def test_no_two_frames_of_another_chip_camera_exposure_seed_or_number_share_noise(
+    photons: float, engine: str
+) -> None:
     """In darkness read and kTC noise, in light shot noise: with the same seed they were shared, ρ 0.95 to 1."""
     light, how = np.full(SHAPE, photons), ENGINES[engine]
     for name, (camera, exposure, options) in OTHERS.items():
@@ -69,12 +80,20 @@ CONDITIONS: tuple[tuple[str, Any], ...] = (
 )
 
 
-@pytest.mark.parametrize("source", [one for one in STREAMS if not STREAMS[one][0] & FIXED_PATTERN])
+@pytest.mark.parametrize(
+    "source", [one for one in STREAMS if not STREAMS[one][0] & FIXED_PATTERN]
+)
 def test_no_source_has_the_same_numbers_under_other_conditions(source: str) -> None:
     frame = Frame(EXPOSURE, SensorWindow(4, SHAPE, camera="a"), seed=4)
     for name, value in CONDITIONS:
         assert (
-            abs(correlation(frame.normal(source), replace(frame, **{name: value}, _blocks={}).normal(source))) < LIMIT
+            abs(
+                correlation(
+                    frame.normal(source),
+                    replace(frame, **{name: value}, _blocks={}).normal(source),
+                )
+            )
+            < LIMIT
         )
 
 
@@ -89,12 +108,18 @@ def test_fixed_patterns_are_those_of_one_chip_of_one_camera(source: str) -> None
     for one, other in itertools.combinations(maps, 2):
         assert abs(correlation(one, other)) < LIMIT
     lines = [SensorWindow(1, (1, 2**16), camera=name).line_map(source, 0.25) for name in "ab"]
-    assert abs(correlation(*lines)) < LIMIT * 3**0.5  # neighbours are coupled: fewer independent values
+    assert (
+        abs(correlation(*lines)) < LIMIT * 3**0.5
+    )  # neighbours are coupled: fewer independent values
 
 
 def test_two_cameras_of_equal_serial_share_no_map() -> None:
-    camera = ms.load_camera("konnik_table1").replace(**{"dark_current.cv": 0.4, "pixel.dsnu_e": 5.0})
-    one, other = (ms.fpn_maps(x, SHAPE, serial=7) for x in (camera, camera.replace(name="another")))
+    camera = ms.load_camera("konnik_table1").replace(
+        **{"dark_current.cv": 0.4, "pixel.dsnu_e": 5.0}
+    )
+    one, other = (
+        ms.fpn_maps(x, SHAPE, serial=7) for x in (camera, camera.replace(name="another"))
+    )
     assert set(one) == set(other) and len(one) >= 3
     for name, values in one.items():
         if values.std() > 0:
@@ -105,8 +130,15 @@ def test_fixed_patterns_stay_from_exposure_to_exposure() -> None:
     """Offsets of 131 DN per column under 12 DN of read noise: means over rows correlate at 1, whatever changes."""
     camera = CAMERA.replace(**{"readout.dsnu_col": 0.002, "adc.black_level_dn": 1000})
     calls: list[tuple[ms.Exposure, dict[str, Any]]] = [(EXPOSURE, {}), (ms.Exposure(0.0), {})]
-    calls += [(EXPOSURE, {"seed": 9}), (EXPOSURE, {"first_frame": 4}), (ms.Exposure(0.1, 300.0), {})]
-    means = [ms.expose(np.zeros(SHAPE), camera, at, serial=3, **how).digital[0].mean(axis=0) for at, how in calls]
+    calls += [
+        (EXPOSURE, {"seed": 9}),
+        (EXPOSURE, {"first_frame": 4}),
+        (ms.Exposure(0.1, 300.0), {}),
+    ]
+    means = [
+        ms.expose(np.zeros(SHAPE), camera, at, serial=3, **how).digital[0].mean(axis=0)
+        for at, how in calls
+    ]
     for other in means[1:]:
         assert correlation(means[0], other) > 0.99
 
@@ -125,15 +157,24 @@ CHANGES: dict[str, Any] = {
 @pytest.mark.parametrize("field", CHANGES)
 def test_a_change_of_one_number_leaves_every_stream_as_it_was(field: str) -> None:
     changed = CAMERA.replace(**{field: CHANGES[field]})
-    one, other = (ms.expose(np.full((4, 5), 100.0), x, EXPOSURE).first for x in (CAMERA, changed))
+    one, other = (
+        ms.expose(np.full((4, 5), 100.0), x, EXPOSURE).first for x in (CAMERA, changed)
+    )
     assert one.key == other.key and one.window.key == other.window.key
 
 
 def test_the_noise_of_a_change_of_one_number_is_that_number_times_the_same_noise() -> None:
     """Read noise only, doubled: of every pixel the noise is twice what it was, to the rounding of 0.5 DN each."""
-    quiet = CAMERA.replace(**{"readout.reset": "true_cds", "source_follower.white_nv_per_rthz": 15.0})
-    louder = quiet.replace(**{"source_follower.white_nv_per_rthz": 30.0, "adc.black_level_dn": 400})
-    one, two = (ms.expose(np.zeros(SHAPE), x, ms.Exposure(0.0)).digital.astype(float) for x in (quiet, louder))
+    quiet = CAMERA.replace(
+        **{"readout.reset": "true_cds", "source_follower.white_nv_per_rthz": 15.0}
+    )
+    louder = quiet.replace(
+        **{"source_follower.white_nv_per_rthz": 30.0, "adc.black_level_dn": 400}
+    )
+    one, two = (
+        ms.expose(np.zeros(SHAPE), x, ms.Exposure(0.0)).digital.astype(float)
+        for x in (quiet, louder)
+    )
     assert one.std() > 10
     assert np.abs((two - 400) - 2 * (one - 200)).max() <= 1.5
 
@@ -142,13 +183,42 @@ def test_a_key_is_of_values_and_not_of_how_they_are_written() -> None:
     """Whole numbers, NumPy's, −0, and the last bits of an exposure make no other frame."""
 
     def key(time_s: Any, kelvin: Any = 298.15, seed: Any = 1, serial: Any = 1) -> int:
-        return Frame(ms.Exposure(time_s, kelvin), SensorWindow(serial, (1, 1), camera="a"), seed).key
+        return Frame(
+            ms.Exposure(time_s, kelvin), SensorWindow(serial, (1, 1), camera="a"), seed
+        ).key
 
-    assert key(1) == key(1.0) == key(np.float32(1.0)) == key(np.int64(1), np.float64(298.15), np.uint8(1), np.int16(1))
-    assert key(0.0) == key(-0.0) and key(0.3) == key(0.1 + 0.2) and key(33.3 / 1000) == key(33.3e-3)
-    keys = {key(t, k, seed, serial) for t in (0, 1, 1e-12) for k in (0, 1) for seed in (0, 2**63) for serial in (0, 1)}
+    assert (
+        key(1)
+        == key(1.0)
+        == key(np.float32(1.0))
+        == key(np.int64(1), np.float64(298.15), np.uint8(1), np.int16(1))
+    )
+    assert (
+        key(0.0) == key(-0.0)
+        and key(0.3) == key(0.1 + 0.2)
+        and key(33.3 / 1000) == key(33.3e-3)
+    )
+    keys = {
+        key(t, k, seed, serial)
+        for t in (0, 1, 1e-12)
+        for k in (0, 1)
+        for seed in (0, 2**63)
+        for serial in (0, 1)
+    }
     assert len(keys) == 24 and all(0 <= one < 2**64 for one in keys)
-    assert len({key_of("a", "b"), key_of("ab", ""), key_of("a", 1), key_of("a", "1"), key_of("a1"), key_of(1.0)}) == 6
+    assert (
+        len(
+            {
+                key_of("a", "b"),
+                key_of("ab", ""),
+                key_of("a", 1),
+                key_of("a", "1"),
+                key_of("a1"),
+                key_of(1.0),
+            }
+        )
+        == 6
+    )
 
 
 def test_a_crop_a_frame_alone_and_a_plan_have_the_noise_of_the_whole() -> None:
@@ -157,9 +227,13 @@ def test_a_crop_a_frame_alone_and_a_plan_have_the_noise_of_the_whole() -> None:
     exposure = ms.Exposure(0.05, 310.0)
     for how in ENGINES.values():
         series = ms.expose(light, CAMERA, exposure, serial=3, seed=8, frames=13, **how).digital
-        alone = ms.expose(light, CAMERA, exposure, serial=3, seed=8, first_frame=12, **how).digital
+        alone = ms.expose(
+            light, CAMERA, exposure, serial=3, seed=8, first_frame=12, **how
+        ).digital
         np.testing.assert_array_equal(alone[0], series[12])
         part = {"serial": 3, "seed": 8, "first_frame": 12, "origin": (5, 7), **how}
-        np.testing.assert_array_equal(ms.expose(light[5:, 7:], CAMERA, exposure, **part).digital[0], series[12, 5:, 7:])
+        np.testing.assert_array_equal(
+            ms.expose(light[5:, 7:], CAMERA, exposure, **part).digital[0], series[12, 5:, 7:]
+        )
         streamed = list(ms.stream(light, CAMERA, exposure, serial=3, seed=8, frames=13, **how))
         np.testing.assert_array_equal(np.array(streamed), series)

@@ -21,7 +21,12 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Photons
 
 CAMERA = ms.load_camera("konnik_table1").replace(
-    **{"readout.reset": "hard", "readout.dsnu_col_coupling": 0.25, "dark_current.cv": 0.4, "pixel.prnu": 0.01},
+    **{
+        "readout.reset": "hard",
+        "readout.dsnu_col_coupling": 0.25,
+        "dark_current.cv": 0.4,
+        "pixel.prnu": 0.01,
+    },
     **{"adc.black_level_dn": 64},
 )
 """Every source on; the black level given, because by default it depends on the noise."""
@@ -41,10 +46,17 @@ OFF: dict[str, dict[str, Any]] = {
 """Noise source → how a datasheet switches it off. (The shot noise of light goes with the light.)"""
 
 
-def bits_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
+def bits_used(
+    camera: ms.Camera, light: Any = LIGHT, monkey: Any = None
+) -> dict[str, NDArray[Any]]:
     """The random bits of each source in one frame, before any arithmetic."""
     drawn: dict[str, NDArray[Any]] = {}
-    temporal, fixed, line, at = Frame.random_bits, SensorWindow.fixed_map, SensorWindow.line_map, Frame.random_bits_at
+    temporal, fixed, line, at = (
+        Frame.random_bits,
+        SensorWindow.fixed_map,
+        SensorWindow.line_map,
+        Frame.random_bits_at,
+    )
 
     def temporal_bits(self: Frame, source: str) -> Any:
         drawn[source] = temporal(self, source)
@@ -82,7 +94,9 @@ def test_the_chain_draws_from_every_listed_stream(monkeypatch: pytest.MonkeyPatc
             "readout.prnu_col": 1e-3,
             "pixel.dsnu_e": 2.0,
             "dark_current.distribution": "wald",
-            "dark_current.components": [{"weight": 0.1, "family": "uniform", "low": 1, "high": 9, "unit": "e"}],
+            "dark_current.components": [
+                {"weight": 0.1, "family": "uniform", "low": 1, "high": 9, "unit": "e"}
+            ],
             "dark_current.rts_fraction": 0.5,
             "dark_current.rts_amplitude_e_per_s": 100.0,
             "source_follower.read_noise_cv": 0.3,
@@ -96,7 +110,9 @@ def test_the_chain_draws_from_every_listed_stream(monkeypatch: pytest.MonkeyPatc
     assert asked | set(compensated) == set(STREAMS) and "compensation" not in asked
 
 
-def test_compensating_render_noise_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compensating_render_noise_leaves_every_bit_of_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     whole = bits_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
     rest = bits_used(CAMERA, monkey=monkeypatch)
     assert set(whole) == set(rest) | {"compensation"}
@@ -105,7 +121,9 @@ def test_compensating_render_noise_leaves_every_bit_of_the_others(monkeypatch: p
 
 
 @pytest.mark.parametrize("source", OFF)
-def test_switching_a_source_off_leaves_every_bit_of_the_others(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_switching_a_source_off_leaves_every_bit_of_the_others(
+    source: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The datasheet without it draws the same random bits for all other sources, and fewer of them."""
     whole = bits_used(CAMERA, monkey=monkeypatch)
     rest = bits_used(CAMERA.replace(**OFF[source]), monkey=monkeypatch)
@@ -114,7 +132,9 @@ def test_switching_a_source_off_leaves_every_bit_of_the_others(source: str, monk
         np.testing.assert_array_equal(drawn, whole[name])
 
 
-def test_switching_the_light_off_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_switching_the_light_off_leaves_every_bit_of_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     whole = bits_used(CAMERA, monkey=monkeypatch)
     rest = bits_used(CAMERA, np.zeros(SHAPE), monkey=monkeypatch)
     for name, drawn in rest.items():
@@ -145,7 +165,9 @@ def test_a_crop_of_a_frame_is_the_frame_of_the_crop(name: str, corner: tuple[int
     whole = ms.expose(LIGHT, camera, EXPOSURE, keep=ALL)
     part = ms.expose(LIGHT[y : y + 9, x : x + 11], camera, EXPOSURE, keep=ALL, origin=corner)
     for signal in ("digital", *ALL):
-        np.testing.assert_array_equal(getattr(part, signal), getattr(whole, signal)[:, y : y + 9, x : x + 11])
+        np.testing.assert_array_equal(
+            getattr(part, signal), getattr(whole, signal)[:, y : y + 9, x : x + 11]
+        )
 
 
 def test_a_crop_across_a_block_of_coupled_columns_is_the_frame_of_the_crop() -> None:
@@ -159,7 +181,9 @@ def test_a_crop_across_a_block_of_coupled_columns_is_the_frame_of_the_crop() -> 
         (AR_BLOCK - 1, AR_BLOCK + 2),
         (2 * AR_BLOCK - 1, 20),
     ):
-        part = ms.expose(light[:, :width], CAMERA, EXPOSURE, keep=("volts",), origin=(0, first)).volts
+        part = ms.expose(
+            light[:, :width], CAMERA, EXPOSURE, keep=("volts",), origin=(0, first)
+        ).volts
         np.testing.assert_array_equal(part, whole[:, :, first : first + width])
 
 
@@ -172,8 +196,12 @@ def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> N
     line = SensorWindow(3, (1, 2 * AR_BLOCK)).line_map("dsnu_col", coupling)[0]
     (block, slot), key = STREAMS["dsnu_col"], SensorWindow(3, (1, 1)).key
     columns = np.arange(-distributions.AR_WARM_UP, 2 * AR_BLOCK + distributions.AR_WARM_UP)
-    white = distributions.normal(counter_rng.random_bits_at(block, np.zeros(1, dtype=np.int64), columns, 0, key)[slot])
-    np.testing.assert_allclose(line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10)
+    white = distributions.normal(
+        counter_rng.random_bits_at(block, np.zeros(1, dtype=np.int64), columns, 0, key)[slot]
+    )
+    np.testing.assert_allclose(
+        line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10
+    )
 
 
 LINES = {"dsnu_col": 1, "prnu_col": 1, "dsnu_row": 0}
@@ -190,13 +218,18 @@ def normals(source: str, window: SensorWindow, seed: int = 4, index: int = 0) ->
 
 
 @pytest.mark.parametrize(
-    ("one", "two"), one_in(4, itertools.combinations(STREAMS, 2), several=True), ids=lambda name: name
+    ("one", "two"),
+    one_in(4, itertools.combinations(STREAMS, 2), several=True),
+    ids=lambda name: name,
 )
 def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
     """|ρ| < 5/√n over 2^16 pixels, seed and serial of the same number: 6e-7 false alarms a pair."""
     axes = {LINES[name] for name in (one, two) if name in LINES}
     if len(axes) == 2:  # a row and a column: compare them as two vectors
-        a, b = (normals(name, SensorWindow(4, ((2**16, 1), (1, 2**16))[LINES[name]])).ravel() for name in (one, two))
+        a, b = (
+            normals(name, SensorWindow(4, ((2**16, 1), (1, 2**16))[LINES[name]])).ravel()
+            for name in (one, two)
+        )
         assert abs(np.mean(a * b)) < 5 / 2**8
         return
     shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[axes.pop() if axes else None]
@@ -210,25 +243,34 @@ def test_neighbours_frames_and_cameras_are_uncorrelated(source: str) -> None:
     """|ρ| < 5/√n between a pixel and its neighbours, the next frame, the next seed, the next serial."""
     shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[LINES.get(source)]
     one = normals(source, SensorWindow(4, shape))
-    others = [np.roll(one, 1, axis=LINES.get(source, 1)), normals(source, SensorWindow(5, shape), seed=5, index=0)]
+    others = [
+        np.roll(one, 1, axis=LINES.get(source, 1)),
+        normals(source, SensorWindow(5, shape), seed=5, index=0),
+    ]
     if not STREAMS[source][0] & FIXED_PATTERN:
         others += [np.roll(one, 1, axis=0), normals(source, SensorWindow(4, shape), index=1)]
     for other in others:
         assert abs(np.mean(one * other)) < 5 / 2**8
 
 
-def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_others() -> None:
+def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_others() -> (
+    None
+):
     """Fixed patterns belong to the camera, temporal noise to the frame."""
     shape = (64, 64)
     for source in ("prnu", "dark_fpn", "dsnu_col"):
         one = normals(source, SensorWindow(4, shape))
-        np.testing.assert_array_equal(one, normals(source, SensorWindow(4, shape), seed=99, index=7))
-        assert not np.array_equal(one, normals(source, SensorWindow(5, shape)))
-    quiet = CAMERA.replace(**{"source_follower.white_nv_per_rthz": 0.0, "readout.reset": "true_cds"})
-    mean = [
-        ms.expose(np.full((16, 400), 20_000.0), quiet, EXPOSURE, seed=seed, serial=serial, frames=40).digital.mean(
-            axis=0
+        np.testing.assert_array_equal(
+            one, normals(source, SensorWindow(4, shape), seed=99, index=7)
         )
+        assert not np.array_equal(one, normals(source, SensorWindow(5, shape)))
+    quiet = CAMERA.replace(
+        **{"source_follower.white_nv_per_rthz": 0.0, "readout.reset": "true_cds"}
+    )
+    mean = [
+        ms.expose(
+            np.full((16, 400), 20_000.0), quiet, EXPOSURE, seed=seed, serial=serial, frames=40
+        ).digital.mean(axis=0)
         for seed, serial in ((1, 7), (2, 7), (1, 8))
     ]
     same, other = (np.corrcoef(mean[0].ravel(), x.ravel())[0, 1] for x in mean[1:])
@@ -246,7 +288,9 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     frame = Frame(EXPOSURE, window, 4)
     own, fixed = frame.normal("banding"), window.fixed_map("banding", normals_of)
     correlated = window.correlated("banding of pixels", 0.2)
-    for a, b in itertools.combinations((own, fixed, correlated, frame.normal("photon_shot")), 2):
+    for a, b in itertools.combinations(
+        (own, fixed, correlated, frame.normal("photon_shot")), 2
+    ):
         assert abs(np.mean(a * b)) < 5 / 64
 
 
@@ -262,7 +306,11 @@ def test_temporal_lines_belong_to_their_row_or_column_and_frame(lines: Any) -> N
     part = lines(Frame(EXPOSURE, crop, 4, 3), "line_noise")
     assert part.shape == ((50, 1) if by_row else (1, 60))
     np.testing.assert_array_equal(part.ravel(), line.ravel()[1000 : 1000 + part.size])
-    for seed, index, name in ((4, 4, "line_noise"), (5, 3, "line_noise"), (4, 3, "other_noise")):
+    for seed, index, name in (
+        (4, 4, "line_noise"),
+        (5, 3, "line_noise"),
+        (4, 3, "other_noise"),
+    ):
         assert abs(np.mean(line * lines(Frame(EXPOSURE, window, seed, index), name))) < 5 / 2**8
     explicit = lines(Frame(EXPOSURE, crop, 4, 3), "line_noise", np.arange(-3, n))
     assert explicit.dtype == np.float64 and np.isfinite(explicit).all()
@@ -272,7 +320,9 @@ def test_temporal_lines_belong_to_their_row_or_column_and_frame(lines: Any) -> N
 def test_the_seed_is_all_64_bits() -> None:
     one = normals("photon_shot", SensorWindow(1, (8, 8)), seed=1)
     for seed in (1 + 2**32, 1 + 2**63, 2**64 - 1, 0):
-        assert not np.array_equal(one, normals("photon_shot", SensorWindow(1, (8, 8)), seed=seed))
+        assert not np.array_equal(
+            one, normals("photon_shot", SensorWindow(1, (8, 8)), seed=seed)
+        )
 
 
 def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:
@@ -301,17 +351,30 @@ def test_lines_and_pixels_of_one_source_are_uncorrelated(axis: int) -> None:
 
 @pytest.mark.parametrize("engine", ["numpy", "drjit"])
 @pytest.mark.parametrize("compensated", [False, True])
-def test_frames_are_the_same_with_and_without_the_signals_that_are_kept(engine: str, compensated: bool) -> None:
+def test_frames_are_the_same_with_and_without_the_signals_that_are_kept(
+    engine: str, compensated: bool
+) -> None:
     """RTS and RTN pixels: light and dark electrons are split from one count only where somebody asks for them."""
     traps = {"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 2e4}
-    traps |= {"source_follower.rtn_pixel_fraction": 0.2, "source_follower.rtn_pixel_amplitude_e": 9.0}
+    traps |= {
+        "source_follower.rtn_pixel_fraction": 0.2,
+        "source_follower.rtn_pixel_amplitude_e": 9.0,
+    }
     camera = ms.load_camera("konnik_table1").replace(**traps)
     light = np.linspace(10.0, 4000.0, 960).reshape(24, 40)
     photons = ms.Photons(light, variance_e2=0.1 * light if compensated else None)
     kept = ["photoelectrons", "dark_electrons", "electrons", "volts"]
     for frame in range(2):
         plain, more = (
-            ms.expose(photons, camera, ms.Exposure(0.1), seed=5, first_frame=frame, engine=engine, keep=keep)
+            ms.expose(
+                photons,
+                camera,
+                ms.Exposure(0.1),
+                seed=5,
+                first_frame=frame,
+                engine=engine,
+                keep=keep,
+            )
             for keep in ([], kept)
         )
         assert np.array_equal(plain.digital, more.digital)

@@ -46,7 +46,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "readout.prnu_col": 0.02,
         "readout.prnu_col_coupling": 0.25,
     },
-    "RTS pixels": {"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 9000.0},
+    "RTS pixels": {
+        "dark_current.rts_fraction": 0.5,
+        "dark_current.rts_amplitude_e_per_s": 9000.0,
+    },
     "superimposed components": {"dark_current.components": [UNIFORM, NORMAL]},
     "inverse Gaussian dark": {"dark_current.distribution": "wald", "dark_current.cv": 0.4},
     "curves and steps": {
@@ -57,7 +60,12 @@ OPTIONS: dict[str, dict[str, Any]] = {
     },
     "quantum yield": {"quantum_efficiency.quantum_yield": [2.0, 1.2]},
 }
-EVERYTHING = {name: x for case, changes in OPTIONS.items() if case != "coupled maps" for name, x in changes.items()}
+EVERYTHING = {
+    name: x
+    for case, changes in OPTIONS.items()
+    if case != "coupled maps"
+    for name, x in changes.items()
+}
 CASES: dict[str, tuple[ms.Camera, Any, dict[str, Any]]] = {
     **{name: (TABLE1.replace(**changes), ONE_BAND, {}) for name, changes in OPTIONS.items()},
     "everything at once": (TABLE1.replace(**EVERYTHING), ONE_BAND, {}),
@@ -66,18 +74,28 @@ CASES: dict[str, tuple[ms.Camera, Any, dict[str, Any]]] = {
 }
 
 
-def signals(case: str, strip: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> dict[str, bytes]:
+def signals(
+    case: str, strip: int, monkeypatch: pytest.MonkeyPatch, **more: Any
+) -> dict[str, bytes]:
     """Everything that expose() can return, byte by byte."""
     camera, light, options = CASES[case]
     monkeypatch.setattr(Backend, "strip_pixels", strip)
-    asked: dict[str, Any] = {"seed": 3, "serial": 7, "frames": 2, "first_frame": 5, "origin": TILE_EDGE}
+    asked: dict[str, Any] = {
+        "seed": 3,
+        "serial": 7,
+        "frames": 2,
+        "first_frame": 5,
+        "origin": TILE_EDGE,
+    }
     keep = expose.KEPT_BY_PUBLISHED if "chain" in options else expose.KEEP
     frames = ms.expose(light, camera, ms.Exposure(0.3), keep=keep, **(asked | options | more))
     return {name: getattr(frames, name).tobytes() for name in (*keep, "digital")}
 
 
 @pytest.mark.parametrize("case", one_in(4, CASES))
-def test_no_byte_depends_on_the_height_of_the_strips(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_byte_depends_on_the_height_of_the_strips(
+    case: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One row at a time (also for a strip smaller than a row), four rows with one left over, and all at once."""
     whole = signals(case, 10**9, monkeypatch)
     for strip in (1, SHAPE[1], 4 * SHAPE[1] + 3):
@@ -95,7 +113,9 @@ def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
     window = SensorWindow(7, SHAPE, TILE_EDGE, camera=camera.name)
     whole = sample(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), window))
     np.testing.assert_array_equal(digital, whole)
-    below = ms.expose(light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])).digital[0]
+    below = ms.expose(
+        light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])
+    ).digital[0]
     np.testing.assert_array_equal(digital[6:], below)
 
 
@@ -125,12 +145,18 @@ def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) ->
     assert signals("as shipped", 1, monkeypatch, plan=plan) == whole
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)])
+@pytest.mark.parametrize(
+    "shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)]
+)
 def test_the_strips_are_every_row_once_and_in_order(shape: tuple[int, int]) -> None:
     strips = list(run.row_strips_of(shape, NUMPY_FLOAT32.strip_pixels))
-    np.testing.assert_array_equal(np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0]))
+    np.testing.assert_array_equal(
+        np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0])
+    )
     heights = [rows.stop - rows.start for rows in strips]
-    assert all(height == 1 or height * shape[1] <= NUMPY_FLOAT32.strip_pixels for height in heights)
+    assert all(
+        height == 1 or height * shape[1] <= NUMPY_FLOAT32.strip_pixels for height in heights
+    )
 
 
 def peak_mib(pixels: int) -> float:

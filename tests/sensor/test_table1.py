@@ -65,7 +65,9 @@ def digital() -> dict[float, Any]:
     """Level → two frames of 1 × 600 000 pixels, black level subtracted [DN]."""
     levels = np.array([[row["light_e"] / QE] for row in EXPECTED])
     wide = np.broadcast_to(levels, (len(LEVELS), 600_000))
-    frames = ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(np.float64) - black_level_dn(CAMERA)
+    frames = ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(
+        np.float64
+    ) - black_level_dn(CAMERA)
     return {level: frames[:, i] for i, level in enumerate(LEVELS)}
 
 
@@ -73,16 +75,26 @@ def digital() -> dict[float, Any]:
 def test_theory_of_the_chain_is_that_of_table_1(row: dict[str, Any]) -> None:
     """Mean within 0.01 %, temporal and spatial σ within 0.1 %, with and without the reset noise."""
     m = theory(CAMERA, row)
-    assert m.mean.item() - black_level_dn(CAMERA) == pytest.approx(row["mean_DN_no_pedestal"], rel=1e-4)
-    assert math.sqrt(m.temporal.item()) == pytest.approx(row["temporal_std_DN_no_kTC"], rel=1e-3)
+    assert m.mean.item() - black_level_dn(CAMERA) == pytest.approx(
+        row["mean_DN_no_pedestal"], rel=1e-4
+    )
+    assert math.sqrt(m.temporal.item()) == pytest.approx(
+        row["temporal_std_DN_no_kTC"], rel=1e-3
+    )
     assert m.sigma == pytest.approx(row["spatial_std_DN_no_kTC"], rel=1e-3)
-    hard = theory(HARD.replace(**{"adc.full_scale_v": 0.17, "pixel.full_well_e": 34_000.0}), row)
+    hard = theory(
+        HARD.replace(**{"adc.full_scale_v": 0.17, "pixel.full_well_e": 34_000.0}), row
+    )
     scale = 0.17 / 0.165
-    assert math.sqrt(hard.temporal.item()) * scale == pytest.approx(row["temporal_std_DN_with_kTC_full"], rel=1e-3)
+    assert math.sqrt(hard.temporal.item()) * scale == pytest.approx(
+        row["temporal_std_DN_with_kTC_full"], rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
-def test_mean_of_frames_is_that_of_table_1_within_a_thousandth(row: dict[str, Any], digital: dict[float, Any]) -> None:
+def test_mean_of_frames_is_that_of_table_1_within_a_thousandth(
+    row: dict[str, Any], digital: dict[float, Any]
+) -> None:
     """Smallest margin: dark, 0.1 % of 21.6 DN against 0.0056 DN of standard error, 3.9 of them: 1e-4 of the seeds."""
     assert digital[row["level"]].mean() == pytest.approx(row["mean_DN_no_pedestal"], rel=1e-3)
 
@@ -93,7 +105,9 @@ def test_temporal_sigma_of_frames_is_that_of_table_1_within_1_percent(
 ) -> None:
     """From the difference of two frames over √2: 0.09 % standard error, so 1 % is 11 of them."""
     first, second = digital[row["level"]]
-    assert (second - first).std() / math.sqrt(2) == pytest.approx(row["temporal_std_DN_no_kTC"], rel=0.01)
+    assert (second - first).std() / math.sqrt(2) == pytest.approx(
+        row["temporal_std_DN_no_kTC"], rel=0.01
+    )
 
 
 @pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
@@ -101,14 +115,20 @@ def test_spatial_sigma_of_a_frame_is_that_of_table_1_within_1_percent(
     row: dict[str, Any], digital: dict[float, Any]
 ) -> None:
     """σ over the pixels of one frame, temporal noise in it: 0.09 % standard error."""
-    assert digital[row["level"]][0].std() == pytest.approx(row["spatial_std_DN_no_kTC"], rel=0.01)
+    assert digital[row["level"]][0].std() == pytest.approx(
+        row["spatial_std_DN_no_kTC"], rel=0.01
+    )
 
 
 @pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
 def test_hard_reset_adds_the_whole_ktc_noise_to_the_temporal_sigma(row: dict[str, Any]) -> None:
     """√(k_B·T/C_SN) = 71.68 e-. 200 000 pixels, two frames: 0.16 % standard error, 1 % is 6 of them."""
-    first, second = ms.expose(photons(row, (1, 200_000)), HARD, EXPOSURE, frames=2).digital.astype(np.float64)
-    assert (second - first).std() / math.sqrt(2) == pytest.approx(row["temporal_std_DN_with_kTC_full"], rel=0.01)
+    first, second = ms.expose(
+        photons(row, (1, 200_000)), HARD, EXPOSURE, frames=2
+    ).digital.astype(np.float64)
+    assert (second - first).std() / math.sqrt(2) == pytest.approx(
+        row["temporal_std_DN_with_kTC_full"], rel=0.01
+    )
 
 
 @pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
@@ -121,7 +141,8 @@ def test_every_term_of_the_error_budget_has_its_size(row: dict[str, Any]) -> Non
         unit = 1.0 if stage.domain == "electrons" else 5e-6
         if type(stage) in ALONE.values():
             added[type(stage)] = (
-                float(np.sum(m.temporal + m.spatial) - np.sum(before.temporal + before.spatial)) / unit**2
+                float(np.sum(m.temporal + m.spatial) - np.sum(before.temporal + before.spatial))
+                / unit**2
             )
     budget = row["var_e"]
     added[ShotNoise] -= budget["dark_shot"]
@@ -136,7 +157,9 @@ def test_the_conversion_gain_is_that_of_table_1() -> None:
 def test_the_dark_rate_is_that_of_table_1() -> None:
     row = EXPECTED[0]
     dark = next(stage for stage in chain(CAMERA) if isinstance(stage, DarkCurrent))
-    assert dark.mean_e(Frame(EXPOSURE, SensorWindow(1, (1, 1)))) == pytest.approx(row["dark_e"], rel=1e-6)
+    assert dark.mean_e(Frame(EXPOSURE, SensorWindow(1, (1, 1)))) == pytest.approx(
+        row["dark_e"], rel=1e-6
+    )
 
 
 def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons() -> None:
@@ -157,7 +180,9 @@ def test_the_photon_transfer_slope_is_k() -> None:
     Differences of two frames of 80 000 pixels: each variance is good to 0.5 %, the slope to 0.2 %; 1 % is 5 of them.
     """
     levels = np.linspace(500, 23_000, 12)[:, None] / QE
-    first, second = ms.expose(np.broadcast_to(levels, (12, 80_000)), CAMERA, EXPOSURE, frames=2).digital.astype(float)
+    first, second = ms.expose(
+        np.broadcast_to(levels, (12, 80_000)), CAMERA, EXPOSURE, frames=2
+    ).digital.astype(float)
     mean = (first + second).mean(axis=1) / 2
     variance = (second - first).var(axis=1) / 2
     slope, _ = np.polyfit(mean, variance, 1, w=1 / variance)
@@ -167,8 +192,12 @@ def test_the_photon_transfer_slope_is_k() -> None:
 def test_less_than_half_an_electron_is_seen() -> None:
     """Photons are not rounded: 0.49 mean electrons leave exp(−0.49) of the pixels empty, not all of them."""
     camera = CAMERA.replace(**{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0})
-    electrons = ms.expose(np.full((500, 1000), 0.49 / QE), camera, EXPOSURE, keep=("electrons",)).electrons
-    assert np.mean(electrons == 0) == pytest.approx(math.exp(-0.49), abs=5 * math.sqrt(0.24 / 5e5))
+    electrons = ms.expose(
+        np.full((500, 1000), 0.49 / QE), camera, EXPOSURE, keep=("electrons",)
+    ).electrons
+    assert np.mean(electrons == 0) == pytest.approx(
+        math.exp(-0.49), abs=5 * math.sqrt(0.24 / 5e5)
+    )
 
 
 def test_the_saturated_frame_reads_the_highest_code_everywhere() -> None:

@@ -40,11 +40,15 @@ def frames_of(
 ) -> ms.Frames:
     """A frame in so many mean photoelectrons."""
     curves = len(camera.quantum_efficiency.curves)
-    light = ms.Photons(np.full((*shape, curves), light_e), np.arange(curves) + 500.0, detected=True)
+    light = ms.Photons(
+        np.full((*shape, curves), light_e), np.arange(curves) + 500.0, detected=True
+    )
     return ms.expose(light, camera, exposure, maps=maps)
 
 
-def theory(camera: ms.Camera, light_e: float, exposure: ms.Exposure = EXPOSURE, **options: Any) -> Averages:
+def theory(
+    camera: ms.Camera, light_e: float, exposure: ms.Exposure = EXPOSURE, **options: Any
+) -> Averages:
     """Averages of the digital numbers."""
     frames = frames_of(camera, light_e, exposure, **options)
     return frames.theory.averages(frames.stages[-1])
@@ -53,7 +57,9 @@ def theory(camera: ms.Camera, light_e: float, exposure: ms.Exposure = EXPOSURE, 
 def quiet(dn_per_e: float, read_e: float, **changes: Any) -> ms.Camera:
     """Shot noise, read noise and a converter; nothing fixed."""
     noise = {"source_follower.read_noise_e": read_e, "source_follower.white_nv_per_rthz": None}
-    return TABLE1.replace(**QUIET | noise | {"adc.full_scale_v": 4096 / dn_per_e * 5e-6} | changes)
+    return TABLE1.replace(
+        **QUIET | noise | {"adc.full_scale_v": 4096 / dn_per_e * 5e-6} | changes
+    )
 
 
 # Frames
@@ -70,7 +76,16 @@ CASES = (
 def test_cameras_built_to_break_the_theory_have_the_moments_of_their_frames() -> None:
     """16 serials, 3 frames of 8192 pixels each; mean, temporal and spatial σ within four standard errors, 0.3 % or
     0.01 DN. Half of over 100 quantities are not within the latter by themselves: other seeds fail one run in 30."""
-    command = [sys.executable, str(BENCHMARKS / "theory.py"), "--serials", "16", "--frames", "3", "--json", "--cases"]
+    command = [
+        sys.executable,
+        str(BENCHMARKS / "theory.py"),
+        "--serials",
+        "16",
+        "--frames",
+        "3",
+        "--json",
+        "--cases",
+    ]
     done = subprocess.run([*command, *CASES], capture_output=True, text=True)
     assert done.stdout, done.stderr
     rows = json.loads(done.stdout)["rows"]
@@ -104,11 +119,17 @@ class AmpGlow(ms.Stage):
 
     def glow_e(self, frame: Frame) -> Float64Array:
         rows, columns = np.asarray(frame.window.rows), np.asarray(frame.window.columns)
-        return self.rate_e_per_s * frame.exposure.time_s * np.exp(-(rows[:, None] + columns[None, :]) / 40.0)
+        return (
+            self.rate_e_per_s
+            * frame.exposure.time_s
+            * np.exp(-(rows[:, None] + columns[None, :]) / 40.0)
+        )
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         return replace(
-            electrons, dark=electrons.dark + frame.window.backend.from_numpy(self.glow_e(frame), frame.window)
+            electrons,
+            dark=electrons.dark
+            + frame.window.backend.from_numpy(self.glow_e(frame), frame.window),
         )
 
     def moments(self, m: Moments) -> Moments:
@@ -126,12 +147,16 @@ class Vignetting(ms.Stage):
         return 1 - 0.4 * np.asarray(frame.window.columns)[None, :] / 127.0
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        share = frame.window.backend.from_numpy(self.share(frame) + np.zeros(frame.window.shape), frame.window)
+        share = frame.window.backend.from_numpy(
+            self.share(frame) + np.zeros(frame.window.shape), frame.window
+        )
         return replace(electrons, light=electrons.light * share)
 
     def moments(self, m: Moments) -> Moments:
         share = self.share(m.frame)
-        return replace(m, mean=m.mean * share.mean(), spatial=m.spatial + m.mean**2 * share.var())
+        return replace(
+            m, mean=m.mean * share.mean(), spatial=m.spatial + m.mean**2 * share.var()
+        )
 
 
 @dataclass(frozen=True)
@@ -142,7 +167,9 @@ class BrightColumn(ms.Stage):
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         bright = 2e-3 * (np.asarray(frame.window.columns) == 17)[None, :]
-        return swing + frame.window.backend.from_numpy(bright + np.zeros(frame.window.shape), frame.window)
+        return swing + frame.window.backend.from_numpy(
+            bright + np.zeros(frame.window.shape), frame.window
+        )
 
     def moments(self, m: Moments) -> Moments:
         bright = 2e-3 * (np.asarray(m.frame.window.columns) == 17)
@@ -164,11 +191,15 @@ def test_effects_that_depend_on_the_place_have_the_moments_of_their_frames(name:
     values = []
     for serial in range(1, 25):
         light = ms.Photons(np.full(shape, 3000.0), detected=True)
-        stack = ms.expose(light, camera, EXPOSURE, frames=4, serial=serial, seed=serial).digital.astype(np.float64)
+        stack = ms.expose(
+            light, camera, EXPOSURE, frames=4, serial=serial, seed=serial
+        ).digital.astype(np.float64)
         temporal = stack.var(axis=0, ddof=1).mean()
         values.append((stack.mean(), temporal, stack.mean(axis=0).var() - temporal / 4))
     measured, errors = np.mean(values, axis=0), np.std(values, axis=0, ddof=1) / math.sqrt(24)
-    for expected, value, error, own in zip(found[:3], measured, errors, found.errors, strict=True):
+    for expected, value, error, own in zip(
+        found[:3], measured, errors, found.errors, strict=True
+    ):
         assert abs(expected - value) < 4 * math.hypot(error, own) + 1e-3 * abs(value)
 
 
@@ -192,9 +223,14 @@ def test_a_large_frame_is_averaged_over_places_that_are_spread_over_it() -> None
     frames = ms.expose(ms.Photons(light, detected=True), camera, EXPOSURE)
     found = frames.theory.averages(frames.stages[-1])
     glow = 2000 * np.exp(-np.add.outer(rows, columns) / 40)
-    expected = gain_dn_per_e(camera) * (light + glow + 174.158).mean() + camera.stages[-1].black_level_dn
+    expected = (
+        gain_dn_per_e(camera) * (light + glow + 174.158).mean()
+        + camera.stages[-1].black_level_dn
+    )
     assert abs(found.mean - expected) < 4 * found.errors[0] + 0.01
-    expected_pixels = gain_dn_per_e(camera) * (light + glow + 174.158) + camera.stages[-1].black_level_dn
+    expected_pixels = (
+        gain_dn_per_e(camera) * (light + glow + 174.158) + camera.stages[-1].black_level_dn
+    )
     off = frames.spatial_mean - expected_pixels
     assert abs(off.mean()) < 0.1
     assert off.std() < 0.2
@@ -212,7 +248,9 @@ def test_standard_errors_are_those_of_other_samples() -> None:
 
 
 @pytest.mark.parametrize("electrons", one_in(5, [0.0, 0.3, 2.0, 9.7, 60.0]))
-@pytest.mark.parametrize(("dn_per_e", "read_e"), [(0.5, 0.1), (1.0, 0.3), (0.125, 0.8), (3.3, 0.15), (0.77, 2.5)])
+@pytest.mark.parametrize(
+    ("dn_per_e", "read_e"), [(0.5, 0.1), (1.0, 0.3), (0.125, 0.8), (3.3, 0.15), (0.77, 2.5)]
+)
 def test_few_electrons_on_coarse_codes_are_every_count_with_its_chance(
     electrons: float, dn_per_e: float, read_e: float
 ) -> None:
@@ -234,7 +272,9 @@ def test_half_a_digital_number_per_electron_keeps_to_its_place_between_the_steps
     camera = quiet(0.5, 0.15, **{"adc.black_level_dn": 10.3, "pixel.dsnu_e": 0.72})
     found = theory(camera, 300.0)
     assert found.mean == pytest.approx(160.3, abs=2e-3)
-    assert found.temporal + found.spatial == pytest.approx(75 + 0.075**2 + 0.36**2 + 1 / 12, rel=1e-3)
+    assert found.temporal + found.spatial == pytest.approx(
+        75 + 0.075**2 + 0.36**2 + 1 / 12, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("black", one_in(5, [3.0, 3.25, 3.5]))
@@ -261,7 +301,9 @@ def test_shot_noise_is_that_of_detected_electrons(electrons: float) -> None:
 
 
 def test_a_compensated_render_takes_its_variance_from_the_shot_noise() -> None:
-    light = ms.Photons(np.full((8, 8), 12_345 / 0.6), variance_e2=np.full((8, 8), 0.25 * 12_345))
+    light = ms.Photons(
+        np.full((8, 8), 12_345 / 0.6), variance_e2=np.full((8, 8), 0.25 * 12_345)
+    )
     frames = ms.expose(light, TABLE1.replace(**QUIET), EXPOSURE)
     shot = next(stage for stage in frames.stages if stage.counts_electrons)
     assert frames.theory.averages(shot).temporal == pytest.approx(0.75 * 12_345, rel=1e-3)
@@ -271,8 +313,12 @@ def test_far_from_both_clips_variances_are_the_sum_of_the_sources() -> None:
     """Table 1 at 12 000 e-, in closed form; a spread of 65 000 even pixels is known to 0.3 %."""
     found = theory(TABLE1, 12_000.0)
     k, dark = 0.1241212, 174.158
-    assert found.mean == pytest.approx(k * (12_000 + dark) + TABLE1.stages[-1].black_level_dn, rel=1e-4)
-    assert found.temporal == pytest.approx(k**2 * (12_000 + dark + 6.105069**2) + 1 / 12, rel=1e-5)
+    assert found.mean == pytest.approx(
+        k * (12_000 + dark) + TABLE1.stages[-1].black_level_dn, rel=1e-4
+    )
+    assert found.temporal == pytest.approx(
+        k**2 * (12_000 + dark + 6.105069**2) + 1 / 12, rel=1e-5
+    )
     assert found.spatial == pytest.approx(k**2 * (60**2 + (0.01 * dark) ** 2 + 33**2), rel=0.01)
 
 
@@ -289,13 +335,17 @@ def test_gains_spread_light_of_a_full_well_onto_both_sides_of_it() -> None:
     changes = {"pixel.prnu": 0.028, "readout.dsnu_col": 0.0, "dark_current.fom_na_per_cm2": 0.0}
     camera = TABLE1.replace(**changes, **{"adc.full_scale_v": 0.2})
     found = theory(camera, 1.0984 * 33_000)
-    mean_e = 1.0984 * 33_000 * (1 + 0.028 * stats.norm.ppf((np.arange(400_000) + 0.5) / 400_000))
+    mean_e = (
+        1.0984 * 33_000 * (1 + 0.028 * stats.norm.ppf((np.arange(400_000) + 0.5) / 400_000))
+    )
     c = (33_000 - mean_e) / np.sqrt(mean_e)
     short = c * stats.norm.cdf(c) + stats.norm.pdf(c)
     square = (c**2 + 1) * stats.norm.cdf(c) + c * stats.norm.pdf(c)
     k, expected_e = gain_dn_per_e(camera), 33_000 - np.sqrt(mean_e) * short
     variance_dn2 = k**2 * (np.mean(mean_e * (square - short**2)) + 6.105069**2) + 1 / 12
-    assert found.mean == pytest.approx(k * expected_e.mean() + camera.stages[-1].black_level_dn, abs=0.02)
+    assert found.mean == pytest.approx(
+        k * expected_e.mean() + camera.stages[-1].black_level_dn, abs=0.02
+    )
     assert found.temporal == pytest.approx(variance_dn2, rel=0.01)
     assert math.sqrt(found.spatial) == pytest.approx(k * expected_e.std(), rel=0.01)
 
@@ -303,12 +353,20 @@ def test_gains_spread_light_of_a_full_well_onto_both_sides_of_it() -> None:
 @pytest.mark.parametrize("full_well_e", [100.0, 1e6, 1e10, 1e12])
 def test_the_size_of_the_well_costs_nothing(full_well_e: float) -> None:
     """Half a well on a scale of its own, in closed form."""
-    camera = TABLE1.replace(**{"pixel.full_well_e": full_well_e, "dark_current.fom_na_per_cm2": 0.0})
+    camera = TABLE1.replace(
+        **{"pixel.full_well_e": full_well_e, "dark_current.fom_na_per_cm2": 0.0}
+    )
     found = theory(camera, 0.5 * full_well_e)
     k = gain_dn_per_e(camera)
-    assert found.mean == pytest.approx(k * 0.5 * full_well_e + camera.stages[-1].black_level_dn, rel=1e-3)
-    x = np.linspace(2000.0, 2001.0, 1000, endpoint=False)  # column offsets of many codes: all phases of the rounding
-    _, variance = code_moments(x, np.full(1000, k * math.sqrt(0.5 * full_well_e + 6.105069**2)), 4095)
+    assert found.mean == pytest.approx(
+        k * 0.5 * full_well_e + camera.stages[-1].black_level_dn, rel=1e-3
+    )
+    x = np.linspace(
+        2000.0, 2001.0, 1000, endpoint=False
+    )  # column offsets of many codes: all phases of the rounding
+    _, variance = code_moments(
+        x, np.full(1000, k * math.sqrt(0.5 * full_well_e + 6.105069**2)), 4095
+    )
     assert found.temporal == pytest.approx(variance.mean(), rel=0.01, abs=4 * found.errors[1])
 
 
@@ -366,12 +424,16 @@ def test_no_camera_makes_the_theory_fail(case: str) -> None:
 
 
 @pytest.mark.parametrize("level", one_in(3, [7000.0, 6700.0, 6900.0, 6990.0, 7010.0, 7100.0]))
-def test_a_converter_that_ends_between_two_counts_clips_every_count_for_itself(level: float) -> None:
+def test_a_converter_that_ends_between_two_counts_clips_every_count_for_itself(
+    level: float,
+) -> None:
     """Against the sum over all counts, to 1e-3 σ: a qCMOS sensor whose well ends 9 e- above its converter."""
     quieter = QUIETER | {"dark_current.rate_e_per_s": 0.0, "dark_current.rts_fraction": 0.0}
     camera = ms.load_camera("hamamatsu_orca_quest_2").replace(**quieter)
     k, n = gain_dn_per_e(camera), np.arange(9000.0)
-    mean, variance = code_moments(np.minimum(n, 7000) * k + 200, np.full(n.size, 0.43 * k), 65535)
+    mean, variance = code_moments(
+        np.minimum(n, 7000) * k + 200, np.full(n.size, 0.43 * k), 65535
+    )
     found = theory(camera, level)
     chance = stats.poisson(level).pmf(n)
     expected = float(chance @ mean)
@@ -389,7 +451,15 @@ def test_means_are_those_behind_every_stage() -> None:
 
 def test_pixels_that_a_law_cuts_to_zero_are_not_smeared() -> None:
     """A logistic dark current of cv 5 and 30 000 e-: 41 % of the pixels have none, and next to nobody one electron."""
-    camera = quiet(1.0, 0.3, **{"pixel.full_well_e": 3.0, "adc.black_level_dn": 20.0, "adc.full_scale_v": 5e-6 * 4096})
+    camera = quiet(
+        1.0,
+        0.3,
+        **{
+            "pixel.full_well_e": 3.0,
+            "adc.black_level_dn": 20.0,
+            "adc.full_scale_v": 5e-6 * 4096,
+        },
+    )
     dark: dict[str, Any] = {"fom_na_per_cm2": 148.0, "cv": 5.0, "distribution": "logistic"}
     camera = camera.replace(**{f"dark_current.{name}": value for name, value in dark.items()})
     s = 5 * math.sqrt(3) / math.pi
@@ -402,29 +472,45 @@ def test_pixels_that_a_law_cuts_to_zero_are_not_smeared() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bits", "gain", "read_e", "dsnu_e"), [(8, 20.0, 0.1, 0.0), (16, 20.0, 0.1, 1.0), (12, 0.1, 10.0, 300.0)]
+    ("bits", "gain", "read_e", "dsnu_e"),
+    [(8, 20.0, 0.1, 0.0), (16, 20.0, 0.1, 1.0), (12, 0.1, 10.0, 300.0)],
 )
 def test_without_shot_noise_the_knee_of_the_converter_is_as_sharp_as_the_noise(
     bits: int, gain: float, read_e: float, dsnu_e: float
 ) -> None:
     """Moments of the code of a normal swing, read noise and offsets in one, up to 12 σ about the full converter."""
-    scale = {"adc.bits": bits, "adc.full_scale_v": 2**bits / gain * 5e-6, "adc.black_level_dn": 9.0}
+    scale = {
+        "adc.bits": bits,
+        "adc.full_scale_v": 2**bits / gain * 5e-6,
+        "adc.black_level_dn": 9.0,
+    }
     without = {"sensor.without": ["shot_noise"]}
-    camera = quiet(gain, read_e, **scale, **without, **{"pixel.full_well_e": 1e7, "pixel.dsnu_e": dsnu_e})
+    camera = quiet(
+        gain, read_e, **scale, **without, **{"pixel.full_well_e": 1e7, "pixel.dsnu_e": dsnu_e}
+    )
     sigma_e = math.hypot(read_e, dsnu_e)
     for off in (-12.0, -2.0, -0.5, 0.0, 1.0, 3.0, 12.0):
         light = (2**bits - 10) / gain + off * sigma_e
         found = theory(camera, light)
-        mean, variance = code_moments(np.array([9 + gain * light]), np.array([gain * sigma_e]), 2**bits - 1)
+        mean, variance = code_moments(
+            np.array([9 + gain * light]), np.array([gain * sigma_e]), 2**bits - 1
+        )
         assert found.mean == pytest.approx(mean[0], abs=max(2e-3, 3e-3 * gain * dsnu_e))
-        assert found.temporal + found.spatial == pytest.approx(variance[0], abs=0.01 * (gain * sigma_e) ** 2)
+        assert found.temporal + found.spatial == pytest.approx(
+            variance[0], abs=0.01 * (gain * sigma_e) ** 2
+        )
 
 
 def test_codes_of_a_large_well_with_little_noise_are_sums_over_counts_and_offsets() -> None:
     """6 bit, K 0.002 DN/e-, 0.006 DN of noise, DSNU 0.06 DN in darkness of 100 e-: Σ Φ over 2001 quantiles of it."""
     read_e, dsnu_e, dark_e = 3.0, 30.0, 100.0
     noise = {"source_follower.read_noise_e": read_e, "source_follower.white_nv_per_rthz": None}
-    rate = {"rate_e_per_s": dark_e, "at_temperature_k": 300.0, "cv": 0.0, "fom_na_per_cm2": None}
+    rate = {
+        "rate_e_per_s": dark_e,
+        "at_temperature_k": 300.0,
+        "cv": 0.0,
+        "fom_na_per_cm2": None,
+    }
     noise |= {f"dark_current.{name}": value for name, value in rate.items()}
     few = {"adc.bits": 6, "adc.black_level_dn": 1.3, "pixel.dsnu_e": dsnu_e}
     camera = TABLE1.replace(**QUIET | noise | few)
@@ -434,7 +520,11 @@ def test_codes_of_a_large_well_with_little_noise_are_sums_over_counts_and_offset
     reached = stats.norm.cdf((swing[..., None] - np.arange(1, 8) + 0.5) / (dn_per_e * read_e))
     mean, square = reached.sum(axis=-1), reached @ (2 * np.arange(1, 8) - 1)
     over_counts = stats.poisson.pmf(n, dark_e)
-    first, second, chance = over_counts @ mean, over_counts @ square, stats.norm.pdf(z) / stats.norm.pdf(z).sum()
+    first, second, chance = (
+        over_counts @ mean,
+        over_counts @ square,
+        stats.norm.pdf(z) / stats.norm.pdf(z).sum(),
+    )
     found = theory(camera, 0.0, ms.Exposure(1.0, 300.0))
     assert found.mean == pytest.approx(chance @ first, abs=1e-4)
     assert found.temporal == pytest.approx(chance @ (second - first**2), rel=0.01)
@@ -447,12 +537,19 @@ def test_codes_of_a_large_well_with_little_noise_are_sums_over_counts_and_offset
 @pytest.mark.parametrize("black_level_dn", [10.0, 10.3, 10.5])
 def test_telegraph_noise_of_some_pixels_keeps_its_three_levels(black_level_dn: float) -> None:
     """K 1 DN/e-, 0.1 e- of noise, steps of 1 e- in 30 % of the pixels: Σ Φ of both kinds of pixels."""
-    trap = {"source_follower.rtn_pixel_fraction": 0.3, "source_follower.rtn_pixel_amplitude_e": 1.0}
+    trap = {
+        "source_follower.rtn_pixel_fraction": 0.3,
+        "source_follower.rtn_pixel_amplitude_e": 1.0,
+    }
     found = theory(quiet(1.0, 0.1, **trap, **{"adc.black_level_dn": black_level_dn}), 0.0)
     k = np.arange(1, 30)
-    reached = stats.norm.cdf((black_level_dn + np.array([[-1.0], [0.0], [1.0]]) - k + 0.5) / 0.1)
+    reached = stats.norm.cdf(
+        (black_level_dn + np.array([[-1.0], [0.0], [1.0]]) - k + 0.5) / 0.1
+    )
     chance = np.array([0.25, 0.5, 0.25]), np.array([0.0, 1.0, 0.0])
-    mean, square = (np.array([one @ reached @ part for one in chance]) for part in (np.ones(29), 2 * k - 1))
+    mean, square = (
+        np.array([one @ reached @ part for one in chance]) for part in (np.ones(29), 2 * k - 1)
+    )
     assert found.mean == pytest.approx(0.3 * mean[0] + 0.7 * mean[1], abs=1e-4)
     variances = square - mean**2
     assert found.temporal == pytest.approx(0.3 * variances[0] + 0.7 * variances[1], abs=1e-4)
@@ -461,41 +558,66 @@ def test_telegraph_noise_of_some_pixels_keeps_its_three_levels(black_level_dn: f
 @pytest.mark.parametrize("cv", [0.2, 1.0])
 def test_read_noise_of_its_own_in_every_pixel_is_averaged_over_the_pixels(cv: float) -> None:
     """K 1 DN/e-, log-normal σ of rms 0.3 e-: Σ Φ at 4001 quantiles of σ; and a measured map of three values."""
-    camera = quiet(1.0, 0.3, **{"adc.black_level_dn": 10.3, "source_follower.read_noise_cv": cv})
+    camera = quiet(
+        1.0, 0.3, **{"adc.black_level_dn": 10.3, "source_follower.read_noise_cv": cv}
+    )
     z, s = np.linspace(-8, 8, 4001), math.sqrt(math.log1p(cv**2))
     log_normal = 0.3 / math.sqrt(1 + cv**2) * np.exp(s * z - s**2 / 2)
     given, k = np.resize([0.05, 0.2, 3.0], (3, 3)), np.arange(1, 40)
-    laws = (log_normal, stats.norm.pdf(z), {}), (np.array([0.05, 0.2, 3.0]), np.ones(3), {"read_noise": given})
+    laws = (
+        (log_normal, stats.norm.pdf(z), {}),
+        (np.array([0.05, 0.2, 3.0]), np.ones(3), {"read_noise": given}),
+    )
     for sigma, weights, maps in laws:
         found = theory(camera, 0.0, shape=given.shape, maps=maps)
         reached = stats.norm.cdf((10.3 - k + 0.5) / sigma[:, None])
-        mean, square, weights = reached.sum(axis=1), reached @ (2 * k - 1), weights / weights.sum()
+        mean, square, weights = (
+            reached.sum(axis=1),
+            reached @ (2 * k - 1),
+            weights / weights.sum(),
+        )
         assert found.mean == pytest.approx(weights @ mean, abs=2e-3)
         assert found.temporal == pytest.approx(weights @ (square - mean**2), rel=5e-3)
-        assert found.spatial == pytest.approx(weights @ mean**2 - (weights @ mean) ** 2, rel=2e-2, abs=1e-4)
+        assert found.spatial == pytest.approx(
+            weights @ mean**2 - (weights @ mean) ** 2, rel=2e-2, abs=1e-4
+        )
 
 
 @pytest.mark.parametrize("electrons_per_photon", [1.0, 3.0])
 @pytest.mark.parametrize("without", [[], ["shot_noise"]])
-def test_a_photon_frees_its_quantum_yield_of_electrons(electrons_per_photon: float, without: list[str]) -> None:
+def test_a_photon_frees_its_quantum_yield_of_electrons(
+    electrons_per_photon: float, without: list[str]
+) -> None:
     """300 interactions: K·(300·yield + dark) + black level, and without shot noise no more than the read noise."""
     camera = TABLE1.replace(
-        **{"quantum_efficiency.quantum_yield": [electrons_per_photon] * 2, "quantum_efficiency.fano_factor": 0.0},
+        **{
+            "quantum_efficiency.quantum_yield": [electrons_per_photon] * 2,
+            "quantum_efficiency.fano_factor": 0.0,
+        },
         **{"sensor.without": without},
     )
-    frames = ms.expose(ms.Photons(np.full((4, 4, 1), 300 / 0.6), np.array([550.0])), camera, EXPOSURE)
+    frames = ms.expose(
+        ms.Photons(np.full((4, 4, 1), 300 / 0.6), np.array([550.0])), camera, EXPOSURE
+    )
     found = frames.theory.averages(frames.stages[-1])
     electrons = 300 * electrons_per_photon + 174.158
-    assert found.mean == pytest.approx(0.1241212 * electrons + camera.stages[-1].black_level_dn, abs=0.08)
+    assert found.mean == pytest.approx(
+        0.1241212 * electrons + camera.stages[-1].black_level_dn, abs=0.08
+    )
     shot = 0.0 if without else 300 * electrons_per_photon**2 + 174.158
-    assert found.temporal == pytest.approx(0.1241212**2 * (shot + 6.105069**2) + 1 / 12, rel=0.01)
+    assert found.temporal == pytest.approx(
+        0.1241212**2 * (shot + 6.105069**2) + 1 / 12, rel=0.01
+    )
 
 
 @pytest.mark.parametrize(
-    "named", [("dsnu_col_e",), ("dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e"), ("prnu_col", "dsnu_row_e")]
+    "named",
+    [("dsnu_col_e",), ("dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e"), ("prnu_col", "dsnu_row_e")],
 )
 @pytest.mark.parametrize("read_e", [0.1, 3.0])
-def test_measured_maps_behind_the_count_enter_pixel_by_pixel(named: tuple[str, ...], read_e: float) -> None:
+def test_measured_maps_behind_the_count_enter_pixel_by_pixel(
+    named: tuple[str, ...], read_e: float
+) -> None:
     """Two-valued, skewed and shared maps next to the low clip: Σ Φ over the transitions in every pixel."""
     rng = np.random.default_rng(3)
     maps = {
@@ -505,23 +627,33 @@ def test_measured_maps_behind_the_count_enter_pixel_by_pixel(named: tuple[str, .
         "prnu_col": rng.gamma(20.0, 0.05, (1, 60)),
     }
     given = {name: maps[name] for name in named}
-    found = theory(quiet(1.0, read_e, **{"adc.black_level_dn": 4.3}), 30.0, shape=(10, 60), maps=given)
-    offset, gain = sum(given[name] for name in named if name.endswith("_e")), given.get("prnu_col", 1.0)
+    found = theory(
+        quiet(1.0, read_e, **{"adc.black_level_dn": 4.3}), 30.0, shape=(10, 60), maps=given
+    )
+    offset, gain = (
+        sum(given[name] for name in named if name.endswith("_e")),
+        given.get("prnu_col", 1.0),
+    )
     offset, gain = (np.broadcast_to(x, (10, 60)).ravel() for x in (offset, gain))
     n, k = np.arange(80.0), np.arange(1, 300)
     count, mean, square = stats.poisson.pmf(n, 30.0), np.empty(600), np.empty(600)
     for pixel in range(600):
         reached = count @ special.ndtr(
-            (4.3 + gain[pixel] * (n + offset[pixel]) - k[:, None] + 0.5).T / (gain[pixel] * read_e)
+            (4.3 + gain[pixel] * (n + offset[pixel]) - k[:, None] + 0.5).T
+            / (gain[pixel] * read_e)
         )
         mean[pixel], square[pixel] = reached.sum(), reached @ (2 * k - 1)
     assert found.mean == pytest.approx(mean.mean(), rel=1e-4, abs=1e-3)
-    assert math.sqrt(found.temporal) == pytest.approx(math.sqrt(np.mean(square - mean**2)), rel=1e-3)
+    assert math.sqrt(found.temporal) == pytest.approx(
+        math.sqrt(np.mean(square - mean**2)), rel=1e-3
+    )
     assert math.sqrt(found.spatial) == pytest.approx(mean.std(), rel=1e-3)
 
 
 DARK = {
-    "lognormal": lambda cv: stats.lognorm(math.sqrt(math.log1p(cv**2)), scale=1 / math.sqrt(1 + cv**2)),
+    "lognormal": lambda cv: stats.lognorm(
+        math.sqrt(math.log1p(cv**2)), scale=1 / math.sqrt(1 + cv**2)
+    ),
     "gamma": lambda cv: stats.gamma(cv**-2, scale=cv**2),
     "wald": lambda cv: stats.invgauss(cv**2, scale=cv**-2),
 }
@@ -529,9 +661,17 @@ DARK = {
 
 @pytest.mark.parametrize("cv", one_in(4, [0.05, 0.4, 1.0, 3.0]))
 @pytest.mark.parametrize("family", DARK)
-def test_dark_currents_that_fill_some_wells_have_the_averages_of_their_distributions(family: str, cv: float) -> None:
+def test_dark_currents_that_fill_some_wells_have_the_averages_of_their_distributions(
+    family: str, cv: float
+) -> None:
     """400 dark electrons on average in wells of 1000 e-: means of min(N, 1000) at 400 quantiles of the law."""
-    dark = {"rate_e_per_s": 400.0, "at_temperature_k": 300.0, "cv": cv, "fom_na_per_cm2": None, "distribution": family}
+    dark = {
+        "rate_e_per_s": 400.0,
+        "at_temperature_k": 300.0,
+        "cv": cv,
+        "fom_na_per_cm2": None,
+        "distribution": family,
+    }
     changes = {f"dark_current.{name}": value for name, value in dark.items()}
     camera = quiet(2.0, 3.0, **changes, **{"pixel.full_well_e": 1000.0})
     found = theory(camera, 0.0, ms.Exposure(1.0, 300.0))

@@ -44,7 +44,9 @@ class Banding(ms.Stage):
         rows = np.arange(frame.window.rows[0], frame.window.rows[-1] + len(self.kernel))
         offsets = np.convolve(frame.row_normal("banding", rows), self.kernel, "valid")[:, None]
         volts = self.sigma_e * self.gain_v_per_e
-        return swing + frame.number(volts) * frame.window.backend.from_numpy(offsets, frame.window)
+        return swing + frame.number(volts) * frame.window.backend.from_numpy(
+            offsets, frame.window
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the temporal variance of every pixel."""
@@ -73,7 +75,11 @@ def test_a_stage_of_ones_own_stands_in_report_plan_noise_budget_and_metadata() -
     assert names[names.index("banding") - 1] == "reset noise"
     (entry,) = (one for one in frames.noise_budget().entries if one.source == "banding")
     assert entry.temporal_dn2 == pytest.approx((20.0 * gain_dn_per_e(camera)) ** 2, rel=1e-9)
-    (effect,) = (one for one in ms.plan(camera, DARK, np.zeros((8, 8)), 0.01).effects if one.stage == "banding")
+    (effect,) = (
+        one
+        for one in ms.plan(camera, DARK, np.zeros((8, 8)), 0.01).effects
+        if one.stage == "banding"
+    )
     assert effect.kept and effect.temporal_dn > 1
     (added,) = camera.to_dict()["added_stages"]
     assert added["after"] == "reset_noise" and "Banding(sigma_e=20.0" in added["stage"]
@@ -83,28 +89,45 @@ def test_a_stage_of_ones_own_stands_in_report_plan_noise_budget_and_metadata() -
 def test_banding_has_the_spectrum_that_it_was_given() -> None:
     """The power of row averages lies within 0.03 cycles per row of 1/16 (white noise has 12 % there)."""
     camera = camera_with_banding(200.0).replace(**{"adc.bits": 16})
-    rows = ms.expose(np.zeros((4096, 16)), camera, DARK, precision="float64").digital[0].mean(axis=1)
+    rows = (
+        ms.expose(np.zeros((4096, 16)), camera, DARK, precision="float64")
+        .digital[0]
+        .mean(axis=1)
+    )
     power, frequency = np.abs(np.fft.rfft(rows - rows.mean())) ** 2, np.fft.rfftfreq(4096)
     assert power[np.abs(frequency - 1 / 16) < 0.03].sum() > 0.95 * power.sum()
 
 
 def test_fields_can_change_behind_an_added_stage_and_the_first_camera_stays_as_it_was() -> None:
     camera = camera_with_banding()
-    assert len(camera.stages) == len(TABLE1.stages) + 1 == len(camera.replace(**{"adc.bits": 14}).stages)
+    assert (
+        len(camera.stages)
+        == len(TABLE1.stages) + 1
+        == len(camera.replace(**{"adc.bits": 14}).stages)
+    )
     assert camera.replace(**{"adc.bits": 14}).stages[-1].highest == 2**14 - 1  # type: ignore[attr-defined]
     assert not any(isinstance(stage, Banding) for stage in TABLE1.stages)
     assert camera != TABLE1 and camera == camera_with_banding()
 
 
-def test_a_stage_stands_at_its_place_even_where_the_camera_has_no_stage_in_front_of_it() -> None:
+def test_a_stage_stands_at_its_place_even_where_the_camera_has_no_stage_in_front_of_it() -> (
+    None
+):
     """A CCD has no reset noise."""
     ccd = ms.load_camera("eev_44_82")
-    names = [stage.key() for stage in ccd.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages]
+    names = [
+        stage.key()
+        for stage in ccd.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages
+    ]
     assert "reset_noise" not in names and names[names.index("banding") - 1] == "sense_node"
 
 
 REFUSED: dict[str, tuple[Any, str, str]] = {
-    "no stage": (3, "reset_noise", "pass an instance of a class derived from mitsuba_sensor.Stage"),
+    "no stage": (
+        3,
+        "reset_noise",
+        "pass an instance of a class derived from mitsuba_sensor.Stage",
+    ),
     "no such place": (Banding(1.0, 5e-6, (1.0, 1.0)), "reset", "Did you mean 'reset_noise'"),
     "behind the converter": (Banding(1.0, 5e-6, (1.0, 1.0)), "adc", "it must be one of"),
     "another unit": (
@@ -127,8 +150,14 @@ class Hum(ms.Stage):
 
     domain = "volts"
 
-    def __init__(self, source: str = "hum", sigma_v: float = 1e-3, double: bool = False) -> None:
-        self.source, self.sigma_v, self.weights = source, np.array([sigma_v]), np.float64(1) if double else 1.0
+    def __init__(
+        self, source: str = "hum", sigma_v: float = 1e-3, double: bool = False
+    ) -> None:
+        self.source, self.sigma_v, self.weights = (
+            source,
+            np.array([sigma_v]),
+            np.float64(1) if double else 1.0,
+        )
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -137,7 +166,9 @@ class Hum(ms.Stage):
 
     def sample(self, swing: Any, frame: Frame) -> Any:
         """Swing with noise."""
-        return swing + self.weights * (frame.number(float(self.sigma_v[0])) * frame.normal(self.source))
+        return swing + self.weights * (
+            frame.number(float(self.sigma_v[0])) * frame.normal(self.source)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Adds the variance."""
@@ -149,17 +180,28 @@ def test_a_stage_needs_no_hash() -> None:
     plan = ms.plan(camera, DARK, np.zeros((4, 4)))
     assert any(effect.stage == "hum" and effect.kept for effect in plan.effects)
     np.testing.assert_array_equal(
-        ms.expose(np.zeros((4, 4)), camera, DARK, plan=plan).digital, ms.expose(np.zeros((4, 4)), camera, DARK).digital
+        ms.expose(np.zeros((4, 4)), camera, DARK, plan=plan).digital,
+        ms.expose(np.zeros((4, 4)), camera, DARK).digital,
     )
 
 
 @pytest.mark.exhaustive
 def test_two_equal_stages_are_two_in_a_plan() -> None:
     """Each alone may go (0.4 DN), both together may not: √2 times as much."""
-    camera = TABLE1.with_stage(Hum("one", 1.6e-5), after="reset_noise").with_stage(Hum("two", 1.6e-5), after="cds_gain")
-    alone = [effect for effect in ms.plan(camera, DARK, np.zeros((4, 4))).effects if effect.stage == "hum"]
+    camera = TABLE1.with_stage(Hum("one", 1.6e-5), after="reset_noise").with_stage(
+        Hum("two", 1.6e-5), after="cds_gain"
+    )
+    alone = [
+        effect
+        for effect in ms.plan(camera, DARK, np.zeros((4, 4))).effects
+        if effect.stage == "hum"
+    ]
     tolerance = 1.2 * max(effect.temporal_dn for effect in alone)
-    kept = [e.kept for e in ms.plan(camera, DARK, np.zeros((4, 4)), tolerance).effects if e.stage == "hum"]
+    kept = [
+        e.kept
+        for e in ms.plan(camera, DARK, np.zeros((4, 4)), tolerance).effects
+        if e.stage == "hum"
+    ]
     assert sorted(kept) == [False, True]
 
 
@@ -210,10 +252,15 @@ def test_a_place_that_is_no_text_is_refused(after: Any) -> None:
 
 def test_a_camera_without_a_wavelength_of_its_own_takes_a_stage_too() -> None:
     camera = ms.load_camera("bayer_2mp").replace(**{"quantum_efficiency.reference_nm": None})
-    assert len(camera.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages) == len(camera.stages) + 1
+    assert (
+        len(camera.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages)
+        == len(camera.stages) + 1
+    )
 
 
 def test_the_published_chain_has_no_place_for_an_added_stage() -> None:
     """It would be left out silently, while the metadata name it."""
-    with pytest.raises(InputError, match="has an added Banding, for which the published chain has no place"):
+    with pytest.raises(
+        InputError, match="has an added Banding, for which the published chain has no place"
+    ):
         ms.expose(np.zeros((4, 4)), camera_with_banding(), DARK, chain="konnik2014")

@@ -47,12 +47,16 @@ EVERY = TABLE1.replace(
 )
 """A camera with every noise source that there is."""
 
-ADDED = [name for name in SOURCES if name.startswith(("dsnu", "temporal", "reset", "source", "rtn"))]
+ADDED = [
+    name for name in SOURCES if name.startswith(("dsnu", "temporal", "reset", "source", "rtn"))
+]
 """Those that add something to the swing, whatever it is."""
 
 
 def kept(camera: ms.Camera, what: str, light: float = 0.0) -> NDArray[np.float64]:
-    shot = ms.expose(np.full((24, 32), light), camera, EXPOSURE, precision="float64", keep=what, frames=2)
+    shot = ms.expose(
+        np.full((24, 32), light), camera, EXPOSURE, precision="float64", keep=what, frames=2
+    )
     found: NDArray[np.float64] = getattr(shot, what)
     return found
 
@@ -72,7 +76,9 @@ def test_what_is_missing_without_a_source_is_what_this_source_adds_alone(name: s
     number in any other source, and the left side has that source's noise in it."""
     missing = whole_volts() - kept(EVERY.without("prnu_column", name), "volts", 9e3)
     nothing = EVERY.without(*SOURCES)
-    alone = kept(EVERY.without(*(x for x in SOURCES if x != name)), "volts", 9e3) - kept(nothing, "volts", 9e3)
+    alone = kept(EVERY.without(*(x for x in SOURCES if x != name)), "volts", 9e3) - kept(
+        nothing, "volts", 9e3
+    )
     assert np.abs(alone).max() > 1e-6
     np.testing.assert_allclose(missing, alone, rtol=0, atol=1e-15)
 
@@ -106,17 +112,25 @@ def test_the_maps_of_all_other_sources_are_the_same_bits(name: str) -> None:
 def test_the_compiled_engine_has_the_same_bytes(off: tuple[str, ...]) -> None:
     backend_of("drjit")
     camera, light = EVERY.without(*off), np.geomspace(1.0, 5e4, 24 * 32).reshape(24, 32)
-    numpy, drjit = (ms.expose(light, camera, EXPOSURE, frames=2, engine=engine) for engine in ("numpy", "drjit"))
+    numpy, drjit = (
+        ms.expose(light, camera, EXPOSURE, frames=2, engine=engine)
+        for engine in ("numpy", "drjit")
+    )
     np.testing.assert_array_equal(numpy.digital, drjit.digital)
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("name", one_in(3, ["prnu", "dark_current", "shot_noise", "reset_noise", "dsnu_column"]))
+@pytest.mark.parametrize(
+    "name", one_in(3, ["prnu", "dark_current", "shot_noise", "reset_noise", "dsnu_column"])
+)
 def test_theory_clean_frame_plan_and_budget_are_those_of_the_frames(name: str) -> None:
     """Of 64 sensors and 2 frames. The mean lies within 5 standard errors of the theory (5e-7 by chance), with that of
     the sensors' own spread; the temporal variance within 6 % of the clean frame's (5 of 16 000 numbers: 5.5 %)."""
     camera, light = EVERY.without(name), np.full((16, 16), 2e4)
-    frames = [ms.expose(light, camera, EXPOSURE, frames=2, serial=serial, seed=serial) for serial in range(64)]
+    frames = [
+        ms.expose(light, camera, EXPOSURE, frames=2, serial=serial, seed=serial)
+        for serial in range(64)
+    ]
     means = np.array([one.digital.mean() for one in frames])
     expected = frames[0].theory.averages(frames[0].stages[-1])
     assert abs(means.mean() - expected.mean) < 5 * means.std(ddof=1) / 8
@@ -141,14 +155,19 @@ def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -
     np.testing.assert_array_equal(frames.clean[0], expected)
     np.testing.assert_allclose(frames.spatial_mean, expected, atol=1e-3)
     last = frames.report["stages"][-1]
-    assert last["mean_expected"] == pytest.approx(expected.mean(), abs=1e-9) and last["sigma_expected"] < 1e-6
+    assert (
+        last["mean_expected"] == pytest.approx(expected.mean(), abs=1e-9)
+        and last["sigma_expected"] < 1e-6
+    )
 
 
 def test_the_weight_of_render_noise_has_no_steps_without_noise() -> None:
     """K²/(1/12) wherever nothing clips."""
     found = input_noise(TABLE1.without(*SOURCES), EXPOSURE)
     below = found.electrons_e < 30_000
-    np.testing.assert_allclose(found.weight_per_e2[below], 12 * gain_dn_per_e(TABLE1) ** 2, rtol=1e-6)
+    np.testing.assert_allclose(
+        found.weight_per_e2[below], 12 * gain_dn_per_e(TABLE1) ** 2, rtol=1e-6
+    )
 
 
 def test_metering_knows_of_no_dark_current_that_is_off() -> None:
@@ -156,7 +175,9 @@ def test_metering_knows_of_no_dark_current_that_is_off() -> None:
     light = ms.Photons(np.full((4, 4), 1000.0))
     times = [AUTO.time_s(light, one, warm) for one in (EVERY, EVERY.without("dark_current"))]
     assert times[0] < 0.9 * times[1]
-    assert times[1] == AUTO.time_s(light, EVERY.replace(**{"dark_current.fom_na_per_cm2": 0.0}), warm)
+    assert times[1] == AUTO.time_s(
+        light, EVERY.replace(**{"dark_current.fom_na_per_cm2": 0.0}), warm
+    )
 
 
 def test_a_plan_of_the_whole_camera_is_not_one_of_the_reduced_camera() -> None:
@@ -169,7 +190,9 @@ def test_a_given_map_of_a_source_that_is_off_is_known_and_unused() -> None:
     maps = ms.fpn_maps(EVERY, (4, 4))
     camera, light = EVERY.without("prnu"), np.full((4, 4), 1e4)
     with_map = ms.expose(light, camera, EXPOSURE, maps=maps | {"prnu": 3 * maps["prnu"]})
-    np.testing.assert_array_equal(with_map.digital, ms.expose(light, camera, EXPOSURE, maps=maps).digital)
+    np.testing.assert_array_equal(
+        with_map.digital, ms.expose(light, camera, EXPOSURE, maps=maps).digital
+    )
 
 
 def test_names_are_keys_in_any_order_and_as_tables_print_them() -> None:
@@ -207,7 +230,9 @@ def test_what_is_no_noise_source_is_refused(case: str) -> None:
 
 
 def test_the_published_chain_cannot_be_without_a_source() -> None:
-    with pytest.raises(ms.InputError, match="is without prnu, which the published chain always has"):
+    with pytest.raises(
+        ms.InputError, match="is without prnu, which the published chain always has"
+    ):
         ms.expose(100.0, TABLE1.without("prnu"), EXPOSURE, chain="konnik2014")
 
 
@@ -218,22 +243,44 @@ def test_derivatives_without_noise_are_the_overall_system_gain_on_average() -> N
     with pytest.warns(UserWarning, match="Without shot noise so are those by the light"):
         frames = ms.differentiable(light, camera, EXPOSURE, ["photons"])
     slope = frames.frame().forward("photons").mean()
-    assert slope * 1e3 == pytest.approx(gain_dn_per_e(camera) * camera.qe([550.0]).item() * 1e3, abs=2.0)
+    assert slope * 1e3 == pytest.approx(
+        gain_dn_per_e(camera) * camera.qe([550.0]).item() * 1e3, abs=2.0
+    )
 
 
 def test_a_camera_file_and_the_command_line_say_the_same(
     tmp_path: Path, cli: Callable[..., Any], light_file: Path
 ) -> None:
     file = tmp_path / "mine.toml"
-    assert cli("cameras", "new", file, "--without", "prnu", "--without", "shot noise").exit_code == 0
+    assert (
+        cli("cameras", "new", file, "--without", "prnu", "--without", "shot noise").exit_code
+        == 0
+    )
     camera = ms.load_camera(file)
     assert (
-        camera.sensor.without == ("prnu", "shot_noise") and camera.stages == TABLE1.without("prnu", "shot_noise").stages
+        camera.sensor.without == ("prnu", "shot_noise")
+        and camera.stages == TABLE1.without("prnu", "shot_noise").stages
     )
-    done = cli("expose", light_file, "-o", tmp_path / "out", "--camera", file, "--without", "reset_noise", "--json")
+    done = cli(
+        "expose",
+        light_file,
+        "-o",
+        tmp_path / "out",
+        "--camera",
+        file,
+        "--without",
+        "reset_noise",
+        "--json",
+    )
     assert done.exit_code == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["camera"]["sensor"]["without"] == ["prnu", "shot_noise", "reset_noise"]
-    assert not {"PRNU", "shot noise", "reset noise"} & {line["name"] for line in found["stages"]}
+    assert not {"PRNU", "shot noise", "reset noise"} & {
+        line["name"] for line in found["stages"]
+    }
     (finding,) = ms.check_camera(file.read_text("utf-8").replace('"shot_noise"', '"shot"'))
-    assert finding.level == "error" and finding.line and "Did you mean 'shot_noise'" in finding.text
+    assert (
+        finding.level == "error"
+        and finding.line
+        and "Did you mean 'shot_noise'" in finding.text
+    )

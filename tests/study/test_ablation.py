@@ -27,7 +27,12 @@ def kit() -> Kit:
 @pytest.fixture(scope="module")
 def subject(tmp_path_factory: pytest.TempPathFactory) -> Subject:
     scene = write_scene(tmp_path_factory.mktemp("scene"), scene_text(SKY))
-    return Subject(scene, ms.load_camera("konnik_table1"), EXPOSURE, {"width": 12, "variant": "scalar_spectral"})
+    return Subject(
+        scene,
+        ms.load_camera("konnik_table1"),
+        EXPOSURE,
+        {"width": 12, "variant": "scalar_spectral"},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -36,16 +41,24 @@ def study(kit: Kit, subject: Subject) -> Study:
 
 
 def rows(study: Study, title: str) -> dict[str, dict[str, object]]:
-    table = next(part for part in study.parts if isinstance(part, Table) and part.title.startswith(title))
-    return {str(row[0]): dict(zip(table.columns[1:], row[1:], strict=True)) for row in table.rows}
+    table = next(
+        part for part in study.parts if isinstance(part, Table) and part.title.startswith(title)
+    )
+    return {
+        str(row[0]): dict(zip(table.columns[1:], row[1:], strict=True)) for row in table.rows
+    }
 
 
 def test_laws_and_frames_agree_and_the_plan_keeps_its_tolerance(study: Study) -> None:
     """|z| beyond the limit is found by chance in 1 % of seeds."""
-    assert study.passed and any("Laws and frames agree" in finding for finding in study.findings)
+    assert study.passed and any(
+        "Laws and frames agree" in finding for finding in study.findings
+    )
 
 
-def test_every_noise_source_of_the_camera_is_left_out_once(study: Study, subject: Subject) -> None:
+def test_every_noise_source_of_the_camera_is_left_out_once(
+    study: Study, subject: Subject
+) -> None:
     shown = rows(study, "What changes when a noise source")
     assert next(iter(shown)) == "whole chain" and list(shown)[-1] == "the plan"
     assert {"PRNU", "dark current", "shot noise", "DSNU column"} <= set(shown)
@@ -56,17 +69,23 @@ def test_without_dark_current_the_mean_falls_by_its_closed_form(study: Study) ->
     """174.158 e- (paper eq. 1 at 25 °C in 0.1 s) times K = 4096/33 000 DN/e-."""
     change = rows(study, "What changes when a noise source")["dark current"]
     assert change["mean, predicted [DN]"] == pytest.approx(-174.158 * 4096 / 33_000, rel=2e-3)
-    assert change["mean, measured [DN]"] == pytest.approx(change["mean, predicted [DN]"], rel=5e-3)
+    assert change["mean, measured [DN]"] == pytest.approx(
+        change["mean, predicted [DN]"], rel=5e-3
+    )
 
 
 def test_a_stage_that_changes_nothing_saves_no_dn(study: Study) -> None:
     change = rows(study, "What changes when a noise source")["reset noise"]
-    assert {name: value for name, value in change.items() if name.endswith("[DN]") and value} == {}
+    assert {
+        name: value for name, value in change.items() if name.endswith("[DN]") and value
+    } == {}
 
 
 def test_a_sky_has_no_indirect_light_and_a_fall_off_of_its_lens(study: Study) -> None:
     shown = rows(study, "What changes when the render")
-    assert shown["indirect light"]["rms [DN]"] < 4 * shown["indirect light"]["± [DN]"]  # of the rms, the last one
+    assert (
+        shown["indirect light"]["rms [DN]"] < 4 * shown["indirect light"]["± [DN]"]
+    )  # of the rms, the last one
     assert {"one band", "channels instead of bands"} <= set(shown)
 
 
@@ -74,18 +93,23 @@ def test_the_page_has_units_and_one_colour_for_each_series(study: Study) -> None
     assert not faults(study)
 
 
-def test_nothing_is_measured_twice(kit: Kit, study: Study, subject: Subject, tmp_path: Path) -> None:
+def test_nothing_is_measured_twice(
+    kit: Kit, study: Study, subject: Subject, tmp_path: Path
+) -> None:
     again = Kit(through_files(kit.known, RECORDS, tmp_path))
     assert ablation(again, subject, frames=4).findings == study.findings and again.new == 0
 
 
 @pytest.mark.parametrize(
-    ("options", "given", "sentence"), [({}, {"frames": 1}, "frames is 1"), ({"spp": 4}, {}, "spp is 4")]
+    ("options", "given", "sentence"),
+    [({}, {"frames": 1}, "frames is 1"), ({"spp": 4}, {}, "spp is 4")],
 )
 def test_what_cannot_be_compared_is_refused(
     subject: Subject, options: dict[str, int], given: dict[str, int], sentence: str
 ) -> None:
-    asked = Subject(subject.scene, subject.camera, subject.exposure, {**subject.options, **options})
+    asked = Subject(
+        subject.scene, subject.camera, subject.exposure, {**subject.options, **options}
+    )
     with pytest.raises(ms.InputError, match=sentence):
         ablation(Kit(), asked, **given)
 
@@ -100,7 +124,9 @@ def test_a_law_that_is_off_by_ten_standard_errors_is_found() -> None:
     wrong = compare(Moments(predicted, predicted + noise + 0.35, np.zeros((1, 1))), None)
     assert all(abs(one.z) < 1e-6 for one in right) and all(abs(one.z) > 3.5 for one in wrong)
     assert wrong[0].measured_dn - wrong[0].predicted_dn == pytest.approx(0.35)
-    assert right[1].predicted_dn == pytest.approx(5.0) and right[2].predicted_dn == pytest.approx(2.0)
+    assert right[1].predicted_dn == pytest.approx(5.0) and right[
+        2
+    ].predicted_dn == pytest.approx(2.0)
 
 
 def test_the_rms_of_a_change_is_free_of_noise() -> None:

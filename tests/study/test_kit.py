@@ -65,8 +65,16 @@ def test_a_kind_that_was_not_measured_yet_takes_as_it_says_or_as_much_longer_as_
 
 
 def test_the_forecast_names_what_takes_the_time() -> None:
-    told = forecasts(("a1", 1.0, 1.0, "frames"), ("b1", 1.0, 50.0, "a million samples"), ("a2", 1.0, 1.0, "frames"))
-    assert told[2].longest == "a million samples" and told[2].longest_s == 50.0 and told[2].now == "a2"
+    told = forecasts(
+        ("a1", 1.0, 1.0, "frames"),
+        ("b1", 1.0, 50.0, "a million samples"),
+        ("a2", 1.0, 1.0, "frames"),
+    )
+    assert (
+        told[2].longest == "a million samples"
+        and told[2].longest_s == 50.0
+        and told[2].now == "a2"
+    )
 
 
 def test_steps_that_come_later_are_in_the_forecast() -> None:

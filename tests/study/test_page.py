@@ -36,7 +36,11 @@ from mitsuba_sensor.pages.page import (
 from mitsuba_sensor.study.kit import Forecast
 
 TABLE = Table(
-    "Series <all>", ("name", "ms", "error"), (("a & b", 1.23456, None), ("c", 2.0, 1e-9)), ("good", "bad"), "read me"
+    "Series <all>",
+    ("name", "ms", "error"),
+    (("a & b", 1.23456, None), ("c", 2.0, 1e-9)),
+    ("good", "bad"),
+    "read me",
 )
 LINES = (
     Line("steep", (1.0, 10.0, 100.0), (1.0, 0.1, 0.01), (0.1, 0.01, 0.001), ringed=(2,)),
@@ -46,7 +50,14 @@ PICTURES = (
     Plot("error", "seconds", "error", LINES, level=(0.02, "wanted")),
     Plot("all zero", "x", "y", (Line("z", (0.0, 1.0), (0.0, 0.0)),)),
     Plot("nothing", "x", "y", ()),
-    Bars("bars", "DN", ("one", "two"), {"p": (1.0, None), "m": (0.5, 2.0)}, {"m": (0.1, 0.2)}, level=(0.7, "here")),
+    Bars(
+        "bars",
+        "DN",
+        ("one", "two"),
+        {"p": (1.0, None), "m": (0.5, 2.0)},
+        {"m": (0.1, 0.2)},
+        level=(0.7, "here"),
+    ),
     Bars("zeros", "DN", ("one",), {"p": (0.0,)}, log_x=True),
     Grid("verdicts", ("r1", "r2"), ("c1",), (("good",), ("bad",)), (("3/3",), ("1/2",))),
 )
@@ -58,31 +69,46 @@ def study(*parts: object, passed: bool = True) -> Study:
 
 
 def test_a_study_is_its_sections_one_after_the_other() -> None:
-    whole = study_of("stress", "t", [Section(("a",), True, (TABLE,)), Section(("b",), False, PICTURES[:1])])
+    whole = study_of(
+        "stress", "t", [Section(("a",), True, (TABLE,)), Section(("b",), False, PICTURES[:1])]
+    )
     assert (whole.findings, whole.passed) == (("a", "b"), False)
     assert [part.title for part in whole.parts] == ["Series <all>", "error"]
 
 
 def of_names(*names: str) -> Plot:
-    return Plot(names[0], "x [1]", "y [1]", tuple(Line(name, (1.0,), (float(k),)) for k, name in enumerate(names)))
+    return Plot(
+        names[0],
+        "x [1]",
+        "y [1]",
+        tuple(Line(name, (1.0,), (float(k),)) for k, name in enumerate(names)),
+    )
 
 
 def test_a_plot_of_many_series_becomes_several_each_with_the_first_and_none_is_lost() -> None:
     names = [f"s{k}" for k in range(17)]
-    parts = study_of("s", "t", [Section((), True, (of_names(*names), of_names(*names[:8])))]).parts
+    parts = study_of(
+        "s", "t", [Section((), True, (of_names(*names), of_names(*names[:8])))]
+    ).parts
     shown = [[line.label for line in part.lines] for part in parts if isinstance(part, Plot)]
-    assert [len(some) for some in shown] == [8, 8, 3, 8] and {some[0] for some in shown} == {"s0"}
+    assert [len(some) for some in shown] == [8, 8, 3, 8] and {some[0] for some in shown} == {
+        "s0"
+    }
     assert sorted(name for some in shown[:3] for name in some[1:]) == sorted(names[1:])
     assert [part.title for part in parts] == ["s0 (1 of 3)", "s0 (2 of 3)", "s0 (3 of 3)", "s0"]
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_series_has_one_colour_through_a_page_that_no_other_of_its_plots_has(seed: int) -> None:
+def test_a_series_has_one_colour_through_a_page_that_no_other_of_its_plots_has(
+    seed: int,
+) -> None:
     """Plots and bars of three of twelve series, so that a colour is free for each of them."""
     choice = random.Random(seed)
     names = [choice.sample("abcdefghijkl", 3) for _ in range(4)]
     bars = Bars("bars", "change [DN]", ("one",), dict.fromkeys(names[0], (1.0,)))
-    found = study_of("s", "t", [Section((), True, (*(of_names(*some) for some in names), bars))])
+    found = study_of(
+        "s", "t", [Section((), True, (*(of_names(*some) for some in names), bars))]
+    )
     assert not faults(found)
 
 
@@ -91,7 +117,9 @@ def test_faults_of_a_page_are_found() -> None:
     assert "9 series" in found and "one colour" in found and "ms has no unit" in found
 
 
-@pytest.mark.parametrize("picture", [p for p in PICTURES if isinstance(p, Bars)], ids=lambda p: p.title)
+@pytest.mark.parametrize(
+    "picture", [p for p in PICTURES if isinstance(p, Bars)], ids=lambda p: p.title
+)
 def test_no_label_lies_on_a_bar(picture: Bars, monkeypatch: pytest.MonkeyPatch) -> None:
     """No text is drawn inside the axes, and the legend begins right of them."""
     seen: list[Any] = []
@@ -115,25 +143,41 @@ def test_a_page_is_made_for_a_phone() -> None:
 
 def test_the_terminal_shows_at_most_40_lines_and_says_what_stands_in_the_page() -> None:
     """However many findings and tables; what is not as it must be comes first."""
-    tables = tuple(Table(f"table {k}", ("n", "x [1]"), tuple((i, 0.5) for i in range(9))) for k in range(9))
+    tables = tuple(
+        Table(f"table {k}", ("n", "x [1]"), tuple((i, 0.5) for i in range(9))) for k in range(9)
+    )
     bad = Table("wrong", ("n", "x [1]"), ((1, 0.5),), ("bad",))
     long = study_of("s", "t", [Section(("finding " * 30,) * 3, True, (*tables, bad))])
     for width in (60, 80, 140):
         said = shown(long, width)
-        assert len(said.splitlines()) <= 40 and "wrong" in said and "more tables stand in the page" in said
+        assert (
+            len(said.splitlines()) <= 40
+            and "wrong" in said
+            and "more tables stand in the page" in said
+        )
     said = shown(replace(long, findings=("finding " * 30,) * 30), 80)
     assert len(said.splitlines()) <= 40 and "more findings" in said
 
 
 def test_a_table_has_a_column_for_each_heading_and_marks_only_where_there_are_any() -> None:
-    made = table("t", "name | ± | ±", [("", ("a", 1.0, 2.0)), ("bad", ("b", 3.0, None))], "note")
-    assert made.columns == ("name", "±", "±") and made.marks == ("", "bad") and made.rows[1] == ("b", 3.0, None)
+    made = table(
+        "t", "name | ± | ±", [("", ("a", 1.0, 2.0)), ("bad", ("b", 3.0, None))], "note"
+    )
+    assert (
+        made.columns == ("name", "±", "±")
+        and made.marks == ("", "bad")
+        and made.rows[1] == ("b", 3.0, None)
+    )
     assert table("t", "name", [("", ("a",))]).marks == ()
 
 
 def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
     page = html(study(TABLE, *PICTURES))
-    assert not re.search(r"(src|href)\s*=\s*[\"'](?!#)", page) and "<script" not in page and "@import" not in page
+    assert (
+        not re.search(r"(src|href)\s*=\s*[\"'](?!#)", page)
+        and "<script" not in page
+        and "@import" not in page
+    )
     assert "url(http" not in page
     body = page[page.index("<body>") : page.index("</body>") + len("</body>")]
     ElementTree.fromstring(body)
@@ -142,7 +186,9 @@ def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
 
 
 @pytest.mark.parametrize("picture", one_in(3, PICTURES), ids=lambda p: p.title)
-def test_every_drawing_is_a_picture_and_is_drawn_the_same_again(picture: Plot | Bars | Grid) -> None:
+def test_every_drawing_is_a_picture_and_is_drawn_the_same_again(
+    picture: Plot | Bars | Grid,
+) -> None:
     drawn = svg(picture)
     ElementTree.fromstring(drawn)
     assert drawn == svg(picture)
@@ -158,7 +204,11 @@ def test_a_drawing_holds_the_labels_of_its_axes_and_lines_as_text() -> None:
 
 def test_steeper_lines_are_drawn_steeper() -> None:
     """The y of the points of a line of slope −1 in log-log fall by equal steps."""
-    [found] = [m for m in re.findall(r'<path d="(M [^"]+)" clip-path', svg(PICTURES[0])) if m.count("L") == 2][:1]
+    [found] = [
+        m
+        for m in re.findall(r'<path d="(M [^"]+)" clip-path', svg(PICTURES[0]))
+        if m.count("L") == 2
+    ][:1]
     points = [tuple(map(float, pair)) for pair in re.findall(r"([\d.]+) ([\d.]+)", found)]
     steps = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(points, points[1:], strict=False)]
     assert steps[0] == pytest.approx(steps[1], abs=0.01) and steps[0][0] > 0 and steps[0][1] > 0
@@ -193,12 +243,22 @@ def shown(found: Study, width: int = 140) -> str:
 
 def test_the_terminal_shows_verdict_findings_and_tables() -> None:
     said = shown(study(TABLE, *PICTURES, passed=False))
-    for label in ("not all holds", "here/study.html", "1 < 2", "Series <all>", "1.23", "verdicts", "1/2"):
+    for label in (
+        "not all holds",
+        "here/study.html",
+        "1 < 2",
+        "Series <all>",
+        "1.23",
+        "verdicts",
+        "1/2",
+    ):
         assert label in said
 
 
 def test_of_a_table_where_all_holds_the_terminal_says_so_and_no_more() -> None:
-    said = shown(study(Table("whole", ("case", "n"), (("one", 1), ("two", 2)), ("good", "good"))))
+    said = shown(
+        study(Table("whole", ("case", "n"), (("one", 1), ("two", 2)), ("good", "good")))
+    )
     assert "whole: all 2 rows as they must be" in said and "two" not in said
 
 

@@ -13,13 +13,17 @@ from mitsuba_sensor.lab.statistics.estimators import as_normal, pareto, slope_of
 @pytest.mark.parametrize("power", [-1.0, -0.5, 0.0, 2.0])
 def test_a_power_law_has_its_power_as_slope(power: float) -> None:
     x = [0.5, 1.0, 2.0, 8.0]
-    assert slope_of_runs([(x, [3 * v**power for v in x])] * 2).value == pytest.approx(power, abs=1e-12)
+    assert slope_of_runs([(x, [3 * v**power for v in x])] * 2).value == pytest.approx(
+        power, abs=1e-12
+    )
 
 
 def test_equal_runs_have_an_interval_of_no_width() -> None:
     run = [1.0, 2.0, 4.0], [1.0, 0.5, 0.25]
     slope = slope_of_runs([run, run, run])
-    assert slope.value == pytest.approx(-1, abs=1e-12) and slope.half_width == pytest.approx(0, abs=1e-12)
+    assert slope.value == pytest.approx(-1, abs=1e-12) and slope.half_width == pytest.approx(
+        0, abs=1e-12
+    )
 
 
 def test_two_runs_have_the_interval_of_students_t_with_one_degree_of_freedom() -> None:
@@ -63,7 +67,9 @@ def test_the_front_is_what_a_comparison_of_all_pairs_leaves() -> None:
     points = [tuple(pair) for pair in rng.integers(0, 12, size=(60, 2)).tolist()]
 
     def beaten(one: tuple[int, int]) -> bool:
-        return any(other[0] <= one[0] and other[1] <= one[1] and other != one for other in points)
+        return any(
+            other[0] <= one[0] and other[1] <= one[1] and other != one for other in points
+        )
 
     assert set(pareto(points)) == {i for i, point in enumerate(points) if not beaten(point)}
 
@@ -71,4 +77,6 @@ def test_the_front_is_what_a_comparison_of_all_pairs_leaves() -> None:
 def test_students_t_counts_as_the_normal_that_is_as_unlikely() -> None:
     """Tables: |t| > 3.460 has a chance of 0.1 % at 63 − 2 = 61 degrees of freedom; that of a normal law is 3.2905."""
     assert as_normal(-3.457, 63) == pytest.approx(-3.29, abs=0.02) and as_normal(0.0, 63) == 0
-    assert z_limit(1) == pytest.approx(2.5758, abs=1e-4) and z_limit(45) == pytest.approx(3.69, abs=0.02)
+    assert z_limit(1) == pytest.approx(2.5758, abs=1e-4) and z_limit(45) == pytest.approx(
+        3.69, abs=0.02
+    )

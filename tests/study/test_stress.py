@@ -33,31 +33,44 @@ QUICK = ("refusals", "smallest divisors", "special noise")
 
 
 @pytest.mark.parametrize("engine", ENGINES[:3], ids=lambda engine: engine.name)
-@pytest.mark.parametrize("theme", [one for one in THEMES if one.name in QUICK[1:]], ids=lambda theme: theme.name)
+@pytest.mark.parametrize(
+    "theme", [one for one in THEMES if one.name in QUICK[1:]], ids=lambda theme: theme.name
+)
 def test_quick_themes_hold_on_every_engine(theme: Theme, engine: package.Engine) -> None:
     if problem_of(engine):
         pytest.skip(problem_of(engine))
     rows = verdicts(theme, engine)
-    assert rows and all(row.got.passed for row in rows), [row for row in rows if not row.got.passed]
+    assert rows and all(row.got.passed for row in rows), [
+        row for row in rows if not row.got.passed
+    ]
 
 
-@pytest.mark.parametrize("theme", [one for one in THEMES if one.name in ("light", "exposure time", "temperature")][::5])
+@pytest.mark.parametrize(
+    "theme",
+    [one for one in THEMES if one.name in ("light", "exposure time", "temperature")][::5],
+)
 def test_every_stage_has_its_theory_at_extremes(theme: Theme) -> None:
     rows = verdicts(theme, ENGINES[0])
-    assert rows and all(row.got.passed for row in rows), [row for row in rows if not row.got.passed]
+    assert rows and all(row.got.passed for row in rows), [
+        row for row in rows if not row.got.passed
+    ]
 
 
 def test_what_cannot_be_is_refused_in_one_sentence() -> None:
     (theme,) = [one for one in THEMES if one.name == "refusals"]
     rows = verdicts(theme, NO_ENGINE)
-    assert len(rows) > 20 and all(row.got.passed for row in rows), [row for row in rows if not row.got.passed]
+    assert len(rows) > 20 and all(row.got.passed for row in rows), [
+        row for row in rows if not row.got.passed
+    ]
 
 
 def test_renders_have_their_closed_forms() -> None:
     for theme in THEMES:
         if theme.name == "radiance":
             rows = verdicts(theme, RENDERERS[0])
-            assert rows and all(row.got.passed for row in rows), [row for row in rows if not row.got.passed]
+            assert rows and all(row.got.passed for row in rows), [
+                row for row in rows if not row.got.passed
+            ]
 
 
 def cases(kind: str, _: object) -> Iterator[Row]:
@@ -71,7 +84,9 @@ def cases(kind: str, _: object) -> Iterator[Row]:
         yield Row("a", "NaN", "a number", within(np.divide(np.zeros(1), np.zeros(1)), 0.0))
 
 
-@pytest.mark.parametrize(("kind", "failed"), [("right", 0), ("wrong", 1), ("exception", 1), ("warning", 1)])
+@pytest.mark.parametrize(
+    ("kind", "failed"), [("right", 0), ("wrong", 1), ("exception", 1), ("warning", 1)]
+)
 def test_wrong_answers_exceptions_and_warnings_fail(kind: str, failed: int) -> None:
     rows = verdicts(Theme("made", partial(cases, kind)), NO_ENGINE)
     assert sum(not row.got.passed for row in rows) == failed
@@ -91,7 +106,10 @@ def test_not_a_number_is_never_within_and_a_sentence_must_say_its_part() -> None
 def measured() -> tuple[Kit, Study]:
     """The study with two themes and the condition numbers of one camera."""
     small = pytest.MonkeyPatch()
-    themes = Theme("made", partial(cases, "wrong"), ENGINES[:2]), Theme("right", partial(cases, "right"), ENGINES[:1])
+    themes = (
+        Theme("made", partial(cases, "wrong"), ENGINES[:2]),
+        Theme("right", partial(cases, "right"), ENGINES[:1]),
+    )
     small.setattr(package, "THEMES", themes)
     small.setattr(package, "cameras", lambda: {"konnik_table1": table1()})
     kit = Kit()
@@ -102,17 +120,27 @@ def measured() -> tuple[Kit, Study]:
 
 def test_the_page_names_what_fails_and_counts_what_holds(measured: tuple[Kit, Study]) -> None:
     study = measured[1]
-    assert not study.passed and study.findings[0].startswith("3 of 5 cases hold on NumPy float64, NumPy float32")
-    assert any(finding.startswith("Fails: made, wrong, NumPy float64") for finding in study.findings)
+    assert not study.passed and study.findings[0].startswith(
+        "3 of 5 cases hold on NumPy float64, NumPy float32"
+    )
+    assert any(
+        finding.startswith("Fails: made, wrong, NumPy float64") for finding in study.findings
+    )
     grid = next(part for part in study.parts if isinstance(part, Grid))
-    assert grid.texts[0][1:3] == ("1/2", "1/2") and grid.marks[0][1] == "bad" and grid.marks[1][1] == "good"
+    assert (
+        grid.texts[0][1:3] == ("1/2", "1/2")
+        and grid.marks[0][1] == "bad"
+        and grid.marks[1][1] == "good"
+    )
     json.dumps(study.to_dict(), allow_nan=False)
     assert not faults(study)
 
 
 def test_nothing_is_measured_twice(measured: tuple[Kit, Study], tmp_path: Path) -> None:
     read = through_files(measured[0].known, RECORDS, tmp_path)
-    assert {key: value for key, (value, _) in read.items()} == {k: v for k, (v, _) in measured[0].known.items()}
+    assert {key: value for key, (value, _) in read.items()} == {
+        k: v for k, (v, _) in measured[0].known.items()
+    }
 
 
 def test_condition_numbers_are_those_of_closed_forms() -> None:

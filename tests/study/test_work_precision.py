@@ -15,7 +15,13 @@ from mitsuba_sensor.study.kit import Kit, Subject
 from mitsuba_sensor.study.work_precision import RECORDS, work_precision
 from mitsuba_sensor.study.work_precision import render as of_render
 from mitsuba_sensor.study.work_precision import sensor as of_sensor
-from mitsuba_sensor.study.work_precision.results import Result, Rung, Setting, choices, typed_options
+from mitsuba_sensor.study.work_precision.results import (
+    Result,
+    Rung,
+    Setting,
+    choices,
+    typed_options,
+)
 from mitsuba_sensor.study.work_precision.sensor import change_of_moments
 
 
@@ -24,12 +30,16 @@ def result(square: float, power: float = -0.5, own: float = 0.0, **options: obje
     setting = Setting("made", {"denoise": False, **options})
     runs = []
     for run in range(4):
-        squares = [(n, (1 + 0.01 * run) * square * n ** (2 * power) + own) for n in (16, 32, 64, 128)]
+        squares = [
+            (n, (1 + 0.01 * run) * square * n ** (2 * power) + own) for n in (16, 32, 64, 128)
+        ]
         runs.append([Rung(n, 0.01 * n, x) for n, x in squares])
     return Result(setting, runs, own)
 
 
-@pytest.mark.parametrize(("power", "verdict"), [(-0.5, "holds"), (-0.8, "holds"), (-0.4, "off"), (-1.7, "off")])
+@pytest.mark.parametrize(
+    ("power", "verdict"), [(-0.5, "holds"), (-0.8, "holds"), (-0.4, "off"), (-1.7, "off")]
+)
 def test_a_slope_that_no_sampler_has_is_found(power: float, verdict: str) -> None:
     made = result(1.0, power)
     assert made.slope is not None and made.slope.value == pytest.approx(power, abs=1e-9)
@@ -47,7 +57,9 @@ def test_a_denoised_render_has_no_law() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.2, 0.1, 0.05])
-def test_the_samples_that_reach_a_tolerance_are_predicted_with_a_margin(tolerance: float) -> None:
+def test_the_samples_that_reach_a_tolerance_are_predicted_with_a_margin(
+    tolerance: float,
+) -> None:
     """Error² = 1/n, 0.01 s per sample: 1/tolerance² samples and a tenth more; the last one is beyond all rungs."""
     (choice,) = choices([result(1 / 1.015)], tolerance)
     assert choice.spp == pytest.approx(1.1 / tolerance**2, abs=1.5)
@@ -57,12 +69,18 @@ def test_the_samples_that_reach_a_tolerance_are_predicted_with_a_margin(toleranc
 
 def test_the_quickest_options_come_first() -> None:
     slow, quick = result(4.0), result(1.0, spectral="channels")
-    assert [choice.options.partition("--spectral")[1] for choice in choices([slow, quick], 0.1)] == ["--spectral", ""]
+    assert [
+        choice.options.partition("--spectral")[1] for choice in choices([slow, quick], 0.1)
+    ] == ["--spectral", ""]
 
 
 def test_options_are_typed_as_the_command_line_has_them() -> None:
-    setting = Setting("x", {"denoise": True, "bandwidth_nm": 470.0, "variant": "scalar_spectral"})
-    assert typed_options(setting, 64) == "--spp 64 --bandwidth-nm 470.0 --variant scalar_spectral"
+    setting = Setting(
+        "x", {"denoise": True, "bandwidth_nm": 470.0, "variant": "scalar_spectral"}
+    )
+    assert (
+        typed_options(setting, 64) == "--spp 64 --bandwidth-nm 470.0 --variant scalar_spectral"
+    )
 
 
 def test_changes_of_moments_are_those_of_mean_and_sigma() -> None:
@@ -94,7 +112,9 @@ def measured(subject: Subject) -> tuple[Kit, Study]:
     return kit, study
 
 
-def test_frames_of_every_engine_are_what_the_package_says_of_itself(measured: tuple[Kit, Study]) -> None:
+def test_frames_of_every_engine_are_what_the_package_says_of_itself(
+    measured: tuple[Kit, Study],
+) -> None:
     tables = [part for part in measured[1].parts if isinstance(part, Table)]
     must_hold = next(part for part in tables if part.title.startswith("What must hold"))
     assert must_hold.rows and set(must_hold.marks) == {"good"}
@@ -102,7 +122,11 @@ def test_frames_of_every_engine_are_what_the_package_says_of_itself(measured: tu
 
 def test_every_setting_is_shown(measured: tuple[Kit, Study]) -> None:
     tables = {part.title: part for part in measured[1].parts if isinstance(part, Table)}
-    assert {row[0] for row in tables["Settings of the render"].rows} >= {"as shipped", "one band", "channels"}
+    assert {row[0] for row in tables["Settings of the render"].rows} >= {
+        "as shipped",
+        "one band",
+        "channels",
+    }
     sensor = {row[0] for row in tables["Settings of the sensor"].rows}
     assert {"numpy float64", "numpy float32", "numpy float32, plan 1 DN"} <= sensor
 
@@ -125,6 +149,8 @@ def test_measurements_come_back_from_files(measured: tuple[Kit, Study], tmp_path
         ({"variants": ["scalar_rgb"]}, "scalar_rgb"),
     ],
 )
-def test_what_cannot_be_studied_is_refused(subject: Subject, given: dict[str, object], sentence: str) -> None:
+def test_what_cannot_be_studied_is_refused(
+    subject: Subject, given: dict[str, object], sentence: str
+) -> None:
     with pytest.raises(ms.InputError, match=sentence):
         work_precision(Kit(), subject, **given)  # type: ignore[arg-type]

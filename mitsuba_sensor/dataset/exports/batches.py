@@ -34,5 +34,7 @@ def batches(
         arrays = {name: [one.read(name) for one in chosen] for name in names}
         for name, found in arrays.items():
             if len({one.shape for one in found}) > 1:
-                raise InputError(f"the {name} of a batch have shapes {sorted({x.shape for x in found})}; take size=1.")
+                raise InputError(
+                    f"the {name} of a batch have shapes {sorted({x.shape for x in found})}; take size=1."
+                )
         yield {name: np.stack(found) for name, found in arrays.items()}

@@ -12,7 +12,13 @@ from ...output.contact_sheet import contact_sheet
 
 QUANTILES = ("lowest", "1 %", "median", "99 %", "highest")
 SHEET = "contact_sheet.png"
-UNITS = ("K [DN/e-]", "temporal dark noise [e-]", "saturation [e-]", "black level [DN]", "white level [DN]")
+UNITS = (
+    "K [DN/e-]",
+    "temporal dark noise [e-]",
+    "saturation [e-]",
+    "black level [DN]",
+    "white level [DN]",
+)
 
 
 @dataclass(frozen=True)
@@ -61,10 +67,16 @@ def write_card(folder: Path, facts: CardFacts) -> None:
 
 def card_text(facts: CardFacts) -> str:
     """The Markdown of the card."""
-    sheet = f"![Some of the frames, as the camera's preview, a row for each scene]({SHEET})" if facts.pictures else ""
+    sheet = (
+        f"![Some of the frames, as the camera's preview, a row for each scene]({SHEET})"
+        if facts.pictures
+        else ""
+    )
     splits = [(name or "–", *numbers) for name, numbers in facts.splits.items()]
     noise = [(x.name, x.gain, x.samples, *x.noise) for x in facts.cameras]
-    versions = ", ".join(f"{name} {version}" for name, version in facts.versions.items() if version)
+    versions = ", ".join(
+        f"{name} {version}" for name, version in facts.versions.items() if version
+    )
     parts = [
         f"# {facts.name}",
         facts.description,
@@ -78,7 +90,10 @@ def card_text(facts: CardFacts) -> str:
         "## Values",
         "Digital numbers of the raw frames, and photoelectrons that the light makes on average: lowest and highest of "
         "all samples; between them the median over the samples of each quantile.",
-        _table(("camera", "gain setting", "", *QUANTILES), [row for x in facts.cameras for row in _values(x)]),
+        _table(
+            ("camera", "gain setting", "", *QUANTILES),
+            [row for x in facts.cameras for row in _values(x)],
+        ),
         "## How to read",
         f"```\n{facts.how_to_read.strip()}\n```" if facts.how_to_read else "",
         "## Licence",

@@ -50,27 +50,43 @@ class CocoImage(NamedTuple):
 
 
 def coco(
-    images: Iterable[CocoImage], description: str, licence: str = "", names: Sequence[str] | None = None
+    images: Iterable[CocoImage],
+    description: str,
+    licence: str = "",
+    names: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """The contents of an annotation file, ready for JSON. Numbers start at 1.
 
     names : of the categories; by default those that the pictures have, sorted.
     """
     known = list(images)
-    names = sorted({one.name for image in known for one in image.instances}) if names is None else names
+    names = (
+        sorted({one.name for image in known for one in image.instances})
+        if names is None
+        else names
+    )
     categories = {name: number for number, name in enumerate(names, start=1)}
     found: dict[str, Any] = {
         "info": {"description": description, "version": "1.0"},
         "licenses": [{"id": 1, "name": licence or "none given", "url": ""}],
         "images": [],
         "annotations": [],
-        "categories": [{"id": number, "name": name, "supercategory": "shape"} for name, number in categories.items()],
+        "categories": [
+            {"id": number, "name": name, "supercategory": "shape"}
+            for name, number in categories.items()
+        ],
     }
     for number, image in enumerate(known, start=1):
         shape = {"width": image.columns, "height": image.rows}
-        found["images"].append({"id": number, "file_name": image.file_name, **shape, "license": 1, **image.facts})
+        found["images"].append(
+            {"id": number, "file_name": image.file_name, **shape, "license": 1, **image.facts}
+        )
         for one in image.instances:
-            entry = {"id": len(found["annotations"]) + 1, "image_id": number, "category_id": categories[one.name]}
+            entry = {
+                "id": len(found["annotations"]) + 1,
+                "image_id": number,
+                "category_id": categories[one.name],
+            }
             mask = {"size": [image.rows, image.columns], "counts": one.counts}
             box = {"segmentation": mask, "area": one.area, "bbox": list(one.bbox), "iscrowd": 0}
             found["annotations"].append({**entry, **box, "shape_index": one.shape_index})
@@ -89,15 +105,23 @@ def instances_of(shape_index: ArrayLike, shapes: Sequence[str]) -> list[Instance
     order = np.argsort(values, kind="stable")
     edges = np.flatnonzero(np.diff(values[order])) + 1
     groups = (group for group in np.split(order, edges) if values[group[0]] >= 0)
-    return [_instance(int(values[group[0]]), shapes, (starts[group], ends[group]), index.shape) for group in groups]
+    return [
+        _instance(int(values[group[0]]), shapes, (starts[group], ends[group]), index.shape)
+        for group in groups
+    ]
 
 
 def _instance(
-    number: int, shapes: Sequence[str], runs: tuple[NDArray[np.int64], NDArray[np.int64]], shape: tuple[int, ...]
+    number: int,
+    shapes: Sequence[str],
+    runs: tuple[NDArray[np.int64], NDArray[np.int64]],
+    shape: tuple[int, ...],
 ) -> Instance:
     (starts, ends), (rows, columns) = runs, shape
     left, right = int(starts[0]) // rows, int(ends[-1] - 1) // rows
-    whole = starts // rows != (ends - 1) // rows  # runs that go on at the top of the next column
+    whole = (
+        starts // rows != (ends - 1) // rows
+    )  # runs that go on at the top of the next column
     top = 0 if whole.any() else int((starts % rows).min())
     bottom = rows - 1 if whole.any() else int(((ends - 1) % rows).max())
     lengths = np.diff(np.column_stack([starts, ends]).ravel(), prepend=0)
@@ -127,7 +151,9 @@ def write_coco(job: Job) -> str:
     view, instances = Path(), list[Instance]()
     for sample in job.samples:
         if sample.view_folder != view:  # samples of one view follow one another
-            aovs = read_aovs_exr(checked(sample.existing(sample.view_folder / "aovs.exr", "shape_index")))
+            aovs = read_aovs_exr(
+                checked(sample.existing(sample.view_folder / "aovs.exr", "shape_index"))
+            )
             view, instances = sample.view_folder, instances_of(aovs.shape_index, aovs.shapes)
         job.place_picture(sample, f"images/{sample.key}.png")
         facts = {"split": sample.split, "values": dict(sample.values)}
@@ -135,8 +161,12 @@ def write_coco(job: Job) -> str:
         image = CocoImage(f"{sample.key}.png", size["columns"], size["rows"], instances, facts)
         found.setdefault(sample.split or "all", []).append(image)
         job.step()
-    names = sorted({one.name for images in found.values() for image in images for one in image.instances})
+    names = sorted(
+        {one.name for images in found.values() for image in images for one in image.instances}
+    )
     for split, images in found.items():
         annotations = coco(images, job.title, job.licence, names)
-        write_page(inside(job.folder, f"annotations/instances_{split}.json"), json.dumps(annotations))
+        write_page(
+            inside(job.folder, f"annotations/instances_{split}.json"), json.dumps(annotations)
+        )
     return HOW.format(split=next(iter(found)))

@@ -27,16 +27,26 @@ NO_POINTS = "# 3D point list: none; the poses are known\n"
 
 def colmap_model(images: Sequence[PosedImage]) -> dict[str, str]:
     """Name → text of the three files. Raises InputError for a name with a space, which images.txt cannot hold."""
-    numbers = {one: number for number, one in enumerate(dict.fromkeys(i.calibration for i in images), start=1)}
+    numbers = {
+        one: number
+        for number, one in enumerate(dict.fromkeys(i.calibration for i in images), start=1)
+    }
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     cameras += [f"{number} {_camera(one)}" for one, number in numbers.items()]
-    poses = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
+    poses = [
+        "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
+        "# POINTS2D[] as (X, Y, POINT3D_ID)",
+    ]
     for number, one in enumerate(images, start=1):
         if any(letter.isspace() for letter in one.name):
-            raise InputError(f"the picture {one.name!r} has a space in its name, which COLMAP cannot read; rename it.")
+            raise InputError(
+                f"the picture {one.name!r} has a space in its name, which COLMAP cannot read; rename it."
+            )
         poses += [f"{number} {_pose(one)} {numbers[one.calibration]} {one.name}", ""]
     texts = {"cameras.txt": cameras, "images.txt": poses}
-    return {name: "\n".join(lines) + "\n" for name, lines in texts.items()} | {"points3D.txt": NO_POINTS}
+    return {name: "\n".join(lines) + "\n" for name, lines in texts.items()} | {
+        "points3D.txt": NO_POINTS
+    }
 
 
 def write_colmap(job: Job) -> str:

@@ -67,10 +67,14 @@ def export(
     """
     chosen = complete(ExportOptions, options)
     if format not in WRITERS:
-        raise InputError(f"format is {format!r}; it must be one of {', '.join(WRITERS)}.{nearest(format, WRITERS)}")
+        raise InputError(
+            f"format is {format!r}; it must be one of {', '.join(WRITERS)}.{nearest(format, WRITERS)}"
+        )
     dataset = Dataset(folder, chosen["split"])
     if not len(dataset):
-        raise InputError(f"{dataset.folder} has no samples; make them with `mitsuba-sensor dataset run`.")
+        raise InputError(
+            f"{dataset.folder} has no samples; make them with `mitsuba-sensor dataset run`."
+        )
     if Path(out).absolute().is_relative_to(dataset.folder.absolute()):
         raise InputError(f"{out} is in the dataset itself; give a folder elsewhere.")
     require_origin(dataset.folder)
@@ -82,7 +86,9 @@ def export(
         progress(done, total)
 
     title = f"{file.name}: {file.description}" if file.description else file.name
-    with appearing_folder(Path(out), chosen["force"], {"dataset": file.name, "format": format}) as scratch:
+    with appearing_folder(
+        Path(out), chosen["force"], {"dataset": file.name, "format": format}
+    ) as scratch:
         known = summary(dataset, dataset.samples, file, step)
         known = replace(known, licence=chosen["licence"] or known.licence)
         how = WRITERS[format](Job(dataset.samples, scratch, chosen, step, title, known.licence))

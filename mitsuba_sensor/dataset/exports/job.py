@@ -47,7 +47,9 @@ class Job:
         """Copy the preview of a sample. Raises InputError where the dataset has none."""
         picture = sample.folder / PICTURE
         if not picture.exists():
-            raise InputError(f"there is no {picture}; add preview to the outputs of the dataset, and make it again.")
+            raise InputError(
+                f"there is no {picture}; add preview to the outputs of the dataset, and make it again."
+            )
         copy_into(self.folder, name, checked(picture))
 
 
@@ -58,7 +60,9 @@ def checked(path: Path) -> Path:
         said = found.files.get(path.name) if found and found.key == path.parent.name else None
         if said and not path.is_symlink() and durable.size_and_hash(path) == said:
             return path
-    raise InputError(f"{path} is not as it was written; `mitsuba-sensor dataset repair` makes it again.")
+    raise InputError(
+        f"{path} is not as it was written; `mitsuba-sensor dataset repair` makes it again."
+    )
 
 
 def facts_of(sample: Sample) -> Facts:
@@ -66,7 +70,9 @@ def facts_of(sample: Sample) -> Facts:
     checked(sample.folder / "sample.json")
     found = replace(sample).facts
     if missing := [name for name in NEEDED if not isinstance(found.get(name), dict)]:
-        raise InputError(f"sample.json in {sample.folder} has no {missing[0]}: another version made it; make it again.")
+        raise InputError(
+            f"sample.json in {sample.folder} has no {missing[0]}: another version made it; make it again."
+        )
     return found
 
 
@@ -99,5 +105,9 @@ def posed(sample: Sample, name: str) -> PosedImage:
     facts = facts_of(sample)
     light, pitch_um = facts["light"], facts["config"]["camera"]["pixel"]["pitch_x_um"]
     if light.get("camera_to_world") is None:
-        raise InputError(f"{sample.folder} has no pose; the dataset was made by an older version: make it again.")
-    return PosedImage(name, calibration_of(light["intrinsics"], pitch_um), np.array(light["camera_to_world"]))
+        raise InputError(
+            f"{sample.folder} has no pose; the dataset was made by an older version: make it again."
+        )
+    return PosedImage(
+        name, calibration_of(light["intrinsics"], pitch_um), np.array(light["camera_to_world"])
+    )

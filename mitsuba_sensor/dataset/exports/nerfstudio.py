@@ -34,7 +34,13 @@ def transforms(images: Sequence[PosedImage]) -> dict[str, Any]:
     frames: list[dict[str, Any]] = []
     for one in images:
         own = {} if len(shared) == 1 else _intrinsics(one.calibration)
-        frames.append({"file_path": one.name, **own, "transform_matrix": camera_to_world(one.pose, TO_OPENGL).tolist()})
+        frames.append(
+            {
+                "file_path": one.name,
+                **own,
+                "transform_matrix": camera_to_world(one.pose, TO_OPENGL).tolist(),
+            }
+        )
     common = _intrinsics(shared.pop()) if len(shared) == 1 else {}
     return {"camera_model": "OPENCV", **common, "frames": frames}
 
@@ -75,6 +81,15 @@ def _depth(job: Job, world: str, sample: Sample) -> str:
 
 def _intrinsics(calibration: Calibration) -> dict[str, float]:
     (fx, fy), (cx, cy) = calibration.focal, calibration.principal
-    coefficients = dict(zip(("k1", "k2", "p1", "p2", "k3"), calibration.distortion, strict=True))
+    coefficients = dict(
+        zip(("k1", "k2", "p1", "p2", "k3"), calibration.distortion, strict=True)
+    )
     size = {"w": calibration.columns, "h": calibration.rows}
-    return {**size, "fl_x": fx, "fl_y": fy, "cx": cx + HALF_PIXEL, "cy": cy + HALF_PIXEL, **coefficients}
+    return {
+        **size,
+        "fl_x": fx,
+        "fl_y": fy,
+        "cx": cx + HALF_PIXEL,
+        "cy": cy + HALF_PIXEL,
+        **coefficients,
+    }

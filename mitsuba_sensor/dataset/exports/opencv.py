@@ -29,7 +29,9 @@ Entry: TypeAlias = int | Float64Array | list[str]
 MATRIX = "!!opencv-matrix"
 
 
-def opencv_entries(calibration: Calibration, images: Sequence[PosedImage] = ()) -> dict[str, Entry]:
+def opencv_entries(
+    calibration: Calibration, images: Sequence[PosedImage] = ()
+) -> dict[str, Entry]:
     """What the files hold.  extrinsic_parameters : (N, 6), rotation vector [rad] and translation [m] of each picture,
     world to camera, in the order of ``images``."""
     found: dict[str, Entry] = {
@@ -46,7 +48,9 @@ def opencv_entries(calibration: Calibration, images: Sequence[PosedImage] = ()) 
 
 def _extrinsic(image: PosedImage) -> Float64Array:
     turn, move = world_to_camera(image.pose)
-    return np.concatenate([scipy.spatial.transform.Rotation.from_matrix(turn).as_rotvec(), move])
+    return np.concatenate(
+        [scipy.spatial.transform.Rotation.from_matrix(turn).as_rotvec(), move]
+    )
 
 
 def opencv_yaml(calibration: Calibration, images: Sequence[PosedImage] = ()) -> str:
@@ -100,5 +104,8 @@ def write_opencv(job: Job) -> str:
             job.step()
         for number, (calibration, images) in enumerate(found.items(), start=1):
             for end, text in (("yml", opencv_yaml), ("xml", opencv_xml)):
-                write_page(inside(job.folder, f"{world}/camera_{number}.{end}"), text(calibration, images))
+                write_page(
+                    inside(job.folder, f"{world}/camera_{number}.{end}"),
+                    text(calibration, images),
+                )
     return HOW.format(world=world)

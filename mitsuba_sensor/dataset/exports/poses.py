@@ -34,10 +34,15 @@ def rigid_pose(to_world: ArrayLike) -> Float64Array:
     """A pose without its scale. Raises InputError for shear and mirroring, which no other program has in a pose."""
     pose = np.array(to_world, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise InputError(f"the pose of the camera has shape {pose.shape}; pass 4 × 4 finite numbers, camera to world.")
+        raise InputError(
+            f"the pose of the camera has shape {pose.shape}; pass 4 × 4 finite numbers, camera to world."
+        )
     pose[:3, :3] /= np.maximum(np.linalg.norm(pose[:3, :3], axis=0), 1e-300)
     turn = pose[:3, :3]
-    if not np.allclose(turn.T @ turn, np.eye(3), atol=SCALE_TOLERANCE) or np.linalg.det(turn) < 0:
+    if (
+        not np.allclose(turn.T @ turn, np.eye(3), atol=SCALE_TOLERANCE)
+        or np.linalg.det(turn) < 0
+    ):
         raise InputError(
             "the to_world of the scene's sensor shears or mirrors the image, which no pose of other programs can say; "
             'leave out a <scale x="-1"/>.'

@@ -61,5 +61,7 @@ def write_ros(job: Job) -> str:
     names = [f"camera_{number}" for number in range(1, len(found) + 1)]
     for name, calibration in zip(names, found, strict=True):
         write_page(inside(job.folder, f"{name}.yaml"), camera_info(calibration, name))
-    write_json(inside(job.folder, "samples.json"), dict(zip(names, found.values(), strict=True)))
+    write_json(
+        inside(job.folder, "samples.json"), dict(zip(names, found.values(), strict=True))
+    )
     return HOW

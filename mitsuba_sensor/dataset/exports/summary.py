@@ -42,7 +42,9 @@ class _Counts:
     """Of the samples so far."""
 
     groups: dict[tuple[str, str], _Group] = field(default_factory=dict)
-    splits: dict[str, tuple[list[str], set[str], set[tuple[str, int]]]] = field(default_factory=dict)
+    splits: dict[str, tuple[list[str], set[str], set[tuple[str, int]]]] = field(
+        default_factory=dict
+    )
     views: dict[str, None] = field(default_factory=dict)
     bytes: int = 0
     frames: int = 0
@@ -50,7 +52,9 @@ class _Counts:
     versions: dict[str, str | None] = field(default_factory=dict)
 
 
-def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step: Callable[[], object]) -> CardFacts:
+def summary(
+    dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step: Callable[[], object]
+) -> CardFacts:
     """What the card of these samples says.
 
     step : called after each sample.  Raises InputError for a sample that is not as it was written.
@@ -60,7 +64,9 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
         _add(counts, sample, facts_of(sample))
         _add_record(counts, store, ("samples", sample.key), digest)
         step()
-    with_files = {line["view"] for line in read_index(dataset.folder).lines if line["view_files"]}
+    with_files = {
+        line["view"] for line in read_index(dataset.folder).lines if line["view_files"]
+    }
     for key in (one for one in counts.views if one in with_files):
         _add_record(counts, store, ("views", key), digest)
     return CardFacts(
@@ -70,7 +76,9 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
         {
             "samples": len(samples),
             "raw frames": counts.frames,
-            "scenes": ", ".join(sorted(set[str]().union(*(scenes for _, scenes, _ in counts.splits.values())))),
+            "scenes": ", ".join(
+                sorted(set[str]().union(*(scenes for _, scenes, _ in counts.splits.values())))
+            ),
             "renders": len(counts.views),
             "pixels": ", ".join(sorted(counts.sizes)),
             "bytes of the dataset": counts.bytes,
@@ -80,7 +88,10 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
             f"`{FILE}`": durable.sha256_of(dataset.folder / FILE),
             f"every `{RECORD}` in the order of the samples, then of the renders": digest.hexdigest(),
         },
-        {split: (len(keys), len(scenes), len(chips)) for split, (keys, scenes, chips) in counts.splits.items()},
+        {
+            split: (len(keys), len(scenes), len(chips))
+            for split, (keys, scenes, chips) in counts.splits.items()
+        },
         "",
         _pictures(samples),
         counts.versions,
@@ -108,9 +119,20 @@ def _add(counts: _Counts, sample: Sample, facts: Facts) -> None:
 def _noise(facts: Facts) -> tuple[float | None, ...]:
     """K, σ_d, saturation, black and white level of the camera of a sample, at its gain."""
     config, image = facts["config"], facts["image"]
-    figures = figures_if_any(camera_from(config["camera"], "of the sample").at_gain(config["gain"]))
-    emva = (None, None) if figures is None else (figures.temporal_dark_noise_e, figures.saturation_e)
-    return facts["system_gain_dn_per_e"], *emva, image["black_level_dn"], image["white_level_dn"]
+    figures = figures_if_any(
+        camera_from(config["camera"], "of the sample").at_gain(config["gain"])
+    )
+    emva = (
+        (None, None)
+        if figures is None
+        else (figures.temporal_dark_noise_e, figures.saturation_e)
+    )
+    return (
+        facts["system_gain_dn_per_e"],
+        *emva,
+        image["black_level_dn"],
+        image["white_level_dn"],
+    )
 
 
 def _add_record(counts: _Counts, store: Store, entry: tuple[Kind, str], digest: Any) -> None:
@@ -125,13 +147,24 @@ def _add_record(counts: _Counts, store: Store, entry: tuple[Kind, str], digest: 
 
 
 def _numbers(name: str, gain: str, group: _Group) -> CameraNumbers:
-    return CameraNumbers(name, gain, len(group.digital), group.noise, _over(group.digital), _over(group.electrons))
+    return CameraNumbers(
+        name,
+        gain,
+        len(group.digital),
+        group.noise,
+        _over(group.digital),
+        _over(group.electrons),
+    )
 
 
 def _over(quantiles: list[list[float]]) -> list[float]:
     """Lowest of the lowest, medians, highest of the highest."""
     found = np.array(quantiles)
-    return [float(found[:, 0].min()), *np.median(found[:, 1:-1], axis=0).tolist(), float(found[:, -1].max())]
+    return [
+        float(found[:, 0].min()),
+        *np.median(found[:, 1:-1], axis=0).tolist(),
+        float(found[:, -1].max()),
+    ]
 
 
 def _pictures(samples: Sequence[Sample]) -> list[list[Path]]:
@@ -140,7 +173,10 @@ def _pictures(samples: Sequence[Sample]) -> list[list[Path]]:
     for one in samples:
         if (one.folder / PICTURE).exists():
             rows.setdefault(str(one.values["scene"]), []).append(one.folder / PICTURE)
-    return [[checked(path) for path in _some(rows[name], MOST_COLUMNS)] for name in _some(list(rows), MOST_ROWS)]
+    return [
+        [checked(path) for path in _some(rows[name], MOST_COLUMNS)]
+        for name in _some(list(rows), MOST_ROWS)
+    ]
 
 
 def _some(things: Sequence[Thing], most: int) -> list[Thing]:

@@ -27,7 +27,9 @@ def write_shards(job: Job) -> str:
     for split in sorted({one.split for one in job.samples}):
         name = split or "shard"
         with TarShards(job.folder, name, job.options["shard_mb"] * 10**6) as shards:
-            for sample in sorted((one for one in job.samples if one.split == split), key=lambda one: one.key):
+            for sample in sorted(
+                (one for one in job.samples if one.split == split), key=lambda one: one.key
+            ):
                 shards.add(sample.key, files_of(sample, arrays))
                 job.step()
         ends[name] = f"{name}-{{000000..{len(shards.shards) - 1:06d}}}.tar"
@@ -37,7 +39,9 @@ def write_shards(job: Job) -> str:
 
 def files_of(sample: Sample, arrays: Sequence[str]) -> dict[str, bytes | Path]:
     """The members of one sample, by extension."""
-    found: dict[str, bytes | Path] = {f"{name}.npy": npy(checked_array(sample, name)) for name in arrays}
+    found: dict[str, bytes | Path] = {
+        f"{name}.npy": npy(checked_array(sample, name)) for name in arrays
+    }
     picture = sample.folder / PICTURE
     pictures = {"png": checked(picture)} if picture.exists() else {}
     return {**found, "json": checked(sample.folder / "sample.json"), **pictures}

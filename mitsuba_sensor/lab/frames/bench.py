@@ -32,7 +32,16 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...files.raw_files import RawFile, read_raw
-from .manifest import KINDS, MANIFEST, WAY_OUT, Group, Kind, groups, groups_of_names, read_manifest
+from .manifest import (
+    KINDS,
+    MANIFEST,
+    WAY_OUT,
+    Group,
+    Kind,
+    groups,
+    groups_of_names,
+    read_manifest,
+)
 from .stack import Stack
 
 
@@ -71,18 +80,28 @@ class Bench:
         """
         tiles = {stack.tile: stack.source for stack in self.stacks}
         if len(tiles) > 1:
-            found = "; ".join(f"{source} has {tile or 'none'}" for tile, source in tiles.items())
-            raise InputError(f"the stacks have different mosaics: {found}. Give the tile in the manifest.")
+            found = "; ".join(
+                f"{source} has {tile or 'none'}" for tile, source in tiles.items()
+            )
+            raise InputError(
+                f"the stacks have different mosaics: {found}. Give the tile in the manifest."
+            )
         names = list(self.stacks[0].of_filters()) if self.stacks else []
         return {name: self._of(partial(_behind, name)) for name in names}
 
     def given(self, bits: int | None = None, wavelength_nm: float | None = None) -> Bench:
         """The same where somebody knows better; None changes nothing."""
-        bench = self if bits is None else self._of(lambda stacks: [replace(one, bits=bits) for one in stacks])
+        bench = (
+            self
+            if bits is None
+            else self._of(lambda stacks: [replace(one, bits=bits) for one in stacks])
+        )
         return bench if wavelength_nm is None else replace(bench, wavelength_nm=wavelength_nm)
 
     def _of(self, some: Callable[[Sequence[Stack]], Sequence[Stack]]) -> Bench:
-        kinds = (tuple(some(stacks)) for stacks in (self.biases, self.darks, self.flats, self.scenes))
+        kinds = (
+            tuple(some(stacks)) for stacks in (self.biases, self.darks, self.flats, self.scenes)
+        )
         biases, darks, flats, scenes = kinds
         return Bench(biases, darks, flats, scenes, self.wavelength_nm)
 
@@ -92,7 +111,9 @@ def _behind(name: str, stacks: Sequence[Stack]) -> list[Stack]:
     return [stack.of_filters()[name] for stack in stacks]
 
 
-def read_bench(path: str | os.PathLike[str], report: Callable[[int, int], None] | None = None) -> Bench:
+def read_bench(
+    path: str | os.PathLike[str], report: Callable[[int, int], None] | None = None
+) -> Bench:
     """The bench of a folder, or of a manifest of another name.
 
     report : called with the files that are read, and all of them, after each.
@@ -101,7 +122,9 @@ def read_bench(path: str | os.PathLike[str], report: Callable[[int, int], None] 
     given = Path(path)
     manifest = given / MANIFEST if given.is_dir() else given
     if not manifest.exists() and not given.is_dir():
-        raise InputError(f"there is no {given}; give a folder of raw frames, or a manifest in it.")
+        raise InputError(
+            f"there is no {given}; give a folder of raw frames, or a manifest in it."
+        )
     facts = read_manifest(manifest) if manifest.exists() else {}
     found = groups(facts, manifest) if facts else groups_of_names(given)
     total, taken = sum(len(group.files) for group in found), list[_Taken]()
@@ -110,9 +133,13 @@ def read_bench(path: str | os.PathLike[str], report: Callable[[int, int], None] 
             taken.append(_Taken.of(file, read_raw(file), group))
             if report is not None:
                 report(len(taken), total)
-    stacks = sorted(_stacks(taken, facts), key=lambda one: (_in_order(one[1].gain), *_settings(one[1])))
+    stacks = sorted(
+        _stacks(taken, facts), key=lambda one: (_in_order(one[1].gain), *_settings(one[1]))
+    )
     kinds = {kind: tuple(stack for k, stack in stacks if k == kind) for kind in KINDS}
-    return Bench(kinds["bias"], kinds["dark"], kinds["flat"], kinds["scene"], facts.get("wavelength_nm"))
+    return Bench(
+        kinds["bias"], kinds["dark"], kinds["flat"], kinds["scene"], facts.get("wavelength_nm")
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,15 +154,26 @@ class _Taken:
 
     @classmethod
     def of(cls, file: Path, raw: RawFile, group: Group) -> _Taken:
-        given, kind = group.settings, group.kind or next((one for one in KINDS if one == raw.kind), None)
+        given, kind = (
+            group.settings,
+            group.kind or next((one for one in KINDS if one == raw.kind), None),
+        )
         if kind is None:
             which = f"is it one of {', '.join(KINDS)}? Begin its name or its folder's with that, or {WAY_OUT}"
             raise InputError(f"{file}: {which}.")
         exposure_s = given.get("exposure_s", 0.0 if kind == "bias" else raw.exposure_s)
         if exposure_s is None:
-            raise InputError(f"{file} does not say how long it was exposed; {WAY_OUT}, with exposure_s in it.")
+            raise InputError(
+                f"{file} does not say how long it was exposed; {WAY_OUT}, with exposure_s in it."
+            )
         temperature_k = given.get("temperature_k", raw.temperature_k)
-        return cls(file, group, raw, kind, (float(exposure_s), temperature_k, str(given.get("gain", raw.gain))))
+        return cls(
+            file,
+            group,
+            raw,
+            kind,
+            (float(exposure_s), temperature_k, str(given.get("gain", raw.gain))),
+        )
 
 
 def _stacks(taken: list[_Taken], facts: Mapping[str, Any]) -> Iterator[tuple[Kind, Stack]]:
@@ -164,7 +202,10 @@ def _stack(some: list[_Taken], facts: Mapping[str, Any]) -> Stack:
                 )
     exposure_s, temperature_k, gain = first.settings
     photons = 0.0 if first.kind in ("bias", "dark") else first.group.settings.get("photons")
-    bits, tile = facts.get("bits", first.raw.bits), tuple(map(tuple, facts.get("tile", first.raw.tile)))
+    bits, tile = (
+        facts.get("bits", first.raw.bits),
+        tuple(map(tuple, facts.get("tile", first.raw.tile))),
+    )
     source = str(first.file) if len(some) == 1 else f"{first.file} … {some[-1].file.name}"
     return Stack(_joined(some), exposure_s, photons, temperature_k, gain, bits, tile, source)
 

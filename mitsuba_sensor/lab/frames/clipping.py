@@ -74,16 +74,22 @@ class Clipping:
             return f"every value is {self.lowest:g} DN"
         notes = []
         if self.black > LARGEST_SHARE:
-            notes.append(f"{self.black:.2%} of the values are {self.lowest:g}: the black level is too low")
+            notes.append(
+                f"{self.black:.2%} of the values are {self.lowest:g}: the black level is too low"
+            )
         if self.saturated > LARGEST_SHARE:
-            notes.append(f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}")
+            notes.append(
+                f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}"
+            )
         return "; ".join(notes)
 
     def shares_of_pixels(self, frames: NumpyArray) -> Float64Array:
         """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
         count = np.zeros(frames.shape[1:])
         for frame in frames:
-            count += (frame == self.lowest) * (self.black > 0) + (frame == self.largest) * (self.saturated > 0)
+            count += (frame == self.lowest) * (self.black > 0) + (frame == self.largest) * (
+                self.saturated > 0
+            )
         return count / len(frames)
 
 
@@ -99,7 +105,9 @@ def clipping_of(frames: NumpyArray, bits: int | None) -> Clipping:
     far = largest - lowest >= FEWEST_CODES * _step(frames)
     full = bits is not None and largest >= 2**bits - 1
     if not full:
-        below = max(float(np.max(frame, where=frame < largest, initial=lowest)) for frame in frames)
+        below = max(
+            float(np.max(frame, where=frame < largest, initial=lowest)) for frame in frames
+        )
         at_next = _count(frames, below)
         all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
         may_clip = far and (all_bits_set or len(frames) == 1 or _jumps(frames, largest))
@@ -107,7 +115,9 @@ def clipping_of(frames: NumpyArray, bits: int | None) -> Clipping:
     black = lowest == 0
     if not black and far and _jumps(frames, lowest):
         first, second = (_count(frames, lowest + number * _step(frames)) for number in (1, 2))
-        black = at_bottom > max(20.0, first * min(1.0, first / max(second, 1)) + 5 * math.sqrt(first))
+        black = at_bottom > max(
+            20.0, first * min(1.0, first / max(second, 1)) + 5 * math.sqrt(first)
+        )
     shares = at_bottom * black / frames.size, at_top * full / frames.size
     return Clipping(*shares, lowest, largest)
 
@@ -129,7 +139,11 @@ def _jumps(frames: NumpyArray, end: float) -> bool:
         return False
     first, second = (frame.astype(np.float64) for frame in frames[:2])
     touching = (first == end) | (second == end)
-    return bool(np.mean(np.abs(second - first)[touching] > 2.5 * _step(frames)) > OFTEN) if touching.any() else False
+    return (
+        bool(np.mean(np.abs(second - first)[touching] > 2.5 * _step(frames)) > OFTEN)
+        if touching.any()
+        else False
+    )
 
 
 def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
@@ -137,7 +151,9 @@ def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
     for clipping in (stack.clipping for stack in stacks):
         if not clipping.usable:
             clipped = figure.clipped or clipping.clipped
-            figure = replace(figure, value=math.nan, low=math.nan, high=math.nan, clipped=clipped)
+            figure = replace(
+                figure, value=math.nan, low=math.nan, high=math.nan, clipped=clipped
+            )
         figure = figure.noted(clipping.note)
     return figure
 
@@ -145,7 +161,9 @@ def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
 def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
     """The same of a standard deviation, whose interval also holds what a small share of clipped values hides."""
     hidden = sum(stack.clipping.share for stack in stacks)
-    return mark_clipped(replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden)), *stacks)
+    return mark_clipped(
+        replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden)), *stacks
+    )
 
 
 def temporal_note(stack: Stack) -> str:

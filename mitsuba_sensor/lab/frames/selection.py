@@ -38,7 +38,9 @@ def longest_dark(bench: Bench) -> Stack:
     """Of the longest exposure at the most usual temperature that does not clip."""
     usable = [one for one in dark_series(bench) if one.clipping.usable]
     if not usable:
-        notes = "; ".join(f"{one.source}: {one.clipping.note}" for one in dark_series(bench)[:3])
+        notes = "; ".join(
+            f"{one.source}: {one.clipping.note}" for one in dark_series(bench)[:3]
+        )
         raise ClippedError(f"no dark stack is inside of the ADC's range ({notes}).")
     return usable[-1]
 
@@ -47,7 +49,9 @@ def black_level(bench: Bench) -> float:
     """Mean of the shortest dark stack [DN]. Raises ClippedError where its values are clipped."""
     shortest = shortest_dark(bench)
     if shortest.clipping.clipped:
-        raise ClippedError(f"the black level is not known ({shortest.source}: {shortest.clipping.note}).")
+        raise ClippedError(
+            f"the black level is not known ({shortest.source}: {shortest.clipping.note})."
+        )
     return float(shortest.mean.mean())
 
 
@@ -72,9 +76,15 @@ def by_temperature(bench: Bench) -> dict[float, list[Stack]]:
 def dark_for(bench: Bench, flat: Stack) -> Stack:
     """Of the flat's exposure time and temperature. Raises InputError where there is none."""
     same = [one for one in darks_of(bench) if one.exposure_s == flat.exposure_s]
-    same = [one for one in same if flat.temperature_k is None or one.temperature_k == flat.temperature_k] or same
+    same = [
+        one
+        for one in same
+        if flat.temperature_k is None or one.temperature_k == flat.temperature_k
+    ] or same
     if not same:
-        raise InputError(f"there are no dark frames of {flat.exposure_s:g} s, the time of {flat.source}; take some.")
+        raise InputError(
+            f"there are no dark frames of {flat.exposure_s:g} s, the time of {flat.source}; take some."
+        )
     return max(same, key=len)
 
 
@@ -85,16 +95,35 @@ def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:
     Raises InputError where no flat field without clipped values is between a tenth of it and nine.
     """
     dark = float(shortest_dark(bench).frame_means.mean())
-    signals = [(one, float(one.frame_means.mean()) - dark) for one in bench.flats if one.clipping.usable]
-    whole = max((signal for _, signal in signals), default=0.0) if saturation_dn is None else saturation_dn
-    inside = [(one, signal / whole) for one, signal in signals if 0.1 * whole < signal < 0.9 * whole]
+    signals = [
+        (one, float(one.frame_means.mean()) - dark)
+        for one in bench.flats
+        if one.clipping.usable
+    ]
+    whole = (
+        max((signal for _, signal in signals), default=0.0)
+        if saturation_dn is None
+        else saturation_dn
+    )
+    inside = [
+        (one, signal / whole) for one, signal in signals if 0.1 * whole < signal < 0.9 * whole
+    ]
     if not inside:
-        found = ", ".join(f"{100 * signal / whole:.3g} %" for _, signal in signals) if whole > 0 else ""
-        clipped = [f"{one.source}: {one.clipping.note}" for one in bench.flats if one.clipping.clipped]
+        found = (
+            ", ".join(f"{100 * signal / whole:.3g} %" for _, signal in signals)
+            if whole > 0
+            else ""
+        )
+        clipped = [
+            f"{one.source}: {one.clipping.note}" for one in bench.flats if one.clipping.clipped
+        ]
         kind = ClippedError if clipped and not signals else InputError
         why = "; ".join(filter(None, (found, *clipped[:3]))) or "none"
         raise kind(
             f"no flat field without clipped values is between 10 and 90 % of saturation ({why}); take one at 50 %."
         )
     most = max(len(one) for one, _ in inside)
-    return min(((one, level) for one, level in inside if len(one) >= most / 2), key=lambda pair: abs(pair[1] - HALF))[0]
+    return min(
+        ((one, level) for one, level in inside if len(one) >= most / 2),
+        key=lambda pair: abs(pair[1] - HALF),
+    )[0]

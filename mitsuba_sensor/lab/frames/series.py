@@ -71,7 +71,9 @@ def level(stack: Stack) -> Level:
 
 def _photons(stack: Stack) -> float | None:
     if isinstance(stack.photons, np.ndarray):
-        raise InputError(f"{stack.source}: photons are an array; a flat field has one number of photons per pixel.")
+        raise InputError(
+            f"{stack.source}: photons are an array; a flat field has one number of photons per pixel."
+        )
     return None if stack.photons is None else float(stack.photons)
 
 
@@ -100,7 +102,9 @@ class Series:
 
     def of_darks(self, name: str) -> Float64Array:
         """The same of each flat's dark."""
-        return np.array([getattr(one, name) for one in self.darks], dtype=np.float64)[self.dark_of]
+        return np.array([getattr(one, name) for one in self.darks], dtype=np.float64)[
+            self.dark_of
+        ]
 
     @cached_property
     def signal(self) -> Float64Array:
@@ -126,7 +130,10 @@ class Series:
     def inside(self) -> NDArray[np.bool_]:
         """Which flats are not clipped, nor their darks, (n,)."""
         return np.array(
-            [not (flat.clipped or self.darks[k].clipped) for flat, k in zip(self.flats, self.dark_of, strict=True)]
+            [
+                not (flat.clipped or self.darks[k].clipped)
+                for flat, k in zip(self.flats, self.dark_of, strict=True)
+            ]
         )
 
     @cached_property
@@ -136,8 +143,13 @@ class Series:
 
     def why_clipped(self, levels: NDArray[np.bool_]) -> str:
         """Why the first of these levels that is clipped shows nothing, or nothing where none is."""
-        clipped = (self.darks[k].clipped or flat.clipped for flat, k in zip(self.flats, self.dark_of, strict=True))
-        return next((note for note, asked in zip(clipped, levels, strict=True) if asked and note), "")
+        clipped = (
+            self.darks[k].clipped or flat.clipped
+            for flat, k in zip(self.flats, self.dark_of, strict=True)
+        )
+        return next(
+            (note for note, asked in zip(clipped, levels, strict=True) if asked and note), ""
+        )
 
     def shared(self, errors: Float64Array) -> Float64Array:
         """Covariance (n, n) that flats have by the same dark, whose standard errors are given for each flat."""
@@ -166,23 +178,46 @@ def series(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = 
     dark_levels = tuple(level(one) for one in darks)
     known = all(one.photons is not None for one in levels)
     if not known and any(one.photons is not None for one in levels):
-        raise InputError("Some flat fields have photons and some have None; give all of them or none.")
+        raise InputError(
+            "Some flat fields have photons and some have None; give all of them or none."
+        )
     times = np.array([one.exposure_s for one in dark_levels])
     varied = len({one.exposure_s for one in levels}) > 1
-    levels.sort(key=lambda one: (one.photons or 0.0) if known else one.exposure_s if varied else one.mean)
+    levels.sort(
+        key=lambda one: (
+            (one.photons or 0.0) if known else one.exposure_s if varied else one.mean
+        )
+    )
     dark_of = np.array([int(np.argmin(abs(times - one.exposure_s))) for one in levels])
     bits = next((one.bits for one in (*flats, *darks) if one.bits), None)
     whole = all(_whole(one) for one in (*darks, *flats))
     notes = [note for one in (*dark_levels, *levels) for note in one.notes]
-    notes += [one.clipped for one in dark_levels if one.clipped] + _notes(darks, levels, times, whole)
-    return Series(tuple(levels), dark_levels, dark_of, None if bits is None else 2**bits - 1, whole, tuple(notes))
+    notes += [one.clipped for one in dark_levels if one.clipped] + _notes(
+        darks, levels, times, whole
+    )
+    return Series(
+        tuple(levels),
+        dark_levels,
+        dark_of,
+        None if bits is None else 2**bits - 1,
+        whole,
+        tuple(notes),
+    )
 
 
-def _notes(darks: Sequence[Stack], flats: Sequence[Level], times: Float64Array, whole: bool) -> list[str]:
+def _notes(
+    darks: Sequence[Stack], flats: Sequence[Level], times: Float64Array, whole: bool
+) -> list[str]:
     found = []
-    far = [one.exposure_s for one in flats if not np.isclose(times, one.exposure_s, rtol=1e-6).any()]
+    far = [
+        one.exposure_s
+        for one in flats
+        if not np.isclose(times, one.exposure_s, rtol=1e-6).any()
+    ]
     if far:
-        found.append(f"no dark frames at {far[0]:g} s ({len(far)} of {len(flats)} levels): those nearest were taken")
+        found.append(
+            f"no dark frames at {far[0]:g} s ({len(far)} of {len(flats)} levels): those nearest were taken"
+        )
     found += coarse_codes(darks)
     if not whole:
         found.append("the frames have fractions of codes: no rounding was subtracted")
@@ -197,7 +232,9 @@ def coarse_codes(darks: Sequence[Stack]) -> list[str]:
     step = int(np.gcd.reduce((codes - codes[0]).astype(np.int64)))
     if step < 2 or len(codes) < 3:
         return []
-    return [f"dark codes differ by multiples of {step}: divide the frames by {step}, or rounding counts as noise"]
+    return [
+        f"dark codes differ by multiples of {step}: divide the frames by {step}, or rounding counts as noise"
+    ]
 
 
 def centre(stack: Stack, side: int) -> Stack:
@@ -207,12 +244,16 @@ def centre(stack: Stack, side: int) -> Stack:
 
 
 def _whole(stack: Stack) -> bool:
-    return stack.frames.dtype.kind in "ui" or bool((stack.frames == np.round(stack.frames)).all())
+    return stack.frames.dtype.kind in "ui" or bool(
+        (stack.frames == np.round(stack.frames)).all()
+    )
 
 
 def _check(stacks: Sequence[Stack], darks: int, flats: int) -> None:
     if not darks or not flats:
-        raise InputError(f"{darks} dark stacks and {flats} flat stacks; pass at least one of each.")
+        raise InputError(
+            f"{darks} dark stacks and {flats} flat stacks; pass at least one of each."
+        )
     for one in stacks:
         if one.bits is not None and one.frames.max() > 2**one.bits - 1:
             raise InputError(
@@ -221,5 +262,9 @@ def _check(stacks: Sequence[Stack], darks: int, flats: int) -> None:
     for name in ("shape", "gain", "bits"):
         found = {getattr(one, name): one.source for one in stacks}
         if len(found) > 1:
-            given = ", ".join(f"{value!r} ({source})" for value, source in list(found.items())[:3])
-            raise InputError(f"The stacks differ in {name}: {given}; measure each {name} apart.")
+            given = ", ".join(
+                f"{value!r} ({source})" for value, source in list(found.items())[:3]
+            )
+            raise InputError(
+                f"The stacks differ in {name}: {given}; measure each {name} apart."
+            )

@@ -48,13 +48,24 @@ class Stack:
         frames = self.frames
         refuse_masked("frames", frames)
         refuse_masked("photons", self.photons)
-        if not isinstance(frames, np.ndarray) or frames.ndim != 3 or not frames.size or frames.dtype.kind not in "uif":
+        if (
+            not isinstance(frames, np.ndarray)
+            or frames.ndim != 3
+            or not frames.size
+            or frames.dtype.kind not in "uif"
+        ):
             given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
-            raise InputError(f"{self.source}: frames are {given}; pass numbers of shape (frames, rows, columns).")
+            raise InputError(
+                f"{self.source}: frames are {given}; pass numbers of shape (frames, rows, columns)."
+            )
         if frames.dtype.kind == "f" and not np.isfinite(frames).all():
             count = int(frames.size - np.isfinite(frames).sum())
-            raise InputError(f"{self.source}: {count} values are NaN or infinite; pass finite digital numbers.")
-        require(f"{self.source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01")
+            raise InputError(
+                f"{self.source}: {count} values are NaN or infinite; pass finite digital numbers."
+            )
+        require(
+            f"{self.source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01"
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -107,7 +118,10 @@ class Stack:
     def strips(self) -> Iterator[slice]:
         """Rows that are worked on at once."""
         height = max(1, STRIP_VALUES // (len(self) * self.shape[1]))
-        yield from (slice(top, min(top + height, self.shape[0])) for top in range(0, self.shape[0], height))
+        yield from (
+            slice(top, min(top + height, self.shape[0]))
+            for top in range(0, self.shape[0], height)
+        )
 
     def require_one_filter(self) -> None:
         """Raises InputError for a mosaic, whose pixels differ by their colour filters."""
@@ -119,7 +133,11 @@ class Stack:
 
     def window(self, rows: slice, columns: slice) -> Stack:
         """The same pixels of every frame (a view); a mosaic must begin at a whole tile."""
-        photons = self.photons[rows, columns] if isinstance(self.photons, np.ndarray) else self.photons
+        photons = (
+            self.photons[rows, columns]
+            if isinstance(self.photons, np.ndarray)
+            else self.photons
+        )
         return replace(self, frames=self.frames[:, rows, columns], photons=photons)
 
     def of_filters(self) -> dict[str, Stack]:
@@ -134,6 +152,8 @@ class Stack:
         for row, names in enumerate(self.tile):
             for column, name in enumerate(names):
                 count = sum(one == name or one.startswith(f"{name} (") for one in found)
-                part = self.window(slice(row, None, len(self.tile)), slice(column, None, len(names)))
+                part = self.window(
+                    slice(row, None, len(self.tile)), slice(column, None, len(names))
+                )
                 found[f"{name} ({count + 1})" if count else name] = replace(part, tile=())
         return found

@@ -43,7 +43,11 @@ class Temporal:
         """What was found and removed, or nothing."""
         if not self.drift_dn:
             return ""
-        share = f" ({100 * self.drift_dn / abs(level):.2g} %)" if (level := float(self.mean.mean())) else ""
+        share = (
+            f" ({100 * self.drift_dn / abs(level):.2g} %)"
+            if (level := float(self.mean.mean()))
+            else ""
+        )
         return f"frame means drift by {self.drift_dn:.3g} DN{share}, removed from the variance"
 
 
@@ -59,7 +63,9 @@ def temporal(stack: Stack) -> Temporal:
     frames, pixels = len(stack), stack.mean.size
     groups = _groups(stack)
     group = np.empty(pixels, np.intp)
-    group[np.argsort(stack.mean, axis=None, kind="stable")] = np.arange(pixels) * groups // pixels
+    group[np.argsort(stack.mean, axis=None, kind="stable")] = (
+        np.arange(pixels) * groups // pixels
+    )
     count = np.bincount(group)
     square = np.zeros(pixels)
     rows, columns = np.empty((frames, stack.shape[0])), np.empty((frames, stack.shape[1]))
@@ -71,10 +77,15 @@ def temporal(stack: Stack) -> Temporal:
         rows[number], columns[number] = image.mean(axis=1), image.mean(axis=0)
     freedom = frames - 1
     variance = (square * (count / (count - 1))[group] / freedom).reshape(stack.shape)
-    expected = max(float(variance.mean()) / pixels, *(_of_lines(lines, freedom, variance) for lines in (rows, columns)))
+    expected = max(
+        float(variance.mean()) / pixels,
+        *(_of_lines(lines, freedom, variance) for lines in (rows, columns)),
+    )
     found = float(stack.frame_means.var(ddof=1))
     drifts = found > expected * _limit(freedom, DRIFT_FALSE_ALARM) and found > 0
-    return Temporal(stack.mean, variance, frames, math.sqrt(found - expected) if drifts else 0.0)
+    return Temporal(
+        stack.mean, variance, frames, math.sqrt(found - expected) if drifts else 0.0
+    )
 
 
 def _groups(stack: Stack) -> int:
@@ -89,14 +100,22 @@ def _of_lines(lines: Float64Array, freedom: int, variance: Float64Array) -> floa
     count = lines.shape[1]
     between = float((lines**2).sum()) / freedom / max(count - 1, 1) / count
     alone = float(variance.mean()) / variance.size
-    return between if between > alone * _limit(freedom * max(count - 1, 1), LINES_FALSE_ALARM) else 0.0
+    return (
+        between
+        if between > alone * _limit(freedom * max(count - 1, 1), LINES_FALSE_ALARM)
+        else 0.0
+    )
 
 
 def _check(stack: Stack) -> None:
     if len(stack) < 2:
-        raise InputError(f"{stack.source}: one frame has no temporal variance; pass 2 or more frames of each level.")
+        raise InputError(
+            f"{stack.source}: one frame has no temporal variance; pass 2 or more frames of each level."
+        )
     if stack.mean.size < FEWEST_PIXELS:
-        raise InputError(f"{stack.source}: frames of {stack.shape} have fewer than {FEWEST_PIXELS} pixels; pass more.")
+        raise InputError(
+            f"{stack.source}: frames of {stack.shape} have fewer than {FEWEST_PIXELS} pixels; pass more."
+        )
     stack.require_one_filter()
 
 

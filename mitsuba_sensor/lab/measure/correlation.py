@@ -42,7 +42,15 @@ class Correlation:
         lags = range(1, len(self.temporal) + 1)
         values = np.array([one.value for one in self.temporal])
         ends = np.array([(one.low, one.high) for one in self.temporal]).reshape(-1, 2)
-        ax.errorbar(lags, values, yerr=np.abs(ends - values[:, None]).T, fmt="o", ms=4, capsize=2, label="temporal")
+        ax.errorbar(
+            lags,
+            values,
+            yerr=np.abs(ends - values[:, None]).T,
+            fmt="o",
+            ms=4,
+            capsize=2,
+            label="temporal",
+        )
         ax.axhline(0, color="0.4", lw=1)
         ax.set(xlabel="lag [frames]", ylabel="correlation coefficient")
 
@@ -61,9 +69,12 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
     most = min(lags, max(1, len(stack) // 3))
     clipped = stack.clipping
     note = clipped.note or ("fewer than 3 frames" if len(stack) < 3 else temporal_note(stack))
-    by_lag, by_side = _products(stack, most) if len(stack) > 2 and clipped.usable else _nothing(stack, most)
+    by_lag, by_side = (
+        _products(stack, most) if len(stack) > 2 and clipped.usable else _nothing(stack, most)
+    )
     temporal = (
-        _quantity(f"ρ_{i + 1}", f"over {i + 1} frames", values + 1 / len(stack)) for i, values in enumerate(by_lag)
+        _quantity(f"ρ_{i + 1}", f"over {i + 1} frames", values + 1 / len(stack))
+        for i, values in enumerate(by_lag)
     )
     grown = len(stack) / max(len(stack) - 1, 1)
     sides = (
@@ -83,7 +94,9 @@ def _products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:
         rest = stack.frames[:, rows] - stack.mean[rows] - drift
         power += float(np.vdot(rest, rest))
         for lag in range(1, lags + 1):
-            by_lag[lag - 1, rows] = np.einsum("nij,nij->i", rest[lag:], rest[:-lag]) / (len(stack) - lag)
+            by_lag[lag - 1, rows] = np.einsum("nij,nij->i", rest[lag:], rest[:-lag]) / (
+                len(stack) - lag
+            )
         by_side[0] += np.einsum("nij,nij->n", rest[:, :, 1:], rest[:, :, :-1])
         below = rest if last is None else np.concatenate((last, rest), axis=1)
         by_side[1] += np.einsum("nij,nij->n", below[:, 1:], below[:, :-1])
@@ -103,10 +116,16 @@ def _quantity(symbol: str, name: str, values: Float64Array) -> Quantity:
     """Mean and Student's interval of independent values of the same expectation."""
     name = f"correlation of temporal noise {name}"
     if np.isnan(values).any():
-        return Quantity(symbol, name, math.nan, math.nan, math.nan, "", SECTION, "nothing to compare with")
+        return Quantity(
+            symbol, name, math.nan, math.nan, math.nan, "", SECTION, "nothing to compare with"
+        )
     if len(values) == 1:
         note = "one row gives no interval"
         return Quantity(symbol, name, float(values[0]), -1.0, 1.0, "", SECTION, note)
     return Quantity(
-        symbol, name, *student_interval(float(values.mean()), standard_error(values), len(values) - 1), "", SECTION
+        symbol,
+        name,
+        *student_interval(float(values.mean()), standard_error(values), len(values) - 1),
+        "",
+        SECTION,
     )

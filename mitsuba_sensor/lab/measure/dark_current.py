@@ -54,11 +54,21 @@ class DarkCurrentOverTime:
     def per_gain(self, gain: Quantity | float) -> DarkCurrentOverTime:
         """In electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
         variance = self.from_variance.divided(gain, "DN/s").divided(gain, "e-/s")
-        return replace(self, from_mean=self.from_mean.divided(gain, "e-/s"), from_variance=variance)
+        return replace(
+            self, from_mean=self.from_mean.divided(gain, "e-/s"), from_variance=variance
+        )
 
     def plot(self, ax: Axes) -> None:
         """Mean dark signal against exposure time, with the straight line."""
-        ax.errorbar(self.exposure_s, self.mean, yerr=self.mean_error, fmt="o", ms=4, capsize=2, label="measured")
+        ax.errorbar(
+            self.exposure_s,
+            self.mean,
+            yerr=self.mean_error,
+            fmt="o",
+            ms=4,
+            capsize=2,
+            label="measured",
+        )
         ends = np.array([0.0, self.exposure_s.max()])
         ax.plot(ends, self.line.offset + self.line.slope * ends, lw=1, label="straight line")
         ax.set(xlabel="exposure time [s]", ylabel="mean dark signal [DN]")
@@ -78,22 +88,32 @@ def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
     mean = np.array([stack.frame_means.mean() for stack in used])
     mean_error, freedom = errors_of_means(used, noise)
     line = straight_line(x, mean, mean_error, freedom)
-    from_mean = Quantity("µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note)
+    from_mean = Quantity(
+        "µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note
+    )
     some = [i for i, one in enumerate(noise) if one]
     terms = [one.variance() for one in noise if one]
     variance = np.array([sum(part.value for part in one) for one in terms])
-    error = np.array([math.sqrt(sum(2 * part.value**2 / part.freedom for part in one)) for one in terms])
-    error = np.hypot(error, [2 * used[i].clipping.share * float(used[i].variance.mean()) for i in some])
+    error = np.array(
+        [math.sqrt(sum(2 * part.value**2 / part.freedom for part in one)) for one in terms]
+    )
+    error = np.hypot(
+        error, [2 * used[i].clipping.share * float(used[i].variance.mean()) for i in some]
+    )
     name = "dark current from the variance"
     if len(set(x[some])) < 2:
         few = "fewer than 2 exposure times have 2 frames"
-        from_variance = Quantity("µ_I.var", name, math.nan, math.nan, math.nan, "DN²/s", SECTION, few)
+        from_variance = Quantity(
+            "µ_I.var", name, math.nan, math.nan, math.nan, "DN²/s", SECTION, few
+        )
     else:
         fit = straight_line(x[some], variance, error)
         from_variance = Quantity("µ_I.var", name, *fit.interval, "DN²/s", SECTION, fit.note)
         for stack in used:
             from_variance = from_variance.noted(temporal_note(stack) if len(stack) > 1 else "")
-    return DarkCurrentOverTime(from_mean.noted(note), from_variance.noted(note), line, x, mean, mean_error)
+    return DarkCurrentOverTime(
+        from_mean.noted(note), from_variance.noted(note), line, x, mean, mean_error
+    )
 
 
 def _checked(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
@@ -102,19 +122,35 @@ def _checked(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
         stack.require_one_filter()
     settings = {(stack.shape, stack.temperature_k, stack.gain) for stack in stacks}
     if len(settings) > 1:
-        found = "; ".join(f"{h} × {w} pixels, {t} K, gain {g!r}" for (h, w), t, g in sorted(settings, key=str))
-        raise InputError(f"the dark stacks differ: {found}. Pass those of one temperature and gain.")
+        found = "; ".join(
+            f"{h} × {w} pixels, {t} K, gain {g!r}" for (h, w), t, g in sorted(settings, key=str)
+        )
+        raise InputError(
+            f"the dark stacks differ: {found}. Pass those of one temperature and gain."
+        )
     used = [stack for stack in stacks if not stack.clipping.note]
     times = sorted({stack.exposure_s for stack in used})
     if len(times) < 2:
-        left = "".join(f" {stack.exposure_s:g} s: {stack.clipping.note}." for stack in stacks if stack not in used)
+        left = "".join(
+            f" {stack.exposure_s:g} s: {stack.clipping.note}."
+            for stack in stacks
+            if stack not in used
+        )
         kind = ClippedError if any(stack.clipping.clipped for stack in stacks) else InputError
-        raise kind(f"dark current needs 2 exposure times without clipped values; there are {len(times)}.{left}")
-    left_out = [f"{stack.exposure_s:g} s left out ({stack.clipping.note})" for stack in stacks if stack not in used]
+        raise kind(
+            f"dark current needs 2 exposure times without clipped values; there are {len(times)}.{left}"
+        )
+    left_out = [
+        f"{stack.exposure_s:g} s left out ({stack.clipping.note})"
+        for stack in stacks
+        if stack not in used
+    ]
     return used, "; ".join(left_out)
 
 
-def errors_of_means(stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]) -> tuple[Float64Array, float]:
+def errors_of_means(
+    stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]
+) -> tuple[Float64Array, float]:
     """Standard error of every stack's mean, and its degrees of freedom: of pixels and lines, and of drift if there is
     more scatter between frames than these give."""
     if any(one is None for one in noise):
@@ -124,7 +160,9 @@ def errors_of_means(stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]
     found = np.array([stack.frame_means.var(ddof=1) for stack in stacks])
     frames = np.array([len(stack) for stack in stacks])
     free = float((frames - 1).sum())
-    if (expected > 0).all() and scipy.special.chdtrc(free, float(((frames - 1) * found / expected).sum())) > DRIFT:
+    if (expected > 0).all() and scipy.special.chdtrc(
+        free, float(((frames - 1) * found / expected).sum())
+    ) > DRIFT:
         return np.sqrt(expected / frames + hidden), math.inf
     drift = max(0.0, float((frames - 1) @ (found - expected)) / free)
     return np.sqrt((expected + drift) / frames + hidden), free
@@ -185,7 +223,11 @@ def dark_temperature(currents: Mapping[float, Quantity]) -> DarkTemperature:
     ends = (1 / slope, 1 / high, 1 / low) if low > 0 else (math.nan, 0.0, math.inf)
     left = [f"{t:g} K left out: not told from 0" for t in sorted(currents) if t not in used]
     note = "; ".join(left)
-    doubling = Quantity("T_d", "doubling temperature", *ends, "K", TEMPERATURE_SECTION, octaves.note).noted(note)
+    doubling = Quantity(
+        "T_d", "doubling temperature", *ends, "K", TEMPERATURE_SECTION, octaves.note
+    ).noted(note)
     energy = straight_line(-1 / (BOLTZMANN_EV_PER_K * t), np.log(current), error)
-    arrhenius = Quantity("E_a", "activation energy", *energy.interval, "eV", "Arrhenius law", energy.note).noted(note)
+    arrhenius = Quantity(
+        "E_a", "activation energy", *energy.interval, "eV", "Arrhenius law", energy.note
+    ).noted(note)
     return DarkTemperature(doubling, arrhenius, t, current, next(iter(used.values())).unit)

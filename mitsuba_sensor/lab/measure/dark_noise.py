@@ -47,7 +47,12 @@ class DarkNoise:
     def plot(self, axes: Axes) -> None:
         """Variance in the dark against exposure time, and the variance that is taken at time zero."""
         axes.plot(*self.points, "o", markersize=3, label="dark frames")
-        axes.axhline(self.total.value**2, color="black", linewidth=1, label="temporal dark noise, squared")
+        axes.axhline(
+            self.total.value**2,
+            color="black",
+            linewidth=1,
+            label="temporal dark noise, squared",
+        )
         axes.set(xlabel="exposure time [s]", ylabel="temporal variance in the dark [DN²]")
 
 
@@ -68,9 +73,17 @@ def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNois
     variance = float(temporal(shortest).variance.mean())
     coarse = whole and variance < COARSE_DN2 + ROUNDING_DN2
     notes = [*left_out, *(note for one in levels for note in one.notes), *coarse_codes(darks)]
-    found = _rounded(shortest, variance) if coarse else _at_zero(levels, ROUNDING_DN2 if whole else 0.0)
-    marked = (mark_clipped_sigma(one, shortest) if shortest.clipping.share else one for one in found)
-    total, analogue = (replace(one, note="; ".join(filter(None, (one.note, *notes)))) for one in marked)
+    found = (
+        _rounded(shortest, variance)
+        if coarse
+        else _at_zero(levels, ROUNDING_DN2 if whole else 0.0)
+    )
+    marked = (
+        mark_clipped_sigma(one, shortest) if shortest.clipping.share else one for one in found
+    )
+    total, analogue = (
+        replace(one, note="; ".join(filter(None, (one.note, *notes)))) for one in marked
+    )
     electrons = replace(analogue, symbol="σ_d", unit="e-", note="")
     if gain is None:
         electrons = replace(unknown(electrons, "K is not known"), clipped=analogue.clipped)
@@ -78,7 +91,10 @@ def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNois
         electrons = quotient(analogue, gain, electrons)
     else:
         electrons = _upper(analogue, gain, electrons)
-    points = np.array([one.exposure_s for one in levels]), np.array([one.variance for one in levels])
+    points = (
+        np.array([one.exposure_s for one in levels]),
+        np.array([one.variance for one in levels]),
+    )
     return DarkNoise(total, analogue, electrons, coarse, points)
 
 
@@ -93,7 +109,9 @@ def _inside(darks: Sequence[Stack]) -> tuple[Sequence[Stack], list[str]]:
 
 
 def _named(symbol: str, note: str = "") -> Quantity:
-    return Quantity(symbol, "temporal dark noise", math.nan, math.nan, math.nan, "DN", SECTION, note)
+    return Quantity(
+        symbol, "temporal dark noise", math.nan, math.nan, math.nan, "DN", SECTION, note
+    )
 
 
 def _at_zero(levels: Sequence[Level], rounding: float) -> tuple[Quantity, Quantity]:
@@ -107,9 +125,15 @@ def _at_zero(levels: Sequence[Level], rounding: float) -> tuple[Quantity, Quanti
         error = math.sqrt(float(np.linalg.inv(basis.T @ basis)[0, 0]))
     else:
         short = times == times.min()
-        variance, error = float(variances[short].mean()), float(np.sqrt((errors[short] ** 2).sum()) / short.sum())
+        variance, error = (
+            float(variances[short].mean()),
+            float(np.sqrt((errors[short] ** 2).sum()) / short.sum()),
+        )
     value, low, high = normal_interval(variance, error)
-    roots = ([math.sqrt(max(one - less, 0.0)) for one in (value, low, high)] for less in (0.0, rounding))
+    roots = (
+        [math.sqrt(max(one - less, 0.0)) for one in (value, low, high)]
+        for less in (0.0, rounding)
+    )
     total, analogue = (
         replace(_named(symbol), value=found[0], low=found[1], high=found[2])
         for symbol, found in zip(("σ_y.dark", "K·σ_d"), roots, strict=True)
@@ -134,7 +158,9 @@ def _rounded(stack: Stack, variance: float) -> tuple[Quantity, Quantity]:
     total = [math.sqrt(max(one, 0.0)) for one in normal_interval(variance, error)]
     return (
         replace(_named("σ_y.dark", note), value=total[0], low=total[1], high=total[2]),
-        replace(_named("K·σ_d", note), value=found.sigma_dn, low=found.low_dn, high=found.high_dn),
+        replace(
+            _named("K·σ_d", note), value=found.sigma_dn, low=found.low_dn, high=found.high_dn
+        ),
     )
 
 
@@ -154,4 +180,10 @@ def _upper(analogue: Quantity, gain: Quantity, like: Quantity) -> Quantity:
     if not gain.low > 0 or math.isnan(analogue.value):
         nothing = unknown(like, "; ".join(filter(None, (analogue.note, gain.note))))
         return replace(nothing, clipped=analogue.clipped or gain.clipped)
-    return replace(like, value=analogue.value / gain.value, low=0.0, high=analogue.high / gain.low, note=analogue.note)
+    return replace(
+        like,
+        value=analogue.value / gain.value,
+        low=0.0,
+        high=analogue.high / gain.low,
+        note=analogue.note,
+    )

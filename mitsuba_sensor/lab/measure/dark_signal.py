@@ -68,17 +68,25 @@ class DarkSignal:
         """Normalised frequency of the values and the density of each fit; counts linear or logarithmic."""
         first, third = np.quantile(self.values, (0.25, 0.75))
         ends = self.values[[0, -1]]
-        low, high = ends if log_counts else np.clip((first - 4 * (third - first), third + 4 * (third - first)), *ends)
+        low, high = (
+            ends
+            if log_counts
+            else np.clip((first - 4 * (third - first), third + 4 * (third - first)), *ends)
+        )
         step = max((third - first) / 12, (high - low) / 400) or 1.0
         apart = np.diff(self.values)
-        grid = float(apart[apart > 1e-6 * step].min(initial=step))  # means of N frames are multiples of 1/N: whole ones
+        grid = float(
+            apart[apart > 1e-6 * step].min(initial=step)
+        )  # means of N frames are multiples of 1/N: whole ones
         step = max(round(step / grid), 1) * grid
         low = ends[0] + (math.floor((low - ends[0]) / grid) - 0.5) * grid
         counts, edges = np.histogram(self.values, np.arange(low, high + 2 * step, step))
         density, centres = counts / len(self.values) / step, 0.5 * (edges[1:] + edges[:-1])
         some = density > 0
         ax.plot(centres[some], density[some], ".", ms=4, color="0.5", label="measured")
-        x = np.linspace(max(edges[0], 1e-6) if self.values[0] > 0 else edges[0], edges[-1], 2000)
+        x = np.linspace(
+            max(edges[0], 1e-6) if self.values[0] > 0 else edges[0], edges[-1], 2000
+        )
         for one in self.fits[:MOST_FITS]:
             ax.plot(x, one.mixture.density(x), lw=1.2, label=one.name)
         ax.set(xlabel="dark signal [DN]", ylabel="normalised frequency [1/DN]")
@@ -110,7 +118,9 @@ def dark_signal(
             f"{sorted(wrong)} is no distribution; main ones are {known}, superimposed 'uniform', 'normal'."
         )
     if not math.isfinite(offset_dn) or dark.mean.size < FEWEST_VALUES:
-        raise InputError(f"offset_dn is {offset_dn!r} for {dark.mean.size} pixels; it must be finite, of 16 or more.")
+        raise InputError(
+            f"offset_dn is {offset_dn!r} for {dark.mean.size} pixels; it must be finite, of 16 or more."
+        )
     values = np.sort(dark.mean.ravel()) - offset_dn
     x, w = _condensed(values)
     notes = [dark.clipping.note]
@@ -122,14 +132,23 @@ def dark_signal(
     for main, *parts in [*((name,) for name in families), *superimposed]:
         if FAMILIES[main].positive and values[0] <= 0:
             below = int(np.count_nonzero(values <= 0))
-            notes.append(f"{main} is not fitted: {below} values are not above the offset of {offset_dn:g} DN")
+            notes.append(
+                f"{main} is not fitted: {below} values are not above the offset of {offset_dn:g} DN"
+            )
             continue
         if parts and len(x) < FEWEST_VALUES:
             notes.append(f"{' + '.join((main, *parts))} is not fitted")
             continue
         fit = _fit(main, tuple(parts), (x, w), values)
-        fits.append(replace(fit, parameters=tuple(mark_clipped(one, dark) for one in fit.parameters)))
-    return DarkSignal(values, offset_dn, tuple(sorted(fits, key=lambda one: one.bic)), "; ".join(filter(None, notes)))
+        fits.append(
+            replace(fit, parameters=tuple(mark_clipped(one, dark) for one in fit.parameters))
+        )
+    return DarkSignal(
+        values,
+        offset_dn,
+        tuple(sorted(fits, key=lambda one: one.bic)),
+        "; ".join(filter(None, notes)),
+    )
 
 
 def _condensed(values: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -142,7 +161,12 @@ def _condensed(values: Float64Array) -> tuple[Float64Array, Float64Array]:
     return np.add.reduceat(values, starts) / w, w
 
 
-def _fit(main: str, parts: tuple[str, ...], grouped: tuple[Float64Array, Float64Array], values: Float64Array) -> Fit:
+def _fit(
+    main: str,
+    parts: tuple[str, ...],
+    grouped: tuple[Float64Array, Float64Array],
+    values: Float64Array,
+) -> Fit:
     x, w = grouped
     family, count = FAMILIES[main], len(values)
     single = Mixture(family, family.fit(values, np.ones(count)))
@@ -153,31 +177,61 @@ def _fit(main: str, parts: tuple[str, ...], grouped: tuple[Float64Array, Float64
     ks = float(max(np.abs(below - rank[1:]).max(), np.abs(below - rank[:-1]).max()))
     bic = len(mixture.values) * math.log(count) - 2 * likelihood
     probability = float(scipy.special.kolmogorov(math.sqrt(count) * ks))
-    return Fit(" + ".join((main, *parts)), _parameters(mixture, x, w), mixture, likelihood, bic, ks, probability)
+    return Fit(
+        " + ".join((main, *parts)),
+        _parameters(mixture, x, w),
+        mixture,
+        likelihood,
+        bic,
+        ks,
+        probability,
+    )
 
 
 def _parameters(mixture: Mixture, x: Float64Array, w: Float64Array) -> tuple[Quantity, ...]:
     """With symbols, units and intervals."""
     family, name = mixture.family, f"parameter of the {mixture.family.name} distribution"
     single = not (mixture.uniform or mixture.normal)
-    errors = family.errors(mixture.main, float(w.sum())) if single else _observed_errors(mixture, x, w)
+    errors = (
+        family.errors(mixture.main, float(w.sum()))
+        if single
+        else _observed_errors(mixture, x, w)
+    )
     values = zip(mixture.values, errors, strict=True)
     intervals = [normal_interval(value, error) for value, error in values]
-    named = [(symbol, name, "DN" if in_dn else "") for symbol, in_dn in zip(family.names, family.in_dn, strict=True)]
+    named = [
+        (symbol, name, "DN" if in_dn else "")
+        for symbol, in_dn in zip(family.names, family.in_dn, strict=True)
+    ]
     if mixture.uniform:
         part, at = "superimposed uniform distribution", len(named)
-        named += [("w_uniform", f"share of the {part}", ""), *((symbol, part, "DN") for symbol in ("from", "to"))]
+        named += [
+            ("w_uniform", f"share of the {part}", ""),
+            *((symbol, part, "DN") for symbol in ("from", "to")),
+        ]
         for edge in (1, 2):
             intervals[at + edge] = (mixture.uniform[edge], *edge_interval(mixture, edge, x, w))
         (low, lowest, _), (high, _, highest) = intervals[at + 1 : at + 3]
-        longest, shortest = highest - lowest, max(0.0, intervals[at + 2][1] - intervals[at + 1][2])
-        share, least, most = intervals[at]  # of edges that are known; the density between them is what is measured
+        longest, shortest = (
+            highest - lowest,
+            max(0.0, intervals[at + 2][1] - intervals[at + 1][2]),
+        )
+        share, least, most = intervals[
+            at
+        ]  # of edges that are known; the density between them is what is measured
         intervals[at] = share, least * shortest / (high - low), most * longest / (high - low)
     if mixture.normal:
         part = "superimposed normal distribution"
-        named += [("w_normal", f"share of the {part}", ""), ("µ_normal", part, "DN"), ("σ_normal", part, "DN")]
+        named += [
+            ("w_normal", f"share of the {part}", ""),
+            ("µ_normal", part, "DN"),
+            ("σ_normal", part, "DN"),
+        ]
     both = zip(named, intervals, strict=True)
-    return tuple(Quantity(symbol, what, *interval, unit, SECTION) for (symbol, what, unit), interval in both)
+    return tuple(
+        Quantity(symbol, what, *interval, unit, SECTION)
+        for (symbol, what, unit), interval in both
+    )
 
 
 def _observed_errors(mixture: Mixture, x: Float64Array, w: Float64Array) -> list[float]:
@@ -193,7 +247,10 @@ def _observed_errors(mixture: Mixture, x: Float64Array, w: Float64Array) -> list
     rows = []
     for i in smooth:
         step = steps[i]
-        both = [mixture.with_values([v + sign * step * (i == j) for j, v in enumerate(values)]) for sign in (1, -1)]
+        both = [
+            mixture.with_values([v + sign * step * (i == j) for j, v in enumerate(values)])
+            for sign in (1, -1)
+        ]
         up, down = (np.log(np.maximum(one.density(x), 1e-300)) for one in both)
         rows.append((up - down) / (2 * step))
     scores = np.array(rows)

@@ -57,7 +57,10 @@ class Defects:
 
     def plot(self, ax: Axes) -> None:
         """Numbers of pixels by their deviation, logarithmic, with the normal distribution and the limits."""
-        both = [("dark", self.z_dark), *([("light", self.z_light)] if self.z_light is not None else [])]
+        both = [
+            ("dark", self.z_dark),
+            *([("light", self.z_light)] if self.z_light is not None else []),
+        ]
         ends = max(1.3 * self.limit, *(float(np.abs(z).max()) for _, z in both))
         edges = np.linspace(-ends, ends, 201)
         middle = 0.5 * (edges[1:] + edges[:-1])
@@ -65,10 +68,27 @@ class Defects:
             counts, _ = np.histogram(z, edges)
             ax.plot(middle[counts > 0], counts[counts > 0], ".", ms=4, label=name)
         normal = self.z_dark.size * np.diff(scipy.special.ndtr(edges))
-        ax.plot(middle[normal > 0.1], normal[normal > 0.1], lw=1, color="0.4", label="normal distribution")
+        ax.plot(
+            middle[normal > 0.1],
+            normal[normal > 0.1],
+            lw=1,
+            color="0.4",
+            label="normal distribution",
+        )
         for sign in (-1, 1):
-            ax.axvline(sign * self.limit, color="0.4", ls="--", lw=1, label="limit" if sign > 0 else None)
-        ax.set(xlabel="deviation from the neighbourhood [σ]", ylabel="number of pixels", yscale="log", ylim=(0.5, None))
+            ax.axvline(
+                sign * self.limit,
+                color="0.4",
+                ls="--",
+                lw=1,
+                label="limit" if sign > 0 else None,
+            )
+        ax.set(
+            xlabel="deviation from the neighbourhood [σ]",
+            ylabel="number of pixels",
+            yscale="log",
+            ylim=(0.5, None),
+        )
 
 
 def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) -> Defects:
@@ -92,17 +112,23 @@ def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) 
     hot_share = _share("hot", hot, dark)
     if light is None:
         dead_share, deviating_share = (
-            unknown(_share(name, hot, dark), "no light was given") for name in ("dead", "deviating")
+            unknown(_share(name, hot, dark), "no light was given")
+            for name in ("dead", "deviating")
         )
-        return Defects(hot, None, None, hot_share, dead_share, deviating_share, z_dark, None, limit)
+        return Defects(
+            hot, None, None, hot_share, dead_share, deviating_share, z_dark, None, limit
+        )
     signal = light.mean - dark.mean
     z_light, expected = _deviations(signal, light)
     dead = (z_light < -limit) & (signal < DEAD_SHARE * expected)
     deviating = (np.abs(z_light) > limit) & ~dead
     dead_share, deviating_share = (
-        _share(name, pixels, light, dark) for name, pixels in (("dead", dead), ("deviating", deviating))
+        _share(name, pixels, light, dark)
+        for name, pixels in (("dead", dead), ("deviating", deviating))
     )
-    return Defects(hot, dead, deviating, hot_share, dead_share, deviating_share, z_dark, z_light, limit)
+    return Defects(
+        hot, dead, deviating, hot_share, dead_share, deviating_share, z_dark, z_light, limit
+    )
 
 
 def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float64Array]:
@@ -112,7 +138,11 @@ def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float6
         if length >= WINDOW:
             rest = rest - np.median(rest, axis=axis, keepdims=True)
     rest = rest - scipy.ndimage.median_filter(rest, WINDOW, mode="reflect")
-    least = ROUNDING_DN if stack.frames.dtype.kind != "f" else 1e-9 * max(1.0, float(np.abs(image).max()))
+    least = (
+        ROUNDING_DN
+        if stack.frames.dtype.kind != "f"
+        else 1e-9 * max(1.0, float(np.abs(image).max()))
+    )
     sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(rest))), least)
     return rest / sigma, image - rest
 
@@ -124,7 +154,9 @@ def _share(name: str, pixels: NDArray[np.bool_], *stacks: Stack) -> Quantity:
     for stack in stacks:
         clipping = stack.clipping
         shares = clipping.shares_of_pixels(stack.frames)
-        noise_is_clipped = len(stack) == 1 or float(shares[shares < 1].sum()) > LARGEST_SHARE * shares.size
+        noise_is_clipped = (
+            len(stack) == 1 or float(shares[shares < 1].sum()) > LARGEST_SHARE * shares.size
+        )
         most_are = np.count_nonzero(shares == 1) >= shares.size / 2
         if clipping.clipped and (noise_is_clipped or most_are):
             figure = replace(unknown(figure, figure.note), clipped=True).noted(clipping.note)

@@ -67,20 +67,31 @@ def frame_distances(real: Stack, twin: Stack) -> tuple[Distance, ...]:
             f"{real.source} is {real.shape} at {real.exposure_s:g} s and {twin.source} {twin.shape} at "
             f"{twin.exposure_s:g} s; compare frames of one size, mosaic and exposure time."
         )
-    found = [_compared("histogram of codes", _codes(real), _codes(twin), f"{SAMPLE} pixels of each")]
+    found = [
+        _compared("histogram of codes", _codes(real), _codes(twin), f"{SAMPLE} pixels of each")
+    ]
     if min(len(real), len(twin)) > 1:
         for name, axis in (("row", 2), ("column", 1)):
             one, other = _line_power(real, axis), _line_power(twin, axis)
             found.append(
-                _compared(f"spectrum of temporal {name} noise", one, other, f"{len(one)} and {len(other)} lines")
+                _compared(
+                    f"spectrum of temporal {name} noise",
+                    one,
+                    other,
+                    f"{len(one)} and {len(other)} lines",
+                )
             )
     return tuple(found)
 
 
-def figure_distances(real: Iterable[Quantity], twin: Iterable[Quantity]) -> tuple[FigureDistance, ...]:
+def figure_distances(
+    real: Iterable[Quantity], twin: Iterable[Quantity]
+) -> tuple[FigureDistance, ...]:
     """Of all figures that both have, by symbol."""
     others: Mapping[str, Quantity] = {one.symbol: one for one in twin}
-    return tuple(FigureDistance(one, others[one.symbol]) for one in real if one.symbol in others)
+    return tuple(
+        FigureDistance(one, others[one.symbol]) for one in real if one.symbol in others
+    )
 
 
 def _compared(name: str, one: Float64Array, other: Float64Array, detail: str) -> Distance:
@@ -102,5 +113,8 @@ def _line_power(stack: Stack, axis: int) -> Float64Array:
     the same but for the sign.
     """
     lines = stack.frames.mean(axis=axis, dtype=np.float64)
-    power = np.abs(np.fft.rfft(scipy.linalg.helmert(len(stack)) @ lines, axis=1)) ** 2 / lines.shape[1]
+    power = (
+        np.abs(np.fft.rfft(scipy.linalg.helmert(len(stack)) @ lines, axis=1)) ** 2
+        / lines.shape[1]
+    )
     return np.asarray(power[:, 1:].ravel())

@@ -38,7 +38,9 @@ class EmvaLinear:
         return {one.symbol: one for one in self.quantities}[symbol]
 
 
-def emva_linear(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = None) -> EmvaLinear:
+def emva_linear(
+    darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = None
+) -> EmvaLinear:
     """Measure a camera from stacks of two frames or more each.
 
     darks : one of each exposure time, or one for all.  flats : levels from near darkness to above saturation, with
@@ -51,12 +53,16 @@ def emva_linear(darks: Sequence[Stack], flats: Sequence[Stack], window: int | No
     measured = series(darks, flats, window)
     transfer, light = photon_transfer(measured), radiometric(measured)
     efficiency = light.efficiency(transfer.gain)
-    dark = dark_noise([one if window is None else centre(one, window) for one in darks], transfer.gain)
+    dark = dark_noise(
+        [one if window is None else centre(one, window) for one in darks], transfer.gain
+    )
     ends = saturation(measured, transfer.gain, efficiency, dark.total)
     shown = efficiency or unknown(EFFICIENCY, "photons are not known")
     found = (transfer.gain, shown, *light.quantities, *dark.quantities, *ends.quantities)
     if measured.notes:
-        found = tuple(replace(one, note=_with(one.note, "see the notes of the series")) for one in found)
+        found = tuple(
+            replace(one, note=_with(one.note, "see the notes of the series")) for one in found
+        )
     snr = signal_to_noise(measured, transfer.gain, efficiency, dark.total)
     return EmvaLinear(found, transfer, light, dark, ends, snr, measured.notes)
 
@@ -84,16 +90,28 @@ class SignalToNoise:
         shown = np.isfinite(self.measured)
         axes.plot(self.light[shown], self.measured[shown], "o", markersize=3, label="measured")
         axes.plot(self.light, self.model, linewidth=1, label="model")
-        axes.plot(self.light, self.ideal, "--", color="black", linewidth=1, label="ideal sensor")
-        axes.set(xlabel="photons per pixel" if self.photons_known else "photoelectrons per pixel", ylabel="SNR")
+        axes.plot(
+            self.light, self.ideal, "--", color="black", linewidth=1, label="ideal sensor"
+        )
+        axes.set(
+            xlabel="photons per pixel" if self.photons_known else "photoelectrons per pixel",
+            ylabel="SNR",
+        )
         if log:
             axes.set(xscale="log", yscale="log")
 
 
-def signal_to_noise(measured: Series, gain: Quantity, efficiency: Quantity | None, dark: Quantity) -> SignalToNoise:
+def signal_to_noise(
+    measured: Series, gain: Quantity, efficiency: Quantity | None, dark: Quantity
+) -> SignalToNoise:
     """From a series, K [DN/e-], QE [1] or None, and σ_y.dark [DN]."""
     noise = np.sqrt(measured.of_flats("variance"))
-    below = measured.inside & (measured.signal > 0) & (measured.signal <= find_peak(measured).mean[0]) & (noise > 0)
+    below = (
+        measured.inside
+        & (measured.signal > 0)
+        & (measured.signal <= find_peak(measured).mean[0])
+        & (noise > 0)
+    )
     light = measured.signal / gain.value if efficiency is None else measured.light
     electrons = light if efficiency is None else efficiency.value * light
     with np.errstate(divide="ignore", invalid="ignore"):

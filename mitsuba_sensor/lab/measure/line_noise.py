@@ -48,7 +48,9 @@ class LineNoise:
         """Temporal noise of every line's mean; the smaller the noise of its pixels, the nearer to σ_row and σ_col."""
         ax.plot(self.rows, ".", ms=3, label="rows")
         ax.plot(self.columns, ".", ms=3, label="columns")
-        ax.set(xlabel="number of the row or column", ylabel="temporal σ of the line's mean [DN]")
+        ax.set(
+            xlabel="number of the row or column", ylabel="temporal σ of the line's mean [DN]"
+        )
         ax.set_ylim(bottom=0)
 
 
@@ -60,12 +62,22 @@ def line_noise(stack: Stack) -> LineNoise:
     """
     stack.require_one_filter()
     found = temporal_mean_squares(stack) if len(stack) > 1 else None
-    kinds = (("σ_row", "temporal row noise"), ("σ_col", "temporal column noise"), ("σ_pixel", "temporal pixel noise"))
-    terms = (found.row_variance(), found.column_variance(), found.pixel_variance()) if found else ([], [], [])
+    kinds = (
+        ("σ_row", "temporal row noise"),
+        ("σ_col", "temporal column noise"),
+        ("σ_pixel", "temporal pixel noise"),
+    )
+    terms = (
+        (found.row_variance(), found.column_variance(), found.pixel_variance())
+        if found
+        else ([], [], [])
+    )
     quantities = []
     for kind, some in zip(kinds, terms, strict=True):
         value, low, high = root(some) if some else (math.nan,) * 3
-        one = mark_clipped_sigma(Quantity(*kind, value, low, high, "DN", SECTION), stack).noted(temporal_note(stack))
+        one = mark_clipped_sigma(Quantity(*kind, value, low, high, "DN", SECTION), stack).noted(
+            temporal_note(stack)
+        )
         one = (
             one.noted("a single line of pixels: rows, columns and pixels are not told apart")
             if found and not some
@@ -77,4 +89,8 @@ def line_noise(stack: Stack) -> LineNoise:
 
 
 def _spread(means: Float64Array) -> Float64Array:
-    return np.asarray(means.std(axis=0, ddof=1)) if len(means) > 1 else np.full(means.shape[1], np.nan)
+    return (
+        np.asarray(means.std(axis=0, ddof=1))
+        if len(means) > 1
+        else np.full(means.shape[1], np.nan)
+    )

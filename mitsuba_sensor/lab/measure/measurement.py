@@ -108,7 +108,9 @@ class Measurement:
         self.figures |= {one.symbol: one for one in quantities}
 
 
-def measure(bench: Bench, report: Callable[[str], object] = lambda title: None) -> tuple[Measurement, ...]:
+def measure(
+    bench: Bench, report: Callable[[str], object] = lambda title: None
+) -> tuple[Measurement, ...]:
     """Every instrument on the pixels behind each colour filter of a bench.
 
     report : called with the title of each instrument before it measures, from several threads.
@@ -117,9 +119,14 @@ def measure(bench: Bench, report: Callable[[str], object] = lambda title: None) 
     """
     if len(bench.gains) != 1:
         found = ", ".join(bench.gains) or "no frames"
-        raise InputError(f"the bench has the gain settings {found}; measure Bench.at_gain() of each.")
+        raise InputError(
+            f"the bench has the gain settings {found}; measure Bench.at_gain() of each."
+        )
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        parts = [(Measurement(name, report=report), part) for name, part in bench.of_filters().items()]
+        parts = [
+            (Measurement(name, report=report), part)
+            for name, part in bench.of_filters().items()
+        ]
         return tuple(pool.map(lambda one: _measurement(*one), parts))
 
 
@@ -139,7 +146,10 @@ def _measurement(found: Measurement, bench: Bench) -> Measurement:
 def _linear(bench: Bench) -> EmvaLinear:
     """With the dark frames of the flat fields' own exposure times."""
     times = {one.exposure_s for one in bench.flats}
-    darks = [dark_for(bench, next(one for one in bench.flats if one.exposure_s == time)) for time in sorted(times)]
+    darks = [
+        dark_for(bench, next(one for one in bench.flats if one.exposure_s == time))
+        for time in sorted(times)
+    ]
     return emva_linear(darks, bench.flats)
 
 
@@ -159,9 +169,19 @@ def _keep_linear(found: Measurement, linear: EmvaLinear) -> None:
 def _scene(found: Measurement, bench: Bench) -> None:
     """The paper's photon transfer curve."""
     for scene in bench.scenes[:1]:
-        transfer = found.run("photon transfer of a scene", partial(photon_transfer_of_scene, scene))
+        transfer = found.run(
+            "photon transfer of a scene", partial(photon_transfer_of_scene, scene)
+        )
         if transfer is not None:
-            found.keep([replace(transfer.gain, symbol="K_scene", section="Konnik & Welsh 2014, section 4")])
+            found.keep(
+                [
+                    replace(
+                        transfer.gain,
+                        symbol="K_scene",
+                        section="Konnik & Welsh 2014, section 4",
+                    )
+                ]
+            )
             found.drawings["Photon transfer of a scene"] = transfer.plot
 
 
@@ -175,10 +195,14 @@ def _temporal(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
     """Row and column noise, and correlations, of the shortest dark frames."""
     lines = partial(_in_electrons, gain, lambda: line_noise(shortest_dark(bench)))
     found.take("row and column noise", "Temporal noise of rows and columns", lines)
-    found.take("correlation", "Correlation over frames", lambda: correlation(shortest_dark(bench)))
+    found.take(
+        "correlation", "Correlation over frames", lambda: correlation(shortest_dark(bench))
+    )
 
 
-def _spatial(found: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None) -> None:
+def _spatial(
+    found: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None
+) -> None:
     """Non-uniformity, profiles, spectrograms and defects of the half-saturated flat field and its dark frames."""
     largest = None if linear is None else float(linear.photon_transfer.peak.mean[0])
     half = found.run("non-uniformity", lambda: half_saturated(bench, largest))
@@ -202,10 +226,18 @@ def _dark(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
     """Dark current over time and temperature, its distribution, RTS pixels."""
     current = partial(_in_electrons, gain, lambda: dark_current(dark_series(bench)))
     found.take("dark current", "Dark current", current)
-    found.take("dark current over temperature", "Dark current over temperature", lambda: _over_temperature(bench))
-    signal = found.run("dark signal", lambda: dark_signal(longest_dark(bench), black_level(bench)))
+    found.take(
+        "dark current over temperature",
+        "Dark current over temperature",
+        lambda: _over_temperature(bench),
+    )
+    signal = found.run(
+        "dark signal", lambda: dark_signal(longest_dark(bench), black_level(bench))
+    )
     if signal is not None and signal.fits:
-        found.notes.append(f"dark signal of {longest_dark(bench).exposure_s:g} s: {signal.best.name} fits best (BIC)")
+        found.notes.append(
+            f"dark signal of {longest_dark(bench).exposure_s:g} s: {signal.best.name} fits best (BIC)"
+        )
         found.drawings["Dark signal"] = signal.plot
         found.drawings["Dark signal, logarithmic"] = partial(signal.plot, log_counts=True)
     telegraph = found.run("RTS pixels", lambda: rts_pixels(most_frames(darks_of(bench))))
@@ -217,5 +249,9 @@ def _dark(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
 
 def _over_temperature(bench: Bench) -> DarkTemperature:
     """Of the temperatures at which there are 2 exposure times or more."""
-    series = {t: some for t, some in by_temperature(bench).items() if len({one.exposure_s for one in some}) > 1}
+    series = {
+        t: some
+        for t, some in by_temperature(bench).items()
+        if len({one.exposure_s for one in some}) > 1
+    }
     return dark_temperature({t: dark_current(some).from_mean for t, some in series.items()})

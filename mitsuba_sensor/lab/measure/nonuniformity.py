@@ -15,7 +15,13 @@ from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma, temporal_note
 from ..frames.stack import Stack
 from ..quantity import Quantity
-from ..statistics.mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares, temporal_mean_squares
+from ..statistics.mean_squares import (
+    MeanSquare,
+    MeanSquares,
+    root,
+    spatial_mean_squares,
+    temporal_mean_squares,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,19 +70,33 @@ class Nonuniformity:
 
     def per_gain(self, gain: Quantity | float) -> Nonuniformity:
         """DSNU in electrons.  gain : K [DN/e-]; the interval of a measured one widens those of DSNU."""
-        return replace(self, **{f"dsnu{part}": getattr(self, f"dsnu{part}").divided(gain, "e-") for part in PARTS})
+        return replace(
+            self,
+            **{
+                f"dsnu{part}": getattr(self, f"dsnu{part}").divided(gain, "e-")
+                for part in PARTS
+            },
+        )
 
     def plot(self, ax: Axes) -> None:
         """Density of the pixels' deviation from the mean signal, and the normal law of the same standard deviation."""
         rest = (self.difference - self.difference.mean()).ravel()
         sigma = float(rest.std())
-        density, edges = np.histogram(rest, bins=min(200, max(10, rest.size // 50)), density=True)
+        density, edges = np.histogram(
+            rest, bins=min(200, max(10, rest.size // 50)), density=True
+        )
         some = density > 0
         ax.plot(0.5 * (edges[1:] + edges[:-1])[some], density[some], ".", label="measured")
         if sigma:
             x = np.linspace(edges[0], edges[-1], 400)
-            ax.plot(x, np.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)), label="normal law")
-        ax.set(xlabel="deviation from the mean signal [DN]", ylabel="density [1/DN]", yscale="log")
+            ax.plot(
+                x,
+                np.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)),
+                label="normal law",
+            )
+        ax.set(
+            xlabel="deviation from the mean signal [DN]", ylabel="density [1/DN]", yscale="log"
+        )
         ax.set_ylim(bottom=0.5 * float(density[some].min()))
 
 
@@ -94,21 +114,31 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
     percent = 100 / _signal(dark, light)
     images = [highpass(stack.mean) if high_pass else stack.mean for stack in (dark, light)]
     power = highpass_power() if high_pass else (1.0, 1.0, 1.0)
-    pairs = ((images[0],), (images[1] - images[0], images[1] + images[0]), (images[1] - images[0],))
+    pairs = (
+        (images[0],),
+        (images[1] - images[0], images[1] + images[0]),
+        (images[1] - images[0],),
+    )
     in_dark, more, apart = (spatial_mean_squares(*pair).divided(power) for pair in pairs)
     of_dark, of_light = _noise(dark), _noise(light)
     found = {}
     for part, terms in PARTS.items():
         dsnu, prnu = (_Spatial(terms, terms(one)) for one in (in_dark, more))
         found[f"dsnu{part}"] = Quantity(
-            *(f"DSNU1288{part}", "dark signal non-uniformity"), *dsnu.less((of_dark, 1)), "DN", DSNU_SECTION[bool(part)]
+            *(f"DSNU1288{part}", "dark signal non-uniformity"),
+            *dsnu.less((of_dark, 1)),
+            "DN",
+            DSNU_SECTION[bool(part)],
         )
         found[f"prnu{part}"] = Quantity(
             *(f"PRNU1288{part}", "photo response non-uniformity"),
             *prnu.less((of_light, 1), (of_dark, -1), scale=percent),
             *("%", PRNU_SECTION[bool(part)]),
         )
-    sigma, name = _Spatial(MeanSquares.variance, apart.variance()), "standard deviation over mean, light minus dark"
+    sigma, name = (
+        _Spatial(MeanSquares.variance, apart.variance()),
+        "standard deviation over mean, light minus dark",
+    )
     found["paper_raw"] = Quantity("σ/µ raw", name, *sigma.less(scale=percent), "%", PAPER)
     less = sigma.less((of_light, 1), (of_dark, 1), scale=percent)
     found["paper"] = Quantity("σ/µ", f"{name}, without temporal noise", *less, "%", PAPER)
@@ -128,7 +158,9 @@ class _Spatial:
             return (math.nan,) * 3
         if any(noise is None for noise, _ in noises):
             return math.nan, 0.0, root(self.measured, scale)[2]
-        removed = [one.times(-times) for noise, times in noises if noise for one in self.terms(noise)]
+        removed = [
+            one.times(-times) for noise, times in noises if noise for one in self.terms(noise)
+        ]
         return root([*self.measured, *removed], scale)
 
 
@@ -150,7 +182,9 @@ def _signal(dark: Stack, light: Stack) -> float:
         raise InputError("one pixel has no non-uniformity; pass frames of at least 2 pixels.")
     signal = float(light.mean.mean() - dark.mean.mean())
     if signal <= 0:
-        raise InputError(f"the light is {signal:g} DN brighter than the dark; pass the dark stack first, then light.")
+        raise InputError(
+            f"the light is {signal:g} DN brighter than the dark; pass the dark stack first, then light."
+        )
     return signal
 
 
@@ -160,7 +194,9 @@ def _marked(found: dict[str, Quantity], dark: Stack, light: Stack) -> dict[str, 
     for name, one in found.items():
         stacks = (dark, light) if one.unit == "%" else (dark,)
         if math.isnan(one.high):
-            one = one.noted("a single line of pixels: rows, columns and pixels are not told apart")
+            one = one.noted(
+                "a single line of pixels: rows, columns and pixels are not told apart"
+            )
         one = mark_clipped_sigma(one, *stacks)
         if one.low == 0 and len(dark) > 1 and len(light) > 1:
             one = one.noted("not told from 0")

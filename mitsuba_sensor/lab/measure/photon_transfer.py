@@ -32,7 +32,9 @@ FITTED = 0.7
 BINS = 100
 FEWEST_OF_A_BIN = 30
 """Pixels of a bin, below which its variance has no normal error."""
-GAIN = Quantity("K", "overall system gain", math.nan, math.nan, math.nan, "DN/e-", "EMVA 1288 R4 6.6")
+GAIN = Quantity(
+    "K", "overall system gain", math.nan, math.nan, math.nan, "DN/e-", "EMVA 1288 R4 6.6"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +56,26 @@ class PhotonTransfer:
 
     def plot(self, axes: Axes, log: bool = False) -> None:
         """Variance against signal with the fitted line; log for both axes logarithmic."""
-        shown = (self.signal > 0) & (self.variance > 0) if log else np.ones(len(self.signal), bool)
+        shown = (
+            (self.signal > 0) & (self.variance > 0) if log else np.ones(len(self.signal), bool)
+        )
         fitted = shown & self.fitted
         bars = 1.96 * self.errors[fitted]
-        axes.errorbar(self.signal[fitted], self.variance[fitted], bars, fmt="o", markersize=3, label="fitted")
-        axes.plot(self.signal[shown & ~fitted], self.variance[shown & ~fitted], "s", markersize=3, label="not fitted")
+        axes.errorbar(
+            self.signal[fitted],
+            self.variance[fitted],
+            bars,
+            fmt="o",
+            markersize=3,
+            label="fitted",
+        )
+        axes.plot(
+            self.signal[shown & ~fitted],
+            self.variance[shown & ~fitted],
+            "s",
+            markersize=3,
+            label="not fitted",
+        )
         ends = np.array([self.signal[shown].min() if log else 0.0, self.peak.mean[0]])
         if math.isfinite(self.gain.value):
             axes.plot(ends, self.gain.value * ends, color="black", linewidth=1, label="slope K")
@@ -80,9 +97,13 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
     dark, variance = measured.of_darks("variance"), measured.of_flats("variance")
 
     def covariance(gain: float) -> Float64Array:
-        own = _errors(dark + gain * np.maximum(measured.signal, 0), fitted, (variance, errors, freedom))
+        own = _errors(
+            dark + gain * np.maximum(measured.signal, 0), fitted, (variance, errors, freedom)
+        )
         own = np.hypot(own, gain * measured.of_flats("mean_error"))
-        shared = measured.shared(measured.dark_variance_error) + measured.shared(gain * measured.of_darks("mean_error"))
+        shared = measured.shared(measured.dark_variance_error) + measured.shared(
+            gain * measured.of_darks("mean_error")
+        )
         return np.asarray(np.diag(own**2) + shared)
 
     return _fit(curve, covariance, clipped)
@@ -109,12 +130,21 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
             f"{x.max():.4g} DN; pass a scene that runs from darkness to saturation."
         )
     base = float(mean[0]) if below is None else 0.0
-    floor, floor_error = (variance[0], error[0]) if below is None else (below.variance.mean(), below.variance_error)
+    floor, floor_error = (
+        (variance[0], error[0])
+        if below is None
+        else (below.variance.mean(), below.variance_error)
+    )
     top = None
     if scene.bits is not None:
         top = 2**scene.bits - 1 - base - (0.0 if below is None else float(below.mean.mean()))
     first = 1 if below is None else 0
-    signal, excess, error, count = mean[first:] - base, variance[first:] - floor, error[first:], count[first:]
+    signal, excess, error, count = (
+        mean[first:] - base,
+        variance[first:] - floor,
+        error[first:],
+        count[first:],
+    )
     ends = peak(signal, excess, error, top)
     within = (signal <= FITTED * ends.mean[0]) & (excess + floor > 0)
     inside = clipped <= LARGEST_SHARE
@@ -124,15 +154,30 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
 
     def covariance(gain: float) -> Float64Array:
         model = floor + gain * np.maximum(signal, 0)
-        own = np.hypot(_errors(model, fitted, (excess + floor, error, freedom)), gain * np.sqrt(model / freedom))
+        own = np.hypot(
+            _errors(model, fitted, (excess + floor, error, freedom)),
+            gain * np.sqrt(model / freedom),
+        )
         return np.asarray(np.diag(own**2) + floor_error**2)
 
-    notes = ["signal is counted from the darkest pixels: no dark frames" if below is None else "", found.drift_note]
+    notes = [
+        "signal is counted from the darkest pixels: no dark frames" if below is None else "",
+        found.drift_note,
+    ]
     notes += _open_end(ends)
     why = ""
     if (within & ~fitted).any():
-        why = dark.clipping.note if dark is not None and dark.clipping.clipped else _why_of_scene(scene)
-    return _fit(_Curve(signal, excess, error, fitted, ends), covariance, why, [one for one in notes if one])
+        why = (
+            dark.clipping.note
+            if dark is not None and dark.clipping.clipped
+            else _why_of_scene(scene)
+        )
+    return _fit(
+        _Curve(signal, excess, error, fitted, ends),
+        covariance,
+        why,
+        [one for one in notes if one],
+    )
 
 
 def _why_of_scene(scene: Stack) -> str:
@@ -144,7 +189,9 @@ def _open_end(ends: Peak) -> list[str]:
     return ["the scene does not reach saturation"] if ends.limited_by == "not reached" else []
 
 
-def _bins(x: Float64Array, variance: Float64Array, clipped: Float64Array) -> tuple[Float64Array, ...]:
+def _bins(
+    x: Float64Array, variance: Float64Array, clipped: Float64Array
+) -> tuple[Float64Array, ...]:
     """Means, mean variances, their standard errors, pixels, and clipped shares of bins of equal width, without bins of
     few pixels."""
     width = max(float(np.ptp(x)), 1e-9) / BINS
@@ -152,12 +199,15 @@ def _bins(x: Float64Array, variance: Float64Array, clipped: Float64Array) -> tup
     kept = np.bincount(index, minlength=BINS) >= FEWEST_OF_A_BIN
     count = np.bincount(index, minlength=BINS)[kept].astype(np.float64)
     mean, average, square, share = (
-        np.bincount(index, one, BINS)[kept] / count for one in (x, variance, variance**2, clipped)
+        np.bincount(index, one, BINS)[kept] / count
+        for one in (x, variance, variance**2, clipped)
     )
     return mean, average, np.sqrt(np.maximum(square - average**2, 0) / count), count, share
 
 
-def _errors(model: Float64Array, fitted: NDArray[np.bool_], found: tuple[Float64Array, ...]) -> Float64Array:
+def _errors(
+    model: Float64Array, fitted: NDArray[np.bool_], found: tuple[Float64Array, ...]
+) -> Float64Array:
     """Standard errors of variances that a line gives; found are variances, their errors and degrees of freedom.
 
     Taken from the line, not from each level, since a level that comes out low by chance would weigh more. They are as
@@ -179,7 +229,10 @@ class _Curve(NamedTuple):
 
 
 def _fit(
-    curve: _Curve, covariance: Callable[[float], Float64Array], clipped: str, notes: Sequence[str] = ()
+    curve: _Curve,
+    covariance: Callable[[float], Float64Array],
+    clipped: str,
+    notes: Sequence[str] = (),
 ) -> PhotonTransfer:
     """K of the points that are fitted, whose errors depend on K.  clipped : why points are left out, or nothing."""
     used = curve.fitted
@@ -198,7 +251,11 @@ def _fit(
     known = replace(GAIN, value=line.slope, low=line.low, high=line.high, note=note)
     value, low, high = line.initial
     few = (
-        "" if used.sum() > 2 else f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
+        ""
+        if used.sum() > 2
+        else f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
     )
-    initial = replace(GAIN, symbol="K_0", name="gain at zero of a parabola", value=value, low=low, high=high)
+    initial = replace(
+        GAIN, symbol="K_0", name="gain at zero of a parabola", value=value, low=low, high=high
+    )
     return PhotonTransfer(known, replace(initial, note=few or note), *curve)

@@ -50,7 +50,9 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
     """
     stack.require_one_filter()
     if dark is not None and dark.shape != stack.shape:
-        raise InputError(f"the dark frames have shape {dark.shape}, the others {stack.shape}; pass the same size.")
+        raise InputError(
+            f"the dark frames have shape {dark.shape}, the others {stack.shape}; pass the same size."
+        )
     image = stack.mean - (dark.mean if dark is not None else 0.0)
     stacks = (stack,) if dark is None else (stack, dark)
     horizontal, vertical = (
@@ -63,7 +65,9 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
 def _profile(direction: str, image: Float64Array) -> Profile:
     mean = image.mean(axis=0)
     middle = image[image.shape[0] // 2]
-    return Profile(direction, mean, image.min(axis=0), image.max(axis=0), middle, _slope(direction, mean))
+    return Profile(
+        direction, mean, image.min(axis=0), image.max(axis=0), middle, _slope(direction, mean)
+    )
 
 
 def _slope(direction: str, mean: Float64Array) -> Quantity:
@@ -78,4 +82,6 @@ def _slope(direction: str, mean: Float64Array) -> Quantity:
     slope = float(place @ mean) / power
     rest = mean - mean.mean() - slope * place
     error = float(np.sqrt(rest @ rest / (count - 2) / power))
-    return Quantity(f"Δ_{direction}", name, *student_interval(slope, error, count - 2), "DN", SECTION)
+    return Quantity(
+        f"Δ_{direction}", name, *student_interval(slope, error, count - 2), "DN", SECTION
+    )

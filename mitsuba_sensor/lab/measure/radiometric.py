@@ -23,7 +23,9 @@ FITTED = 0.05, 0.7
 """
 LINEAR = 0.05, 0.95
 """Part of the saturation signal over which the linearity error is averaged, EMVA 1288 R4 6.7."""
-EFFICIENCY = Quantity("η", "quantum efficiency", math.nan, math.nan, math.nan, "1", "EMVA 1288 R4 2.1")
+EFFICIENCY = Quantity(
+    "η", "quantum efficiency", math.nan, math.nan, math.nan, "1", "EMVA 1288 R4 2.1"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +64,22 @@ class Radiometric:
         axes.plot(self.light, self.noise, "s", markersize=3, label="standard deviation")
         if math.isfinite(self.responsivity.value):
             shown = self.light[self.responsivity.value * self.light <= 1.05 * self.signal.max()]
-            axes.plot(shown, self.responsivity.value * shown, color="black", linewidth=1, label="slope R")
+            axes.plot(
+                shown,
+                self.responsivity.value * shown,
+                color="black",
+                linewidth=1,
+                label="slope R",
+            )
         axes.set(xlabel=self.light_label, ylabel="signal, noise [DN]")
         if log:
             axes.set(xscale="log", yscale="log")
 
     def plot_deviation(self, axes: Axes) -> None:
         """Relative deviation from the line of the linearity error."""
-        axes.plot(self.light, self.deviation, "o-", markersize=3, linewidth=1, label="deviation")
+        axes.plot(
+            self.light, self.deviation, "o-", markersize=3, linewidth=1, label="deviation"
+        )
         axes.axhline(0, color="black", linewidth=1, label="line")
         axes.set(xlabel=self.light_label, ylabel="deviation from the line [%]")
 
@@ -77,8 +87,12 @@ class Radiometric:
 def radiometric(measured: Series) -> Radiometric:
     """From flat fields and dark frames; where photons are not known, against the exposure time."""
     unit = "DN/p" if measured.photons_known else "DN/s"
-    responsivity = Quantity("R", "responsivity", math.nan, math.nan, math.nan, unit, "EMVA 1288 R4 6.6")
-    error = Quantity("LE", "linearity error", math.nan, math.nan, math.nan, "%", "EMVA 1288 R4 6.7")
+    responsivity = Quantity(
+        "R", "responsivity", math.nan, math.nan, math.nan, unit, "EMVA 1288 R4 6.6"
+    )
+    error = Quantity(
+        "LE", "linearity error", math.nan, math.nan, math.nan, "%", "EMVA 1288 R4 6.7"
+    )
     light, deviation = measured.light, np.full(len(measured.flats), math.nan)
     noise = np.sqrt(measured.of_flats("variance"))
     found = find_peak(measured)
@@ -93,12 +107,16 @@ def radiometric(measured: Series) -> Radiometric:
 
 def _within(measured: Series, found: Peak, part: tuple[float, float]) -> NDArray[np.bool_]:
     share = measured.signal / max(found.mean[0], 1e-300)
-    return np.asarray((share >= part[0]) & (share <= part[1]) & (measured.light > 0) & (measured.signal > 0))
+    return np.asarray(
+        (share >= part[0]) & (share <= part[1]) & (measured.light > 0) & (measured.signal > 0)
+    )
 
 
 def _covariance(measured: Series) -> Float64Array:
     own = np.maximum(measured.of_flats("light_error"), 1e-9 * np.abs(measured.signal))
-    return np.asarray(np.diag(np.maximum(own, 1e-12) ** 2) + measured.shared(measured.of_darks("light_error")))
+    return np.asarray(
+        np.diag(np.maximum(own, 1e-12) ** 2) + measured.shared(measured.of_darks("light_error"))
+    )
 
 
 def _responsivity(measured: Series, found: Peak, like: Quantity) -> Quantity:
@@ -108,7 +126,9 @@ def _responsivity(measured: Series, found: Peak, like: Quantity) -> Quantity:
     if not used.any():
         nothing = unknown(like, "no level lies between 5 and 70 % of saturation")
         return hidden_by_clipping(like, clipped) if clipped else nothing
-    line = line_through_origin(measured.light[used], measured.signal[used], _covariance(measured)[np.ix_(used, used)])
+    line = line_through_origin(
+        measured.light[used], measured.signal[used], _covariance(measured)[np.ix_(used, used)]
+    )
     responsivity = replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
     return responsivity.noted(_left_out(clipped))
 
@@ -127,13 +147,23 @@ def _linearity(measured: Series, found: Peak, like: Quantity) -> tuple[Quantity,
     clipped = measured.why_clipped(used)
     used &= measured.inside
     if used.sum() < 3:
-        few = unknown(like, f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed")
+        few = unknown(
+            like, f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed"
+        )
         return hidden_by_clipping(like, clipped) if clipped else few, deviation
     x, y = measured.light[used], measured.signal[used]
-    line = np.polynomial.polynomial.polyval(x, np.polynomial.polynomial.polyfit(x, y, 1, w=1 / y))
+    line = np.polynomial.polynomial.polyval(
+        x, np.polynomial.polynomial.polyfit(x, y, 1, w=1 / y)
+    )
     deviation[used] = 100 * (y - line) / line
     value = float(np.abs(deviation[used]).mean())
-    noise = 100 * np.hypot(measured.of_flats("light_error")[used], measured.of_darks("light_error")[used]) / line
+    noise = (
+        100
+        * np.hypot(
+            measured.of_flats("light_error")[used], measured.of_darks("light_error")[used]
+        )
+        / line
+    )
     # mean and standard deviation of |e| of normal e: sqrt(2/π) and sqrt(1 - 2/π) times σ
     half = math.sqrt(2 / math.pi) * float(noise.mean())
     half += 1.645 * math.sqrt(1 - 2 / math.pi) * float(np.sqrt((noise**2).sum())) / len(noise)

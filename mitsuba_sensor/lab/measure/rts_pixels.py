@@ -67,7 +67,10 @@ class TelegraphPixels:
 
     def per_gain(self, gain_dn_per_e: float) -> TelegraphPixels:
         """Steps in electrons."""
-        arrays = {name: getattr(self, name) / gain_dn_per_e for name in ("steps", "step_errors", "detectable")}
+        arrays = {
+            name: getattr(self, name) / gain_dn_per_e
+            for name in ("steps", "step_errors", "detectable")
+        }
         return replace(self, step=self.step.scaled(1 / gain_dn_per_e, "e-"), **arrays)
 
     def plot(self, ax: Axes) -> None:
@@ -75,9 +78,20 @@ class TelegraphPixels:
         some = slice(None, None, max(1, len(self.steps) // MOST_BARS))
         bars = self.shares[some], self.share_errors[some], self.step_errors[some]
         ax.plot(self.steps, self.shares, ".", ms=4, label="RTS pixels")
-        ax.errorbar(self.steps[some], *bars, fmt="none", elinewidth=0.5, ecolor="0.6", label="standard errors")
+        ax.errorbar(
+            self.steps[some],
+            *bars,
+            fmt="none",
+            elinewidth=0.5,
+            ecolor="0.6",
+            label="standard errors",
+        )
         ax.axvline(self.detectable, color="0.4", ls="--", lw=1, label="detectable step")
-        ax.set(xlabel=f"step [{self.step.unit}]", ylabel="share of the frames in the upper level", ylim=(0, 1))
+        ax.set(
+            xlabel=f"step [{self.step.unit}]",
+            ylabel="share of the frames in the upper level",
+            ylim=(0, 1),
+        )
 
 
 def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
@@ -93,9 +107,14 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
             f"{len(stack)} frames and false_alarm {false_alarm!r}; RTS pixels need at least {FEWEST_FRAMES} frames and "
             "a probability between 0 and 1."
         )
-    quiet = max(float(np.median(stack.variance)), TWO_CODES_DN2 if stack.frames.dtype.kind != "f" else 0.0)
+    quiet = max(
+        float(np.median(stack.variance)),
+        TWO_CODES_DN2 if stack.frames.dtype.kind != "f" else 0.0,
+    )
     limit = 2 * math.log(TAIL * stack.mean.size / false_alarm)
-    screened = stack.variance > quiet * scipy.special.chdtri(len(stack) - 1, SCREEN) / (len(stack) - 1)
+    screened = stack.variance > quiet * scipy.special.chdtri(len(stack) - 1, SCREEN) / (
+        len(stack) - 1
+    )
     rows, columns = np.nonzero(screened & (stack.variance > 0))
     found = [
         _fitted(stack, (rows[i : i + PIXELS], columns[i : i + PIXELS]), quiet, limit)
@@ -103,11 +122,15 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
     ]
     table = np.concatenate([np.zeros((6, 0)), *found], axis=1)
     count, pixels = table.shape[1], stack.mean.size
-    fraction = Quantity("RTS", "share of RTS pixels", *share_interval(count, pixels), "", SECTION).scaled(100, "%")
+    fraction = Quantity(
+        "RTS", "share of RTS pixels", *share_interval(count, pixels), "", SECTION
+    ).scaled(100, "%")
     step = Quantity("ΔRTS", "median step of the RTS pixels", *_median(table[2]), "DN", SECTION)
     step = step if count else step.noted("no RTS pixels")
     detectable = _detectable(quiet, limit, len(stack))
-    fraction = fraction.noted(f"steps below about {detectable:.3g} DN are not found with {len(stack)} frames")
+    fraction = fraction.noted(
+        f"steps below about {detectable:.3g} DN are not found with {len(stack)} frames"
+    )
     marked = [mark_clipped(one, stack) for one in (fraction, step)]
     row, column = table[:2].astype(np.intp)
     step_dn, step_error, share, share_error = table[2:]

@@ -35,13 +35,19 @@ class Peak:
     def at(self, means: Float64Array, values: Float64Array) -> tuple[float, float, float]:
         """The same in another unit, by interpolation between the points of the curve; high is inf if not reached."""
         order = np.argsort(means, kind="stable")
-        value, low, high = (float(np.interp(one, means[order], values[order])) for one in self.mean)
+        value, low, high = (
+            float(np.interp(one, means[order], values[order])) for one in self.mean
+        )
         found = value, min(low, value), max(high, value)
         return found if self.limited_by != "not reached" else (value, value, math.inf)
 
 
 def peak(
-    mean: Float64Array, variance: Float64Array, error: Float64Array, top: float | None, spread: float = 0.0
+    mean: Float64Array,
+    variance: Float64Array,
+    error: Float64Array,
+    top: float | None,
+    spread: float = 0.0,
 ) -> Peak:
     """Of points in ascending order of light: the point with the largest variance, made finer by a model.
 
@@ -56,10 +62,19 @@ def peak(
     limited: Limit = "not reached"
     if after.size and float(after.min()) < 0.5 * variance[index]:
         last = float(mean[index:].max())
-        clips = float(after.min()) <= 1e-12 if top is None else last > top - max(0.5, 1e-3 * abs(top))
+        clips = (
+            float(after.min()) <= 1e-12
+            if top is None
+            else last > top - max(0.5, 1e-3 * abs(top))
+        )
         limited = "ADC" if clips else "well"
-    tied = np.flatnonzero(variance + 2.8 * error >= variance[index])  # 2.8: 1.96 times the root of 2
-    ends = [max(0, min(index - 1, int(tied.min()))), min(len(mean) - 1, max(index + 1, int(tied.max())))]
+    tied = np.flatnonzero(
+        variance + 2.8 * error >= variance[index]
+    )  # 2.8: 1.96 times the root of 2
+    ends = [
+        max(0, min(index - 1, int(tied.min()))),
+        min(len(mean) - 1, max(index + 1, int(tied.max()))),
+    ]
     low, high = float(mean[ends].min()), float(mean[ends].max())
     value = _cut(mean, variance, spread) if limited != "not reached" else math.nan
     value = value if low < value < high else float(mean[index])
@@ -106,32 +121,57 @@ class Saturation:
     @property
     def quantities(self) -> tuple[Quantity, ...]:
         """All of them."""
-        ends = self.signal, self.photons, self.electrons, self.threshold_photons, self.threshold_electrons
+        ends = (
+            self.signal,
+            self.photons,
+            self.electrons,
+            self.threshold_photons,
+            self.threshold_electrons,
+        )
         return *ends, self.dynamic_range, self.snr_max
 
     def plot(self, axes: Axes) -> None:
         """Temporal variance against the mean, with the interval of its maximum."""
         axes.plot(*self.points, "o-", markersize=3, linewidth=1, label="temporal variance")
-        axes.axvspan(self.signal.low, min(self.signal.high, float(self.points[0].max())), alpha=0.2, label="saturation")
+        axes.axvspan(
+            self.signal.low,
+            min(self.signal.high, float(self.points[0].max())),
+            alpha=0.2,
+            label="saturation",
+        )
         axes.set(xlabel="mean − dark mean [DN]", ylabel="variance − dark variance [DN²]")
 
 
 def find_peak(measured: Series) -> Peak:
     """Of a series, over the signal."""
-    top = None if measured.top_code is None else float(measured.top_code - measured.of_darks("mean").max())
+    top = (
+        None
+        if measured.top_code is None
+        else float(measured.top_code - measured.of_darks("mean").max())
+    )
     lit = measured.signal > 0.4 * measured.signal.max()
-    spread = float(np.median(measured.of_flats("spread")[lit] / measured.signal[lit])) if lit.any() else 0.0
-    return peak(measured.signal, measured.excess, measured.of_flats("variance_error"), top, spread)
+    spread = (
+        float(np.median(measured.of_flats("spread")[lit] / measured.signal[lit]))
+        if lit.any()
+        else 0.0
+    )
+    return peak(
+        measured.signal, measured.excess, measured.of_flats("variance_error"), top, spread
+    )
 
 
-def saturation(measured: Series, gain: Quantity, efficiency: Quantity | None, dark_noise: Quantity) -> Saturation:
+def saturation(
+    measured: Series, gain: Quantity, efficiency: Quantity | None, dark_noise: Quantity
+) -> Saturation:
     """From a series, K [DN/e-], QE [1] or None, and σ_y.dark [DN]. Electrons come of photons where QE is known."""
     found = find_peak(measured)
 
     def empty(symbol: str, name: str, unit: str) -> Quantity:
         return Quantity(symbol, name, math.nan, math.nan, math.nan, unit, SECTION, _note(found))
 
-    signal = _at(found, measured, measured.signal, empty("µ_y.sat − µ_y.dark", "saturation signal", "DN"))
+    signal = _at(
+        found, measured, measured.signal, empty("µ_y.sat − µ_y.dark", "saturation signal", "DN")
+    )
     no_light = "photons are not known"
     photons = empty("µ_p.sat", "saturation capacity", "p")
     electrons = empty("µ_e.sat", "saturation capacity", "e-")
@@ -140,11 +180,19 @@ def saturation(measured: Series, gain: Quantity, efficiency: Quantity | None, da
     else:
         photons = _at(found, measured, measured.light, photons)
         electrons = product(photons, efficiency, electrons)
-    least = _threshold(dark_noise, gain, replace(empty("µ_e.min", "absolute sensitivity threshold", "e-"), note=""))
+    least = _threshold(
+        dark_noise,
+        gain,
+        replace(empty("µ_e.min", "absolute sensitivity threshold", "e-"), note=""),
+    )
     fewest = replace(empty("µ_p.min", "absolute sensitivity threshold", "p"), note="")
-    fewest = unknown(fewest, no_light) if efficiency is None else quotient(least, efficiency, fewest)
+    fewest = (
+        unknown(fewest, no_light) if efficiency is None else quotient(least, efficiency, fewest)
+    )
     root = replace(electrons, symbol="SNR_max", name="maximum signal-to-noise ratio", unit="1")
-    value, low, high = (math.sqrt(one) for one in (electrons.value, electrons.low, electrons.high))
+    value, low, high = (
+        math.sqrt(one) for one in (electrons.value, electrons.low, electrons.high)
+    )
     return Saturation(
         signal,
         photons,
@@ -170,11 +218,17 @@ def _at(found: Peak, measured: Series, values: Float64Array, like: Quantity) -> 
 def _threshold(dark_noise: Quantity, gain: Quantity, like: Quantity) -> Quantity:
     """µ_e.min = sqrt(σ_y.dark²/K² + 1/4) + 1/2, where the signal equals its noise (EMVA 1288 R4 2.4)."""
     noise = quotient(dark_noise, gain, like)
-    value, low, high = (math.sqrt(one**2 + 0.25) + 0.5 for one in (noise.value, noise.low, noise.high))
+    value, low, high = (
+        math.sqrt(one**2 + 0.25) + 0.5 for one in (noise.value, noise.low, noise.high)
+    )
     return replace(noise, value=value, low=low, high=high)
 
 
 def _note(found: Peak) -> str:
     if found.limited_by == "ADC":
         return "the largest code ends the range, not the full well"
-    return "" if found.limited_by == "well" else "the variance does not fall at the brightest level: a lower limit"
+    return (
+        ""
+        if found.limited_by == "well"
+        else "the variance does not fall at the brightest level: a lower limit"
+    )

@@ -55,7 +55,8 @@ def spectrograms(image: Stack | Float64Array) -> tuple[Spectrogram, Spectrogram]
         return _spectrogram("horizontal", image), _spectrogram("vertical", image.T)
     image.require_one_filter()
     along_rows, along_columns = (
-        replace(one, non_whiteness=mark_clipped(one.non_whiteness, image)) for one in spectrograms(image.mean)
+        replace(one, non_whiteness=mark_clipped(one.non_whiteness, image))
+        for one in spectrograms(image.mean)
     )
     return along_rows, along_columns
 
@@ -68,7 +69,9 @@ def _spectrogram(direction: str, image: Float64Array) -> Spectrogram:
         power += np.square(np.abs(scipy.fft.rfft(some, 2 * length, axis=1))).sum(axis=0)
     power /= lines * length
     frequency = np.linspace(0, 0.5, length + 1)
-    return Spectrogram(direction, frequency, np.sqrt(power), _non_whiteness(direction, power, lines))
+    return Spectrogram(
+        direction, frequency, np.sqrt(power), _non_whiteness(direction, power, lines)
+    )
 
 
 def _non_whiteness(direction: str, power: Float64Array, lines: int) -> Quantity:
@@ -80,7 +83,11 @@ def _non_whiteness(direction: str, power: Float64Array, lines: int) -> Quantity:
     name, length = f"non-whiteness, {direction}", len(power) - 1
     median = float(np.median(power))
     if length < 8 or not median:
-        note = f"{length} pixels a line, at least 8 are needed" if length < 8 else "the image is constant"
+        note = (
+            f"{length} pixels a line, at least 8 are needed"
+            if length < 8
+            else "the image is constant"
+        )
         return Quantity("F", name, math.nan, math.nan, math.nan, "", SECTION, note)
     mean = float(power.mean())
     below, above = np.quantile(power, (0.4, 0.6))

@@ -41,7 +41,10 @@ class Slope(NamedTuple):
 def slope_of_runs(runs: Iterable[tuple[Sequence[float], Sequence[float]]]) -> Slope:
     """Least squares in 2 or more runs of (x, y); points of one run share samples, so its residuals give no interval."""
     slopes = np.array([np.polyfit(np.log(x), np.log(y), 1)[0] for x, y in runs])
-    return Slope(float(slopes.mean()), float(scipy.special.stdtrit(len(slopes) - 1, 0.975)) * standard_error(slopes))
+    return Slope(
+        float(slopes.mean()),
+        float(scipy.special.stdtrit(len(slopes) - 1, 0.975)) * standard_error(slopes),
+    )
 
 
 def standard_error(values: Float64Array) -> float:
@@ -52,7 +55,10 @@ def standard_error(values: Float64Array) -> float:
 def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
     """Indices of the points that no other beats (as small in both, smaller in one), by x; of equal ones all, no NaN."""
     front: list[int] = []
-    for i in sorted((i for i, point in enumerate(points) if not np.isnan(point).any()), key=lambda i: points[i]):
+    for i in sorted(
+        (i for i, point in enumerate(points) if not np.isnan(point).any()),
+        key=lambda i: points[i],
+    ):
         if not front or points[i][1] < points[front[-1]][1] or points[i] == points[front[-1]]:
             front.append(i)
     return tuple(front)
@@ -60,11 +66,17 @@ def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
 
 def z_limit(comparisons: int, false_alarm: float = 0.01) -> float:
     """|z| that none of so many right independent comparisons exceeds, but in this share of all studies."""
-    return float(-scipy.special.ndtri(0.5 * (1 - (1 - false_alarm) ** (1 / max(comparisons, 1)))))
+    return float(
+        -scipy.special.ndtri(0.5 * (1 - (1 - false_alarm) ** (1 / max(comparisons, 1))))
+    )
 
 
 def as_normal(t: float, freedom: int) -> float:
     """The standard normal that is as unlikely as this Student's t."""
     return (
-        math.copysign(-float(scipy.special.ndtri(max(scipy.special.stdtr(freedom, -abs(t)), 1e-300))), t) if t else 0.0
+        math.copysign(
+            -float(scipy.special.ndtri(max(scipy.special.stdtr(freedom, -abs(t)), 1e-300))), t
+        )
+        if t
+        else 0.0
     )

@@ -57,7 +57,9 @@ class Normal(Family):
 
     def log_density(self, x: Float64Array, p: Parameters) -> Float64Array:
         """See :class:`Family`."""
-        return np.asarray(-0.5 * np.square((x - p[0]) / p[1]) - math.log(p[1] * math.sqrt(2 * math.pi)))
+        return np.asarray(
+            -0.5 * np.square((x - p[0]) / p[1]) - math.log(p[1] * math.sqrt(2 * math.pi))
+        )
 
     def below(self, x: Float64Array, p: Parameters) -> Float64Array:
         """See :class:`Family`."""
@@ -115,7 +117,9 @@ class Gamma(Family):
         s = max(math.log(mean) - float(w @ np.log(x)) / float(w.sum()), 1e-12)
         a = (3 - s + math.sqrt((s - 3) ** 2 + 24 * s)) / (12 * s)
         for _ in range(NEWTON_STEPS):
-            step = (math.log(a) - float(scipy.special.digamma(a)) - s) / (1 / a - float(scipy.special.polygamma(1, a)))
+            step = (math.log(a) - float(scipy.special.digamma(a)) - s) / (
+                1 / a - float(scipy.special.polygamma(1, a))
+            )
             a = max(a - step, a / 2)
             if abs(step) < 1e-9 * a:
                 break
@@ -158,5 +162,7 @@ class InverseGaussian(Family):
         return math.sqrt(p[0] ** 3 / (p[1] * count)), p[1] * math.sqrt(2 / count)
 
 
-FAMILIES: dict[str, Family] = {one.name: one for one in (Normal(), LogNormal(), Gamma(), InverseGaussian())}
+FAMILIES: dict[str, Family] = {
+    one.name: one for one in (Normal(), LogNormal(), Gamma(), InverseGaussian())
+}
 """By name."""

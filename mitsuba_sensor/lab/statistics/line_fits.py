@@ -49,11 +49,15 @@ class LineThroughOrigin:
         elif self.unsure:
             found.append("the interval is extended, since the points may be curved")
         if self.scattered:
-            found.append("the points scatter more than noise explains; the interval is as much wider")
+            found.append(
+                "the points scatter more than noise explains; the interval is as much wider"
+            )
         return "; ".join(found)
 
 
-def line_through_origin(x: Float64Array, y: Float64Array, covariance: Float64Array) -> LineThroughOrigin:
+def line_through_origin(
+    x: Float64Array, y: Float64Array, covariance: Float64Array
+) -> LineThroughOrigin:
     """y = a·x for (n,) points, n at least 1, by generalised least squares.
 
     A parabola through the origin is fitted too. Where it may be curved, the interval is extended to hold its slope at
@@ -75,23 +79,32 @@ def line_through_origin(x: Float64Array, y: Float64Array, covariance: Float64Arr
         interval = student_interval(slope[0], error[0] * math.sqrt(chi2 / freedom), freedom)
     low, high = interval[1:]
     curved, unsure = (
-        curvature > -float(scipy.special.ndtri(share / 2)) for share in (CURVED_FALSE_ALARM, UNSURE_FALSE_ALARM)
+        curvature > -float(scipy.special.ndtri(share / 2))
+        for share in (CURVED_FALSE_ALARM, UNSURE_FALSE_ALARM)
     )
     if unsure:
         reach = 1.0 if curved else 0.5  # two standard errors beyond the slope at zero, or one
         low = min(low, initial[0] - reach * (initial[0] - initial[1]))
         high = max(high, initial[0] + reach * (initial[2] - initial[0]))
-    return LineThroughOrigin(slope[0], low, high, initial, curved, unsure and not curved, scattered)
+    return LineThroughOrigin(
+        slope[0], low, high, initial, curved, unsure and not curved, scattered
+    )
 
 
-def _fit(basis: Float64Array, y: Float64Array, covariance: Float64Array) -> tuple[list[float], list[float], float]:
+def _fit(
+    basis: Float64Array, y: Float64Array, covariance: Float64Array
+) -> tuple[list[float], list[float], float]:
     """Coefficients, their standard errors, and chi-square."""
     white = np.linalg.cholesky(covariance)
     whitened = scipy.linalg.solve_triangular(white, np.column_stack([basis, y]), lower=True)
     inverse = np.linalg.pinv(whitened[:, :-1].T @ whitened[:, :-1])
     found = inverse @ (whitened[:, :-1].T @ whitened[:, -1])
     rest = whitened[:, -1] - whitened[:, :-1] @ found
-    return [float(one) for one in found], [float(one) for one in np.sqrt(np.diag(inverse))], float(rest @ rest)
+    return (
+        [float(one) for one in found],
+        [float(one) for one in np.sqrt(np.diag(inverse))],
+        float(rest @ rest),
+    )
 
 
 @dataclass(frozen=True)
@@ -118,10 +131,16 @@ class StraightLine:
     @property
     def note(self) -> str:
         """What to say of the points."""
-        return "the points do not lie on a straight line, which widens the interval" if self.crooked else ""
+        return (
+            "the points do not lie on a straight line, which widens the interval"
+            if self.crooked
+            else ""
+        )
 
 
-def straight_line(x: Float64Array, y: Float64Array, error: Float64Array, freedom: float = math.inf) -> StraightLine:
+def straight_line(
+    x: Float64Array, y: Float64Array, error: Float64Array, freedom: float = math.inf
+) -> StraightLine:
     """Through 2 points or more.  error : of y, with so many degrees of freedom; NaN where nobody knows.
 
     Without known errors all points weigh the same, and 2 points give a slope without an interval.

@@ -27,7 +27,9 @@ class MeanSquare:
 
     def times(self, factor: float) -> MeanSquare:
         """This estimate times a number that is known."""
-        return replace(self, value=self.value * factor, other_variance=self.other_variance * factor**2)
+        return replace(
+            self, value=self.value * factor, other_variance=self.other_variance * factor**2
+        )
 
     def __truediv__(self, number: float) -> MeanSquare:
         return self.times(1 / number)
@@ -50,7 +52,10 @@ class MeanSquares:
 
     def divided(self, by: Sequence[float]) -> MeanSquares:
         """Rows, columns and pixels each by a number that is known."""
-        rows, columns = (one and one / number for one, number in zip((self.rows, self.columns), by, strict=False))
+        rows, columns = (
+            one and one / number
+            for one, number in zip((self.rows, self.columns), by, strict=False)
+        )
         return replace(self, rows=rows, columns=columns, pixels=self.pixels / by[2])
 
     def row_variance(self) -> list[MeanSquare]:
@@ -59,7 +64,9 @@ class MeanSquares:
 
     def column_variance(self) -> list[MeanSquare]:
         """Terms of σ_col² = (columns − pixels)/H."""
-        return [self.columns / self.shape[0], -self.pixels / self.shape[0]] if self.columns else []
+        return (
+            [self.columns / self.shape[0], -self.pixels / self.shape[0]] if self.columns else []
+        )
 
     def pixel_variance(self) -> list[MeanSquare]:
         """Terms of σ² of the pixels alone."""
@@ -70,11 +77,18 @@ class MeanSquares:
         if not (self.rows and self.columns):
             return [self.pixels]
         height, width = self.shape
-        return [self.rows / width, self.columns / height, self.pixels.times(1 - 1 / width - 1 / height)]
+        return [
+            self.rows / width,
+            self.columns / height,
+            self.pixels.times(1 - 1 / width - 1 / height),
+        ]
 
     def variance_of_mean(self) -> float:
         """Of the mean of the image."""
-        lines = (self.rows.value if self.rows else 0.0, self.columns.value if self.columns else 0.0)
+        lines = (
+            self.rows.value if self.rows else 0.0,
+            self.columns.value if self.columns else 0.0,
+        )
         both = sum(lines) - self.pixels.value if self.rows else self.pixels.value
         return max(both, self.pixels.value) / (self.shape[0] * self.shape[1])
 
@@ -88,12 +102,19 @@ def combined(terms: Iterable[MeanSquare]) -> tuple[float, float, float]:
     total = below = above = 0.0
     z = float(scipy.special.ndtri((1 + LEVEL) / 2))
     for term in terms:
-        small, large = (float(scipy.special.chdtri(term.freedom, p)) for p in ((1 + LEVEL) / 2, (1 - LEVEL) / 2))
+        small, large = (
+            float(scipy.special.chdtri(term.freedom, p))
+            for p in ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
+        )
         down, up = 1 - term.freedom / large, term.freedom / small - 1 if small > 0 else math.inf
         toward_low, toward_high = (down, up) if term.value > 0 else (up, down)
         total += term.value
-        below += (toward_low * term.value) ** 2 + z**2 * term.other_variance if term.value else 0.0
-        above += (toward_high * term.value) ** 2 + z**2 * term.other_variance if term.value else 0.0
+        below += (
+            (toward_low * term.value) ** 2 + z**2 * term.other_variance if term.value else 0.0
+        )
+        above += (
+            (toward_high * term.value) ** 2 + z**2 * term.other_variance if term.value else 0.0
+        )
     return total, total - math.sqrt(below), total + math.sqrt(above)
 
 
@@ -103,7 +124,9 @@ def root(terms: Iterable[MeanSquare], scale: float = 1.0) -> tuple[float, float,
     return value, low, high
 
 
-def spatial_mean_squares(first: Float64Array, second: Float64Array | None = None) -> MeanSquares:
+def spatial_mean_squares(
+    first: Float64Array, second: Float64Array | None = None
+) -> MeanSquares:
     """Of one image, or mean products of two images of the same pixels, (H, W) each.
 
     Degrees of freedom are those of normal, independent values, fewer where tails or correlations of neighbouring lines
@@ -112,7 +135,9 @@ def spatial_mean_squares(first: Float64Array, second: Float64Array | None = None
     height, width = first.shape
     if min(first.shape) == 1:
         line = _centred(first.ravel()), _centred((first if second is None else second).ravel())
-        return MeanSquares(None, None, _mean_product(line, first.size - 1, lines=True), first.shape)
+        return MeanSquares(
+            None, None, _mean_product(line, first.size - 1, lines=True), first.shape
+        )
     parts = _parts(first)
     rows, columns, rest = zip(parts, parts if second is None else _parts(second), strict=True)
     return MeanSquares(
@@ -132,7 +157,12 @@ def temporal_mean_squares(stack: Stack) -> MeanSquares:
     uneven = _unevenness(stack.variance, more)
     if min(stack.shape) == 1:
         pixels = max(height, width) - 1
-        return MeanSquares(None, None, _of_sum(total, more * pixels, uneven) if pixels else _nothing(), stack.shape)
+        return MeanSquares(
+            None,
+            None,
+            _of_sum(total, more * pixels, uneven) if pixels else _nothing(),
+            stack.shape,
+        )
     by_row, by_column = (
         size * float(np.square(means - means.mean(axis=0) - drift[:, None]).sum())
         for means, size in ((stack.row_means, width), (stack.column_means, height))
@@ -157,7 +187,11 @@ def _nothing() -> MeanSquare:
 def _unevenness(variance: Float64Array, more: int) -> float:
     """E[σ⁴]/E[σ²]² over the pixels; variances with n degrees of freedom have E[s⁴] = σ⁴·(n + 2)/n."""
     mean = float(variance.mean())
-    return max(1.0, float(np.square(variance).mean()) * more / (more + 2) / mean**2) if mean else 1.0
+    return (
+        max(1.0, float(np.square(variance).mean()) * more / (more + 2) / mean**2)
+        if mean
+        else 1.0
+    )
 
 
 def _centred(values: Float64Array) -> Float64Array:
@@ -171,7 +205,9 @@ def _parts(image: Float64Array) -> tuple[Float64Array, Float64Array, Float64Arra
     return rows, columns, image - mean - rows[:, None] - columns
 
 
-def _mean_product(pair: tuple[Float64Array, Float64Array], freedom: float, lines: bool) -> MeanSquare:
+def _mean_product(
+    pair: tuple[Float64Array, Float64Array], freedom: float, lines: bool
+) -> MeanSquare:
     """Of deviations from the mean; with itself a variance. Of two images also the variance that a product has more."""
     first, second = pair
     product = float(np.vdot(first, second)) / freedom
@@ -182,7 +218,9 @@ def _mean_product(pair: tuple[Float64Array, Float64Array], freedom: float, lines
     tails = float(np.square(first * second).mean()) - product**2
     excess = tails / normal if tails / normal > 1 + 7.5 / math.sqrt(first.size) else 1.0
     excess *= _correlated_lines(first) if lines else 1.0
-    return MeanSquare(product, freedom / excess, max(0.0, squares - product**2) * excess / freedom)
+    return MeanSquare(
+        product, freedom / excess, max(0.0, squares - product**2) * excess / freedom
+    )
 
 
 def _correlated_lines(values: Float64Array) -> float:

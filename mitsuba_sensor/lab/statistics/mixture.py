@@ -102,7 +102,9 @@ def improved(mixture: Mixture, x: Float64Array, w: Float64Array, steps: int) -> 
     return mixture
 
 
-def fitted_mixture(name: str, parts: tuple[str, ...], x: Float64Array, w: Float64Array) -> Mixture:
+def fitted_mixture(
+    name: str, parts: tuple[str, ...], x: Float64Array, w: Float64Array
+) -> Mixture:
     """Of maximum likelihood.  name : of the main family.  parts : of "uniform" and "normal".  x : sorted."""
     mixture = improved(_start(FAMILIES[name], parts, x, w), x, w, STEPS)
     for _ in range(2 if mixture.uniform else 0):
@@ -111,7 +113,9 @@ def fitted_mixture(name: str, parts: tuple[str, ...], x: Float64Array, w: Float6
     return improved(mixture, x, w, STEPS_AT_THE_END)
 
 
-def edge_interval(mixture: Mixture, edge: int, x: Float64Array, w: Float64Array) -> tuple[float, float]:
+def edge_interval(
+    mixture: Mixture, edge: int, x: Float64Array, w: Float64Array
+) -> tuple[float, float]:
     """Where the likelihood is more than 5 % of its largest: 95 % for an edge, at which the density jumps.
 
     edge : 1 for the lower one of the uniform part, 2 for the upper one.
@@ -126,7 +130,9 @@ def edge_interval(mixture: Mixture, edge: int, x: Float64Array, w: Float64Array)
         for _ in range(BISECTIONS):
             middle = 0.5 * (inside + outside)
             moved = improved(_with_edge(mixture, edge, middle), x, w, STEPS_OF_AN_EDGE)
-            inside, outside = (middle, outside) if moved.log_likelihood(x, w) > limit else (inside, middle)
+            inside, outside = (
+                (middle, outside) if moved.log_likelihood(x, w) > limit else (inside, middle)
+            )
         ends.append(float(outside))
     return ends[0], ends[1]
 
@@ -148,9 +154,17 @@ def _start(family: Family, parts: tuple[str, ...], x: Float64Array, w: Float64Ar
     share = max(float(w[outside].sum() / w.sum()), 1e-6) / max(len(parts), 1)
     normal = None
     if "normal" in parts:
-        counts, edges = np.histogram(x[outside], bins=64, weights=w[outside]) if outside.any() else ([1], [low, high])
+        counts, edges = (
+            np.histogram(x[outside], bins=64, weights=w[outside])
+            if outside.any()
+            else ([1], [low, high])
+        )
         peak = int(np.argmax(counts))
-        normal = (share, 0.5 * float(edges[peak] + edges[peak + 1]), max(float(edges[peak + 1] - edges[peak]), sigma))
+        normal = (
+            share,
+            0.5 * float(edges[peak] + edges[peak + 1]),
+            max(float(edges[peak + 1] - edges[peak]), sigma),
+        )
     uniform = (share, float(x[0]), float(x[-1])) if "uniform" in parts else None
     return Mixture(family, family.fit(x[inside], w[inside]), uniform, normal)
 

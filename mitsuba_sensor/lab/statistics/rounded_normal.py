@@ -78,12 +78,20 @@ class _Likelihood:
         relative = codes - base
         spread = int(relative.max()) + 1
         counts = np.stack([(relative == code).sum(axis=0) for code in range(spread)], axis=1)
-        kinds, pixels = np.unique(counts, axis=0, return_counts=True)  # pixels with equal counts are one
-        self.counts, self.pixels, self.clipped = kinds.astype(np.float64), pixels.astype(np.float64), clipped
+        kinds, pixels = np.unique(
+            counts, axis=0, return_counts=True
+        )  # pixels with equal counts are one
+        self.counts, self.pixels, self.clipped = (
+            kinds.astype(np.float64),
+            pixels.astype(np.float64),
+            clipped,
+        )
         self.phases = PHASES[int(np.ptp(codes, axis=0).max() >= 4)]
         self.means = np.arange(-3.0 if clipped else -2.0, spread + 1.0, 1 / self.phases)
         means = codes.mean(axis=0)
-        spread_dn = float(np.ptp(np.percentile(means, (25, 75)))) / 1.349  # of a normal law, not moved by hot pixels
+        spread_dn = (
+            float(np.ptp(np.percentile(means, (25, 75)))) / 1.349
+        )  # of a normal law, not moved by hot pixels
         self.uniform = not clipped and spread_dn > UNIFORM_DN
         seen = np.sort(np.bincount(codes.ravel() - codes.min()))
         self.scaled = self.uniform or (len(seen) > 2 and seen[-3] >= FEWEST_OF_A_THIRD_CODE)
@@ -107,7 +115,10 @@ class _Likelihood:
         start = np.array(self.start)
         around = start + np.array([[0, 0], [sigma / 8, 0], [0, -0.7]])
         found = scipy.optimize.minimize(
-            missing, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2, "initial_simplex": around}
+            missing,
+            start,
+            method="Nelder-Mead",
+            options={"xatol": 1e-3, "fatol": 1e-2, "initial_simplex": around},
         )
         return float(self.pixels @ most) - float(found.fun)
 
@@ -129,12 +140,16 @@ class _Likelihood:
         above = scipy.special.ndtr((self.means - edges[:, None]) / sigma)
         if self.clipped:
             below[0], above[0] = 0.0, 1.0
-        between = np.where(below[:-1] < 0.5, below[1:] - below[:-1], above[:-1] - above[1:])  # the exact difference
+        between = np.where(
+            below[:-1] < 0.5, below[1:] - below[:-1], above[:-1] - above[1:]
+        )  # the exact difference
         found = self.counts @ np.log(np.maximum(between, 1e-300))
         most = found.max(axis=1)
         found -= most[:, None]
         chance = np.exp(found, out=found)
-        return chance if self.clipped else chance.reshape(len(chance), -1, self.phases).sum(axis=1), most
+        return chance if self.clipped else chance.reshape(len(chance), -1, self.phases).sum(
+            axis=1
+        ), most
 
 
 def _most_likely(likelihood: _Likelihood, left_out: float) -> RoundedNormal:
@@ -144,7 +159,10 @@ def _most_likely(likelihood: _Likelihood, left_out: float) -> RoundedNormal:
     best = int(np.argmax(values))
     ends = scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)]
     fine = scipy.optimize.minimize_scalar(
-        lambda sigma: -likelihood(sigma), bounds=ends, method="bounded", options={"xatol": 2e-3 * scan[best]}
+        lambda sigma: -likelihood(sigma),
+        bounds=ends,
+        method="bounded",
+        options={"xatol": 2e-3 * scan[best]},
     )
     sigma, most = float(fine.x), max(-float(fine.fun), values[best])
 
@@ -154,7 +172,11 @@ def _most_likely(likelihood: _Likelihood, left_out: float) -> RoundedNormal:
     low, high = _end(fallen, sigma, SMALLEST_DN), _end(fallen, sigma, LARGEST_DN)
     identified = bool(low > SMALLEST_DN and likelihood.scaled)
     return RoundedNormal(
-        sigma, low if identified else 0.0, high if high < LARGEST_DN else math.inf, identified, left_out
+        sigma,
+        low if identified else 0.0,
+        high if high < LARGEST_DN else math.inf,
+        identified,
+        left_out,
     )
 
 
@@ -168,4 +190,8 @@ def _end(fallen: Callable[[float], float], sigma: float, limit: float) -> float:
         if fallen(limit) < 0:
             return limit
         outside = limit
-    return float(scipy.optimize.brentq(fallen, inside, outside, xtol=2e-3 * sigma)) if fallen(inside) < 0 else inside
+    return (
+        float(scipy.optimize.brentq(fallen, inside, outside, xtol=2e-3 * sigma))
+        if fallen(inside) < 0
+        else inside
+    )

@@ -64,27 +64,45 @@ def two_levels(values: Float64Array, whole_numbers: bool, least_sigma: float) ->
         weight = np.clip(up.mean(axis=1), 1e-9, 1 - 1e-9)
         upper = np.einsum("kn,kn->k", up, values) / (weight * values.shape[1])
         lower = np.einsum("kn,kn->k", 1 - up, values) / ((1 - weight) * values.shape[1])
-        square = up * np.square(values - upper[:, None]) + (1 - up) * np.square(values - lower[:, None])
+        square = up * np.square(values - upper[:, None]) + (1 - up) * np.square(
+            values - lower[:, None]
+        )
         sigma, share = np.maximum(np.sqrt(square.mean(axis=1)), least_sigma), weight
     inner = _without_rounding(sigma, whole_numbers, least_sigma)
-    parts = [np.exp(_log_chance(values, level, inner, whole_numbers)) for level in (lower, upper)]
-    two = np.log(np.maximum((1 - share)[:, None] * parts[0] + share[:, None] * parts[1], 1e-300)).sum(axis=1)
-    return TwoLevels(lower, upper, inner, share, 2 * (two - _one_level(values, whole_numbers, least_sigma)))
+    parts = [
+        np.exp(_log_chance(values, level, inner, whole_numbers)) for level in (lower, upper)
+    ]
+    two = np.log(
+        np.maximum((1 - share)[:, None] * parts[0] + share[:, None] * parts[1], 1e-300)
+    ).sum(axis=1)
+    return TwoLevels(
+        lower, upper, inner, share, 2 * (two - _one_level(values, whole_numbers, least_sigma))
+    )
 
 
 def _log_odds(
-    values: Float64Array, lower: Float64Array, upper: Float64Array, sigma: Float64Array, share: Float64Array
+    values: Float64Array,
+    lower: Float64Array,
+    upper: Float64Array,
+    sigma: Float64Array,
+    share: Float64Array,
 ) -> Float64Array:
     """ln(P(lower)/P(upper)) of each value."""
     middle, step = 0.5 * (lower + upper), (upper - lower) / np.square(sigma)
-    return np.asarray(np.log((1 - share) / share)[:, None] - step[:, None] * (values - middle[:, None]))
+    return np.asarray(
+        np.log((1 - share) / share)[:, None] - step[:, None] * (values - middle[:, None])
+    )
 
 
-def _without_rounding(sigma: Float64Array, whole_numbers: bool, least_sigma: float) -> Float64Array:
+def _without_rounding(
+    sigma: Float64Array, whole_numbers: bool, least_sigma: float
+) -> Float64Array:
     return np.sqrt(np.maximum(np.square(sigma) - ROUNDING_DN2 * whole_numbers, least_sigma**2))
 
 
-def _log_chance(values: Float64Array, mean: Float64Array, sigma: Float64Array, whole_numbers: bool) -> Float64Array:
+def _log_chance(
+    values: Float64Array, mean: Float64Array, sigma: Float64Array, whole_numbers: bool
+) -> Float64Array:
     """Of each value: of its code, or the density."""
     z = (values - mean[:, None]) / sigma[:, None]
     if not whole_numbers:
@@ -96,7 +114,10 @@ def _log_chance(values: Float64Array, mean: Float64Array, sigma: Float64Array, w
 
 def _one_level(values: Float64Array, whole_numbers: bool, least_sigma: float) -> Float64Array:
     """Largest log-likelihood of one normal distribution for each pixel."""
-    mean, sigma = values.mean(axis=1), _without_rounding(values.std(axis=1), whole_numbers, least_sigma)
+    mean, sigma = (
+        values.mean(axis=1),
+        _without_rounding(values.std(axis=1), whole_numbers, least_sigma),
+    )
     if not whole_numbers:
         return np.asarray(_log_chance(values, mean, sigma, False).sum(axis=1))
     tried = (

@@ -37,10 +37,15 @@ class CombinedMap:
     def spread(self, scale: float = 1.0) -> dict[str, tuple[float, float, float]]:
         """(value, low, high) of the standard deviation of rows, columns, pixels and all, times a factor."""
         measured = spatial_mean_squares(self.image)
-        return {name: root([*terms(measured), *self._noise(terms)], scale) for name, terms in PARTS.items()}
+        return {
+            name: root([*terms(measured), *self._noise(terms)], scale)
+            for name, terms in PARTS.items()
+        }
 
     def _noise(self, terms: Callable[[MeanSquares], list[MeanSquare]]) -> list[MeanSquare]:
-        return [one.times(-noise.factor) for noise in self.noises for one in terms(noise.squares)]
+        return [
+            one.times(-noise.factor) for noise in self.noises for one in terms(noise.squares)
+        ]
 
     def parts(self) -> dict[str, Float64Array]:
         """Deviations of rows (H, 1), columns (1, W) and pixels (H, W) from the mean, each with the σ of its pattern.
@@ -53,7 +58,10 @@ class CombinedMap:
         columns = self.image.mean(axis=0, keepdims=True) - mean
         found = {"row": rows, "col": columns, "pixel": self.image - mean - rows - columns}
         wanted = self.spread()
-        return {name: scaled_to(part, wanted[name][0] if wanted[name][1] > 0 else 0.0) for name, part in found.items()}
+        return {
+            name: scaled_to(part, wanted[name][0] if wanted[name][1] > 0 else 0.0)
+            for name, part in found.items()
+        }
 
 
 def scaled_to(part: Float64Array, sigma: float) -> Float64Array:

@@ -21,7 +21,12 @@ from .evidence import Fitted, frames_of
 from .parabola import straight
 
 SECTION = "fit"
-FAMILY_NAMES = {"normal": "gaussian", "log-normal": "lognormal", "gamma": "gamma", "inverse Gaussian": "wald"}
+FAMILY_NAMES = {
+    "normal": "gaussian",
+    "log-normal": "lognormal",
+    "gamma": "gamma",
+    "inverse Gaussian": "wald",
+}
 """Distributions of the laboratory → those of a camera file."""
 EXCESS: dict[str, Callable[[float], float]] = {
     "gaussian": lambda cv: 0.0,
@@ -69,7 +74,11 @@ class Dark:
 
     def at(self, exposure_s: float) -> Float64Array:
         """Expected mean frame of an exposure time (H, W) [DN]."""
-        return self.offsets.image if self.rates is None else self.offsets.image + exposure_s * self.rates.image
+        return (
+            self.offsets.image
+            if self.rates is None
+            else self.offsets.image + exposure_s * self.rates.image
+        )
 
 
 def dark_over_time(stacks: Sequence[Stack], curvature: float = 0.0) -> Dark:
@@ -80,7 +89,10 @@ def dark_over_time(stacks: Sequence[Stack], curvature: float = 0.0) -> Dark:
     used, notes = usable(stacks)
     squares = [temporal_mean_squares(one) for one in used]
     pixel = np.array([max(sum(term.value for term in one.variance()), 1e-9) for one in squares])
-    times, counts = np.array([one.exposure_s for one in used]), np.array([len(one) for one in used])
+    times, counts = (
+        np.array([one.exposure_s for one in used]),
+        np.array([len(one) for one in used]),
+    )
     means = np.array([float(one.frame_means.mean()) for one in used])
     errors, freedom = errors_of_means(used, squares)
     quiet = min(range(len(used)), key=lambda k: (times[k] > times.min() + SAME_S, -counts[k]))
@@ -88,15 +100,21 @@ def dark_over_time(stacks: Sequence[Stack], curvature: float = 0.0) -> Dark:
     means = bend.straight(means)
     at_zero, per_second = line_weights(times, counts / pixel)
     frames = frames_of(*used)
-    black = Quantity("black", "black level", *_sum(means, errors, at_zero, freedom), "DN", SECTION)
-    rate = Quantity("µ_I", "dark signal", *_sum(means, errors, per_second, freedom), "DN/s", SECTION)
+    black = Quantity(
+        "black", "black level", *_sum(means, errors, at_zero, freedom), "DN", SECTION
+    )
+    rate = Quantity(
+        "µ_I", "dark signal", *_sum(means, errors, per_second, freedom), "DN/s", SECTION
+    )
     offsets = _combined(used, squares, at_zero, bend)
     rates = _combined(used, squares, per_second, bend) if per_second.any() else None
     if rates is None:
         why = "one exposure time: dark current is part of the black level"
         rate, black = unknown(rate, why), black.noted(why)
     elif rate.low <= 0:
-        rate = replace(rate, value=max(rate.value, 0.0), low=0.0, high=max(rate.high, 0.0)).noted("not told from 0")
+        rate = replace(
+            rate, value=max(rate.value, 0.0), low=0.0, high=max(rate.high, 0.0)
+        ).noted("not told from 0")
     cv, family = _over_pixels(rates, rate)
     return Dark(
         Fitted(_marked(black, used[quiet], notes), frames),
@@ -111,7 +129,9 @@ def dark_over_time(stacks: Sequence[Stack], curvature: float = 0.0) -> Dark:
     )
 
 
-def line_weights(times: Float64Array, weights: Float64Array) -> tuple[Float64Array, Float64Array]:
+def line_weights(
+    times: Float64Array, weights: Float64Array
+) -> tuple[Float64Array, Float64Array]:
     """What a line through weighted points takes of each for its value at time 0, and for its slope (0 for one time)."""
     if len(set(times.tolist())) < 2:
         return weights / weights.sum(), np.zeros(len(times))
@@ -124,10 +144,16 @@ def usable(stacks: Sequence[Stack]) -> tuple[list[Stack], list[str]]:
     """Those with 2 frames or more and no clipped values, and notes on the others. Raises InputError where none is."""
     inside = [one for one in stacks if len(one) > 1 and one.clipping.usable]
     if not inside:
-        found = "; ".join(f"{one.source}: {one.clipping.note or f'{len(one)} frame'}" for one in stacks[:3])
-        raise InputError(f"no dark stack has 2 frames or more inside of the ADC's range ({found}); take others.")
+        found = "; ".join(
+            f"{one.source}: {one.clipping.note or f'{len(one)} frame'}" for one in stacks[:3]
+        )
+        raise InputError(
+            f"no dark stack has 2 frames or more inside of the ADC's range ({found}); take others."
+        )
     left = [one for one in stacks if one not in inside]
-    return inside, [f"{one.source} left out: {one.clipping.note or 'one frame'}" for one in left]
+    return inside, [
+        f"{one.source} left out: {one.clipping.note or 'one frame'}" for one in left
+    ]
 
 
 def _sum(
@@ -135,7 +161,11 @@ def _sum(
 ) -> tuple[float, float, float]:
     """A sum with weights of independent means."""
     value, error = float(weights @ means), math.sqrt(float(weights**2 @ errors**2))
-    return normal_interval(value, error) if math.isinf(freedom) else student_interval(value, error, freedom)
+    return (
+        normal_interval(value, error)
+        if math.isinf(freedom)
+        else student_interval(value, error, freedom)
+    )
 
 
 def _marked(black: Quantity, quiet: Stack, notes: Sequence[str]) -> Quantity:
@@ -161,7 +191,11 @@ class Bend:
 
     def straight(self, values: Float64Array) -> Float64Array:
         """As a linear response would have given."""
-        return self.black + straight(values - self.black, self.curvature) if self.curvature else values
+        return (
+            self.black + straight(values - self.black, self.curvature)
+            if self.curvature
+            else values
+        )
 
 
 def _combined(
@@ -171,12 +205,16 @@ def _combined(
     for stack, weight in zip(stacks, weights, strict=True):
         image += weight * bend.straight(stack.mean)
     noises = zip(squares, stacks, weights, strict=True)
-    return CombinedMap(image, tuple(Noise(one, float(w**2) / len(stack)) for one, stack, w in noises if w))
+    return CombinedMap(
+        image, tuple(Noise(one, float(w**2) / len(stack)) for one, stack, w in noises if w)
+    )
 
 
 def _over_pixels(rates: CombinedMap | None, rate: Quantity) -> tuple[Quantity, str | None]:
     """cv and distribution of the rates of the pixels."""
-    like = Quantity("D_N", "non-uniformity of the dark current", math.nan, math.nan, math.nan, "", SECTION)
+    like = Quantity(
+        "D_N", "non-uniformity of the dark current", math.nan, math.nan, math.nan, "", SECTION
+    )
     if rates is None or not rate.low > 0:
         return unknown(like, "dark current is not told from 0"), None
     value, low, high = rates.spread()["all"]
@@ -195,5 +233,8 @@ def _family(image: Float64Array) -> str | None:
     if 1 - positive.size / values.size > NEGATIVE:
         return None
     weights = np.ones(positive.size)
-    found = {name: float(one.log_density(positive, one.fit(positive, weights)).sum()) for name, one in FAMILIES.items()}
+    found = {
+        name: float(one.log_density(positive, one.fit(positive, weights)).sum())
+        for name, one in FAMILIES.items()
+    }
     return FAMILY_NAMES[max(found, key=lambda name: found[name])]

@@ -46,8 +46,13 @@ def frames_of(*stacks: Stack) -> str:
 
 def both(some: Sequence[tuple[int, str]]) -> str:
     """Of numbers of frames and their sources."""
-    count, sources = sum(number for number, _ in some), list(dict.fromkeys(short(source) for _, source in some))
-    shown = ", ".join(sources[:2]) + (f" and {len(sources) - 2} more stacks" if len(sources) > 2 else "")
+    count, sources = (
+        sum(number for number, _ in some),
+        list(dict.fromkeys(short(source) for _, source in some)),
+    )
+    shown = ", ".join(sources[:2]) + (
+        f" and {len(sources) - 2} more stacks" if len(sources) > 2 else ""
+    )
     return f"{count} frame{'s' * (count != 1)} {shown}"
 
 

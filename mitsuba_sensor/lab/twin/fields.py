@@ -60,7 +60,9 @@ def _pixel(one: Setting) -> Iterator[Value]:
 
 def _offsets(one: Setting, part: str) -> Fitted:
     value, low, high = one.dark.offsets.spread()[part]
-    found = Quantity(f"DSNU_{part}", "dark signal non-uniformity", value, low, high, "DN", "fit")
+    found = Quantity(
+        f"DSNU_{part}", "dark signal non-uniformity", value, low, high, "DN", "fit"
+    )
     return one.dark.black.known_as(found.noted("not told from 0") if low == 0 else found)
 
 
@@ -69,12 +71,20 @@ def _dark(one: Setting) -> Iterator[Value]:
     unset = ("fom_na_per_cm2", "diffusion_fom_na_per_cm2", "components", "rts_at_temperature_k")
     yield from (Value(f"dark_current.{name}", None) for name in unset)
     yield _number("dark_current.rate_e_per_s", one.electrons(dark.rate, "e-/s"), "")
-    said = "assumed: frames do not say it" if kelvin is None else "fit: the temperature of the frames"
+    said = (
+        "assumed: frames do not say it"
+        if kelvin is None
+        else "fit: the temperature of the frames"
+    )
     yield Value("dark_current.at_temperature_k", ASSUMED_K if kelvin is None else kelvin, said)
     if one.doubling is not None:
         yield Value("dark_current.doubling_k", one.doubling.quantity.value, one.doubling.source)
     yield _number("dark_current.cv", dark.cv, "")
-    family = f"fit: smallest BIC of four, {dark.rate.frames}" if dark.family else "assumed: frames do not tell it"
+    family = (
+        f"fit: smallest BIC of four, {dark.rate.frames}"
+        if dark.family
+        else "assumed: frames do not tell it"
+    )
     yield Value("dark_current.distribution", dark.family or "lognormal", family)
     yield Value("dark_current.coupling", 0.0)
     traps = one.telegraph
@@ -100,7 +110,9 @@ def _noise(one: Setting) -> Iterator[Value]:
     yield Value("source_follower.rtn_pixel_fraction", 0.0)
     yield _number("readout.row_noise_e", one.electrons(noise.row), "")
     yield _number("readout.column_noise_e", one.electrons(noise.column), "")
-    yield Value("readout.reset", "true_cds", "fit: all noise of the dark frames is in read_noise_e")
+    yield Value(
+        "readout.reset", "true_cds", "fit: all noise of the dark frames is in read_noise_e"
+    )
     yield Value("readout.ktc_residual", None)
 
 
@@ -120,7 +132,9 @@ def _converter(one: Setting) -> Iterator[Value]:
     scaled = _at_full_well(ratio.quantity.value, one, well)
     text = ratio.source if curved else f"fit: no curvature, {ratio.frames}"
     yield Value("source_follower.vv_nonlinearity", scaled, text)
-    bits = "the metadata" if one.bits_known else "assumed: the fewest that hold the largest code"
+    bits = (
+        "the metadata" if one.bits_known else "assumed: the fewest that hold the largest code"
+    )
     yield Value("adc.bits", one.bits, bits)
     yield _number("adc.black_level_dn", one.dark.black, "")
     yield from (Value(f"adc.{name}", None) for name in ("gamma", "ile", "dnl_lsb"))

@@ -71,16 +71,29 @@ class Twin:
     def notes(self) -> tuple[str, ...]:
         """What restricts the figures, and what could not be measured."""
         several = len(self.settings) > 1
-        found = [f"gain {one.name}: {text}" if several else text for one in self.settings for text in one.notes]
+        found = [
+            f"gain {one.name}: {text}" if several else text
+            for one in self.settings
+            for text in one.notes
+        ]
         return tuple(dict.fromkeys([*found, *step_notes(self.settings)]))
 
     def figures(self) -> dict[str, Fitted]:
         """All figures with intervals, by symbol, of the base setting."""
         one = self.base
-        noise = {f.quantity.symbol: one.electrons(f) for f in (one.noise.read, one.noise.row, one.noise.column)}
+        noise = {
+            f.quantity.symbol: one.electrons(f)
+            for f in (one.noise.read, one.noise.row, one.noise.column)
+        }
         prnu = {f"PRNU_{part}": one.prnu(part) for part in ("pixel", "row", "column")}
         rate = one.electrons(one.dark.rate, "e-/s")
-        found = {"K": one.gain, "black": one.dark.black, **noise, "cv_read": one.noise.cv, **prnu}
+        found = {
+            "K": one.gain,
+            "black": one.dark.black,
+            **noise,
+            "cv_read": one.noise.cv,
+            **prnu,
+        }
         found |= {
             one.noise.law.shape.symbol: one.noise.shape,
             "µ_I": rate,
@@ -123,22 +136,49 @@ class Twin:
             _check_tile(tile, like)
             return
         found = {name: one.efficiency for name, one in self.base.responses.items()}
-        known = {name: q for name, q in found.items() if q is not None and math.isfinite(q.value) and 0 < q.value <= 1}
-        where = f" at {self.wavelength_nm:g} nm" if self.wavelength_nm else ", at an unknown wavelength"
+        known = {
+            name: q
+            for name, q in found.items()
+            if q is not None and math.isfinite(q.value) and 0 < q.value <= 1
+        }
+        where = (
+            f" at {self.wavelength_nm:g} nm"
+            if self.wavelength_nm
+            else ", at an unknown wavelength"
+        )
         if len(known) == len(found):
-            each = [f"{name} {q.value:.3g} ({q.low:.3g} to {q.high:.3g})".strip() for name, q in known.items()]
+            each = [
+                f"{name} {q.value:.3g} ({q.low:.3g} to {q.high:.3g})".strip()
+                for name, q in known.items()
+            ]
             source = f"fit: {', '.join(each)}{where}"
         else:
             source = f"assumed: {QE:g}; the photons of the flat fields are not known"
         values = {name: known[name].value if len(known) == len(found) else QE for name in found}
-        yield Value("quantum_efficiency.wavelengths_nm", list(BAND_NM), "assumed: one quantum efficiency for all light")
+        yield Value(
+            "quantum_efficiency.wavelengths_nm",
+            list(BAND_NM),
+            "assumed: one quantum efficiency for all light",
+        )
         if tile:
             filters = {name: value for name, value in values.items() if " (" not in name}
-            yield Value("quantum_efficiency.curves", {name: [one, one] for name, one in filters.items()}, source)
-            yield Value("quantum_efficiency.tile", [list(row) for row in tile], "fit: the mosaic of the frames")
+            yield Value(
+                "quantum_efficiency.curves",
+                {name: [one, one] for name, one in filters.items()},
+                source,
+            )
+            yield Value(
+                "quantum_efficiency.tile",
+                [list(row) for row in tile],
+                "fit: the mosaic of the frames",
+            )
         else:
             yield Value("quantum_efficiency.value", values[""], source)
-        light = "fit: the light of the flat fields" if self.wavelength_nm else f"assumed: {ANY_NM:g} nm"
+        light = (
+            "fit: the light of the flat fields"
+            if self.wavelength_nm
+            else f"assumed: {ANY_NM:g} nm"
+        )
         yield Value("quantum_efficiency.reference_nm", self.wavelength_nm or ANY_NM, light)
 
     def _gain(self, data: Mapping[str, Any]) -> Iterator[Value]:
@@ -148,16 +188,26 @@ class Twin:
         if sense_uv is None:
             sense_uv = float(f"{1e6 * FULL_SWING_V / full_well(one).value:.4g}")
             yield Value("readout.ve_k1_c", None)
-            yield Value("readout.sense_gain_uv_per_e", sense_uv, f"assumed: a full well is {FULL_SWING_V:g} V")
-        amplified = (data["source_follower"].get("gain") or 1.0) * (readout.get("cds_gain") or 1.0)
+            yield Value(
+                "readout.sense_gain_uv_per_e",
+                sense_uv,
+                f"assumed: a full well is {FULL_SWING_V:g} V",
+            )
+        amplified = (data["source_follower"].get("gain") or 1.0) * (
+            readout.get("cds_gain") or 1.0
+        )
         swing = sense_uv * 1e-6 * amplified * 2.0**one.bits / one.gain.quantity.value
-        yield Value("adc.full_scale_v", swing, f"{one.gain.source}: V_FS = A_SN·A_SF·A_CDS·2^bits/K")
+        yield Value(
+            "adc.full_scale_v", swing, f"{one.gain.source}: V_FS = A_SN·A_SF·A_CDS·2^bits/K"
+        )
 
 
 def _sources_of(like: Mapping[str, Any] | None) -> dict[str, str]:
     if like is None:
         return dict(ASSUMED_SOURCES)
-    return {name: f"of {like['name']}: {text}" for name, text in (like.get("sources") or {}).items()}
+    return {
+        name: f"of {like['name']}: {text}" for name, text in (like.get("sources") or {}).items()
+    }
 
 
 def _check_tile(tile: tuple[tuple[str, ...], ...], like: Mapping[str, Any]) -> None:
@@ -171,7 +221,9 @@ def _check_tile(tile: tuple[tuple[str, ...], ...], like: Mapping[str, Any]) -> N
         )
 
 
-def fit(frames: str | os.PathLike[str] | Bench, report: Callable[[int, int], None] | None = None) -> Twin:
+def fit(
+    frames: str | os.PathLike[str] | Bench, report: Callable[[int, int], None] | None = None
+) -> Twin:
     """The twin of the camera that took these bias, dark and flat frames.
 
     frames : a folder with a bench.toml or with names that tell bias, dark and flat frames apart; or a bench.
@@ -199,7 +251,9 @@ def held_out(bench: Bench) -> tuple[Bench, Bench]:
 
 
 def _part(bench: Bench, first: bool) -> Bench:
-    biases, darks, flats = (_parts(some, first) for some in (bench.biases, bench.darks, bench.flats))
+    biases, darks, flats = (
+        _parts(some, first) for some in (bench.biases, bench.darks, bench.flats)
+    )
     return Bench(biases, darks, flats, (), bench.wavelength_nm)
 
 

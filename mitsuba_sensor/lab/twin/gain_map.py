@@ -32,19 +32,27 @@ def gain_map(flat: Stack, dark: Dark, response: Response) -> GainMap:
     y = flat.mean - dark.at(flat.exposure_s)
     level = float(y.mean())
     linear = float(response.straight(np.array([level]))[0])
-    per_gain = (1 + response.curvature * linear) / (1 + 2 * response.curvature * linear)  # d ln s / d ln y
+    per_gain = (1 + response.curvature * linear) / (
+        1 + 2 * response.curvature * linear
+    )  # d ln s / d ln y
     noises = [Noise(temporal_mean_squares(flat), 1 / len(flat)), *dark.offsets.noises]
     if dark.rates is not None:
-        noises += [Noise(one.squares, one.factor * flat.exposure_s**2) for one in dark.rates.noises]
+        noises += [
+            Noise(one.squares, one.factor * flat.exposure_s**2) for one in dark.rates.noises
+        ]
     found = CombinedMap(y, tuple(noises))
     spread, parts = found.spread(per_gain / level), found.parts()
     frames = frames_of(flat)
 
     def figure(part: str, name: str) -> Fitted:
-        one = Quantity(f"PRNU_{part}", f"photo response non-uniformity of {name}", *spread[part], "", "fit")
+        one = Quantity(
+            f"PRNU_{part}", f"photo response non-uniformity of {name}", *spread[part], "", "fit"
+        )
         if math.isfinite(one.low) and one.low == 0:
             one = one.noted("not told from 0")
         return Fitted(one, frames)
 
     scaled = {name: part * per_gain / level for name, part in parts.items()}
-    return GainMap(figure("pixel", "pixels"), figure("row", "rows"), figure("col", "columns"), scaled)
+    return GainMap(
+        figure("pixel", "pixels"), figure("row", "rows"), figure("col", "columns"), scaled
+    )

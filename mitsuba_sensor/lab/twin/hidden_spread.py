@@ -46,11 +46,15 @@ def hidden_spread(variances: Float64Array, freedom: int, mixed: Mixed) -> Hidden
     spread = found.first_guess()
     simplex = [(start, spread), (start + 0.02, spread), (start, spread + 0.05)]
     options = {"xatol": 1e-5, "fatol": 1e-4, "initial_simplex": simplex}
-    best = scipy.optimize.minimize(lambda x: -found(x[0], abs(x[1])), simplex[0], method="Nelder-Mead", options=options)
+    best = scipy.optimize.minimize(
+        lambda x: -found(x[0], abs(x[1])), simplex[0], method="Nelder-Mead", options=options
+    )
     log_m, s, most = float(best.x[0]), abs(float(best.x[1])), -float(best.fun)
     if s < 1e-3:
         s = 0.0
-    error_m = _error(lambda d: found(log_m + d, s) - most, 0.02 / math.sqrt(len(variances) / 1000))
+    error_m = _error(
+        lambda d: found(log_m + d, s) - most, 0.02 / math.sqrt(len(variances) / 1000)
+    )
 
     def fallen(other: float) -> float:
         inner = scipy.optimize.minimize_scalar(
@@ -64,7 +68,10 @@ def hidden_spread(variances: Float64Array, freedom: int, mixed: Mixed) -> Hidden
     low, high = _ends(fallen, s)
     z = float(scipy.special.ndtri((1 + LEVEL) / 2))
     m = math.exp(log_m)
-    return HiddenSpread((m, m * math.exp(-z * error_m), m * math.exp(z * error_m)), (_cv(s), _cv(low), _cv(high)))
+    return HiddenSpread(
+        (m, m * math.exp(-z * error_m), m * math.exp(z * error_m)),
+        (_cv(s), _cv(low), _cv(high)),
+    )
 
 
 class _Likelihood:
@@ -84,7 +91,9 @@ class _Likelihood:
 
     def first_guess(self) -> float:
         """s of the middle half of the variances, without the floor."""
-        low, high = np.interp((0.25, 0.75), np.cumsum(self.weights) / self.weights.sum(), self.values)
+        low, high = np.interp(
+            (0.25, 0.75), np.cumsum(self.weights) / self.weights.sum(), self.values
+        )
         found = math.log(max(high, 1e-300) / max(low, 1e-300)) / 1.349
         chance = math.sqrt(float(scipy.special.polygamma(1, self.half)))
         return 0.5 * math.sqrt(max(found**2 - chance**2, 0.01))
@@ -94,7 +103,9 @@ class _Likelihood:
         if s > WIDEST:
             return -math.inf
         m = math.exp(log_m)
-        v = self.mixed.floor + m * (self.mixed.own * np.exp(2 * s * self.z - 2 * s**2) + self.mixed.shared)
+        v = self.mixed.floor + m * (
+            self.mixed.own * np.exp(2 * s * self.z - 2 * s**2) + self.mixed.shared
+        )
         chance = -self.half * (np.log(v) + self.values[:, None] / v)
         most = chance.max(axis=1)
         return float(self.weights @ (np.log(np.exp(chance - most[:, None]) @ self.law) + most))

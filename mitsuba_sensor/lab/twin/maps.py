@@ -23,7 +23,9 @@ def maps_of(one: Setting) -> dict[str, Float64Array]:
     found = {f"dsnu_{name}_e": part / gain for name, part in parts.items()}
     if one.gains:
         shared = one.gains[""].parts["col"] if not one.tile else None
-        found["prnu"] = np.maximum(1 + assembled(one, lambda g: _of_pixels(g.parts, shared is not None)), SMALLEST_GAIN)
+        found["prnu"] = np.maximum(
+            1 + assembled(one, lambda g: _of_pixels(g.parts, shared is not None)), SMALLEST_GAIN
+        )
         found["prnu_col"] = 1 + (np.zeros((1, one.shape[1])) if shared is None else shared)
     if one.dark.rates is not None and one.dark.cv.known:
         found["dark_fpn"] = _rates(one)
@@ -44,5 +46,7 @@ def _rates(one: Setting) -> Float64Array:
     assert one.dark.rates is not None
     image = one.dark.rates.image - (0.0 if one.telegraph is None else one.telegraph.mean)
     mean = float(image.mean())
-    factors = np.maximum(1 + scaled_to(image - mean, one.dark.cv.quantity.value * mean) / mean, 0.0)
+    factors = np.maximum(
+        1 + scaled_to(image - mean, one.dark.cv.quantity.value * mean) / mean, 0.0
+    )
     return np.asarray(factors / factors.mean())

@@ -18,9 +18,13 @@ from .evidence import Fitted, frames_of
 from .hidden_spread import HiddenSpread, Mixed, hidden_spread
 from .noise_law import NoiseLaw, Pixels, noise_law
 
-READ = Quantity("σ_read", "read noise of the pixels, rms", math.nan, math.nan, math.nan, "DN", "fit")
+READ = Quantity(
+    "σ_read", "read noise of the pixels, rms", math.nan, math.nan, math.nan, "DN", "fit"
+)
 UNSEEN = Pixels(math.nan, 0.0, 0.0, True)
-CV = Quantity("cv_read", "spread of the read noise over pixels", math.nan, math.nan, math.nan, "", "fit")
+CV = Quantity(
+    "cv_read", "spread of the read noise over pixels", math.nan, math.nan, math.nan, "", "fit"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +53,24 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
     stack, frames = dark.quiet, frames_of(dark.quiet)
     lines = line_noise(stack)
     row, column = (Fitted(one, frames) for one in (lines.row, lines.column))
-    whole = stack.frames.dtype.kind in "ui" or bool((stack.frames == np.round(stack.frames)).all())
+    whole = stack.frames.dtype.kind in "ui" or bool(
+        (stack.frames == np.round(stack.frames)).all()
+    )
     shot, unsure = _shot_noise(dark, gain)
     floor = (ROUNDING_DN2 if whole else 0.0) + shot
     total = float(stack.variance.mean())
     if whole and total < COARSE_DN2 + ROUNDING_DN2:
-        read, law = _coarse(stack, lines.row, lines.column, shot), noise_law(stack, UNSEEN, "hidden by rounding")
+        read, law = (
+            _coarse(stack, lines.row, lines.column, shot),
+            noise_law(stack, UNSEEN, "hidden by rounding"),
+        )
         return ReadNoise(
-            Fitted(read, frames), Fitted(unknown(CV, "hidden by rounding"), frames), row, column, law, None
+            Fitted(read, frames),
+            Fitted(unknown(CV, "hidden by rounding"), frames),
+            row,
+            column,
+            law,
+            None,
         )
     variances, shared = residual_variance(stack)
     mixed = Mixed(floor, 1 - shared, shared)
@@ -67,7 +81,9 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
     law = noise_law(stack, looked_at, "hidden by rounding" if looked_at.hidden else "")
     if law.distribution is not None:
         found = _of_tails(variances, law, looked_at, len(stack), floor)
-        law = noise_law(stack, looked_at._replace(sigma=math.sqrt(found.variance[0]), cv=found.cv[0]))
+        law = noise_law(
+            stack, looked_at._replace(sigma=math.sqrt(found.variance[0]), cv=found.cv[0])
+        )
     m, least, most = found.variance
     ends = m - math.hypot(m - least, unsure), m + math.hypot(most - m, unsure)
     low, high = (math.sqrt(max(one, 0.0)) for one in ends)
@@ -81,11 +97,15 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
     return ReadNoise(Fitted(read, frames), Fitted(cv, frames), row, column, law, pixels)
 
 
-def _of_tails(variances: Float64Array, law: NoiseLaw, pixels: Pixels, frames: int, floor: float) -> HiddenSpread:
+def _of_tails(
+    variances: Float64Array, law: NoiseLaw, pixels: Pixels, frames: int, floor: float
+) -> HiddenSpread:
     """Where the noise is not normal: sample variances follow no chi-square law, their mean is right all the same."""
     half = TWO_SIDED * float(variances.std()) / math.sqrt(variances.size)
     m = max(float(variances.mean()) - floor, 1e-9)
-    return HiddenSpread((m, max(m - half, 0.0), m + half), law.spread_over_pixels(frames, pixels))
+    return HiddenSpread(
+        (m, max(m - half, 0.0), m + half), law.spread_over_pixels(frames, pixels)
+    )
 
 
 def _shot_noise(dark: Dark, gain: Quantity) -> tuple[float, float]:
@@ -93,7 +113,9 @@ def _shot_noise(dark: Dark, gain: Quantity) -> tuple[float, float]:
     if not dark.rate.known:
         return 0.0, 0.0
     rate, k = dark.rate.quantity, gain.value
-    half = math.hypot(0.5 * (rate.high - rate.low) * k, 0.5 * (gain.high - gain.low) * rate.value)
+    half = math.hypot(
+        0.5 * (rate.high - rate.low) * k, 0.5 * (gain.high - gain.low) * rate.value
+    )
     return k * rate.value * dark.quiet.exposure_s, half * dark.quiet.exposure_s
 
 
@@ -122,7 +144,9 @@ def _coarse(stack: Stack, row: Quantity, column: Quantity, shot_dn2: float) -> Q
     if math.isnan(total.value):
         return unknown(READ, total.note)
     less = _variance_of(row, column) + shot_dn2
-    value, low, high = (math.sqrt(max(one**2 - less, 0.0)) for one in (total.value, total.low, total.high))
+    value, low, high = (
+        math.sqrt(max(one**2 - less, 0.0)) for one in (total.value, total.low, total.high)
+    )
     return replace(READ, value=value, low=low, high=high, note=total.note)
 
 

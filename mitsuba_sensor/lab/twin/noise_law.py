@@ -88,14 +88,21 @@ class NoiseLaw:
         assert self.distribution is not None
         chance = np.random.default_rng(DRAWS)
         drawn = chance.normal(size=(frames, DRAWS // frames))
-        noise = pixels.sigma * np.copysign(self.distribution.quantile(scipy.special.ndtr(-np.abs(drawn))), drawn)
+        noise = pixels.sigma * np.copysign(
+            self.distribution.quantile(scipy.special.ndtr(-np.abs(drawn))), drawn
+        )
         noise += math.sqrt(max(pixels.normal, 0.0)) * chance.normal(size=drawn.shape)
         if pixels.rounded:
-            noise = np.round(noise + pixels.mean + pixels.offsets * chance.normal(size=drawn.shape[1]))
+            noise = np.round(
+                noise + pixels.mean + pixels.offsets * chance.normal(size=drawn.shape[1])
+            )
         by_chance, unsure = _relative_variance(_sample_l_moments(noise)[0])
         found, error = _relative_variance(self.scales)
         half = TWO_SIDED * math.hypot(error, unsure * (1 + found))
-        squares = [max(one - by_chance, 0.0) / (1 + by_chance) for one in (found, found - half, found + half)]
+        squares = [
+            max(one - by_chance, 0.0) / (1 + by_chance)
+            for one in (found, found - half, found + half)
+        ]
         value, low, high = (math.sqrt(one) / pixels.share(self.distribution) for one in squares)
         return value, low, high
 
@@ -104,7 +111,9 @@ def _relative_variance(values: Float64Array) -> tuple[float, float]:
     """Variance over squared mean, with the standard error of it."""
     relative = values / values.mean() - 1
     square = relative**2
-    slope = square - 2 * square.mean() * relative  # the mean that it is relative to is measured too
+    slope = (
+        square - 2 * square.mean() * relative
+    )  # the mean that it is relative to is measured too
     return float(square.mean()), float(slope.std() / math.sqrt(values.size))
 
 
@@ -118,12 +127,18 @@ def of_one_family(laws: Sequence[NoiseLaw]) -> list[NoiseLaw]:
 def _like(other: NoiseLaw) -> NoiseLaw:
     one = Pixels(1.0)
     tau4, _ = one.ratios(other.distribution)
-    shape, *ends = (_shape(FAMILIES[0], one, tau4 + step) for step in (0.0, -other.unsure, other.unsure))
-    said = replace(NO_SHAPE, value=shape, low=min(ends), high=max(ends)).noted(f"of the τ₄ of a {other.name} law")
+    shape, *ends = (
+        _shape(FAMILIES[0], one, tau4 + step) for step in (0.0, -other.unsure, other.unsure)
+    )
+    said = replace(NO_SHAPE, value=shape, low=min(ends), high=max(ends)).noted(
+        f"of the τ₄ of a {other.name} law"
+    )
     return replace(other, name=FAMILIES[0].name, shape=said, distribution=FAMILIES[0].of(shape))
 
 
-NO_SHAPE = Quantity("λ", "shape of the read noise's law", math.nan, math.nan, math.nan, "", "fit")
+NO_SHAPE = Quantity(
+    "λ", "shape of the read noise's law", math.nan, math.nan, math.nan, "", "fit"
+)
 
 
 class Pixels(NamedTuple):
@@ -145,7 +160,12 @@ class Pixels(NamedTuple):
     def hidden(self) -> bool:
         """Whether rounding hides what one pixel in six has, where rounding is not 1/12 and σ and cv are not so sure."""
         s = math.sqrt(math.log1p(self.cv**2))
-        return self.rounded and self.cv > 0 and self.offsets < ALIGNED and self.sigma * math.exp(-(s**2) - s) < HIDDEN
+        return (
+            self.rounded
+            and self.cv > 0
+            and self.offsets < ALIGNED
+            and self.sigma * math.exp(-(s**2) - s) < HIDDEN
+        )
 
     def ratios(self, law: NoiseDistribution | None) -> tuple[float, float]:
         """τ₄ and τ₆ that the frames should have."""
@@ -165,16 +185,25 @@ class Pixels(NamedTuple):
         """l₂, l₄ and l₆ of σ·(noise of this law) and what is added to it."""
         z = np.linspace(0.0, 6.3, 631)[1:]
         far = sigma * (z if law is None else law.quantile(scipy.special.ndtr(-z)))
-        table_x, table_z = np.concatenate([-far[::-1], [0.0], far]), np.concatenate([-z[::-1], [0.0], z])
+        table_x, table_z = (
+            np.concatenate([-far[::-1], [0.0], far]),
+            np.concatenate([-z[::-1], [0.0], z]),
+        )
         other = math.sqrt(max(self.normal, 0.0))
-        units = np.linspace(-4.5, 4.5, 2 * min(max(4, math.ceil(6 * other / sigma)), 200) + 1) if other else np.zeros(1)
+        units = (
+            np.linspace(-4.5, 4.5, 2 * min(max(4, math.ceil(6 * other / sigma)), 200) + 1)
+            if other
+            else np.zeros(1)
+        )
         places, shares = other * units, np.exp(-0.5 * units**2)
         x, steps = self._grid(sigma, far[-1] + places[-1])
         below = np.zeros(x.size)
         for place, share in zip(places, shares / shares.sum(), strict=True):
             below += share * scipy.special.ndtr(np.interp(x - place, table_x, table_z))
         inner = below * (1 - below) * steps
-        return np.array([inner @ np.polynomial.polynomial.polyval(below, p) for p in POLYNOMIALS.values()])
+        return np.array(
+            [inner @ np.polynomial.polynomial.polyval(below, p) for p in POLYNOMIALS.values()]
+        )
 
     def _grid(self, sigma: float, end: float) -> tuple[Float64Array, Float64Array]:
         """Places and weights of the integral: the edges of the codes, where these show and pixels are not anywhere."""
@@ -216,7 +245,14 @@ def ratios_of(stack: Stack) -> Ratios:
     groups = np.array(by_row).T, np.add.reduceat(by_column, edges, axis=1)
     tau4, tau6 = (float(groups[0][k].sum() / groups[0][0].sum()) for k in (1, 2))
     error4, error6 = (max(_error(one, k) for one in groups) for k in (1, 2))
-    return Ratios(tau4, tau6, error4, error6, min(one.shape[1] for one in groups) - 1, np.concatenate(scales))
+    return Ratios(
+        tau4,
+        tau6,
+        error4,
+        error6,
+        min(one.shape[1] for one in groups) - 1,
+        np.concatenate(scales),
+    )
 
 
 def _error(sums: Float64Array, order: int) -> float:
@@ -234,7 +270,10 @@ def _sample_l_moments(values: Float64Array) -> list[Float64Array]:
     for k in range(6):
         b.append(np.tensordot(weight, ordered, 1) / n)
         weight = weight * np.maximum(rank - k, 0.0) / (n - 1 - k) if n > k + 1 else weight * 0
-    return [np.asarray(sum(w * one for w, one in zip(some, b, strict=False))) for some in WEIGHTS.values()]
+    return [
+        np.asarray(sum(w * one for w, one in zip(some, b, strict=False)))
+        for some in WEIGHTS.values()
+    ]
 
 
 def noise_law(stack: Stack, pixels: Pixels, note: str = "") -> NoiseLaw:
@@ -242,7 +281,13 @@ def noise_law(stack: Stack, pixels: Pixels, note: str = "") -> NoiseLaw:
     if not note and len(stack) < FEWEST_FRAMES:
         note = f"{len(stack)} frames; the law of the noise needs {FEWEST_FRAMES}"
     if note or min(stack.shape) < 2:
-        return NoiseLaw("normal", NO_SHAPE, f"assumed: {note or 'a single line of pixels'}", None, np.zeros(0))
+        return NoiseLaw(
+            "normal",
+            NO_SHAPE,
+            f"assumed: {note or 'a single line of pixels'}",
+            None,
+            np.zeros(0),
+        )
     found = ratios_of(stack)
     low, high = student_interval(found.tau4, found.error4, found.freedom)[1:]
     said = f"fit: τ₄ {found.tau4:.4f} ({low:.4f} to {high:.4f}) beside {{:.4f}} of a normal law"
@@ -253,7 +298,9 @@ def noise_law(stack: Stack, pixels: Pixels, note: str = "") -> NoiseLaw:
     return min(_fitted(found, pixels, (low, high), said), key=lambda one: one[0])[1]
 
 
-def _fitted(found: Ratios, pixels: Pixels, ends: tuple[float, float], said: str) -> Sequence[tuple[float, NoiseLaw]]:
+def _fitted(
+    found: Ratios, pixels: Pixels, ends: tuple[float, float], said: str
+) -> Sequence[tuple[float, NoiseLaw]]:
     """Each family that has this τ₄, with the distance of its τ₆ in standard errors."""
     laws = []
     for family in FAMILIES:
@@ -261,10 +308,14 @@ def _fitted(found: Ratios, pixels: Pixels, ends: tuple[float, float], said: str)
         law = family.of(shapes[0])
         tau4, tau6 = pixels.ratios(law)
         off = math.hypot((tau6 - found.tau6) / found.error6, (tau4 - found.tau4) / found.error4)
-        shape = Quantity(family.symbol, NO_SHAPE.name, shapes[0], min(shapes), max(shapes), "", "fit")
+        shape = Quantity(
+            family.symbol, NO_SHAPE.name, shapes[0], min(shapes), max(shapes), "", "fit"
+        )
         if abs(tau4 - found.tau4) > found.error4:
             shape = shape.noted("at the end of the range of a camera file")
-        laws.append((off, NoiseLaw(family.name, shape, said, law, found.scales, ends[1] - found.tau4)))
+        laws.append(
+            (off, NoiseLaw(family.name, shape, said, law, found.scales, ends[1] - found.tau4))
+        )
     return laws
 
 

@@ -80,8 +80,12 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
     return replace(made, end=Fitted(top, frames), ratio=Fitted(ratio, frames))
 
 
-_NO_RATIO = Quantity("γ", "gain at full well over gain at zero", math.nan, math.nan, math.nan, "", "fit")
-_NO_END = Quantity("µ_y.end", "largest linear signal", math.nan, math.nan, math.nan, "DN", "fit")
+_NO_RATIO = Quantity(
+    "γ", "gain at full well over gain at zero", math.nan, math.nan, math.nan, "", "fit"
+)
+_NO_END = Quantity(
+    "µ_y.end", "largest linear signal", math.nan, math.nan, math.nan, "DN", "fit"
+)
 
 
 def _curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
@@ -92,31 +96,52 @@ def _curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
     if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
         return nothing
     x, y = x[used], y[used]
-    error = np.hypot(measured.of_flats("light_error")[used], measured.of_darks("light_error")[used])
+    error = np.hypot(
+        measured.of_flats("light_error")[used], measured.of_darks("light_error")[used]
+    )
     start = float(y[0] / x[0])
     found = scipy.optimize.least_squares(
-        lambda p: (start * p[0] * x * (1 + p[1] * start * p[0] * x / y.max()) - y) / np.maximum(error, 1e-9 * y),
+        lambda p: (
+            (start * p[0] * x * (1 + p[1] * start * p[0] * x / y.max()) - y)
+            / np.maximum(error, 1e-9 * y)
+        ),
         (1.0, 0.0),
     )
     freedom = len(x) - 2
     scatter = max(1.0, 2 * float(found.cost) / freedom)
     deviation = math.sqrt(float(np.linalg.inv(found.jac.T @ found.jac)[1, 1]) * scatter)
     kappa = float(found.x[1]) / float(y.max())
-    if abs(found.x[1]) < CURVED * deviation * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96:
+    if (
+        abs(found.x[1])
+        < CURVED * deviation * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
+    ):
         return nothing
     error_of_kappa = deviation / float(y.max())
-    one = student_interval(kappa, error_of_kappa, freedom) if scatter > 1 else normal_interval(kappa, error_of_kappa)
+    one = (
+        student_interval(kappa, error_of_kappa, freedom)
+        if scatter > 1
+        else normal_interval(kappa, error_of_kappa)
+    )
     return one
 
 
 def _straightened(measured: Series, curvature: float) -> Series:
     """The same levels as a linear response would have given: variances over the square of the slope."""
     flats = []
-    for flat, dark in zip(measured.flats, (measured.darks[k] for k in measured.dark_of), strict=True):
+    for flat, dark in zip(
+        measured.flats, (measured.darks[k] for k in measured.dark_of), strict=True
+    ):
         s = float(straight(np.array(flat.mean - dark.mean), curvature))
         slope = 1 + 2 * curvature * s
         noise = max(dark.variance + (flat.variance - dark.variance) / slope**2, 0.0)
-        flats.append(replace(flat, mean=dark.mean + s, variance=noise, variance_error=flat.variance_error / slope**2))
+        flats.append(
+            replace(
+                flat,
+                mean=dark.mean + s,
+                variance=noise,
+                variance_error=flat.variance_error / slope**2,
+            )
+        )
     return replace(measured, flats=tuple(flats))
 
 
@@ -129,6 +154,9 @@ def _end(measured: Series, end: Peak, found: Response) -> Quantity:
     if not full:
         note = "the brightest flat field is not full: a lower limit"
         return replace(_NO_END, value=value, low=value, high=math.inf, note=note)
-    noise = math.hypot(float(measured.of_flats("mean_error")[best]), float(measured.of_darks("mean_error")[best]))
+    noise = math.hypot(
+        float(measured.of_flats("mean_error")[best]),
+        float(measured.of_darks("mean_error")[best]),
+    )
     _, low, high = normal_interval(value, noise)
     return replace(_NO_END, value=value, low=low, high=high)

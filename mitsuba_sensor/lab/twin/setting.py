@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -62,23 +63,42 @@ class Setting:
     @property
     def brightest(self) -> Response:
         """Of the filter whose response reaches furthest."""
-        return max(self.responses.values(), key=lambda one: (one.limited_by != "not reached", one.end.quantity.value))
+        return max(
+            self.responses.values(),
+            key=lambda one: (one.limited_by != "not reached", one.end.quantity.value),
+        )
 
     def prnu(self, part: str) -> Fitted:
         """``pixel``, ``row`` or ``column``, of all filters together."""
         found = [getattr(one, part) for one in self.gains.values()]
-        nothing = Quantity(f"PRNU_{part}", "photo response non-uniformity", math.nan, math.nan, math.nan, "", "fit")
+        nothing = Quantity(
+            f"PRNU_{part}",
+            "photo response non-uniformity",
+            math.nan,
+            math.nan,
+            math.nan,
+            "",
+            "fit",
+        )
         rows, columns = tile_shape(self.tile)
-        return root_mean_square(found, {"column": rows, "row": columns}.get(part, 1)) if found else Fitted(nothing, "")
+        return (
+            root_mean_square(found, {"column": rows, "row": columns}.get(part, 1))
+            if found
+            else Fitted(nothing, "")
+        )
 
     def electrons(self, one: Fitted, unit: str = "e-") -> Fitted:
         """A figure in DN, in electrons."""
-        return one.known_as(one.quantity.divided(self.gain.quantity, unit)) if one.known else one
+        return (
+            one.known_as(one.quantity.divided(self.gain.quantity, unit)) if one.known else one
+        )
 
 
 def fit_setting(bench: Bench) -> Setting:
     """Of a bench of one gain setting. Raises InputError where it lacks what every camera file needs."""
-    darks = [replace(one, tile=()) for one in darks_of(bench)]  # which filter a pixel has does not matter in the dark
+    darks = [
+        replace(one, tile=()) for one in darks_of(bench)
+    ]  # which filter a pixel has does not matter in the dark
     _check(bench, darks)
     blind = replace(bench, biases=(), darks=tuple(darks), flats=(), scenes=())
     series = dark_series(blind)
@@ -93,7 +113,9 @@ def fit_setting(bench: Bench) -> Setting:
     dark = dark_over_time(series, curvature)
     notes = [*dark.notes, *(note for one in responses.values() for note in one.notes)]
     notes += _spaced(bench)
-    traps = _tried(lambda: telegraph(max(series, key=lambda one: (one.exposure_s, len(one)))), notes)
+    traps = _tried(
+        lambda: telegraph(max(series, key=lambda one: (one.exposure_s, len(one)))), notes
+    )
     bits, known = _bits(bench)
     return Setting(
         bench.gains[0],
@@ -115,11 +137,15 @@ def fit_setting(bench: Bench) -> Setting:
 def _check(bench: Bench, darks: Sequence[Stack]) -> None:
     if not darks or not bench.flats:
         lack = "bias or dark frames" if not darks else "flat fields"
-        raise InputError(f"there are no {lack}; a twin needs dark frames and flat fields, 2 frames or more of each.")
+        raise InputError(
+            f"there are no {lack}; a twin needs dark frames and flat fields, 2 frames or more of each."
+        )
     shapes = {one.shape: one.source for one in bench.stacks}
     if len(shapes) > 1:
         found = "; ".join(f"{source} is {h} × {w}" for (h, w), source in shapes.items())
-        raise InputError(f"the frames differ in size: {found}. Put frames of one size into a folder.")
+        raise InputError(
+            f"the frames differ in size: {found}. Put frames of one size into a folder."
+        )
     (height, width), (rows, columns) = bench.stacks[0].shape, tile_shape(bench.stacks[0].tile)
     smallest = min(height // rows, width // columns)
     if smallest < FEWEST_PIXELS:
@@ -133,30 +159,46 @@ def _response(bench: Bench) -> Response:
     many = [one for one in bench.flats if len(one) > 1]
     darks: dict[int, Stack] = {}
     for flat in many:
-        nearest = min((one for one in darks_of(bench) if len(one) > 1), key=lambda one: _apart(one, flat))
+        nearest = min(
+            (one for one in darks_of(bench) if len(one) > 1), key=lambda one: _apart(one, flat)
+        )
         darks[id(nearest)] = nearest
     if not many or not darks:
-        raise InputError("all flat fields are single frames; K needs 2 frames or more of each level.")
+        raise InputError(
+            "all flat fields are single frames; K needs 2 frames or more of each level."
+        )
     return response(list(darks.values()), many)
 
 
 def _apart(dark: Stack, flat: Stack) -> tuple[float, float, int]:
     """Dark frames of the same time and temperature come first, and of these the one with most frames."""
-    warmer = abs((dark.temperature_k or 0.0) - (flat.temperature_k or dark.temperature_k or 0.0))
+    warmer = abs(
+        (dark.temperature_k or 0.0) - (flat.temperature_k or dark.temperature_k or 0.0)
+    )
     return abs(dark.exposure_s - flat.exposure_s), warmer, -len(dark)
 
 
-def _gains(bench: Bench, dark: Dark, responses: dict[str, Response], notes: list[str]) -> dict[str, GainMap]:
+def _gains(
+    bench: Bench, dark: Dark, responses: dict[str, Response], notes: list[str]
+) -> dict[str, GainMap]:
     """PRNU of each filter; none where no flat field suits."""
     rows, columns = tile_shape(bench.stacks[0].tile)
     found: dict[str, GainMap] = {}
     for number, (name, part) in enumerate(bench.of_filters().items()):
         place = slice(number // columns, None, rows), slice(number % columns, None, columns)
         end = responses[name].end.quantity.value
-        one = _tried(lambda: gain_map(half_saturated(part, end), dark.of(*place), responses[name]), notes)  # noqa: B023
-        if one is not None:
-            found[name] = one
+        instrument = partial(_half_saturated_gains, part, end, dark.of(*place), responses[name])
+        gains = _tried(instrument, notes)
+        if gains is not None:
+            found[name] = gains
     return found if len(found) == len(responses) else {}
+
+
+def _half_saturated_gains(
+    bench: Bench, saturation_dn: float | None, dark: Dark, response: Response
+) -> GainMap:
+    """PRNU of the flat field that is nearest to half of saturation."""
+    return gain_map(half_saturated(bench, saturation_dn), dark, response)
 
 
 def _doubling(bench: Bench, dark: Dark, notes: list[str]) -> Fitted | None:
@@ -200,7 +242,9 @@ def _spaced(bench: Bench) -> list[str]:
     step = int(np.gcd.reduce(codes, axis=None)) if codes.dtype.kind in "ui" else 1
     if step < 2:
         return []
-    return [f"all codes are multiples of {step}: the twin delivers the codes between too; divide the frames by {step}"]
+    return [
+        f"all codes are multiples of {step}: the twin delivers the codes between too; divide the frames by {step}"
+    ]
 
 
 def tile_shape(tile: tuple[tuple[str, ...], ...]) -> tuple[int, int]:
@@ -229,7 +273,9 @@ def weighted_mean(found: Sequence[Fitted]) -> Fitted:
     mean = float(weights @ values)
     scatter = float((((values - mean) / errors) ** 2).sum())
     differ = float(scipy.special.chdtrc(len(values) - 1, scatter)) < DIFFERENT
-    error = float((errors**-2).sum()) ** -0.5 * (math.sqrt(scatter / (len(values) - 1)) if differ else 1.0)
+    error = float((errors**-2).sum()) ** -0.5 * (
+        math.sqrt(scatter / (len(values) - 1)) if differ else 1.0
+    )
     value, low, high = normal_interval(mean, error)
     one = replace(some[0].quantity, value=value, low=low, high=high)
     one = one.noted("the filters differ by more than noise explains") if differ else one
@@ -245,7 +291,9 @@ def root_mean_square(found: Sequence[Fitted], alike: int = 1) -> Fitted:
         return found[0]
     if not all(one.known for one in found):
         return Fitted(unknown(found[0].quantity, "not known of every filter"), _frames(found))
-    squares = [tuple(x**2 for x in (q.value, q.low, q.high)) for q in (one.quantity for one in found)]
+    squares = [
+        tuple(x**2 for x in (q.value, q.low, q.high)) for q in (one.quantity for one in found)
+    ]
     value = sum(one[0] for one in squares) / len(squares)
     down = math.sqrt(alike * sum((one[0] - one[1]) ** 2 for one in squares)) / len(squares)
     up = math.sqrt(alike * sum((one[2] - one[0]) ** 2 for one in squares)) / len(squares)

@@ -45,7 +45,10 @@ def telegraph(stack: Stack) -> Telegraph | None:
     site, mean = np.zeros(stack.shape), np.zeros(stack.shape)
     site[found.rows, found.columns] = 1.0
     mean[found.rows, found.columns] = found.shares * found.steps / stack.exposure_s
-    step, share = found.step.scaled(1 / stack.exposure_s, "DN/s"), found.fraction.scaled(0.01, "")
+    step, share = (
+        found.step.scaled(1 / stack.exposure_s, "DN/s"),
+        found.fraction.scaled(0.01, ""),
+    )
     return Telegraph(
         Fitted(share, frames),
         Fitted(step, frames),
@@ -59,7 +62,15 @@ def telegraph(stack: Stack) -> Telegraph | None:
 def _duty(found: TelegraphPixels) -> Quantity:
     error = float(found.shares.std(ddof=1)) / math.sqrt(len(found.shares))
     value, low, high = normal_interval(float(found.shares.mean()), error)
-    return Quantity("duty", "share of the time that a trap is on", value, max(low, 0.0), min(high, 1.0), "", "fit")
+    return Quantity(
+        "duty",
+        "share of the time that a trap is on",
+        value,
+        max(low, 0.0),
+        min(high, 1.0),
+        "",
+        "fit",
+    )
 
 
 def _switching(stack: Stack, found: TelegraphPixels) -> Quantity:
@@ -71,12 +82,22 @@ def _switching(stack: Stack, found: TelegraphPixels) -> Quantity:
     power = np.square(rest).sum(axis=0)
     each = (rest[1:] * rest[:-1]).sum(axis=0)
     sample = float(each.sum() / power.sum())
-    error = float(np.std(each - sample * power, ddof=1)) * math.sqrt(len(each)) / float(power.sum())
+    error = (
+        float(np.std(each - sample * power, ddof=1)) * math.sqrt(len(each)) / float(power.sum())
+    )
     correlation = _without_bias(sample, len(stack))
     error *= (_without_bias(sample + error, len(stack)) - correlation) / error if error else 1.0
-    value, low, high = (min(max(1 - one, SLOWEST), 1.0) for one in normal_interval(correlation, -error))
+    value, low, high = (
+        min(max(1 - one, SLOWEST), 1.0) for one in normal_interval(correlation, -error)
+    )
     ordered = value, min(low, value), max(high, value)
-    return Quantity("switching", "probability per frame that a trap's state is drawn anew", *ordered, "", "fit")
+    return Quantity(
+        "switching",
+        "probability per frame that a trap's state is drawn anew",
+        *ordered,
+        "",
+        "fit",
+    )
 
 
 def _without_bias(sample: float, frames: int) -> float:

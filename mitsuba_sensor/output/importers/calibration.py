@@ -22,16 +22,43 @@ from .draft import Draft
 OPENCV_ROOT, OPENCV_TAG = "<opencv_storage", "!!opencv-matrix"
 LONGEST_YAML = 500_000  # characters, read in five seconds; the corners of a hundred pictures have less than half
 TABLE_POINTS = 65  # heights of a fisheye lens
-WIDEST_RAD = math.radians(85)  # field angle of a fisheye's corner; an ideal image height is its tangent
+WIDEST_RAD = math.radians(
+    85
+)  # field angle of a fisheye's corner; an ideal image height is its tangent
 SQUARE = 1e-3  # relative difference of fx and fy that is not worth a note
 MOST = 1e6  # pixels, and any coefficient
-BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+BROWN = (
+    "k1",
+    "k2",
+    "p1",
+    "p2",
+    "k3",
+    "k4",
+    "k5",
+    "k6",
+    "s1",
+    "s2",
+    "s3",
+    "s4",
+    "tau_x",
+    "tau_y",
+)
 FISHEYE = ("k1", "k2", "k3", "k4")
 RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
 LEFT_OUT = BROWN[8:]
-OTHER_LENSES: tuple[str, ...] = ("lens.prescription", "lens.focal_length_mm", "lens.focus_m", "lens.distortion")
+OTHER_LENSES: tuple[str, ...] = (
+    "lens.prescription",
+    "lens.focal_length_mm",
+    "lens.focus_m",
+    "lens.distortion",
+)
 OTHER_LENSES += ("lens.distortion_percent", "lens.distortion_heights_mm")
-MODELS = {"plumb_bob": BROWN, "rational_polynomial": BROWN, "equidistant": FISHEYE, "fisheye": FISHEYE}
+MODELS = {
+    "plumb_bob": BROWN,
+    "rational_polynomial": BROWN,
+    "equidistant": FISHEYE,
+    "fisheye": FISHEYE,
+}
 """Distortion model of ROS → its coefficients."""
 TRANSFORMS_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE")
 
@@ -56,7 +83,9 @@ def is_transforms(data: object) -> bool:
     """Whether a JSON file is a transforms.json with intrinsics."""
     frames = data.get("frames") if isinstance(data, dict) else None
     own = [one for one in frames if isinstance(one, dict)] if isinstance(frames, list) else []
-    return isinstance(data, dict) and any("fl_x" in one or "camera_angle_x" in one for one in (data, *own[:1]))
+    return isinstance(data, dict) and any(
+        "fl_x" in one or "camera_angle_x" in one for one in (data, *own[:1])
+    )
 
 
 def read_transforms(data: dict[str, Any], file: str, like: Camera) -> Draft:
@@ -65,7 +94,8 @@ def read_transforms(data: dict[str, Any], file: str, like: Camera) -> Draft:
     frames = draft.tables("frames", data.get("frames") or [])
     said = {**(frames[0] if frames else {}), **data}
     differ = sum(
-        any(one.get(name, said.get(name)) != said.get(name) for name in ("fl_x", "fl_y", "w")) for one in frames
+        any(one.get(name, said.get(name)) != said.get(name) for name in ("fl_x", "fl_y", "w"))
+        for one in frames
     )
     model = draft.choice("camera_model", said.get("camera_model", "OPENCV"), TRANSFORMS_MODELS)
     width, height = (draft.count(name, said.get(name), MOST) for name in ("w", "h"))
@@ -75,14 +105,25 @@ def read_transforms(data: dict[str, Any], file: str, like: Camera) -> Draft:
         angle = draft.number("camera_angle_x", said.get("camera_angle_x"), 1e-6, 3.1)
         focal_x = width / 2 / math.tan(angle / 2)
     focal_y = draft.number("fl_y", said.get("fl_y", focal_x), 0.0, MOST)
-    middle = [draft.number(name, said.get(name, n / 2), -MOST, MOST) for name, n in (("cx", width), ("cy", height))]
-    pinhole = Calibration(width, height, (focal_x, focal_y), (middle[0] - HALF_PIXEL, middle[1] - HALF_PIXEL))
+    middle = [
+        draft.number(name, said.get(name, n / 2), -MOST, MOST)
+        for name, n in (("cx", width), ("cy", height))
+    ]
+    pinhole = Calibration(
+        width, height, (focal_x, focal_y), (middle[0] - HALF_PIXEL, middle[1] - HALF_PIXEL)
+    )
     names = (*FISHEYE, "p1", "p2")
     known = {name: draft.number(name, said.get(name, 0.0), -MOST, MOST) for name in names}
     numerator = tuple(known[name] for name in FISHEYE)
-    notes = (f"{differ} of {len(frames)} frames have intrinsics of their own, which are left out",) if differ else ()
+    notes = (
+        (f"{differ} of {len(frames)} frames have intrinsics of their own, which are left out",)
+        if differ
+        else ()
+    )
     fisheye = model == "OPENCV_FISHEYE"
-    return _drafted(draft, Found("transforms.json", pinhole, known, (numerator, ()), fisheye, notes))
+    return _drafted(
+        draft, Found("transforms.json", pinhole, known, (numerator, ()), fisheye, notes)
+    )
 
 
 def read_storage(text: str, file: str, like: Camera) -> Draft:
@@ -92,13 +133,23 @@ def read_storage(text: str, file: str, like: Camera) -> Draft:
     said = {str(name).lower(): value for name, value in entries.items()}
     matrix = _numbers(draft, said, "camera_matrix")
     if len(matrix) != 9:
-        raise InputError(f"{file}: camera_matrix has {len(matrix)} numbers; it must have 9, row by row.")
-    width, height = (draft.count(name, said.get(name), MOST) for name in ("image_width", "image_height"))
+        raise InputError(
+            f"{file}: camera_matrix has {len(matrix)} numbers; it must have 9, row by row."
+        )
+    width, height = (
+        draft.count(name, said.get(name), MOST) for name in ("image_width", "image_height")
+    )
     focal = draft.number("fx", matrix[0], 0.0, MOST), draft.number("fy", matrix[4], 0.0, MOST)
     pinhole = Calibration(width, height, focal, (matrix[2], matrix[5]))
     usual = "fisheye" if _flag(said.get("fisheye_model")) else "plumb_bob"
-    model = draft.choice("distortion_model", said.get("distortion_model") or usual, list(MODELS))
-    values = _numbers(draft, said, "distortion_coefficients") if "distortion_coefficients" in said else []
+    model = draft.choice(
+        "distortion_model", said.get("distortion_model") or usual, list(MODELS)
+    )
+    values = (
+        _numbers(draft, said, "distortion_coefficients")
+        if "distortion_coefficients" in said
+        else []
+    )
     names = MODELS[model]
     if len(values) > len(names):
         raise InputError(
@@ -127,19 +178,28 @@ def _drafted(draft: Draft, found: Found) -> Draft:
     draft.changes |= dict.fromkeys(OTHER_LENSES) | {"lens.dispersion": False}
     if abs(fx / fy - 1) > SQUARE:
         notes.append(f"fx / fy is {fx / fy:.5g} and pixels are square in a scene; fx is taken")
-    notes += _set_fisheye(draft, found, fx * pitch_um * 1e-3) if found.fisheye else _set_brown(draft, found)
+    notes += (
+        _set_fisheye(draft, found, fx * pitch_um * 1e-3)
+        if found.fisheye
+        else _set_brown(draft, found)
+    )
     where = ", ".join(f"{name} {value:.7g}" for name, value in pinhole.view.items())
     focal_mm = fx * pitch_um * 1e-3
     draft.description = (
         f"Camera of the {found.format} {draft.file}; a perspective sensor of a scene has its view with {where}; "
-        f"the focal length is {focal_mm:.5g} mm at {pitch_um:g} µm per pixel" + "".join(f"; {note}" for note in notes)
+        f"the focal length is {focal_mm:.5g} mm at {pitch_um:g} µm per pixel"
+        + "".join(f"; {note}" for note in notes)
     )
     return draft
 
 
 def _set_brown(draft: Draft, found: Found) -> list[str]:
     """The five coefficients; a rational polynomial, or one with more terms, by those that are nearest to it."""
-    known, (numerator, denominator), corner = found.coefficients, found.radial, found.pinhole.corner
+    known, (numerator, denominator), corner = (
+        found.coefficients,
+        found.radial,
+        found.pinhole.corner,
+    )
     tangential = known["p1"], known["p2"]
     radial, how, notes = (*numerator, 0.0, 0.0)[:3], "k1, k2, p1, p2, k3", []
     if any(denominator) or any(numerator[3:]):
@@ -155,7 +215,9 @@ def _set_brown(draft: Draft, found: Found) -> list[str]:
             )
         radial, misfit = radial_fit(ideal[:last], real[:last], corner)
         how = f"its radial coefficients, by k1, k2 and k3 to {misfit * max(found.pinhole.focal):.2g} px"
-        notes = [f"k1, k2, k3 are fitted to more coefficients, to {misfit * max(found.pinhole.focal):.2g} px"]
+        notes = [
+            f"k1, k2, k3 are fitted to more coefficients, to {misfit * max(found.pinhole.focal):.2g} px"
+        ]
     if any((*radial, *tangential)):
         draft.says("lens.distortion", [radial[0], radial[1], *tangential, radial[2]], how)
     return notes
@@ -177,18 +239,28 @@ def _set_fisheye(draft: Draft, found: Found, image_distance_mm: float) -> list[s
     growth = np.divide(real, ideal, out=np.ones_like(real), where=ideal > 0) - 1
     how = "k1 … k4 of its fisheye model"
     draft.says("lens.distortion_percent", (100 * growth).tolist(), how)
-    draft.says("lens.distortion_heights_mm", (ideal * image_distance_mm).tolist(), f"{how}, at the pixel pitch")
+    draft.says(
+        "lens.distortion_heights_mm",
+        (ideal * image_distance_mm).tolist(),
+        f"{how}, at the pixel pitch",
+    )
     return ["the fisheye lens is a table of image heights"]
 
 
 def _series(coefficients: tuple[float, ...], radius: Float64Array) -> Float64Array:
     """k1·r² + k2·r⁴ + …"""
-    return sum((k * radius ** (2 * n) for n, k in enumerate(coefficients, start=1)), np.zeros_like(radius))
+    return sum(
+        (k * radius ** (2 * n) for n, k in enumerate(coefficients, start=1)),
+        np.zeros_like(radius),
+    )
 
 
 def _of_xml(text: str, file: str) -> dict[str, Any]:
     root = xml_tree(text, file, "Give the file that cv2.FileStorage writes")
-    return {one.tag: one.text if not len(one) else {part.tag: part.text for part in one} for one in root}
+    return {
+        one.tag: one.text if not len(one) else {part.tag: part.text for part in one}
+        for one in root
+    }
 
 
 def _of_yaml(text: str, file: str) -> dict[str, Any]:
@@ -207,7 +279,9 @@ def _of_yaml(text: str, file: str) -> dict[str, Any]:
         def compose_node(self, parent: object, index: object) -> object:
             if self.check_event(yaml.AliasEvent):
                 name = self.peek_event().anchor
-                raise yaml.YAMLError(f"it has the alias *{name[:40]}, in whose place its value must stand")
+                raise yaml.YAMLError(
+                    f"it has the alias *{name[:40]}, in whose place its value must stand"
+                )
             self.depth += 1
             if self.depth > DEEPEST:
                 raise yaml.YAMLError(f"it is nested more than {DEEPEST} deep")
@@ -216,15 +290,25 @@ def _of_yaml(text: str, file: str) -> dict[str, Any]:
             return node
 
     if len(text) > LONGEST_YAML:
-        raise InputError(f"{file} has {len(text)} characters; a calibration has {LONGEST_YAML} at most.")
-    plain = "\n".join(line for line in text.splitlines() if not line.startswith("%")).replace(OPENCV_TAG, "")
+        raise InputError(
+            f"{file} has {len(text)} characters; a calibration has {LONGEST_YAML} at most."
+        )
+    plain = "\n".join(line for line in text.splitlines() if not line.startswith("%")).replace(
+        OPENCV_TAG, ""
+    )
     try:
-        tables = yaml.load(plain, Loader=PlainLoader)  # libyaml's ends the process where brackets are nested deeply
+        tables = yaml.load(
+            plain, Loader=PlainLoader
+        )  # libyaml's ends the process where brackets are nested deeply
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         why = " ".join(str(error).split()) or "it is nested too deeply"
-        raise InputError(f"{file} is no YAML: {why}. Give a calibration of OpenCV or ROS.") from None
+        raise InputError(
+            f"{file} is no YAML: {why}. Give a calibration of OpenCV or ROS."
+        ) from None
     if not isinstance(tables, dict):
-        raise InputError(f"{file} has no table of names and values; give a calibration of OpenCV or ROS.")
+        raise InputError(
+            f"{file} has no table of names and values; give a calibration of OpenCV or ROS."
+        )
     return tables
 
 

@@ -18,9 +18,17 @@ from ...core import InputError
 from ...files.raw_files import dng_tags
 from .draft import MOST, Draft
 
-MODEL, BLACK, WHITE, PROFILE, ISO = "UniqueCameraModel", "BlackLevel", "WhiteLevel", "NoiseProfile", "ISOSpeedRatings"
+MODEL, BLACK, WHITE, PROFILE, ISO = (
+    "UniqueCameraModel",
+    "BlackLevel",
+    "WhiteLevel",
+    "NoiseProfile",
+    "ISOSpeedRatings",
+)
 MOST_PIXELS = 1e6  # of a side
-REMEDY = "Let Adobe's DNG Converter, or the camera's own software, write it, or give another file"
+REMEDY = (
+    "Let Adobe's DNG Converter, or the camera's own software, write it, or give another file"
+)
 
 
 def read_dngs(paths: Sequence[Path], like: Camera) -> Draft:
@@ -30,8 +38,12 @@ def read_dngs(paths: Sequence[Path], like: Camera) -> Draft:
     speeds = [one["iso"] for _, one in found]
     if len(set(speeds)) < len(speeds):
         twice = next(x for x in speeds if speeds.count(x) > 1)
-        raise InputError(f"ISO {twice:g} is in {speeds.count(twice)} of the files; give one DNG for each ISO.")
-    draft.set_gains([one for _, one in found], "NoiseProfile and BlackLevel of the file of each ISO")
+        raise InputError(
+            f"ISO {twice:g} is in {speeds.count(twice)} of the files; give one DNG for each ISO."
+        )
+    draft.set_gains(
+        [one for _, one in found], "NoiseProfile and BlackLevel of the file of each ISO"
+    )
     draft.description += f", at ISO {first['iso']:g}"
     return draft
 
@@ -41,11 +53,19 @@ def _setting(path: Path, like: Camera) -> tuple[Draft, dict[str, float]]:
     tags, draft = dng_tags(path), Draft(path.name, like)
     profile = _numbers(tags, PROFILE, draft)
     if len(profile) % 2 or not profile:
-        raise InputError(f"{path}: NoiseProfile has {len(profile)} numbers; it must have two for each colour.")
-    black, white = float(np.mean(_numbers(tags, BLACK, draft))), min(_numbers(tags, WHITE, draft))
+        raise InputError(
+            f"{path}: NoiseProfile has {len(profile)} numbers; it must have two for each colour."
+        )
+    black, white = (
+        float(np.mean(_numbers(tags, BLACK, draft))),
+        min(_numbers(tags, WHITE, draft)),
+    )
     slopes = [draft.number("S of NoiseProfile", x, 0.0, 10.0) for x in profile[0::2]]
     offsets = [draft.number("O of NoiseProfile", x, -1e-30, 10.0) for x in profile[1::2]]
-    span, slope, offset = draft.number("white less black level", white - black), *map(np.mean, (slopes, offsets))
+    span, slope, offset = (
+        draft.number("white less black level", white - black),
+        *map(np.mean, (slopes, offsets)),
+    )
     dn_per_e, read_noise_e = float(slope * span), float(math.sqrt(offset) / slope)
     of = "mean of the colours of NoiseProfile" if len(slopes) > 1 else "NoiseProfile"
     draft.says("adc.bits", math.ceil(math.log2(white + 1)), f"WhiteLevel {white:g}")
@@ -63,10 +83,14 @@ def _setting(path: Path, like: Camera) -> tuple[Draft, dict[str, float]]:
 
 def _numbers(tags: Mapping[str, Any], name: str, draft: Draft) -> list[float]:
     if name not in tags:
-        raise InputError(f"{draft.file} has no {name}, which says the noise of a DNG. {REMEDY}.")
+        raise InputError(
+            f"{draft.file} has no {name}, which says the noise of a DNG. {REMEDY}."
+        )
     return draft.numbers(name, _list(tags[name]), -MOST, MOST)
 
 
 def _list(value: object) -> list[object]:
     """The values of a tag, of which there may be one or several."""
-    return list(value) if isinstance(value, list | tuple | np.ndarray) and len(value) else [value]
+    return (
+        list(value) if isinstance(value, list | tuple | np.ndarray) and len(value) else [value]
+    )

@@ -58,7 +58,9 @@ class Draft:
             raise self._wrong(name, value, f"a whole number from 1 to {high:.10g}")
         return int(number)
 
-    def numbers(self, name: str, value: object, low: float = 0.0, high: float = MOST) -> list[float]:
+    def numbers(
+        self, name: str, value: object, low: float = 0.0, high: float = MOST
+    ) -> list[float]:
         """A list of numbers of the file. Raises InputError."""
         if not isinstance(value, list | tuple):
             raise self._wrong(name, value, "a list of numbers")
@@ -83,7 +85,9 @@ class Draft:
         return value
 
     def _wrong(self, name: str, value: object, wanted: str) -> InputError:
-        given = value if number_of(value) is not None else shown(value)  # texts of YAML, XML and CSV
+        given = (
+            value if number_of(value) is not None else shown(value)
+        )  # texts of YAML, XML and CSV
         return InputError(
             f"{self.file}: {name} is {given}; it must be {wanted}. Mend the file, or leave the setting out."
         )
@@ -91,13 +95,20 @@ class Draft:
     def set_gain(self, dn_per_e: float, how: str) -> None:
         """The overall system gain K, as the full scale of the converter."""
         volts = volts_per_electron(self.like)
-        self.says("adc.full_scale_v", volts * 2.0**self.bits / dn_per_e, f"{how} = {dn_per_e:.5g} DN/e-, as full scale")
+        self.says(
+            "adc.full_scale_v",
+            volts * 2.0**self.bits / dn_per_e,
+            f"{how} = {dn_per_e:.5g} DN/e-, as full scale",
+        )
 
     def set_gains(self, settings: Sequence[Mapping[str, float]], how: str) -> None:
         """Several gain settings as the ladder of the camera, with the numbers that all of them have."""
         if len(settings) > 1:
             shared = set.intersection(*(set(one) for one in settings))
-            gains = [{name: _rounded(x) for name, x in one.items() if name in shared} for one in settings]
+            gains = [
+                {name: _rounded(x) for name, x in one.items() if name in shared}
+                for one in settings
+            ]
             self.says("gains", gains, how)
 
     def set_clip(self, dn_per_e: float, black_dn: float) -> None:
@@ -122,14 +133,19 @@ class Draft:
             if key in found.sources
         }
         data = found.model_dump()
-        data |= {"name": printable(self.name) or found.name, "description": printable(self.description)}
+        data |= {
+            "name": printable(self.name) or found.name,
+            "description": printable(self.description),
+        }
         data["sources"] = {**same, **self.sources}
         return camera_from(data, self.file)
 
 
 def number_of(value: object) -> float | None:
     """The number that a value or a text of a file is; None for booleans, and for what is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
+    if isinstance(value, bool) or not isinstance(
+        value, str | int | float | np.integer | np.floating
+    ):
         return None
     try:
         number = float(value)

@@ -29,7 +29,9 @@ LARGEST_BYTES = 2**24
 
 
 def import_camera(
-    files: str | Path | Sequence[str | Path], like: Camera | str | Path = LIKE, name: str | None = None
+    files: str | Path | Sequence[str | Path],
+    like: Camera | str | Path = LIKE,
+    name: str | None = None,
 ) -> Camera:
     """The camera that a file of another program describes, with the source of every number in ``sources``.
 
@@ -55,7 +57,9 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
     if kind == ".dng" and all(one.suffix.lower() == kind for one in paths):
         return read_dngs(paths, like)
     if len(paths) > 1:
-        raise InputError(f"{len(paths)} files are given, and {first} is no DNG; give one file, or DNGs of one camera.")
+        raise InputError(
+            f"{len(paths)} files are given, and {first} is no DNG; give one file, or DNGs of one camera."
+        )
     if str(first).startswith(PREFIX):
         return read_preset(preset_text(str(first).removeprefix(PREFIX)), str(first), like)
     if kind not in (".json", ".csv", ".xml", ".toml", *YAML):

@@ -31,7 +31,11 @@ def is_tuning(data: object) -> bool:
 def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     """The draft of a camera. Raises InputError for a file without noise or black level."""
     draft = Draft(file, like)
-    parts = {name: x for one in draft.tables("algorithms", data["algorithms"]) for name, x in one.items()}
+    parts = {
+        name: x
+        for one in draft.tables("algorithms", data["algorithms"])
+        for name, x in one.items()
+    }
     noise = draft.table("rpi.noise", parts.get("rpi.noise") or {})
     if "reference_slope" not in noise:
         raise InputError(
@@ -39,12 +43,22 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
             "file of a calibrated sensor."
         )
     dn = 2.0 ** (draft.bits - SCALE_BITS)
-    black_dn = _black(draft.table("rpi.black_level", parts.get("rpi.black_level") or {}), draft) * dn
+    black_dn = (
+        _black(draft.table("rpi.black_level", parts.get("rpi.black_level") or {}), draft) * dn
+    )
     slope = draft.number("rpi.noise reference_slope", noise["reference_slope"], 0.0, 1e3)
-    constant = draft.number("rpi.noise reference_constant", noise.get("reference_constant", 0.0), -1e-9, 65535.0)
+    constant = draft.number(
+        "rpi.noise reference_constant", noise.get("reference_constant", 0.0), -1e-9, 65535.0
+    )
     dn_per_e = slope**2 * dn
-    draft.assume("adc.bits", draft.bits, f"as {like.name}; the file is in a scale of 16 bits (--set adc.bits=12)")
-    draft.set_gain(dn_per_e, f"rpi.noise reference_slope {slope:g} squared at {draft.bits} bits: K")
+    draft.assume(
+        "adc.bits",
+        draft.bits,
+        f"as {like.name}; the file is in a scale of 16 bits (--set adc.bits=12)",
+    )
+    draft.set_gain(
+        dn_per_e, f"rpi.noise reference_slope {slope:g} squared at {draft.bits} bits: K"
+    )
     draft.says("adc.black_level_dn", black_dn, f"rpi.black_level at {draft.bits} bits")
     draft.set_clip(dn_per_e, black_dn)
     if constant > 0:
@@ -61,7 +75,11 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
 
 def _black(part: dict[str, Any], draft: Draft) -> float:
     """The black level, or the mean of those of the colours [DN16]."""
-    colours = [part[name] for name in ("black_level_r", "black_level_g", "black_level_b") if name in part]
+    colours = [
+        part[name]
+        for name in ("black_level_r", "black_level_g", "black_level_b")
+        if name in part
+    ]
     values = colours or [part.get("black_level", 4096)]
     return float(np.mean([draft.number("rpi.black_level", x, -1e-9, 65534.0) for x in values]))
 
@@ -72,11 +90,19 @@ def _shading(table: object, draft: Draft) -> None:
         return
     gains = draft.numbers("rpi.alsc luminance_lut", table, 1e-6, 1e6)
     if len(gains) not in GRIDS:
-        raise InputError(f"{draft.file}: luminance_lut of rpi.alsc has {len(gains)} numbers; it must have 192 or 1024.")
+        raise InputError(
+            f"{draft.file}: luminance_lut of rpi.alsc has {len(gains)} numbers; it must have 192 or 1024."
+        )
     gain = np.array(gains).reshape(GRIDS[len(gains)])
     like = draft.like
-    sides = (like.sensor.rows * like.pixel.pitch_y_um, like.sensor.columns * like.pixel.pitch_x_um)
-    y, x = (((np.arange(n) + 0.5) / n - 0.5) * side * 1e-3 for n, side in zip(gain.shape, sides, strict=True))
+    sides = (
+        like.sensor.rows * like.pixel.pitch_y_um,
+        like.sensor.columns * like.pixel.pitch_x_um,
+    )
+    y, x = (
+        ((np.arange(n) + 0.5) / n - 0.5) * side * 1e-3
+        for n, side in zip(gain.shape, sides, strict=True)
+    )
     height, corner = np.hypot(y[:, None], x), 0.5e-3 * math.hypot(*sides)
     heights = np.linspace(0.0, corner, HEIGHTS)
     step, light = heights[1], 1 / gain
@@ -86,5 +112,13 @@ def _shading(table: object, draft: Draft) -> None:
     known = weight > 0.5
     fall_off = np.interp(heights, heights[known], fall_off[known])
     how = "rpi.alsc luminance_lut, its inverse averaged over circles; shading of the colours is left out"
-    draft.says("lens.relative_illumination", [float(v) for v in np.minimum(fall_off / fall_off[0], 1.0)], how)
-    draft.says("lens.relative_illumination_heights_mm", [float(v) for v in heights], f"of {like.name}'s picture")
+    draft.says(
+        "lens.relative_illumination",
+        [float(v) for v in np.minimum(fall_off / fall_off[0], 1.0)],
+        how,
+    )
+    draft.says(
+        "lens.relative_illumination_heights_mm",
+        [float(v) for v in heights],
+        f"of {like.name}'s picture",
+    )

@@ -48,7 +48,11 @@ def rows_by_name(text: str) -> list[dict[str, str]]:
 
 def read_table(data: Any, file: str, like: Camera) -> Draft:
     """The draft of a camera at the lowest ISO, with all of them as its ladder. Raises InputError."""
-    named = data.items() if isinstance(data, dict) else ((str(n), one) for n, one in enumerate(data, start=1))
+    named = (
+        data.items()
+        if isinstance(data, dict)
+        else ((str(n), one) for n, one in enumerate(data, start=1))
+    )
     draft = Draft(file, like)
     rows = [_row(name, values, draft) for name, values in named]
     if not rows:
@@ -62,7 +66,11 @@ def read_table(data: Any, file: str, like: Camera) -> Draft:
     lowest = settings[0]
     iso = f"ISO {lowest['iso']:g}"
     draft.set_gain(lowest["gain_dn_per_e"], f"K at {iso}")
-    draft.says("source_follower.read_noise_e", lowest["read_noise_e"], f"pixel noise in the dark over K at {iso}")
+    draft.says(
+        "source_follower.read_noise_e",
+        lowest["read_noise_e"],
+        f"pixel noise in the dark over K at {iso}",
+    )
     if "row_noise_e" in lowest:
         draft.says("readout.row_noise_e", lowest["row_noise_e"], f"sigR over K at {iso}")
     if "black_level_dn" in lowest:
@@ -70,16 +78,24 @@ def read_table(data: Any, file: str, like: Camera) -> Draft:
     draft.set_clip(lowest["gain_dn_per_e"], lowest.get("black_level_dn", 0.0))
     if "read_noise_shape" in lowest:
         _set_shape(draft, float(first["shape"]), lowest["read_noise_shape"], iso)
-    draft.set_gains(settings, "K, noise of the pixels and of the rows, lam and black level of every ISO")
+    draft.set_gains(
+        settings, "K, noise of the pixels and of the rows, lam and black level of every ISO"
+    )
     draft.description = f"Camera of the noise calibration {file}, at {iso}"
     return draft
 
 
 def _row(name: str, values: Mapping[str, Any], draft: Draft) -> dict[str, Any]:
     """A row under our names for its columns; the ISO may stand in the row's own name ("SonyA7S2_1600")."""
-    plain = {key.strip().lower(): x for key, x in values.items() if key is not None and x not in (None, "")}
+    plain = {
+        key.strip().lower(): x
+        for key, x in values.items()
+        if key is not None and x not in (None, "")
+    }
     row = {
-        ours: next(plain[x] for x in theirs if x in plain) for ours, theirs in NAMES.items() if plain.keys() & theirs
+        ours: next(plain[x] for x in theirs if x in plain)
+        for ours, theirs in NAMES.items()
+        if plain.keys() & theirs
     }
     if "iso" not in row and (number := re.search(r"(\d+)$", name)):
         row["iso"] = float(number[1])
@@ -98,10 +114,15 @@ def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
     gain = draft.number(f"K {at}", row["gain"])
     shape = draft.number(f"lam {at}", row["shape"], -0.5, 2.0) if "shape" in row else None
     if "scale" in row:
-        pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(scipy.stats.tukeylambda.std(shape or 0.0))
+        pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(
+            scipy.stats.tukeylambda.std(shape or 0.0)
+        )
     else:
         pixel_dn = draft.number(f"sigGs {at}", row["sigma"])
-    numbers = {"gain_dn_per_e": gain, "read_noise_e": math.sqrt(max(pixel_dn**2 - 1 / 12, 0.0)) / gain}
+    numbers = {
+        "gain_dn_per_e": gain,
+        "read_noise_e": math.sqrt(max(pixel_dn**2 - 1 / 12, 0.0)) / gain,
+    }
     if shape is not None:
         numbers["read_noise_shape"] = min(max(shape, SHAPES[0]), SHAPES[1])
     if "row" in row:
@@ -117,4 +138,6 @@ def _set_shape(draft: Draft, given: float, used: float, iso: str) -> None:
     if used == given:
         draft.says("source_follower.read_noise_shape", used, f"lam at {iso}")
     else:
-        draft.assume("source_follower.read_noise_shape", used, f"the nearest to lam {given:g} at {iso}")
+        draft.assume(
+            "source_follower.read_noise_shape", used, f"the nearest to lam {given:g} at {iso}"
+        )

@@ -17,20 +17,36 @@ from ...core import Float64Array
 
 RADIUS_PX = 6  # of the neighbourhood of the weights
 BAR_RADIUS_PX = 12  # of the neighbourhood whose mean squared error an error bar knows
-BAR_APART, BAR_MOVED, BAR_RAW, BAR_TYPICAL = 0.16, 0.06, 1.1, 0.06  # of the signs of error at the pixel itself
-BAR_POWER, BAR_SCALE = 0.65, 1.34  # with these |z| < 1 holds in 0.67 to 0.75 of the pixels, |z| < 2 in 0.90 to 0.95
-RESIDUAL_RADII_PX = (1, 3, 8)  # over which a filtered picture gets its mean difference from the raw one back
+BAR_APART, BAR_MOVED, BAR_RAW, BAR_TYPICAL = (
+    0.16,
+    0.06,
+    1.1,
+    0.06,
+)  # of the signs of error at the pixel itself
+BAR_POWER, BAR_SCALE = (
+    0.65,
+    1.34,
+)  # with these |z| < 1 holds in 0.67 to 0.75 of the pixels, |z| < 2 in 0.90 to 0.95
+RESIDUAL_RADII_PX = (
+    1,
+    3,
+    8,
+)  # over which a filtered picture gets its mean difference from the raw one back
 MOST_SIGMA = 4.0  # raw standard errors by which the result may differ from the raw pixel
 MOST_BAR_SIGMA = 5.0  # raw standard errors that an error bar may have
 LEAST = 0.02  # of the raw variance: no candidate's squared error is known to be less
-LEAST_BAR = 0.03  # of the raw variance: no neighbourhood's mean squared error is known to be less
+LEAST_BAR = (
+    0.03  # of the raw variance: no neighbourhood's mean squared error is known to be less
+)
 TYPICAL_PX = 5  # side of the window whose median variance a pixel has at least
 PIXELS_AT_ONCE = 2**17  # 36 float64 maps of products, and as many means over boxes: 75 MB
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise that could be denoised
 SMALLEST = 1e-150  # its square is a number still
 OCTAVES = 2  # between the levels of brightness whose pixels have the raw sums
 DARKEST_LEVEL = 1 / 16  # of the median of the lit pixels: all that is darker belongs together
-HALO_ROWS = BAR_RADIUS_PX + RADIUS_PX  # beyond them no pixel matters: of the bars, and of the weights around those
+HALO_ROWS = (
+    BAR_RADIUS_PX + RADIUS_PX
+)  # beyond them no pixel matters: of the bars, and of the weights around those
 
 
 Image: TypeAlias = NDArray[np.floating]  # float64, or float32 of what came out of a filter
@@ -64,7 +80,9 @@ def with_residuals(raw: Image, filtered: Image, reflectance: Image | float) -> l
     return [filtered, *((filtered + one).astype(filtered.dtype, copy=False) for one in lost)]
 
 
-def combine(even: list[Image], odd: list[Image], variance: Float64Array, share: float = 0.5) -> Combined:
+def combine(
+    even: list[Image], odd: list[Image], variance: Float64Array, share: float = 0.5
+) -> Combined:
     """The combination of least expected squared error.
 
     even, odd : candidates of both halves, (H, W) each, the first one raw.  variance : (H, W) of the raw mean of both.
@@ -75,17 +93,23 @@ def combine(even: list[Image], odd: list[Image], variance: Float64Array, share: 
     scale, (rows, columns) = _scale(raw, variance), variance.shape
     step = max(PIXELS_AT_ONCE // columns, 1)
     mean, spread = np.empty(variance.shape), np.empty(variance.shape)
-    bars, first_half, second_half, raw_weight = (np.empty(variance.shape, np.float32) for _ in range(4))
+    bars, first_half, second_half, raw_weight = (
+        np.empty(variance.shape, np.float32) for _ in range(4)
+    )
     found: tuple[Image, ...] = mean, bars, spread, first_half, second_half, raw_weight
     for first in range(0, rows, step):
         last, top = min(first + step, rows), max(first - HALO_ROWS, 0)
         near = slice(top, min(last + HALO_ROWS, rows))
-        here = _combine([x[near] for x in even], [x[near] for x in odd], variance[near], scale[near], share)
+        here = _combine(
+            [x[near] for x in even], [x[near] for x in odd], variance[near], scale[near], share
+        )
         for whole, part in zip(found, here, strict=True):
             whole[first:last] = part[first - top : last - top]
     missing = _missing(raw, mean, spread)
     shift = float(np.abs(missing).sum()) / (float(raw.sum()) or 1.0)
-    return Combined(np.maximum(mean + missing, 0.0), bars, first_half, second_half, raw_weight, shift)
+    return Combined(
+        np.maximum(mean + missing, 0.0), bars, first_half, second_half, raw_weight, shift
+    )
 
 
 def _missing(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Float64Array:
@@ -104,7 +128,11 @@ def _missing(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Flo
 
 
 def _combine(
-    even: list[Image], odd: list[Image], variance: Float64Array, scale: Float64Array, share: float
+    even: list[Image],
+    odd: list[Image],
+    variance: Float64Array,
+    scale: Float64Array,
+    share: float,
 ) -> tuple[Float64Array, ...]:
     """Mean and variance of some rows, how the sum's difference is shared out there, both halves, the raw weight."""
     raw = share * even[0] + (1 - share) * odd[0]
@@ -115,12 +143,17 @@ def _combine(
     limit = MOST_SIGMA * np.sqrt(typical)
     mean = np.clip(share * halves[0] + (1 - share) * halves[1], raw - limit, raw + limit)
     own = np.einsum("jhw,jkhw,khw->hw", weights, errors, weights)
-    apart = np.maximum(box((halves[0] - halves[1]) ** 2, 1), 0)  # a box behind a firefly has its rounding, of any sign
+    apart = np.maximum(
+        box((halves[0] - halves[1]) ** 2, 1), 0
+    )  # a box behind a firefly has its rounding, of any sign
     signs = BAR_APART * apart + BAR_MOVED * (mean - raw) ** 2
     signs += BAR_RAW * weights[0] ** 2 * variance + BAR_TYPICAL * typical
     near = np.maximum(scale * box(variance / scale, RADIUS_PX), ROUNDING * typical + SMALLEST)
     most = MOST_BAR_SIGMA**2 * typical
-    bars = np.minimum(_bars(signs, np.clip(scale * box(own, BAR_RADIUS_PX), LEAST_BAR * near, most), near), most)
+    bars = np.minimum(
+        _bars(signs, np.clip(scale * box(own, BAR_RADIUS_PX), LEAST_BAR * near, most), near),
+        most,
+    )
     spread = np.clip(scale * box(own, RADIUS_PX), LEAST_BAR * near, typical)
     return mean, bars, spread, *map(np.asarray, halves), weights[0]
 
@@ -145,17 +178,28 @@ def _scale(raw: Float64Array, variance: Float64Array) -> Float64Array:
 
 
 def _error_products(
-    even: list[Image], odd: list[Image], variance: Float64Array, scale: Float64Array, share: float
+    even: list[Image],
+    odd: list[Image],
+    variance: Float64Array,
+    scale: Float64Array,
+    share: float,
 ) -> Float64Array:
     """(J, J, H, W) unbiased estimates of the products of the errors of the candidates' means, over ``scale``."""
-    count, noise = len(even), variance * (0.5 / share + 0.5 / (1 - share))  # of a half, on average
+    count, noise = (
+        len(even),
+        variance * (0.5 / share + 0.5 / (1 - share)),
+    )  # of a half, on average
     found = np.empty((count, count, *variance.shape))
     crossed = [(e - odd[0], o - even[0]) for e, o in zip(even, odd, strict=True)]
     apart = [e - o for e, o in zip(even, odd, strict=True)]
     for j in range(count):
         for k in range(j, count):
-            product = 0.5 * (crossed[j][0] * crossed[k][0] + crossed[j][1] * crossed[k][1]) - noise
-            found[j, k] = found[k, j] = (product - 0.25 * apart[j] * apart[k]) / scale  # two halves: half the noise
+            product = (
+                0.5 * (crossed[j][0] * crossed[k][0] + crossed[j][1] * crossed[k][1]) - noise
+            )
+            found[j, k] = found[k, j] = (
+                product - 0.25 * apart[j] * apart[k]
+            ) / scale  # two halves: half the noise
     found[0, 0] = variance / scale
     return found
 

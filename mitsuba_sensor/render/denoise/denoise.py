@@ -57,14 +57,20 @@ def is_noisy(mean: Float64Array, variance: Float64Array) -> bool:
     """Whether a camera may see this noise in more than a hundredth of the lit pixels. Elsewhere a filter adds about as
     much error as it removes.  mean, variance : (H, W) photoelectrons, and the variance of that mean."""
     lit = mean > 0
-    return bool(np.count_nonzero(variance[lit] > LEAST_NOISE * mean[lit] ** 2) > LEAST_NOISY * np.count_nonzero(lit))
+    return bool(
+        np.count_nonzero(variance[lit] > LEAST_NOISE * mean[lit] ** 2)
+        > LEAST_NOISY * np.count_nonzero(lit)
+    )
 
 
 def denoise(halves: Halves, guides: Guides | None) -> Denoised:
     """guides : None where no rays were traced for them; the network then sees the photoelectrons alone."""
     normal = None if guides is None else guides.normal
     with Network(halves.variance(0).shape, normal) as network:
-        filtered = [_filtered_half(network, half, guides, 2 * k) for k, half in enumerate((halves.even, halves.odd))]
+        filtered = [
+            _filtered_half(network, half, guides, 2 * k)
+            for k, half in enumerate((halves.even, halves.odd))
+        ]
     shape = filtered[0][0].shape
     mean, variance, first, second = (np.empty(shape, np.float32) for _ in range(4))
     raw_weights, shifts = [], []
@@ -107,19 +113,30 @@ def _divisor(guides: Guides) -> NDArray[np.float32]:
     return np.maximum(guides.reflectance, DARKEST_REFLECTANCE)
 
 
-def _candidates(half: Callable[[], Image], filtered: list[Image], guides: Guides | None, number: int) -> list[Image]:
+def _candidates(
+    half: Callable[[], Image], filtered: list[Image], guides: Guides | None, number: int
+) -> list[Image]:
     """Of one filter, (H, W) each: the raw half, the filtered ones, and these with what the last one lost."""
-    reflectance = 1.0 if guides is None else np.maximum(guides.reflectance[..., number], DARKEST_REFLECTANCE)
+    reflectance = (
+        1.0
+        if guides is None
+        else np.maximum(guides.reflectance[..., number], DARKEST_REFLECTANCE)
+    )
     raw = half()[..., number].astype(np.float64)
     *others, last = (image[..., number] for image in filtered)
     return [raw, *others, *with_residuals(raw, last, reflectance)]
 
 
-def smoothed(network: Network, image: Image, albedo: NDArray[np.float32] | float, turn: int) -> NDArray[np.float32]:
+def smoothed(
+    network: Network, image: Image, albedo: NDArray[np.float32] | float, turn: int
+) -> NDArray[np.float32]:
     """The denoised image (H, W, F), never negative: three channels at a time, over their mean.  albedo, turn : see
     :meth:`network.Network.filtered`."""
     count, scale = image.shape[2], np.float32(image.mean(dtype=np.float64) or 1.0)
-    found, colours = np.empty(image.shape, np.float32), np.empty((*image.shape[:2], COLOURS), np.float32)
+    found, colours = (
+        np.empty(image.shape, np.float32),
+        np.empty((*image.shape[:2], COLOURS), np.float32),
+    )
     for k in range(0, count, COLOURS):
         for c in range(COLOURS):
             np.divide(image[..., min(k + c, count - 1)], scale, out=colours[..., c])

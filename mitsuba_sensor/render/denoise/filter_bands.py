@@ -41,7 +41,9 @@ def bands_of_filters(
     return np.asarray(bands * np.maximum(1 + factors @ shape, 0.0))
 
 
-def band_errors(apart: NDArray[np.float32], mean: NDArray[np.float32], relative: Float64Array) -> NDArray[np.float32]:
+def band_errors(
+    apart: NDArray[np.float32], mean: NDArray[np.float32], relative: Float64Array
+) -> NDArray[np.float32]:
     """Standard errors of bands, (H, W, B), from the difference of two halves of equal weight with an error of their
     own, and the relative standard error (H, W) of the electrons, which they have in common at least."""
     found = np.empty(mean.shape, np.float32)
@@ -52,7 +54,10 @@ def band_errors(apart: NDArray[np.float32], mean: NDArray[np.float32], relative:
 
 
 def denoised_bands(
-    strip: RowStrip, weights: Float64Array, electrons: list[Image], relative: NDArray[np.float32]
+    strip: RowStrip,
+    weights: Float64Array,
+    electrons: list[Image],
+    relative: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Bands of a strip and their standard errors, which agree with the denoised electrons behind each filter.
 
@@ -64,10 +69,19 @@ def denoised_bands(
         rows = slice(first, first + step)
         mean = strip.bands.mean[rows].astype(np.float64)
         flat = in_band_factor(mean @ weights.T, strip.electrons.mean[rows])
-        parts = zip((mean, strip.half(False, rows), strip.half(True, rows)), electrons, spectra, strict=True)
-        all_of_it, even, odd = (bands_of_filters(x, weights, e[rows] * flat, usual) for x, e, usual in parts)
+        parts = zip(
+            (mean, strip.half(False, rows), strip.half(True, rows)),
+            electrons,
+            spectra,
+            strict=True,
+        )
+        all_of_it, even, odd = (
+            bands_of_filters(x, weights, e[rows] * flat, usual) for x, e, usual in parts
+        )
         bands[rows], apart[rows] = all_of_it, even - odd
-    return bands, band_errors(apart, bands, np.nan_to_num(relative.astype(np.float64), posinf=0.0))
+    return bands, band_errors(
+        apart, bands, np.nan_to_num(relative.astype(np.float64), posinf=0.0)
+    )
 
 
 def raw_bands(strip: RowStrip) -> tuple[NDArray[np.floating], NDArray[np.float32]]:

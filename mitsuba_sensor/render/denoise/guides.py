@@ -25,15 +25,25 @@ if TYPE_CHECKING:
 MOST_BOUNCES = 6  # at mirrors and clear glass
 FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel
 MOST_NOISE = 0.05  # of the render's, of which the denoiser removes nine tenths
-RAYS_PER_SAMPLE, RAYS_OF_FEW = 4, 256  # at most so many for a light path, of few paths; else one
+RAYS_PER_SAMPLE, RAYS_OF_FEW = (
+    4,
+    256,
+)  # at most so many for a light path, of few paths; else one
 DARKEST_REFLECTANCE = 0.02  # what is darker is not divided by its own
 RAYS_IN_FLIGHT = 2**21
-SOBOL = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1))  # of each dimension: polynomial, first direction numbers
+SOBOL = (
+    (0, (1,) * 32),
+    (0, (1,)),
+    (1, (1, 3)),
+    (1, (1, 3, 1)),
+)  # of each dimension: polynomial, first direction numbers
 LAINE_KARRAS = 0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6
 QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 
 
-Trace: TypeAlias = Callable[[int, int], NDArray[np.float32]]  # so many rays of a set with this number, (H, W, F + 3)
+Trace: TypeAlias = Callable[
+    [int, int], NDArray[np.float32]
+]  # so many rays of a set with this number, (H, W, F + 3)
 
 
 @dataclass(frozen=True)
@@ -71,7 +81,9 @@ class Guides:
         return self.values[..., -3:]
 
 
-def traced(trace: Trace, most: int, share: Callable[[NDArray[np.float32]], float], known: Guides | None) -> Guides:
+def traced(
+    trace: Trace, most: int, share: Callable[[NDArray[np.float32]], float], known: Guides | None
+) -> Guides:
     """Guides of so many rays that their noise is MOST_NOISE of the render's, or of ``most``; each time as many more as
     there were.
 
@@ -80,11 +92,15 @@ def traced(trace: Trace, most: int, share: Callable[[NDArray[np.float32]], float
     half = FEWEST_RAYS // 2
     found = known or Guides.joined(trace(half, 0), trace(half, 1), FEWEST_RAYS)
     while found.rays < most and share(found.noise) > MOST_NOISE:
-        found = Guides.joined(found.values, trace(found.rays, found.rays.bit_length()), 2 * found.rays)
+        found = Guides.joined(
+            found.values, trace(found.rays, found.rays.bit_length()), 2 * found.rays
+        )
     return found
 
 
-def noise_share(noise: NDArray[np.floating], mean: Float64Array, variance: Float64Array) -> float:
+def noise_share(
+    noise: NDArray[np.floating], mean: Float64Array, variance: Float64Array
+) -> float:
     """Mean over the pixels of the guides' noise over the render's, at most 1 in each; all (H, W), of the same filters.
 
     mean, variance : of the light and of its mean.
@@ -101,16 +117,23 @@ def render_guides(
 
     wavelengths_nm : (F, 4) where each filter's reflectance is averaged.  rays : per pixel.  Not for scalar variants.
     """
-    (columns, _), per_launch = scene.view.crop_size, max(RAYS_IN_FLIGHT // (rays * scene.view.crop_size[0]), 1)
+    (columns, _), per_launch = (
+        scene.view.crop_size,
+        max(RAYS_IN_FLIGHT // (rays * scene.view.crop_size[0]), 1),
+    )
     found = np.empty((rows[1] - rows[0], columns, len(wavelengths_nm) + 3), np.float32)
     for first in range(rows[0], rows[1], per_launch):
         strip = first, min(first + per_launch, rows[1])
         here = slice(first - rows[0], strip[1] - rows[0])
-        found[here] = _strip(scene, wavelengths_nm, hashed_seed(seed, 2, first), rays, strip, columns)
+        found[here] = _strip(
+            scene, wavelengths_nm, hashed_seed(seed, 2, first), rays, strip, columns
+        )
     return found
 
 
-def detected_quarters(weights: Float64Array, spectrum: Float64Array, wavelengths_nm: Float64Array) -> Float64Array:
+def detected_quarters(
+    weights: Float64Array, spectrum: Float64Array, wavelengths_nm: Float64Array
+) -> Float64Array:
     """Wavelengths in the middles of quarters of what each filter detects of light, (F, 4) [nm].
 
     weights : (F, B) photoelectrons of 1 W m⁻² nm⁻¹ in each band.  spectrum : (B,) of the light.
@@ -134,7 +157,12 @@ def power_of_two(count: float) -> int:
 
 
 def _strip(
-    scene: Scene, wavelengths_nm: Float64Array, seed: int, rays: int, rows: tuple[int, int], columns: int
+    scene: Scene,
+    wavelengths_nm: Float64Array,
+    seed: int,
+    rays: int,
+    rows: tuple[int, int],
+    columns: int,
 ) -> NDArray[np.float32]:
     mi, dr = mitsuba(), drjit()
     pixels = (rows[1] - rows[0]) * columns
@@ -178,12 +206,20 @@ def scrambled_points(pixels: int, rays: int, seed: int) -> tuple[Array, list[Arr
     rays : a power of two; data of the kernel, so that it serves all of them.
     """
     mi, dr = mitsuba(), drjit()
-    index, random = dr.arange(mi.UInt32, pixels * rays), mi.PCG32(pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32))
-    pixel, number = index >> dr.opaque(mi.UInt32, rays.bit_length() - 1), index & dr.opaque(mi.UInt32, rays - 1)
+    index, random = (
+        dr.arange(mi.UInt32, pixels * rays),
+        mi.PCG32(pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32)),
+    )
+    pixel, number = (
+        index >> dr.opaque(mi.UInt32, rays.bit_length() - 1),
+        index & dr.opaque(mi.UInt32, rays - 1),
+    )
     found, shifts = [], [random.next_uint32() for _ in SOBOL]
     dr.eval(shifts)
     for column, shift in zip(sobol_points(rays), shifts, strict=True):
-        bits = dr.gather(mi.UInt32, dr.brev(mi.UInt32(column)), number) + dr.gather(mi.UInt32, shift, pixel)
+        bits = dr.gather(mi.UInt32, dr.brev(mi.UInt32(column)), number) + dr.gather(
+            mi.UInt32, shift, pixel
+        )
         for factor in LAINE_KARRAS:
             bits ^= bits * factor
         found.append(mi.Float(dr.brev(bits) >> 8) * 2.0**-24)
@@ -191,17 +227,31 @@ def scrambled_points(pixels: int, rays: int, seed: int) -> tuple[Array, list[Arr
 
 
 def _camera_rays(
-    scene: Scene, pixel: Array, points: list[Array], wavelength: Array, first_row: int, columns: int
+    scene: Scene,
+    pixel: Array,
+    points: list[Array],
+    wavelength: Array,
+    first_row: int,
+    columns: int,
 ) -> MitsubaObject:
     """Rays through points (u, v) of each pixel and of the pupil; rows of the picture from ``first_row`` on."""
     mi, film = mitsuba(), scene.sensor.film()
-    height, offset = float(film.crop_size()[1]), float(film.crop_offset()[1]) - scene.view.crop_offset[1]
+    height, offset = (
+        float(film.crop_size()[1]),
+        float(film.crop_offset()[1]) - scene.view.crop_offset[1],
+    )
     row = mi.Float(pixel // columns) + drjit().opaque(mi.Float, first_row - offset)
-    place = mi.Point2f((mi.Float(pixel % columns) + points[0]) / columns, (row + points[1]) / height)
-    return mi.Ray3f(scene.sensor.sample_ray(0.0, wavelength, place, mi.Point2f(points[2], points[3]))[0])
+    place = mi.Point2f(
+        (mi.Float(pixel % columns) + points[0]) / columns, (row + points[1]) / height
+    )
+    return mi.Ray3f(
+        scene.sensor.sample_ray(0.0, wavelength, place, mi.Point2f(points[2], points[3]))[0]
+    )
 
 
-def _first_scattering(scene: MitsubaObject, ray: MitsubaObject, random: MitsubaObject) -> MitsubaObject:
+def _first_scattering(
+    scene: MitsubaObject, ray: MitsubaObject, random: MitsubaObject
+) -> MitsubaObject:
     """The first intersection of each ray with a surface that is neither a mirror nor clear."""
     mi, dr = mitsuba(), drjit()
     context, flags = mi.BSDFContext(), mi.BSDFFlags
@@ -210,23 +260,34 @@ def _first_scattering(scene: MitsubaObject, ray: MitsubaObject, random: MitsubaO
         return active
 
     def follow(
-        active: Array, bounce: Array, ray: MitsubaObject, random: MitsubaObject, hit: MitsubaObject
+        active: Array,
+        bounce: Array,
+        ray: MitsubaObject,
+        random: MitsubaObject,
+        hit: MitsubaObject,
     ) -> tuple[object, ...]:
         found = scene.ray_intersect(ray, active)
         hit = dr.select(active, found, hit)
         bsdf = found.bsdf()
         clear = active & found.is_valid() & ~mi.has_flag(bsdf.flags(), flags.Smooth)
         clear &= mi.has_flag(bsdf.flags(), flags.Delta) & (bounce < MOST_BOUNCES)
-        choice, direction = random.next_float32(), mi.Point2f(random.next_float32(), random.next_float32())
+        choice, direction = (
+            random.next_float32(),
+            mi.Point2f(random.next_float32(), random.next_float32()),
+        )
         sample, _ = bsdf.sample(context, found, choice, direction, clear)
         ray = dr.select(clear, found.spawn_ray(found.to_world(sample.wo)), ray)
         return clear, bounce + 1, ray, random, hit
 
     start = (mi.Bool(True), mi.UInt32(0), ray, random, dr.zeros(mi.SurfaceInteraction3f))
-    return dr.while_loop(start, again, follow, labels=("active", "bounce", "ray", "random", "hit"))[-1]
+    return dr.while_loop(
+        start, again, follow, labels=("active", "bounce", "ray", "random", "hit")
+    )[-1]
 
 
-def _reflectances(hit: MitsubaObject, valid: Array, wavelengths_nm: Float64Array) -> list[Array]:
+def _reflectances(
+    hit: MitsubaObject, valid: Array, wavelengths_nm: Float64Array
+) -> list[Array]:
     """Mean diffuse reflectance at four wavelengths of each filter; 1 without a diffuse part, and on the shapes of
     emitters.
 
@@ -243,10 +304,14 @@ def _reflectances(hit: MitsubaObject, valid: Array, wavelengths_nm: Float64Array
 
     def evaluate(number: Array, *channels: Array) -> tuple[Array, ...]:
         there = mi.SurfaceInteraction3f(hit)
-        there.wavelengths = mi.Spectrum(*[dr.gather(mi.Float, table, QUARTERS * number + k) for k in range(QUARTERS)])
+        there.wavelengths = mi.Spectrum(
+            *[dr.gather(mi.Float, table, QUARTERS * number + k) for k in range(QUARTERS)]
+        )
         values = bsdf.eval_diffuse_reflectance(there, diffuse)
         mean = dr.clip((values[0] + values[1] + values[2] + values[3]) / QUARTERS, 0.0, 1.0)
-        changed = [dr.select(diffuse & (number == k), mean, value) for k, value in enumerate(channels)]
+        changed = [
+            dr.select(diffuse & (number == k), mean, value) for k, value in enumerate(channels)
+        ]
         return (number + 1, *changed)
 
     start = (mi.UInt32(0), *(mi.Float(1.0) for _ in range(count)))

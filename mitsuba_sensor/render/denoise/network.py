@@ -15,7 +15,9 @@ from ...core import InputError
 from ..options import RenderOptions
 
 COLOURS = 3  # channels of a picture
-MOST_MEMORY_MB = 400  # of the network, about: it goes through larger pictures in tiles, which takes longer
+MOST_MEMORY_MB = (
+    400  # of the network, about: it goes through larger pictures in tiles, which takes longer
+)
 TURNS = (1, 1), (-1, -1), (1, -1), (-1, 1)  # steps along rows and columns
 
 
@@ -25,7 +27,9 @@ def library() -> ModuleType:
         return importlib.import_module("pyoidn")
     except ImportError:
         remedy = "pip install pyoidn, or leave denoise out"
-        raise InputError(f"denoise needs Open Image Denoise, which this machine has not; {remedy}.") from None
+        raise InputError(
+            f"denoise needs Open Image Denoise, which this machine has not; {remedy}."
+        ) from None
 
 
 def is_installed() -> bool:
@@ -44,7 +48,11 @@ def name() -> str:
 
 def denoised_if_possible(options: RenderOptions) -> RenderOptions:
     """The options with ``denoise`` where it is not decided and Open Image Denoise is installed."""
-    return {**options, "denoise": True} if options["denoise"] is None and is_installed() else options
+    return (
+        {**options, "denoise": True}
+        if options["denoise"] is None and is_installed()
+        else options
+    )
 
 
 class Network:
@@ -55,7 +63,9 @@ class Network:
     """
 
     def __init__(self, shape: tuple[int, int], normal: NDArray[np.float32] | None) -> None:
-        names = ("color", "output") if normal is None else ("color", "albedo", "normal", "output")
+        names = (
+            ("color", "output") if normal is None else ("color", "albedo", "normal", "output")
+        )
         self._images = {name: np.zeros((*shape, COLOURS), np.float32) for name in names}
         self._normal = normal
 

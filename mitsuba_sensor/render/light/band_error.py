@@ -19,10 +19,15 @@ from ...core import Doubt, Float64Array
 from ...core.band_average import band_integrals
 from .irradiance import Irradiance, is_exact
 
-TOLERATED, DOUBTFUL = 1e-3, 0.01  # of the electrons of a filter: what no note names, from where on Python warns
+TOLERATED, DOUBTFUL = (
+    1e-3,
+    0.01,
+)  # of the electrons of a filter: what no note names, from where on Python warns
 BLOCKS = 8  # along each side of the picture: their means have little of the render's noise
 DIMMEST = 0.01  # of a filter's mean electrons: darker blocks do not count
-STANDS_OUT = 1.5  # times the mean of its neighbours: two bands with a line on their common edge have 2
+STANDS_OUT = (
+    1.5  # times the mean of its neighbours: two bands with a line on their common edge have 2
+)
 WIDTHS_NM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5)
 STEPS = 64  # of a band, in search of the wavelength of a line that would change most
 
@@ -47,7 +52,9 @@ def band_error(light: Irradiance, camera: Camera) -> BandError:
     if is_exact(light, camera):
         return BandError(names[0], 0.0, 0.0)
     spectra, widths = _blocks(light), np.asarray(light.bandwidths_nm, dtype=np.float64)
-    flat, sloped, curved, extreme = _moments(camera, np.asarray(light.wavelengths_nm, dtype=np.float64), widths)
+    flat, sloped, curved, extreme = _moments(
+        camera, np.asarray(light.wavelengths_nm, dtype=np.float64), widths
+    )
     electrons = spectra @ flat.T
     seen = electrons > DIMMEST * electrons.mean(axis=0)
     if not seen.any():
@@ -74,7 +81,9 @@ def band_note(light: Irradiance, error: BandError) -> Iterator[str]:
     if error.error_estimate <= TOLERATED:
         return
     width_nm = float(np.max(light.bandwidths_nm))
-    narrow = width_nm * (TOLERATED / error.error_estimate) ** 0.5  # the error goes with the square of the width
+    narrow = (
+        width_nm * (TOLERATED / error.error_estimate) ** 0.5
+    )  # the error goes with the square of the width
     enough = next((nm for nm in WIDTHS_NM if nm <= narrow), None)
     remedy = "" if enough is None else f", or with --bandwidth-nm {enough:g}"
     said = (
@@ -87,14 +96,23 @@ def band_note(light: Irradiance, error: BandError) -> Iterator[str]:
 
 def unseen_note(light: Irradiance, camera: Camera) -> Iterator[str]:
     """What the camera detects beyond the bands, where nothing was rendered; nothing if it is little."""
-    low, high = light.wavelengths_nm - light.bandwidths_nm / 2, light.wavelengths_nm + light.bandwidths_nm / 2
-    ends = (np.array([min(low.min(), camera.band_nm[0])]), np.array([max(high.max(), camera.band_nm[1])]))
+    low, high = (
+        light.wavelengths_nm - light.bandwidths_nm / 2,
+        light.wavelengths_nm + light.bandwidths_nm / 2,
+    )
+    ends = (
+        np.array([min(low.min(), camera.band_nm[0])]),
+        np.array([max(high.max(), camera.band_nm[1])]),
+    )
     points = np.array(camera.quantum_efficiency.wavelengths_nm)
     inside, all_of_it = (
-        band_integrals(lambda nm: camera.qe(nm) * nm, points, *edges).sum(axis=1) for edges in ((low, high), ends)
+        band_integrals(lambda nm: camera.qe(nm) * nm, points, *edges).sum(axis=1)
+        for edges in ((low, high), ends)
     )
     unseen = 1 - np.divide(inside, all_of_it, out=np.ones_like(inside), where=all_of_it > 0)
-    if len(light.wavelengths_nm) == 1 or unseen.max() <= TOLERATED:  # one band is as it was asked for
+    if (
+        len(light.wavelengths_nm) == 1 or unseen.max() <= TOLERATED
+    ):  # one band is as it was asked for
         return
     name, share = camera.filter_names[int(np.argmax(unseen))], float(unseen.max())
     said = (
@@ -107,7 +125,9 @@ def unseen_note(light: Irradiance, camera: Camera) -> Iterator[str]:
 def _blocks(light: Irradiance) -> Float64Array:
     """Mean spectra of parts of the picture, (N, B); pixels of infinite light do not count."""
     height, width, _ = light.data.shape
-    row_edges, column_edges = (np.linspace(0, n, min(n, BLOCKS) + 1).astype(int) for n in (height, width))
+    row_edges, column_edges = (
+        np.linspace(0, n, min(n, BLOCKS) + 1).astype(int) for n in (height, width)
+    )
     means = []
     for rows, columns in itertools.product(pairwise(row_edges), pairwise(column_edges)):
         part = light.data[slice(*rows), slice(*columns)]
@@ -123,14 +143,22 @@ def _departures(spectra: Float64Array) -> tuple[Float64Array, Float64Array, NDAr
     """|s| and |c| of E(x) − Ē = s·x + c·(x² − 1/12), x = (λ − λ_c)/Δλ, and which bands stand out, (N, B) each."""
     if spectra.shape[1] < 2:
         return spectra, spectra, np.ones(spectra.shape, bool)
-    first, last = (np.maximum(2 * spectra[:, [a]] - spectra[:, [b]], 0.0) for a, b in ((0, 1), (-1, -2)))
+    first, last = (
+        np.maximum(2 * spectra[:, [a]] - spectra[:, [b]], 0.0) for a, b in ((0, 1), (-1, -2))
+    )
     whole = np.concatenate([first, spectra, last], axis=1)
     below, above = whole[:, :-2], whole[:, 2:]
     slope = np.maximum(np.abs(above - spectra), np.abs(spectra - below))
-    return slope, np.abs(above - 2 * spectra + below) / 2, spectra > STANDS_OUT * (above + below) / 2
+    return (
+        slope,
+        np.abs(above - 2 * spectra + below) / 2,
+        spectra > STANDS_OUT * (above + below) / 2,
+    )
 
 
-def _moments(camera: Camera, centres_nm: Float64Array, widths_nm: Float64Array) -> tuple[Float64Array, ...]:
+def _moments(
+    camera: Camera, centres_nm: Float64Array, widths_nm: Float64Array
+) -> tuple[Float64Array, ...]:
     """∫ QE·λ·(1, x, x² − 1/12) dλ over each band, and Δλ·max |QE·λ − mean|, (F, B) each."""
     points = np.array(camera.quantum_efficiency.wavelengths_nm)
     low, high = centres_nm - widths_nm / 2, centres_nm + widths_nm / 2
@@ -138,7 +166,9 @@ def _moments(camera: Camera, centres_nm: Float64Array, widths_nm: Float64Array) 
     def of_band(k: int) -> list[Float64Array]:
         def times(power: int, less: float) -> Float64Array:
             def curves(nm: Float64Array) -> Float64Array:
-                return np.asarray(camera.qe(nm) * nm * (((nm - centres_nm[k]) / widths_nm[k]) ** power - less))
+                return np.asarray(
+                    camera.qe(nm) * nm * (((nm - centres_nm[k]) / widths_nm[k]) ** power - less)
+                )
 
             return band_integrals(curves, points, low[[k]], high[[k]])[:, 0]
 

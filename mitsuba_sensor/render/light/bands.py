@@ -23,7 +23,14 @@ NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
 BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
 GROUP = 4  # wavelengths that Mitsuba samples for one path
 NODES = 17  # of a box in a cube; the density of wavelengths has the same nodes
-STEPS_NM = (1.0, 0.5, 0.25, 0.2, 0.1, 0.05)  # of tabulated responses, linear in between: the first that meets all kinks
+STEPS_NM = (
+    1.0,
+    0.5,
+    0.25,
+    0.2,
+    0.1,
+    0.05,
+)  # of tabulated responses, linear in between: the first that meets all kinks
 DENSITY_STEPS = 64  # see round_wavelength_density
 NOTHING = 1e-30  # in place of 0
 SPECTRAL = ("auto", "cube", "channels")
@@ -89,7 +96,9 @@ class Bands:
         return len(self.wavelengths_nm)
 
 
-def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str) -> Bands:
+def choose_bands(
+    camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str
+) -> Bands:
     """The channels for a render of this camera. Raises InputError.
 
     wavelength_nm : centre of a single band.
@@ -105,9 +114,17 @@ def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: floa
                 "leave one of them out."
             )
         return channel_bands(camera)
-    width = require("bandwidth_nm", bandwidth_nm, NARROWEST_NM, LONGEST_NM - SHORTEST_NM, "nanometres, e.g. 10")
+    width = require(
+        "bandwidth_nm",
+        bandwidth_nm,
+        NARROWEST_NM,
+        LONGEST_NM - SHORTEST_NM,
+        "nanometres, e.g. 10",
+    )
     if wavelength_nm is not None:
-        centre = require("wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, "nanometres, e.g. 550")
+        centre = require(
+            "wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, "nanometres, e.g. 550"
+        )
         return box_bands(camera, np.array([centre - width / 2, centre + width / 2]))
     low, high = (float(v) for v in camera.band_nm)
     count = max(math.ceil((high - low) / width - 1e-9), 1)
@@ -129,16 +146,24 @@ def box_bands(camera: Camera, edges_nm: Float64Array) -> Bands:
         lens = tuple(_lens_response(camera, low, high) for low, high in pairwise(edges))
         return Bands(kind, edges_nm, centres, np.diff(edges_nm), lens, np.ones(len(centres)))
     boxes = tuple(
-        _regular(low, high, [1.0] * (NODES if len(edges) > GROUP + 1 and high - low > 0.999 * width else 2))
+        _regular(
+            low,
+            high,
+            [1.0] * (NODES if len(edges) > GROUP + 1 and high - low > 0.999 * width else 2),
+        )
         for low, high in pairwise(edges)
     )
-    return Bands(kind, edges_nm, centres, np.diff(edges_nm), boxes, transmittance(camera, centres))
+    return Bands(
+        kind, edges_nm, centres, np.diff(edges_nm), boxes, transmittance(camera, centres)
+    )
 
 
 def channel_bands(camera: Camera) -> Bands:
     """One response per colour filter, T(λ)·QE(λ)·λ/λ_ref, of the pixels behind it (paper eq. 12 and 14)."""
     if camera.quantum_efficiency.quantum_yield is not None:
-        raise InputError("spectral is 'channels' and the camera has a quantum_yield, which needs bands; take 'cube'.")
+        raise InputError(
+            "spectral is 'channels' and the camera has a quantum_yield, which needs bands; take 'cube'."
+        )
     low, high = (float(v) for v in camera.band_nm)
     reference_nm = (low + high) / 2
     responses = filter_responses(camera, low, high, reference_nm)
@@ -152,7 +177,9 @@ def filter_responses(
 ) -> tuple[dict[str, object], ...]:
     """T(λ)·QE(λ)·λ/λ_ref of every filter from one wavelength to another, 0 beyond them."""
     nodes = _nodes(camera, low_nm, high_nm)
-    curves = np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
+    curves = (
+        np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
+    )
     return tuple(_regular(low_nm, high_nm, curve.tolist()) for curve in curves)
 
 
@@ -164,23 +191,53 @@ def _lens_response(camera: Camera, low_nm: float, high_nm: float) -> dict[str, o
 
 def _nodes(camera: Camera, low_nm: float, high_nm: float) -> Float64Array:
     """Equidistant wavelengths, among them the points of the camera's curves where these are on a grid of 0.05 nm."""
-    points = np.array([*camera.quantum_efficiency.wavelengths_nm, *(camera.lens.transmission_wavelengths_nm or ())])
+    points = np.array(
+        [
+            *camera.quantum_efficiency.wavelengths_nm,
+            *(camera.lens.transmission_wavelengths_nm or ()),
+        ]
+    )
     kinks = np.append(points[(points > low_nm) & (points < high_nm)], high_nm) - low_nm
-    met = (step for step in STEPS_NM if np.allclose(kinks / step, np.round(kinks / step), atol=1e-6))
-    return np.linspace(low_nm, high_nm, max(math.ceil((high_nm - low_nm) / next(met, STEPS_NM[-1]) - 1e-6), 1) + 1)
+    met = (
+        step
+        for step in STEPS_NM
+        if np.allclose(kinks / step, np.round(kinks / step), atol=1e-6)
+    )
+    return np.linspace(
+        low_nm,
+        high_nm,
+        max(math.ceil((high_nm - low_nm) / next(met, STEPS_NM[-1]) - 1e-6), 1) + 1,
+    )
 
 
 def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, object]:
     """A Mitsuba spectrum of equidistant nodes; Mitsuba refuses one that is 0 everywhere."""
-    text = ", ".join(repr(float(v)) for v in (values if any(values) else [NOTHING] * len(values)))
-    return {"type": "regular", "wavelength_min": low_nm, "wavelength_max": high_nm, "values": text}
+    text = ", ".join(
+        repr(float(v)) for v in (values if any(values) else [NOTHING] * len(values))
+    )
+    return {
+        "type": "regular",
+        "wavelength_min": low_nm,
+        "wavelength_max": high_nm,
+        "values": text,
+    }
 
 
-def response_film(responses: Sequence[Mapping[str, object]], size: Mapping[str, int | str]) -> MitsubaObject:
+def response_film(
+    responses: Sequence[Mapping[str, object]], size: Mapping[str, int | str]
+) -> MitsubaObject:
     """A specfilm with one channel ∫ response·L dλ for each response (a Mitsuba spectrum)."""
-    channels = {f"band{k:04d}": film_response(response) for k, response in enumerate(responses)}  # in order of names
+    channels = {
+        f"band{k:04d}": film_response(response) for k, response in enumerate(responses)
+    }  # in order of names
     film = mitsuba().load_dict(
-        {"type": "specfilm", "component_format": "float32", "rfilter": {"type": "box"}, **size, **channels}
+        {
+            "type": "specfilm",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
+            **size,
+            **channels,
+        }
     )
     round_wavelength_density(film)
     return film
@@ -193,7 +250,10 @@ def restrict_wavelengths(film: MitsubaObject, low_nm: float, high_nm: float) -> 
     first, last = (float(x) for x in parameters["range"])
     nodes = np.linspace(first, last, len(parameters["values"]))
     step = (last - first) / (len(nodes) - 1)
-    _set_density(parameters, ((nodes > low_nm - 0.25 * step) & (nodes < high_nm + 0.25 * step)).astype(float))
+    _set_density(
+        parameters,
+        ((nodes > low_nm - 0.25 * step) & (nodes < high_nm + 0.25 * step)).astype(float),
+    )
 
 
 def take_wavelengths_of(film: MitsubaObject, other: MitsubaObject) -> None:
@@ -223,9 +283,16 @@ def _set_density(parameters: MitsubaObject, values: Float64Array) -> None:
 
 def film_response(response: Mapping[str, object]) -> MitsubaObject:
     """A Mitsuba spectrum, as a response for a film: a flat one is compared with its ends, where code is compiled."""
-    mi, flat = mitsuba(), response["type"] == "regular" and len(set(str(response["values"]).split(", "))) == 1
+    mi, flat = (
+        mitsuba(),
+        response["type"] == "regular" and len(set(str(response["values"]).split(", "))) == 1,
+    )
     spectrum = mi.load_dict(dict(response))
-    return _flat_class(mi.variant())(spectrum) if flat and not mi.variant().startswith("scalar") else spectrum
+    return (
+        _flat_class(mi.variant())(spectrum)
+        if flat and not mi.variant().startswith("scalar")
+        else spectrum
+    )
 
 
 @cache
@@ -241,7 +308,10 @@ def _flat_class(variant: str) -> MitsubaObject:
         def __init__(self, table: MitsubaObject) -> None:
             super().__init__(mi.Properties())
             self.table = table
-            self.ends_nm, self.height = [float(nm) for nm in table.wavelength_range()], float(table.max())
+            self.ends_nm, self.height = (
+                [float(nm) for nm in table.wavelength_range()],
+                float(table.max()),
+            )
 
         def eval(self, si: MitsubaObject, active: Array = True) -> Array:
             """Its height from one end to the other, both included, 0 elsewhere: as the table has it."""

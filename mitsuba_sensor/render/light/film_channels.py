@@ -24,16 +24,28 @@ if TYPE_CHECKING:
     from ..motion.moving_scene import MovingScene
     from ..scene.scene import Scene
 
-FACTORS = (0.0, 1e3)  # a band frees at most so many times what a flat spectrum does; beyond it is rounding
+FACTORS = (
+    0.0,
+    1e3,
+)  # a band frees at most so many times what a flat spectrum does; beyond it is rounding
 
 
 def with_filters(bands: Bands, camera: Camera) -> Bands:
     """The bands, and the responses of the camera's filters in each group of bands that is rendered for itself."""
     if bands.kind == "channels":
         return bands
-    curves = [r for g in bands.groups for r in filter_responses(camera, *bands.ends_of(g), bands.reference_nm)]
+    curves = [
+        r
+        for g in bands.groups
+        for r in filter_responses(camera, *bands.ends_of(g), bands.reference_nm)
+    ]
     count = len(camera.quantum_efficiency.curves)
-    return replace(bands, responses=(*bands.responses, *curves), filters=count, response=pixel_fingerprint(camera))
+    return replace(
+        bands,
+        responses=(*bands.responses, *curves),
+        filters=count,
+        response=pixel_fingerprint(camera),
+    )
 
 
 def electrons_of_film(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
@@ -69,7 +81,9 @@ def radiance_of(
     return folded((of_group(number) for number in range(len(groups))), groups, bands)
 
 
-def folded(images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], bands: Bands) -> NDArray[np.float32]:
+def folded(
+    images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], bands: Bands
+) -> NDArray[np.float32]:
     """Renders of groups of bands → (H, W, B + filters). images : (H, W, channels of the film), one for each group."""
     parts, filters = list[NDArray[np.float32]](), np.zeros(1, np.float32)
     count, sets = len(bands), len(bands.groups)
@@ -79,11 +93,15 @@ def folded(images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], ban
     for number, (group, image) in enumerate(zip(groups, images, strict=True)):
         parts.append(image[..., group])
         of_groups = image[..., count:].reshape(*image.shape[:2], sets, bands.filters)
-        filters = filters + np.asarray(of_groups.sum(axis=2) if len(groups) < sets else of_groups[:, :, number])
+        filters = filters + np.asarray(
+            of_groups.sum(axis=2) if len(groups) < sets else of_groups[:, :, number]
+        )
     return np.concatenate([*parts, filters], axis=-1)
 
 
-def of_own_filter(per_filter: NDArray[np.floating], tile: NDArray[np.integer], origin: tuple[int, int]) -> Float64Array:
+def of_own_filter(
+    per_filter: NDArray[np.floating], tile: NDArray[np.integer], origin: tuple[int, int]
+) -> Float64Array:
     """(H, W, F), or (H, W, 1) for all filters, as each pixel's own filter has it, (H, W).
 
     tile : filter numbers that repeat over the sensor.  origin : (row, column) of the first pixel on it.
@@ -92,12 +110,17 @@ def of_own_filter(per_filter: NDArray[np.floating], tile: NDArray[np.integer], o
         return np.asarray(per_filter[..., 0], np.float64)
     found, (down, right) = np.empty(per_filter.shape[:2]), tile.shape
     for row, column in np.ndindex(tile.shape):
-        here = slice((row - origin[0]) % down, None, down), slice((column - origin[1]) % right, None, right)
+        here = (
+            slice((row - origin[0]) % down, None, down),
+            slice((column - origin[1]) % right, None, right),
+        )
         found[here] = per_filter[*here, tile[row, column]]
     return found
 
 
-def in_band_factor(electrons: NDArray[np.floating], bands: NDArray[np.floating]) -> NDArray[np.float32]:
+def in_band_factor(
+    electrons: NDArray[np.floating], bands: NDArray[np.floating]
+) -> NDArray[np.float32]:
     """Photoelectrons over those of the bands with a flat spectrum in each, (H, W); 1 where that is no number."""
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = electrons / bands

@@ -46,7 +46,10 @@ def upsampled(rgb: NDArray[np.floating[Any]], camera: Camera) -> Bands:
     largest = 2 * rgb.max(axis=-1, keepdims=True)
     colours = np.divide(rgb, largest, out=np.zeros(rgb.shape, np.float32), where=largest > 0)
     a, b, c = np.moveaxis(_coefficients(colours.astype(np.float32)), -1, 0)
-    daylight, values = spectra.d65(centres_nm) / D65_OF_WHITE, np.empty((*rgb.shape[:2], count), np.float32)
+    daylight, values = (
+        spectra.d65(centres_nm) / D65_OF_WHITE,
+        np.empty((*rgb.shape[:2], count), np.float32),
+    )
     for band, nm in enumerate(centres_nm):
         slope = (a * nm + b) * nm + c
         with np.errstate(invalid="ignore"):
@@ -60,9 +63,15 @@ def _coefficients(colours: NDArray[np.float32]) -> Float64Array:
     """(H, W, 3) of the model, as Mitsuba's textures have them."""
     mi = use(any_spectral_variant())
     settings = {"raw": False, "filter_type": "nearest", "format": "variant"}
-    padded = np.pad(colours, ((0, 1), (0, 1), (0, 0)), mode="edge")  # a texture has 2 × 2 pixels at least
-    texture = mi.load_dict({"type": "bitmap", "bitmap": mi.Bitmap(np.ascontiguousarray(padded)), **settings})
-    return np.array(mitsuba().traverse(texture)["data"], dtype=np.float64).reshape(padded.shape)[:-1, :-1]
+    padded = np.pad(
+        colours, ((0, 1), (0, 1), (0, 0)), mode="edge"
+    )  # a texture has 2 × 2 pixels at least
+    texture = mi.load_dict(
+        {"type": "bitmap", "bitmap": mi.Bitmap(np.ascontiguousarray(padded)), **settings}
+    )
+    return np.array(mitsuba().traverse(texture)["data"], dtype=np.float64).reshape(
+        padded.shape
+    )[:-1, :-1]
 
 
 def behind_lens(bands: Bands, camera: Camera, fov_deg: float | None) -> tuple[Bands, str]:
@@ -71,12 +80,19 @@ def behind_lens(bands: Bands, camera: Camera, fov_deg: float | None) -> tuple[Ba
     (rows, columns), lens = bands.values.shape[:2], camera.lens
     if lens.prescription is not None or lens.distortion or lens.distortion_percent is not None:
         way_out = "take a camera whose lens has neither prescription nor distortion"
-        raise InputError(f"only a render follows the lens of {camera.name}, and this light is rendered; {way_out}.")
+        raise InputError(
+            f"only a render follows the lens of {camera.name}, and this light is rendered; {way_out}."
+        )
     half_width, how = 0.0, "without cos⁴, because no field of view is given"
     if fov_deg is not None:
         fov_deg = require("fov_deg", fov_deg, 0.0, 179.0, "degrees, e.g. 40")
-        half_width, how = math.tan(math.radians(fov_deg) / 2), f"cos⁴ for {fov_deg:g} degrees across"
-    solid_angle = solid_angle_sr(View((columns, rows), (columns, rows), half_width=half_width), camera)
+        half_width, how = (
+            math.tan(math.radians(fov_deg) / 2),
+            f"cos⁴ for {fov_deg:g} degrees across",
+        )
+    solid_angle = solid_angle_sr(
+        View((columns, rows), (columns, rows), half_width=half_width), camera
+    )
     factor = solid_angle[..., None] * transmittance(camera, bands.wavelengths_nm)
     return bands._replace(
         values=(bands.values * factor).astype(np.float32)

@@ -21,13 +21,20 @@ POINTS, FEW_POINTS = 256, 16  # of the picture, at each wavelength; few in scala
 STEP_NM, AT_ONCE = 1.0, 4  # between the wavelengths; a spectrum of Mitsuba holds four
 AVERAGED = 5  # wavelengths in a band of the result, so that lines keep their power
 LOWEST_NM, HIGHEST_NM = 360.0, 1100.0
-NUMBERS, SEED = 6, 3  # random numbers of a point: where, through which part of the pupil, which part of which emitter
+NUMBERS, SEED = (
+    6,
+    3,
+)  # random numbers of a point: where, through which part of the pupil, which part of which emitter
 
 
-def rendered_for(scene: Scene, camera: Camera, exposure: Exposure, serial: int | None) -> RenderedFor:
+def rendered_for(
+    scene: Scene, camera: Camera, exposure: Exposure, serial: int | None
+) -> RenderedFor:
     """What a light was rendered for, with the illuminant where the camera has colour filters."""
     illuminant = illuminant_of(scene) if len(camera.filter_names) > 1 else None
-    return RenderedFor(None if camera.added else camera, exposure, first_given(serial, 1), illuminant)
+    return RenderedFor(
+        None if camera.added else camera, exposure, first_given(serial, 1), illuminant
+    )
 
 
 def illuminant_of(scene: Scene) -> Illuminant | None:
@@ -42,25 +49,38 @@ def illuminant_of(scene: Scene) -> Illuminant | None:
     points = np.random.default_rng(SEED).random((FEW_POINTS if scalar else POINTS, NUMBERS))
     if scalar:
         found = np.array(
-            [[_thrown(scene, point, quarter) for point in points.tolist()] for quarter in quarters.tolist()]
+            [
+                [_thrown(scene, point, quarter) for point in points.tolist()]
+                for quarter in quarters.tolist()
+            ]
         )
     else:
-        dr = drjit()  # from lists: each alignment of NumPy's arrays would compile a kernel of its own
+        dr = (
+            drjit()
+        )  # from lists: each alignment of NumPy's arrays would compile a kernel of its own
         drawn = [dr.tile(mi.Float(numbers.tolist()), len(quarters)) for numbers in points.T]
-        thrown = _thrown(scene, drawn, [dr.repeat(mi.Float(nm.tolist()), len(points)) for nm in quarters.T])
-        found = np.moveaxis(np.array(thrown).reshape(AT_ONCE, len(quarters), len(points)), 0, -1)
+        thrown = _thrown(
+            scene, drawn, [dr.repeat(mi.Float(nm.tolist()), len(points)) for nm in quarters.T]
+        )
+        found = np.moveaxis(
+            np.array(thrown).reshape(AT_ONCE, len(quarters), len(points)), 0, -1
+        )
     bands = found.mean(axis=1).reshape(-1, AVERAGED).mean(axis=1)
     if not (np.isfinite(bands).all() and bands.sum() > 0):
         return None
     return Illuminant(wavelengths_nm.reshape(-1, AVERAGED).mean(axis=1), bands / bands.mean())
 
 
-def _thrown(scene: Scene, numbers: Sequence[MitsubaObject], wavelengths_nm: Sequence[MitsubaObject]) -> MitsubaObject:
+def _thrown(
+    scene: Scene, numbers: Sequence[MitsubaObject], wavelengths_nm: Sequence[MitsubaObject]
+) -> MitsubaObject:
     """Irradiance of one point of each picture from one part of an emitter over its chance, at four wavelengths."""
     mi, dr = mitsuba(), drjit()
     column, row, *pupil, first, second = numbers
     ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(column, row), mi.Point2f(*pupil))
     hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(ray))
     hit.wavelengths = mi.Spectrum(*wavelengths_nm)
-    sample, radiance = scene.mitsuba_scene.sample_emitter_direction(hit, mi.Point2f(first, second), False)
+    sample, radiance = scene.mitsuba_scene.sample_emitter_direction(
+        hit, mi.Point2f(first, second), False
+    )
     return dr.select(hit.is_valid(), radiance * dr.abs(dr.dot(hit.n, sample.d)), 0.0)

@@ -36,9 +36,18 @@ class RenderedFor:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
-        illuminant = None if self.illuminant is None else {k: x.tolist() for k, x in self.illuminant._asdict().items()}
+        illuminant = (
+            None
+            if self.illuminant is None
+            else {k: x.tolist() for k, x in self.illuminant._asdict().items()}
+        )
         camera = None if self.camera is None else self.camera.model_dump(mode="json")
-        return {"camera": camera, "exposure": asdict(self.exposure), "serial": self.serial, "illuminant": illuminant}
+        return {
+            "camera": camera,
+            "exposure": asdict(self.exposure),
+            "serial": self.serial,
+            "illuminant": illuminant,
+        }
 
     def shared_with(self, camera: Camera, exposure: Exposure, serial: int | None) -> list[str]:
         """What another exposure of the light has in common with this one."""
@@ -57,7 +66,9 @@ class RenderedFor:
             None if camera is None else camera_from(camera, "of the irradiance"),
             Exposure(**values["exposure"]),
             int(values["serial"]),
-            None if light is None else Illuminant(**{name: np.array(x, dtype=float) for name, x in light.items()}),
+            None
+            if light is None
+            else Illuminant(**{name: np.array(x, dtype=float) for name, x in light.items()}),
         )
 
 
@@ -113,7 +124,9 @@ class Irradiance:
     def of_serial(self, serial: int) -> Irradiance:
         """The same, remembering this serial number of the camera."""
         return (
-            self if self.rendered_for is None else replace(self, rendered_for=replace(self.rendered_for, serial=serial))
+            self
+            if self.rendered_for is None
+            else replace(self, rendered_for=replace(self.rendered_for, serial=serial))
         )
 
     def error_of_sum(self, region: Region = WHOLE) -> float:
@@ -136,7 +149,9 @@ class Irradiance:
         light = _part(self.data.astype(np.float64) @ width, region)
         finite = np.isfinite(light)
         light = light[finite]
-        own, passes = (_part(x, region)[finite] * light for x in (self.relative_error, self.pass_error))
+        own, passes = (
+            _part(x, region)[finite] * light for x in (self.relative_error, self.pass_error)
+        )
         total, of_passes = float(light.sum()), math.sqrt(float((passes**2).sum()))
         if total <= 0:
             return 0.0
@@ -157,13 +172,21 @@ class Irradiance:
 def is_exact(light: Irradiance, camera: Camera) -> bool:
     """Whether the light holds this camera's photoelectrons, whatever its bands."""
     known = light.in_band is not None and light.response == pixel_fingerprint(camera)
-    return known or (light.filters is not None and light.response == response_fingerprint(camera))
+    return known or (
+        light.filters is not None and light.response == response_fingerprint(camera)
+    )
 
 
 def _part(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
     """The pixels of a map (H, W) in a region. Raises InputError where it is none, or selects no pixel."""
-    is_mask = isinstance(region, np.ndarray) and region.dtype == bool and region.shape == image.shape
-    is_window = isinstance(region, tuple) and len(region) == 2 and all(isinstance(x, slice) for x in region)
+    is_mask = (
+        isinstance(region, np.ndarray) and region.dtype == bool and region.shape == image.shape
+    )
+    is_window = (
+        isinstance(region, tuple)
+        and len(region) == 2
+        and all(isinstance(x, slice) for x in region)
+    )
     if not (is_mask or is_window) or not image[region].size:
         height, width = image.shape
         raise InputError(

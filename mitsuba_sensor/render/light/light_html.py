@@ -29,27 +29,43 @@ def light_html(light: Irradiance) -> str:
     rows, columns, bands = light.data.shape
     names = ", ".join(light.filters or ())
     low, high = (light.wavelengths_nm + light.bandwidths_nm * side for side in (-0.5, 0.5))
-    total = light.data.astype(np.float64) @ (np.ones(bands) if light.filters else light.bandwidths_nm)
+    total = light.data.astype(np.float64) @ (
+        np.ones(bands) if light.filters else light.bandwidths_nm
+    )
     finite = total[np.isfinite(total)]
     statistics, known = light.statistics, light.rendered_for
     found = {
         "size": f"{columns} × {rows} pixels from {tuple(light.origin)} (row, column)",
-        "spectrum": f"behind the filters {names}" if names else f"{bands} bands, {low.min():g} to {high.max():g} nm",
-        "irradiance": f"{finite.mean():.4g} W/m² on average, at most {finite.max():.4g}" if finite.size else "infinite",
+        "spectrum": f"behind the filters {names}"
+        if names
+        else f"{bands} bands, {low.min():g} to {high.max():g} nm",
+        "irradiance": f"{finite.mean():.4g} W/m² on average, at most {finite.max():.4g}"
+        if finite.size
+        else "infinite",
         "render": f"{statistics.samples_per_pixel} samples per pixel, {statistics.seconds:.3g} s, {statistics.variant}",
         "picture": how,
     }
     if known is not None:
-        name = "a camera with stages that were added" if known.camera is None else known.camera.name
+        name = (
+            "a camera with stages that were added"
+            if known.camera is None
+            else known.camera.name
+        )
         found["rendered for"] = f"{name}, {known.exposure.time_s:g} s, serial {known.serial}"
     if statistics.notes:
         found["notes"] = " · ".join(statistics.notes)
-    return fragment("Irradiance at the focal plane", picture(png.png(shown), shown.shape[1], how), facts(found))
+    return fragment(
+        "Irradiance at the focal plane",
+        picture(png.png(shown), shown.shape[1], how),
+        facts(found),
+    )
 
 
 def light_picture(light: Irradiance) -> tuple[NDArray[np.uint8], str]:
     """At most MOST_PIXELS pixels, 8 bit, and a text that says what they are; white is the BRIGHT percentile."""
-    small = np.where(np.isfinite(small := _binned(light.data)), small, np.float64(np.finfo(np.float32).max))
+    small = np.where(
+        np.isfinite(small := _binned(light.data)), small, np.float64(np.finfo(np.float32).max)
+    )
     linear, how = _colours(light, small)
     level = linear.max(axis=-1) if linear.ndim == 3 else linear
     lit = level[level > 0]
@@ -66,12 +82,17 @@ def _colours(light: Irradiance, data: Float64Array) -> tuple[Float64Array, str]:
         matrix = colour_matrix(camera, known.illuminant) if own and camera and known else None
         if matrix is None:
             return data.sum(axis=-1), "irradiance, sum over the filters"
-        return data * matrix.white_balance @ matrix.to_srgb.T, "colours of the scene, white balanced"
+        return (
+            data * matrix.white_balance @ matrix.to_srgb.T,
+            "colours of the scene, white balanced",
+        )
     seen = (light.wavelengths_nm > VISIBLE_NM[0]) & (light.wavelengths_nm < VISIBLE_NM[1])
     if seen.sum() < 3:
         return data @ light.bandwidths_nm, "irradiance, sum over the bands"
     observer = spectra.observer(light.wavelengths_nm[seen]) * light.bandwidths_nm[seen]
-    return data[..., seen] @ observer.T @ spectra.xyz_to_srgb().T, "colours of the light, as they are seen"
+    return data[
+        ..., seen
+    ] @ observer.T @ spectra.xyz_to_srgb().T, "colours of the light, as they are seen"
 
 
 def _binned(data: NDArray[np.float32]) -> Float64Array:

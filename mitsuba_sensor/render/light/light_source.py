@@ -31,7 +31,9 @@ class CollectedLight:
     @classmethod
     def of(cls, light: Irradiance, per_frame: bool = False) -> CollectedLight:
         """Remember this light."""
-        return cls(replace(light, standard_error=np.empty((0, 0, 0), np.float32), raw=None), per_frame)
+        return cls(
+            replace(light, standard_error=np.empty((0, 0, 0), np.float32), raw=None), per_frame
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -47,7 +49,10 @@ class CollectedLight:
 
     def notes_for(self, camera: Camera) -> tuple[str, ...]:
         """What light that was rendered for another camera lacks for this one, and whose lens it came through."""
-        return (*notes_of_bands(self.light, camera, self.band_error(camera)), *self._lens_note(camera))
+        return (
+            *notes_of_bands(self.light, camera, self.band_error(camera)),
+            *self._lens_note(camera),
+        )
 
     def _lens_note(self, camera: Camera) -> Iterator[str]:
         """Where the camera has another lens than the one that the light is behind already."""
@@ -59,7 +64,9 @@ class CollectedLight:
                 f"{camera.name} (f/{camera.lens.f_number:g}) is not used; render it for this camera"
             )
 
-    def render_noise(self, frames: RawFrames) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    def render_noise(
+        self, frames: RawFrames
+    ) -> tuple[dict[str, float | None], tuple[str, ...]]:
         """What the render's noise means in these frames, see :func:`render_noise`, and the notes on it."""
         noise = render_noise(self.light, frames)
         return noise, () if self.per_frame else tuple(noise_note(self.light, noise, frames))

@@ -41,16 +41,26 @@ def photons_per_irradiance(
 
     One band of 1 nm at 550 nm on Table 1's pixel (5.7 µm, 50 %) in 0.1 s gives 4.4978e6.
     """
-    area_m2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-12 * camera.pixel.fill_factor
+    area_m2 = (
+        camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-12 * camera.pixel.fill_factor
+    )
     energy_j = photon_energy_j(np.asarray(wavelengths_nm, dtype=np.float64))
-    return np.asarray(np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j)
+    return np.asarray(
+        np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j
+    )
 
 
 def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
     """Photoelectrons behind each colour filter from 1 W m⁻² nm⁻¹ in each band, (F, B) (paper eq. 12, 14); of a flat
     spectrum within each."""
-    photons = photons_per_irradiance(camera, exposure, bands.wavelengths_nm, bands.bandwidths_nm)
-    detected = np.eye(len(bands)) if bands.kind == "channels" else camera.qe(bands.wavelengths_nm, bands.bandwidths_nm)
+    photons = photons_per_irradiance(
+        camera, exposure, bands.wavelengths_nm, bands.bandwidths_nm
+    )
+    detected = (
+        np.eye(len(bands))
+        if bands.kind == "channels"
+        else camera.qe(bands.wavelengths_nm, bands.bandwidths_nm)
+    )
     return np.asarray(detected * photons)
 
 
@@ -74,30 +84,49 @@ def collect(
     """
     check_types(camera, exposure)
     if isinstance(light, Photons):
-        raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
+        raise InputError(
+            "light is Photons already; pass it to expose(), or an irradiance to collect()."
+        )
     if isinstance(light, Irradiance):
         refuse_masked("light.data", light.data)
         check_on_sensor("the light", light.data.shape, light.origin, camera)
-        if light.filters is not None and light.response not in (None, response_fingerprint(camera)):
+        if light.filters is not None and light.response not in (
+            None,
+            response_fingerprint(camera),
+        ):
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
             raise InputError(f"{why}; {remedy}.")
-        photons = _photons(light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
+        photons = _photons(
+            light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure
+        )
         known = light.rendered_for
-        photons = photons.changed(origin=light.origin, illuminant=None if known is None else known.illuminant)
-        photons = photons.changed(intrinsics=light.statistics.intrinsics, source=CollectedLight.of(light))
+        photons = photons.changed(
+            origin=light.origin, illuminant=None if known is None else known.illuminant
+        )
+        photons = photons.changed(
+            intrinsics=light.statistics.intrinsics, source=CollectedLight.of(light)
+        )
         if light.filters is not None:
             return photons.changed(detected=True, bandwidths_nm=None)
         in_band = light.in_band if is_exact(light, camera) else None
         return photons.changed(in_band=in_band, in_band_of=light.response)
     values = _irradiance_values(light)
     if values.ndim == 2:
-        centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
+        centre = (
+            camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
+        )
         if centre is None or np.size(centre) != 1:
-            raise InputError("light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550.")
-        return _photons(values[..., None], _centres(centre), np.ones(1), camera, exposure).changed(bandwidths_nm=None)
+            raise InputError(
+                "light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550."
+            )
+        return _photons(
+            values[..., None], _centres(centre), np.ones(1), camera, exposure
+        ).changed(bandwidths_nm=None)
     if wavelengths_nm is None or np.size(wavelengths_nm) != values.shape[2]:
-        raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
+        raise InputError(
+            f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres."
+        )
     centres = _centres(wavelengths_nm)
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
 
@@ -113,13 +142,24 @@ def collected(
     exposure of neither is metered, for the camera at this gain setting. Raises InputError."""
     exposure = checked_exposure(camera, asked)
     if (known := light.rendered_for) is not None:
-        camera, exposure = first_given(camera, known.camera), known.exposure if asked is None else exposure
-        exposure = replace(AUTO, temperature_k=known.exposure.temperature_k) if exposure is AUTO else exposure
+        camera, exposure = (
+            first_given(camera, known.camera),
+            known.exposure if asked is None else exposure,
+        )
+        exposure = (
+            replace(AUTO, temperature_k=known.exposure.temperature_k)
+            if exposure is AUTO
+            else exposure
+        )
         serial = first_given(serial, known.serial)
     if camera is None:
         raise InputError("no camera is given and the irradiance names none; pass camera=….")
     camera = camera.at_gain(gain)
-    found = exposure if isinstance(exposure, Exposure) else metered(light, camera, exposure or Metering())
+    found = (
+        exposure
+        if isinstance(exposure, Exposure)
+        else metered(light, camera, exposure or Metering())
+    )
     return photons_of(light, camera, found), camera, found, serial
 
 
@@ -141,9 +181,13 @@ def _irradiance_values(light: object) -> Float64Array:
         refuse_masked("light", light)
         values: Float64Array = np.abs(np.asarray(light)) ** 2
     else:
-        values = numbers("light", light, "irradiance (H, W) or (H, W, bands), or a complex field (H, W)")
+        values = numbers(
+            "light", light, "irradiance (H, W) or (H, W, bands), or a complex field (H, W)"
+        )
     if values.ndim not in (2, 3) or 0 in values.shape:
-        raise InputError(f"light has shape {values.shape}; pass (H, W) in W/m², or (H, W, bands) in W/m²/nm.")
+        raise InputError(
+            f"light has shape {values.shape}; pass (H, W) in W/m², or (H, W, bands) in W/m²/nm."
+        )
     bad = np.asarray(~(values >= 0))
     if bad.any():
         where = f"{int(bad.sum())} place(s), first at {tuple(np.argwhere(bad)[0].tolist())}"
@@ -157,7 +201,9 @@ def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64
     return np.full(_shape(shape), level)
 
 
-def gradient_light(low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]) -> Float64Array:
+def gradient_light(
+    low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]
+) -> Float64Array:
     """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: scene of the paper's PTC."""
     low = require("low_w_per_m2", low_w_per_m2, 0.0, np.inf, "W/m², e.g. 0")
     high = require("high_w_per_m2", high_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.012")
@@ -173,30 +219,49 @@ def _shape(shape: Sequence[int]) -> tuple[int, int]:
 
 
 def _photons(
-    data: NDArray[Any], centres: Float64Array, widths: Float64Array, camera: Camera, exposure: Exposure
+    data: NDArray[Any],
+    centres: Float64Array,
+    widths: Float64Array,
+    camera: Camera,
+    exposure: Exposure,
 ) -> Photons:
     """Photons of irradiance (H, W, B), those of a render made when somebody asks for them."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     centres, widths = (np.asarray(x, dtype=np.float64) for x in (centres, widths))
     photons = PhotonsOfBands.of(data, factor, centres).changed(bandwidths_nm=widths)
-    return photons if data.dtype == np.float32 else Photons(photons.mean, centres, bandwidths_nm=widths)
+    return (
+        photons
+        if data.dtype == np.float32
+        else Photons(photons.mean, centres, bandwidths_nm=widths)
+    )
 
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:
     """Band centres, checked."""
     centres = np.ravel(wavelengths_nm).tolist()
-    return np.array([require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in centres])
+    return np.array(
+        [require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in centres]
+    )
 
 
 def _widths(centres: Float64Array, bandwidths_nm: ArrayLike | None) -> Float64Array:
     """The given widths, or the spacing of evenly spaced centres."""
     if bandwidths_nm is not None:
-        if not isinstance(bandwidths_nm, str) and np.size(bandwidths_nm) not in (1, centres.size):
+        if not isinstance(bandwidths_nm, str) and np.size(bandwidths_nm) not in (
+            1,
+            centres.size,
+        ):
             given = np.size(bandwidths_nm)
-            raise InputError(f"bandwidths_nm has {given} widths for {centres.size} bands; pass one each.")
-        widths = np.broadcast_to(numbers("bandwidths_nm", bandwidths_nm, "one width per band in nm"), centres.shape)
+            raise InputError(
+                f"bandwidths_nm has {given} widths for {centres.size} bands; pass one each."
+            )
+        widths = np.broadcast_to(
+            numbers("bandwidths_nm", bandwidths_nm, "one width per band in nm"), centres.shape
+        )
         if (wrong := widths[~((widths > 0) & np.isfinite(widths))]).size:
-            raise InputError(f"bandwidths_nm is {wrong[0]:g}; every band needs a positive, finite width in nm.")
+            raise InputError(
+                f"bandwidths_nm is {wrong[0]:g}; every band needs a positive, finite width in nm."
+            )
         return widths
     steps = np.diff(centres)
     if not steps.size or not (steps > 0).all() or not np.allclose(steps, steps[0]):

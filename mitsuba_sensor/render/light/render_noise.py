@@ -35,8 +35,12 @@ def render_noise(light: Irradiance, frames: RawFrames) -> dict[str, float | None
     None for other renders.
     """
     detection = frames.camera.stages[0]
-    known = frames.stages[0] == detection  # the published chain counts its photoelectrons in another way
-    electrons = (frames.detected if known else detect(frames.light, detection, frames.first)).mean_e
+    known = (
+        frames.stages[0] == detection
+    )  # the published chain counts its photoelectrons in another way
+    electrons = (
+        frames.detected if known else detect(frames.light, detection, frames.first)
+    ).mean_e
     statistics = light.statistics
     with np.errstate(invalid="ignore"):
         variance_e2 = light.relative_error * electrons
@@ -48,7 +52,11 @@ def render_noise(light: Irradiance, frames: RawFrames) -> dict[str, float | None
     found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, passes)
     median = found["noise_ratio_median"]
     samples = samples_for(LITTLE_NOISE, median, statistics)
-    more = None if samples is None else (samples - statistics.samples_per_pixel) * statistics.seconds_per_sample
+    more = (
+        None
+        if samples is None
+        else (samples - statistics.samples_per_pixel) * statistics.seconds_per_sample
+    )
     most = _with_most_samples(statistics, median, found["noise_ratio_p95"])
     return {
         "over_sensor_median": median,
@@ -62,10 +70,17 @@ def render_noise(light: Irradiance, frames: RawFrames) -> dict[str, float | None
     }
 
 
-def _with_most_samples(statistics: RenderStatistics, median: float, p95: float) -> dict[str, float | None]:
+def _with_most_samples(
+    statistics: RenderStatistics, median: float, p95: float
+) -> dict[str, float | None]:
     """What all samples of the default would bring to a render that stopped at the sensor's noise."""
     if statistics.ended_by != "sensor_noise":
-        names = ("most_samples", "most_samples_median", "most_samples_p95", "most_samples_more_s")
+        names = (
+            "most_samples",
+            "most_samples_median",
+            "most_samples_p95",
+            "most_samples_more_s",
+        )
         return dict.fromkeys(names)
     done = statistics.samples_per_pixel
     exponent = 1.0 if statistics.denoised is None else RATIO_EXPONENT
@@ -78,7 +93,9 @@ def _with_most_samples(statistics: RenderStatistics, median: float, p95: float) 
     }
 
 
-def noise_note(light: Irradiance, noise: Mapping[str, float | None], frames: RawFrames) -> Iterator[str]:
+def noise_note(
+    light: Irradiance, noise: Mapping[str, float | None], frames: RawFrames
+) -> Iterator[str]:
     """Where the render's noise is more than a tenth of the sensor's: how much of the grain is its, and what helps.
 
     noise : what :func:`render_noise` returned of them.

@@ -25,17 +25,23 @@ def share_of_flat_light(camera: Camera, band_nm: Range, data_nm: Range) -> str:
     edges_nm = np.linspace(low_nm, high_nm, count + 1)
     centres_nm = (edges_nm[1:] + edges_nm[:-1]) / 2
     is_beyond = (centres_nm < data_nm[0]) | (centres_nm > data_nm[1])
-    name, share = _largest_share(camera, np.atleast_2d(camera.qe(centres_nm)) * centres_nm, is_beyond)
+    name, share = _largest_share(
+        camera, np.atleast_2d(camera.qe(centres_nm)) * centres_nm, is_beyond
+    )
     return f", and the {name} pixels detect {share:.1%} of a flat spectrum beyond"
 
 
-def with_notes_of_shares(light: Irradiance, camera: Camera, findings: Iterable[Finding]) -> Irradiance:
+def with_notes_of_shares(
+    light: Irradiance, camera: Camera, findings: Iterable[Finding]
+) -> Irradiance:
     """The light of a camera with :func:`notes_of_shares` among its notes."""
     notes = (*light.statistics.notes, *notes_of_shares(light, camera, findings))
     return replace(light, statistics=replace(light.statistics, notes=notes))
 
 
-def notes_of_shares(light: Irradiance, camera: Camera, findings: Iterable[Finding]) -> Iterator[str]:
+def notes_of_shares(
+    light: Irradiance, camera: Camera, findings: Iterable[Finding]
+) -> Iterator[str]:
     """For data of a scene that end inside the bands: how many photoelectrons are detected beyond.
 
     Bands that reach beyond count whole. It is the most that can rest on what was assumed there.
@@ -48,11 +54,15 @@ def notes_of_shares(light: Irradiance, camera: Camera, findings: Iterable[Findin
     power = _mean_spectrum(light.data) * widths_nm
     electrons = np.atleast_2d(camera.qe(centres_nm, widths_nm)) * centres_nm * power
     for low_nm, high_nm in dict.fromkeys(ending):
-        is_beyond = (centres_nm - widths_nm / 2 < low_nm) | (centres_nm + widths_nm / 2 > high_nm)
+        is_beyond = (centres_nm - widths_nm / 2 < low_nm) | (
+            centres_nm + widths_nm / 2 > high_nm
+        )
         name, share = _largest_share(camera, electrons, is_beyond)
         if share > TOLERATED:
             electrons_of = f"up to {share:.1%} of the photoelectrons of the {name} pixels"
-            beyond = f"light beyond {low_nm:.5g} to {high_nm:.5g} nm, where data of the scene end"
+            beyond = (
+                f"light beyond {low_nm:.5g} to {high_nm:.5g} nm, where data of the scene end"
+            )
             yield f"{electrons_of} rest on {beyond}"
 
 
@@ -64,7 +74,9 @@ def _mean_spectrum(data: NDArray[np.float32]) -> Float64Array:
     return np.asarray(data.mean(axis=(0, 1), dtype=np.float64, where=np.isfinite(data)))
 
 
-def _largest_share(camera: Camera, electrons: Float64Array, is_beyond: NDArray[np.bool_]) -> tuple[str, float]:
+def _largest_share(
+    camera: Camera, electrons: Float64Array, is_beyond: NDArray[np.bool_]
+) -> tuple[str, float]:
     """The filter with the largest share of electrons, (F, B), in some bands, (B,); and that share."""
     total = electrons.sum(axis=1)
     beyond = electrons[:, is_beyond].sum(axis=1)

@@ -42,7 +42,12 @@ class Finding:
 
     def to_dict(self) -> dict[str, str]:
         """Plain values, ready for JSON."""
-        return {"level": self.level, "where": self.where, "what": self.what, "remedy": self.remedy}
+        return {
+            "level": self.level,
+            "where": self.where,
+            "what": self.what,
+            "remedy": self.remedy,
+        }
 
 
 def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:

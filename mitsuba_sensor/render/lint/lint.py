@@ -19,10 +19,18 @@ from .mesh_attributes import colours_above_one
 from .scene_spectra import SceneSpectra
 from .spectrum_findings import Band, spectrum_findings
 
-ADDING = ("aov", "moment", "stokes")  # integrators that add channels; with specfilm they corrupt memory (#1189)
+ADDING = (
+    "aov",
+    "moment",
+    "stokes",
+)  # integrators that add channels; with specfilm they corrupt memory (#1189)
 WRAPPERS = (*ADDING, "raw_frame")  # the one inside them is rendered
 SPECTRAL_RESPONSE = "srf"  # parameter of a sensor
-POSITIONAL = ("point", "spot", "projector")  # emitters whose irradiance depends on a distance in scene units
+POSITIONAL = (
+    "point",
+    "spot",
+    "projector",
+)  # emitters whose irradiance depends on a distance in scene units
 LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
 FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
 ROUNDING = 1e-5  # of float32 coordinates
@@ -32,8 +40,12 @@ ALBEDO = 0.5  # of a closed grey scene, to estimate the radiance that cut paths 
 def lint(scene: SceneFile, band: Band, unit_m: float | None) -> tuple[list[Finding], bool]:
     """Findings in a parsed scene for a sensor with this band, most serious first; and whether no light is in it."""
     spectra = SceneSpectra(scene)
-    dark = not any(low < band.high_nm and high > band.low_nm for _, (low, high) in spectra.lights)
-    others = (check(scene) for check in (_changes, _integrator, _film, _sensors, colours_above_one))
+    dark = not any(
+        low < band.high_nm and high > band.low_nm for _, (low, high) in spectra.lights
+    )
+    others = (
+        check(scene) for check in (_changes, _integrator, _film, _sensors, colours_above_one)
+    )
     found = chain(spectrum_findings(scene, spectra, band), _units(scene, unit_m), *others)
     return most_serious_first(found), bool(spectra.lights) and dark
 
@@ -42,7 +54,11 @@ def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) ->
     """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early; and
     environment maps that are not finite."""
     box, points, skies = built.bbox(), _points(built), _environments(scene, built)
-    shapes = [*points, *_clip_planes(scene, box, sensor), *_short_paths(scene, box)] if box.valid() else []
+    shapes = (
+        [*points, *_clip_planes(scene, box, sensor), *_short_paths(scene, box)]
+        if box.valid()
+        else []
+    )
     return [*skies, *shapes]
 
 
@@ -52,7 +68,9 @@ def _environments(scene: SceneFile, built: MitsubaObject) -> Iterator[Finding]:
     parameters = {} if environment is None else mitsuba().traverse(environment)
     values = np.asarray(parameters["data"]) if "data" in parameters else np.zeros(1)
     if not np.isfinite(values.sum()) and (bad := int((~np.isfinite(values)).sum())):
-        where = lines_of(scene, [n for n in scene.nodes("Emitter") if n.props.plugin_name() == "envmap"])
+        where = lines_of(
+            scene, [n for n in scene.nodes("Emitter") if n.props.plugin_name() == "envmap"]
+        )
         what = f"the environment map has {bad} values that are not finite, and the light of others is lost too"
         yield Finding("wrong", where, what, "give it finite values")
 
@@ -62,10 +80,17 @@ def _points(built: MitsubaObject) -> Iterator[Finding]:
     for number, shape in enumerate(built.shapes()):
         if (box := shape.bbox()).valid() and not np.ravel(box.extents()).any():
             what = f"a {shape.class_name().lower()} has no size and is not in the picture"
-            yield Finding("note", f"shape {shape.id() or number!r}", what, "give it a radius or a scale above 0")
+            yield Finding(
+                "note",
+                f"shape {shape.id() or number!r}",
+                what,
+                "give it a radius or a scale above 0",
+            )
 
 
-def _clip_planes(scene: SceneFile, box: MitsubaObject, sensor: MitsubaObject) -> Iterator[Finding]:
+def _clip_planes(
+    scene: SceneFile, box: MitsubaObject, sensor: MitsubaObject
+) -> Iterator[Finding]:
     """What near_clip and far_clip cut off the bounding box of all shapes, by depths along the view in scene units; of a
     sensor inside the box no near depth is known, and only far_clip is checked."""
     parameters, where = mitsuba().traverse(sensor), scene.where(scene.sensor())
@@ -93,7 +118,12 @@ def _short_paths(scene: SceneFile, box: MitsubaObject) -> Iterator[Finding]:
         if depth >= 0 and ALBEDO**depth > LOSS and sides[0] > FLAT * sides[-1]:
             loss = f"which loses {ALBEDO**depth:.2g} of the radiance in a closed grey scene"
             remedy = "take 'path' with max_depth 16 or more, or without it"
-            yield Finding("note", scene.where(node), f"light paths end after {depth} segments, {loss}", remedy)
+            yield Finding(
+                "note",
+                scene.where(node),
+                f"light paths end after {depth} segments, {loss}",
+                remedy,
+            )
 
 
 def _units(scene: SceneFile, unit_m: float | None) -> Iterator[Finding]:
@@ -105,11 +135,16 @@ def _units(scene: SceneFile, unit_m: float | None) -> Iterator[Finding]:
     if unit_m is None:
         what = "is right only if the scene unit is the metre, which is not known"
         yield Finding(
-            "note", lines_of(scene, nodes), f"{kinds} light in {places(len(nodes))} {what}", "give scene_unit"
+            "note",
+            lines_of(scene, nodes),
+            f"{kinds} light in {places(len(nodes))} {what}",
+            "give scene_unit",
         )
         return
     what = f"{kinds} light in {places(len(nodes))} takes distances in units of {unit_m:g} m, as if they were metres"
-    yield Finding("wrong", lines_of(scene, nodes), what, f"multiply its intensity by {unit_m**-2:g}")
+    yield Finding(
+        "wrong", lines_of(scene, nodes), what, f"multiply its intensity by {unit_m**-2:g}"
+    )
 
 
 def _changes(scene: SceneFile) -> Iterator[Finding]:
@@ -119,7 +154,12 @@ def _changes(scene: SceneFile) -> Iterator[Finding]:
     for node in scene.nodes("BSDF") if scene.ignore_polarization else ():
         if (kind := node.props.plugin_name()) in POLARISING:
             what = f"{kind!r} acts on unpolarised light alone: behind a second one the light is wrong"
-            yield Finding("note", scene.where(node), what, "its transmittance is that for unpolarised light")
+            yield Finding(
+                "note",
+                scene.where(node),
+                what,
+                "its transmittance is that for unpolarised light",
+            )
 
 
 def _integrator(scene: SceneFile) -> Iterator[Finding]:
@@ -128,8 +168,15 @@ def _integrator(scene: SceneFile) -> Iterator[Finding]:
         props, where, kind = node.props, scene.where(node), node.props.plugin_name()
         if kind in ADDING:
             inner = scene.children(props, "Integrator")
-            remedy = f"integrator {kind!r} replaced by {'the one inside it' if inner else 'path'}"
-            yield Finding("note", where, f"integrator {kind!r} adds channels that the sensor does not use", remedy)
+            remedy = (
+                f"integrator {kind!r} replaced by {'the one inside it' if inner else 'path'}"
+            )
+            yield Finding(
+                "note",
+                where,
+                f"integrator {kind!r} adds channels that the sensor does not use",
+                remedy,
+            )
         if props.get("hide_emitters"):
             what = "hide_emitters makes visible emitters black"
             yield Finding("wrong", where, what, "leave it out: a sensor images lamps and sky")
@@ -142,21 +189,38 @@ def _film(scene: SceneFile) -> Iterator[Finding]:
     where = scene.where(film or scene.sensor())
     if kind == "specfilm" and film.props.get("component_format", "float16") == "float16":
         what = "a specfilm stores float16 by default, and values above 65504 overflow"
-        yield Finding("note", where, what, 'float32 taken; write <string name="component_format" value="float32"/>')
+        yield Finding(
+            "note",
+            where,
+            what,
+            'float32 taken; write <string name="component_format" value="float32"/>',
+        )
     if kind not in ("specfilm", FILM):
         what = f"film {kind!r} does not keep spectra"
-        remedy = f"film {kind!r} replaced by the spectral bands of the sensor (specfilm, float32)"
+        remedy = (
+            f"film {kind!r} replaced by the spectral bands of the sensor (specfilm, float32)"
+        )
         yield Finding("note", where, what, remedy)
     filters = scene.children(film.props, "ReconstructionFilter") if film else []
     wide = filters[0][1].props.plugin_name() if filters else "gaussian"  # Mitsuba's default
     if kind != FILM and wide != "box":
         what = f"filter {wide!r} is wider than a pixel and correlates the noise of neighbouring pixels"
-        yield Finding("note", where, what, f"filter {wide!r} replaced by 'box', which is one pixel wide")
+        yield Finding(
+            "note", where, what, f"filter {wide!r} replaced by 'box', which is one pixel wide"
+        )
     if film and any(name.startswith("crop") for name in film.props):
-        yield Finding("note", where, "only the crop window of the film is rendered", "leave it out to render all")
+        yield Finding(
+            "note",
+            where,
+            "only the crop window of the film is rendered",
+            "leave it out to render all",
+        )
     for _, sampler in scene.children(scene.sensor().props, "Sampler"):
         if (name := sampler.props.plugin_name()) != SAMPLER:
-            what, remedy = f"sampler {name!r} is noisier", f"sampler {name!r} replaced by {SAMPLER!r}"
+            what, remedy = (
+                f"sampler {name!r} is noisier",
+                f"sampler {name!r} replaced by {SAMPLER!r}",
+            )
             yield Finding("note", scene.where(sampler), what, remedy)
 
 
@@ -165,10 +229,17 @@ def _sensors(scene: SceneFile) -> Iterator[Finding]:
     first = scene.sensor()
     if any(name in first.props for name in ("shutter_open", "shutter_close")):
         what = "shutter_open and shutter_close change nothing in Mitsuba 3: no transform moves in time"
-        yield Finding("wrong", scene.where(first), what, "leave them out and give an exposure time")
+        yield Finding(
+            "wrong", scene.where(first), what, "leave them out and give an exposure time"
+        )
     if SPECTRAL_RESPONSE in first.props:
         what = f"{SPECTRAL_RESPONSE} of the sensor is a spectral response, and the camera has its own"
-        yield Finding("note", scene.where(first), what, f"{SPECTRAL_RESPONSE} replaced by that of the camera")
+        yield Finding(
+            "note",
+            scene.where(first),
+            what,
+            f"{SPECTRAL_RESPONSE} replaced by that of the camera",
+        )
     sensors = [node for _, node in scene.children(scene.root, "Sensor")]
     if len(sensors) > 1:
         what = f"the scene has {len(sensors)} sensors; the first one was taken"

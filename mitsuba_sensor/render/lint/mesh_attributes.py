@@ -13,7 +13,9 @@ from ..variants import MitsubaObject, mitsuba
 from .finding import Finding, lines_of
 
 TEXTURE = "mesh_attribute"
-TAKEN = re.compile(r'MeshAttribute\[\s*name = "([^"]*)"')  # in what Mitsuba prints of a material
+TAKEN = re.compile(
+    r'MeshAttribute\[\s*name = "([^"]*)"'
+)  # in what Mitsuba prints of a material
 PREFIXES = ("vertex_", "face_")
 
 
@@ -31,7 +33,9 @@ def refuse_missing_attributes(scene: SceneFile, world: MitsubaObject) -> None:
                 places = [node for node in takers if node.props.get("name", None) == name]
                 where = f", {lines_of(scene, places)}" if places else ""
                 what = f"shape {shape.id() or number!r} has no attribute {name!r}, which its material takes"
-                raise InputError(f"scene {scene.name!r}{where}: {what}; {_attributes(shape, name)}")
+                raise InputError(
+                    f"scene {scene.name!r}{where}: {what}; {_attributes(shape, name)}"
+                )
 
 
 def _shapes(world: MitsubaObject) -> list[MitsubaObject]:
@@ -43,7 +47,11 @@ def _shapes(world: MitsubaObject) -> list[MitsubaObject]:
 
 def _attributes(shape: MitsubaObject, wanted: str) -> str:
     """What attributes a shape has."""
-    names = [name for name, _ in mitsuba().traverse(shape) if name.startswith(PREFIXES) and shape.has_attribute(name)]
+    names = [
+        name
+        for name, _ in mitsuba().traverse(shape)
+        if name.startswith(PREFIXES) and shape.has_attribute(name)
+    ]
     if not names:
         return "it has none: give the material a spectrum, or the mesh its attribute."
     return f"it has {', '.join(names)}.{nearest(wanted, names)}"

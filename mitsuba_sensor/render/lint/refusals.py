@@ -15,7 +15,9 @@ from ..variants import mitsuba
 from .finding import Finding, Range
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
-SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
+SCALAR_ONLY = (
+    "timed_sunsky",
+)  # Dr.Jit refuses to trace it, and every render of the process after that
 PICTURES = ("bitmap", "envmap")  # whose file is one
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
 # Plugins that cannot be used, and what to do instead.
@@ -26,7 +28,8 @@ UNSUITABLE = {
     "ptracer": "starts its paths at the emitters and cannot write spectral bands; take --integrator path "
     "(integrator='path')",
 } | dict.fromkeys(
-    POLARISING, "acts on polarised light, which is not simulated; for unpolarised light take --ignore-polarization"
+    POLARISING,
+    "acts on polarised light, which is not simulated; for unpolarised light take --ignore-polarization",
 )
 
 
@@ -34,14 +37,22 @@ def refuse_unsuitable(scene: SceneFile) -> None:
     """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
     if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
         many = ", ".join(SENSORS)
-        raise InputError(f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
+        raise InputError(
+            f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}."
+        )
     for node in scene.nodes("Integrator", "BSDF"):
-        if (kind := node.props.plugin_name()) in UNSUITABLE and not (scene.ignore_polarization and kind in POLARISING):
-            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
+        if (kind := node.props.plugin_name()) in UNSUITABLE and not (
+            scene.ignore_polarization and kind in POLARISING
+        ):
+            raise InputError(
+                f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}."
+            )
     for node in scene.nodes("Emitter"):
         kind, variant = node.props.plugin_name(), mitsuba().variant()
         if kind in SCALAR_ONLY and not variant.startswith("scalar"):
-            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
+            why = (
+                f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
+            )
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
 
 
@@ -73,8 +84,12 @@ def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoRe
     remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
     if lost:
         what = f"{what}: {lost} values of its light were NaN and all others are 0"
-        remedy = "look for NaN in textures and environment maps, and for metals whose eta and k end"
-    serious = [f"{finding.what} ({finding.where})" for finding in findings if finding.level != "note"]
+        remedy = (
+            "look for NaN in textures and environment maps, and for metals whose eta and k end"
+        )
+    serious = [
+        f"{finding.what} ({finding.where})" for finding in findings if finding.level != "note"
+    ]
     if serious:
         remedy = f"perhaps because {', or because '.join(serious)}; otherwise {remedy}"
     raise InputError(f"{what}; {remedy}.")
@@ -83,7 +98,10 @@ def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoRe
 def refuse_misspelt(scene: SceneFile) -> None:
     """InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never sees because they
     are replaced. Those of old formats may be unknown."""
-    mi, versions = mitsuba(), [str(version) for version in scene.state.versions]  # none of a dict
+    mi, versions = (
+        mitsuba(),
+        [str(version) for version in scene.state.versions],
+    )  # none of a dict
     for node in scene.nodes("Film", "Sampler", "ReconstructionFilter"):
         kind, props = node.props.plugin_name(), node.props
         if kind == FILM or (versions and versions[node.file_index] < "3"):

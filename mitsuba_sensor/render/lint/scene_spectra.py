@@ -20,9 +20,26 @@ MITSUBA_NM: Range = (360.0, 830.0)
 SUN_NM: Range = (320.0, 720.0)  # of the model of sun and sky, as measured with Mitsuba 3.9.1
 LIMITED = ("d65", "blackbody")  # spectra that end with Mitsuba's range
 SUNS = ("sunsky", "timed_sunsky")
-STRENGTHS = ("radiance", "irradiance", "intensity")  # of emitters; a float there is a factor on D65 (#1579)
-D65_BY_DEFAULT = ("area", "constant", "directional", "directionalarea", "point", "projector", "spot")
-FLOAT_PICTURES = (".exr", ".hdr", ".rgbe", ".pfm")  # those of 8 and 16 bits have no value above 1
+STRENGTHS = (
+    "radiance",
+    "irradiance",
+    "intensity",
+)  # of emitters; a float there is a factor on D65 (#1579)
+D65_BY_DEFAULT = (
+    "area",
+    "constant",
+    "directional",
+    "directionalarea",
+    "point",
+    "projector",
+    "spot",
+)
+FLOAT_PICTURES = (
+    ".exr",
+    ".hdr",
+    ".rgbe",
+    ".pfm",
+)  # those of 8 and 16 bits have no value above 1
 
 
 class Table(NamedTuple):
@@ -36,7 +53,9 @@ class Table(NamedTuple):
         if self.wavelengths_nm is None:
             return self.values
         inside = (self.wavelengths_nm >= low_nm) & (self.wavelengths_nm <= high_nm)
-        ends = np.interp([low_nm, high_nm], self.wavelengths_nm, self.values, left=0.0, right=0.0)
+        ends = np.interp(
+            [low_nm, high_nm], self.wavelengths_nm, self.values, left=0.0, right=0.0
+        )
         return np.concatenate([self.values[inside], ends])
 
 
@@ -62,12 +81,24 @@ class SceneSpectra:
         self._mi, self._scene = mitsuba(), scene
         self.emitters, self.surfaces = scene.nodes("Emitter"), scene.nodes("BSDF", "Medium")
         self.lights = [(node, self._of_light(node.props)) for node in self.emitters]
-        self.float_lights = [n for n in self.emitters if any(isinstance(v, float) for v in _strengths(n.props))]
-        self.materials = [(n, name, self._of_value(v, False)) for n in self.surfaces for name, v in n.props.items()]
+        self.float_lights = [
+            n for n in self.emitters if any(isinstance(v, float) for v in _strengths(n.props))
+        ]
+        self.materials = [
+            (n, name, self._of_value(v, False))
+            for n in self.surfaces
+            for name, v in n.props.items()
+        ]
         self.metals = list(_metals(scene))
-        self.colours = [n for n in self.surfaces if any(self._is_colour(v) for _, v in n.props.items())]
+        self.colours = [
+            n for n in self.surfaces if any(self._is_colour(v) for _, v in n.props.items())
+        ]
         pictures = ([v for v in _strengths(n.props) if not _is_rgb(v)] for n in self.emitters)
-        self.colours += [n for n, v in zip(self.emitters, pictures, strict=True) if any(map(self._is_colour, v))]
+        self.colours += [
+            n
+            for n, v in zip(self.emitters, pictures, strict=True)
+            if any(map(self._is_colour, v))
+        ]
 
     def numbers(self, value: MitsubaObject) -> Iterator[Table | Picture]:
         """Tables and pictures that a property is made of, those of textures and volumes in it too."""
@@ -95,7 +126,9 @@ class SceneSpectra:
     def _wavelengths_of(self, props: MitsubaObject, count: int) -> list[float]:
         if props.plugin_name() == "irregular":
             return _listed(props.get("wavelengths", ""))
-        first, last = (float(props.get(name, 0.0)) for name in ("wavelength_min", "wavelength_max"))
+        first, last = (
+            float(props.get(name, 0.0)) for name in ("wavelength_min", "wavelength_max")
+        )
         if not math.isfinite(last - first):
             return []
         wavelengths_nm: list[float] = np.linspace(first, last, count).tolist()
@@ -129,7 +162,11 @@ class SceneSpectra:
         if kind in SUNS:
             return SUN_NM
         is_d65 = kind in D65_BY_DEFAULT and not strengths
-        if kind == "envmap" or is_d65 or any(isinstance(v, float) or _is_rgb(v) for v in strengths):
+        if (
+            kind == "envmap"
+            or is_d65
+            or any(isinstance(v, float) or _is_rgb(v) for v in strengths)
+        ):
             return MITSUBA_NM  # rgb is multiplied by D65; rgb inside a texture is not, and unlimited
         ranges = [self._of_value(value, light=True) for _, value in props.items()]
         return min(ranges, key=lambda r: r[1] - r[0], default=EVERYWHERE)
@@ -155,7 +192,9 @@ class SceneSpectra:
         """Whether a property of a material is an rgb colour or image, or a texture that contains one."""
         if (props := self._nested(value)) is None:
             return _is_rgb(value)
-        is_image = props.plugin_name() == "bitmap" and not props.get("raw")  # raw: roughness, normals and the like
+        is_image = props.plugin_name() == "bitmap" and not props.get(
+            "raw"
+        )  # raw: roughness, normals and the like
         return is_image or any(self._is_colour(inner) for _, inner in props.items())
 
     def _nested(self, value: MitsubaObject) -> MitsubaObject:
@@ -178,7 +217,9 @@ def _table(values: list[float], wavelengths_nm: list[float] | None = None) -> It
     if wavelengths_nm is None:
         yield Table(np.array(values, dtype=np.float64))
     elif 0 < len(values) == len(wavelengths_nm):
-        yield Table(np.array(values, dtype=np.float64), np.array(wavelengths_nm, dtype=np.float64))
+        yield Table(
+            np.array(values, dtype=np.float64), np.array(wavelengths_nm, dtype=np.float64)
+        )
 
 
 def _listed(numbers: object) -> list[float]:
@@ -200,4 +241,8 @@ def _is_rgb(value: MitsubaObject) -> bool:
 
 
 def _ends(wavelengths_nm: list[float]) -> Range:
-    return (float(min(wavelengths_nm)), float(max(wavelengths_nm))) if len(wavelengths_nm) else EVERYWHERE
+    return (
+        (float(min(wavelengths_nm)), float(max(wavelengths_nm)))
+        if len(wavelengths_nm)
+        else EVERYWHERE
+    )

@@ -29,8 +29,13 @@ FRACTIONS: tuple[str, ...] = ("reflectance", "diffuse_reflectance", "specular_re
 FRACTIONS += ("specular_transmittance", "base_color", "albedo")
 """Properties of materials and media that are the share of the light that comes back."""
 PERCENT, COUNTS = 100.0, 255.0
-LEAST_PERCENT = 2.0  # the largest value of a fraction that is more likely a mistake than a percentage
-ENDS = ("wavelengths", "range")  # what tells where a table ends: its wavelengths, or the first and last
+LEAST_PERCENT = (
+    2.0  # the largest value of a fraction that is more likely a mistake than a percentage
+)
+ENDS = (
+    "wavelengths",
+    "range",
+)  # what tells where a table ends: its wavelengths, or the first and last
 VALUES = ("value", "values")
 ANOTHER = "load it with more data, or pass the scene as a path, as XML text or as a dict"
 
@@ -44,7 +49,10 @@ class Band(NamedTuple):
 
     def is_inside(self, data_nm: Range) -> bool:
         """Whether there are data in the whole band."""
-        return data_nm[0] <= self.low_nm + TOLERANCE_NM and data_nm[1] >= self.high_nm - TOLERANCE_NM
+        return (
+            data_nm[0] <= self.low_nm + TOLERANCE_NM
+            and data_nm[1] >= self.high_nm - TOLERANCE_NM
+        )
 
     def beyond(self, data_nm: Range) -> str:
         """Where the bands are, and how much the camera detects where there are no data."""
@@ -71,7 +79,13 @@ def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
         where = f"outside {data_nm[0]:g} to {data_nm[1]:g} nm"
         if name in INDICES:
             what = f"{label} in {places(len(nodes))} is 0 {where}, where a metal then reflects everything or is NaN"
-            yield Finding("wrong", lines_of(scene, nodes), f"{what}; {band.beyond(data_nm)}", remedy, data_nm)
+            yield Finding(
+                "wrong",
+                lines_of(scene, nodes),
+                f"{what}; {band.beyond(data_nm)}",
+                remedy,
+                data_nm,
+            )
         else:
             what = f"{label} in {places(len(nodes))} is black {where}; {band.beyond(data_nm)}"
             yield Finding("black", lines_of(scene, nodes), what, remedy, data_nm)
@@ -92,7 +106,9 @@ def _metals(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Fin
     for (material, data_nm), nodes in short.items():
         ends = f"{data_nm[0]:.5g} to {data_nm[1]:.5g} nm"
         what = f"Mitsuba's table of {material!r} in {places(len(nodes))} has {ends}; {band.beyond(data_nm)}"
-        remedy = "its first and last values are held beyond; give eta and k if you know them there"
+        remedy = (
+            "its first and last values are held beyond; give eta and k if you know them there"
+        )
         yield Finding("note", lines_of(scene, nodes), what, remedy, data_nm)
 
 
@@ -101,7 +117,9 @@ def _colours(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Fi
     if spectra.colours and (band.low_nm < low or band.high_nm > high):
         what = f"rgb in {places(len(spectra.colours))} is extrapolated outside {low:g} to {high:g} nm, to 0 or to 1"
         what = f"{what}; {band.beyond(MITSUBA_NM)}"
-        yield Finding("wrong", lines_of(scene, spectra.colours), what, "give measured spectra", MITSUBA_NM)
+        yield Finding(
+            "wrong", lines_of(scene, spectra.colours), what, "give measured spectra", MITSUBA_NM
+        )
 
 
 def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[Finding]:
@@ -127,7 +145,9 @@ class Extremes(NamedTuple):
     is_clamped: bool
 
 
-def _extremes(nodes: Iterable[MitsubaObject], spectra: SceneSpectra, band: Band) -> Iterator[Extremes]:
+def _extremes(
+    nodes: Iterable[MitsubaObject], spectra: SceneSpectra, band: Band
+) -> Iterator[Extremes]:
     for node in nodes:
         for name in node.props:
             for numbers in spectra.numbers(node.props[name]):
@@ -147,17 +167,25 @@ def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
     fractions = [values for values in (*surfaces, *lights) if values.name in FRACTIONS]
     strengths = [values for values in lights if values.name in STRENGTHS]
     for is_clamped in (False, True):
-        effect = "Mitsuba takes 1 instead" if is_clamped else "more light is sent out than comes in"
-        too_large = [v for v in fractions if v.largest > 1 + TOLERANCE and v.is_clamped == is_clamped]
+        effect = (
+            "Mitsuba takes 1 instead" if is_clamped else "more light is sent out than comes in"
+        )
+        too_large = [
+            v for v in fractions if v.largest > 1 + TOLERANCE and v.is_clamped == is_clamped
+        ]
         for name, same in _by_name(too_large):
             largest = max(values.largest for values in same)
             what = f"{name!r} in {places(len(same))} is as large as {largest:g}: {effect}"
             yield Finding("wrong", _lines(scene, same), what, remedy_of_fraction(largest))
-    for name, same in _by_name([values for values in (*fractions, *strengths) if values.least < 0]):
+    for name, same in _by_name(
+        [values for values in (*fractions, *strengths) if values.least < 0]
+    ):
         least = min(values.least for values in same)
         what = f"{name!r} in {places(len(same))} is as small as {least:g}: no light is negative"
         yield Finding("wrong", _lines(scene, same), what, "give values of 0 and more")
-    for name, same in _by_name([values for values in (*surfaces, *lights) if values.not_finite]):
+    for name, same in _by_name(
+        [values for values in (*surfaces, *lights) if values.not_finite]
+    ):
         what = f"{name!r} in {places(len(same))} has {sum(v.not_finite for v in same)} values that are not finite"
         yield Finding("wrong", _lines(scene, same), what, "give it finite values")
 

@@ -81,21 +81,34 @@ def render_aovs(
     check_types(camera, Exposure(0.0) if exposure is None else exposure)
     chosen = complete(SceneOptions, options)
     if chosen["motion"] is not None and exposure is None:
-        raise InputError("a motion is given and no exposure; pass exposure=Exposure(time_s) for the optical flow.")
+        raise InputError(
+            "a motion is given and no exposure; pass exposure=Exposure(time_s) for the optical flow."
+        )
     moved = read_motion(chosen["motion"])
     parsed = parse(scene, chosen)
-    metres, shutter = parsed.settings.metres(chosen["scene_unit"]), shutter_of(camera, exposure or Exposure(0.0))
+    metres, shutter = (
+        parsed.settings.metres(chosen["scene_unit"]),
+        shutter_of(camera, exposure or Exposure(0.0)),
+    )
     loaded = load_for_rays(parsed.file, camera, chosen["scene_unit"], chosen["width"])
     return aovs_of(loaded, moved, metres or 1.0, shutter, progress)
 
 
-def load_for_rays(file: SceneFile, camera: Camera, scene_unit: str | float | None, width: int | None) -> Scene:
+def load_for_rays(
+    file: SceneFile, camera: Camera, scene_unit: str | float | None, width: int | None
+) -> Scene:
     """The scene at rest with one band, which is enough where rays are traced and no light."""
     bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")
     return load_scene(file, bands, {}, camera, scene_unit, width=width)
 
 
-def aovs_of(scene: Scene, motion: Motion, unit_m: float, shutter: Shutter, progress: RowProgress | None = None) -> Aovs:
+def aovs_of(
+    scene: Scene,
+    motion: Motion,
+    unit_m: float,
+    shutter: Shutter,
+    progress: RowProgress | None = None,
+) -> Aovs:
     """The AOVs of a scene that is loaded. unit_m : metres per scene unit."""
     with AnimatedTransforms(scene, motion, unit_m) as transforms:
         arrays = _trace(transforms, shutter, progress)
@@ -110,18 +123,32 @@ def _trace(
     transforms: AnimatedTransforms, shutter: Shutter, progress: RowProgress | None = None
 ) -> dict[str, NDArray[np.float32]]:
     """All arrays, strip by strip; row by row where the rows show the scene at different times."""
-    (columns, rows), (left, top) = transforms.scene.view.crop_size, transforms.scene.view.crop_offset
+    (columns, rows), (left, top) = (
+        transforms.scene.view.crop_size,
+        transforms.scene.view.crop_offset,
+    )
     row_by_row = shutter.row_time_s > 0 and transforms.motion != Motion()
-    strips = [(r, r + 1) for r in range(rows)] if row_by_row else row_strips((columns, rows), 1, SAMPLES_PER_RAY)
+    strips = (
+        [(r, r + 1) for r in range(rows)]
+        if row_by_row
+        else row_strips((columns, rows), 1, SAMPLES_PER_RAY)
+    )
     parts, report = [], progress or (lambda done, total: None)
     report(0, rows)
     for first, last in strips:
         start_s = float(shutter.start_s(first + top)) if row_by_row else 0.0
         transforms.set_time(start_s)
         grid = np.meshgrid(left + np.arange(columns) + 0.5, top + np.arange(first, last) + 0.5)
-        arrays = _trace_pixels(transforms, np.stack(grid, axis=-1).reshape(-1, 2), start_s, start_s + shutter.open_s)
+        arrays = _trace_pixels(
+            transforms,
+            np.stack(grid, axis=-1).reshape(-1, 2),
+            start_s,
+            start_s + shutter.open_s,
+        )
         shape = (last - first, columns)
-        parts.append({k: v.astype(np.float32).reshape(*shape, *v.shape[1:]) for k, v in arrays.items()})
+        parts.append(
+            {k: v.astype(np.float32).reshape(*shape, *v.shape[1:]) for k, v in arrays.items()}
+        )
         report(last, rows)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
@@ -136,5 +163,10 @@ def _trace_pixels(
     if transforms.motion != Motion():
         flow = transforms.reproject(hits.points, hits.shape, pixels, from_s, to_s) - pixels
     depth = np.asarray(np.where(hits.found, (hits.position - camera[:3, 3]) @ axis, np.inf))
-    arrays = {"depth_m": depth, "position_m": hits.position, "normal": hits.normal, "albedo": hits.albedo}
+    arrays = {
+        "depth_m": depth,
+        "position_m": hits.position,
+        "normal": hits.normal,
+        "albedo": hits.albedo,
+    }
     return {**arrays, "shape_index": hits.shape, "flow_px": flow}

@@ -52,7 +52,8 @@ Number = Annotated[
 ]
 Vector = Annotated[tuple[Number, ...], Field(min_length=3, max_length=3)]
 Matrix = Annotated[
-    tuple[Annotated[tuple[Number, ...], Field(min_length=4, max_length=4)], ...], Field(min_length=4, max_length=4)
+    tuple[Annotated[tuple[Number, ...], Field(min_length=4, max_length=4)], ...],
+    Field(min_length=4, max_length=4),
 ]
 ZERO = (0.0, 0.0, 0.0)
 AXIS = Field(None, description="direction of the axis of rotation", examples=[[0, 1, 0]])
@@ -62,23 +63,41 @@ ROTATION_TOLERANCE = 1e-4  # accepts a matrix that is printed with five digits
 class KeyPose(FileTable):
     """A pose at a time: relative to the scene file, or in the world (camera only)."""
 
-    time_s: Number = Field(ge=-1e9, le=1e9, description="seconds from the start of the exposure", examples=[0.01])
-    move_m: Vector = Field(ZERO, description="movement from the pose in the scene file [m]", examples=[[0.1, 0, 0]])
-    turn_deg: Number | None = Field(None, description="rotation about axis [degrees]", examples=[30])
+    time_s: Number = Field(
+        ge=-1e9, le=1e9, description="seconds from the start of the exposure", examples=[0.01]
+    )
+    move_m: Vector = Field(
+        ZERO, description="movement from the pose in the scene file [m]", examples=[[0.1, 0, 0]]
+    )
+    turn_deg: Number | None = Field(
+        None, description="rotation about axis [degrees]", examples=[30]
+    )
     axis: Vector | None = AXIS
-    origin_m: Vector | None = Field(None, description="position of the camera in the world [m]", examples=[[0, 1, 4]])
-    target_m: Vector | None = Field(None, description="a point that it looks at [m]", examples=[[0, 1, 0]])
-    up: Vector = Field((0.0, 1.0, 0.0), description="direction that is up in the image", examples=[[0, 1, 0]])
+    origin_m: Vector | None = Field(
+        None, description="position of the camera in the world [m]", examples=[[0, 1, 4]]
+    )
+    target_m: Vector | None = Field(
+        None, description="a point that it looks at [m]", examples=[[0, 1, 0]]
+    )
+    up: Vector = Field(
+        (0.0, 1.0, 0.0), description="direction that is up in the image", examples=[[0, 1, 0]]
+    )
     to_world: Matrix | None = Field(
-        None, description="pose of the camera, four rows of four numbers", examples=[np.eye(4, dtype=int).tolist()]
+        None,
+        description="pose of the camera, four rows of four numbers",
+        examples=[np.eye(4, dtype=int).tolist()],
     )
 
     @model_validator(mode="after")
     def _one_pose(self) -> Self:
         world = self.model_fields_set & {"origin_m", "target_m", "up", "to_world"}
         relative = self.model_fields_set & {"move_m", "turn_deg", "axis"}
-        if world and (relative or (world - {"up"} != {"origin_m", "target_m"} and world != {"to_world"})):
-            raise ValueError("must have one of move_m and turn_deg, origin_m and target_m, or to_world")
+        if world and (
+            relative or (world - {"up"} != {"origin_m", "target_m"} and world != {"to_world"})
+        ):
+            raise ValueError(
+                "must have one of move_m and turn_deg, origin_m and target_m, or to_world"
+            )
         _rotation_vector(self.turn_deg, self.axis, "turn_deg")
         _ = self.pose  # raises what is wrong with it
         return self
@@ -90,17 +109,31 @@ class KeyPose(FileTable):
             return None
         matrix: Float64Array = np.eye(4) if self.to_world is None else np.array(self.to_world)
         if self.to_world is None:
-            origin, target, up = (np.array(vector) for vector in (self.origin_m, self.target_m, self.up))
+            origin, target, up = (
+                np.array(vector) for vector in (self.origin_m, self.target_m, self.up)
+            )
             forward = target - origin
             left = np.cross(up, forward)
-            if np.linalg.norm(left) < 1e-9 * np.linalg.norm(up) * np.linalg.norm(forward) or not left.any():
-                raise ValueError("target_m is at origin_m, or up is along the view; change target_m or up")
+            if (
+                np.linalg.norm(left) < 1e-9 * np.linalg.norm(up) * np.linalg.norm(forward)
+                or not left.any()
+            ):
+                raise ValueError(
+                    "target_m is at origin_m, or up is along the view; change target_m or up"
+                )
             axes = [left, np.cross(forward, left), forward]
-            matrix[:3] = np.column_stack([*(axis / np.linalg.norm(axis) for axis in axes), origin])
+            matrix[:3] = np.column_stack(
+                [*(axis / np.linalg.norm(axis) for axis in axes), origin]
+            )
         turn = matrix[:3, :3]
-        rigid = np.allclose(turn @ turn.T, np.eye(3), atol=ROTATION_TOLERANCE) and np.linalg.det(turn) > 0
+        rigid = (
+            np.allclose(turn @ turn.T, np.eye(3), atol=ROTATION_TOLERANCE)
+            and np.linalg.det(turn) > 0
+        )
         if not rigid or matrix[3, 3] != 1:
-            raise ValueError("to_world is not a rotation and a translation; remove scale, shear and mirroring")
+            raise ValueError(
+                "to_world is not a rotation and a translation; remove scale, shear and mirroring"
+            )
         return matrix
 
     def relative(
@@ -122,19 +155,33 @@ class KeyPose(FileTable):
 class RigidMotion(FileTable):
     """The motion of the camera.  pivot_m : fixed point of its rotation; None is the camera's own position."""
 
-    velocity_m_per_s: Vector = Field(ZERO, description="constant velocity [m/s]", examples=[[0.5, 0, 0]])
-    rotate_deg_per_s: Number | None = Field(None, description="constant rotation about axis [degree/s]", examples=[20])
+    velocity_m_per_s: Vector = Field(
+        ZERO, description="constant velocity [m/s]", examples=[[0.5, 0, 0]]
+    )
+    rotate_deg_per_s: Number | None = Field(
+        None, description="constant rotation about axis [degree/s]", examples=[20]
+    )
     axis: Vector | None = AXIS
-    pivot_m: Vector | None = Field(None, description="fixed point of the rotation [m]", examples=[[0, 0, 0]])
-    keys: tuple[KeyPose, ...] = Field((), description="a list of tables with time_s", examples=[[{"time_s": 0}]])
+    pivot_m: Vector | None = Field(
+        None, description="fixed point of the rotation [m]", examples=[[0, 0, 0]]
+    )
+    keys: tuple[KeyPose, ...] = Field(
+        (), description="a list of tables with time_s", examples=[[{"time_s": 0}]]
+    )
 
     @model_validator(mode="after")
     def _one_motion(self) -> Self:
-        if bool(self.model_fields_set & {"velocity_m_per_s", "rotate_deg_per_s", "axis"}) == bool(self.keys):
-            raise ValueError("must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both")
+        if bool(
+            self.model_fields_set & {"velocity_m_per_s", "rotate_deg_per_s", "axis"}
+        ) == bool(self.keys):
+            raise ValueError(
+                "must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both"
+            )
         for before, after in pairwise(key.time_s for key in self.keys):
             if after <= before:
-                raise ValueError(f"keys has time_s {after:g} after {before:g}; the times must increase")
+                raise ValueError(
+                    f"keys has time_s {after:g} after {before:g}; the times must increase"
+                )
         _rotation_vector(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s")
         return self
 
@@ -178,18 +225,30 @@ class ObjectMotion(RigidMotion):
     @model_validator(mode="after")
     def _of_an_object(self) -> Self:
         for key in self.keys:
-            if world := sorted(key.model_fields_set & {"origin_m", "target_m", "up", "to_world"}):
-                raise ValueError(f"keys has {world[0]}, which belongs to the camera; an object has move_m and turn_deg")
-        if self.pivot_m is None and (self.rotate_deg_per_s or any(key.turn_deg for key in self.keys)):
-            raise ValueError("rotates and has no pivot_m; give its fixed point, e.g. pivot_m = [0, 0, 0]")
+            if world := sorted(
+                key.model_fields_set & {"origin_m", "target_m", "up", "to_world"}
+            ):
+                raise ValueError(
+                    f"keys has {world[0]}, which belongs to the camera; an object has move_m and turn_deg"
+                )
+        if self.pivot_m is None and (
+            self.rotate_deg_per_s or any(key.turn_deg for key in self.keys)
+        ):
+            raise ValueError(
+                "rotates and has no pivot_m; give its fixed point, e.g. pivot_m = [0, 0, 0]"
+            )
         return self
 
 
 class Motion(FileTable):
     """What moves during an exposure. objects : by the id of the shape in the scene file."""
 
-    camera: RigidMotion | None = Field(None, description="a table [camera]", examples=[{"velocity_m_per_s": [1, 0, 0]}])
-    objects: dict[str, ObjectMotion] = Field({}, description="tables [objects.ID]", examples=[{"fan": {}}])
+    camera: RigidMotion | None = Field(
+        None, description="a table [camera]", examples=[{"velocity_m_per_s": [1, 0, 0]}]
+    )
+    objects: dict[str, ObjectMotion] = Field(
+        {}, description="tables [objects.ID]", examples=[{"fan": {}}]
+    )
 
 
 def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | None) -> Motion:
@@ -199,7 +258,9 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
     where, data = "the motion", source
     if not isinstance(source, Mapping):
         if not isinstance(source, str | os.PathLike):
-            raise InputError(f"motion is {source!r}; pass a TOML file, a mapping of its fields, or a Motion.")
+            raise InputError(
+                f"motion is {source!r}; pass a TOML file, a mapping of its fields, or a Motion."
+            )
         where = f"motion file {os.fspath(source)!r}"
         try:
             require_small(Path(source), "motion file")
@@ -218,13 +279,17 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
     return motion
 
 
-def _rotation_vector(angle_deg: float | None, axis: tuple[float, ...] | None, name: str) -> Float64Array:
+def _rotation_vector(
+    angle_deg: float | None, axis: tuple[float, ...] | None, name: str
+) -> Float64Array:
     """Rotation vector [rad] of an angle about an axis; both are given, or neither."""
     if angle_deg is None and axis is None:
         return np.zeros(3)
     if angle_deg is None or axis is None:
         missing, given = (name, "axis") if angle_deg is None else ("axis", name)
-        raise ValueError(f"has {given} and no {missing}; a rotation needs both, e.g. axis = [0, 1, 0]")
+        raise ValueError(
+            f"has {given} and no {missing}; a rotation needs both, e.g. axis = [0, 1, 0]"
+        )
     length = np.linalg.norm(axis)
     if length < 1 / LARGEST:
         given = ", ".join(f"{x:g}" for x in axis)

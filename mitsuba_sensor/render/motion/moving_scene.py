@@ -33,12 +33,18 @@ from ..variants import MitsubaObject, mitsuba
 from .motion import Motion, RigidMotion
 from .rays import camera_to_world, first_hits, project
 
-MOST_BLOCKS = 8  # of rows, each with a kernel of its own; fewer blocks render more rows that are closed
+MOST_BLOCKS = (
+    8  # of rows, each with a kernel of its own; fewer blocks render more rows that are closed
+)
 PROBES = 32  # rays along each side of the image that look for the largest speed
-INSTANTS = np.linspace(0, 1, 5)  # when they look, as fractions of the time from first row open to last row closed
+INSTANTS = np.linspace(
+    0, 1, 5
+)  # when they look, as fractions of the time from first row open to last row closed
 MOST_GUIDE_SUBFRAMES, FEWEST_GUIDE_RAYS = 16, 16  # of one exposure; per pixel and sub-frame
 MIDDLE = 0.5  # phase of sub-frames in the middles of their shares of the exposure
-DIFFERENCE = 1 / 256  # of that time: speeds are differences over it, with 0.03 px of rounding in all
+DIFFERENCE = (
+    1 / 256
+)  # of that time: speeds are differences over it, with 0.03 px of rounding in all
 
 Make = Callable[[int, tuple[int, int]], NDArray[np.float32]]
 Start = tuple[int, float]  # seed of a pass and phase of its sub-frames
@@ -53,17 +59,28 @@ class AnimatedTransforms:
 
     def __init__(self, scene: Scene, motion: Motion, unit_m: float = 1.0) -> None:
         mi = mitsuba()
-        self.scene, self.motion, self._unit_m, self._camera = scene, motion, unit_m, mi.traverse(scene.sensor)
+        self.scene, self.motion, self._unit_m, self._camera = (
+            scene,
+            motion,
+            unit_m,
+            mi.traverse(scene.sensor),
+        )
         self.rest_pose = camera_to_world(scene.sensor)
         names = [shape.id() for shape in scene.mitsuba_scene.shapes()]
         if missing := next((name for name in motion.objects if name not in names), None):
             known = sorted(name for name in names if name)
-            has = f"the ids of its shapes are {', '.join(known)}" if known else "no shape of it has an id"
+            has = (
+                f"the ids of its shapes are {', '.join(known)}"
+                if known
+                else "no shape of it has an id"
+            )
             end = f"which is no shape of the scene; {has}.{nearest(missing, known)}"
             raise InputError(f"the motion names {missing!r}, {end}")
         self.indices = {name: names.index(name) for name in motion.objects}
         self._shapes = mi.traverse(scene.mitsuba_scene)
-        self._at_rest = {name: _movable_parameters(self._shapes, name) for name in motion.objects}
+        self._at_rest = {
+            name: _movable_parameters(self._shapes, name) for name in motion.objects
+        }
         self._shapes.keep([key for parameters in self._at_rest.values() for key in parameters])
 
     def __enter__(self) -> Self:
@@ -74,7 +91,10 @@ class AnimatedTransforms:
 
     def set_time(self, time_s: float) -> None:
         """Set everything to its pose at this time."""
-        moved = {name: self._displacement(motion, time_s) for name, motion in self.motion.objects.items()}
+        moved = {
+            name: self._displacement(motion, time_s)
+            for name, motion in self.motion.objects.items()
+        }
         self._set(self.camera_at(time_s), moved)
 
     def camera_at(self, time_s: float) -> Float64Array:
@@ -84,13 +104,20 @@ class AnimatedTransforms:
         return self._displacement(self.motion.camera, time_s) @ self.rest_pose
 
     def reproject(
-        self, points: Float64Array, shapes: NDArray[np.intp], guess: Float64Array, from_s: float, to_s: float
+        self,
+        points: Float64Array,
+        shapes: NDArray[np.intp],
+        guess: Float64Array,
+        from_s: float,
+        to_s: float,
     ) -> Float64Array:
         """Positions on the film (N, 2) [pixels] of world points (N, 4) that have moved along with these shapes."""
         moved = points.copy()
         for name, motion in self.motion.objects.items():
             mine = shapes == self.indices[name]
-            change = self._displacement(motion, to_s) @ np.linalg.inv(self._displacement(motion, from_s))
+            change = self._displacement(motion, to_s) @ np.linalg.inv(
+                self._displacement(motion, from_s)
+            )
             moved[mine] = points[mine] @ change.T
         return project(self.scene, moved @ np.linalg.inv(self.camera_at(to_s)).T, guess)
 
@@ -113,7 +140,11 @@ class AnimatedTransforms:
                 if key.endswith(".to_world"):
                     value = displacement @ rest
                 else:  # flat up to Mitsuba 3.9, (N, 3) from 3.10 on
-                    value = moved_vertices(key, rest, displacement).astype(np.float32).reshape(now.shape)
+                    value = (
+                        moved_vertices(key, rest, displacement)
+                        .astype(np.float32)
+                        .reshape(now.shape)
+                    )
                 self._shapes[key] = type(now)(value)
         if objects:
             self._shapes.update()
@@ -130,11 +161,16 @@ class AnimatedTransforms:
         for index in self.indices.values():
             box = self.scene.mitsuba_scene.shapes()[index].bbox()
             corners = np.array([[*np.ravel(box.corner(k)), 1.0] for k in range(8)])
-            points, shapes = np.concatenate([points, corners]), np.concatenate([shapes, np.full(8, index)])
+            points, shapes = (
+                np.concatenate([points, corners]),
+                np.concatenate([shapes, np.full(8, index)]),
+            )
             grid = np.concatenate([grid, np.tile(np.mean(grid, axis=0), (8, 1))])
         before = self.reproject(points, shapes, grid, at_s, at_s)
         after = self.reproject(points, shapes, before, at_s, at_s + difference_s)
-        inside = (np.abs(before - (left + width / 2, top + height / 2)) <= (width / 2, height / 2)).all(axis=1)
+        inside = (
+            np.abs(before - (left + width / 2, top + height / 2)) <= (width / 2, height / 2)
+        ).all(axis=1)
         moved = np.hypot(*(after - before)[inside].T)
         return float(np.nanmax(moved, initial=0.0)) / difference_s
 
@@ -150,10 +186,14 @@ def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float
     """What changes when a shape moves, at its pose in the scene file: its transform, or the vertices of a mesh."""
     transform = f"{name}.to_world"
     if transform in parameters:
-        return {transform: np.array(parameters[transform].matrix, dtype=np.float64).reshape(4, 4)}
+        return {
+            transform: np.array(parameters[transform].matrix, dtype=np.float64).reshape(4, 4)
+        }
     arrays = vertex_arrays(parameters, name)
     if arrays is None:
-        raise InputError(f"the shape {name!r} cannot be moved: it has neither a transform nor vertices; use a mesh.")
+        raise InputError(
+            f"the shape {name!r} cannot be moved: it has neither a transform nor vertices; use a mesh."
+        )
     keys = [key for key in arrays if key is not None and len(parameters[key])]
     return {key: np.array(parameters[key], dtype=np.float64).reshape(-1, 3) for key in keys}
 
@@ -177,14 +217,20 @@ class MovingScene:
         unit_m: float = 1.0,
     ) -> None:
         self.scene, self._shutter, self._given = scene, shutter_of(camera, exposure), subframes
-        self.view, self.sha256, self.restrict_wavelengths = scene.view, scene.sha256, scene.restrict_wavelengths
+        self.view, self.sha256, self.restrict_wavelengths = (
+            scene.view,
+            scene.sha256,
+            scene.restrict_wavelengths,
+        )
         self.transforms, self._counts = AnimatedTransforms(scene, motion, unit_m), set[int]()
         self._phase = MIDDLE
         (_, rows), (_, top) = scene.view.crop_size, scene.view.crop_offset
         first_s, last_s = self._shutter.span_s((top, top + rows))
         with self.transforms:
             length, speed = last_s - first_s, self.transforms.image_speed
-            speeds = (speed(first_s + fraction * length, length * DIFFERENCE) for fraction in INSTANTS)
+            speeds = (
+                speed(first_s + fraction * length, length * DIFFERENCE) for fraction in INSTANTS
+            )
             self.speed_px_per_s = max(speeds) if length else 0.0
         self._needed = self._shutter.subframes_needed(self.speed_px_per_s)
 
@@ -194,7 +240,10 @@ class MovingScene:
         blur_px, needed = self.speed_px_per_s * self._shutter.open_s, self._needed
         moves = f"sub-frames per exposure and pass; the image moves up to {blur_px:.3g} px while a row is open"
         more = f" ({needed} would be smooth in each pass; that takes more samples)"
-        return (*self.scene.notes, *(f"{n} {moves}{more if n < needed else ''}" for n in sorted(self._counts)))
+        return (
+            *self.scene.notes,
+            *(f"{n} {moves}{more if n < needed else ''}" for n in sorted(self._counts)),
+        )
 
     def with_noisy(self, pixels: NoisyPixels) -> MovingScene:
         """The same with more samples for some pixels."""
@@ -211,13 +260,18 @@ class MovingScene:
         passes before."""
         self._phase = phase_of_pass(hashed_seed(seed, 0, 0) / 2**32, number)
 
-    def render(self, seed: int, samples: int, rows: tuple[int, int], count: int = 1) -> NDArray[np.float32]:
+    def render(
+        self, seed: int, samples: int, rows: tuple[int, int], count: int = 1
+    ) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         assert count == self.most_together(samples)
         count = subframes_of_pass(self._given or self._needed, samples)
         self._counts.add(count)
         return self._exposed(
-            lambda number, block: self.scene.render(number, samples // count, block), (seed, self._phase), count, rows
+            lambda number, block: self.scene.render(number, samples // count, block),
+            (seed, self._phase),
+            count,
+            rows,
         )
 
     def guides(
@@ -231,9 +285,13 @@ class MovingScene:
         def make(seed: int, block: tuple[int, int]) -> NDArray[np.float32]:
             return render_guides(self.scene, wavelengths_nm, seed, each, block)
 
-        return self._exposed(make, (GUIDE_SEED + number, phase_of_pass(MIDDLE, number)), count, rows)
+        return self._exposed(
+            make, (GUIDE_SEED + number, phase_of_pass(MIDDLE, number)), count, rows
+        )
 
-    def _exposed(self, make: Make, start: Start, count: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+    def _exposed(
+        self, make: Make, start: Start, count: int, rows: tuple[int, int]
+    ) -> NDArray[np.float32]:
         """What ``make`` renders with a seed of some rows, averaged over ``count`` sub-frames of the exposure."""
         # Blocks are rows that are open at about the same time: as many as exposures fit into the read-out of all.
         total, readout_s = rows[1] - rows[0], (rows[1] - rows[0] - 1) * self._shutter.row_time_s
@@ -244,10 +302,14 @@ class MovingScene:
             parts = [self._exposed_block(make, start, count, block) for block in edges]
         return np.concatenate(parts).astype(np.float32)
 
-    def _exposed_block(self, make: Make, start: Start, count: int, rows: tuple[int, int]) -> Float64Array:
+    def _exposed_block(
+        self, make: Make, start: Start, count: int, rows: tuple[int, int]
+    ) -> Float64Array:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
         film_rows = rows[0] + self.view.crop_offset[1], rows[1] + self.view.crop_offset[1]
-        step_s = self._shutter.step_s(count, math.inf if self._given else self.speed_px_per_s, film_rows)
+        step_s = self._shutter.step_s(
+            count, math.inf if self._given else self.speed_px_per_s, film_rows
+        )
         seed, phase = start
         times_s, weights = subframes(self._shutter, film_rows, count, step_s, phase)
         frame: Float64Array | None = None
@@ -255,7 +317,9 @@ class MovingScene:
             self.transforms.set_time(time_s)
             image = make(hashed_seed(seed, 1 + rows[0], k), rows)
             frame = np.zeros(image.shape) if frame is None else frame
-            open_ = weights[:, k] > 0  # only these rows, because 0 times an infinite value of a closed row would be NaN
+            open_ = (
+                weights[:, k] > 0
+            )  # only these rows, because 0 times an infinite value of a closed row would be NaN
             frame[open_] += weights[open_, k, None, None] * image[open_]
         assert frame is not None
         return frame
@@ -265,4 +329,7 @@ def subframes_of_pass(needed: int, samples: int) -> int:
     """The fewest sub-frames, at least ``needed``, that share the samples of a pass evenly, at most one per sample; each
     gets a count that multijitter keeps (see ``pass_plan``)."""
     shares = range(min(needed, samples), samples)
-    return next((n for n in shares if samples % n == 0 and whole_grid(samples // n) == samples // n), samples)
+    return next(
+        (n for n in shares if samples % n == 0 and whole_grid(samples // n) == samples // n),
+        samples,
+    )

@@ -17,9 +17,16 @@ from ...core.llvm import drjit
 from ..scene.scene import Scene
 from ..variants import MitsubaObject, mitsuba
 
-RGB_NM = ((600.0, 700.0), (500.0, 600.0), (400.0, 500.0))  # thirds of the visible, about the sensor's red, green, blue
+RGB_NM = (
+    (600.0, 700.0),
+    (500.0, 600.0),
+    (400.0, 500.0),
+)  # thirds of the visible, about the sensor's red, green, blue
 NEWTON_STEPS = 8  # of project
-CONVERGED_PX, LOST_PX = 1e-3, 0.1  # of project; float32 rays are accurate to 1e-4 px over 1000 columns
+CONVERGED_PX, LOST_PX = (
+    1e-3,
+    0.1,
+)  # of project; float32 rays are accurate to 1e-4 px over 1000 columns
 NO_SHAPE = -1
 
 
@@ -43,7 +50,9 @@ class SurfaceHits(NamedTuple):
 
 def camera_to_world(sensor: MitsubaObject) -> Float64Array:
     """4×4 from the camera's frame (x left, y up, z forward) to the world, at the sensor's present pose."""
-    return np.array(mitsuba().traverse(sensor)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+    return np.array(mitsuba().traverse(sensor)["to_world"].matrix, dtype=np.float64).reshape(
+        4, 4
+    )
 
 
 def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -61,28 +70,42 @@ def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float6
 
     origins, directions, maxt = _evaluate(sample_ray, positions)
     to_camera = np.linalg.inv(camera_to_world(scene.sensor))
-    directions = np.where(maxt.reshape(-1, 1) > 0, directions, np.nan)  # 0 marks rays that a lens vignettes
+    directions = np.where(
+        maxt.reshape(-1, 1) > 0, directions, np.nan
+    )  # 0 marks rays that a lens vignettes
     return origins @ to_camera[:3, :3].T + to_camera[:3, 3], directions @ to_camera[:3, :3].T
 
 
-def first_hits(scene: Scene, camera: Float64Array, pixels: Float64Array, albedo: bool = False) -> SurfaceHits:
+def first_hits(
+    scene: Scene, camera: Float64Array, pixels: Float64Array, albedo: bool = False
+) -> SurfaceHits:
     """First surfaces along the rays of pixels (N, 2), at the scene's present pose and with ``camera``, 4×4, as that of
     the camera; none where the lens passes no light.  albedo : False leaves it at 0."""
     mi, (origins, directions) = mitsuba(), pixel_rays(scene, pixels)
     handle_of, index_of_handle = _shape_numbering(list(scene.mitsuba_scene.shapes()))
 
     def first_surface(*ray: Array) -> tuple[Array, ...]:
-        hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(mi.Point3f(*ray[:3]), mi.Vector3f(*ray[3:])))
+        hit = scene.mitsuba_scene.ray_intersect(
+            mi.Ray3f(mi.Point3f(*ray[:3]), mi.Vector3f(*ray[3:]))
+        )
         colour = _albedo(hit) if albedo else (0.0, 0.0, 0.0)
         return hit.is_valid(), hit.p, hit.sh_frame.n, handle_of(hit), *colour
 
     world = directions @ camera[:3, :3].T
     unit = world / np.linalg.norm(world, axis=1, keepdims=True)
     finite = np.asarray(np.isfinite(unit).all(axis=1))
-    starts, ahead = origins @ camera[:3, :3].T + camera[:3, 3], np.where(finite[:, None], unit, (0.0, 0.0, 1.0))
-    valid, position, normal, handles, *colour = _evaluate(first_surface, np.concatenate([starts, ahead], axis=1))
+    starts, ahead = (
+        origins @ camera[:3, :3].T + camera[:3, 3],
+        np.where(finite[:, None], unit, (0.0, 0.0, 1.0)),
+    )
+    valid, position, normal, handles, *colour = _evaluate(
+        first_surface, np.concatenate([starts, ahead], axis=1)
+    )
     found = valid.astype(bool).ravel() & finite
-    rgb, at = np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1), found[:, None]
+    rgb, at = (
+        np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1),
+        found[:, None],
+    )
     return SurfaceHits(
         found,
         np.where(at, position, np.nan),
@@ -107,10 +130,16 @@ def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64A
             break
         miss = _miss(scene, points[rest], pixels[rest])
         if slope is None:
-            x, y = (_miss(scene, points[rest], pixels[rest] + side) - miss for side in np.eye(2))
-            with np.errstate(divide="ignore", invalid="ignore"):  # not finite where there is no inverse
+            x, y = (
+                _miss(scene, points[rest], pixels[rest] + side) - miss for side in np.eye(2)
+            )
+            with np.errstate(
+                divide="ignore", invalid="ignore"
+            ):  # not finite where there is no inverse
                 scale = 1 / (x[:, 0] * y[:, 1] - y[:, 0] * x[:, 1])
-                inverse = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(2, 0, 1)
+                inverse = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(
+                    2, 0, 1
+                )
                 slope = inverse * scale[:, None, None]
         step = np.einsum("nij,nj->ni", slope, miss)
         pixels[rest] -= step
@@ -128,7 +157,9 @@ def _miss(scene: Scene, points: Float64Array, pixels: Float64Array) -> Float64Ar
     return passed - points[:, :2]
 
 
-def _evaluate(function: Callable[..., tuple[Array, ...]], inputs: Float64Array) -> list[Float64Array]:
+def _evaluate(
+    function: Callable[..., tuple[Array, ...]], inputs: Float64Array
+) -> list[Float64Array]:
     """Outputs, (N, …), of a function of Mitsuba's numbers at (N, k) inputs: all at once, or one by one in scalar."""
     mi = mitsuba()
     if not mi.variant().startswith("scalar"):
@@ -136,24 +167,36 @@ def _evaluate(function: Callable[..., tuple[Array, ...]], inputs: Float64Array) 
         outputs = function(*(mi.Float(column.tolist()) for column in inputs.T))
         drjit().eval(outputs)
         arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
-        return [np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays]  # of parallel rays there is one only
-    rows = [[np.array(out, dtype=np.float64) for out in function(*row)] for row in inputs.tolist()]
+        return [
+            np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays
+        ]  # of parallel rays there is one only
+    rows = [
+        [np.array(out, dtype=np.float64) for out in function(*row)] for row in inputs.tolist()
+    ]
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
-def _shape_numbering(shapes: list[MitsubaObject]) -> tuple[Callable[[MitsubaObject], Array], NDArray[np.intp]]:
+def _shape_numbering(
+    shapes: list[MitsubaObject],
+) -> tuple[Callable[[MitsubaObject], Array], NDArray[np.intp]]:
     """The handle of an intersection's shape, or of its instance; the index in the scene of each handle, 0 for none."""
     mi = mitsuba()
     if mi.variant().startswith("scalar"):
         handles = {shape: k + 1 for k, shape in enumerate(shapes)}
-        return lambda hit: handles[hit.instance or hit.shape] if hit.is_valid() else 0, np.arange(len(shapes) + 1) - 1
+        return (
+            lambda hit: handles[hit.instance or hit.shape] if hit.is_valid() else 0,
+            np.arange(len(shapes) + 1) - 1,
+        )
     dr = drjit()
 
     def handle(hit: MitsubaObject) -> Array:
         instance = dr.reinterpret_array(mi.UInt32, hit.instance)
         return dr.select(instance != 0, instance, dr.reinterpret_array(mi.UInt32, hit.shape))
 
-    numbers = [int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0]) for shape in shapes]
+    numbers = [
+        int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
+        for shape in shapes
+    ]
     table = np.full(max(numbers, default=0) + 1, NO_SHAPE)
     table[numbers] = np.arange(len(shapes))
     return handle, table
@@ -171,5 +214,9 @@ def _albedo(hit: MitsubaObject) -> tuple[Array, ...]:
         hit.wavelengths = mi.Spectrum([low + (k + 0.5) * (high - low) / 4 for k in range(4)])
         quarters = bsdf.eval_diffuse_reflectance(hit, valid)
         mean = (quarters[0] + quarters[1] + quarters[2] + quarters[3]) / 4
-        colour.append(min(mean, 1.0) * diffuse if scalar else drjit().select(diffuse, drjit().minimum(mean, 1.0), 0.0))
+        colour.append(
+            min(mean, 1.0) * diffuse
+            if scalar
+            else drjit().select(diffuse, drjit().minimum(mean, 1.0), 0.0)
+        )
     return tuple(colour)

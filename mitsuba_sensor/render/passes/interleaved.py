@@ -26,7 +26,10 @@ def most_interleaved(pixels: int, channels: int, samples: int) -> int:
 
 
 def interleaved(
-    sensor: MitsubaObject, responses: Sequence[Mapping[str, object]], count: int, size: tuple[int, int]
+    sensor: MitsubaObject,
+    responses: Sequence[Mapping[str, object]],
+    count: int,
+    size: tuple[int, int],
 ) -> MitsubaObject:
     """A sensor that sees each pixel of another one's crop of this size (columns, rows) ``count`` times, side by side.
 
@@ -45,10 +48,14 @@ class InterleavedPasses:
 
     def __init__(self, count: int, size: tuple[int, int]) -> None:
         mi, dr = mitsuba(), drjit()
-        self._share = dr.opaque(mi.Float, 1 / count)  # data of the kernel, so that it serves all numbers and sizes
+        self._share = dr.opaque(
+            mi.Float, 1 / count
+        )  # data of the kernel, so that it serves all numbers and sizes
         self._columns, self._rows = (dr.opaque(mi.Float, float(n)) for n in size)
 
-    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+    def sample(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
         """The other sensor's ray through the same point of the pixel, and its weight."""
         mi, dr = mitsuba(), drjit()
         time, wavelength, on_film, aperture = samples

@@ -94,4 +94,6 @@ class SensorNoise:
             time_s = metering.time_of(mean_e[lit], prepared.camera, exposure)
             exposure = replace(exposure, time_s=time_s)
         light = mean_e, variance_e2
-        return prepared.noise_ratios(exposure, light, prepared.renderer.passes)["noise_ratio_p95"]
+        return prepared.noise_ratios(exposure, light, prepared.renderer.passes)[
+            "noise_ratio_p95"
+        ]

@@ -24,7 +24,9 @@ from .passes import MOST_IN_FLIGHT, hashed_seed
 STREAM = 3  # of their seeds
 GROWTH = 2**0.25  # from one number of samples that is considered to the next
 MOST_TIMES = 256  # the samples of the other pixels; what a pixel needs beyond is missing
-Render: TypeAlias = Callable[[MitsubaObject, int, int], NDArray[np.float32]]  # of a sensor, with seed and samples
+Render: TypeAlias = Callable[
+    [MitsubaObject, int, int], NDArray[np.float32]
+]  # of a sensor, with seed and samples
 
 
 def fewest_samples(needed: Float64Array, least: float) -> tuple[float, NDArray[np.intp]]:
@@ -37,7 +39,11 @@ def fewest_samples(needed: Float64Array, least: float) -> tuple[float, NDArray[n
     while samples < best[0]:  # more than the best total cannot be better
         times = np.clip(np.ceil(needed / samples) - 1, 0, MOST_TIMES - 1).astype(np.intp)
         if times.sum() <= times.size:  # a pass has to fit into memory
-            best = min(best, (samples * (1 + float(times.mean())), samples, times), key=lambda one: one[0])
+            best = min(
+                best,
+                (samples * (1 + float(times.mean())), samples, times),
+                key=lambda one: one[0],
+            )
         samples *= GROWTH
     return best[1:]
 
@@ -49,7 +55,9 @@ class NoisyPixels:
 
     times: NDArray[np.intp]
     responses: Sequence[Mapping[str, object]]
-    _lists: dict[tuple[int, int], list[tuple[MitsubaObject, NDArray[np.intp]]]] = field(default_factory=dict)
+    _lists: dict[tuple[int, int], list[tuple[MitsubaObject, NDArray[np.intp]]]] = field(
+        default_factory=dict
+    )
 
     @property
     def note(self) -> str:
@@ -71,8 +79,13 @@ class NoisyPixels:
         """A pass over rows [first, last) of the crop, in which the noisy pixels are means of all their samples."""
         if not (times := self.times[slice(*rows)]).any():
             return image
-        sums, counts = image.reshape(-1, image.shape[-1]).astype(np.float64), np.ones(times.size)
-        for number, (listed, pixels) in enumerate(self._listed(sensor, rows, max(MOST_IN_FLIGHT // samples, 1))):
+        sums, counts = (
+            image.reshape(-1, image.shape[-1]).astype(np.float64),
+            np.ones(times.size),
+        )
+        for number, (listed, pixels) in enumerate(
+            self._listed(sensor, rows, max(MOST_IN_FLIGHT // samples, 1))
+        ):
             take_wavelengths_of(sensor.film(), listed.film())
             values = render(listed, hashed_seed(seed, STREAM, number), samples)
             np.add.at(sums, pixels, values.reshape(len(pixels), -1))
@@ -89,11 +102,15 @@ class NoisyPixels:
         times, found = self.times[slice(*rows)], []
         pixels = np.repeat(np.arange(times.size), times.ravel())
         sizes, make = _sizes(pixels.size, most), sensor_class(mitsuba().variant())
-        pixels = np.resize(pixels[np.argsort(-times.ravel()[pixels], kind="stable")], sum(sizes))
+        pixels = np.resize(
+            pixels[np.argsort(-times.ravel()[pixels], kind="stable")], sum(sizes)
+        )
         for size, end in zip(sizes, np.cumsum(sizes), strict=True):
             columns, part = 2 ** (size.bit_length() // 2), pixels[end - size : end]
             film = response_film(self.responses, {"width": columns, "height": size // columns})
-            found.append((make(sensor, ListedPixels(part, times.shape[::-1], columns), film), part))
+            found.append(
+                (make(sensor, ListedPixels(part, times.shape[::-1], columns), film), part)
+            )
         return self._lists.setdefault(rows, found)
 
 
@@ -104,7 +121,9 @@ def _sizes(count: int, most: int) -> list[int]:
         return []
     size = 2 ** (min(count, most).bit_length() - 1)
     full, rest = divmod(count, size)
-    return [size] * full + ([2 ** max((rest - 1).bit_length(), size.bit_length() - 3)] if rest else [])
+    return [size] * full + (
+        [2 ** max((rest - 1).bit_length(), size.bit_length() - 3)] if rest else []
+    )
 
 
 class ListedPixels:
@@ -116,11 +135,14 @@ class ListedPixels:
     def __init__(self, pixels: NDArray[np.intp], shape: tuple[int, ...], columns: int) -> None:
         mi, dr = mitsuba(), drjit()
         self._column, self._row = (
-            mi.Float((part).astype(np.float32)) for part in (pixels % shape[0], pixels // shape[0])
+            mi.Float((part).astype(np.float32))
+            for part in (pixels % shape[0], pixels // shape[0])
         )
         self._size, self._columns = tuple(dr.opaque(mi.Float, float(n)) for n in shape), columns
 
-    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+    def sample(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
         """The other sensor's ray through the same point of the pixel, and its weight."""
         mi, dr = mitsuba(), drjit()
         time, wavelength, on_film, aperture = samples

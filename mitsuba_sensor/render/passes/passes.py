@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 from ...core import Float64Array, InputError, require
 
 SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
-FEWEST, MOST = 8, 16  # passes of a fixed number of samples: few large ones have less noise; pooled.py does the rest
+FEWEST, MOST = (
+    8,
+    16,
+)  # passes of a fixed number of samples: few large ones have less noise; pooled.py does the rest
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_REPEATABLE = 8  # per pass, where the sum must not depend on threads: what a vector of AVX2 or AVX-512 holds
 MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
 VALUES_AT_ONCE = 2**14  # that stay in a processor's cache
-MOST_VALUES = 2**22  # pixels × bands per strip: 32 MB for each float64 array of the running mean
+MOST_VALUES = (
+    2**22
+)  # pixels × bands per strip: 32 MB for each float64 array of the running mean
 
 
 def pass_plan(spp: int, repeatable: bool = False) -> tuple[int, int]:
@@ -33,7 +38,9 @@ def pass_plan(spp: int, repeatable: bool = False) -> tuple[int, int]:
     pixel within one vector are always added in the same order, those in several by whichever thread comes first.
     """
     if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
-        raise InputError(f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256).")
+        raise InputError(
+            f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256)."
+        )
     spp = int(spp)
     if spp < FEWEST:
         return max(spp, 2), 1
@@ -41,7 +48,9 @@ def pass_plan(spp: int, repeatable: bool = False) -> tuple[int, int]:
         samples = whole_grid(spp / FEWEST, repeatable)
         return round(spp / samples), samples
     fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
-    plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _kept_counts(spp / k)]
+    plans = [
+        (k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _kept_counts(spp / k)
+    ]
 
     return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), plan[0]))
 
@@ -49,7 +58,12 @@ def pass_plan(spp: int, repeatable: bool = False) -> tuple[int, int]:
 def _kept_counts(samples: float) -> list[int]:
     """Counts near ``samples`` that multijitter keeps, at most 1024: r², r(r+1) and r(r+2) for r about the root."""
     root = math.isqrt(int(samples))
-    grids = [rows * (rows + more) for rows in (root - 1, root, root + 1) if rows > 0 for more in (0, 1, 2)]
+    grids = [
+        rows * (rows + more)
+        for rows in (root - 1, root, root + 1)
+        if rows > 0
+        for more in (0, 1, 2)
+    ]
     return [n for n in grids if n <= MOST_SPP]
 
 
@@ -70,7 +84,9 @@ def row_strips(size: tuple[int, int], bands: int, samples: int) -> list[tuple[in
 
 def hashed_seed(seed: int, strip: int, number: int) -> int:
     """A 32-bit seed for one pass, unrelated to that of any other pass, strip or seed."""
-    return int.from_bytes(hashlib.blake2b(f"{seed}/{strip}/{number}".encode(), digest_size=4).digest(), "little")
+    return int.from_bytes(
+        hashlib.blake2b(f"{seed}/{strip}/{number}".encode(), digest_size=4).digest(), "little"
+    )
 
 
 class Cleaned(NamedTuple):
@@ -120,7 +136,9 @@ class RunningMean:
             self.mean[rows] += delta * (len(some) / self.count)
             self._note(rows, some, mean, delta)
 
-    def _note(self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array) -> None:
+    def _note(
+        self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array
+    ) -> None:
         """What else is to be known of values in some rows, whose mean was ``delta`` from that of the passes before."""
 
 
@@ -141,7 +159,9 @@ class Welford(RunningMean):
         """In float64."""
         return cls(np.zeros(shape), np.zeros(shape))
 
-    def _note(self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array) -> None:
+    def _note(
+        self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array
+    ) -> None:
         here, before = len(values), self.count - len(values)
         if self.count == 1:
             return
@@ -150,7 +170,9 @@ class Welford(RunningMean):
         if here > 1:
             values -= mean
             delta += np.einsum("p...,p...->...", values, values)
-        delta += np.square(self._spread[rows], dtype=np.float64)  # of float32: neither too large nor too small
+        delta += np.square(
+            self._spread[rows], dtype=np.float64
+        )  # of float32: neither too large nor too small
         self._spread[rows] = np.sqrt(delta, out=delta)
 
     @property

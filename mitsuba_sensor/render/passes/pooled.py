@@ -10,7 +10,9 @@ from ...core import Float64Array
 from ..denoise.combine import SMALLEST, box
 
 RADIUS_PX = 1  # of the neighbourhood
-DARKEST = 1e-3  # of the mean of the picture: darker pixels are compared as if they were as bright
+DARKEST = (
+    1e-3  # of the mean of the picture: darker pixels are compared as if they were as bright
+)
 FEWEST = 3  # passes
 MOST_RELATIVE = 1e6  # standard error over the light: of pixels in which there is none
 
@@ -28,17 +30,25 @@ def pooled(mean: Float64Array, variance: Float64Array, passes: int) -> Float64Ar
         return variance
     level = np.maximum(mean, DARKEST * mean.mean()) + SMALLEST
     own, freedom = variance / level**2, passes - 1
-    near = np.maximum(box(own, RADIUS_PX), own / (2 * RADIUS_PX + 1) ** 2)  # a running sum rounds
+    near = np.maximum(
+        box(own, RADIUS_PX), own / (2 * RADIUS_PX + 1) ** 2
+    )  # a running sum rounds
     lit = (own > 0) & np.isfinite(near)
     apart = np.log(own[lit] / near[lit])
-    beyond = float(apart.var()) - float(scipy.special.polygamma(1, freedom / 2)) if apart.size else np.inf
+    beyond = (
+        float(apart.var()) - float(scipy.special.polygamma(1, freedom / 2))
+        if apart.size
+        else np.inf
+    )
     most = (2 * RADIUS_PX + 1) ** 2 * freedom
     prior = min(2 / beyond, most) if beyond > 2 / most else most
     found = (freedom * own + prior * near) / (freedom + prior) * level**2
     return np.where(mean > 0, found, variance)
 
 
-def relative_errors(mean: Float64Array, variance: Float64Array, infinite: NDArray[np.bool_]) -> NDArray[np.float32]:
+def relative_errors(
+    mean: Float64Array, variance: Float64Array, infinite: NDArray[np.bool_]
+) -> NDArray[np.float32]:
     """Standard errors over the light, all (H, W); at most MOST_RELATIVE, and inf where the light is infinite."""
     found = np.sqrt(variance)
     least = found / MOST_RELATIVE + np.finfo(float).tiny

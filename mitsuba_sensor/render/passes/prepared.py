@@ -38,7 +38,14 @@ from .noise_goals import SensorNoise
 from .passes import SAMPLER
 from .renderer import Criterion, Electrons, Renderer
 from .row_strip import Kept
-from .statistics import POOLED, NoiseRatios, RenderStatistics, sum_error, summary_of, why_not_trusted
+from .statistics import (
+    POOLED,
+    NoiseRatios,
+    RenderStatistics,
+    sum_error,
+    summary_of,
+    why_not_trusted,
+)
 from .stop_criterion import End, Progress, RenderProgress, StopCriterion, stop_criterion_of
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
@@ -66,7 +73,9 @@ def render(
     """
     started, chosen = time.monotonic(), denoised_if_possible(complete(RenderOptions, options))
     prepared = prepare(scene, camera, exposure, **chosen)
-    light = prepared.render(prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started)
+    light = prepared.render(
+        prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started
+    )
     warn_of(light.notes)
     return light
 
@@ -76,7 +85,9 @@ def check_options(options: RenderOptions) -> None:
     if options["denoise"]:
         library()
     if options["subframes"] is not None and options["motion"] is None:
-        raise InputError(f"subframes is {options['subframes']!r} and nothing moves; pass a motion, or leave it out.")
+        raise InputError(
+            f"subframes is {options['subframes']!r} and nothing moves; pass a motion, or leave it out."
+        )
     stop_criterion_of(options)
 
 
@@ -128,12 +139,18 @@ class PreparedRender:
     ) -> Irradiance:
         """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
         began, renderer = time.monotonic() if started is None else started, self.renderer
-        end = renderer.run(seed, stop, progress or (lambda step: None), criterion or SensorNoise(self, stop))
+        end = renderer.run(
+            seed, stop, progress or (lambda step: None), criterion or SensorNoise(self, stop)
+        )
         raw, kept = renderer.electrons(), None
         if self.denoise:
             if progress is not None:
                 seconds = time.monotonic() - began
-                progress(RenderProgress(renderer.passes, renderer.passes, seconds=seconds, doing="denoising"))
+                progress(
+                    RenderProgress(
+                        renderer.passes, renderer.passes, seconds=seconds, doing="denoising"
+                    )
+                )
             kept = renderer.result(keep=True) if self.raw_light else None
             renderer.denoise(last=True)
         if not (found := renderer.result()).data.any():
@@ -143,20 +160,29 @@ class PreparedRender:
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
             light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
-        light = replace(light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial))
+        light = replace(
+            light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial)
+        )
         light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
         if kept is None or renderer.denoised is None:
             return light
         ratios = self.noise_ratios(exposure, raw, renderer.passes)
-        return replace(light, raw=self._irradiance(kept, raw, replace(light.statistics, denoised=None, **ratios)))
+        return replace(
+            light,
+            raw=self._irradiance(kept, raw, replace(light.statistics, denoised=None, **ratios)),
+        )
 
-    def _irradiance(self, found: Estimate, raw: Electrons, statistics: RenderStatistics) -> Irradiance:
+    def _irradiance(
+        self, found: Estimate, raw: Electrons, statistics: RenderStatistics
+    ) -> Irradiance:
         return Irradiance(
             **found._asdict(),
             wavelengths_nm=self.bands.wavelengths_nm,
             bandwidths_nm=self.bands.bandwidths_nm,
             statistics=statistics,
-            filters=tuple(self.camera.quantum_efficiency.curves) if self.bands.kind == "channels" else None,
+            filters=tuple(self.camera.quantum_efficiency.curves)
+            if self.bands.kind == "channels"
+            else None,
             response=self.bands.response,
             origin=self.scene.view.crop_offset[::-1],
             pass_error=self.renderer.pass_error(raw, statistics.denoised is not None),
@@ -172,27 +198,43 @@ class PreparedRender:
         """The same, its exposure known: where it is to be metered, by a short render from now on. Raises InputError."""
         if self.metering is None or self.metered:
             return self
-        light = replace(self, denoise=False).render(self.seed(None), stop_criterion_of({"spp": METERING_SPP}))
+        light = replace(self, denoise=False).render(
+            self.seed(None), stop_criterion_of({"spp": METERING_SPP})
+        )
         exposure = self.exposure_of(light)
-        renderer = Renderer(self.scene, self.camera, exposure, self.bands, Kept.of(self.denoise, self.raw_light))
+        renderer = Renderer(
+            self.scene, self.camera, exposure, self.bands, Kept.of(self.denoise, self.raw_light)
+        )
         return replace(self, exposure=exposure, renderer=renderer, metered=True)
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
         """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
         number are by default the scene file's, else 1. Raises InputError."""
         (columns, rows), (column, row) = self.scene.view.crop_size, self.scene.view.crop_offset
-        serial = require_seed("serial", first_given(options.get("serial"), self.parsed.settings.serial, 1))
-        seeds: ExposeOptions = {**options, "seed": self.seed(options.get("seed")), "serial": serial}
-        return prepare_planned_exposure(self.camera, self.exposure, (rows, columns), (row, column), seeds)
+        serial = require_seed(
+            "serial", first_given(options.get("serial"), self.parsed.settings.serial, 1)
+        )
+        seeds: ExposeOptions = {
+            **options,
+            "seed": self.seed(options.get("seed")),
+            "serial": serial,
+        }
+        return prepare_planned_exposure(
+            self.camera, self.exposure, (rows, columns), (row, column), seeds
+        )
 
     def aovs(self) -> Aovs:
         """Depth, position, normals, … of the same pixels, in a pass of their own."""
         scene = self.at_rest
-        if self.motion != Motion():  # a mesh that has moved and come back is off by rounding: built again
+        if (
+            self.motion != Motion()
+        ):  # a mesh that has moved and come back is off by rounding: built again
             scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
         return aovs_of(scene, self.motion, self.unit_m, shutter_of(self.camera, self.exposure))
 
-    def noise_ratios(self, exposure: Exposure, electrons: Electrons, passes: int) -> NoiseRatios:
+    def noise_ratios(
+        self, exposure: Exposure, electrons: Electrons, passes: int
+    ) -> NoiseRatios:
         """Render variance over sensor variance in an exposure. passes : that measured the variance, many if pooled."""
         (mean_e, variance_e2), known = electrons, exposure == self.exposure
         longer = 1.0 if known else exposure.time_s / self.exposure.time_s
@@ -205,7 +247,13 @@ class PreparedRender:
         if (found := self.renderer.denoised) is None:
             return None
         before = self.noise_ratios(exposure, raw, self.renderer.passes)
-        return {**found.record, **{f"raw_{name}": before[name] for name in ("noise_ratio_median", "noise_ratio_p95")}}
+        return {
+            **found.record,
+            **{
+                f"raw_{name}": before[name]
+                for name in ("noise_ratio_median", "noise_ratio_p95")
+            },
+        }
 
     def _statistics(
         self, stop: StopCriterion, end: End, started: float, exposure: Exposure, raw: Electrons
@@ -214,9 +262,13 @@ class PreparedRender:
         fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
         doubt, notes = why_not_trusted(passes, fireflies, renderer.lost), [*self.scene.notes]
         if overruled := self.parsed.settings.overruled_by(self.camera):
-            notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
+            notes.append(
+                f"{', '.join(overruled)} of the scene file overruled by the camera that was given"
+            )
         if self.denoise is None and not is_installed():
-            notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
+            notes.append(
+                "not denoised: Open Image Denoise is not installed; pip install pyoidn"
+            )
         notes += stop.notes(end, samples)
         return RenderStatistics(
             passes=passes,
@@ -226,7 +278,9 @@ class PreparedRender:
             variant=self.parsed.variant.name,
             sampler=self.sampler,
             spectral=self.bands.kind,
-            **self.noise_ratios(exposure, renderer.electrons(), passes if renderer.denoised is None else POOLED),
+            **self.noise_ratios(
+                exposure, renderer.electrons(), passes if renderer.denoised is None else POOLED
+            ),
             noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
             ended_by=end,
             reliable=not doubt,
@@ -236,7 +290,8 @@ class PreparedRender:
             notes=(*notes, *(note for note in (doubt, self.parsed.variant.hint) if note)),
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
-            intrinsics=intrinsics(self.scene.view, self.camera) | {"shading": shading(self.scene.view, self.camera)},
+            intrinsics=intrinsics(self.scene.view, self.camera)
+            | {"shading": shading(self.scene.view, self.camera)},
             camera_to_world=pose_m(self.at_rest, self.motion, self.unit_m).tolist(),
             denoised=self._denoised(exposure, raw),
             metering=None if self.metering is None else self.metering.record(exposure),
@@ -274,12 +329,33 @@ def prepare(
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
-    at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
-    motion, kept = read_motion(chosen["motion"]), Kept.of(chosen["denoise"], chosen["raw_light"])
+    at_rest = load_scene(
+        parsed.file,
+        bands,
+        {},
+        camera,
+        chosen["scene_unit"],
+        width=chosen["width"],
+        sampler=sampler,
+    )
+    motion, kept = (
+        read_motion(chosen["motion"]),
+        Kept.of(chosen["denoise"], chosen["raw_light"]),
+    )
     renderer = Renderer(at_rest, camera, known, bands, kept)
     asked_for = chosen["denoise"], chosen["raw_light"], chosen["width"]
     still = PreparedRender(
-        parsed, at_rest, camera, known, bands, renderer, *asked_for, Motion(), metres, sampler, metering
+        parsed,
+        at_rest,
+        camera,
+        known,
+        bands,
+        renderer,
+        *asked_for,
+        Motion(),
+        metres,
+        sampler,
+        metering,
     )
     if chosen["motion"] is None:
         return still if chosen["noise_ratio"] is None else still.metered_first()

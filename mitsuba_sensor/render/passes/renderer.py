@@ -52,7 +52,12 @@ class Renderer:
     """
 
     def __init__(
-        self, scene: Scene | MovingScene, camera: Camera, exposure: Exposure, bands: Bands, keep: Kept = Kept.SPREAD
+        self,
+        scene: Scene | MovingScene,
+        camera: Camera,
+        exposure: Exposure,
+        bands: Bands,
+        keep: Kept = Kept.SPREAD,
     ) -> None:
         (columns, rows), self._tile = scene.view.crop_size, np.array(camera.tile)
         self.scene, self.bands = scene, bands
@@ -66,14 +71,22 @@ class Renderer:
         self.negative = self.non_finite = self.lost = self.passes = self.samples = 0
         self._fireflies: float | None = None
         self.denoised: Denoised | None = None
-        self._filtered: Denoised | None = None  # of the passes so far, if they were denoised already
+        self._filtered: Denoised | None = (
+            None  # of the passes so far, if they were denoised already
+        )
 
     def run(
-        self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | SensorNoise | None = None
+        self,
+        seed: int,
+        budget: StopCriterion,
+        progress: Progress,
+        criterion: Criterion | SensorNoise | None = None,
     ) -> End:
         """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
         :meth:`noise_estimate` that the goal is for, by default the median noise ratio; or what ends the render, too."""
-        measure: Criterion = MedianNoiseRatio(self, denoised=self.can_denoise and budget.goal is not None)
+        measure: Criterion = MedianNoiseRatio(
+            self, denoised=self.can_denoise and budget.goal is not None
+        )
         noise, meter = None, ProgressMeter(progress)
         if isinstance(criterion, SensorNoise):
             noise = criterion
@@ -84,8 +97,12 @@ class Renderer:
         self._begin(budget.samples, meter)
         meter.forecast(budget, 0, np.nan)
         count = len(self.groups)
-        if budget.is_long(math.prod(self.scene.view.crop_size) * count) and isinstance(self.scene, Scene):
-            meter.try_out(partial(self.scene.render, 0, rows=self.strips[0].ends), budget.samples * count)
+        if budget.is_long(math.prod(self.scene.view.crop_size) * count) and isinstance(
+            self.scene, Scene
+        ):
+            meter.try_out(
+                partial(self.scene.render, 0, rows=self.strips[0].ends), budget.samples * count
+            )
         while True:
             most = self.scene.most_together(self.samples) if len(self.strips) == 1 else 1
             self._passes(seed, meter, budget.together(most))
@@ -102,7 +119,9 @@ class Renderer:
                     return end
                 continue
             budget = budget.sized_by(value, meter.times(1)[0])
-            if budget.samples != self.samples:  # passes of different sizes cannot be combined: start again
+            if (
+                budget.samples != self.samples
+            ):  # passes of different sizes cannot be combined: start again
                 self._begin(budget.samples, meter)
 
     def _begin(self, samples: int, meter: ProgressMeter) -> None:
@@ -112,7 +131,13 @@ class Renderer:
         filters = len(self._weights) if self.can_denoise else 1
         self._sums = BandSums((height, columns, count), self._keep)
         self.strips = [RowStrip(slice(*edges), self._sums, filters) for edges in rows]
-        self.samples, self.passes, self.negative, self.non_finite, self.lost = samples, 0, 0, 0, 0
+        self.samples, self.passes, self.negative, self.non_finite, self.lost = (
+            samples,
+            0,
+            0,
+            0,
+            0,
+        )
         self.denoised = self._filtered = self._fireflies = None
         meter.begin(len(rows))
 
@@ -130,7 +155,9 @@ class Renderer:
             step = max(VALUES_AT_ONCE // radiance[0].size, 1)
             for first in range(0, len(radiance), step):
                 some = radiance[first : first + step]
-                by_pass = some.reshape(len(some), -1, count, some.shape[-1]).transpose(2, 0, 1, 3)
+                by_pass = some.reshape(len(some), -1, count, some.shape[-1]).transpose(
+                    2, 0, 1, 3
+                )
                 self._add(strip, first, by_pass)
         self.passes += count
 
@@ -142,12 +169,19 @@ class Renderer:
         self.non_finite += found.non_finite
         if found.infinite is not None:
             self.lost += found.non_finite - int(found.infinite.sum())
-            strip.infinite[first : first + radiance.shape[1]] |= found.infinite.any(axis=(0, -1))
+            strip.infinite[first : first + radiance.shape[1]] |= found.infinite.any(
+                axis=(0, -1)
+            )
         irradiance = found.values
         irradiance *= self._solid_angle[rows, :, None] * self._scale
         per_filter = irradiance @ self._film_weights.T
         own = np.stack([self._own(one, rows) for one in per_filter])
-        strip.add(first, irradiance[..., : len(self.bands)], per_filter if self.can_denoise else own[..., None], own)
+        strip.add(
+            first,
+            irradiance[..., : len(self.bands)],
+            per_filter if self.can_denoise else own[..., None],
+            own,
+        )
 
     @cached_property
     def noise(self) -> InputNoise:
@@ -174,7 +208,9 @@ class Renderer:
     def pass_error(self, raw: Electrons, denoised: bool) -> NDArray[np.float32]:
         """(H, W) standard error of the photoelectrons by the spread of the passes, over the light.  raw : electrons
         before denoising.  denoised : whether the light is."""
-        mean = self._own(self.denoised.mean) if denoised and self.denoised is not None else raw[0]
+        mean = (
+            self._own(self.denoised.mean) if denoised and self.denoised is not None else raw[0]
+        )
         return relative_errors(mean, raw[1], self.infinite())
 
     def _raw_electrons(self) -> Electrons:
@@ -204,13 +240,19 @@ class Renderer:
         return light
 
     def _denoise_passes(self, last: bool) -> Denoised | None:
-        if self.passes < LEAST_PASSES or not self.can_denoise or not is_noisy(*self._raw_electrons()):
+        if (
+            self.passes < LEAST_PASSES
+            or not self.can_denoise
+            or not is_noisy(*self._raw_electrons())
+        ):
             return None
         share = ((self.passes + 1) // 2) / self.passes
         even, odd = (partial(self._half, share, odd) for odd in (False, True))
         with self._sums.on_disk():
             if not mitsuba().variant().startswith("scalar"):
-                self._guides = self._more_guides().without_noise() if last else self._more_guides()
+                self._guides = (
+                    self._more_guides().without_noise() if last else self._more_guides()
+                )
             trim_heap()
             return denoise(Halves(even, odd, self._variance_of, share), self._guides)
 
@@ -225,7 +267,9 @@ class Renderer:
 
     def _variance_of(self, number: int) -> Map:
         """Variance of the mean photoelectrons behind one filter."""
-        return np.concatenate([strip.electrons.variance_of_mean[..., number] for strip in self.strips])
+        return np.concatenate(
+            [strip.electrons.variance_of_mean[..., number] for strip in self.strips]
+        )
 
     def release(self) -> None:
         """Forget the last render; what it returned stays."""
@@ -235,7 +279,10 @@ class Renderer:
 
     def _more_guides(self) -> Guides:
         """Those of before, if any, and more rays as needed; at wavelengths typical of what each filter detects."""
-        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips], axis=0)
+        spectrum = np.mean(
+            [strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips],
+            axis=0,
+        )
         wavelengths_nm = detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
         light = self._raw_electrons()
         return traced(
@@ -256,7 +303,9 @@ class Renderer:
         mean, variance = self._raw_electrons()
         mean[self.infinite()] = np.inf
         squares = variance * self.passes * (self.passes - 1)
-        return firefly_fraction(np.concatenate([s.brightest for s in self.strips]), mean, squares)
+        return firefly_fraction(
+            np.concatenate([s.brightest for s in self.strips]), mean, squares
+        )
 
     def noise_estimate(self) -> tuple[Map, Map, int]:
         """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
@@ -271,7 +320,11 @@ class Renderer:
         """What was rendered and, where that was done, denoised. A pixel with an infinite band is infinite in all.
         Unless asked to ``keep`` them, the sums of the bands are written over, to save memory."""
         shape = (*self.scene.view.crop_size[::-1], len(self.bands))
-        data, error = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if keep else self._sums.reused()
+        data, error = (
+            (np.empty(shape, np.float32), np.empty(shape, np.float32))
+            if keep
+            else self._sums.reused()
+        )
         mean, variance = self.electrons()
         if self.denoised is None:
             variance = pooled(mean, variance, self.passes)
@@ -284,11 +337,17 @@ class Renderer:
             if self.denoised is None or strip.even is None:
                 data[here], error[here] = raw_bands(strip)
             else:
-                of_rows = [getattr(self.denoised, name)[here] for name in ("mean", "even", "odd")]
-                data[here], error[here] = denoised_bands(strip, self._weights, of_rows, relative[here])
+                of_rows = [
+                    getattr(self.denoised, name)[here] for name in ("mean", "even", "odd")
+                ]
+                data[here], error[here] = denoised_bands(
+                    strip, self._weights, of_rows, relative[here]
+                )
             data[here][infinite] = error[here][infinite] = np.inf
             if in_band is not None:
-                in_band[here] = in_band_factor(mean[here], self._own(data[here] @ self._weights.T, here))
+                in_band[here] = in_band_factor(
+                    mean[here], self._own(data[here] @ self._weights.T, here)
+                )
         if not keep and self.denoised is not None:
             self.denoised = self.denoised.without_halves()
         trim_heap()

@@ -17,10 +17,23 @@ from ..variants import mitsuba
 from .prepared import PreparedRender
 from .renderer import Renderer
 
-WITH_DEPTH = ("path", "volpath", "volpathmis", "prb", "prb_basic", "prb_projective", "prbvolpath")
+WITH_DEPTH = (
+    "path",
+    "volpath",
+    "volpathmis",
+    "prb",
+    "prb_basic",
+    "prb_projective",
+    "prbvolpath",
+)
 """Integrators of Mitsuba whose ``max_depth`` cuts off indirect light."""
-PASSED = ("max_depth", "hide_emitters")  # what an integrator without indirect light takes from the scene's own
-STOPPED_DOWN = 1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
+PASSED = (
+    "max_depth",
+    "hide_emitters",
+)  # what an integrator without indirect light takes from the scene's own
+STOPPED_DOWN = (
+    1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
+)
 
 
 @dataclass(frozen=True)
@@ -34,7 +47,11 @@ class RenderRequirement:
 
 
 def render_requirements(
-    light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
+    light: Irradiance,
+    camera: Camera,
+    exposure: Exposure,
+    k_dn_per_e: float,
+    tolerance_dn: float,
 ) -> tuple[RenderRequirement, ...]:
     """Whether bands, depth of field and AOVs are needed, by a render of any quality and the overall system gain K."""
     why = "the render contains the channels of this camera's filters, and no bands"
@@ -50,11 +67,19 @@ def render_requirements(
     else:
         why = f"the scene's thin lens is f/{number:.3g} on this sensor"
         depth = RenderRequirement("depth of field", True, None, why)
-    return bands, depth, RenderRequirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
+    return (
+        bands,
+        depth,
+        RenderRequirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for"),
+    )
 
 
 def _bands(
-    light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
+    light: Irradiance,
+    camera: Camera,
+    exposure: Exposure,
+    k_dn_per_e: float,
+    tolerance_dn: float,
 ) -> RenderRequirement:
     """The fewest equal groups of bands that change no pixel's mean signal by more than the tolerance.
 
@@ -71,10 +96,17 @@ def _bands(
     return RenderRequirement(f"{count} bands", True, change, why)
 
 
-def electrons_moved(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
+def electrons_moved(
+    light: Irradiance, camera: Camera, exposure: Exposure, size: int
+) -> Float64Array:
     """Σ|E|·|Δ(QE·λ)| of every pixel, over the bands, where ``size`` neighbours become one, (H, W) [e-]."""
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
-    merged = _per_irradiance(camera, exposure, *_groups(light, size))[:, np.arange(len(widths)) // size] * widths
+    merged = (
+        _per_irradiance(camera, exposure, *_groups(light, size))[
+            :, np.arange(len(widths)) // size
+        ]
+        * widths
+    )
     own = _per_irradiance(camera, exposure, widths, light.wavelengths_nm) * widths
     finite = np.where(np.isfinite(light.data), np.abs(light.data), 0.0)
     filters = camera.filter_index((finite.shape[0], finite.shape[1]), light.origin)
@@ -97,7 +129,9 @@ def _groups(light: Irradiance, size: int) -> tuple[Float64Array, Float64Array]:
     return grouped, np.add.reduceat(light.wavelengths_nm * widths, starts) / grouped
 
 
-def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
+def grouped_electrons(
+    light: Irradiance, camera: Camera, exposure: Exposure, size: int
+) -> Float64Array:
     """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W)."""
     finite = np.where(np.isfinite(light.data), light.data, 0.0) * light.bandwidths_nm
     data = np.add.reduceat(finite, np.arange(0, finite.shape[2], size), axis=2)
@@ -116,8 +150,14 @@ def without_depth_of_field(loaded: PreparedRender) -> PreparedRender:
 
 def without_indirect_light(loaded: PreparedRender) -> PreparedRender:
     """The same with the integrator of :func:`direct_integrator`, which must not be None."""
-    scene = replace(loaded.at_rest, integrator=mitsuba().load_dict(direct_integrator(loaded.parsed.file)))
-    return replace(loaded, scene=scene, renderer=Renderer(scene, loaded.camera, loaded.exposure, loaded.bands))
+    scene = replace(
+        loaded.at_rest, integrator=mitsuba().load_dict(direct_integrator(loaded.parsed.file))
+    )
+    return replace(
+        loaded,
+        scene=scene,
+        renderer=Renderer(scene, loaded.camera, loaded.exposure, loaded.bands),
+    )
 
 
 def direct_integrator(scene: SceneFile) -> dict[str, Any] | None:
@@ -128,7 +168,11 @@ def direct_integrator(scene: SceneFile) -> dict[str, Any] | None:
         while nested:
             node, name = nested[0], nested[0].props.plugin_name()
             given = {key: node.props[key] for key in node.props if key in PASSED}
-            nested = [one for _, one in scene.children(node.props, "Integrator")] if name in WRAPPERS else []
+            nested = (
+                [one for _, one in scene.children(node.props, "Integrator")]
+                if name in WRAPPERS
+                else []
+            )
     if name in WRAPPERS:
         name, given = "path", {}
     if name not in WITH_DEPTH or 0 <= given.get("max_depth", -1) <= 2:

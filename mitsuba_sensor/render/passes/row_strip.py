@@ -52,11 +52,17 @@ class BandSums:
     def __init__(self, shape: tuple[int, int, int], keep: Kept) -> None:
         self._arrays = [Spillable(shape) for _ in range(1 + len(keep))]
         self.mean, *others = (array.values for array in self._arrays)
-        self.spread, self.even = (others.pop(0) if kind in keep else None for kind in (Kept.SPREAD, Kept.HALVES))
+        self.spread, self.even = (
+            others.pop(0) if kind in keep else None for kind in (Kept.SPREAD, Kept.HALVES)
+        )
 
     def of_rows(self, rows: slice) -> RunningMean:
         """The mean, or mean and variance, of some rows."""
-        return RunningMean(self.mean[rows]) if self.spread is None else Welford(self.mean[rows], self.spread[rows])
+        return (
+            RunningMean(self.mean[rows])
+            if self.spread is None
+            else Welford(self.mean[rows], self.spread[rows])
+        )
 
     def on_disk(self) -> AbstractContextManager[None]:
         """Large ones are in a temporary file meanwhile, so that something else can have the memory."""
@@ -81,7 +87,9 @@ class RowStrip:
         shape = (rows.stop - rows.start, sums.mean.shape[1])
         self.rows, self.ends = rows, (rows.start, rows.stop)
         of_filters = (*shape, filters)
-        self.electrons = Welford(np.zeros(of_filters, np.float32), np.zeros(of_filters, np.float32))
+        self.electrons = Welford(
+            np.zeros(of_filters, np.float32), np.zeros(of_filters, np.float32)
+        )
         self.bands, self.infinite = sums.of_rows(rows), np.zeros(shape, bool)
         self.brightest = np.zeros(shape, np.float32)
         self.even = None if sums.even is None else sums.even[rows]
@@ -92,7 +100,9 @@ class RowStrip:
         self.bands.begin(passes)
         self.electrons.begin(passes)
 
-    def add(self, first: int, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
+    def add(
+        self, first: int, irradiance: Float64Array, electrons: Float64Array, own: Float64Array
+    ) -> None:
         """Add some rows of the passes that have begun; the arrays are written over.
 
         first : the first one's number in the strip.  irradiance, electrons, own : (passes, rows, W, B) of the bands,
@@ -120,10 +130,14 @@ class RowStrip:
     def spectra(self) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Of all pixels together, (B,) each: over all passes, the even and the odd ones."""
         assert self.even is not None
-        mean, even = (bands.mean(axis=(0, 1), dtype=np.float64) for bands in (self.bands.mean, self.even))
+        mean, even = (
+            bands.mean(axis=(0, 1), dtype=np.float64) for bands in (self.bands.mean, self.even)
+        )
         return mean, self._half(False, mean, even), self._half(True, mean, even)
 
-    def _half(self, odd: bool, mean: NDArray[np.floating], even: NDArray[np.floating]) -> Float64Array:
+    def _half(
+        self, odd: bool, mean: NDArray[np.floating], even: NDArray[np.floating]
+    ) -> Float64Array:
         """Of the mean of all passes, and the sum of the even ones."""
         count, first = self.bands.count, (self.bands.count + 1) // 2
         if not odd:

@@ -17,7 +17,9 @@ from .passes import FEWEST
 # caustic at every number of samples (benchmarks/error_bar_coverage.py); 0.11 to 0.8 with glass in the Cornell box,
 # until the bars hold there.
 MOST_FIREFLIES = 0.1
-POOLED = 2**20  # passes whose variance is known: a denoised or pooled pixel's is that of its neighbourhood
+POOLED = (
+    2**20
+)  # passes whose variance is known: a denoised or pooled pixel's is that of its neighbourhood
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise
 ONE_PASS = 0.75  # of the squared deviations of all passes
 
@@ -104,7 +106,9 @@ def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) 
     a median below its mean (χ²), which is corrected."""
     finite = ratio[np.isfinite(ratio) & lit]
     median, p95, most = (
-        np.percentile(finite, (50, 95, 100), overwrite_input=True).tolist() if finite.size else (0.0, 0.0, 0.0)
+        np.percentile(finite, (50, 95, 100), overwrite_input=True).tolist()
+        if finite.size
+        else (0.0, 0.0, 0.0)
     )
     median *= median_bias(passes)
     return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
@@ -124,7 +128,9 @@ def median_bias(passes: int) -> float:
     return freedom / float(scipy.special.chdtri(freedom, 0.5))
 
 
-def firefly_fraction(brightest: NDArray[np.float64], mean: NDArray[np.float64], squares: NDArray[np.float64]) -> float:
+def firefly_fraction(
+    brightest: NDArray[np.float64], mean: NDArray[np.float64], squares: NDArray[np.float64]
+) -> float:
     """Share of the lit pixels whose brightest pass makes most of the spread: (b − m)² > 3/4 Σ(x − m)².
 
     brightest, mean : of the passes of each pixel.  squares : the sum of their squared deviations.

@@ -23,7 +23,9 @@ SIZED = 32  # passes that a render towards a goal is sized for
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
 TRIED = 64  # part of a pass that is tried out, to forecast a long render
 LONG = 2**26  # samples in all of a render that is tried out: more than a minute in most scenes
-MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
+MOST_SPP_ASKED = (
+    2**16
+)  # of a render that works towards a noise ratio, unless max_spp says otherwise
 
 End = Literal["spp", "sensor_noise", "noise_ratio", "compensable", "max_seconds", "max_spp"]
 
@@ -119,7 +121,12 @@ class StopCriterion:
         if math.isfinite(self.max_seconds) and seconds > 0:
             needed = min(needed, self.samples * max(self.max_seconds / seconds - 1, 1))
         samples = max(whole_grid(needed / SIZED), self.samples)
-        return replace(self, samples=samples, passes=max(self.passes * self.samples // samples, 2), sized=True)
+        return replace(
+            self,
+            samples=samples,
+            passes=max(self.passes * self.samples // samples, 2),
+            sized=True,
+        )
 
 
 @dataclass(frozen=True)
@@ -150,7 +157,12 @@ class ProgressMeter:
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._started = progress, time.monotonic()
-        self._value, self._expected, self._tried_s, self._most_s = math.nan, 0, math.nan, math.inf
+        self._value, self._expected, self._tried_s, self._most_s = (
+            math.nan,
+            0,
+            math.nan,
+            math.inf,
+        )
         self.later_pass_s = 0.0  # of one after those that compile
 
     def begin(self, strips: int) -> None:
@@ -198,7 +210,9 @@ class ProgressMeter:
         """So many strips of all passes are done."""
         (seconds, since), expected = self.times(1), self._expected * self._strips
         left_s = (expected - strips) * (since / strips if strips else self._tried_s)
-        if math.isfinite(self._most_s) and not left_s <= self._most_s - seconds:  # NaN: not known yet
+        if (
+            math.isfinite(self._most_s) and not left_s <= self._most_s - seconds
+        ):  # NaN: not known yet
             left_s = max(self._most_s - seconds, 0.0)
         self._progress(RenderProgress(strips, expected, self._value, seconds, left_s))
 
@@ -206,29 +220,50 @@ class ProgressMeter:
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
     """When a render with these options is good enough; None is "not given". Raises InputError. groups : of bands, that
     share the samples; where there are too few for all, the bands are rendered together."""
-    spp, noise_ratio, max_spp = options.get("spp"), options.get("noise_ratio"), options.get("max_spp")
+    spp, noise_ratio, max_spp = (
+        options.get("spp"),
+        options.get("noise_ratio"),
+        options.get("max_spp"),
+    )
     if spp is not None and noise_ratio is not None:
-        raise InputError(f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach.")
+        raise InputError(
+            f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach."
+        )
     if spp is not None and max_spp is not None:
-        raise InputError(f"spp is {spp!r} and max_spp {max_spp!r}; spp is exact, max_spp goes with noise_ratio.")
+        raise InputError(
+            f"spp is {spp!r} and max_spp {max_spp!r}; spp is exact, max_spp goes with noise_ratio."
+        )
     limit_s = options.get("max_seconds")
-    max_seconds, repeatable = math.inf if limit_s is None else limit_s, bool(options.get("repeatable"))
+    max_seconds, repeatable = (
+        math.inf if limit_s is None else limit_s,
+        bool(options.get("repeatable")),
+    )
     if repeatable and limit_s is not None:
-        raise InputError(f"repeatable is given and max_seconds is {limit_s!r}, but time is not: take max_spp instead.")
+        raise InputError(
+            f"repeatable is given and max_seconds is {limit_s!r}, but time is not: take max_spp instead."
+        )
     unlimited = noise_ratio is None and max_spp is None and limit_s is None
     if spp is None and unlimited and groups == 1:
         passes = DEFAULT_SPP // DEFAULT_PASS_SPP
-        return StopCriterion(passes, DEFAULT_PASS_SPP, repeatable=repeatable, to_sensor_noise=True)
+        return StopCriterion(
+            passes, DEFAULT_PASS_SPP, repeatable=repeatable, to_sensor_noise=True
+        )
     if spp is not None or unlimited:  # bands in groups are for other cameras, too
         wanted = DEFAULT_SPP if spp is None else spp
         plan = pass_plan(wanted, repeatable)
         grouped = groups > 1 and math.prod(plan) >= FEWEST * groups
         plan = pass_plan(max(round(wanted / groups), FEWEST), repeatable) if grouped else plan
-        return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped, repeatable=repeatable)
+        return StopCriterion(
+            *plan, max_seconds=max_seconds, asked=spp, grouped=grouped, repeatable=repeatable
+        )
     most = MOST_SPP_ASKED if max_spp is None else max_spp
     grouped = groups > 1 and most >= FEWEST_TO_STOP * groups
     most = most // groups if grouped else most
-    samples = PASS_SPP if most >= FEWEST_TO_STOP * PASS_SPP and not repeatable else pass_plan(most, repeatable)[1]
+    samples = (
+        PASS_SPP
+        if most >= FEWEST_TO_STOP * PASS_SPP and not repeatable
+        else pass_plan(most, repeatable)[1]
+    )
     return StopCriterion(
         max(most // samples, 2),
         samples,

@@ -29,7 +29,11 @@ from ..scene.scene_settings import (
 from ..variants import MitsubaObject, mitsuba
 from .raw_film import RAW, raw_film
 
-OF_VIEW = ("focal_length_mm", "focus_distance_m", "scene_unit")  # parameters of a sensor that no camera has
+OF_VIEW = (
+    "focal_length_mm",
+    "focus_distance_m",
+    "scene_unit",
+)  # parameters of a sensor that no camera has
 
 
 def photosensor(props: MitsubaObject) -> MitsubaObject:
@@ -41,9 +45,13 @@ def _photosensor(parameters: PluginParameters) -> MitsubaObject:
     """A specfilm with the bands of its camera, which has the parameters of film and sensor in its id."""
     mi, settings = mitsuba(), settings_from(parameters.film, {})
     if not mi.is_spectral:
-        raise InputError("a photosensor needs a spectral variant; call mitsuba.set_variant('scalar_spectral') first.")
+        raise InputError(
+            "a photosensor needs a spectral variant; call mitsuba.set_variant('scalar_spectral') first."
+        )
     if (camera := settings.camera) is None:
-        raise InputError('a photosensor needs its camera, e.g. <string name="camera" value="konnik_table1"/>.')
+        raise InputError(
+            'a photosensor needs its camera, e.g. <string name="camera" value="konnik_table1"/>.'
+        )
     width_nm = settings.bandwidth_nm or BANDWIDTH_NM
     bands = choose_bands(camera, settings.wavelength_nm, width_nm, settings.spectral or "auto")
     full = {"width": camera.sensor.columns, "height": camera.sensor.rows}
@@ -54,15 +62,23 @@ def _photosensor(parameters: PluginParameters) -> MitsubaObject:
 def camera(props: MitsubaObject) -> MitsubaObject:
     """<sensor type="camera"> → Mitsuba's perspective or thinlens."""
     mi, lens = mitsuba(), sensor_fields_of(props)
-    nested = {name: props[name] for name in props if props.type(name) == mi.Properties.Type.Object}
-    film_name = next((name for name, value in nested.items() if isinstance(value, mi.Film)), None)
+    nested = {
+        name: props[name] for name in props if props.type(name) == mi.Properties.Type.Object
+    }
+    film_name = next(
+        (name for name, value in nested.items() if isinstance(value, mi.Film)), None
+    )
     known = None if film_name is None else parameters_of(nested[film_name])
     if film_name is None or known is None:
-        raise InputError(f'a camera needs a <film type="{FILM}">: its pixels and the focal length determine the view.')
+        raise InputError(
+            f'a camera needs a <film type="{FILM}">: its pixels and the focal length determine the view.'
+        )
     settings = settings_from(known.film, lens)
     assert settings.camera is not None  # a photosensor is not built without one
     kind, view = built_in_sensor(settings, settings.camera, nested[film_name].size()[0])
-    of_camera = {name: json.dumps(value) for name, value in lens_fields(lens).items()}  # as TOML
+    of_camera = {
+        name: json.dumps(value) for name, value in lens_fields(lens).items()
+    }  # as TOML
     rest = {name: value for name, value in lens.items() if name in OF_VIEW}
     parameters = PluginParameters({**known.film, **of_camera}, rest)
     nested[film_name] = _photosensor(parameters)

@@ -55,9 +55,13 @@ def raw_frame(props: MitsubaObject) -> MitsubaObject:
     nested = [props[name] for name in props if props.type(name) == mi.Properties.Type.Object]
     inner = next((one for one in nested if isinstance(one, mi.Integrator)), None)
     level = mi.log_level()
-    mi.set_log_level(mi.LogLevel.Error)  # Mitsuba warns that Python is slow in scalar variants; it traces no ray here
+    mi.set_log_level(
+        mi.LogLevel.Error
+    )  # Mitsuba warns that Python is slow in scalar variants; it traces no ray here
     try:
-        return _integrator_class(mi.variant())(props, mi.load_dict({"type": "path"}) if inner is None else inner)
+        return _integrator_class(mi.variant())(
+            props, mi.load_dict({"type": "path"}) if inner is None else inner
+        )
     finally:
         mi.set_log_level(level)
 
@@ -84,7 +88,9 @@ def _film_class(variant: str) -> MitsubaObject:
             """Called by an integrator that fills it with samples: only ``aov`` may, once there is a frame."""
             if self.digital is None or not aovs:
                 way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
-                raise InputError(f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.')
+                raise InputError(
+                    f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.'
+                )
             exact = {"component_format": "float32", "rfilter": {"type": "box"}}
             self.aov_film = mi.load_dict({"type": "hdrfilm", **_size_of(self), **exact})
             return int(self.aov_film.prepare(aovs))
@@ -130,7 +136,9 @@ def _film_class(variant: str) -> MitsubaObject:
 
         def _frame(self) -> NDArray[np.unsignedinteger]:
             if self.digital is None:
-                raise InputError("the film holds no raw frame yet; render the scene first, e.g. mi.render(scene).")
+                raise InputError(
+                    "the film holds no raw frame yet; render the scene first, e.g. mi.render(scene)."
+                )
             return self.digital
 
     return RawFilm
@@ -163,8 +171,14 @@ def _integrator_class(variant: str) -> MitsubaObject:
             asked = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             film = asked.film()
             if not hasattr(film, "digital"):
-                raise InputError('raw_frame renders a sensor with a <film type="photosensor"> of output "raw".')
-            samples, first_seed, frames = spp or int(asked.sampler().sample_count()), int(np.ravel(seed)[0]), []
+                raise InputError(
+                    'raw_frame renders a sensor with a <film type="photosensor"> of output "raw".'
+                )
+            samples, first_seed, frames = (
+                spp or int(asked.sampler().sample_count()),
+                int(np.ravel(seed)[0]),
+                [],
+            )
             for number, part in enumerate(_sensors_of(asked)):
                 own_film = film if parameters_of(part.film()) is None else part.film()
                 view = LoadedView(scene, part, self.inner, own_film)
@@ -182,7 +196,11 @@ def _integrator_class(variant: str) -> MitsubaObject:
             raise InputError(NO_DERIVATIVE)
 
         def sample(
-            self, scene: MitsubaObject, sampler: MitsubaObject, ray: MitsubaObject, *others: object
+            self,
+            scene: MitsubaObject,
+            sampler: MitsubaObject,
+            ray: MitsubaObject,
+            *others: object,
         ) -> tuple[MitsubaObject, bool, list[MitsubaObject]]:
             """No light: the frame is there when an integrator ``aov`` around this one samples its channels."""
             return mi.Spectrum(0.0), True, []
@@ -214,7 +232,9 @@ def _sensors_of(sensor: MitsubaObject) -> list[MitsubaObject]:
         return [sensor]
     film = sensor.film()
     if tuple(film.crop_size()) != tuple(film.size()):
-        raise InputError("the film of a batch of sensors has a crop, which raw_frame cannot divide; leave it out.")
+        raise InputError(
+            "the film of a batch of sensors has a crop, which raw_frame cannot divide; leave it out."
+        )
     inside = list[MitsubaObject]()
 
     class SensorsInside(mi.TraversalCallback):  # type: ignore[misc, name-defined]

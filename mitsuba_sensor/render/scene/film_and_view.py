@@ -24,21 +24,31 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
         return _fitting(scene, size)
     full = size.get("width", WIDTH)
     if not 1 <= width <= full:
-        raise InputError(f"width is {width!r}; it must be a whole number from 1 to the film's own {full}.")
+        raise InputError(
+            f"width is {width!r}; it must be a whole number from 1 to the film's own {full}."
+        )
     whole = {"width": full, "height": size.get("height", HEIGHT), **size}
-    return _fitting(scene, {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()})
+    return _fitting(
+        scene,
+        {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()},
+    )
 
 
 def _fitting(scene: SceneFile, size: dict[str, int]) -> dict[str, int]:
     """The same, if it is no more than can be rendered."""
-    columns, rows = (size.get(f"crop_{x}", size.get(x, usual)) for x, usual in (("width", WIDTH), ("height", HEIGHT)))
+    columns, rows = (
+        size.get(f"crop_{x}", size.get(x, usual))
+        for x, usual in (("width", WIDTH), ("height", HEIGHT))
+    )
     if isinstance(columns, int) and isinstance(rows, int) and columns * rows > MOST_PIXELS:
         many = f"{columns} × {rows} pixels; it may have {MOST_PIXELS} at most, a crop of it or --width fewer"
         raise InputError(f"scene {scene.name!r} has a film of {many}.")
     return size
 
 
-def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tuple[str, dict[str, float | str]]:
+def built_in_sensor(
+    settings: SceneSettings, camera: Camera, columns: int
+) -> tuple[str, dict[str, float | str]]:
     """The sensor of Mitsuba that replaces a <sensor type="camera">: its type and its parameters.
 
     A thin lens of focal length f focused at d has its image at s = f·d/(d − f). Without a focus distance s = f, and a
@@ -46,15 +56,28 @@ def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tu
     columns : width of the film in pixels.  Raises InputError.
     """
     if settings.focal_length_mm is None:
-        raise InputError('a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.')
-    focal_m, focus_m, unit_m = settings.focal_length_mm * 1e-3, settings.focus_distance_m, settings.unit_m or 1.0
+        raise InputError(
+            'a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.'
+        )
+    focal_m, focus_m, unit_m = (
+        settings.focal_length_mm * 1e-3,
+        settings.focus_distance_m,
+        settings.unit_m or 1.0,
+    )
     if focus_m is not None and focus_m <= focal_m:
         far = f"more than the focal length, {focal_m:g} m (the distance of objects in focus, e.g. 2)"
         raise InputError(f"focus_distance_m is {focus_m:g}; it must be {far}.")
     image_m = focal_m if focus_m is None else focal_m * focus_m / (focus_m - focal_m)
     half_width = columns * camera.pixel.pitch_x_um * 1e-6 / (2 * image_m)
-    view: dict[str, float | str] = {"fov": 2 * math.degrees(math.atan(half_width)), "fov_axis": "x"}
+    view: dict[str, float | str] = {
+        "fov": 2 * math.degrees(math.atan(half_width)),
+        "fov_axis": "x",
+    }
     if focus_m is None:
         return "perspective", view
     radius_m = focal_m / (2 * camera.lens.f_number)
-    return "thinlens", {**view, "aperture_radius": radius_m / unit_m, "focus_distance": focus_m / unit_m}
+    return "thinlens", {
+        **view,
+        "aperture_radius": radius_m / unit_m,
+        "focus_distance": focus_m / unit_m,
+    }

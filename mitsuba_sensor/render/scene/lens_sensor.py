@@ -31,13 +31,17 @@ from ..variants import MitsubaObject, mitsuba
 TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection
 COARSEST, FINEST = 32, 1024  # cells of its table along a side
 NO_HEIGHT = 1e-9  # below it an image point is on the axis [mm]
-Samples: TypeAlias = tuple[Array, Array, Array, Array]  # time, wavelength, position on the full film [pixels], aperture
+Samples: TypeAlias = tuple[
+    Array, Array, Array, Array
+]  # time, wavelength, position on the full film [pixels], aperture
 
 
 class RaySource(Protocol):
     """What a sensor of :func:`sensor_class` sees through."""
 
-    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+    def sample(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
         """A ray of the scene for each point of the film, and its weight per wavelength."""
 
 
@@ -53,7 +57,9 @@ def with_lens(
     if camera.lens.prescription is not None:
         if view.half_width == 0:
             many = "take a perspective or thinlens sensor"
-            raise InputError(f"lens.prescription is given and the scene's sensor is orthographic; {many}.")
+            raise InputError(
+                f"lens.prescription is given and the scene's sensor is orthographic; {many}."
+            )
         lens = SequentialLens(camera, view, unit_m)
         notes, view = lens.notes(camera.lens.prescription.name, view), lens.view
     else:
@@ -62,7 +68,9 @@ def with_lens(
             return sensor, view, ()
         lens = DistortedProjection(distortion, view)
     if variant.startswith("scalar"):
-        notes.append("the lens is computed in Python here, 0.1 ms per ray; an llvm variant is as fast as without it")
+        notes.append(
+            "the lens is computed in Python here, 0.1 ms per ray; an llvm variant is as fast as without it"
+        )
     return sensor_class(variant)(sensor, lens), view, tuple(notes)
 
 
@@ -78,7 +86,9 @@ def sensor_class(variant: str) -> MitsubaObject:
         """inner : the scene's own sensor.  lens : samples rays at positions on the full film [pixels].  film : of its
         own, or None for that of ``inner``."""
 
-        def __init__(self, inner: MitsubaObject, lens: RaySource, film: MitsubaObject | None = None) -> None:
+        def __init__(
+            self, inner: MitsubaObject, lens: RaySource, film: MitsubaObject | None = None
+        ) -> None:
             props = mi.Properties(inner.class_name())
             props["film"], props["sampler"] = film or inner.film(), inner.sampler()
             super().__init__(props)
@@ -90,10 +100,17 @@ def sensor_class(variant: str) -> MitsubaObject:
         def crop(self) -> tuple[Array, ...]:
             """Size and corner of the crop, as data: strips of rows share one compiled kernel."""
             pairs = self.film().crop_size(), self.film().crop_offset()
-            return tuple(mi.Vector2f(*(dr.opaque(mi.Float, float(n)) for n in pair)) for pair in pairs)
+            return tuple(
+                mi.Vector2f(*(dr.opaque(mi.Float, float(n)) for n in pair)) for pair in pairs
+            )
 
         def sample_ray(
-            self, time: Array, sample1: Array, sample2: Array, sample3: Array, active: Array = True
+            self,
+            time: Array,
+            sample1: Array,
+            sample2: Array,
+            sample3: Array,
+            active: Array = True,
         ) -> tuple[MitsubaObject, Array]:
             """Called by C++ by position and by integrators in Python by name: the names are Mitsuba's."""
             size, corner = self.crop()
@@ -101,7 +118,12 @@ def sensor_class(variant: str) -> MitsubaObject:
             return self.lens.sample(self, (time, sample1, on_film, sample3), active)
 
         def sample_ray_differential(
-            self, time: Array, sample1: Array, sample2: Array, sample3: Array, active: Array = True
+            self,
+            time: Array,
+            sample1: Array,
+            sample2: Array,
+            sample3: Array,
+            active: Array = True,
         ) -> tuple[MitsubaObject, Array]:
             ray, weight = self.sample_ray(time, sample1, sample2, sample3, active)
             return mi.RayDifferential3f(ray), weight
@@ -128,18 +150,27 @@ class DistortedProjection:
         table = _displacement(distortion, view, 2 * COARSEST)
         while self._cells < FINEST:
             corners = table[::2, ::2]
-            middle = (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4
+            middle = (
+                corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]
+            ) / 4
             if np.abs(middle - table[1::2, 1::2]).max() <= TOLERANCE_PX:
                 break
             self._cells *= 2
             table = _displacement(distortion, view, 2 * self._cells)
-        self._displacement = mi.Texture2f(mi.TensorXf(table[::2, ::2].astype(np.float32)), use_accel=False)
+        self._displacement = mi.Texture2f(
+            mi.TensorXf(table[::2, ::2].astype(np.float32)), use_accel=False
+        )
 
-    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+    def sample(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
         """The scene's own ray, and its weight, for the position without distortion."""
         time, wavelength, real, aperture = samples
         scale, (size, corner) = self._cells / (self._cells + 1), sensor.crop()
-        at = [p / n * scale + (0.5 / (self._cells + 1)) for p, n in zip(real, self._size, strict=True)]
+        at = [
+            p / n * scale + (0.5 / (self._cells + 1))
+            for p, n in zip(real, self._size, strict=True)
+        ]
         dx, dy = self._displacement.eval(type(real)(*at), active)
         ideal = type(real)(real.x + dx, real.y + dy)
         in_crop = type(real)((ideal.x - corner.x) / size.x, (ideal.y - corner.y) / size.y)
@@ -167,16 +198,24 @@ class SequentialLens:
         self._pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
         self.view = replace(
             view,
-            half_width=0.5 * view.size[0] * self._pitch_mm[0] / points.principal_distance(focus_m),
+            half_width=0.5
+            * view.size[0]
+            * self._pitch_mm[0]
+            / points.principal_distance(focus_m),
             focus_m=focus_m,
             aperture_radius_m=points.entrance_radius * 1e-3,
             sequential=True,
         )
         wavelengths_nm = (*camera.band_nm, D_NM) if lens.dispersion else (D_NM,)
-        reach = [max(a, n - a) * p for a, n, p in zip(view.axis, view.size, self._pitch_mm, strict=True)]
+        reach = [
+            max(a, n - a) * p
+            for a, n, p in zip(view.axis, view.size, self._pitch_mm, strict=True)
+        ]
         bounds = exit_pupil_bounds(surfaces, distance, math.hypot(*reach), wavelengths_nm)
         last, lit = len(bounds.radial) - 1, np.flatnonzero(bounds.radial)
-        self._highest_mm = bounds.highest  # image height of the film's farthest corner; and the largest one with light
+        self._highest_mm = (
+            bounds.highest
+        )  # image height of the film's farthest corner; and the largest one with light
         self._lit_mm = min(int(lit[-1]) + 1, last) / last * bounds.highest
         self._dispersion = lens.dispersion
         self._entrance_pupil_mm = points.length - points.entrance_pupil  # from the last vertex
@@ -184,13 +223,17 @@ class SequentialLens:
         # Focus and f-number are data of the compiled kernel, so that it serves all of them; the glass is part of it.
         self._surfaces = stopped_down(surfaces, dr.opaque(mi.Float, points.stop_radius))
         self._distance = dr.opaque(mi.Float, distance)
-        table = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(np.float32)
+        table = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(
+            np.float32
+        )
         self._bounds = mi.Texture1f(mi.TensorXf(table), use_accel=False)
         self._per_mm = dr.opaque(mi.Float, 1 / bounds.highest)
 
     def notes(self, name: str, scene: View) -> list[str]:
         """What the lens of this name determines instead of the scene, whose own view is given."""
-        wide, was = (2 * math.degrees(math.atan(view.half_width)) for view in (self.view, scene))
+        wide, was = (
+            2 * math.degrees(math.atan(view.half_width)) for view in (self.view, scene)
+        )
         focus = "infinity" if math.isinf(self.view.focus_m) else f"{self.view.focus_m:g} m"
         found = f"the lens {name!r} determines the field of view, {wide:.3g} degrees across instead of the scene's "
         found += f"{was:.3g}, and the blur; it is focused at {focus}"
@@ -199,11 +242,15 @@ class SequentialLens:
         dark = f"no light comes through the lens to image heights above {self._lit_mm:.3g} mm; "
         return [found, f"{dark}the sensor's corner is at {self._highest_mm:.3g} mm"]
 
-    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+    def sample(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
         """A ray and its weight E/L, per wavelength."""
         mi, dr = mitsuba(), drjit()
         time, wavelength, position, aperture = samples
-        lengths, weight = sensor.inner.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength, active)
+        lengths, weight = sensor.inner.sample_wavelengths(
+            dr.zeros(mi.SurfaceInteraction3f), wavelength, active
+        )
         start, solid_angle = self._start(position, aperture)
         if self._dispersion:  # only the first wavelength is traced, and represents the others
             weight = weight * mi.Spectrum(len(lengths), *[0.0] * (len(lengths) - 1))
@@ -212,7 +259,9 @@ class SequentialLens:
         mm = self._units_per_mm
         exit_point = mi.Point3f(end.x * mm, end.y * mm, (end.z - self._entrance_pupil_mm) * mm)
         origin = dr.select(unvignetted, exit_point, mi.Point3f(0.0))
-        direction = dr.select(unvignetted, mi.Vector3f(end.dx, end.dy, end.dz), mi.Vector3f(0.0, 0.0, 1.0))
+        direction = dr.select(
+            unvignetted, mi.Vector3f(end.dx, end.dy, end.dz), mi.Vector3f(0.0, 0.0, 1.0)
+        )
         ray = mi.Ray3f(to_world @ origin, dr.normalize(to_world @ direction), time, lengths)
         ray.maxt = dr.select(unvignetted, ray.maxt, 0.0)  # a vignetted ray intersects nothing
         return ray, weight * dr.select(unvignetted, solid_angle, 0.0)
@@ -220,7 +269,11 @@ class SequentialLens:
     def _start(self, position: Array, aperture: Array) -> tuple[Ray, Array]:
         """A ray from the film to the plane of the last vertex, and the projected solid angle it represents [sr]."""
         dr, (axis_x, axis_y), (pitch_x, pitch_y) = drjit(), self.view.axis, self._pitch_mm
-        x, y, z = (position.x - axis_x) * pitch_x, (position.y - axis_y) * pitch_y, self._distance
+        x, y, z = (
+            (position.x - axis_x) * pitch_x,
+            (position.y - axis_y) * pitch_y,
+            self._distance,
+        )
         height = dr.sqrt(x * x + y * y)
         on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
         ux, uy = dr.select(on_axis, 1.0, x * inverse), y * inverse

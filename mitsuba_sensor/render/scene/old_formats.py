@@ -15,13 +15,37 @@ from .scene_edits import BLOCK_SIDE
 
 Change: TypeAlias = tuple[MitsubaObject, str]  # a node, and what was changed in it
 
-KEPT = ("max_depth", "rr_depth", "hide_emitters")  # parameters of an integrator that mean the same in 'path'
-BIDIRECTIONAL = ("bdpt", "erpt", "mlt", "photonmapper", "ppm", "pssmlt", "sppm", "vpl", "volpath_simple")
+KEPT = (
+    "max_depth",
+    "rr_depth",
+    "hide_emitters",
+)  # parameters of an integrator that mean the same in 'path'
+BIDIRECTIONAL = (
+    "bdpt",
+    "erpt",
+    "mlt",
+    "photonmapper",
+    "ppm",
+    "pssmlt",
+    "sppm",
+    "vpl",
+    "volpath_simple",
+)
 AROUND_ANOTHER = ("adaptive", "irrcache", "multichannel")
-RENAMED_PLUGINS = {"vertexcolors": "mesh_attribute", "grid3d": "gridvolume", "constant3d": "constvolume"}
-SUN_DEGREES, SMALLEST_SUN = 0.5358, 0.01  # Mitsuba's default aperture; of it, instead of a sun that is a point
+RENAMED_PLUGINS = {
+    "vertexcolors": "mesh_attribute",
+    "grid3d": "gridvolume",
+    "constant3d": "constvolume",
+}
+SUN_DEGREES, SMALLEST_SUN = (
+    0.5358,
+    0.01,
+)  # Mitsuba's default aperture; of it, instead of a sun that is a point
 FILTERS = {"trilinear": "bilinear", "ewa": "bilinear"}
-DISTRIBUTIONS = {"phong": "beckmann", "as": "beckmann"}  # of microfacets, with the same roughness
+DISTRIBUTIONS = {
+    "phong": "beckmann",
+    "as": "beckmann",
+}  # of microfacets, with the same roughness
 DROPPED = {  # type of node → parameters that change the picture not at all, or hardly
     "Integrator": ("strict_normals",),
     "Shape": ("max_smooth_angle", "collapse", "srgb"),
@@ -48,7 +72,11 @@ def upgrade(state: MitsubaObject) -> list[Change]:
                 found += [(node, what) for what in convert(node, state)]
         for kind, names in DROPPED.items():
             if node.type == getattr(types, kind):
-                found += [(node, f"{name!r} of {kind.lower()} left out") for name in names if name in node.props]
+                found += [
+                    (node, f"{name!r} of {kind.lower()} left out")
+                    for name in names
+                    if name in node.props
+                ]
                 _delete(node.props, names)
     return found
 
@@ -71,7 +99,9 @@ def replace_integrator(props: MitsubaObject, kind: str) -> None:
     props.set_plugin_name(kind)
 
 
-def take_integrator(root: MitsubaObject, found: list[tuple[str, MitsubaObject]], kind: str) -> list[Change]:
+def take_integrator(
+    root: MitsubaObject, found: list[tuple[str, MitsubaObject]], kind: str
+) -> list[Change]:
     """Put an integrator of this kind in the place of those of a scene. found : (name, node) of those."""
     for name, _ in found[1:]:
         del root[name]
@@ -152,7 +182,13 @@ def _emitter(node: MitsubaObject, _: MitsubaObject) -> Iterator[str]:
         yield f"emitter {kind!r} is 'sunsky' without its {'sky' if kind == 'sun' else 'sun'} now"
     if props.plugin_name() == "sunsky":
         yield from _sunsky(props)
-    renamed = {"intensity": {"area": "radiance", "constant": "radiance", "directional": "irradiance"}.get(kind)}
+    renamed = {
+        "intensity": {
+            "area": "radiance",
+            "constant": "radiance",
+            "directional": "irradiance",
+        }.get(kind)
+    }
     for old, new in renamed.items():
         if new is not None and old in props:
             _rename(props, old, new)
@@ -177,7 +213,11 @@ def _medium(node: MitsubaObject, _: MitsubaObject) -> Iterator[str]:
     if props.plugin_name() == "heterogeneous" and "density" in props:
         _rename(props, "density", "sigma_t")
         yield "'density' is 'sigma_t' now"
-    if "sigma_a" in props and "sigma_s" in props and all(isinstance(props[n], float) for n in ("sigma_a", "sigma_s")):
+    if (
+        "sigma_a" in props
+        and "sigma_s" in props
+        and all(isinstance(props[n], float) for n in ("sigma_a", "sigma_s"))
+    ):
         absorbed, scattered = props["sigma_a"], props["sigma_s"]
         _delete(props, ("sigma_a", "sigma_s"))
         props["sigma_t"] = absorbed + scattered

@@ -16,7 +16,9 @@ Attributes: TypeAlias = dict[str, str]
 CURRENT = (3, 0, 0)
 QUOTED = r"""(?:"[^"]*"|'[^']*')"""  # the value of an attribute
 RENAMED_TAGS = {"lookAt": "lookat", "luminaire": "emitter", "camera": "sensor"}
-BLACKBODY_NM = range(300, 1201, 2)  # the table of a <blackbody>, linear in between: within 0.08 % at 2000 K and above
+BLACKBODY_NM = range(
+    300, 1201, 2
+)  # the table of a <blackbody>, linear in between: within 0.08 % at 2000 K and above
 
 
 def version_of(text: str) -> tuple[int, ...]:
@@ -35,14 +37,23 @@ def upgraded_text(text: str, values: Mapping[str, str]) -> tuple[str, list[str]]
 
     values : of the <default> names.
     """
-    text = re.sub(r"<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
+    text = re.sub(
+        r"<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL
+    )
     known = {**dict(re.findall(r'<default\s+name="(\w+)"\s+value="([^"]*)"', text)), **values}
     changed: list[str] = []
 
     def element(found: re.Match[str]) -> str:
         end, tag, inside, close = found.groups()
-        attributes = {name: quoted[1:-1] for name, quoted in re.findall(rf"([\w:]+)\s*=\s*({QUOTED})", inside)}
-        new = (RENAMED_TAGS.get(tag, tag), attributes) if end else _element(tag, attributes, known)
+        attributes = {
+            name: quoted[1:-1]
+            for name, quoted in re.findall(rf"([\w:]+)\s*=\s*({QUOTED})", inside)
+        }
+        new = (
+            (RENAMED_TAGS.get(tag, tag), attributes)
+            if end
+            else _element(tag, attributes, known)
+        )
         if new == (tag, attributes) or new is None:
             return found[0]
         if not end and tag not in changed:
@@ -53,11 +64,16 @@ def upgraded_text(text: str, values: Mapping[str, str]) -> tuple[str, list[str]]
     return re.sub(rf"<(/?)(\w+)((?:\s+[\w:]+\s*=\s*{QUOTED})*)\s*(/?)>", element, text), changed
 
 
-def _element(tag: str, given: Attributes, known: Mapping[str, str]) -> tuple[str, Attributes] | None:
+def _element(
+    tag: str, given: Attributes, known: Mapping[str, str]
+) -> tuple[str, Attributes] | None:
     """An element in the terms of Mitsuba 3; None where its numbers cannot be read. known : values of parameters."""
     if tag in RENAMED_TAGS or not (tag == "blackbody" or tag in COLOURS):
         return _renamed(tag, given)
-    filled = {name: re.sub(r"\$(\w+)", lambda m: known.get(m[1], m[0]), value) for name, value in given.items()}
+    filled = {
+        name: re.sub(r"\$(\w+)", lambda m: known.get(m[1], m[0]), value)
+        for name, value in given.items()
+    }
     try:
         tag_now, attributes = _spectral(tag, filled)
     except (ValueError, ArithmeticError):
@@ -69,7 +85,10 @@ def _spectral(tag: str, given: Attributes) -> tuple[str, Attributes]:
     """A colour or spectrum. Raises ValueError or ArithmeticError for numbers that cannot be read."""
     attributes = {name: value for name, value in given.items() if name != "intent"}
     if tag == "blackbody":
-        return "spectrum", {"name": attributes.get("name", "radiance"), "value": _planck(attributes)}
+        return "spectrum", {
+            "name": attributes.get("name", "radiance"),
+            "value": _planck(attributes),
+        }
     if "value" in attributes:
         tag, attributes["value"] = COLOURS[tag](tag, attributes["value"])
     return tag, attributes
@@ -79,18 +98,27 @@ def _renamed(tag: str, attributes: Attributes) -> tuple[str, Attributes]:
     """An element under its new name; the single coordinates of an early lookAt as vectors."""
     if tag == "lookAt" and "ox" in attributes:
         points = {"origin": "o", "target": "t", "up": "u"}
-        attributes = {name: ", ".join(attributes.get(p + axis, "0") for axis in "xyz") for name, p in points.items()}
+        attributes = {
+            name: ", ".join(attributes.get(p + axis, "0") for axis in "xyz")
+            for name, p in points.items()
+        }
     return RENAMED_TAGS.get(tag, tag), attributes
 
 
 def _rgb(tag: str, value: str) -> tuple[str, str]:
     """#rrggbb as three linear numbers, as Mitsuba 0.6 read it in an <rgb>."""
-    return tag, " ".join(f"{part:.6g}" for part in _hexadecimal(value)) if value.startswith("#") else value
+    return tag, " ".join(f"{part:.6g}" for part in _hexadecimal(value)) if value.startswith(
+        "#"
+    ) else value
 
 
 def _srgb(_: str, value: str) -> tuple[str, str]:
     """sRGB as linear rgb, by the curve of IEC 61966-2-1."""
-    encoded = _hexadecimal(value) if value.startswith("#") else [float(x) for x in re.split(r"[,\s]+", value.strip())]
+    encoded = (
+        _hexadecimal(value)
+        if value.startswith("#")
+        else [float(x) for x in re.split(r"[,\s]+", value.strip())]
+    )
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in encoded]
     return "rgb", " ".join(f"{part:.6g}" for part in linear)
 
@@ -102,7 +130,11 @@ def _spectrum(tag: str, value: str) -> tuple[str, str]:
     return ("rgb", value) if len(numbers) == 3 and ":" not in value else (tag, value)
 
 
-COLOURS: Mapping[str, Callable[[str, str], tuple[str, str]]] = {"rgb": _rgb, "srgb": _srgb, "spectrum": _spectrum}
+COLOURS: Mapping[str, Callable[[str, str], tuple[str, str]]] = {
+    "rgb": _rgb,
+    "srgb": _srgb,
+    "spectrum": _spectrum,
+}
 
 
 def _hexadecimal(value: str) -> list[float]:

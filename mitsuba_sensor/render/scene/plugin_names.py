@@ -23,7 +23,9 @@ def plugin_names() -> list[str]:
 def gradient_integrators() -> list[str]:
     """Names of the integrators that compute gradients, each a module of Mitsuba's in Python. Scalar variants do not
     register them."""
-    modules = (file.stem for file in (_own_folder() / "python" / "ad" / "integrators").glob("*.py"))
+    modules = (
+        file.stem for file in (_own_folder() / "python" / "ad" / "integrators").glob("*.py")
+    )
     return sorted(name for name in modules if name not in SHARED)
 
 
@@ -58,7 +60,9 @@ def type_of_plugin(props: MitsubaObject) -> MitsubaObject:
     return mi.ObjectType.Unknown
 
 
-_TEXTURES = "color0 color1 filename filter_type wrap_mode raw to_uv value wavelengths temperature scale"
+_TEXTURES = (
+    "color0 color1 filename filter_type wrap_mode raw to_uv value wavelengths temperature scale"
+)
 _TEXTURES += " wavelength_min wavelength_max bitmap data format accel"
 _COLOURS = "reflectance diffuse_reflectance specular_reflectance specular_transmittance base_color weight opacity"
 _SURFACES = "alpha alpha_u alpha_v distribution sample_visible int_ior ext_ior nonlinear material eta k roughness"
@@ -87,7 +91,9 @@ NAMES = {
 
 def meant(message: str) -> str:
     """`` Did you mean …?`` for the first parameter that Mitsuba's message says no plugin has asked for, or nothing."""
-    found = re.search(r'unreferenced propert\w+ in (\w+) plugin of type "\w+": - \w+ "(\w+)"', message)
+    found = re.search(
+        r'unreferenced propert\w+ in (\w+) plugin of type "\w+": - \w+ "(\w+)"', message
+    )
     return nearest(found[2], NAMES.get(found[1], "").split()) if found else ""
 
 
@@ -100,7 +106,9 @@ def refuse_foreign_plugins(name: str, state: MitsubaObject, resolver: MitsubaObj
     own = Path(str(mitsuba().__file__)).resolve().parent / "plugins"
     for kind in sorted({node.props.plugin_name() for node in state.nodes}):
         if not re.fullmatch(r"[\w-]{0,64}", kind):
-            raise InputError(f"scene {name!r} has an element of type {kind[:80]!r}, which is no name of a plugin.")
+            raise InputError(
+                f"scene {name!r} has an element of type {kind[:80]!r}, which is no name of a plugin."
+            )
         code = Path(str(resolver.resolve(f"plugins/{kind}{SUFFIX}")))
         if code.exists() and code.resolve().parent != own:
             way_out = "move it away, or render with plain Mitsuba what you trust"

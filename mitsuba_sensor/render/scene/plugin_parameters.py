@@ -27,7 +27,14 @@ P = PluginParameter
 OF_CAMERA, OF_SENSOR, MITSUBA = "the camera's", "the whole sensor", "Mitsuba's"
 
 EXPOSURE_PARAMETERS = (
-    P("exposure_s", "float", "0.1", "s", "metered", "exposure time; the string `auto` is metered too"),
+    P(
+        "exposure_s",
+        "float",
+        "0.1",
+        "s",
+        "metered",
+        "exposure time; the string `auto` is metered too",
+    ),
     P(
         "meter",
         "string",
@@ -38,36 +45,95 @@ EXPOSURE_PARAMETERS = (
     ),
     P("temperature_k", "float", "298.15", "K", "`298.15`", "temperature of the sensor"),
     P("seed", "integer", "1", "", "`1`", "seed of the render and of all temporal noise"),
-    P("serial", "integer", "7", "", "`1`", "serial number of the camera: selects its fixed-pattern noise"),
-    P("wavelength_nm", "float", "550", "nm", "all that the camera detects", "render one band only, about this one"),
+    P(
+        "serial",
+        "integer",
+        "7",
+        "",
+        "`1`",
+        "serial number of the camera: selects its fixed-pattern noise",
+    ),
+    P(
+        "wavelength_nm",
+        "float",
+        "550",
+        "nm",
+        "all that the camera detects",
+        "render one band only, about this one",
+    ),
     P("bandwidth_nm", "float", "20", "nm", "`10`", "width of a spectral band"),
-    P("spectral", "string", "cube", "", "`auto`", "`auto`, `cube` or `channels`: what the bands are good for"),
+    P(
+        "spectral",
+        "string",
+        "cube",
+        "",
+        "`auto`",
+        "`auto`, `cube` or `channels`: what the bands are good for",
+    ),
 )
 
 SIZE_PARAMETERS = (
     P("width", "integer", "16", "pixels", OF_SENSOR, "columns of the picture"),
     P("height", "integer", "12", "pixels", OF_SENSOR, "rows of the picture"),
-    P("crop_width", "integer", "8", "pixels", "the width", "columns of a window of the picture"),
+    P(
+        "crop_width",
+        "integer",
+        "8",
+        "pixels",
+        "the width",
+        "columns of a window of the picture",
+    ),
     P("crop_height", "integer", "6", "pixels", "the height", "rows of that window"),
     P("crop_offset_x", "integer", "2", "pixels", "`0`", "first column of that window"),
     P("crop_offset_y", "integer", "4", "pixels", "`0`", "first row of that window"),
 )
 
 FILM_PARAMETERS = (
-    P("camera", "string", "bayer_2mp", "", "required", "name of a camera, or a .toml beside the scene file"),
-    P("output", "string", "bands", "", "`bands`", "of plain Mitsuba: `bands` of light, or `raw` digital numbers"),
+    P(
+        "camera",
+        "string",
+        "bayer_2mp",
+        "",
+        "required",
+        "name of a camera, or a .toml beside the scene file",
+    ),
+    P(
+        "output",
+        "string",
+        "bands",
+        "",
+        "`bands`",
+        "of plain Mitsuba: `bands` of light, or `raw` digital numbers",
+    ),
     *EXPOSURE_PARAMETERS,
     *SIZE_PARAMETERS,
 )
 """Beside these, every key of a camera file by its dotted name."""
 
 LENS_PARAMETERS = {
-    "lens.f_number": P("f_number", "float", "2.8", "", OF_CAMERA, "focal length over diameter of the entrance pupil"),
+    "lens.f_number": P(
+        "f_number",
+        "float",
+        "2.8",
+        "",
+        OF_CAMERA,
+        "focal length over diameter of the entrance pupil",
+    ),
     "lens.convention": P(
-        "pupil_convention", "string", "working", "", OF_CAMERA, "`working`, or `planar` as in EMVA 1288"
+        "pupil_convention",
+        "string",
+        "working",
+        "",
+        OF_CAMERA,
+        "`working`, or `planar` as in EMVA 1288",
     ),
     "lens.pupil_magnification": P(
-        "pupil_magnification", "float", "1.1", "", OF_CAMERA, "diameter of the exit pupil over that of the entrance"
+        "pupil_magnification",
+        "float",
+        "1.1",
+        "",
+        OF_CAMERA,
+        "diameter of the exit pupil over that of the entrance",
     ),
 }
 """Field of a camera file → the parameter that sets it."""
@@ -83,9 +149,37 @@ PASSED_ON_PARAMETERS = (
 """What the perspective sensor of Mitsuba has too, unchanged."""
 
 SENSOR_PARAMETERS = (
-    P("focal_length_mm", "float", "25", "mm", "required", "focal length; with the pixel pitch, the field of view"),
-    P("focus_distance_m", "float", "2", "m", "everything is sharp", "distance of objects in focus"),
+    P(
+        "focal_length_mm",
+        "float",
+        "25",
+        "mm",
+        "required",
+        "focal length; with the pixel pitch, the field of view",
+    ),
+    P(
+        "focus_distance_m",
+        "float",
+        "2",
+        "m",
+        "everything is sharp",
+        "distance of objects in focus",
+    ),
     *LENS_PARAMETERS.values(),
-    P("transmission", "spectrum", "400:0.9, 700:0.95", "", OF_CAMERA, "T(λ) of the lens; or one number as a float"),
-    P("scene_unit", "string", "cm", "", "`m`", "what a length of 1 in the scene is: m, mm, …, or metres"),
+    P(
+        "transmission",
+        "spectrum",
+        "400:0.9, 700:0.95",
+        "",
+        OF_CAMERA,
+        "T(λ) of the lens; or one number as a float",
+    ),
+    P(
+        "scene_unit",
+        "string",
+        "cm",
+        "",
+        "`m`",
+        "what a length of 1 in the scene is: m, mm, …, or metres",
+    ),
 )

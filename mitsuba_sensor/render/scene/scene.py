@@ -19,7 +19,13 @@ from ...camera.sensor_size import check_on_sensor
 from ...core import Array, Float64Array, InputError
 from ...optics.intrinsics import View
 from ..denoise.guides import render_guides
-from ..light.bands import Bands, box_bands, response_film, restrict_wavelengths, take_wavelengths_of
+from ..light.bands import (
+    Bands,
+    box_bands,
+    response_film,
+    restrict_wavelengths,
+    take_wavelengths_of,
+)
 from ..lint.finding import Finding, most_serious_first
 from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
 from ..lint.mesh_attributes import refuse_missing_attributes
@@ -66,19 +72,30 @@ class Scene:
     def most_together(self, samples: int) -> int:
         """How many passes over the whole crop, of so many samples, :meth:`render` makes at once."""
         columns, rows = self.view.crop_size
-        return most_interleaved(rows * columns, len(self.responses), samples) if self.noisy is None else 1
+        return (
+            most_interleaved(rows * columns, len(self.responses), samples)
+            if self.noisy is None
+            else 1
+        )
 
-    def render(self, seed: int, samples: int, rows: tuple[int, int], count: int = 1) -> NDArray[np.float32]:
+    def render(
+        self, seed: int, samples: int, rows: tuple[int, int], count: int = 1
+    ) -> NDArray[np.float32]:
         """Passes over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns × count, channels),
         those of a pixel side by side.  count : of passes, at most :meth:`most_together`."""
         (columns, _), (x, y) = self.view.crop_size, self.view.crop_offset
         film, size, offset = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
         if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != offset:
             parameters = mitsuba().traverse(self.sensor)
-            parameters["film.crop_size"], parameters["film.crop_offset"] = list(size), list(offset)
+            parameters["film.crop_size"], parameters["film.crop_offset"] = (
+                list(size),
+                list(offset),
+            )
             parameters.update()
         if count > 1:
-            return self._rendered(self._together(count, size), seed, samples).reshape(size[1], size[0] * count, -1)
+            return self._rendered(self._together(count, size), seed, samples).reshape(
+                size[1], size[0] * count, -1
+            )
         image = self._rendered(self.sensor, seed, samples).reshape(size[1], size[0], -1)
         if self.noisy is None:
             return image
@@ -87,18 +104,26 @@ class Scene:
     def _together(self, count: int, size: tuple[int, int]) -> MitsubaObject:
         """A sensor with a film for so many passes."""
         if (found := self._interleaved.get((count, size))) is None:
-            found = self._interleaved[count, size] = interleaved(self.sensor, self.responses, count, size)
+            found = self._interleaved[count, size] = interleaved(
+                self.sensor, self.responses, count, size
+            )
         take_wavelengths_of(self.sensor.film(), found.film())
         return found
 
     def _rendered(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
         try:
-            image = self.integrator.render(self.mitsuba_scene, sensor=sensor, seed=seed, spp=samples)
+            image = self.integrator.render(
+                self.mitsuba_scene, sensor=sensor, seed=seed, spp=samples
+            )
         except RuntimeError as error:
             variant = mitsuba().variant()
-            way_out = "--integrator path" + ("" if variant.startswith("scalar") else " or --variant scalar_spectral")
+            way_out = "--integrator path" + (
+                "" if variant.startswith("scalar") else " or --variant scalar_spectral"
+            )
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
-            raise InputError(f"the scene cannot be rendered in {variant}: try {way_out} ({first}).") from error
+            raise InputError(
+                f"the scene cannot be rendered in {variant}: try {way_out} ({first})."
+            ) from error
         return np.array(image, dtype=np.float32)
 
     def with_noisy(self, pixels: NoisyPixels) -> Scene:
@@ -141,7 +166,9 @@ def _load(
     width: int | None,
     sampler: str,
 ) -> Scene:
-    scene = replace(scene, state=mitsuba().parser.ParserState(scene.state))  # a copy, which is changed
+    scene = replace(
+        scene, state=mitsuba().parser.ParserState(scene.state)
+    )  # a copy, which is changed
     refuse_unsuitable(scene)
     refuse_missing_files(scene)
     settings = settings_of(scene)
@@ -159,20 +186,34 @@ def _load(
     if scene.loaded is not None:
         world, integrator = scene.loaded.scene, scene.loaded.integrator
     if not world.emitters():
-        raise InputError(f'scene {scene.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
+        raise InputError(
+            f'scene {scene.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.'
+        )
     refuse_missing_attributes(scene, world)
     sensor = next((one for one in built.sensors() if one.film().id() == FILM_ID), None)
     if sensor is None:
-        raise InputError(f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
-    integrator = getattr(integrator, "inner", integrator) or mitsuba().load_dict({"type": "path"})
-    spectra = () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
+        raise InputError(
+            f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world."
+        )
+    integrator = getattr(integrator, "inner", integrator) or mitsuba().load_dict(
+        {"type": "path"}
+    )
+    spectra = (
+        () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
+    )
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
-    sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
+    sensor, view, lens_notes = with_lens(
+        sensor, _view(sensor, metres or 1.0), camera, metres or 1.0
+    )
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
-        check_on_sensor(f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera)
+        check_on_sensor(
+            f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera
+        )
     notes = (*(finding.as_note for finding in findings), *lens_notes)
-    return Scene(world, integrator, sensor, view, scene.digest(), bands.responses, notes, tuple(findings))
+    return Scene(
+        world, integrator, sensor, view, scene.digest(), bands.responses, notes, tuple(findings)
+    )
 
 
 def inspect_scene(
@@ -185,8 +226,14 @@ def inspect_scene(
     that a missing mesh is an InputError here and not later."""
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
-    findings, dark = lint(scene, Band(*bands.ends_nm, camera), settings_of(scene).metres(scene_unit))
-    return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
+    findings, dark = lint(
+        scene, Band(*bands.ends_nm, camera), settings_of(scene).metres(scene_unit)
+    )
+    return (
+        tuple(findings)
+        if dark
+        else load_scene(scene, bands, parameters, camera, scene_unit).findings
+    )
 
 
 def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
@@ -196,9 +243,13 @@ def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | 
         return
     where = f"scene {scene.name!r}, {scene.where(node)}"
     if camera is None:
-        raise InputError(f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.')
+        raise InputError(
+            f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.'
+        )
     try:
-        kind, view = built_in_sensor(settings, camera, film_size(scene, camera, None).get("width", WIDTH))
+        kind, view = built_in_sensor(
+            settings, camera, film_size(scene, camera, None).get("width", WIDTH)
+        )
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     for name in sensor_fields_of(node.props):
@@ -240,13 +291,18 @@ def _view(sensor: MitsubaObject, metres: float) -> View:
         return int(vector[0]), int(vector[1])
 
     if 0 in pair(film.crop_size()):
-        raise InputError(f"the film has {film.crop_size()[0]} × {film.crop_size()[1]} pixels; it needs at least 1 × 1.")
+        raise InputError(
+            f"the film has {film.crop_size()[0]} × {film.crop_size()[1]} pixels; it needs at least 1 × 1."
+        )
     return View(
         size=pair(film.size()),
         crop_size=pair(film.crop_size()),
         crop_offset=pair(film.crop_offset()),
         half_width=math.tan(math.radians(value("x_fov", 0.0)) / 2),
-        principal_point=(value("principal_point_offset_x", 0.0), value("principal_point_offset_y", 0.0)),
+        principal_point=(
+            value("principal_point_offset_x", 0.0),
+            value("principal_point_offset_y", 0.0),
+        ),
         focus_m=value("focus_distance", math.inf) * metres,
         aperture_radius_m=value("aperture_radius", 0.0) * metres,
     )

@@ -24,7 +24,9 @@ LISTED = 20  # names in a message
 EXAMPLE = "{'lamp.emitter.radiance.value': 2.0}"
 POSE_FIELDS = ("origin_m", "target_m", "up")
 POSE_EXAMPLE = "'0,1,4 0,1,0', or {'origin_m': [0, 1, 4], 'target_m': [0, 1, 0]}"
-UNNAMED = re.compile(r"object_\d+")  # what Mitsuba calls an element without an id; an address, new in each run
+UNNAMED = re.compile(
+    r"object_\d+"
+)  # what Mitsuba calls an element without an id; an address, new in each run
 
 Numbers = tuple[float, ...]
 POSITIONS = ("vertex_positions", "positions")  # up to Mitsuba 3.9, and from 3.10 on
@@ -35,18 +37,26 @@ def checked_traverse(name: str, given: object) -> dict[str, Numbers]:
     """Names and numbers of the option ``traverse``; a single number is a list of one. Raises InputError."""
     if not isinstance(given, Mapping):
         raise InputError(f"{name} is {given!r}; pass names and numbers, e.g. {EXAMPLE}.")
-    return {str(key): _numbers(f"{name} of {str(key)!r}", value) for key, value in given.items()}
+    return {
+        str(key): _numbers(f"{name} of {str(key)!r}", value) for key, value in given.items()
+    }
 
 
 def _numbers(what: str, given: object) -> Numbers:
     value = given.tolist() if hasattr(given, "tolist") else given
     listed: Sequence[object] = value if isinstance(value, list | tuple) else (value,)
-    flat = [one for row in listed for one in (row if isinstance(row, list | tuple) else (row,))]  # rows of a matrix
+    flat = [
+        one for row in listed for one in (row if isinstance(row, list | tuple) else (row,))
+    ]  # rows of a matrix
     for one in flat:
         if isinstance(one, bool) or not isinstance(one, int | float) or not abs(one) <= LARGEST:
-            raise InputError(f"{what} is {given!r}; it must be a finite number, or a list of them.")
+            raise InputError(
+                f"{what} is {given!r}; it must be a finite number, or a list of them."
+            )
     if not 1 <= len(flat) <= MOST_NUMBERS:
-        raise InputError(f"{what} has {len(flat)} numbers; a parameter has from 1 to {MOST_NUMBERS}.")
+        raise InputError(
+            f"{what} has {len(flat)} numbers; a parameter has from 1 to {MOST_NUMBERS}."
+        )
     return tuple(float(one) for one in flat)
 
 
@@ -59,7 +69,9 @@ def checked_look_at(name: str, given: object) -> dict[str, Numbers]:
         raise InputError(f"{name} is {given!r}; pass {POSE_EXAMPLE}.")
     for key in given:
         if key not in POSE_FIELDS:
-            raise InputError(f"{name} has {key!r}; it has {', '.join(POSE_FIELDS)}.{nearest(str(key), POSE_FIELDS)}")
+            raise InputError(
+                f"{name} has {key!r}; it has {', '.join(POSE_FIELDS)}.{nearest(str(key), POSE_FIELDS)}"
+            )
     for key in POSE_FIELDS[:2]:
         if given.get(key) is None:
             raise InputError(f"{name} has no {key}; pass {POSE_EXAMPLE}.")
@@ -78,7 +90,9 @@ def _of_text(name: str, text: str) -> dict[str, list[float]]:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 3) or any(len(point) != 3 for point in numbers):
-        raise InputError(f"{name} is {text!r}; write origin, target and, if need be, up, e.g. '0,1,4 0,1,0'.")
+        raise InputError(
+            f"{name} is {text!r}; write origin, target and, if need be, up, e.g. '0,1,4 0,1,0'."
+        )
     return dict(zip(POSE_FIELDS, numbers, strict=False))
 
 
@@ -98,9 +112,13 @@ class SceneEdits:
     def of(cls, options: Mapping[str, Any]) -> SceneEdits:
         """Those that are asked for; the variant must be set. options : of :class:`render.options.RenderOptions`, or
         some of them. Raises InputError."""
-        traverse, look_at, repeatable = (options.get(name) for name in ("traverse", "look_at", "repeatable"))
+        traverse, look_at, repeatable = (
+            options.get(name) for name in ("traverse", "look_at", "repeatable")
+        )
         if repeatable and (variant := mitsuba().variant()).startswith("cuda"):
-            raise InputError(f"repeatable is given and the variant is {variant}; take an llvm or scalar variant.")
+            raise InputError(
+                f"repeatable is given and the variant is {variant}; take an llvm or scalar variant."
+            )
         return cls(
             {} if traverse is None else checked_traverse("traverse", traverse),
             None if look_at is None else checked_look_at("look_at", look_at),
@@ -110,7 +128,11 @@ class SceneEdits:
     def digest(self) -> bytes:
         """What stands for them in the digest of a scene; nothing where there are none."""
         changed = self.traverse or self.look_at
-        return json.dumps([sorted(self.traverse.items()), self.look_at]).encode() if changed else b""
+        return (
+            json.dumps([sorted(self.traverse.items()), self.look_at]).encode()
+            if changed
+            else b""
+        )
 
     def set_pose(self, sensor: MitsubaObject, unit_m: float) -> None:
         """Put the pose into the properties of a sensor; a scale of its own stays.  unit_m : metres per scene unit."""
@@ -159,7 +181,11 @@ class SceneEdits:
         mi, node = mitsuba(), parameters.properties[key][2]
         if {"film", "sampler"} & set(key.split(".")[1:-1]):
             return "which belongs to film or sampler, and these are replaced; take width, camera or spp."
-        if self.look_at is not None and isinstance(node, mi.Sensor) and key.endswith(".to_world"):
+        if (
+            self.look_at is not None
+            and isinstance(node, mi.Sensor)
+            and key.endswith(".to_world")
+        ):
             return "and look_at is given, which is the same; leave one of them out."
         if not _count(parameters[key]):
             return f"which is no number, or more than {MOST_NUMBERS} of them; change the scene file instead."
@@ -167,7 +193,9 @@ class SceneEdits:
 
 
 def _is_transform(value: MitsubaObject) -> bool:
-    return hasattr(value, "matrix") and not drjit().is_array_v(value)  # of an array it is a permutation of components
+    return hasattr(value, "matrix") and not drjit().is_array_v(
+        value
+    )  # of an array it is a permutation of components
 
 
 def _count(value: MitsubaObject) -> int:
@@ -194,7 +222,9 @@ def _changed(what: str, value: MitsubaObject, numbers: Numbers) -> MitsubaObject
     side = len(value.matrix)
     matrix = np.array(numbers).reshape(side, side)
     if not np.linalg.det(matrix) or (matrix[-1] != np.eye(side)[-1]).any():
-        raise InputError(f"{what} is no transform; its last row is 0 … 0 1, and it has an inverse.")
+        raise InputError(
+            f"{what} is no transform; its last row is 0 … 0 1, and it has an inverse."
+        )
     return type(value)(matrix)
 
 

@@ -24,7 +24,9 @@ EXAMPLE_SENSOR = (
 )
 NAME_OF_TEXT = "XML text"  # what a scene that is given as text is called in messages
 LONGEST = 1000  # characters of a message of Mitsuba, which repeats the values of a scene
-AS_TEXT = "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
+AS_TEXT = (
+    "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
+)
 POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 
 
@@ -69,7 +71,9 @@ class SceneFile:
         """(name, node) of the objects nested in a node; of these types only, where any are named."""
         mi, nodes = mitsuba(), self.state.nodes
         types = [getattr(mi.ObjectType, kind) for kind in kinds]
-        names = (name for name in props if props.type(name) == mi.Properties.Type.ResolvedReference)
+        names = (
+            name for name in props if props.type(name) == mi.Properties.Type.ResolvedReference
+        )
         found = [(name, nodes[props[name].index()]) for name in names]
         return [(name, node) for name, node in found if not kinds or node.type in types]
 
@@ -84,7 +88,11 @@ class SceneFile:
         found = re.fullmatch(r"(.*) \(line (\d+), col \d+\)", text)
         if not found:  # of a dict
             return text.removeprefix("dictionary ")
-        return f"line {found[2]}" if node.file_index == 0 else f"{Path(found[1]).name} line {found[2]}"
+        return (
+            f"line {found[2]}"
+            if node.file_index == 0
+            else f"{Path(found[1]).name} line {found[2]}"
+        )
 
     def sensor(self) -> MitsubaObject:
         """The node of the scene's first sensor; raises InputError if there is none."""
@@ -111,13 +119,17 @@ class SceneFile:
     def build(self) -> MitsubaObject:
         """The scene itself; raises InputError for whatever is missing or wrong."""
         mi = mitsuba()
-        state = mi.parser.ParserState(self.state)  # a copy, because the transforms leave nothing where it was
+        state = mi.parser.ParserState(
+            self.state
+        )  # a copy, because the transforms leave nothing where it was
         for node in state.nodes:
             for name in node.props:  # what was read here would count as known to the plugin
                 node.props.mark_queried(name, False)
             picture = node.props.get("bitmap", None)
             if isinstance(picture, mi.Bitmap):
-                node.props["bitmap"] = mi.Bitmap(picture)  # Mitsuba takes the pixels out of what it is given
+                node.props["bitmap"] = mi.Bitmap(
+                    picture
+                )  # Mitsuba takes the pixels out of what it is given
         with searching(self.resolver), as_input_error(self.path):
             mi.parser.transform_all(self.config, state)
             built = mi.parser.instantiate(self.config, state)
@@ -146,21 +158,37 @@ def parse_scene(
     require_shallow(text, file)
     usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
     exposure_s = values.get("exposure_s", usual[1]) if usual else None
-    known = sorted({*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)})
+    known = sorted(
+        {*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)}
+    )
     unknown = next((name for name in values if name not in known), None)
-    if unknown is not None and "<include" not in text:  # names in included files are left to Mitsuba
+    if (
+        unknown is not None and "<include" not in text
+    ):  # names in included files are left to Mitsuba
         has = f"it has {', '.join(known)}" if known else "it has none"
-        raise InputError(f"scene {str(file)!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}")
+        raise InputError(
+            f"scene {str(file)!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}"
+        )
     config = parser_config()
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(file.resolve().parent))
     old = _with_old_includes(text, file.parent) if is_old(text) else ""
     new, tags = old_text.upgraded_text(old, values) if old else (text, [])
-    gone = [name for name in values if f"${name}" not in new and (name == "exposure_s" or f"${name}" in text)]
-    used = {name: value for name, value in values.items() if name not in gone}  # Mitsuba refuses what is not used
+    gone = [
+        name
+        for name in values
+        if f"${name}" not in new and (name == "exposure_s" or f"${name}" in text)
+    ]
+    used = {
+        name: value for name, value in values.items() if name not in gone
+    }  # Mitsuba refuses what is not used
     with searching(beside), as_input_error(file):
         as_text, name = bool(tags or given), str(file)
-        state = mi.parser.parse_string(config, new, **used) if as_text else mi.parser.parse_file(config, name, **used)
+        state = (
+            mi.parser.parse_string(config, new, **used)
+            if as_text
+            else mi.parser.parse_file(config, name, **used)
+        )
         mi.parser.transform_upgrade(config, state)
         changed = old_formats.upgrade(state)
         mi.parser.transform_resolve(config, state)
@@ -168,14 +196,21 @@ def parse_scene(
         own_folder_first(resolver)
         refuse_foreign_plugins(str(file), state, resolver)
     if state.nodes[0].type != mi.ObjectType.Scene:
-        raise InputError(f'{str(file)!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
+        raise InputError(
+            f'{str(file)!r} holds no scene; its outermost element must be <scene version="3.0.0">.'
+        )
     _refuse_newer(state, file)
     content = str(given).encode()
-    scene = SceneFile(file, config, state, values, resolver, exposure_s, (), new, ignore_polarization, content)
+    scene = SceneFile(
+        file, config, state, values, resolver, exposure_s, (), new, ignore_polarization, content
+    )
     converted = f"converted from the format of Mitsuba {old_text.version_name(text)}"
-    changes = [(scene.where(state.nodes[0]), (f"<{', '.join(tags)}> in the terms of Mitsuba 3", converted))][
-        : len(tags)
-    ]
+    changes = [
+        (
+            scene.where(state.nodes[0]),
+            (f"<{', '.join(tags)}> in the terms of Mitsuba 3", converted),
+        )
+    ][: len(tags)]
     if integrator is not None:
         changed = [one for one in changed if one[0].type != mi.ObjectType.Integrator]
     changes += [(scene.where(node), (what, converted)) for node, what in changed]
@@ -187,15 +222,22 @@ def _refuse_newer(state: MitsubaObject, file: Path) -> None:
     for version in map(str, state.versions):
         if int(version.split(".")[0]) > old_text.CURRENT[0]:
             newest = f'formats up to 3 can be read: write version="{old_text.version_name("")}", if it is one of these'
-            raise InputError(f"scene {str(file)!r} has the format of Mitsuba {version}; {newest}.")
+            raise InputError(
+                f"scene {str(file)!r} has the format of Mitsuba {version}; {newest}."
+            )
 
 
 def with_integrator(scene: SceneFile, integrator: str | None) -> SceneFile:
     """The scene with the integrator that is asked for, if any, in place of its own."""
     if integrator is None:
         return scene
-    asked = old_formats.take_integrator(scene.root, scene.children(scene.root, "Integrator"), integrator)
-    changes = [(scene.where(node), (what, "leave the option out for the scene's own")) for node, what in asked]
+    asked = old_formats.take_integrator(
+        scene.root, scene.children(scene.root, "Integrator"), integrator
+    )
+    changes = [
+        (scene.where(node), (what, "leave the option out for the scene's own"))
+        for node, what in asked
+    ]
     return replace(scene, changes=(*scene.changes, *changes))
 
 
@@ -217,7 +259,11 @@ def _with_old_includes(text: str, folder: Path) -> str:
         inner = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
         if not is_old(inner):
             return found[0]
-        body = re.search(r"<scene[^>]*>(.*)</scene>", re.sub(r"<!--.*?-->", "", inner, flags=re.DOTALL), re.DOTALL)
+        body = re.search(
+            r"<scene[^>]*>(.*)</scene>",
+            re.sub(r"<!--.*?-->", "", inner, flags=re.DOTALL),
+            re.DOTALL,
+        )
         return " ".join(_with_old_includes(body[1], file.parent).split()) if body else found[0]
 
     return re.sub(r'<include\s+filename="([^"$]+)"\s*/>', content, text)
@@ -244,7 +290,10 @@ def as_input_error(file: Path, place: str = "") -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        begin, name = "At|While loading|Error while loading|Parsing of XML file", re.escape(str(file))
+        begin, name = (
+            "At|While loading|Error while loading|Parsing of XML file",
+            re.escape(str(file)),
+        )
         known = f'{name}|{re.escape(str(file.resolve()))}|string|dictionary node "root'
         where = rf'(?:{begin}) "?(?:{known})"?(?: failed)?:? '
         text = re.sub(where, "", plain_message(error))
@@ -282,7 +331,14 @@ def _remedy(message: str, file: Path) -> str:
         return f".{meant(message)}"
     unknown = re.search(r'Plugin "(\w+)" not found', message)
     if unknown:
-        remedy, of_integrator = remedy_for_unknown(unknown[1]), "failed to instantiate integrator" in message
-        way_out = "; take --integrator path (integrator='path')" if of_integrator and remedy.startswith(".") else ""
+        remedy, of_integrator = (
+            remedy_for_unknown(unknown[1]),
+            "failed to instantiate integrator" in message,
+        )
+        way_out = (
+            "; take --integrator path (integrator='path')"
+            if of_integrator and remedy.startswith(".")
+            else ""
+        )
         return f"{way_out}{remedy}"
     return "."

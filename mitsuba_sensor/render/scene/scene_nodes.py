@@ -19,23 +19,52 @@ import numpy as np
 from ...core import InputError
 from ..variants import MitsubaObject, mitsuba, parser_config, refuse_polarized
 from .plugin_id import PluginParameters, parameters_of
-from .plugin_names import OWN_PLUGINS, refuse_foreign_plugins, remedy_for_unknown, type_of_plugin
+from .plugin_names import (
+    OWN_PLUGINS,
+    refuse_foreign_plugins,
+    remedy_for_unknown,
+    type_of_plugin,
+)
 from .scene_file import EXAMPLE_SENSOR, POLARISING, SceneFile, as_input_error, with_integrator
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
 """A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
 
 SENSOR, FILM, RAW_FRAME = OWN_PLUGINS
-SENSORS = {"PerspectiveCamera": "perspective", "ThinLensCamera": "thinlens", "OrthographicCamera": "orthographic"}
-FILTERS = {"BoxFilter": "box", "GaussianFilter": "gaussian", "TentFilter": "tent", "CatmullRomFilter": "catmullrom"}
+SENSORS = {
+    "PerspectiveCamera": "perspective",
+    "ThinLensCamera": "thinlens",
+    "OrthographicCamera": "orthographic",
+}
+FILTERS = {
+    "BoxFilter": "box",
+    "GaussianFilter": "gaussian",
+    "TentFilter": "tent",
+    "CatmullRomFilter": "catmullrom",
+}
 FILTERS |= {"MitchellNetravaliFilter": "mitchell", "LanczosSincFilter": "lanczos"}
 FILMS = {"HDRFilm": "hdrfilm", "SpecFilm": "specfilm"}
 NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
-POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")  # classes of POLARISING
+POLARISERS = (
+    "LinearPolarizer",
+    "CircularPolarizer",
+    "LinearRetarder",
+    "MeasuredPolarized",
+)  # classes of POLARISING
 # Options which change a scene before it is loaded:
-OPTIONS = ("parameters", "integrator", "motion", "ignore_polarization", "traverse", "look_at", "repeatable")
+OPTIONS = (
+    "parameters",
+    "integrator",
+    "motion",
+    "ignore_polarization",
+    "traverse",
+    "look_at",
+    "repeatable",
+)
 CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")  # of a film
-LOADED = "pictures and colours of a loaded scene are not looked at for what is black in the bands"
+LOADED = (
+    "pictures and colours of a loaded scene are not looked at for what is black in the bands"
+)
 ANOTHER = "pass the scene as a path, as XML text or as a dict"
 
 
@@ -57,7 +86,9 @@ class LoadedView(NamedTuple):
         if not (sensors := scene.sensors()):
             raise InputError(f"scene 'mi.Scene' has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
         integrator = scene.integrator()
-        return cls(scene, sensors[0], getattr(integrator, "inner", integrator), sensors[0].film())
+        return cls(
+            scene, sensors[0], getattr(integrator, "inner", integrator), sensors[0].film()
+        )
 
 
 def view_of_loaded(scene: object) -> LoadedView | None:
@@ -79,10 +110,14 @@ def check_loaded(scene: MitsubaObject, options: Mapping[str, Any]) -> None:
         )
     if own != wanted:
         way_out = f"load it again, or pass variant={own!r}"
-        raise InputError(f"the scene was loaded in variant {own!r}, and {wanted!r} is to render it; {way_out}.")
+        raise InputError(
+            f"the scene was loaded in variant {own!r}, and {wanted!r} is to render it; {way_out}."
+        )
     for name in OPTIONS:
         if options.get(name):
-            raise InputError(f"{name} is given and the scene is a loaded mi.Scene, which it cannot change; {ANOTHER}.")
+            raise InputError(
+                f"{name} is given and the scene is a loaded mi.Scene, which it cannot change; {ANOTHER}."
+            )
 
 
 def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
@@ -96,7 +131,10 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
         _check_dict(tree, options)
         digest = json.dumps(list(_described(tree)))
     else:
-        kinds, given = "a path, XML text, a dict as for mi.load_dict, or a mi.Scene", " ".join(repr(scene).split())
+        kinds, given = (
+            "a path, XML text, a dict as for mi.load_dict, or a mi.Scene",
+            " ".join(repr(scene).split()),
+        )
         raise InputError(f"scene is {given}; pass {kinds}, e.g. 'scenes/cornell_box.xml'.")
     config = parser_config()
     resolver = type(mi.file_resolver())(mi.file_resolver())
@@ -108,7 +146,14 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
         mi.parser.transform_resolve(config, state)
     polarised, content = bool(options.get("ignore_polarization")), digest.encode()
     file = SceneFile(
-        Path(name), config, state, {}, resolver, changes=tuple(changes), ignore_polarization=polarised, content=content
+        Path(name),
+        config,
+        state,
+        {},
+        resolver,
+        changes=tuple(changes),
+        ignore_polarization=polarised,
+        content=content,
     )
     file = replace(file, loaded=loaded)
     for field, value in fields.items():
@@ -118,16 +163,24 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
 
 def _check_dict(tree: Mapping[str, Any], options: Mapping[str, Any]) -> None:
     if tree.get("type") != "scene":
-        raise InputError(f"the dict has type {tree.get('type')!r}; pass one of a whole scene, with 'type': 'scene'.")
+        raise InputError(
+            f"the dict has type {tree.get('type')!r}; pass one of a whole scene, with 'type': 'scene'."
+        )
     if options.get("parameters"):
-        raise InputError("parameters are for the <default> names of a scene in XML; change the dict instead.")
+        raise InputError(
+            "parameters are for the <default> names of a scene in XML; change the dict instead."
+        )
     for place, value in _leaves(tree):
         if options.get("integrator") and isinstance(value, mitsuba().Integrator):
-            raise InputError(f"integrator is given and {place!r} of the dict is one already; leave one of them out.")
+            raise InputError(
+                f"integrator is given and {place!r} of the dict is one already; leave one of them out."
+            )
         own, now = _variant_of(value), mitsuba().variant()
         if own not in ("", now):
             way_out = f"make it in that one, or pass variant={own!r}"
-            raise InputError(f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}.")
+            raise InputError(
+                f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}."
+            )
 
 
 def _variant_of(value: Any) -> str:
@@ -158,7 +211,9 @@ def _know_types(state: MitsubaObject) -> None:
         kind_of_node = own.get(kind) or type_of_plugin(node.props)
         if kind_of_node is None:
             place = mitsuba().parser.file_location(state, node).removeprefix("dictionary ")
-            raise InputError(f"scene 'dict', {place}: there is no plugin {kind!r}{remedy_for_unknown(kind)}")
+            raise InputError(
+                f"scene 'dict', {place}: there is no plugin {kind!r}{remedy_for_unknown(kind)}"
+            )
         node.type = kind_of_node
 
 
@@ -176,7 +231,14 @@ def _described(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for place, value in _leaves(tree):
         built = hasattr(value, "variant_name")
         array = isinstance(value, np.ndarray) or hasattr(value, "__array__")
-        yield place, _digest_of(value) if built else repr(np.asarray(value).tolist()) if array else repr(value)
+        yield (
+            place,
+            _digest_of(value)
+            if built
+            else repr(np.asarray(value).tolist())
+            if array
+            else repr(value),
+        )
 
 
 def _tree_of(view: LoadedView) -> dict[str, Any]:
@@ -195,35 +257,69 @@ def _tree_of(view: LoadedView) -> dict[str, Any]:
 def _check_integrator(integrator: MitsubaObject) -> None:
     kind = integrator.class_name()
     if integrator.aov_names() or kind in NO_RADIANCE:
-        why = "adds channels that the sensor cannot use" if integrator.aov_names() else "computes no radiance"
-        raise InputError(f"the integrator of the scene, {kind}, {why}; load the scene with another, e.g. 'path'.")
+        why = (
+            "adds channels that the sensor cannot use"
+            if integrator.aov_names()
+            else "computes no radiance"
+        )
+        raise InputError(
+            f"the integrator of the scene, {kind}, {why}; load the scene with another, e.g. 'path'."
+        )
 
 
-def _described_sensor(sensor: MitsubaObject, parameters: PluginParameters | None) -> dict[str, Any]:
+def _described_sensor(
+    sensor: MitsubaObject, parameters: PluginParameters | None
+) -> dict[str, Any]:
     """The parameters of a sensor and its film, from which they are built again.  parameters : of our plugins, in which
     size and crop are those of the film as it is."""
     mi, kind, film = mitsuba(), SENSORS.get(sensor.class_name()), sensor.film()
     if kind is None:
-        raise InputError(f"the sensor of the scene is a {sensor.class_name()}; it must be one of {', '.join(SENSORS)}.")
+        raise InputError(
+            f"the sensor of the scene is a {sensor.class_name()}; it must be one of {', '.join(SENSORS)}."
+        )
     if sensor.get_medium() is not None:
         raise InputError(f"the sensor of the scene is inside a medium; {ANOTHER}.")
     found, size = mi.traverse(sensor), (film.size(), film.crop_size(), film.crop_offset())
     (width, height), crop, offset = (tuple(int(n) for n in pair) for pair in size)
-    names: tuple[str, ...] = ("near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
+    names: tuple[str, ...] = (
+        "near_clip",
+        "far_clip",
+        "principal_point_offset_x",
+        "principal_point_offset_y",
+    )
     names += ("focus_distance", "aperture_radius") if kind == "thinlens" else ()
     numbers = {name: float(np.ravel(found[name])[0]) for name in names if name in found}
     pose = mi.ScalarTransform4f(np.array(found["to_world"].matrix, dtype=float).reshape(4, 4))
     own = {"width": width, "height": height}
     if crop != (width, height):
         own |= dict(zip(CROP, crop + offset, strict=True))
-    view = {"fov": float(np.ravel(found["x_fov"])[0]), "fov_axis": "x"} if "x_fov" in found else {}
+    view = (
+        {"fov": float(np.ravel(found["x_fov"])[0]), "fov_axis": "x"} if "x_fov" in found else {}
+    )
     rfilter = {"type": FILTERS.get(film.rfilter().class_name(), "gaussian")}
-    described = {"type": FILMS.get(film.class_name(), "hdrfilm"), "component_format": "float32", "rfilter": rfilter}
+    described = {
+        "type": FILMS.get(film.class_name(), "hdrfilm"),
+        "component_format": "float32",
+        "rfilter": rfilter,
+    }
     if parameters is not None:
-        described = {"type": FILM, **{key: parameters.film[key] for key in parameters.film if key not in CROP}}
+        described = {
+            "type": FILM,
+            **{key: parameters.film[key] for key in parameters.film if key not in CROP},
+        }
         if parameters.sensor is not None:
-            moved = {name: value for name, value in numbers.items() if "_clip" in name or "principal" in name}
-            return {"type": SENSOR, **parameters.sensor, **moved, "to_world": pose, "film": {**described, **own}}
+            moved = {
+                name: value
+                for name, value in numbers.items()
+                if "_clip" in name or "principal" in name
+            }
+            return {
+                "type": SENSOR,
+                **parameters.sensor,
+                **moved,
+                "to_world": pose,
+                "film": {**described, **own},
+            }
     return {"type": kind, **view, **numbers, "to_world": pose, "film": {**described, **own}}
 
 

@@ -36,10 +36,25 @@ SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
 SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
     tuple(one.name for one in those)
-    for those in (SIZE_PARAMETERS, EXPOSURE_PARAMETERS, FILM_PARAMETERS, SENSOR_PARAMETERS, PASSED_ON_PARAMETERS)
+    for those in (
+        SIZE_PARAMETERS,
+        EXPOSURE_PARAMETERS,
+        FILM_PARAMETERS,
+        SENSOR_PARAMETERS,
+        PASSED_ON_PARAMETERS,
+    )
 )
 LENS_FIELDS = {one.name: field for field, one in LENS_PARAMETERS.items()}
-METRES = {"km": 1e3, "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+METRES = {
+    "km": 1e3,
+    "m": 1.0,
+    "dm": 0.1,
+    "cm": 0.01,
+    "mm": 1e-3,
+    "um": 1e-6,
+    "in": 0.0254,
+    "ft": 0.3048,
+}
 Fields = dict[str, Any]  # parameter name → value, of one element
 
 
@@ -73,12 +88,20 @@ class SceneSettings:
         """The exposure, metered unless the file sets its time; at 298.15 K unless it sets another temperature."""
         if self.exposure_s is None or isinstance(self.exposure_s, str):
             return self.metering()
-        return Exposure(self.exposure_s, first_given(self.temperature_k, Exposure(0.0).temperature_k))
+        return Exposure(
+            self.exposure_s, first_given(self.temperature_k, Exposure(0.0).temperature_k)
+        )
 
     def metering(self, temperature_k: float | None = None) -> Metering:
         """How this file's exposure is metered, or would be, by default at its own temperature. Raises InputError."""
-        temperature_k = first_given(temperature_k, self.temperature_k, Exposure(0.0).temperature_k)
-        return Metering(temperature_k) if self.meter is None else Metering.of_text(self.meter, temperature_k)
+        temperature_k = first_given(
+            temperature_k, self.temperature_k, Exposure(0.0).temperature_k
+        )
+        return (
+            Metering(temperature_k)
+            if self.meter is None
+            else Metering.of_text(self.meter, temperature_k)
+        )
 
     def metres(self, scene_unit: str | float | None) -> float | None:
         """Metres per scene unit: as asked for, else as the file says; None if neither does."""
@@ -89,8 +112,15 @@ class SceneSettings:
         changed = camera.replace(**self.fields) if self.fields else camera
         if changed.lens.prescription is None:
             return changed
-        focus = {"lens.focal_length_mm": self.focal_length_mm, "lens.focus_m": self.focus_distance_m}
-        given = {name: value for name, value in focus.items() if value is not None and name not in self.fields}
+        focus = {
+            "lens.focal_length_mm": self.focal_length_mm,
+            "lens.focus_m": self.focus_distance_m,
+        }
+        given = {
+            name: value
+            for name, value in focus.items()
+            if value is not None and name not in self.fields
+        }
         return changed.replace(**given) if given else changed
 
     def overruled_by(self, camera: Camera) -> list[str]:
@@ -112,7 +142,9 @@ def settings_of(scene: SceneFile) -> SceneSettings:
     try:
         node = film or sensor
         if film is not None and film.props.plugin_name() == FILM:
-            _check_names(film.props, (*FILM_FIELDS, *(name for name in film.props if "." in name)))  # a camera's field
+            _check_names(
+                film.props, (*FILM_FIELDS, *(name for name in film.props if "." in name))
+            )  # a camera's field
             with searching(scene.resolver):
                 of_film = film_fields_of(film.props)
         elif scene.exposure_s is not None:
@@ -120,7 +152,9 @@ def settings_of(scene: SceneFile) -> SceneSettings:
         settings_from(of_film, {})  # its errors are located at the film
         node = sensor
         if sensor.props.plugin_name() == SENSOR:
-            _check_names(sensor.props, (*SENSOR_FIELDS, *PASSED_ON, *dict(scene.children(sensor.props))))
+            _check_names(
+                sensor.props, (*SENSOR_FIELDS, *PASSED_ON, *dict(scene.children(sensor.props)))
+            )
             of_sensor = sensor_fields_of(sensor.props)
         return settings_from(of_film, of_sensor)
     except InputError as error:
@@ -131,7 +165,9 @@ def _check_names(props: MitsubaObject, known: Iterable[str]) -> None:
     """InputError for a parameter that is not known."""
     for name in props:
         if name not in known:
-            raise InputError(f"{name[:80]!r} is not a parameter of a {props.plugin_name()}.{nearest(name, known)}")
+            raise InputError(
+                f"{name[:80]!r} is not a parameter of a {props.plugin_name()}.{nearest(name, known)}"
+            )
 
 
 def film_fields_of(props: MitsubaObject) -> Fields:
@@ -139,7 +175,9 @@ def film_fields_of(props: MitsubaObject) -> Fields:
     fields: Fields = {name: props[name] for name in props if name in FILM_FIELDS or "." in name}
     for name, value in fields.items():
         if not isinstance(value, bool | int | float | str):
-            raise InputError(f"{name} of a photosensor must be a <string>, <float>, <integer> or <boolean>.")
+            raise InputError(
+                f"{name} of a photosensor must be a <string>, <float>, <integer> or <boolean>."
+            )
     for name in set(FILES) & set(fields):
         found = Path(str(mitsuba().file_resolver().resolve(str(fields[name]))))
         if os.path.isfile(found) and fields[name] not in list_cameras():
@@ -154,23 +192,35 @@ def sensor_fields_of(props: MitsubaObject) -> Fields:
 
 def settings_from(film: Fields, lens: Fields) -> SceneSettings:
     """The checked settings of the parameters of a film and a sensor. Raises InputError."""
-    own = {name: toml_value(v) if isinstance(v, str) else v for name, v in film.items() if "." in name}
+    own = {
+        name: toml_value(v) if isinstance(v, str) else v
+        for name, v in film.items()
+        if "." in name
+    }
     of_lens = lens_fields(lens)
     for name in sorted(own.keys() & of_lens):
-        raise InputError(f"{name} is set in the film and in the sensor; give it in one of the two.")
+        raise InputError(
+            f"{name} is set in the film and in the sensor; give it in one of the two."
+        )
     exposure = {name: film[name] for name in EXPOSURE_FIELDS if name in film}
     time_s = exposure.get("exposure_s", "auto")
-    Exposure(0.0 if time_s == "auto" else time_s, exposure.get("temperature_k", 0.0))  # checked here, with line numbers
+    Exposure(
+        0.0 if time_s == "auto" else time_s, exposure.get("temperature_k", 0.0)
+    )  # checked here, with line numbers
     if "meter" in exposure:
         Metering.of_text(exposure["meter"])
         if time_s != "auto":
-            raise InputError(f"meter is {exposure['meter']!r} and exposure_s is {time_s!r}; leave one of them out.")
+            raise InputError(
+                f"meter is {exposure['meter']!r} and exposure_s is {time_s!r}; leave one of them out."
+            )
     for name in ("seed", "serial"):
         require_seed(name, exposure.get(name, 0))
     if film.get("output", "bands") not in ("bands", "raw"):
         raise InputError(f"output is {film['output']!r}; it must be bands or raw.")
     if exposure.get("spectral", SPECTRAL[0]) not in SPECTRAL:
-        raise InputError(f"spectral is {exposure['spectral']!r}; it must be one of {', '.join(SPECTRAL)}.")
+        raise InputError(
+            f"spectral is {exposure['spectral']!r}; it must be one of {', '.join(SPECTRAL)}."
+        )
     for name, example in (("focal_length_mm", 25), ("focus_distance_m", 2)):
         if name in lens:
             require(name, lens[name], 1e-6, 1e9, f"e.g. {example}")
@@ -183,7 +233,11 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
         **exposure,
     )
     named = "camera" in film
-    return replace(settings, camera=settings.applied_to(load_camera(film["camera"]))) if named else settings
+    return (
+        replace(settings, camera=settings.applied_to(load_camera(film["camera"])))
+        if named
+        else settings
+    )
 
 
 def lens_fields(lens: Fields) -> Fields:
@@ -195,10 +249,15 @@ def lens_fields(lens: Fields) -> Fields:
     if isinstance(transmission, int | float):
         return fields | {"lens.transmission": transmission}
     if not hasattr(transmission, "wavelengths"):
-        raise InputError('transmission must be a <float>, or a <spectrum> of pairs, e.g. value="400:0.9, 700:0.95".')
+        raise InputError(
+            'transmission must be a <float>, or a <spectrum> of pairs, e.g. value="400:0.9, 700:0.95".'
+        )
     if transmission.is_uniform():
         return fields | {"lens.transmission": float(transmission.values[0])}
-    curve, nodes_nm = (tuple(map(float, numbers)) for numbers in (transmission.values, transmission.wavelengths))
+    curve, nodes_nm = (
+        tuple(map(float, numbers))
+        for numbers in (transmission.values, transmission.wavelengths)
+    )
     table = {"lens.transmission_curve": curve, "lens.transmission_wavelengths_nm": nodes_nm}
     return fields | {"lens.transmission": 1.0, **table}
 
@@ -219,7 +278,9 @@ def unit_m(scene_unit: str | float) -> float:
         metres = float(scene_unit)
     except (TypeError, ValueError, OverflowError):
         known = ", ".join(METRES)
-        raise InputError(f"scene_unit is {scene_unit!r}; it must be one of {known}, or metres per unit.") from None
+        raise InputError(
+            f"scene_unit is {scene_unit!r}; it must be one of {known}, or metres per unit."
+        ) from None
     return require("scene_unit", metres, 1e-12, 1e12, "metres per unit, e.g. 0.001")
 
 
@@ -238,20 +299,28 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
     chosen = complete(FileOptions, part_of(FileOptions, options))
     parameters = chosen["parameters"]
     if parameters is not None and not isinstance(parameters, Mapping):
-        raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
+        raise InputError(
+            f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values."
+        )
     if (loaded := view_of_loaded(scene)) is not None:
         check_loaded(loaded.scene, options)
     variant = choose_variant(chosen["variant"])
     use(variant)
     if isinstance(scene, str | os.PathLike):
-        file = parse_scene(scene, parameters or {}, chosen["integrator"], chosen["ignore_polarization"])
+        file = parse_scene(
+            scene, parameters or {}, chosen["integrator"], chosen["ignore_polarization"]
+        )
     else:
         file = parse_nodes(scene, chosen)
     with as_input_error(file.path):
-        return ParsedScene(replace(file, edits=SceneEdits.of(options)), settings_of(file), variant)
+        return ParsedScene(
+            replace(file, edits=SceneEdits.of(options)), settings_of(file), variant
+        )
 
 
-def bands_asked_for(options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str) -> Bands:
+def bands_asked_for(
+    options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str
+) -> Bands:
     """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
     wavelength_nm = first_given(options["wavelength_nm"], settings.wavelength_nm)
     in_scene = "auto" if options["wavelength_nm"] else settings.spectral

@@ -56,30 +56,60 @@ class Konnik2014Settings:
     Raises InputError for a value out of its range, and for the formulas of the paper in ``PAPER_ONLY``.
     """
 
-    technology: Annotated[Literal["cmos", "ccd"], Option("A CCD has no reset noise and no column FPN.")] = "cmos"
-    quantum_efficiency: Annotated[float, Option("Electrons per photon.", low=0, high=1, example="0.6")] = 0.6  # Table 1
+    technology: Annotated[
+        Literal["cmos", "ccd"], Option("A CCD has no reset noise and no column FPN.")
+    ] = "cmos"
+    quantum_efficiency: Annotated[
+        float, Option("Electrons per photon.", low=0, high=1, example="0.6")
+    ] = 0.6  # Table 1
     photon_shot: Annotated[bool, Option("Photon shot noise.")] = True
-    prnu: Annotated[float, Option("PRNU, a fraction.", low=0, high=1, example="0.005")] = 0.005  # Table 1
-    pixel_area_cm2: Annotated[float, Option("Table 1.", low=1e-12, high=1, example="3.249e-7")] = 3.249e-7
-    dark_fom_na_per_cm2: Annotated[float, Option("D_FM.", low=0, high=1e9, example="1.0")] = 1.0  # Table 1
+    prnu: Annotated[float, Option("PRNU, a fraction.", low=0, high=1, example="0.005")] = (
+        0.005  # Table 1
+    )
+    pixel_area_cm2: Annotated[
+        float, Option("Table 1.", low=1e-12, high=1, example="3.249e-7")
+    ] = 3.249e-7
+    dark_fom_na_per_cm2: Annotated[float, Option("D_FM.", low=0, high=1e9, example="1.0")] = (
+        1.0  # Table 1
+    )
     dark_shot: Annotated[bool, Option("Dark shot noise.")] = True
-    dark_fpn: Annotated[FpnName, Option("Distribution of the dark FPN.")] = "gaussian"  # released parameters, simple
-    dark_fpn_factor: Annotated[float, Option("D_N.", low=0, high=1e3, example="0.01")] = 0.01  # Table 1
+    dark_fpn: Annotated[FpnName, Option("Distribution of the dark FPN.")] = (
+        "gaussian"  # released parameters, simple
+    )
+    dark_fpn_factor: Annotated[float, Option("D_N.", low=0, high=1e3, example="0.01")] = (
+        0.01  # Table 1
+    )
     dark_fpn_parameter: Annotated[float, Option("Of that distribution.")] = 0.0
-    source_follower_e: Annotated[float, Option("Read noise [e- rms].", low=0, high=1e6, example="6.09")] = 0.0
-    full_well_e: Annotated[float, Option("Full well.", low=1, high=1e9, example="33000")] = 33000.0  # Table 1
-    sense_gain_uv_per_e: Annotated[float, Option("A_SN.", low=1e-3, high=1e3, example="5")] = 5.0  # Table 1
-    reference_v: Annotated[float, Option("V_REF.", low=1e-3, high=1e3, example="3.1")] = 3.1  # released parameters
-    reset: Annotated[Literal["lognormal_minus_one"], Option("Reset noise.")] = "lognormal_minus_one"
-    reset_factor: Annotated[float, Option("1: all kTC noise, 0: none.", low=0, high=1, example="0.8")] = 0.8
+    source_follower_e: Annotated[
+        float, Option("Read noise [e- rms].", low=0, high=1e6, example="6.09")
+    ] = 0.0
+    full_well_e: Annotated[float, Option("Full well.", low=1, high=1e9, example="33000")] = (
+        33000.0  # Table 1
+    )
+    sense_gain_uv_per_e: Annotated[float, Option("A_SN.", low=1e-3, high=1e3, example="5")] = (
+        5.0  # Table 1
+    )
+    reference_v: Annotated[float, Option("V_REF.", low=1e-3, high=1e3, example="3.1")] = (
+        3.1  # released parameters
+    )
+    reset: Annotated[Literal["lognormal_minus_one"], Option("Reset noise.")] = (
+        "lognormal_minus_one"
+    )
+    reset_factor: Annotated[
+        float, Option("1: all kTC noise, 0: none.", low=0, high=1, example="0.8")
+    ] = 0.8
     ve_alpha: Annotated[float, Option("0 is linear.", low=0, high=1, example="0.05")] = 0.0
     vv_gamma: Annotated[float, Option("1 is linear.", low=0.5, high=2, example="1.05")] = 1.0
     column_fpn: Annotated[FpnName, Option("Distribution of the column FPN.")] = "gaussian"
-    column_fpn_factor: Annotated[float, Option("D, Table 1.", low=0, high=1, example="0.001")] = 0.001
+    column_fpn_factor: Annotated[
+        float, Option("D, Table 1.", low=0, high=1, example="0.001")
+    ] = 0.001
     column_fpn_parameter: Annotated[float, Option("Of that distribution.")] = 0.0
     adc_bits: Annotated[int, Option("Bits.", low=1, high=24, example="12")] = 12  # Table 1
     adc_gamma: Annotated[float, Option("1 is linear.", low=0.5, high=2, example="1.04")] = 1.0
-    adc_reference: Annotated[Literal["reset_level"], Option("What the signal is subtracted from.")] = "reset_level"
+    adc_reference: Annotated[
+        Literal["reset_level"], Option("What the signal is subtracted from.")
+    ] = "reset_level"
 
     def __post_init__(self) -> None:
         for (name, value), reason in PAPER_ONLY.items():
@@ -88,7 +118,11 @@ class Konnik2014Settings:
         for setting in declared(type(self)):
             setting.checked(getattr(self, setting.name))
         for which in ("dark_fpn", "column_fpn"):
-            require(f"{which}_parameter", getattr(self, f"{which}_parameter"), *PARAMETER_RANGES[getattr(self, which)])
+            require(
+                f"{which}_parameter",
+                getattr(self, f"{which}_parameter"),
+                *PARAMETER_RANGES[getattr(self, which)],
+            )
 
     @classmethod
     def from_camera(cls, camera: Camera, **overrides: Any) -> Self:
@@ -133,9 +167,15 @@ def chain_of(settings: Konnik2014Settings) -> Chain:
     column_fpn = PublishedFpnDistribution(s.column_fpn, s.column_fpn_parameter)
     reset = volts.PublishedResetNoise(gain, s.reset_factor if cmos else 0.0)
     dark = _used(
-        (s.dark_fom_na_per_cm2, electrons.PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2)),
+        (
+            s.dark_fom_na_per_cm2,
+            electrons.PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2),
+        ),
         (s.dark_fom_na_per_cm2 and s.dark_shot, electrons.PublishedDarkShot()),
-        (s.dark_fom_na_per_cm2 and s.dark_fpn_factor, electrons.PublishedDarkFpn(s.dark_fpn_factor, dark_fpn)),
+        (
+            s.dark_fom_na_per_cm2 and s.dark_fpn_factor,
+            electrons.PublishedDarkFpn(s.dark_fpn_factor, dark_fpn),
+        ),
         (s.source_follower_e, electrons.PublishedReadNoise(s.source_follower_e)),
     )
     return _used(
@@ -148,8 +188,16 @@ def chain_of(settings: Konnik2014Settings) -> Chain:
         (not s.ve_alpha, volts.PublishedSenseNode(s.reference_v, gain, reset)),
         (s.ve_alpha, volts.PublishedExponentialNode(s.reference_v, s.ve_alpha, reset)),
         (s.vv_gamma != 1, volts.PublishedFollower(s.reference_v, s.full_well_v, s.vv_gamma)),
-        (cmos and s.column_fpn_factor, volts.PublishedColumnFpn(s.column_fpn_factor * s.full_well_v, column_fpn)),
-        (1, volts.PublishedAdc(s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma)),
+        (
+            cmos and s.column_fpn_factor,
+            volts.PublishedColumnFpn(s.column_fpn_factor * s.full_well_v, column_fpn),
+        ),
+        (
+            1,
+            volts.PublishedAdc(
+                s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma
+            ),
+        ),
     )
 
 
@@ -160,7 +208,11 @@ def _used(*stages: tuple[float, Stage]) -> Chain:
 
 def _light_and_dark(camera: Camera, missing: Callable[..., bool]) -> dict[str, float | str]:
     taken: dict[str, float | str] = {}
-    reference, filters, dark = camera.quantum_efficiency.reference_nm, len(camera.filter_names), camera.dark_current
+    reference, filters, dark = (
+        camera.quantum_efficiency.reference_nm,
+        len(camera.filter_names),
+        camera.dark_current,
+    )
     if missing("quantum_efficiency"):
         if reference is None or filters > 1:
             raise InputError(
@@ -187,7 +239,9 @@ def _light_and_dark(camera: Camera, missing: Callable[..., bool]) -> dict[str, f
     return taken
 
 
-def _follower_and_columns(camera: Camera, missing: Callable[..., bool]) -> dict[str, float | str]:
+def _follower_and_columns(
+    camera: Camera, missing: Callable[..., bool]
+) -> dict[str, float | str]:
     taken: dict[str, float | str] = {}
     follower, coupling = camera.source_follower, camera.readout.dsnu_col_coupling
     if missing("source_follower_e"):
@@ -205,7 +259,9 @@ def _follower_and_columns(camera: Camera, missing: Callable[..., bool]) -> dict[
             rtn_s=follower.rtn_s,
         )
         given = follower.read_noise_e
-        taken["source_follower_e"] = published.sigma_e(sense_gain_v_per_e(camera) * 1e6) if given is None else given
+        taken["source_follower_e"] = (
+            published.sigma_e(sense_gain_v_per_e(camera) * 1e6) if given is None else given
+        )
     if missing("column_fpn", "column_fpn_parameter"):
         if coupling:
             raise InputError(

@@ -49,7 +49,9 @@ class PublishedFpnDistribution:
         if self.name == "wald":  # through the quantile function of the sum
             points, hazard = _wald_and_uniform(self.parameter)
             return np.asarray(np.interp(-scipy.special.log_ndtr(-x), hazard, points))
-        for step in (1, 2, 4, 8, 16, 32) if self.name == "ar" else ():  # 64 terms, summed by doubling, exact in float64
+        for step in (
+            (1, 2, 4, 8, 16, 32) if self.name == "ar" else ()
+        ):  # 64 terms, summed by doubling, exact in float64
             x = x[:, step:] + (-self.parameter) ** step * x[:, :-step]
         return x
 
@@ -72,9 +74,13 @@ class PublishedFpnDistribution:
 def _wald_and_uniform(chi: float) -> tuple[Float64Array, Float64Array]:
     """x and −ln P(X > x); P is the mean of the survival function of the Wald distribution over [x − 1, x]."""
     x = np.arange(0, (3 + 60 / chi) * PER_UNIT + 1) / PER_UNIT
-    with np.errstate(divide="ignore", invalid="ignore"):  # P(Wald > x): Φ(−√(χ/x)(x − 1)) − e^(2χ)·Φ(−√(χ/x)(x + 1))
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # P(Wald > x): Φ(−√(χ/x)(x − 1)) − e^(2χ)·Φ(−√(χ/x)(x + 1))
         root = np.sqrt(chi / x)
-        tail = scipy.special.ndtr(-root * (x - 1)) - np.exp(2 * chi + scipy.special.log_ndtr(-root * (x + 1)))
+        tail = scipy.special.ndtr(-root * (x - 1)) - np.exp(
+            2 * chi + scipy.special.log_ndtr(-root * (x + 1))
+        )
     survival = np.where(x > 0, tail, 1.0)
     steps = 0.5 * (survival[1:] + survival[:-1]) / PER_UNIT
     integral = np.concatenate([[0.0], np.cumsum(steps[::-1])])[::-1]
@@ -82,14 +88,26 @@ def _wald_and_uniform(chi: float) -> tuple[Float64Array, Float64Array]:
     return x, -np.log(np.maximum(before - integral, 1e-300))
 
 
-def fpn_map(window: SensorWindow, source: str, distribution: PublishedFpnDistribution) -> Float64Array:
+def fpn_map(
+    window: SensorWindow, source: str, distribution: PublishedFpnDistribution
+) -> Float64Array:
     """FPN map X of ``source``, the same in every frame of a camera: (H, W), or (1, W) for the columns."""
 
     def make() -> Float64Array:
         (rows, columns), (top, left) = window.shape, window.origin
         margin = AR_MARGIN if distribution.name == "ar" else 0
-        wide = replace(window, shape=(rows, columns + margin), origin=(top, left - margin), given={}, _maps={})
-        return distribution(wide.line_map(source, 0.0) if source == "dsnu_col" else wide.fixed_map(source, normals))
+        wide = replace(
+            window,
+            shape=(rows, columns + margin),
+            origin=(top, left - margin),
+            given={},
+            _maps={},
+        )
+        return distribution(
+            wide.line_map(source, 0.0)
+            if source == "dsnu_col"
+            else wide.fixed_map(source, normals)
+        )
 
     return window.cached((source, distribution), make)
 
@@ -104,13 +122,23 @@ class PublishedFpn(Stage):
 
     def sample(self, signal: Array, frame: Frame) -> Array:
         """The signal times the gain map of the camera, (H, W)."""
-        return signal * (1 + self.factor * fpn_map(frame.window, self.source, self.distribution))
+        return signal * (
+            1 + self.factor * fpn_map(frame.window, self.source, self.distribution)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Product with an independent gain map."""
-        gain, variance = 1 + self.factor * self.distribution.mean, self.factor**2 * self.distribution.variance
+        gain, variance = (
+            1 + self.factor * self.distribution.mean,
+            self.factor**2 * self.distribution.variance,
+        )
         squared = gain**2 + variance
-        return Moments(m.mean * gain, m.temporal * squared, m.spatial * squared + m.mean**2 * variance, m.frame)
+        return Moments(
+            m.mean * gain,
+            m.temporal * squared,
+            m.spatial * squared + m.mean**2 * variance,
+            m.frame,
+        )
 
 
 @dataclass(frozen=True)
@@ -201,8 +229,14 @@ class PublishedDarkMean(Stage):
     def mean_e(self, frame: Frame) -> float:
         """Mean dark electrons of a pixel; 0 at 0 K."""
         kelvin = frame.exposure.temperature_k
-        boltzmann = math.exp(-band_gap_ev(kelvin) / kelvin / (2 * BOLTZMANN_EV_PER_K)) if kelvin else 0.0
-        rate: float = DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
+        boltzmann = (
+            math.exp(-band_gap_ev(kelvin) / kelvin / (2 * BOLTZMANN_EV_PER_K))
+            if kelvin
+            else 0.0
+        )
+        rate: float = (
+            DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
+        )
         return frame.exposure.time_s * rate
 
 
@@ -257,9 +291,13 @@ class PublishedFollowerSpectrum:
         f = np.arange(1.0, self.clock_hz + 0.5, self.grid_hz)
         rtn = 2 * self.rtn_step**2 * self.rtn_s / (4 + (2 * math.pi * f * self.rtn_s) ** 2)
         density = (self.white_nv_per_rthz * 1e-9) ** 2 * (1 + self.corner_hz / f) + rtn
-        cds = (2 - 2 * np.cos(2 * math.pi * f * self.sample_s)) / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
+        cds = (2 - 2 * np.cos(2 * math.pi * f * self.sample_s)) / (
+            1 + (2 * math.pi * f * self.dominant_s) ** 2
+        )
         settled = -math.expm1(-self.sample_s / self.dominant_s)
-        return math.sqrt(self.grid_hz * float(np.sum(density * cds))) / (sense_gain_uv_per_e * 1e-6 * settled)
+        return math.sqrt(self.grid_hz * float(np.sum(density * cds))) / (
+            sense_gain_uv_per_e * 1e-6 * settled
+        )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,10 @@ from ...core import Array, Frame, Moments
 from ...stages.stage import Converter, Stage
 from .electrons import PublishedFpn
 
-ELEMENTARY_CHARGE_C, BOLTZMANN_J_PER_K = 1.602176487e-19, 1.3806504e-23  # CODATA 2006, as in that code
+ELEMENTARY_CHARGE_C, BOLTZMANN_J_PER_K = (
+    1.602176487e-19,
+    1.3806504e-23,
+)  # CODATA 2006, as in that code
 K1_C = 10.909e-15  # k₁ [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, independent of A_SN
 
 
@@ -26,16 +29,27 @@ class PublishedResetNoise:
 
     def __call__(self, frame: Frame) -> Array:
         """Noise that is added to V_REF, (H, W) [V]."""
-        return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset")) if self.factor else 0.0
+        return (
+            self.factor * np.expm1(self.sigma(frame) * frame.normal("reset"))
+            if self.factor
+            else 0.0
+        )
 
     def sigma(self, frame: Frame) -> float:
         """σ of the normal in the exponent; 3.584e-4 for 5 µV/e- at 298.15 K."""
-        return math.sqrt(BOLTZMANN_J_PER_K * frame.exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C)
+        return math.sqrt(
+            BOLTZMANN_J_PER_K
+            * frame.exposure.temperature_k
+            * self.gain_v_per_e
+            / ELEMENTARY_CHARGE_C
+        )
 
     def moments(self, frame: Frame) -> tuple[float, float]:
         """Mean [V] and variance [V²]."""
         squared = self.sigma(frame) ** 2
-        return self.factor * math.expm1(squared / 2), self.factor**2 * math.exp(squared) * math.expm1(squared)
+        return self.factor * math.expm1(squared / 2), self.factor**2 * math.exp(
+            squared
+        ) * math.expm1(squared)
 
 
 @dataclass(frozen=True)
@@ -73,8 +87,16 @@ class PublishedExponentialNode(Stage):
     def moments(self, m: Moments) -> Moments:
         """Second order in per_e·σ_N, which is below 1e-3, times the independent reference."""
         scale, (mean, noise) = np.exp(-self.per_e * m.mean), self.reset.moments(m.frame)
-        node, high = through(m, scale, self.per_e * scale, self.per_e**2 * scale), self.reference_v + mean
-        return Moments(high * node.mean, high**2 * node.temporal + noise * scale**2, high**2 * node.spatial, m.frame)
+        node, high = (
+            through(m, scale, self.per_e * scale, self.per_e**2 * scale),
+            self.reference_v + mean,
+        )
+        return Moments(
+            high * node.mean,
+            high**2 * node.temporal + noise * scale**2,
+            high**2 * node.spatial,
+            m.frame,
+        )
 
     @property
     def per_e(self) -> float:
@@ -97,7 +119,12 @@ class PublishedFollower(Stage):
 
     def moments(self, m: Moments) -> Moments:
         """A parabola: exact mean, σ to first order."""
-        return through(m, self.sample(m.mean, m.frame), 1 + self.bend * (self.reference_v - 2 * m.mean), -2 * self.bend)
+        return through(
+            m,
+            self.sample(m.mean, m.frame),
+            1 + self.bend * (self.reference_v - 2 * m.mean),
+            -2 * self.bend,
+        )
 
     @property
     def bend(self) -> float:
@@ -131,7 +158,11 @@ class PublishedAdc(Converter):
         bend = math.log(self.gamma) / self.full_well_v
         factor = self.gain_dn_per_v * self.gamma ** (-swing / self.full_well_v)
         slope, curvature = factor * (1 - bend * swing), factor * bend * (bend * swing - 2)
-        return through(m, self._code(swing), slope, curvature).add(temporal=1 / 12).clip(0.0, self.highest)
+        return (
+            through(m, self._code(swing), slope, curvature)
+            .add(temporal=1 / 12)
+            .clip(0.0, self.highest)
+        )
 
     def _code(self, swing: Array) -> Array:
         return self.gain_dn_per_v * swing * self.gamma ** (-swing / self.full_well_v)

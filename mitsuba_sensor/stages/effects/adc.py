@@ -35,14 +35,18 @@ BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 class AdcFields(FileTable):
     """The analogue-to-digital converter."""
 
-    bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(description="resolution [bit]", examples=[12])
+    bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(
+        description="resolution [bit]", examples=[12]
+    )
     full_scale_v: Annotated[Positive | None, Usual.of(1e-3, 30, MV_TO_V)] = Field(
         None,
         description="swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
         examples=[0.165],
     )
     black_level_dn: NotNegative | None = Field(
-        None, description="the code of darkness [DN]; default: 4σ of the noise of a zero exposure", examples=[64]
+        None,
+        description="the code of darkness [DN]; default: 4σ of the noise of a zero exposure",
+        examples=[64],
     )
     dnl_lsb: dict[str, Annotated[float, Field(ge=-1, strict=True)]] = Field(
         default_factory=dict,
@@ -55,7 +59,9 @@ class AdcFields(FileTable):
         for code in self.dnl_lsb:
             if not code.isdecimal() or not 0 < int(code) < 2**self.bits - 1:
                 last = 2**self.bits - 2
-                raise ValueError(f"dnl_lsb names the code {code!r}; codes with two edges run from 1 to {last}")
+                raise ValueError(
+                    f"dnl_lsb names the code {code!r}; codes with two edges run from 1 to {last}"
+                )
         return self
 
 
@@ -78,7 +84,11 @@ class Adc(Converter):
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Converter:
         """With steps of unequal width where the datasheet has a DNL table."""
-        plain = (camera.adc.bits, adc_gain_dn_per_v(camera), default_black_level_dn(camera, before))
+        plain = (
+            camera.adc.bits,
+            adc_gain_dn_per_v(camera),
+            default_black_level_dn(camera, before),
+        )
         if not camera.adc.dnl_lsb:
             return Adc(*plain)
         table = [0.0] * 2**camera.adc.bits
@@ -94,7 +104,9 @@ class Adc(Converter):
         found = []
         if black_dn > highest / 2:
             left = f"leaves {max(highest - black_dn, 0.0):.6g} of {highest} codes for light"
-            found.append(f"adc.black_level_dn is {black_dn:.6g}, and {left}; take a lower one, or more adc.bits")
+            found.append(
+                f"adc.black_level_dn is {black_dn:.6g}, and {left}; take a lower one, or more adc.bits"
+            )
         most = math.inf if camera.gain is not None else MOST_FILLED
         if not LEAST_FILLED <= filled <= most:
             found.append(
@@ -106,11 +118,18 @@ class Adc(Converter):
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""
         ideal, highest = self.ideal(swing, frame), frame.number(self.highest)
-        return self._with_slope(lambda x: arrays.minimum(arrays.maximum(self._rounded(x), 0.0), highest), ideal)
+        return self._with_slope(
+            lambda x: arrays.minimum(arrays.maximum(self._rounded(x), 0.0), highest), ideal
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Gain and black level, then rounding (1/12 DN² where the noise hides the steps) and the clip at both ends."""
-        return m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn).round().clip(0.0, self.highest)
+        return (
+            m.scale(self.gain_dn_per_v)
+            .add(mean=self.black_level_dn)
+            .round()
+            .clip(0.0, self.highest)
+        )
 
     @property
     def nominal_gain(self) -> float:
@@ -159,7 +178,9 @@ class AdcWithDnl(Adc):
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → the code whose step contains it (H, W)."""
-        return self._with_slope(lambda x: arrays.count_at_or_below(self._transitions, x), self.ideal(swing, frame))
+        return self._with_slope(
+            lambda x: arrays.count_at_or_below(self._transitions, x), self.ideal(swing, frame)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """As a converter of equal steps, moved by the local INL."""

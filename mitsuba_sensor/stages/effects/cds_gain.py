@@ -13,7 +13,9 @@ from ..stage import Datasheet, LinearGain, Stage
 class CdsGainFields(FileTable):
     """Gain of the CDS amplifier."""
 
-    cds_gain: Positive = Field(1.0, description="gain of the CDS amplifier A_CDS [V/V]", examples=[1.0])
+    cds_gain: Positive = Field(
+        1.0, description="gain of the CDS amplifier A_CDS [V/V]", examples=[1.0]
+    )
 
 
 @dataclass(frozen=True)

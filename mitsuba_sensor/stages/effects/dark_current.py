@@ -33,7 +33,13 @@ from ..gains import gain_dn_per_e
 from ..stage import Datasheet, Stage, cut_to_zero
 from ..usual_range import AMPERES_TO_NA, PA_TO_NA, PERCENT, Usual
 
-DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "wald": Wald, "logistic": Logistic}
+DISTRIBUTIONS = {
+    "gaussian": Gaussian,
+    "lognormal": LogNormal,
+    "gamma": Gamma,
+    "wald": Wald,
+    "logistic": Logistic,
+}
 
 
 NOTED = 0.01
@@ -43,50 +49,81 @@ NOTED = 0.01
 class DarkCurrentFields(FileTable):
     """Electrons that come without light: a figure of merit at 300 K, or a measured rate."""
 
-    fom_na_per_cm2: Annotated[NotNegative | None, Usual.of(1e-5, 1e3, AMPERES_TO_NA, PA_TO_NA)] = Field(
-        None, description="figure of merit at 300 K, instead of rate_e_per_s [nA/cm²]", examples=[1.0]
+    fom_na_per_cm2: Annotated[
+        NotNegative | None, Usual.of(1e-5, 1e3, AMPERES_TO_NA, PA_TO_NA)
+    ] = Field(
+        None,
+        description="figure of merit at 300 K, instead of rate_e_per_s [nA/cm²]",
+        examples=[1.0],
     )
     diffusion_fom_na_per_cm2: NotNegative | None = Field(
-        None, description="figure of merit of the diffusion part of an MPP pixel at 300 K [nA/cm²]", examples=[0.01]
+        None,
+        description="figure of merit of the diffusion part of an MPP pixel at 300 K [nA/cm²]",
+        examples=[0.01],
     )
     rate_e_per_s: NotNegative | None = Field(
-        None, description="rate at at_temperature_k, instead of fom_na_per_cm2 [e-/s per pixel]", examples=[5]
+        None,
+        description="rate at at_temperature_k, instead of fom_na_per_cm2 [e-/s per pixel]",
+        examples=[5],
     )
-    at_temperature_k: Annotated[Annotated[float, Field(ge=50, strict=True)] | None, Kelvin] = Field(
-        None, description="temperature of rate_e_per_s [K]", examples=[298.15]
+    at_temperature_k: Annotated[Annotated[float, Field(ge=50, strict=True)] | None, Kelvin] = (
+        Field(None, description="temperature of rate_e_per_s [K]", examples=[298.15])
     )
     doubling_k: Annotated[Positive | None, Usual(2, 30)] = Field(
-        None, description="warming that doubles the rate [K]; without it the rate follows silicon", examples=[7.0]
+        None,
+        description="warming that doubles the rate [K]; without it the rate follows silicon",
+        examples=[7.0],
     )
     cv: Annotated[NotNegative, Usual.of(0, 10, PERCENT)] = Field(
         0.0, description="non-uniformity D_N of the dark current: σ over mean", examples=[0.1]
     )
     distribution: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = Field(
-        "lognormal", description="distribution of the dark current over the pixels", examples=["lognormal"]
+        "lognormal",
+        description="distribution of the dark current over the pixels",
+        examples=["lognormal"],
     )
-    coupling: MapCoupling = Field(0.0, description="coupling a of an ar distribution", examples=[0.25])
+    coupling: MapCoupling = Field(
+        0.0, description="coupling a of an ar distribution", examples=[0.25]
+    )
     components: tuple[DarkComponentSection, ...] = Field(
         (),
         description="superimposed components of the distribution, each with a temperature and activation energy",
-        examples=[[{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}]],
+        examples=[
+            [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}]
+        ],
     )
 
     @model_validator(mode="after")
     def _one_model(self) -> Self:
         figure, rate = self.fom_na_per_cm2 is not None, self.rate_e_per_s is not None
         if figure == rate:
-            raise ValueError("give either fom_na_per_cm2 or rate_e_per_s (with at_temperature_k), and not both")
+            raise ValueError(
+                "give either fom_na_per_cm2 or rate_e_per_s (with at_temperature_k), and not both"
+            )
         if rate != (self.at_temperature_k is not None):
-            raise ValueError("rate_e_per_s and at_temperature_k go together; one of them is missing")
+            raise ValueError(
+                "rate_e_per_s and at_temperature_k go together; one of them is missing"
+            )
         if self.doubling_k is not None and not rate:
-            raise ValueError("doubling_k needs rate_e_per_s and at_temperature_k; fom_na_per_cm2 has a law of its own")
+            raise ValueError(
+                "doubling_k needs rate_e_per_s and at_temperature_k; fom_na_per_cm2 has a law of its own"
+            )
         if self.diffusion_fom_na_per_cm2 is not None and not figure:
-            raise ValueError("diffusion_fom_na_per_cm2 stands beside fom_na_per_cm2, the depletion part; give both")
+            raise ValueError(
+                "diffusion_fom_na_per_cm2 stands beside fom_na_per_cm2, the depletion part; give both"
+            )
         if (weights := sum(component.weight for component in self.components)) > 1:
             raise ValueError(f"the weights of components add up to {weights:g}; at most 1")
         if self.distribution != "ar" and self.coupling:
-            raise ValueError('coupling belongs to distribution = "ar"; the others have independent pixels')
-        require_drawable("cv", self.cv, DISTRIBUTIONS.get(self.distribution, Autoregressive), self.distribution)
+            raise ValueError(
+                'coupling belongs to distribution = "ar"; the others have independent pixels'
+            )
+        require_drawable(
+            "cv",
+            self.cv,
+            DISTRIBUTIONS.get(self.distribution, Autoregressive),
+            self.distribution,
+        )
         return self
 
 
@@ -110,7 +147,9 @@ class DarkCurrent(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DarkCurrent:
         """Temperature model, distribution and superimposed components of the datasheet."""
         dark = camera.dark_current
-        distribution = Autoregressive(dark.cv, dark.coupling) if dark.distribution == "ar" else None
+        distribution = (
+            Autoregressive(dark.cv, dark.coupling) if dark.distribution == "ar" else None
+        )
         return cls(
             dark_current_model(camera),
             distribution or DISTRIBUTIONS[dark.distribution](dark.cv),
@@ -146,8 +185,12 @@ class DarkCurrent(Stage):
     def moments(self, m: Moments) -> Moments:
         """The mixture of t·D_R·X with the components: its mean, and its variance from pixel to pixel."""
         mean = self.mean_e(m.frame)
-        factor, variance = m.frame.window.map_moments("dark_fpn", self.distribution.mean, self.distribution.variance)
-        average, spread = mixture_moments(self.components, mean * factor, mean**2 * variance, m.frame)
+        factor, variance = m.frame.window.map_moments(
+            "dark_fpn", self.distribution.mean, self.distribution.variance
+        )
+        average, spread = mixture_moments(
+            self.components, mean * factor, mean**2 * variance, m.frame
+        )
         return replace(m.add(mean=average, spatial=spread), light=m)
 
     def mean_e(self, frame: Frame) -> float:
@@ -156,8 +199,12 @@ class DarkCurrent(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``dark_fpn``: dark current of every pixel over the average; and which pixel belongs to which component."""
-        main = window.measured_or("dark_fpn", lambda: self.distribution.map_of(window, "dark_fpn"))
-        return {"dark_fpn": main} | (component_maps(self.components, window) if self.components else {})
+        main = window.measured_or(
+            "dark_fpn", lambda: self.distribution.map_of(window, "dark_fpn")
+        )
+        return {"dark_fpn": main} | (
+            component_maps(self.components, window) if self.components else {}
+        )
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels whose dark current the distribution would have made negative."""
@@ -180,7 +227,9 @@ def dark_current_model(camera: Datasheet) -> DarkCurrentModel:
             return Mpp(dark.diffusion_fom_na_per_cm2, dark.fom_na_per_cm2, area_cm2)
         return FigureOfMerit(dark.fom_na_per_cm2, area_cm2)
     rate, at = dark.rate_e_per_s or 0.0, dark.at_temperature_k or 300.0
-    return Measured(rate, at) if dark.doubling_k is None else Doubling(rate, at, dark.doubling_k)
+    return (
+        Measured(rate, at) if dark.doubling_k is None else Doubling(rate, at, dark.doubling_k)
+    )
 
 
 def dark_components(camera: Datasheet) -> tuple[DarkComponent, ...]:

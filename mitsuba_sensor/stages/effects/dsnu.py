@@ -24,9 +24,13 @@ class DsnuColumnFields(FileTable):
     dsnu_col: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = Field(
         0.0, description="column offsets, σ over the full-well swing", examples=[0.001]
     )
-    dsnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring columns", examples=[0.25])
+    dsnu_col_coupling: LineCoupling = Field(
+        0.0, description="coupling a of neighbouring columns", examples=[0.25]
+    )
     dsnu_residual: Chance = Field(
-        1.0, description="share of column and pixel offsets that the analogue CDS leaves", examples=[1.0]
+        1.0,
+        description="share of column and pixel offsets that the analogue CDS leaves",
+        examples=[1.0],
     )
 
 
@@ -37,15 +41,21 @@ class DsnuRowFields(FileTable):
     dsnu_row: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = Field(
         0.0, description="row offsets, σ over the full-well swing", examples=[0.0005]
     )
-    dsnu_row_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring rows", examples=[0.25])
+    dsnu_row_coupling: LineCoupling = Field(
+        0.0, description="coupling a of neighbouring rows", examples=[0.25]
+    )
 
 
 class DsnuPixelFields(FileTable):
     """Offsets of the pixels."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_e": 0.0}
-    dsnu_e: NotNegative = Field(0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0])
-    dsnu_coupling: MapCoupling = Field(0.0, description="coupling a of neighbouring pixel offsets", examples=[0.25])
+    dsnu_e: NotNegative = Field(
+        0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0]
+    )
+    dsnu_coupling: MapCoupling = Field(
+        0.0, description="coupling a of neighbouring pixel offsets", examples=[0.25]
+    )
 
 
 @dataclass(frozen=True)
@@ -65,10 +75,16 @@ class FixedOffset(Stage):
     source: ClassVar[str]
 
     @classmethod
-    def of(cls, camera: Datasheet, sigma_e: float, coupling: float, residual: float = 1.0) -> Self | None:
+    def of(
+        cls, camera: Datasheet, sigma_e: float, coupling: float, residual: float = 1.0
+    ) -> Self | None:
         """None for a CCD, which has one amplifier."""
         per_e = sense_gain_v_per_e(camera) * camera.source_follower.gain
-        return None if camera.sensor.technology == "ccd" else cls(sigma_e, per_e, coupling, residual)
+        return (
+            None
+            if camera.sensor.technology == "ccd"
+            else cls(sigma_e, per_e, coupling, residual)
+        )
 
     @abstractmethod
     def unit_map(self, window: SensorWindow) -> Array:
@@ -78,7 +94,11 @@ class FixedOffset(Stage):
         """Swing with the camera's offsets."""
         if self.sigma_e == 0 and self._name not in frame.window.given:
             return swing
-        return swing + frame.number(self.residual * self.gain_v_per_e) * self.fpn_maps(frame.window)[self._name]
+        return (
+            swing
+            + frame.number(self.residual * self.gain_v_per_e)
+            * self.fpn_maps(frame.window)[self._name]
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the spatial variance."""
@@ -88,7 +108,11 @@ class FixedOffset(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The offsets in electrons, 0 on average."""
-        return {self._name: window.measured_or(self._name, lambda: window.number(self.sigma_e) * self.unit_map(window))}
+        return {
+            self._name: window.measured_or(
+                self._name, lambda: window.number(self.sigma_e) * self.unit_map(window)
+            )
+        }
 
     def gains_of_maps(self) -> dict[str, float]:
         """What the CDS leaves of an electron [V/e-]."""
@@ -115,7 +139,10 @@ class DsnuColumn(FixedOffset):
         """σ is a fraction of the full well. None for a CCD."""
         readout = camera.readout
         return cls.of(
-            camera, readout.dsnu_col * camera.pixel.full_well_e, readout.dsnu_col_coupling, readout.dsnu_residual
+            camera,
+            readout.dsnu_col * camera.pixel.full_well_e,
+            readout.dsnu_col_coupling,
+            readout.dsnu_residual,
         )
 
     def unit_map(self, window: SensorWindow) -> Array:
@@ -137,7 +164,11 @@ class DsnuRow(FixedOffset):
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DsnuRow | None:
         """σ is a fraction of the full well. None for a CCD."""
-        return cls.of(camera, camera.readout.dsnu_row * camera.pixel.full_well_e, camera.readout.dsnu_row_coupling)
+        return cls.of(
+            camera,
+            camera.readout.dsnu_row * camera.pixel.full_well_e,
+            camera.readout.dsnu_row_coupling,
+        )
 
     def unit_map(self, window: SensorWindow) -> Array:
         """(H, 1), variance 1."""

@@ -17,9 +17,9 @@ from ..usual_range import THOUSANDS, Usual
 class FullWellFields(FileTable):
     """Saturation capacity."""
 
-    full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True), Usual.of(200, 1e8, THOUSANDS)] = Field(
-        description="saturation capacity [e-]", examples=[33000]
-    )
+    full_well_e: Annotated[
+        float, Field(ge=1, le=1e30, strict=True), Usual.of(200, 1e8, THOUSANDS)
+    ] = Field(description="saturation capacity [e-]", examples=[33000])
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,9 @@ class FullWell(Stage):
         capacity = frame.number(self.full_well_e)
 
         def beside(dark: Array, light: Array) -> Array:
-            return arrays.with_gradient(arrays.minimum(light, capacity - dark), _line, light, dark, capacity)
+            return arrays.with_gradient(
+                arrays.minimum(light, capacity - dark), _line, light, dark, capacity
+            )
 
         def parts(light: Array, dark: Array) -> tuple[Array, Array]:
             dark = arrays.minimum(dark, capacity)

@@ -18,16 +18,22 @@ class IntegralNonlinearityFields(FileTable):
     """Curve of the converter."""
 
     gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = Field(
-        None, description="integral non-linearity γ: gain at zero over gain at full scale, below e", examples=[1.04]
+        None,
+        description="integral non-linearity γ: gain at zero over gain at full scale, below e",
+        examples=[1.04],
     )
     ile: Annotated[float, Field(ge=0, lt=0.25, strict=True)] | None = Field(
-        None, description="the same as an end-point error, a fraction of full scale", examples=[0.0099]
+        None,
+        description="the same as an end-point error, a fraction of full scale",
+        examples=[0.0099],
     )
 
     @model_validator(mode="after")
     def _one_curve(self) -> Self:
         if self.gamma is not None and self.ile is not None:
-            raise ValueError("give either gamma or ile, and not both; gamma = 1.04 is an ile of 0.0099")
+            raise ValueError(
+                "give either gamma or ile, and not both; gamma = 1.04 is an ile of 0.0099"
+            )
         return self
 
 
@@ -49,7 +55,9 @@ class IntegralNonlinearity(Stage):
     no_noise = "unset adc.gamma and adc.ile"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> IntegralNonlinearity | None:
+    def from_camera(
+        cls, camera: Datasheet, before: tuple[Stage, ...]
+    ) -> IntegralNonlinearity | None:
         """None for a straight converter."""
         adc = camera.adc
         gamma = gamma_of_ile(adc.ile) if adc.ile is not None else adc.gamma
@@ -57,7 +65,9 @@ class IntegralNonlinearity(Stage):
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing through the curve; without a logarithm of the gain, so that A = 1 is a gain like any other."""
-        return swing if self.gamma == 1 else swing * arrays.exp(frame.number(-self._rate) * swing)
+        return (
+            swing if self.gamma == 1 else swing * arrays.exp(frame.number(-self._rate) * swing)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Second order in the noise."""

@@ -13,7 +13,13 @@ from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
 from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
-from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified, require_drawable
+from ..fpn_distributions import (
+    AutoregressiveRectified,
+    FpnDistribution,
+    LogNormal,
+    Rectified,
+    require_drawable,
+)
 from ..stage import Datasheet, Stage, cut_to_zero
 from ..usual_range import PERCENT, Usual
 
@@ -22,12 +28,16 @@ class PrnuFields(FileTable):
     """PRNU of the pixels."""
 
     prnu: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = Field(
-        0.0, description="photo response non-uniformity, a fraction of the mean", examples=[0.01]
+        0.0,
+        description="photo response non-uniformity, a fraction of the mean",
+        examples=[0.01],
     )
     prnu_distribution: Literal["gaussian", "lognormal", "ar"] = Field(
         "gaussian", description="distribution of the pixels' gains", examples=["gaussian"]
     )
-    prnu_coupling: MapCoupling = Field(0.0, description="coupling a of an ar gain map", examples=[0.25])
+    prnu_coupling: MapCoupling = Field(
+        0.0, description="coupling a of an ar gain map", examples=[0.25]
+    )
 
     @model_validator(mode="after")
     def _drawable(self) -> Self:
@@ -43,7 +53,9 @@ class PrnuColumnFields(FileTable):
     prnu_col: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = Field(
         0.0, description="spread of the column gains, σ over 1", examples=[0.002]
     )
-    prnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of the column gains", examples=[0.25])
+    prnu_col_coupling: LineCoupling = Field(
+        0.0, description="coupling a of the column gains", examples=[0.25]
+    )
 
 
 @dataclass(frozen=True)
@@ -66,7 +78,9 @@ class Prnu(Stage):
         pixel = camera.pixel
         if pixel.prnu_distribution == "ar":
             return cls(AutoregressiveRectified(pixel.prnu, pixel.prnu_coupling))
-        return cls((LogNormal if pixel.prnu_distribution == "lognormal" else Rectified)(pixel.prnu))
+        return cls(
+            (LogNormal if pixel.prnu_distribution == "lognormal" else Rectified)(pixel.prnu)
+        )
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean photoelectrons times the gain map."""
@@ -74,19 +88,28 @@ class Prnu(Stage):
             return electrons
         gain, noise = self.fpn_maps(frame.window)["prnu"], electrons.variance_e2
         noise = None if noise is None else arrays.product(noise, gain * gain)
-        return replace(electrons, light=arrays.product(electrons.light, gain), variance_e2=noise)
+        return replace(
+            electrons, light=arrays.product(electrons.light, gain), variance_e2=noise
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Spatial variance (PRNU·mean)²; no dark current is in the mean here."""
-        mean, variance = m.frame.window.map_moments("prnu", self.distribution.mean, self.distribution.variance)
+        mean, variance = m.frame.window.map_moments(
+            "prnu", self.distribution.mean, self.distribution.variance
+        )
         noise = None if m.variance_e2 is None else m.variance_e2 * (mean**2 + variance)
         return replace(
-            m, mean=m.mean * mean, spatial=m.spatial + arrays.product(m.mean**2, variance), variance_e2=noise
+            m,
+            mean=m.mean * mean,
+            spatial=m.spatial + arrays.product(m.mean**2, variance),
+            variance_e2=noise,
         )
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``prnu``: gain of every pixel, 1 on average."""
-        return {"prnu": window.measured_or("prnu", lambda: self.distribution.map_of(window, "prnu"))}
+        return {
+            "prnu": window.measured_or("prnu", lambda: self.distribution.map_of(window, "prnu"))
+        }
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels whose gain the distribution would have made negative."""

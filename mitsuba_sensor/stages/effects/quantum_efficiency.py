@@ -12,7 +12,17 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
-from ...core import Array, Doubt, Electrons, Frame, InputError, Moments, Photons, SensorWindow, arrays
+from ...core import (
+    Array,
+    Doubt,
+    Electrons,
+    Frame,
+    InputError,
+    Moments,
+    Photons,
+    SensorWindow,
+    arrays,
+)
 from ...core.band_average import photon_averages
 from ...core.signals import Filters
 from ..datasheet import Chance, FileTable, Nanometres, Positive
@@ -31,19 +41,28 @@ class QuantumEfficiencyFields(FileTable):
     """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
 
     value: Annotated[Chance | None, Usual.of(0.001, 1, PERCENT)] = Field(
-        None, description="one QE for all of wavelengths_nm, instead of curves, as a fraction", examples=[0.6]
+        None,
+        description="one QE for all of wavelengths_nm, instead of curves, as a fraction",
+        examples=[0.6],
     )
     file: str | None = Field(
-        None, description="CSV file of the curves, instead of wavelengths_nm and curves", examples=["qe.csv"]
+        None,
+        description="CSV file of the curves, instead of wavelengths_nm and curves",
+        examples=["qe.csv"],
     )
     wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=2), Nanometres] = Field(
         description="where the curves are given, increasing [nm]", examples=[[400, 700]]
     )
-    curves: Annotated[dict[str, Fractions], Field(min_length=1), Usual.of(0, 1, PERCENT)] = Field(
-        description="filter name → QE at each wavelength, as a fraction", examples=[{"mono": [0.6, 0.6]}]
+    curves: Annotated[dict[str, Fractions], Field(min_length=1), Usual.of(0, 1, PERCENT)] = (
+        Field(
+            description="filter name → QE at each wavelength, as a fraction",
+            examples=[{"mono": [0.6, 0.6]}],
+        )
     )
     tile: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] | None = Field(
-        None, description="rows of filter names that repeat over the sensor", examples=[[["R", "G"], ["G", "B"]]]
+        None,
+        description="rows of filter names that repeat over the sensor",
+        examples=[[["R", "G"], ["G", "B"]]],
     )
     reference_nm: Annotated[Positive | None, Nanometres] = Field(
         None, description="the wavelength of photons that come without one [nm]", examples=[550]
@@ -61,13 +80,23 @@ class QuantumEfficiencyFields(FileTable):
         if len(ways) > 1:
             raise ValueError(f"give either {ways[0]} or {ways[1]}, and not both")
         if ways == ["file"]:
-            return data | {"file": None} | read_curves(data["file"], (info.context or {}).get("folder", "."))
+            return (
+                data
+                | {"file": None}
+                | read_curves(data["file"], (info.context or {}).get("folder", "."))
+            )
         if ways != ["value"]:
             return data
         points = data.get("wavelengths_nm")
         if not isinstance(points, list | tuple) or not points:
-            raise ValueError("value needs wavelengths_nm, the band in which it holds, e.g. [400, 700]")
-        return data | {"value": None, "curves": {"mono": [data["value"]] * len(points)}, "tile": None}
+            raise ValueError(
+                "value needs wavelengths_nm, the band in which it holds, e.g. [400, 700]"
+            )
+        return data | {
+            "value": None,
+            "curves": {"mono": [data["value"]] * len(points)},
+            "tile": None,
+        }
 
     @model_validator(mode="after")
     def _curves_fit(self) -> Self:
@@ -76,27 +105,39 @@ class QuantumEfficiencyFields(FileTable):
             raise ValueError("wavelengths_nm must increase from each point to the next")
         for name, curve in self.curves.items():
             if len(curve) != len(points):
-                raise ValueError(f"curves.{name} has {len(curve)} values for {len(points)} wavelengths_nm")
+                raise ValueError(
+                    f"curves.{name} has {len(curve)} values for {len(points)} wavelengths_nm"
+                )
         if self.tile is None and len(self.curves) > 1:
-            raise ValueError('several curves need a tile of their names, e.g. [["R", "G"], ["G", "B"]]')
+            raise ValueError(
+                'several curves need a tile of their names, e.g. [["R", "G"], ["G", "B"]]'
+            )
         for row in self.tile or ():
             if not row or len(row) != len(self.tile[0]):  # type: ignore[index]
-                raise ValueError("tile must be a rectangle: every row as long as the first, and none empty")
+                raise ValueError(
+                    "tile must be a rectangle: every row as long as the first, and none empty"
+                )
             for name in row:
                 if name not in self.curves:
-                    raise ValueError(f"tile names {name!r}, which has no curve; there are {sorted(self.curves)}")
+                    raise ValueError(
+                        f"tile names {name!r}, which has no curve; there are {sorted(self.curves)}"
+                    )
         return self
 
     @property
     def filter_tile(self) -> tuple[tuple[int, ...], ...]:
         """The tile as numbers of curves."""
         names = tuple(self.curves)
-        return tuple(tuple(names.index(name) for name in row) for row in self.tile or (names[:1],))
+        return tuple(
+            tuple(names.index(name) for name in row) for row in self.tile or (names[:1],)
+        )
 
 
 def _plausible(value: Any) -> bool:
     """Whether a QE is absent or a fraction."""
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1)
+    return value is None or (
+        isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1
+    )
 
 
 @dataclass(frozen=True)
@@ -113,7 +154,13 @@ class SpectralCurve:
         """Values at these wavelengths, (B,)."""
         return arrays.interpolate(wavelengths_nm, self.wavelengths_nm, self.values)
 
-    def of(self, photons: Photons, wavelengths_nm: Array, factor: SpectralCurve | None = None, power: int = 1) -> Array:
+    def of(
+        self,
+        photons: Photons,
+        wavelengths_nm: Array,
+        factor: SpectralCurve | None = None,
+        power: int = 1,
+    ) -> Array:
         """Means over the bands of the photons, or values at their wavelengths, (B,); times factor**power."""
 
         def values(nm: Array) -> Array:
@@ -121,7 +168,9 @@ class SpectralCurve:
 
         if photons.bandwidths_nm is None:
             return values(wavelengths_nm)
-        return photon_averages(values, np.array(self.wavelengths_nm), wavelengths_nm, photons.bandwidths_nm)
+        return photon_averages(
+            values, np.array(self.wavelengths_nm), wavelengths_nm, photons.bandwidths_nm
+        )
 
 
 @dataclass(frozen=True)
@@ -148,8 +197,14 @@ class QuantumEfficiency(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumEfficiency:
         """The camera's curves, and its quantum yield where that is not one."""
         section = camera.quantum_efficiency
-        curves = tuple(SpectralCurve(section.wavelengths_nm, curve) for curve in section.curves.values())
-        burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield) if bursts(section.quantum_yield) else None
+        curves = tuple(
+            SpectralCurve(section.wavelengths_nm, curve) for curve in section.curves.values()
+        )
+        burst = (
+            SpectralCurve(section.wavelengths_nm, section.quantum_yield)
+            if bursts(section.quantum_yield)
+            else None
+        )
         return cls(curves, section.filter_tile, section.reference_nm, burst)
 
     @classmethod
@@ -175,7 +230,10 @@ class QuantumEfficiency(Stage):
         electrons = window.backend.from_numpy(light, window)
         if self.quantum_yield is None:
             noise = photons.variance_e2
-            return Electrons(electrons, variance_e2=None if noise is None else window.backend.from_numpy(noise, window))
+            return Electrons(
+                electrons,
+                variance_e2=None if noise is None else window.backend.from_numpy(noise, window),
+            )
         once, twice = (self._weights(photons, power) for power in (1, 2))
         first = arrays.ratio(self._collected(layers, once, window), flat, 1.0)
         second = arrays.ratio(self._collected(layers, twice, window), flat, 1.0)
@@ -215,7 +273,10 @@ class QuantumEfficiency(Stage):
             return arrays.weighted_sum(layers, weights[0])
         found, size = np.empty(window.shape), (len(self.tile), len(self.tile[0]))
         for y, x in np.ndindex(size):
-            rows, columns = (slice((k - o) % n, None, n) for k, o, n in zip((y, x), window.origin, size, strict=True))
+            rows, columns = (
+                slice((k - o) % n, None, n)
+                for k, o, n in zip((y, x), window.origin, size, strict=True)
+            )
             place = (rows, columns)
             found[place] = arrays.weighted_sum(layers[place], weights[self.tile[y][x]])
         return found

@@ -17,15 +17,21 @@ class QuantumYieldFields(FileTable):
     """Electrons per interacting photon."""
 
     quantum_yield: tuple[Annotated[float, Field(ge=1, strict=True)], ...] | None = Field(
-        None, description="electrons per interacting photon at each wavelength, 1 in the visible", examples=[[2.0, 1.0]]
+        None,
+        description="electrons per interacting photon at each wavelength, 1 in the visible",
+        examples=[[2.0, 1.0]],
     )
-    fano_factor: Chance = Field(0.1, description="Fano factor where the yield is above 1", examples=[0.1])
+    fano_factor: Chance = Field(
+        0.1, description="Fano factor where the yield is above 1", examples=[0.1]
+    )
 
     @model_validator(mode="after")
     def _one_per_wavelength(self) -> Self:
         points: tuple[Any, ...] = getattr(self, "wavelengths_nm", ())
         if self.quantum_yield is not None and len(self.quantum_yield) != len(points):
-            raise ValueError(f"quantum_yield has {len(self.quantum_yield)} values for {len(points)} wavelengths_nm")
+            raise ValueError(
+                f"quantum_yield has {len(self.quantum_yield)} values for {len(points)} wavelengths_nm"
+            )
         return self
 
 
@@ -41,7 +47,9 @@ class QuantumYield(Stage):
     table = "quantum_efficiency"
     fields = QuantumYieldFields
     frees_electrons: ClassVar[bool] = True
-    no_noise = "set quantum_efficiency.fano_factor to 0, or unset quantum_efficiency.quantum_yield"
+    no_noise = (
+        "set quantum_efficiency.fano_factor to 0, or unset quantum_efficiency.quantum_yield"
+    )
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumYield | None:
@@ -54,7 +62,9 @@ class QuantumYield(Stage):
         n, mean = electrons.light, electrons.yield_mean
         spread = arrays.sqrt(n * (frame.number(self.fano) * mean + electrons.yield_variance))
         smooth = n * mean + spread * frame.normal("quantum_yield")
-        burst = arrays.with_derivative_of(lambda x, _: x, lambda x: arrays.floor(x + 0.5), smooth)
+        burst = arrays.with_derivative_of(
+            lambda x, _: x, lambda x: arrays.floor(x + 0.5), smooth
+        )
         light = arrays.where(mean == 1, n, arrays.maximum(burst, 0.0))
         return replace(electrons, light=light, yield_mean=1.0, yield_variance=0.0)
 
@@ -64,7 +74,9 @@ class QuantumYield(Stage):
         noise = arrays.where(mean == 1, 0.0, self.fano * mean + m.yield_variance)
         return m.add(
             mean=light.mean * (mean - 1),
-            temporal=light.temporal * (mean**2 - 1) + light.mean * noise + arrays.where(mean == 1, 0.0, 1 / 12),
+            temporal=light.temporal * (mean**2 - 1)
+            + light.mean * noise
+            + arrays.where(mean == 1, 0.0, 1 / 12),
             spatial=light.spatial * (mean**2 - 1),
         )
 

@@ -27,7 +27,8 @@ class ResetNoiseFields(FileTable):
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"reset": "true_cds", "ktc_residual": 0.0}
     reset: Literal["hard", "soft", "true_cds"] = Field(
-        description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none", examples=["hard"]
+        description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none",
+        examples=["hard"],
     )
     ktc_residual: Annotated[float, Field(ge=0, le=UNCORRELATED, strict=True)] | None = Field(
         None,
@@ -57,7 +58,11 @@ class ResetNoise(Stage):
         if camera.sensor.technology == "ccd":
             return None
         readout = camera.readout
-        residual = RESET_RESIDUAL[readout.reset] if readout.ktc_residual is None else readout.ktc_residual
+        residual = (
+            RESET_RESIDUAL[readout.reset]
+            if readout.ktc_residual is None
+            else readout.ktc_residual
+        )
         return cls(sense_gain_v_per_e(camera), residual)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
@@ -71,5 +76,10 @@ class ResetNoise(Stage):
 
     def sigma_v(self, frame: Frame) -> float:
         """Noise at this exposure's temperature [V rms]."""
-        squared = BOLTZMANN_J_PER_K * frame.exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C
+        squared = (
+            BOLTZMANN_J_PER_K
+            * frame.exposure.temperature_k
+            * self.gain_v_per_e
+            / ELEMENTARY_CHARGE_C
+        )
         return self.residual * arrays.scalar_sqrt(squared)

@@ -25,12 +25,16 @@ class RtnPixelsFields(FileTable):
     cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_pixel_fraction": 0.0}
 
     rtn_pixel_fraction: Chance = Field(
-        0.0, description="fraction of the pixels with random telegraph noise of their own", examples=[0.001]
+        0.0,
+        description="fraction of the pixels with random telegraph noise of their own",
+        examples=[0.001],
     )
     rtn_pixel_amplitude_e: NotNegative = Field(
         0.0, description="step A of that noise, as electrons [e-]", examples=[10.0]
     )
-    rtn_pixel_duty: Chance = Field(0.5, description="fraction of the time that such a trap is full", examples=[0.5])
+    rtn_pixel_duty: Chance = Field(
+        0.5, description="fraction of the time that such a trap is full", examples=[0.5]
+    )
     rtn_pixel_switching: Chance = Field(
         1.0,
         description="probability 1 - exp(-t_s/τ) that its state is drawn anew between the two CDS samples",
@@ -64,7 +68,11 @@ class RtnPixels(Stage):
         follower = camera.source_follower
         if not follower.rtn_pixel_fraction:
             return None
-        trap = follower.rtn_pixel_amplitude_e, follower.rtn_pixel_duty, follower.rtn_pixel_switching
+        trap = (
+            follower.rtn_pixel_amplitude_e,
+            follower.rtn_pixel_duty,
+            follower.rtn_pixel_switching,
+        )
         return cls(follower.rtn_pixel_fraction, *trap, sense_gain_v_per_e(camera))
 
     @property
@@ -98,7 +106,13 @@ class RtnPixels(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``rtn_site``: 1 where a pixel has a trap, else 0."""
-        return {"rtn_site": window.measured_or("rtn_site", lambda: window.fixed_map("rtn_site", self._from_bits))}
+        return {
+            "rtn_site": window.measured_or(
+                "rtn_site", lambda: window.fixed_map("rtn_site", self._from_bits)
+            )
+        }
 
     def _from_bits(self, backend: Backend, bits: Array) -> Array:
-        return arrays.where(backend.uniform(bits) < self.fraction, backend.number(1.0), backend.number(0.0))
+        return arrays.where(
+            backend.uniform(bits) < self.fraction, backend.number(1.0), backend.number(0.0)
+        )

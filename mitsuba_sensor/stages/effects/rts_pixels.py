@@ -35,15 +35,23 @@ class RtsFields(FileTable):
     """Random telegraph signals."""
 
     rts_fraction: Chance = Field(
-        0.0, description="fraction of the pixels with a random telegraph signal", examples=[0.001]
+        0.0,
+        description="fraction of the pixels with a random telegraph signal",
+        examples=[0.001],
     )
     rts_amplitude_e_per_s: NotNegative = Field(
-        0.0, description="step of the telegraph signal at rts_at_temperature_k [e-/s]", examples=[200]
+        0.0,
+        description="step of the telegraph signal at rts_at_temperature_k [e-/s]",
+        examples=[200],
     )
     rts_switching: Annotated[float, Field(ge=1e-4, le=1, strict=True)] = Field(
-        0.1, description="probability per frame that the state of a trap is drawn anew", examples=[0.1]
+        0.1,
+        description="probability per frame that the state of a trap is drawn anew",
+        examples=[0.1],
     )
-    rts_duty: Chance = Field(0.5, description="fraction of the time that a trap is on", examples=[0.5])
+    rts_duty: Chance = Field(
+        0.5, description="fraction of the time that a trap is on", examples=[0.5]
+    )
     rts_at_temperature_k: Annotated[Reference | None, Kelvin] = Field(
         None,
         description="temperature of amplitude and switching [K]; default: at_temperature_k, or 300 K without one",
@@ -88,7 +96,14 @@ class RtsPixels(Stage):
             return None
         at = dark.rts_at_temperature_k or reference_temperature_k(camera)
         energies = dark.rts_activation_ev, dark.rts_switching_activation_ev
-        return cls(dark.rts_fraction, dark.rts_amplitude_e_per_s, dark.rts_switching, dark.rts_duty, at, *energies)
+        return cls(
+            dark.rts_fraction,
+            dark.rts_amplitude_e_per_s,
+            dark.rts_switching,
+            dark.rts_duty,
+            at,
+            *energies,
+        )
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Adds the electrons of the traps that are on."""
@@ -101,15 +116,26 @@ class RtsPixels(Stage):
         """A pixel has a trap with probability ``fraction``, and the trap is on with probability ``duty``."""
         step = self.step_e(m.frame)
         mean = step * self.duty
-        share, spread = m.frame.window.map_moments("rts_site", self.fraction, self.fraction * (1 - self.fraction))
-        return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), spatial=spread * mean**2)
+        share, spread = m.frame.window.map_moments(
+            "rts_site", self.fraction, self.fraction * (1 - self.fraction)
+        )
+        return m.add(
+            mean=share * mean,
+            temporal=share * step * mean * (1 - self.duty),
+            spatial=spread * mean**2,
+        )
 
-    def outcomes(self, electrons: Electrons, frame: Frame) -> tuple[tuple[Array, Electrons], ...]:
+    def outcomes(
+        self, electrons: Electrons, frame: Frame
+    ) -> tuple[tuple[Array, Electrons], ...]:
         """Traps that are off, and on."""
         if self.fraction == 0 or self.step_e(frame) == 0:
             return ()
         on = self.duty * self.fpn_maps(frame.window)["rts_site"]
-        return (1 - on, electrons), (on, replace(electrons, dark=electrons.dark + self.step_e(frame)))
+        return (1 - on, electrons), (
+            on,
+            replace(electrons, dark=electrons.dark + self.step_e(frame)),
+        )
 
     def step_e(self, frame: Frame) -> float:
         """Electrons of a trap that is on all the time, at this exposure's temperature [e-]."""
@@ -119,7 +145,9 @@ class RtsPixels(Stage):
 
     def traps(self, frame: Frame) -> TwoStates:
         """How the traps switch at this exposure's temperature. Those drawn anew in every frame do so unless frozen."""
-        thermal = arrhenius(frame.exposure.temperature_k, self.at_temperature_k, self.switching_activation_ev)
+        thermal = arrhenius(
+            frame.exposure.temperature_k, self.at_temperature_k, self.switching_activation_ev
+        )
         rate = math.inf if self.switching == 1 else -math.log1p(-self.switching)
         return TwoStates(self.duty, rate * thermal if thermal else 0.0)
 
@@ -128,7 +156,9 @@ class RtsPixels(Stage):
         window = frame.window
         state = np.zeros(window.shape)
         site = self.fpn_maps(window)["rts_site"]
-        rows, columns = window.cached("rts_sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
+        rows, columns = window.cached(
+            "rts_sites", lambda: np.nonzero(window.backend.to_numpy(site, window))
+        )
         traps = self.traps(frame)
         path = list(traps.path(frame.index))
         for start in range(0, rows.size, SITES):
@@ -140,11 +170,17 @@ class RtsPixels(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``rts_site``: 1 where a pixel has a trap, else 0."""
-        return {"rts_site": window.measured_or("rts_site", lambda: window.fixed_map("rts_site", self._from_bits))}
+        return {
+            "rts_site": window.measured_or(
+                "rts_site", lambda: window.fixed_map("rts_site", self._from_bits)
+            )
+        }
 
     def _from_bits(self, backend: Backend, bits: Array) -> Array:
         return arrays.where(
-            backend.uniform(bits) < backend.number(self.fraction), backend.number(1.0), backend.number(0.0)
+            backend.uniform(bits) < backend.number(self.fraction),
+            backend.number(1.0),
+            backend.number(0.0),
         )
 
 
@@ -182,10 +218,14 @@ class TwoStates:
         """Whether each trap is on in ``frame``.  uniform : between 0 and 1, (frames of the path, traps)."""
         low, high = path[:2]
         on_low = uniform[0] < self.duty
-        on_high = uniform[1] < (self.duty if self.levels < LONGEST else self._on_after(on_low, high - low))
+        on_high = uniform[1] < (
+            self.duty if self.levels < LONGEST else self._on_after(on_low, high - low)
+        )
         for middle, draw in zip(path[2:], uniform[2:], strict=True):
             on = draw < self._between(on_low, on_high, middle - low)
-            low, on_low, on_high = (middle, on, on_high) if frame >= middle else (low, on_low, on)
+            low, on_low, on_high = (
+                (middle, on, on_high) if frame >= middle else (low, on_low, on)
+            )
         return on_low
 
     def _on_after(self, on: Array, frames: int) -> Array:
@@ -195,7 +235,9 @@ class TwoStates:
 
     def _between(self, before: Array, after: Array, frames: int) -> Array:
         """Probability of being on in the middle between two states, ``frames`` from each."""
-        to_on, from_on, from_off = (self._on_after(state, frames) for state in (before, True, False))
+        to_on, from_on, from_off = (
+            self._on_after(state, frames) for state in (before, True, False)
+        )
         on = to_on * arrays.where(after, from_on, 1 - from_on)
         off = (1 - to_on) * arrays.where(after, from_off, 1 - from_off)
         return arrays.ratio(on, on + off, 0.0)

@@ -27,15 +27,21 @@ class SenseNodeFields(FileTable):
         0.0, description="V/e- non-linearity α of the sense node, 0 is linear", examples=[1.0]
     )
     ve_k1_c: Positive | None = Field(
-        None, description="k₁ of the V/e- law of the paper's eq. 8 [C], instead of A_SN", examples=[10.909e-15]
+        None,
+        description="k₁ of the V/e- law of the paper's eq. 8 [C], instead of A_SN",
+        examples=[10.909e-15],
     )
 
     @model_validator(mode="after")
     def _one_sense_gain(self) -> Self:
         if (self.sense_gain_uv_per_e is None) == (self.ve_k1_c is None):
-            raise ValueError("give either sense_gain_uv_per_e or ve_k1_c, which implies it, and not both")
+            raise ValueError(
+                "give either sense_gain_uv_per_e or ve_k1_c, which implies it, and not both"
+            )
         if self.ve_k1_c is not None and not self.ve_nonlinearity:
-            raise ValueError("ve_k1_c belongs to the V/e- non-linearity; set ve_nonlinearity, e.g. 1.0")
+            raise ValueError(
+                "ve_k1_c belongs to the V/e- non-linearity; set ve_nonlinearity, e.g. 1.0"
+            )
         return self
 
 
@@ -94,13 +100,17 @@ class NonlinearSenseNode(Stage):
 
     def sample(self, electrons: Electrons, frame: Frame) -> Array:
         """Electrons → swing (H, W) [V], below V_REF/α."""
-        return frame.number(-self.v_ref_v / self.alpha) * arrays.expm1(frame.number(-self._rate) * electrons.total)
+        return frame.number(-self.v_ref_v / self.alpha) * arrays.expm1(
+            frame.number(-self._rate) * electrons.total
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Second order in the noise; slope A_SN·e^(−αA_SN·N/V_REF)."""
         fall = arrays.exp(-self._rate * m.mean)
         value = -(self.v_ref_v / self.alpha) * arrays.expm1(-self._rate * m.mean)
-        return m.through(value, self.gain_v_per_e * fall, -self.gain_v_per_e * self._rate * fall)
+        return m.through(
+            value, self.gain_v_per_e * fall, -self.gain_v_per_e * self._rate * fall
+        )
 
     @property
     def _rate(self) -> float:

@@ -41,25 +41,43 @@ class ShotNoise(Stage):
         light, dark = electrons.light, electrons.dark
         by_light, by_dark = compensable(light, dark, electrons.variance_e2)
         more_light, light = reserved(light, by_light, frame)
-        more_dark, dark = reserved(dark, by_dark, frame) if arrays.any_positive(dark) else (0.0, 0.0)
+        more_dark, dark = (
+            reserved(dark, by_dark, frame) if arrays.any_positive(dark) else (0.0, 0.0)
+        )
         rest = self._counts(replace(electrons, light=light, dark=dark, variance_e2=None), frame)
-        return rest.changed(lambda n: n + (more_light + more_dark), lambda n, d: (n + more_light, d + more_dark))
+        return rest.changed(
+            lambda n: n + (more_light + more_dark), lambda n, d: (n + more_light, d + more_dark)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """The temporal variance is the mean; about its own render a frame varies less by what is compensated."""
         light, noise = m.light or m, m.variance_e2
-        by_light, by_dark = (0.0, 0.0) if noise is None else compensable(light.mean, m.mean - light.mean, noise)
+        by_light, by_dark = (
+            (0.0, 0.0) if noise is None else compensable(light.mean, m.mean - light.mean, noise)
+        )
         counted = light.add(temporal=light.mean - by_light)
-        return replace(m.add(temporal=m.mean - by_light - by_dark), light=counted, variance_e2=None)
+        return replace(
+            m.add(temporal=m.mean - by_light - by_dark), light=counted, variance_e2=None
+        )
 
-    def noise_sources(self, before: Electrons, after: Electrons) -> dict[str, tuple[Array, Array]]:
+    def noise_sources(
+        self, before: Electrons, after: Electrons
+    ) -> dict[str, tuple[Array, Array]]:
         """Photon shot noise and dark shot noise apart; the variance of each is its mean, less what it compensates."""
         noise = before.variance_e2
         less = (0.0, 0.0) if noise is None else compensable(before.light, before.dark, noise)
         parts = {"photon shot noise": "light", "dark shot noise": "dark"}
-        means, counts = ([getattr(one, part) for part in parts.values()] for one in (before, after))
-        changes = [np.subtract(n, mean, dtype=np.float64) for n, mean in zip(counts, means, strict=True)]
-        return {name: (x, mean - by) for name, x, mean, by in zip(parts, changes, means, less, strict=True)}
+        means, counts = (
+            [getattr(one, part) for part in parts.values()] for one in (before, after)
+        )
+        changes = [
+            np.subtract(n, mean, dtype=np.float64)
+            for n, mean in zip(counts, means, strict=True)
+        ]
+        return {
+            name: (x, mean - by)
+            for name, x, mean, by in zip(parts, changes, means, less, strict=True)
+        }
 
     def _counts(self, mean: Electrons, frame: Frame) -> Electrons:
         """Poisson counts; of light and dark current as one, but where light is still interactions, not electrons."""
@@ -67,6 +85,10 @@ class ShotNoise(Stage):
         if not arrays.any_positive(dark):
             return replace(mean, light=frame.poisson("photon_shot", light), dark=0.0)
         if not isinstance(mean.yield_mean, float):
-            return replace(mean, light=frame.poisson("photon_shot", light), dark=frame.poisson("dark_shot", dark))
+            return replace(
+                mean,
+                light=frame.poisson("photon_shot", light),
+                dark=frame.poisson("dark_shot", dark),
+            )
         count = frame.poisson("photon_shot", light + dark)
         return CountedElectrons.of(count, lambda: frame.split("dark_shot", count, light, dark))

@@ -16,9 +16,13 @@ from ..stage import Datasheet, LinearGain, Stage
 class SourceFollowerFields(FileTable):
     """Gain of the pixel's amplifier."""
 
-    gain: Positive = Field(1.0, description="gain of the source follower A_SF [V/V]", examples=[1.0])
+    gain: Positive = Field(
+        1.0, description="gain of the source follower A_SF [V/V]", examples=[1.0]
+    )
     vv_nonlinearity: Annotated[float, Field(gt=0.5, strict=True)] = Field(
-        1.0, description="V/V non-linearity γ: gain at full well over gain at zero", examples=[1.05]
+        1.0,
+        description="V/V non-linearity γ: gain at full well over gain at zero",
+        examples=[1.05],
     )
 
 
@@ -37,7 +41,9 @@ class SourceFollower(LinearGain):
         follower = camera.source_follower
         if follower.vv_nonlinearity == 1:
             return SourceFollower(follower.gain)
-        return NonlinearSourceFollower(follower.gain, follower.vv_nonlinearity, full_well_at_node_v(camera))
+        return NonlinearSourceFollower(
+            follower.gain, follower.vv_nonlinearity, full_well_at_node_v(camera)
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,9 @@ class NonlinearSourceFollower(Stage):
     def moments(self, m: Moments) -> Moments:
         """A parabola: exact for a normal signal. At full well γ = 1.05 multiplies the variance by 1.21."""
         value = self.gain * m.mean * (1 + self._bend * m.mean)
-        return m.through(value, self.gain * (1 + 2 * self._bend * m.mean), 2 * self.gain * self._bend)
+        return m.through(
+            value, self.gain * (1 + 2 * self._bend * m.mean), 2 * self.gain * self._bend
+        )
 
     @property
     def _bend(self) -> float:

@@ -50,7 +50,9 @@ class SourceFollowerNoiseFields(FileTable):
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_uv": 0.0}
     read_noise_e: Annotated[NotNegative | None, Usual(0.05, 500)] = Field(
-        None, description="read noise as a datasheet gives it, instead of white_nv_per_rthz [e- rms]", examples=[3]
+        None,
+        description="read noise as a datasheet gives it, instead of white_nv_per_rthz [e- rms]",
+        examples=[3],
     )
     read_noise_cv: Annotated[NotNegative, Field(le=LARGEST_CV)] = Field(
         0.0,
@@ -58,7 +60,9 @@ class SourceFollowerNoiseFields(FileTable):
         examples=[0.3],
     )
     read_noise_distribution: Literal["normal", "tukey_lambda", "student"] = Field(
-        "normal", description="distribution of the read noise; its σ stays as given", examples=["tukey_lambda"]
+        "normal",
+        description="distribution of the read noise; its σ stays as given",
+        examples=["tukey_lambda"],
     )
     read_noise_shape: float | None = Field(
         None,
@@ -68,23 +72,41 @@ class SourceFollowerNoiseFields(FileTable):
         examples=[-0.1],
     )
     white_nv_per_rthz: Annotated[NotNegative | None, Usual.of(0.1, 1e3, VOLTS_TO_NV)] = Field(
-        None, description="white noise density W_f, instead of read_noise_e [nV/√Hz]", examples=[15]
+        None,
+        description="white noise density W_f, instead of read_noise_e [nV/√Hz]",
+        examples=[15],
     )
-    corner_hz: NotNegative = Field(0.0, description="flicker corner frequency f_c [Hz]", examples=[1e6])
-    cds_sample_s: CdsTime = Field(1e-6, description="time between the two CDS samples t_s [s]", examples=[1e-6])
-    cds_dominant_s: CdsTime = Field(0.5e-6, description="dominant time constant of the CDS τ_D [s]", examples=[0.5e-6])
-    rtn_uv: NotNegative = Field(0.0, description="random telegraph step ΔV [µV]", examples=[0.0])
-    rtn_s: Positive = Field(1e-6, description="random telegraph time constant [s]", examples=[1e-6])
+    corner_hz: NotNegative = Field(
+        0.0, description="flicker corner frequency f_c [Hz]", examples=[1e6]
+    )
+    cds_sample_s: CdsTime = Field(
+        1e-6, description="time between the two CDS samples t_s [s]", examples=[1e-6]
+    )
+    cds_dominant_s: CdsTime = Field(
+        0.5e-6, description="dominant time constant of the CDS τ_D [s]", examples=[0.5e-6]
+    )
+    rtn_uv: NotNegative = Field(
+        0.0, description="random telegraph step ΔV [µV]", examples=[0.0]
+    )
+    rtn_s: Positive = Field(
+        1e-6, description="random telegraph time constant [s]", examples=[1e-6]
+    )
     band_hz: tuple[NotNegative, Positive] | None = Field(
-        None, description="finite noise band [Hz] instead of all frequencies", examples=[[1.0, 20e6]]
+        None,
+        description="finite noise band [Hz] instead of all frequencies",
+        examples=[[1.0, 20e6]],
     )
 
     @model_validator(mode="after")
     def _one_read_noise(self) -> Self:
         if (self.read_noise_e is None) == (self.white_nv_per_rthz is None):
-            raise ValueError("give either read_noise_e or white_nv_per_rthz (with corner_hz, …), and not both")
+            raise ValueError(
+                "give either read_noise_e or white_nv_per_rthz (with corner_hz, …), and not both"
+            )
         if self.band_hz is not None and self.band_hz[1] <= self.band_hz[0]:
-            raise ValueError(f"band_hz is {list(self.band_hz)}; its second frequency must be the higher one")
+            raise ValueError(
+                f"band_hz is {list(self.band_hz)}; its second frequency must be the higher one"
+            )
         return self
 
     @model_validator(mode="after")
@@ -105,7 +127,9 @@ def check_shape(distribution: str, shape: float | None) -> None:
     _, low, high = DISTRIBUTIONS[distribution]
     if shape is None or not low <= shape <= high:
         said = "is missing" if shape is None else f"is {shape:g}"
-        raise ValueError(f"read_noise_shape {said}; that of {distribution} must be from {low:g} to {high:g}")
+        raise ValueError(
+            f"read_noise_shape {said}; that of {distribution} must be from {low:g} to {high:g}"
+        )
 
 
 @dataclass(frozen=True)
@@ -131,10 +155,14 @@ class SourceFollowerNoise(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> SourceFollowerNoise:
         """From the read noise, or from the densities; a CCD has one amplifier and no telegraph noise."""
         follower, per_e = camera.source_follower, sense_gain_v_per_e(camera)
-        sigma_v = cds_noise(camera).sigma_v / follower.gain if follower.read_noise_e is None else None
+        sigma_v = (
+            cds_noise(camera).sigma_v / follower.gain if follower.read_noise_e is None else None
+        )
         sigma_v = follower.read_noise_e * per_e if sigma_v is None else sigma_v
         kind = DISTRIBUTIONS.get(follower.read_noise_distribution)
-        return cls(sigma_v, follower.read_noise_cv, per_e, kind and kind[0](follower.read_noise_shape))
+        return cls(
+            sigma_v, follower.read_noise_cv, per_e, kind and kind[0](follower.read_noise_shape)
+        )
 
     @classmethod
     def notes(cls, camera: Datasheet) -> tuple[str, ...]:
@@ -142,10 +170,15 @@ class SourceFollowerNoise(Stage):
         follower = camera.source_follower
         if follower.read_noise_e is not None or follower.band_hz is None:
             return ()
-        inside, whole = cds_noise(camera).sigma_v, replace(cds_noise(camera), band_hz=None).sigma_v
+        inside, whole = (
+            cds_noise(camera).sigma_v,
+            replace(cds_noise(camera), band_hz=None).sigma_v,
+        )
         if inside >= (1 - NOTED) * whole:
             return ()
-        left, of = (sigma / follower.gain / sense_gain_v_per_e(camera) for sigma in (inside, whole))
+        left, of = (
+            sigma / follower.gain / sense_gain_v_per_e(camera) for sigma in (inside, whole)
+        )
         return (
             f"source_follower.band_hz {list(follower.band_hz)} leaves {left:.3g} of {of:.3g} e- of read noise, "
             f"{100 * inside / whole:.3g} %; leave it out for the noise of all frequencies",
@@ -158,7 +191,9 @@ class SourceFollowerNoise(Stage):
         z = frame.distributed("source_follower", self.distribution)
         if self.cv == 0:
             return swing + frame.number(self.sigma_v) * z
-        return swing + frame.number(self.gain_v_per_e) * (self.fpn_maps(frame.window)[READ_NOISE] * z)
+        return swing + frame.number(self.gain_v_per_e) * (
+            self.fpn_maps(frame.window)[READ_NOISE] * z
+        )
 
     def moments(self, m: Moments) -> Moments:
         """Adds the mean of σ² over the pixels to the temporal variance."""
@@ -173,13 +208,21 @@ class SourceFollowerNoise(Stage):
             return None
         sigma: Array = self.sigma_v
         if self.cv:
-            sigma = self.gain_v_per_e * np.asarray(self.fpn_maps(frame.window)[READ_NOISE], np.float64)
+            sigma = self.gain_v_per_e * np.asarray(
+                self.fpn_maps(frame.window)[READ_NOISE], np.float64
+            )
         normals = zip(*self._normals, strict=True)
-        return PixelNoise(tuple((chance, sigma * mean, sigma**2 * own) for chance, mean, own in normals))
+        return PixelNoise(
+            tuple((chance, sigma * mean, sigma**2 * own) for chance, mean, own in normals)
+        )
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
-        return {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))} if self.cv else {}
+        return (
+            {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))}
+            if self.cv
+            else {}
+        )
 
     def gains_of_maps(self) -> dict[str, float]:
         """A_SN [V/e-]."""

@@ -17,8 +17,12 @@ from ..stage import Datasheet, Stage
 class TemporalLineNoiseFields(FileTable):
     """Noise that the pixels of a row or of a column share."""
 
-    row_noise_e: NotNegative = Field(0.0, description="temporal row noise σ_row [e- rms]", examples=[0.3])
-    column_noise_e: NotNegative = Field(0.0, description="temporal column noise σ_col [e- rms]", examples=[0.2])
+    row_noise_e: NotNegative = Field(
+        0.0, description="temporal row noise σ_row [e- rms]", examples=[0.3]
+    )
+    column_noise_e: NotNegative = Field(
+        0.0, description="temporal column noise σ_col [e- rms]", examples=[0.2]
+    )
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,11 @@ class TemporalLineNoise(Stage):
     @classmethod
     def of(cls, sigma_e: float, camera: Datasheet) -> Self | None:
         """None without noise."""
-        return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain) if sigma_e else None
+        return (
+            cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain)
+            if sigma_e
+            else None
+        )
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,9 @@ class TemporalRowNoise(TemporalLineNoise):
     shared_by = "row"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> TemporalRowNoise | None:
+    def from_camera(
+        cls, camera: Datasheet, before: tuple[Stage, ...]
+    ) -> TemporalRowNoise | None:
         """None where the datasheet has no row noise."""
         return cls.of(camera.readout.row_noise_e, camera)
 
@@ -77,7 +87,9 @@ class TemporalColumnNoise(TemporalLineNoise):
     shared_by = "column"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> TemporalColumnNoise | None:
+    def from_camera(
+        cls, camera: Datasheet, before: tuple[Stage, ...]
+    ) -> TemporalColumnNoise | None:
         """None where the datasheet has no column noise."""
         return cls.of(camera.readout.column_noise_e, camera)
 

@@ -19,7 +19,13 @@ FEWEST_SAMPLES = 8
 
 
 def ablation(
-    kit: Kit, subject: Subject, *, tolerance_dn: float = 0.02, frames: int = 8, seed: int = 1, serial: int = 1
+    kit: Kit,
+    subject: Subject,
+    *,
+    tolerance_dn: float = 0.02,
+    frames: int = 8,
+    seed: int = 1,
+    serial: int = 1,
 ) -> Study:
     """What each noise source and each feature does to the picture, by its laws and in frames, and what it costs.
 
@@ -29,9 +35,13 @@ def ablation(
     """
     spp = subject.options.get("spp", 32)
     if frames < 2:
-        raise ms.InputError(f"frames is {frames}; a sensor needs at least 2 frames to show temporal noise, e.g. 8.")
+        raise ms.InputError(
+            f"frames is {frames}; a sensor needs at least 2 frames to show temporal noise, e.g. 8."
+        )
     if spp < FEWEST_SAMPLES:
-        raise ms.InputError(f"spp is {spp}; the study compares parts of the render: ask for {FEWEST_SAMPLES} or more.")
+        raise ms.InputError(
+            f"spp is {spp}; the study compares parts of the render: ask for {FEWEST_SAMPLES} or more."
+        )
     render = RenderAblation(kit, subject, spp, seed)
     sensor = SensorAblation(kit, subject, render.light, tolerance_dn, (frames, seed, serial))
     sensor_steps = list(sensor.steps())

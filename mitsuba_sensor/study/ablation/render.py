@@ -23,14 +23,21 @@ SIGNIFICANT, LEAST_SHARE = 3.0, 0.05
 """Standard errors beyond which a change is one; share of the seconds by which renders of one kind differ."""
 
 AS_IT_IS = "as it is"
-LENS_FEATURES: dict[str, tuple[tuple[str, ...], Values]] = {  # fields that the lens must have, and changes of a camera
+LENS_FEATURES: dict[
+    str, tuple[tuple[str, ...], Values]
+] = {  # fields that the lens must have, and changes of a camera
     "lens fall-off": (
         (),
-        {"lens.relative_illumination": (1.0, 1.0), "lens.relative_illumination_heights_mm": (0.0, 1e6)},
+        {
+            "lens.relative_illumination": (1.0, 1.0),
+            "lens.relative_illumination_heights_mm": (0.0, 1e6),
+        },
     ),
     "lens distortion": (
         ("distortion", "distortion_percent"),
-        dict.fromkeys(("lens.distortion", "lens.distortion_percent", "lens.distortion_heights_mm")),
+        dict.fromkeys(
+            ("lens.distortion", "lens.distortion_percent", "lens.distortion_heights_mm")
+        ),
     ),
     "lens transmission curve": (
         ("transmission_curve",),
@@ -60,14 +67,22 @@ class Change(NamedTuple):
     @property
     def is_change(self) -> bool:
         """Whether it is more than noise."""
-        return self.rms_dn > SIGNIFICANT * self.rms_error_dn or abs(self.mean_dn) > SIGNIFICANT * self.mean_error_dn
+        return (
+            self.rms_dn > SIGNIFICANT * self.rms_error_dn
+            or abs(self.mean_dn) > SIGNIFICANT * self.mean_error_dn
+        )
 
 
 class RenderAblation:
     """A scene, and what a kit measures of its renders without each feature."""
 
     def __init__(self, kit: Kit, subject: Subject, spp: int, seed: int) -> None:
-        self.kit, self._subject, self._spp, self._seed = kit, subject, max(spp // PAIRS, 2), seed
+        self.kit, self._subject, self._spp, self._seed = (
+            kit,
+            subject,
+            max(spp // PAIRS, 2),
+            seed,
+        )
 
     def light(self) -> ms.Photons:
         """Photons of the whole render, from which the frames are made."""
@@ -80,7 +95,12 @@ class RenderAblation:
         rows, columns, bands = light.data.shape
         is_cube = light.filters is None and bands > 1
         width_nm = float(light.bandwidths_nm[0])
-        return {"rows": rows, "columns": columns, "bands": bands if is_cube else 1, "width_nm": width_nm}
+        return {
+            "rows": rows,
+            "columns": columns,
+            "bands": bands if is_cube else 1,
+            "width_nm": width_nm,
+        }
 
     def features(self) -> dict[str, Values]:
         """Options of a render without each feature; "camera" are changes of its datasheet."""
@@ -88,7 +108,9 @@ class RenderAblation:
         bands, features = scene["bands"], dict[str, Values]()
         for size in (2, bands):
             if bands > size or (bands == size and bands > 1):
-                name = "one band" if size == bands else f"bands of {size * scene['width_nm']:g} nm"
+                name = (
+                    "one band" if size == bands else f"bands of {size * scene['width_nm']:g} nm"
+                )
                 features[name] = {"bandwidth_nm": size * scene["width_nm"]}
         if bands > 1 and self._subject.camera.quantum_efficiency.quantum_yield is None:
             features["channels instead of bands"] = {"spectral": "channels"}
@@ -101,24 +123,39 @@ class RenderAblation:
     def steps(self) -> Iterator[Step]:
         """All renders."""
         for pair in range(PAIRS):
-            yield Step(f"render {pair + 1}: {AS_IT_IS}", 1.0, partial(self.rendered, pair, {}), "renders")
+            yield Step(
+                f"render {pair + 1}: {AS_IT_IS}",
+                1.0,
+                partial(self.rendered, pair, {}),
+                "renders",
+            )
         for name, without in self.features().items():
             for pair in range(PAIRS):
-                yield Step(f"render {pair + 1} without: {name}", 1.0, partial(self.rendered, pair, without), "renders")
+                yield Step(
+                    f"render {pair + 1} without: {name}",
+                    1.0,
+                    partial(self.rendered, pair, without),
+                    "renders",
+                )
 
     def rendered(self, pair: int, without: Mapping[str, Any]) -> Rendered | None:
         """One render; None where the scene refuses to be without the feature."""
         options = {**without}
         camera = self._subject.camera.replace(**options.pop("camera", {}))
         try:
-            light = self._subject.render(self._seed + pair, camera, spp=self._spp, denoise=False, **options)
+            light = self._subject.render(
+                self._seed + pair, camera, spp=self._spp, denoise=False, **options
+            )
         except ms.InputError:
             return None
         photons = ms.collect(light, camera, self._subject.exposure)
         detected = ms.expose(photons, camera, self._subject.exposure).detected.mean_e
         signal_e = np.minimum(np.float64(detected), camera.pixel.full_well_e)
         told = light.statistics
-        return Rendered(camera.system_gain_dn_per_e * signal_e, told.seconds_per_sample * told.samples_per_pixel)
+        return Rendered(
+            camera.system_gain_dn_per_e * signal_e,
+            told.seconds_per_sample * told.samples_per_pixel,
+        )
 
     def changes(self) -> dict[str, Change]:
         """What each feature changes, of those that the scene can be without."""
@@ -133,9 +170,13 @@ class RenderAblation:
 
 def change_of(base: list[Rendered], without: list[Rendered]) -> Change:
     """The change from pairs of renders with equal seeds."""
-    off = np.array([other.signal_dn - one.signal_dn for one, other in zip(base, without, strict=True)])
+    off = np.array(
+        [other.signal_dn - one.signal_dn for one, other in zip(base, without, strict=True)]
+    )
     rms, rms_error = shared_rms(off)
-    before, after = (statistics.median(one.seconds for one in renders) for renders in (base, without))
+    before, after = (
+        statistics.median(one.seconds for one in renders) for renders in (base, without)
+    )
     means = off.mean(axis=(1, 2))
     mean, error = float(means.mean()), standard_error(means)
     return Change(mean, error, rms, rms_error, before - after, 1 - after / before)
@@ -169,7 +210,9 @@ def render_findings(changes: Mapping[str, Change]) -> Iterator[str]:
     if changing:
         name, most = max(changing.items(), key=lambda entry: entry[1].rms_dn)
         shows = most.saved_share > LEAST_SHARE
-        cost = f"for {most.saved_share:.0%} of the seconds" if shows else "at no cost that shows"
+        cost = (
+            f"for {most.saved_share:.0%} of the seconds" if shows else "at no cost that shows"
+        )
         rms = f"{most.rms_dn:.3g} ± {most.rms_error_dn:.2g} DN rms"
         yield f"Of the render, the picture depends most on what '{name}' leaves out: {rms}, {cost}."
 

@@ -79,7 +79,9 @@ class SensorAblation:
     @cached_property
     def plan(self) -> ms.Plan:
         """What this exposure can do without."""
-        return ms.plan(self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn)
+        return ms.plan(
+            self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn
+        )
 
     def steps(self) -> Iterator[Step]:
         """All measurements."""
@@ -91,7 +93,10 @@ class SensorAblation:
     def verdicts(self) -> Values:
         """What the plan leaves out, and why."""
         planned = self.plan.to_dict()["stages"]
-        return {"left_out": self.plan.left_out, "stages": {one["stage"]: one["reason"] for one in planned}}
+        return {
+            "left_out": self.plan.left_out,
+            "stages": {one["stage"]: one["reason"] for one in planned},
+        }
 
     def moments(self, case: str) -> Moments:
         """Moments of every sensor by its laws and in frames; all cases have the same random bits."""
@@ -108,7 +113,9 @@ class SensorAblation:
             )
             law_mean = np.float64(frames.clean[0])
             law_spatial = (law_mean - frames.spatial_mean) ** 2
-            predicted.append([x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)])
+            predicted.append(
+                [x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)]
+            )
             measured.append(measured_moments(frames).mean(axis=(1, 2)))
             pixels.append(law_mean)
         return Moments(np.array(predicted).T, np.array(measured).T, np.mean(pixels, axis=0))
@@ -117,11 +124,20 @@ class SensorAblation:
         """Nanoseconds per pixel of every case's frames on NumPy, in each turn."""
         photons, streams = resized(self.photons, TIMED_SHAPE), {}
         for case, camera in self.cameras.items():
-            plan = ms.plan(camera, self._subject.exposure, photons, self.tolerance_dn) if case == PLAN else None
-            streams[case] = ms.stream(photons, camera, self._subject.exposure, engine="numpy", frames=2**31, plan=plan)
+            plan = (
+                ms.plan(camera, self._subject.exposure, photons, self.tolerance_dn)
+                if case == PLAN
+                else None
+            )
+            streams[case] = ms.stream(
+                photons, camera, self._subject.exposure, engine="numpy", frames=2**31, plan=plan
+            )
         tasks = {case: partial(next, frames) for case, frames in streams.items()}
         seconds = time_in_turns(tasks, TURNS)
-        return {case: [1e9 * x / math.prod(TIMED_SHAPE) for x in taken] for case, taken in seconds.items()}
+        return {
+            case: [1e9 * x / math.prod(TIMED_SHAPE) for x in taken]
+            for case, taken in seconds.items()
+        }
 
 
 def reduced_cameras(camera: ms.Camera) -> Iterator[tuple[str, ms.Camera]]:
@@ -146,16 +162,26 @@ class SensorResults:
         kit = ablation.kit
         self.verdicts: Values = kit["the plan's verdicts"]
         self.nanoseconds: Mapping[str, list[float]] = kit["seconds of frames"]
-        moments: dict[str, Moments] = {case: kit[f"frames: {case}"] for case in ablation.cameras}
-        whole = moments[WHOLE]
-        self.changes = {case: compare(one, None if case == WHOLE else whole) for case, one in moments.items()}
-        self.worst_pixel_dn = {
-            case: float(np.abs(one.pixel_dn - whole.pixel_dn).max()) for case, one in moments.items()
+        moments: dict[str, Moments] = {
+            case: kit[f"frames: {case}"] for case in ablation.cameras
         }
-        self.compared = [one for case in self.changes.values() for one in case if one.error_dn > 0]
+        whole = moments[WHOLE]
+        self.changes = {
+            case: compare(one, None if case == WHOLE else whole)
+            for case, one in moments.items()
+        }
+        self.worst_pixel_dn = {
+            case: float(np.abs(one.pixel_dn - whole.pixel_dn).max())
+            for case, one in moments.items()
+        }
+        self.compared = [
+            one for case in self.changes.values() for one in case if one.error_dn > 0
+        ]
         self.limit = z_limit(len(self.compared))
         self.agree = max((abs(one.z) for one in self.compared), default=0.0) <= self.limit
-        self.plan_keeps = self.worst_pixel_dn[PLAN] <= MOVED_BY_CHANCE * ablation.tolerance_dn + LEAST_DN
+        self.plan_keeps = (
+            self.worst_pixel_dn[PLAN] <= MOVED_BY_CHANCE * ablation.tolerance_dn + LEAST_DN
+        )
 
     def saved_share(self, case: str) -> Spread:
         """Share of the whole chain's time that leaving out saves."""
@@ -173,7 +199,9 @@ class SensorResults:
 def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
     """Changes of mean, temporal σ and spatial σ from the whole chain; of the whole chain itself its values."""
     predicted, measured = moments.predicted, moments.measured
-    before = [0.0] * 3 if whole is None else [float(values.mean()) for values in whole.predicted]
+    before = (
+        [0.0] * 3 if whole is None else [float(values.mean()) for values in whole.predicted]
+    )
     off = measured - predicted - (0.0 if whole is None else whole.measured - whole.predicted)
     comparisons = []
     for row in range(3):
@@ -183,22 +211,35 @@ def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
         unit, change = 1.0, now - before[row]
         if row:  # Δσ = ΔV/(σ + σ′); a variance that is not resolved has no root that is
             change = math.sqrt(max(now, 0.0)) - math.sqrt(max(before[row], 0.0))
-            unit = max(math.sqrt(max(now, 0.0)) + math.sqrt(max(before[row], 0.0)), math.sqrt(error), LEAST_DN)
+            unit = max(
+                math.sqrt(max(now, 0.0)) + math.sqrt(max(before[row], 0.0)),
+                math.sqrt(error),
+                LEAST_DN,
+            )
         z = as_normal(mean_off / error, SENSORS - 1) if error else 0.0
-        comparisons.append(Comparison(float(change), float(change) + mean_off / unit, error / unit, z))
+        comparisons.append(
+            Comparison(float(change), float(change) + mean_off / unit, error / unit, z)
+        )
     return tuple(comparisons)
 
 
 def sensor_section(results: SensorResults, ablation: SensorAblation) -> Section:
     """What the sensor shows; it has passed if laws and frames agree and the plan keeps to its tolerance."""
-    parts: tuple[Part, ...] = changes_table(results, ablation), *changes_bars(results, ablation.tolerance_dn)
-    return Section(tuple(sensor_findings(results, ablation)), results.agree and results.plan_keeps, parts)
+    parts: tuple[Part, ...] = (
+        changes_table(results, ablation),
+        *changes_bars(results, ablation.tolerance_dn),
+    )
+    return Section(
+        tuple(sensor_findings(results, ablation)), results.agree and results.plan_keeps, parts
+    )
 
 
 def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterator[str]:
     """What the plan leaves out, whether laws and frames agree, what is needed and what costs most."""
     left_out, saved = results.verdicts["left_out"], results.saved_share(PLAN)
-    saves = f"saves {saved.median:.0%} of the sensor's time ({saved.low:.0%} to {saved.high:.0%})"
+    saves = (
+        f"saves {saved.median:.0%} of the sensor's time ({saved.low:.0%} to {saved.high:.0%})"
+    )
     if saved.low <= 0 <= saved.high:
         saves = f"saves no time that shows ({saved.low:.0%} to {saved.high:.0%})"
     yield (
@@ -232,12 +273,22 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
     """Changes and seconds of every case."""
     rows: list[MarkedRow] = []
     for case, changes in results.changes.items():
-        numbers = [x for one in changes for x in (one.predicted_dn, one.measured_dn, one.error_dn)]
+        numbers = [
+            x for one in changes for x in (one.predicted_dn, one.measured_dn, one.error_dn)
+        ]
         z = max(abs(one.z) for one in changes)
         saved = 100 * results.saved_share(case).median
         reason = results.verdicts["stages"].get(case, "")
-        rows.append((results.mark(case), (case, *numbers, z, results.worst_pixel_dn[case], saved, reason)))
-    headings = " | ".join(f"{name}, predicted [DN] | {name}, measured [DN] | {name}, ± [DN]" for name in QUANTITIES)
+        rows.append(
+            (
+                results.mark(case),
+                (case, *numbers, z, results.worst_pixel_dn[case], saved, reason),
+            )
+        )
+    headings = " | ".join(
+        f"{name}, predicted [DN] | {name}, measured [DN] | {name}, ± [DN]"
+        for name in QUANTITIES
+    )
     whole_ns = spread(results.nanoseconds[WHOLE]).median
     return table(
         "What changes when a noise source is left out",
@@ -252,11 +303,19 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
 
 def changes_bars(results: SensorResults, tolerance_dn: float) -> list[Bars]:
     """Changes without each noise source, where there are any."""
-    cases = [case for case in results.changes if case != WHOLE and largest_change(results.changes[case]) > LEAST_DN]
+    cases = [
+        case
+        for case in results.changes
+        if case != WHOLE and largest_change(results.changes[case]) > LEAST_DN
+    ]
     series = {}
     for row, name in enumerate(QUANTITIES):
-        series[name] = tuple(abs(results.changes[case][row].predicted_dn) or None for case in cases)
+        series[name] = tuple(
+            abs(results.changes[case][row].predicted_dn) or None for case in cases
+        )
     level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN") if tolerance_dn > 0 else None
     title = "What changes without each noise source"
-    bars = Bars(title, "change of mean or σ [DN]", tuple(cases), series, log_x=True, level=level)
+    bars = Bars(
+        title, "change of mean or σ [DN]", tuple(cases), series, log_x=True, level=level
+    )
     return [bars] if cases else []

@@ -62,16 +62,22 @@ def stress(kit: Kit) -> Study:
             if engine in theme.engines and problem_of(engine) is None:
                 asked[f"{theme.name} {number}, {engine.name}"] = theme, engine
     steps = [
-        Step(key, theme.seconds, partial(verdicts, theme, engine), theme.name) for key, (theme, engine) in asked.items()
+        Step(key, theme.seconds, partial(verdicts, theme, engine), theme.name)
+        for key, (theme, engine) in asked.items()
     ]
     conditions = {f"condition numbers of {name}": name for name in cameras()}
-    steps += [Step(key, 1.0, partial(sensitivities, name), "condition numbers") for key, name in conditions.items()]
+    steps += [
+        Step(key, 1.0, partial(sensitivities, name), "condition numbers")
+        for key, name in conditions.items()
+    ]
     kit.take(steps)
     answers: dict[str, list[tuple[str, Row]]] = {theme.name: [] for theme in THEMES}
     for key, (theme, engine) in asked.items():
         answers[theme.name] += [(engine.name, row) for row in kit[key]]
     sensitive = [one for key in conditions for one in kit[key]]
-    tables = Section((), True, tuple(theme_table(theme, told) for theme, told in answers.items()))
+    tables = Section(
+        (), True, tuple(theme_table(theme, told) for theme, told in answers.items())
+    )
     sections = [verdict_section(answers, kit), condition_section(sensitive), tables]
     return study_of("stress", "Stiff and extreme cases", sections)
 
@@ -84,9 +90,15 @@ def verdicts(theme: Theme, engine: Engine) -> list[Row]:
             warnings.simplefilter("ignore")
             warnings.simplefilter("error", RuntimeWarning)
             rows.extend(theme.cases(engine))
-    except Exception as error:  # whatever it is, it is the answer of a case and must not end the study
+    except (
+        Exception
+    ) as error:  # whatever it is, it is the answer of a case and must not end the study
         text = f"{type(error).__name__}: {error}"
-        rows.append(Row(theme.name, "a case that ended with an exception", "an answer", Got(text, False)))
+        rows.append(
+            Row(
+                theme.name, "a case that ended with an exception", "an answer", Got(text, False)
+            )
+        )
     return rows
 
 
@@ -94,11 +106,21 @@ def verdict_section(answers: dict[str, list[tuple[str, Row]]], kit: Kit) -> Sect
     """How many cases hold, which do not, and which engines are not here."""
     every = [(theme, engine, row) for theme, told in answers.items() for engine, row in told]
     failed = [one for one in every if not one[2].got.passed]
-    engines = ", ".join(dict.fromkeys(engine for _, engine, _ in every if engine != NO_ENGINE.name))
-    findings = [f"{len(every) - len(failed)} of {len(every)} cases hold on {engines}, in {kit.seconds:.0f} s."]
+    engines = ", ".join(
+        dict.fromkeys(engine for _, engine, _ in every if engine != NO_ENGINE.name)
+    )
+    findings = [
+        f"{len(every) - len(failed)} of {len(every)} cases hold on {engines}, in {kit.seconds:.0f} s."
+    ]
     for theme, engine, row in failed[:5]:
-        findings.append(f"Fails: {theme}, {row.given}, {engine}: {row.got.text}; expected {row.expected}.")
-    findings += [f"Not here: {engine.name} ({problem_of(engine)})." for engine in COLUMNS if problem_of(engine)]
+        findings.append(
+            f"Fails: {theme}, {row.given}, {engine}: {row.got.text}; expected {row.expected}."
+        )
+    findings += [
+        f"Not here: {engine.name} ({problem_of(engine)})."
+        for engine in COLUMNS
+        if problem_of(engine)
+    ]
     return Section(tuple(findings), not failed, (verdict_grid(answers),))
 
 
@@ -114,7 +136,9 @@ def verdict_grid(answers: dict[str, list[tuple[str, Row]]]) -> Grid:
     return Grid("How many cases hold", tuple(answers), names, tuple(marks), tuple(texts), note)
 
 
-def verdict_cell(theme: str, engine: Engine, told: Iterable[tuple[str, Row]]) -> tuple[Mark, str]:
+def verdict_cell(
+    theme: str, engine: Engine, told: Iterable[tuple[str, Row]]
+) -> tuple[Mark, str]:
     """Mark and text of one theme on one engine."""
     passed = [row.got.passed for name, row in told if name == engine.name]
     if passed:
@@ -132,5 +156,12 @@ def theme_table(theme: str, told: Iterable[tuple[str, Row]]) -> Table:
     for row, names in sorted(engines.items(), key=lambda one: (one[0].subject, one[0].given)):
         verdict = "holds" if row.got.passed else "fails"
         mark: Mark = "good" if row.got.passed else "bad"
-        rows.append((mark, (row.subject, row.given, row.expected, ", ".join(names), row.got.text, verdict)))
-    return table(theme.capitalize(), "subject | input | expected | engine | got | verdict", rows)
+        rows.append(
+            (
+                mark,
+                (row.subject, row.given, row.expected, ", ".join(names), row.got.text, verdict),
+            )
+        )
+    return table(
+        theme.capitalize(), "subject | input | expected | engine | got | verdict", rows
+    )

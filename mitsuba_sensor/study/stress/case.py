@@ -42,7 +42,9 @@ class Row(NamedTuple):
 Rows = Iterator[Row]
 
 
-def within(values: ArrayLike, exact: ArrayLike, allowed: ArrayLike = 0.0, unit: str = "") -> Got:
+def within(
+    values: ArrayLike, exact: ArrayLike, allowed: ArrayLike = 0.0, unit: str = ""
+) -> Got:
     """Numbers, each within ``allowed`` (absolute) of what they must be; NaN is not."""
     found = np.asarray(values, dtype=np.float64)
     off = np.abs(np.subtract(found, exact, dtype=np.float64))
@@ -52,7 +54,9 @@ def within(values: ArrayLike, exact: ArrayLike, allowed: ArrayLike = 0.0, unit: 
 
 def together(*answers: Got) -> Got:
     """Several answers as one."""
-    return Got("; ".join(answer.text for answer in answers), all(answer.passed for answer in answers))
+    return Got(
+        "; ".join(answer.text for answer in answers), all(answer.passed for answer in answers)
+    )
 
 
 def refusal(part: str, action: Callable[[], object]) -> Got:
@@ -83,10 +87,16 @@ class Engine:
     precision: Any = None
 
     def expose(
-        self, light: ms.Photons | ArrayLike, camera: ms.Camera, exposure: ms.Exposure = TENTH, **more: Any
+        self,
+        light: ms.Photons | ArrayLike,
+        camera: ms.Camera,
+        exposure: ms.Exposure = TENTH,
+        **more: Any,
     ) -> ms.Frames:
         """Frames of this engine."""
-        return ms.expose(light, camera, exposure, engine=self.option, precision=self.precision, **more)
+        return ms.expose(
+            light, camera, exposure, engine=self.option, precision=self.precision, **more
+        )
 
     def render(self, **options: Any) -> ms.Irradiance:
         """A render of the sky by this variant, one band about 550 nm."""

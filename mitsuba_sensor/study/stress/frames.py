@@ -10,7 +10,19 @@ import numpy as np
 
 import mitsuba_sensor as ms
 
-from .case import CASES, SIGMAS, TENTH, Engine, Got, Row, Rows, refusal, table1, together, within
+from .case import (
+    CASES,
+    SIGMAS,
+    TENTH,
+    Engine,
+    Got,
+    Row,
+    Rows,
+    refusal,
+    table1,
+    together,
+    within,
+)
 
 SHAPE = 64, 64
 PIXELS = SHAPE[0] * SHAPE[1]
@@ -34,17 +46,31 @@ EACH_KIND = ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82")
 def special_camera(**changes: Any) -> ms.Camera:
     """Table 1's camera with shot noise, full well, read noise and converter alone, and these changes."""
     camera = ms.load_camera("konnik_table1")
-    return camera.replace(**{"source_follower.white_nv_per_rthz": None, **CASES["quiet"], **changes})
+    return camera.replace(
+        **{"source_follower.white_nv_per_rthz": None, **CASES["quiet"], **changes}
+    )
 
 
 def conditions(theme: str, camera_name: str, engine: Engine) -> Rows:
     """Every stage of a shipped camera in the light, times and temperatures of a theme, beside its theory."""
     camera = ms.load_camera(camera_name)
     for photons, time_s, temperature_k in CASES["conditions"][theme]:
-        frames = engine.expose(np.full(SHAPE, photons), camera, ms.Exposure(time_s, temperature_k), keep=("electrons",))
+        frames = engine.expose(
+            np.full(SHAPE, photons),
+            camera,
+            ms.Exposure(time_s, temperature_k),
+            keep=("electrons",),
+        )
         given = f"{photons:g} photons, {time_s:g} s, {temperature_k:g} K; {camera_name}"
-        expected = "finite; every stage's mean within 5 standard errors of its theory; wells 0 … full"
-        yield Row("every stage", given, expected, together(worst_stage(frames, engine), full_wells(frames)))
+        expected = (
+            "finite; every stage's mean within 5 standard errors of its theory; wells 0 … full"
+        )
+        yield Row(
+            "every stage",
+            given,
+            expected,
+            together(worst_stage(frames, engine), full_wells(frames)),
+        )
 
 
 def worst_stage(frames: ms.Frames, engine: Engine) -> Got:
@@ -53,16 +79,22 @@ def worst_stage(frames: ms.Frames, engine: Engine) -> Got:
     roundoff = ROUNDINGS * float(np.finfo(engine.precision).eps) / 2
     for told in frames.report["stages"]:
         is_patterned = is_patterned or not {"column", "row"}.isdisjoint(told["name"].split())
-        independent = min(SHAPE) if is_patterned else PIXELS  # columns and rows share a spatial part
+        independent = (
+            min(SHAPE) if is_patterned else PIXELS
+        )  # columns and rows share a spatial part
         temporal, spatial = told["sigma_temporal_expected"], told["sigma_spatial_expected"]
         mean, expected = told["mean_frame"], told["mean_expected"]
         if not np.isfinite([mean, expected, temporal, spatial]).all():
             return Got(f"{told['name']} has mean {mean:g}, expected {expected:g}", False)
         if told["domain"] == "electrons":
-            mean, expected = (min(x, WELLS * frames.camera.pixel.full_well_e) for x in (mean, expected))
+            mean, expected = (
+                min(x, WELLS * frames.camera.pixel.full_well_e) for x in (mean, expected)
+            )
         error = math.sqrt(temporal**2 / PIXELS + 2 * spatial**2 / independent)
         step = rare_step(frames, told["domain"])
-        explained = RARE * step / PIXELS + roundoff * abs(expected) + LEFT_DN * (told["domain"] == "DN")
+        explained = (
+            RARE * step / PIXELS + roundoff * abs(expected) + LEFT_DN * (told["domain"] == "DN")
+        )
         beyond = max(abs(mean - expected) - explained, 0.0)
         off = beyond / max(error, step * 1e-9)
         if off > worst:
@@ -96,8 +128,12 @@ def counts(engine: Engine) -> Rows:
         off = counted - held
         # variances of off, off² and off³: μ₂ = λ, μ₄ − λ² = λ + 2λ², μ₆ − λ² = λ + 24λ² + 15λ³
         variances = np.array([held, held + 2 * held**2, held + 24 * held**2 + 15 * held**3])
-        allowed = SIGMAS * np.sqrt(variances / off.size) + RARE / off.size + ROUNDINGS * 6e-8 * held
-        moments = within([np.mean(off**power) for power in (1, 2, 3)], [0.0, held, held], allowed)
+        allowed = (
+            SIGMAS * np.sqrt(variances / off.size) + RARE / off.size + ROUNDINGS * 6e-8 * held
+        )
+        moments = within(
+            [np.mean(off**power) for power in (1, 2, 3)], [0.0, held, held], allowed
+        )
         is_whole = bool((np.floor(counted) == counted).all()) and counted.min() >= 0
         got = together(moments, Got("whole numbers" if is_whole else "not whole", is_whole))
         expected = "mean, variance and third moment λ within 5 standard errors of 262 144 whole numbers"
@@ -139,10 +175,18 @@ def corners(engine: Engine) -> Rows:
     cameras = {"table 1": table1(), "every option": table1().replace(**CASES["every_option"])}
     for photons, time_s, temperature_k in CASES["conditions"]["corners"]:
         given = f"{photons:g} photons, {time_s:g} s, {temperature_k:g} K"
-        light, exposure = ms.Photons(np.full((4, 6), photons)), ms.Exposure(time_s, temperature_k)
+        light, exposure = (
+            ms.Photons(np.full((4, 6), photons)),
+            ms.Exposure(time_s, temperature_k),
+        )
         for name, camera in cameras.items():
             frames = engine.expose(light, camera, exposure)
-            yield Row("report", f"{given}; {name}", "codes in range, every number finite", finite_report(frames))
+            yield Row(
+                "report",
+                f"{given}; {name}",
+                "codes in range, every number finite",
+                finite_report(frames),
+            )
 
 
 def finite_report(frames: ms.Frames) -> Got:
@@ -150,7 +194,10 @@ def finite_report(frames: ms.Frames) -> Got:
     top = int(frames.digital.max())
     finite = all_finite(frames.report["stages"])
     numbers = "every number finite" if finite else "a number that is none"
-    return Got(f"{frames.digital.min()} … {top} DN, {numbers}", finite and top < 2**frames.camera.adc.bits)
+    return Got(
+        f"{frames.digital.min()} … {top} DN, {numbers}",
+        finite and top < 2**frames.camera.adc.bits,
+    )
 
 
 def all_finite(tree: object) -> bool:
@@ -193,9 +240,16 @@ def sizes(engine: Engine) -> Rows:
 def refusals(_: Engine) -> Rows:
     """Values that cannot be, of cameras and exposures."""
     for given, (part, changes) in CASES["refused"].items():
-        yield Row("datasheet", given, f"refused: {part} …", refusal(part, partial(table1().replace, **changes)))
+        yield Row(
+            "datasheet",
+            given,
+            f"refused: {part} …",
+            refusal(part, partial(table1().replace, **changes)),
+        )
     for name, values in CASES["refused_exposures"].items():
         for value in values:
             part = f"{name} is {value!r}; it must be"
             got = refusal(part, partial(ms.Exposure, **{"time_s": 0.1, name: value}))
-            yield Row("exposure", f"{name} = {value!r}", "one sentence with value and range", got)
+            yield Row(
+                "exposure", f"{name} = {value!r}", "one sentence with value and range", got
+            )

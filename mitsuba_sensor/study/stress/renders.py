@@ -37,9 +37,14 @@ def radiances(engine: Engine) -> Rows:
         exact = irradiance(radiance)
         digital = ms.expose(ms.collect(light, table1(), TENTH), table1(), TENTH).digital
         is_full = radiance >= 1.0
-        frame = Got(f"up to {digital.max()} DN", bool(digital.min() == 4095 if is_full else digital.max() < 4095))
+        frame = Got(
+            f"up to {digital.max()} DN",
+            bool(digital.min() == 4095 if is_full else digital.max() < 4095),
+        )
         finite = Got("finite error bars", bool(np.isfinite(light.standard_error).all()))
-        got = together(within(light.data, exact, allowed_loss(16) * exact, " W/m²/nm"), finite, frame)
+        got = together(
+            within(light.data, exact, allowed_loss(16) * exact, " W/m²/nm"), finite, frame
+        )
         expected = "the closed form to float32's roundings; 4095 DN beyond the well"
         yield Row("irradiance, frame", f"{radiance:g} W m⁻² sr⁻¹ nm⁻¹", expected, got)
 
@@ -54,4 +59,9 @@ def samples(engine: Engine) -> Rows:
         off = float(light.data.ravel()[0]) / irradiance() - 1
         text = f"{off:+.1e}: {light.statistics.passes} passes of {each}"
         got = Got(text, abs(off) <= allowed_loss(min(each, LARGEST_PASS)))
-        yield Row("irradiance", f"{spp} samples", "E = πL/(4N²) to n·2⁻²⁵ for n samples of a pass", got)
+        yield Row(
+            "irradiance",
+            f"{spp} samples",
+            "E = πL/(4N²) to n·2⁻²⁵ for n samples of a pass",
+            got,
+        )

@@ -61,22 +61,34 @@ def cameras() -> dict[str, ms.Camera]:
 def sensitivities(name: str) -> list[Sensitivity]:
     """All inputs of a camera, the strongest first."""
     camera = cameras()[name]
-    photons = np.array([*LEVELS.values()]) * camera.pixel.full_well_e / electrons_per_photon(camera)
+    photons = (
+        np.array([*LEVELS.values()]) * camera.pixel.full_well_e / electrons_per_photon(camera)
+    )
     rows, columns = np.shape(camera.tile)
     light = np.tile(np.repeat(photons, columns), (rows, 1))
     here = mean_and_sigma(light, camera, EXPOSURE)
     time_s, kelvin = EXPOSURE.time_s, EXPOSURE.temperature_k
     moves = [
         ("photons", 1.0, mean_and_sigma(light * (1 + STEP), camera, EXPOSURE)),
-        ("time_s", time_s, mean_and_sigma(light, camera, ms.Exposure(time_s * (1 + STEP), kelvin))),
-        ("temperature_k", kelvin, mean_and_sigma(light, camera, ms.Exposure(time_s, kelvin * (1 + STEP)))),
+        (
+            "time_s",
+            time_s,
+            mean_and_sigma(light, camera, ms.Exposure(time_s * (1 + STEP), kelvin)),
+        ),
+        (
+            "temperature_k",
+            kelvin,
+            mean_and_sigma(light, camera, ms.Exposure(time_s, kelvin * (1 + STEP))),
+        ),
     ]
     for field, value, changed in changed_cameras(camera):
         moves.append((field, value, mean_and_sigma(light, changed, EXPOSURE)))
     strongest = []
     for field, value, there in moves:
         step = float(np.spacing(np.float32(abs(value)))) / abs(value) / STEP
-        moved = np.abs(there - here).reshape(2, rows, len(LEVELS), columns).max(axis=(1, 3)) * step
+        moved = (
+            np.abs(there - here).reshape(2, rows, len(LEVELS), columns).max(axis=(1, 3)) * step
+        )
         level = int(moved.max(axis=0).argmax())
         mean_dn = float(here[0].reshape(rows, len(LEVELS), columns)[:, level].mean())
         moved_dn = float(moved[0, level]), float(moved[1, level])
@@ -87,14 +99,18 @@ def sensitivities(name: str) -> list[Sensitivity]:
 def mean_and_sigma(light: Array, camera: ms.Camera, exposure: ms.Exposure) -> Array:
     """Mean and temporal σ of every pixel in its exact law, (2, H, W) [DN]."""
     frames = ms.expose(light, camera, exposure, engine="numpy", precision="float64")
-    return np.stack([np.float64(frames.clean[0]), np.sqrt(np.float64(frames.temporal_variance))])
+    return np.stack(
+        [np.float64(frames.clean[0]), np.sqrt(np.float64(frames.temporal_variance))]
+    )
 
 
 def changed_cameras(camera: ms.Camera) -> Iterator[tuple[str, float, ms.Camera]]:
     """Every field of the chain that is a number, but for 0, which is a switch: its name, its value, and the camera with
     the field a step larger, or smaller at the upper end of its range."""
     for table_name, fields in camera.model_dump().items():
-        numbers = fields.items() if isinstance(fields, dict) and table_name not in UNUSED else ()
+        numbers = (
+            fields.items() if isinstance(fields, dict) and table_name not in UNUSED else ()
+        )
         for name, value in numbers:
             field = f"{table_name}.{name}"
             for factor in (1 + STEP, 1 - STEP) if isinstance(value, float) and value else ():
@@ -120,7 +136,18 @@ def condition_section(found: Sequence[Sensitivity]) -> Section:
         "camera | light, share of well | input | value [as in a camera file] | mean [DN] | mean moves [DN] | "
         "temporal σ moves [DN] | condition number of the mean [1]",
         (
-            ("", (one.camera, one.level, one.field, one.value, one.mean_dn, *one.moved_dn, one.condition))
+            (
+                "",
+                (
+                    one.camera,
+                    one.level,
+                    one.field,
+                    one.value,
+                    one.mean_dn,
+                    *one.moved_dn,
+                    one.condition,
+                ),
+            )
             for one in rows
         ),
         f"Exact laws of pixels at {EXPOSURE.time_s:g} s and 25 °C; a change of {STEP:g} of the input, scaled to a step "

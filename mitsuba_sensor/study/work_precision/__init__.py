@@ -38,7 +38,9 @@ def work_precision(
     Raises InputError for a variant that is not there, and for what :func:`mitsuba_sensor.render` would refuse.
     """
     if isinstance(sides, str) or not sides or set(sides) - set(SIDES):
-        raise ms.InputError(f"sides is {sides!r}; it must be one or both of {', '.join(SIDES)}.")
+        raise ms.InputError(
+            f"sides is {sides!r}; it must be one or both of {', '.join(SIDES)}."
+        )
     render, sections = Render(kit, subject, tolerance, seeds, variants), []
     sensor = Sensor(kit, subject, render.photons)
     sensor_steps = sensor.steps() if "sensor" in sides else []

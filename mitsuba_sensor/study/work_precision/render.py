@@ -48,12 +48,21 @@ class Render:
     """
 
     def __init__(
-        self, kit: Kit, subject: Subject, tolerance: float, seeds: int, variants: Sequence[str] | None
+        self,
+        kit: Kit,
+        subject: Subject,
+        tolerance: float,
+        seeds: int,
+        variants: Sequence[str] | None,
     ) -> None:
         if not 0 < tolerance <= 1:
-            raise ms.InputError(f"tolerance is {tolerance:g}; it must be a relative error above 0, e.g. 0.01.")
+            raise ms.InputError(
+                f"tolerance is {tolerance:g}; it must be a relative error above 0, e.g. 0.01."
+            )
         if seeds != int(seeds) or seeds < 2:
-            raise ms.InputError(f"seeds is {seeds}; it must be at least 2 independent runs, e.g. 4.")
+            raise ms.InputError(
+                f"seeds is {seeds}; it must be at least 2 independent runs, e.g. 4."
+            )
         self.kit, self.subject, self.tolerance = kit, subject, tolerance
         self.seeds = range(1, int(seeds) + 1)
         self._asked = variants
@@ -63,9 +72,15 @@ class Render:
     def settings(self) -> list[Setting]:
         """What is compared: options with the first variant, then the other variants as shipped."""
         names: list[str] = self.kit.measure("variants", 5.0, self._usable_variants)
-        own = [Setting(name, {"denoise": False, **options}) for name, options in SETTINGS["render"].items()]
+        own = [
+            Setting(name, {"denoise": False, **options})
+            for name, options in SETTINGS["render"].items()
+        ]
         first = [Setting(one.name, {**one.options, "variant": names[0]}) for one in own]
-        return [*first, *(Setting(name, {"denoise": False, "variant": name}) for name in names[1:])]
+        return [
+            *first,
+            *(Setting(name, {"denoise": False, "variant": name}) for name in names[1:]),
+        ]
 
     def _usable_variants(self) -> list[str]:
         """Variants that are asked for, else those that work here. Raises InputError where none does."""
@@ -88,7 +103,10 @@ class Render:
         told = irradiance.statistics
         own_error = irradiance.relative_error.astype(np.float64)
         return Light(
-            np.asarray(frames.detected.mean_e, dtype=np.float64), own_error, told.samples_per_pixel, told.seconds
+            np.asarray(frames.detected.mean_e, dtype=np.float64),
+            own_error,
+            told.samples_per_pixel,
+            told.seconds,
         )
 
     def photons(self) -> ms.Photons:
@@ -100,11 +118,23 @@ class Render:
         """Measure references, pilots and runs.  later : steps of the study behind these."""
         references = {one.reference: one for one in self.settings[::-1] if one.is_reference}
         steps = [
-            Step(f"reference: {kind}", REFERENCE_S, partial(self._reference, setting), "references")
+            Step(
+                f"reference: {kind}",
+                REFERENCE_S,
+                partial(self._reference, setting),
+                "references",
+            )
             for kind, setting in references.items()
         ]
-        steps += [Step(f"pilot: {one.name}", 2 * RUN_S, partial(self._pilot, one), "pilots") for one in self.settings]
-        runs = [Step(self._run_key(one, seed), 2 * RUN_S, int, "runs") for one in self.settings for seed in self.seeds]
+        steps += [
+            Step(f"pilot: {one.name}", 2 * RUN_S, partial(self._pilot, one), "pilots")
+            for one in self.settings
+        ]
+        runs = [
+            Step(self._run_key(one, seed), 2 * RUN_S, int, "runs")
+            for one in self.settings
+            for seed in self.seeds
+        ]
         self.kit.take(steps, [*runs, *later])
         runs = []
         for setting in self.settings:
@@ -112,7 +142,12 @@ class Render:
             rungs, seconds = [spp for spp, _ in pilot], sum(taken for _, taken in pilot)
             for seed in self.seeds:
                 runs.append(
-                    Step(self._run_key(setting, seed), seconds, partial(self._run, setting, rungs, seed), "runs")
+                    Step(
+                        self._run_key(setting, seed),
+                        seconds,
+                        partial(self._run, setting, rungs, seed),
+                        "runs",
+                    )
                 )
         self.kit.take(runs, later)
 
@@ -121,14 +156,18 @@ class Render:
 
     def _reference(self, setting: Setting) -> Light:
         spp, seconds = self._pilot(setting)[-1]
-        return self.light(0, max(2 ** round(math.log2(spp * REFERENCE_S / seconds)), 4 * spp), setting)
+        return self.light(
+            0, max(2 ** round(math.log2(spp * REFERENCE_S / seconds)), 4 * spp), setting
+        )
 
     def _pilot(self, setting: Setting) -> list[tuple[int, float]]:
         """Samples and seconds of renders, twice as many samples each time, until one is long enough."""
         self.light(0, PILOT_SPP, setting)  # compiles
         self._warm = setting.name
         rungs = list[tuple[int, float]]()
-        while len(rungs) < FEWEST_RUNGS or (rungs[-1][1] < RUN_S / 2 and len(rungs) < MOST_RUNGS):
+        while len(rungs) < FEWEST_RUNGS or (
+            rungs[-1][1] < RUN_S / 2 and len(rungs) < MOST_RUNGS
+        ):
             spp = PILOT_SPP * 2 ** len(rungs)
             rungs.append((spp, self.light(0, spp, setting).seconds))
         return rungs
@@ -140,7 +179,11 @@ class Render:
         run = []
         for spp in rungs:
             light = self.light(1000 * seed + spp, spp, setting)
-            run.append(Rung(light.spp, light.seconds, self.squared_error(light, self.reference(setting))))
+            run.append(
+                Rung(
+                    light.spp, light.seconds, self.squared_error(light, self.reference(setting))
+                )
+            )
         return run
 
     def reference(self, setting: Setting) -> Light:

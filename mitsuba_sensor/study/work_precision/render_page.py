@@ -63,7 +63,9 @@ def diagram(results: Sequence[Result], tolerance: float) -> Plot:
     level = tolerance, f"tolerance {tolerance:.3g}"
     note = f"Rings: no other is as quick and as exact. {PIXELS} The reference's own error is taken off; bars are 1 σ."
     title, y_label = "Error of the detected electrons", "relative rms error of a pixel [1]"
-    return Plot(title, "wall time of a render [s]", y_label, ringed(lines), level=level, note=note)
+    return Plot(
+        title, "wall time of a render [s]", y_label, ringed(lines), level=level, note=note
+    )
 
 
 def choices_table(reaching: Sequence[Choice], tolerance: float) -> Table:
@@ -89,7 +91,12 @@ def settings_table(results: Sequence[Result]) -> Table:
         slope = one.slope or (None, None)
         error = points[-1].error if points else None
         verdict = one.verdict or ("below the reference" if one.setting.has_law else "no law")
-        rows.append((marks[one.verdict], (one.setting.name, one.runs[0][-1].spp, seconds, error, *slope, verdict)))
+        rows.append(
+            (
+                marks[one.verdict],
+                (one.setting.name, one.runs[0][-1].spp, seconds, error, *slope, verdict),
+            )
+        )
     return table(
         "Settings of the render",
         "setting | samples per pixel | time [s] | error [1] | slope [1] | ± [1] | verdict",

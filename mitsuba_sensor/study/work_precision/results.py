@@ -94,7 +94,12 @@ class Result(NamedTuple):
             rungs = [rung for rung in run if rung.spp in clear and rung.square > self.own]
             if len(rungs) < FEWEST_RUNGS:
                 return None
-            runs.append(([rung.spp for rung in rungs], [math.sqrt(rung.square - self.own) for rung in rungs]))
+            runs.append(
+                (
+                    [rung.spp for rung in rungs],
+                    [math.sqrt(rung.square - self.own) for rung in rungs],
+                )
+            )
         return slope_of_runs(runs)
 
     @property
@@ -122,7 +127,9 @@ def choices(results: Sequence[Result], tolerance: float) -> list[Choice]:
         points = result.points()
         if points and (result.setting.has_law or points[-1].error <= tolerance):
             spp = samples_for(points, tolerance)
-            seconds = math.exp(interpolated(math.log(spp), [(p.spp, p.seconds) for p in points], 1.0))
+            seconds = math.exp(
+                interpolated(math.log(spp), [(p.spp, p.seconds) for p in points], 1.0)
+            )
             found.append(Choice(typed_options(result.setting, spp), spp, seconds))
     return sorted(found, key=lambda choice: choice.seconds)
 

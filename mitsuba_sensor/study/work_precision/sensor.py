@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 
 from ...lab.statistics.estimators import ratio, spread, standard_error
-from ..kit import Array, Kit, Step, Subject, Values, measured_moments, pixel_difference, resized, time_one_turn
+from ..kit import (
+    Array,
+    Kit,
+    Step,
+    Subject,
+    Values,
+    measured_moments,
+    pixel_difference,
+    resized,
+    time_one_turn,
+)
 from .render import SETTINGS
 
 TURNS = 7
@@ -67,7 +77,9 @@ class Sensor:
         problems = {}
         for engine, *_ in SETTINGS["sensor"]["settings"]:
             try:
-                ms.expose(np.ones((1, 1)), self.subject.camera, self.subject.exposure, engine=engine)
+                ms.expose(
+                    np.ones((1, 1)), self.subject.camera, self.subject.exposure, engine=engine
+                )
             except ms.InputError as error:
                 problems[engine] = str(error)
         return problems
@@ -84,11 +96,21 @@ class Sensor:
     def steps(self) -> list[Step]:
         """All measurements."""
         steps = [
-            Step(f"first frame: {one.name}", 1.0, partial(self.first, one), "first frames") for one in self.settings
+            Step(f"first frame: {one.name}", 1.0, partial(self.first, one), "first frames")
+            for one in self.settings
         ]
-        steps += [Step(turn_key(turn), 2.0, partial(self.turn, turn), "turns") for turn in range(TURNS + 1)]
-        steps += [Step(f"pixels: {one.name}", 2.0, partial(self.pixels, one), "pixels") for one in self.settings]
-        steps += [Step(f"moments: {one.name}", 1.0, partial(self.moments, one), "moments") for one in self.settings]
+        steps += [
+            Step(turn_key(turn), 2.0, partial(self.turn, turn), "turns")
+            for turn in range(TURNS + 1)
+        ]
+        steps += [
+            Step(f"pixels: {one.name}", 2.0, partial(self.pixels, one), "pixels")
+            for one in self.settings
+        ]
+        steps += [
+            Step(f"moments: {one.name}", 1.0, partial(self.moments, one), "moments")
+            for one in self.settings
+        ]
         return steps
 
     def photons(self, shape: tuple[int, int]) -> ms.Photons:
@@ -111,7 +133,13 @@ class Sensor:
     def stream(self, setting: FrameSetting) -> Frames:
         """Frames of the large window, as long as they are asked for."""
         options = self.options(setting, LARGE)
-        return ms.stream(self.photons(LARGE), self.subject.camera, self.subject.exposure, frames=2**31, **options)
+        return ms.stream(
+            self.photons(LARGE),
+            self.subject.camera,
+            self.subject.exposure,
+            frames=2**31,
+            **options,
+        )
 
     def first(self, setting: FrameSetting) -> float:
         """Seconds until the first frame: light, maps and, unless it is compiled already, the kernel."""
@@ -136,14 +164,19 @@ class Sensor:
         digital = next(self.stream(setting))
         on_numpy = next(self.stream(setting._replace(engine="numpy")))
         share_of_numpy = pixel_difference(digital, on_numpy)["share_of_pixels"]
-        return {**pixel_difference(digital, next(self.stream(REFERENCE))), "share_of_numpy": share_of_numpy}
+        return {
+            **pixel_difference(digital, next(self.stream(REFERENCE))),
+            "share_of_numpy": share_of_numpy,
+        }
 
     def moments(self, setting: FrameSetting) -> Array:
         """Mean, temporal and spatial variance of the frames of each sensor, averaged over the pixels, (3, sensors)."""
         options, values = self.options(setting, SMALL), []
         for serial in range(1, SENSORS + 1):
             asked = {**options, "frames": FRAMES, "serial": serial, "seed": serial}
-            frames = ms.expose(self.photons(SMALL), self.subject.camera, self.subject.exposure, **asked)
+            frames = ms.expose(
+                self.photons(SMALL), self.subject.camera, self.subject.exposure, **asked
+            )
             values.append(measured_moments(frames).mean(axis=(1, 2)))
         return np.array(values).T
 
@@ -187,7 +220,9 @@ class Row:
 
     def keeps(self, tolerance_dn: float) -> bool:
         """Whether every change from the reference is at most the tolerance, as far as the sensors can tell."""
-        return bool((np.abs(self.change_dn) <= tolerance_dn + SIGNIFICANT * self.error_dn).all())
+        return bool(
+            (np.abs(self.change_dn) <= tolerance_dn + SIGNIFICANT * self.error_dn).all()
+        )
 
 
 def change_of_moments(found: Array, other: Array) -> tuple[Array, Array]:
@@ -198,7 +233,9 @@ def change_of_moments(found: Array, other: Array) -> tuple[Array, Array]:
     off = found - other
     value = off.mean(axis=1)
     error = np.apply_along_axis(standard_error, 1, off)
-    roots = np.sqrt(np.maximum(found[1:].mean(axis=1), 0.0)) + np.sqrt(np.maximum(other[1:].mean(axis=1), 0.0))
+    roots = np.sqrt(np.maximum(found[1:].mean(axis=1), 0.0)) + np.sqrt(
+        np.maximum(other[1:].mean(axis=1), 0.0)
+    )
     least = np.sqrt(np.maximum(np.maximum(np.abs(value[1:]), error[1:]), np.finfo(float).tiny))
     unit = np.concatenate([np.ones_like(value[:1]), np.maximum(roots, least)])
     return value / unit, error / unit

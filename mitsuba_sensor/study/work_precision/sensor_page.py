@@ -9,7 +9,17 @@ import numpy as np
 
 from ...lab.statistics.estimators import pareto, ratio
 from ...pages.page import Mark, MarkedRow, Part, Plot, Section, Table, line, ringed, table
-from .sensor import FRAMES, LARGE, LEAST_DN, REFERENCE, SENSORS, SIGNIFICANT, FrameSetting, Row, Sensor
+from .sensor import (
+    FRAMES,
+    LARGE,
+    LEAST_DN,
+    REFERENCE,
+    SENSORS,
+    SIGNIFICANT,
+    FrameSetting,
+    Row,
+    Sensor,
+)
 
 MOST_PIXELS, LARGEST_DN = 0.01, 1.0
 """Share of the pixels that float32 may move, and by how much (docs/backends.md)."""
@@ -31,7 +41,9 @@ def sensor_section(sensor: Sensor) -> Section:
             missed.append(f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}.")
         shown.append(("bad" if found > limit else "good", (what, unit, found, limit)))
     note = f"Of changes {SIGNIFICANT:g} standard errors are taken off."
-    must_hold = table("What must hold on the sensor side", "what | unit | found | limit", shown, note)
+    must_hold = table(
+        "What must hold on the sensor side", "what | unit | found | limit", shown, note
+    )
     parts: tuple[Part, ...] = error_plot(rows), settings_table(rows, sensor.problems), must_hold
     return Section((*missed, *sensor_findings(rows, sensor.problems)), not missed, parts)
 
@@ -40,21 +52,43 @@ def requirements(rows: Rows) -> Iterator[tuple[str, str, float, float]]:
     """What the package says of itself: what it is about, its unit, what was found, and its limit."""
     for setting, row in rows.items():
         if setting.engine == "drjit":
-            yield f"share of pixels that differ from NumPy's, {setting.name}", "1", row.pixels["share_of_numpy"], 0.0
+            yield (
+                f"share of pixels that differ from NumPy's, {setting.name}",
+                "1",
+                row.pixels["share_of_numpy"],
+                0.0,
+            )
         if setting.tolerance_dn is None and setting.precision == "float32":
-            yield f"share of pixels that float32 moves, {setting.name}", "1", row.pixels["share_of_pixels"], MOST_PIXELS
-            yield f"largest step that float32 makes, {setting.name}", "DN", row.pixels["largest_dn"], LARGEST_DN
+            yield (
+                f"share of pixels that float32 moves, {setting.name}",
+                "1",
+                row.pixels["share_of_pixels"],
+                MOST_PIXELS,
+            )
+            yield (
+                f"largest step that float32 makes, {setting.name}",
+                "DN",
+                row.pixels["largest_dn"],
+                LARGEST_DN,
+            )
         if setting.tolerance_dn is not None:
             beyond = np.abs(row.plan_change_dn) - SIGNIFICANT * row.plan_error_dn
             limit_dn = setting.tolerance_dn + LEAST_DN
-            yield f"change that the plan makes, {setting.name}", "DN", max(float(beyond.max()), 0.0), limit_dn
+            yield (
+                f"change that the plan makes, {setting.name}",
+                "DN",
+                max(float(beyond.max()), 0.0),
+                limit_dn,
+            )
 
 
 def recommended(rows: Rows, tolerance_dn: float) -> Row:
     """The fastest setting whose frames keep the tolerance; of those as fast as its upper quartile the nearest."""
     fit = [row for row in rows.values() if row.keeps(tolerance_dn)]
     fastest = min(fit, key=lambda row: row.ns.median)
-    return min((row for row in fit if row.ns.median <= fastest.ns.high), key=lambda row: row.worst_dn)
+    return min(
+        (row for row in fit if row.ns.median <= fastest.ns.high), key=lambda row: row.worst_dn
+    )
 
 
 def sensor_findings(rows: Rows, problems: dict[str, str]) -> Iterator[str]:
@@ -84,12 +118,16 @@ def error_plot(rows: Rows) -> Plot:
     series = defaultdict[str, list[tuple[float, float]]](list)
     for setting, row in rows.items():
         plans = "" if setting.tolerance_dn is None else ", plans"
-        series[f"{setting.engine} {setting.precision}{plans}"].append((row.ns.median, row.worst_dn))
+        series[f"{setting.engine} {setting.precision}{plans}"].append(
+            (row.ns.median, row.worst_dn)
+        )
     lines = [line(label, points, joined=False) for label, points in series.items()]
     note = f"The largest change, and at least {LEAST_DN:g} DN, where the reference lies. "
     note += "Rings: nothing is both faster and nearer."
     y_label = "change of mean, temporal σ or spatial σ [DN]"
-    return Plot("Error of the frames against time", "time [ns/pixel]", y_label, ringed(lines), note=note)
+    return Plot(
+        "Error of the frames against time", "time [ns/pixel]", y_label, ringed(lines), note=note
+    )
 
 
 def settings_table(rows: Rows, problems: dict[str, str]) -> Table:
@@ -104,9 +142,23 @@ def settings_table(rows: Rows, problems: dict[str, str]) -> Table:
         changes = [abs(float(change)) for change in row.change_dn]
         mark: Mark = "best" if number in front else ""
         shown.append(
-            (mark, (setting.name, row.ns.median, quartiles, row.faster, row.first_s, saved, *pixels, *changes))
+            (
+                mark,
+                (
+                    setting.name,
+                    row.ns.median,
+                    quartiles,
+                    row.faster,
+                    row.first_s,
+                    saved,
+                    *pixels,
+                    *changes,
+                ),
+            )
         )
-    absent = "; ".join(f"{engine}: not here ({problem})" for engine, problem in problems.items())
+    absent = "; ".join(
+        f"{engine}: not here ({problem})" for engine, problem in problems.items()
+    )
     changes_of = " | ".join(f"{name} changes by [DN]" for name in QUANTITIES)
     return table(
         "Settings of the sensor",

@@ -22,7 +22,9 @@ TABLE1 = ms.load_camera("konnik_table1")
 DARKNESS = {"dark_current.fom_na_per_cm2": 0.0}
 HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 1)))
 PER_CODE = 1000
-WITHOUT_BLACK_LEVEL = [name for name in ms.list_cameras() if ms.load_camera(name).adc.black_level_dn is None]
+WITHOUT_BLACK_LEVEL = [
+    name for name in ms.list_cameras() if ms.load_camera(name).adc.black_level_dn is None
+]
 """Cameras that have the default."""
 
 
@@ -82,7 +84,9 @@ def test_transitions_lie_at_k_less_a_half_plus_the_running_sum_of_the_dnl() -> N
 @pytest.mark.parametrize("missing", [1, 7, 100, 254])
 def test_a_code_of_dnl_minus_one_never_appears_and_its_neighbours_do(missing: int) -> None:
     """On a ramp and through a whole camera, whose 20 000 noisy pixels cross all 256 codes."""
-    camera = TABLE1.replace(**{"adc.bits": 8, "adc.dnl_lsb": {str(missing): -1.0}, "adc.black_level_dn": 2.0})
+    camera = TABLE1.replace(
+        **{"adc.bits": 8, "adc.dnl_lsb": {str(missing): -1.0}, "adc.black_level_dn": 2.0}
+    )
     adc = chain(camera)[-1]
     seen = set(np.unique((adc.sample(np.linspace(-0.01, 0.2, 50_000), HERE)).astype(int)))
     assert set(range(256)) - seen == {missing}
@@ -93,10 +97,15 @@ def test_a_code_of_dnl_minus_one_never_appears_and_its_neighbours_do(missing: in
 
 def test_the_camera_refuses_a_step_narrower_than_nothing_and_a_code_without_two_edges() -> None:
     """The first and the last code take all that lies beyond them: they have no width (IEEE 1241)."""
-    with pytest.raises(ms.InputError, match=r"adc\.dnl_lsb\.7 is -1\.01; it must be greater than or equal to -1"):
+    with pytest.raises(
+        ms.InputError,
+        match=r"adc\.dnl_lsb\.7 is -1\.01; it must be greater than or equal to -1",
+    ):
         TABLE1.replace(**{"adc.dnl_lsb": {"7": -1.01}})
     for code in ("0", "4095", "4096", "-1", "seven", "1.5"):
-        with pytest.raises(ms.InputError, match=f"dnl_lsb names the code '{code}'; .* run from 1 to 4094"):
+        with pytest.raises(
+            ms.InputError, match=f"dnl_lsb names the code '{code}'; .* run from 1 to 4094"
+        ):
             TABLE1.replace(**{"adc.dnl_lsb": {code: 0.5}})
 
 
@@ -104,9 +113,13 @@ def test_codes_keep_their_range_and_type_at_every_resolution() -> None:
     """A ramp from darkness to twice the full well, 1 to 16 bits and 24: first and last code, and a type that fits."""
     light = np.linspace(0, 110_000, 4000)[None]
     for bits in (*range(1, 17), 24):
-        camera = TABLE1.replace(**{"adc.bits": bits, "adc.black_level_dn": 0.0, "adc.full_scale_v": 0.1} | DARKNESS)
+        camera = TABLE1.replace(
+            **{"adc.bits": bits, "adc.black_level_dn": 0.0, "adc.full_scale_v": 0.1} | DARKNESS
+        )
         digital = ms.expose(light, camera, ms.Exposure(0.1)).digital
-        assert digital.dtype == (np.uint8 if bits <= 8 else np.uint16 if bits <= 16 else np.uint32)
+        assert digital.dtype == (
+            np.uint8 if bits <= 8 else np.uint16 if bits <= 16 else np.uint32
+        )
         assert digital.min() == 0 and digital.max() == 2**bits - 1
 
 
@@ -121,7 +134,9 @@ def test_24_bits_deliver_every_code_even_and_odd_in_everyprecision_of(engine: st
     codes = np.concatenate([np.arange(start, start + 1000.0) for start in starts])[None]
     frame = Frame(ms.Exposure(0.1), SensorWindow(3, codes.shape, backend=backend))
     swing = backend.from_numpy(codes, frame.window)
-    np.testing.assert_array_equal(backend.to_numpy(Adc(24, 1.0, 0.0).sample(swing, frame), frame.window), codes)
+    np.testing.assert_array_equal(
+        backend.to_numpy(Adc(24, 1.0, 0.0).sample(swing, frame), frame.window), codes
+    )
 
 
 def test_24_bits_are_rounded_half_up_in_float64() -> None:
@@ -130,10 +145,17 @@ def test_24_bits_are_rounded_half_up_in_float64() -> None:
     np.testing.assert_array_equal(Adc(24, 1.0, 0.0).sample(x, HERE), expected)
 
 
-def test_a_camera_of_24_bits_takes_float64_unless_float32_is_asked_for_and_then_has_odd_codes_too() -> None:
+def test_a_camera_of_24_bits_takes_float64_unless_float32_is_asked_for_and_then_has_odd_codes_too() -> (
+    None
+):
     """Half of the codes are odd, within 5 standard errors of 20 000 noisy pixels at 0.75 of the range."""
-    camera, light = TABLE1.replace(**{"adc.bits": 24}), np.full((2, 10_000), 0.75 * 33_000 / 0.6)
-    assert ms.expose(light, camera, ms.Exposure(0.0)).first.window.backend.precision == "float64"
+    camera, light = (
+        TABLE1.replace(**{"adc.bits": 24}),
+        np.full((2, 10_000), 0.75 * 33_000 / 0.6),
+    )
+    assert (
+        ms.expose(light, camera, ms.Exposure(0.0)).first.window.backend.precision == "float64"
+    )
     for bits, precision in ((23, "float32"), (24, "float64")):
         given = ms.expose(light[:, :4], TABLE1.replace(**{"adc.bits": bits}), ms.Exposure(0.0))
         assert given.first.window.backend.precision == precision
@@ -147,7 +169,8 @@ def test_steps_of_unequal_width_at_24_bits_are_refused_in_float32_and_made_in_fl
     """An edge at k − ½ has no float32 from 2^23 on."""
     camera = TABLE1.replace(**{"adc.bits": 24, "adc.dnl_lsb": {"7": 0.5}})
     with pytest.raises(
-        ms.InputError, match=r"no halves between codes from 8388608 on, .*adc\.dnl_lsb and 24 bits; .*23"
+        ms.InputError,
+        match=r"no halves between codes from 8388608 on, .*adc\.dnl_lsb and 24 bits; .*23",
     ):
         precision_of("float32", camera, None, "physical")
     assert precision_of("auto", camera, None, "physical") == "float64"
@@ -164,7 +187,9 @@ def test_unequal_steps_keep_the_moments_that_they_say(level: float) -> None:
     x = mean + sigma * np.random.default_rng(3).standard_normal(200_000)
     m = adc.moments(Moments(mean, sigma**2, 0.0, HERE))
     codes = adc.sample(x, HERE)
-    assert codes.mean() == pytest.approx(float(m.mean), abs=0.15 + 5 * sigma / math.sqrt(x.size))
+    assert codes.mean() == pytest.approx(
+        float(m.mean), abs=0.15 + 5 * sigma / math.sqrt(x.size)
+    )
     assert codes.var() == pytest.approx(float(m.temporal), rel=0.05)
 
 
@@ -199,7 +224,9 @@ def test_the_full_well_spans_the_whole_code_range_whatever_the_gains() -> None:
     """K = A_SN·A_SF·A_CDS·2^bits/V_FS, and V_FS is the swing of a full well unless the datasheet says otherwise."""
     camera = ms.load_camera("konnik_table1")
     assert gain_dn_per_e(camera) == pytest.approx(0.1241212, rel=1e-6)
-    gains = camera.replace(**{"source_follower.gain": 0.8, "readout.cds_gain": 4.0, "adc.bits": 14})
+    gains = camera.replace(
+        **{"source_follower.gain": 0.8, "readout.cds_gain": 4.0, "adc.bits": 14}
+    )
     assert gain_dn_per_e(gains) == pytest.approx(2**14 / 33_000, rel=1e-12)
     fixed = gains.replace(**{"adc.full_scale_v": 1.0})
     assert gain_dn_per_e(fixed) == pytest.approx(5e-6 * 0.8 * 4 * 2**14, rel=1e-12)
@@ -207,13 +234,21 @@ def test_the_full_well_spans_the_whole_code_range_whatever_the_gains() -> None:
 
 def test_the_converter_rounds_half_up_and_stops_at_both_ends() -> None:
     adc = Adc(4, 1.0, 2.0)
-    volts = np.array([[-9.0, -2.5, -1.51, -1.5, -0.5, 0.49, 0.5, 12.49, 12.5, 13.0, 99.0, np.inf, -np.inf]])
-    np.testing.assert_array_equal(adc.sample(volts, HERE), [[0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15, 0]])
+    volts = np.array(
+        [[-9.0, -2.5, -1.51, -1.5, -0.5, 0.49, 0.5, 12.49, 12.5, 13.0, 99.0, np.inf, -np.inf]]
+    )
+    np.testing.assert_array_equal(
+        adc.sample(volts, HERE), [[0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15, 0]]
+    )
 
 
 @pytest.mark.parametrize("name", WITHOUT_BLACK_LEVEL)
-@pytest.mark.parametrize("change", [{}, {"readout.reset": "hard"}, {"adc.bits": 16}, {"adc.bits": 8}], ids=str)
-def test_the_default_black_level_is_a_whole_number_that_keeps_the_dark_uncut(name: str, change: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "change", [{}, {"readout.reset": "hard"}, {"adc.bits": 16}, {"adc.bits": 8}], ids=str
+)
+def test_the_default_black_level_is_a_whole_number_that_keeps_the_dark_uncut(
+    name: str, change: dict[str, Any]
+) -> None:
     """≥ 4σ of a zero exposure: less than 1e-4 of the pixels read 0; without it the dark mean would be 0.4σ too high."""
     camera = ms.load_camera(name)
     if camera.sensor.technology == "ccd" and "readout.reset" in change:

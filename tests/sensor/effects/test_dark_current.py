@@ -18,8 +18,19 @@ from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.dark_components import DarkComponent, mixture_moments
-from mitsuba_sensor.stages.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, arrhenius, band_gap_ev
-from mitsuba_sensor.stages.effects.dark_current import DarkCurrent, dark_components, dark_current_model
+from mitsuba_sensor.stages.dark_current_models import (
+    Doubling,
+    FigureOfMerit,
+    Measured,
+    Mpp,
+    arrhenius,
+    band_gap_ev,
+)
+from mitsuba_sensor.stages.effects.dark_current import (
+    DarkCurrent,
+    dark_components,
+    dark_current_model,
+)
 from mitsuba_sensor.stages.fpn_distributions import Gaussian, LogNormal
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
@@ -37,7 +48,9 @@ def dark_stage(camera: ms.Camera) -> DarkCurrent:
 def dark_map(camera: ms.Camera, time_s: float, shape: tuple[int, int] = SHAPE) -> Any:
     """Mean dark electrons of every pixel."""
     frame = Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, shape))
-    return np.broadcast_to(dark_stage(camera).sample(Electrons(np.zeros(shape)), frame).dark, shape)
+    return np.broadcast_to(
+        dark_stage(camera).sample(Electrons(np.zeros(shape)), frame).dark, shape
+    )
 
 
 def dark_moments(camera: ms.Camera, time_s: float) -> Moments:
@@ -47,14 +60,20 @@ def dark_moments(camera: ms.Camera, time_s: float) -> Moments:
 
 @pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
 @pytest.mark.parametrize("family", FAMILIES)
-def test_the_dark_current_fpn_has_mean_t_d_and_sigma_t_d_d_n_at_every_time(family: str, time_s: float) -> None:
+def test_the_dark_current_fpn_has_mean_t_d_and_sigma_t_d_d_n_at_every_time(
+    family: str, time_s: float
+) -> None:
     """D = 2027.87 e-/s, D_N = 10 %. The theory to 1e-6; 150 000 pixels within 5 se: 0.13 % of D, 1 % of σ.
 
     (The paper's 1 + lnN(0, (t·D·D_N)²) has a mean that grows with the square of the time, and overflows at 10 s.)
     """
     coupling = 0.25 if family == "ar" else 0.0
     camera = TABLE1.replace(
-        **{"dark_current.distribution": family, "dark_current.cv": 0.1, "dark_current.coupling": coupling}
+        **{
+            "dark_current.distribution": family,
+            "dark_current.cv": 0.1,
+            "dark_current.coupling": coupling,
+        }
     )
     expected = 2027.87 * time_s
     theory = dark_moments(camera, time_s)
@@ -88,7 +107,9 @@ LONG = {
     "dark_current.at_temperature_k": 300.0,
     "dark_current.distribution": "gamma",
     "dark_current.cv": 914.6579**-0.5,
-    "dark_current.components": [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}],
+    "dark_current.components": [
+        {"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
+    ],
 }
 """The paper's long integration: gamma(914.6579, 0.0611) DN with one pixel in a thousand on U[45, 440] DN."""
 
@@ -117,20 +138,26 @@ def test_the_superimposed_pixels_are_as_many_and_as_spread_as_they_should_be() -
     assert hot.mean() == pytest.approx(expected, abs=5 * math.sqrt(expected / x.size))
     assert stats.kstest(x[hot], stats.uniform(70, 370).cdf).pvalue > 1e-6
     main = x[~hot]
-    assert main.mean() == pytest.approx(model.mean(), abs=5 * model.std() / math.sqrt(main.size) + 1e-3)
+    assert main.mean() == pytest.approx(
+        model.mean(), abs=5 * model.std() / math.sqrt(main.size) + 1e-3
+    )
     assert main.std() == pytest.approx(model.std(), rel=0.006 + 2e-3)
     assert x.mean() == pytest.approx(56.0722, abs=5 * 7.1557 / math.sqrt(x.size))
     assert x.std() == pytest.approx(7.1557, rel=0.14)
 
 
 @pytest.mark.parametrize(("unit", "one_e"), [("e", 1.0), ("e_per_s", 2.0), ("dn", 1 / K)])
-def test_components_in_every_unit_have_the_moments_of_the_mixture(unit: str, one_e: float) -> None:
+def test_components_in_every_unit_have_the_moments_of_the_mixture(
+    unit: str, one_e: float
+) -> None:
     """0.5·main + 0.3·U[100, 300] + 0.2·N(500, 50) at t = 2 s, each unit by hand; samples within 5 se (0.8 %, 0.9 %)."""
     parts = [
         {"weight": 0.3, "family": "uniform", "low": 100, "high": 300, "unit": unit},
         {"weight": 0.2, "family": "normal", "mean": 500, "sigma": 50, "unit": unit},
     ]
-    camera = TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 400.0, "dark_current.components": parts})
+    camera = TABLE1.replace(
+        **LONG | {"dark_current.rate_e_per_s": 400.0, "dark_current.components": parts}
+    )
     laws = [(0.5, 800.0, 800.0**2 / 914.6579), (0.3, 200 * one_e, (200 * one_e) ** 2 / 12),
             (0.2, 500 * one_e, (50 * one_e) ** 2)]  # fmt: skip
     mean = sum(w * m for w, m, _ in laws)
@@ -147,7 +174,11 @@ def test_a_normal_component_is_cut_at_zero_and_its_moments_know() -> None:
     """N(18, 40) cut at 0, the whole sensor: no negative rate, and the mean rises from 18 to 26.0 (5 se: 1.3 %)."""
     part = DarkComponent(1.0, "normal", 18.0, 40.0)
     frame = Frame(ms.Exposure(1.0), SensorWindow(3, SHAPE))
-    x = DarkCurrent(Measured(5.0, 300.0), TABLE1_PATTERN, (part,)).sample(Electrons(np.zeros(SHAPE)), frame).dark
+    x = (
+        DarkCurrent(Measured(5.0, 300.0), TABLE1_PATTERN, (part,))
+        .sample(Electrons(np.zeros(SHAPE)), frame)
+        .dark
+    )
     mean, variance = mixture_moments((part,), 5.0, 0.0, frame)
     cut = stats.norm(18, 40)
     assert mean == pytest.approx(cut.expect(lambda v: v, lb=0), rel=1e-8)
@@ -169,10 +200,17 @@ AREA_CM2 = (5.7e-4) ** 2
 KELVINS = [77.0, 250.0, 298.15, 300.0, 308.0, 400.0]
 
 
-def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_elsewhere() -> None:
+def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_elsewhere() -> (
+    None
+):
     """Eq. 2 written out in this test; at 300 K the sum is what both figures of merit say; diffusion falls faster."""
     model = dark_current_model(
-        TABLE1.replace(**{"dark_current.diffusion_fom_na_per_cm2": 0.01, "dark_current.fom_na_per_cm2": 0.02})
+        TABLE1.replace(
+            **{
+                "dark_current.diffusion_fom_na_per_cm2": 0.01,
+                "dark_current.fom_na_per_cm2": 0.02,
+            }
+        )
     )
     assert model == Mpp(0.01, 0.02, pytest.approx(AREA_CM2))
     per_fom = AREA_CM2 * 1e-9 / ELEMENTARY_CHARGE_C
@@ -181,18 +219,24 @@ def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_el
         gap = band_gap_ev(300.0) / 300.0 - band_gap_ev(t) / t
         diffusion = 0.01 * (t / 300) ** 3 * math.exp(gap / BOLTZMANN_EV_PER_K)
         depletion = 0.02 * (t / 300) ** 1.5 * math.exp(gap / (2 * BOLTZMANN_EV_PER_K))
-        assert model.rate_e_per_s(t) == pytest.approx(per_fom * (diffusion + depletion), rel=1e-12)
-        assert Mpp(0.0, 0.02, AREA_CM2).rate_e_per_s(t) == FigureOfMerit(0.02, AREA_CM2).rate_e_per_s(t)
-        assert Mpp(1.0, 0.0, 1.0).rate_e_per_s(t) * Mpp(1.0, 0.0, 1.0).rate_e_per_s(300.0) == pytest.approx(
-            FigureOfMerit(1.0, 1.0).rate_e_per_s(t) ** 2, rel=1e-9
+        assert model.rate_e_per_s(t) == pytest.approx(
+            per_fom * (diffusion + depletion), rel=1e-12
         )
+        assert Mpp(0.0, 0.02, AREA_CM2).rate_e_per_s(t) == FigureOfMerit(
+            0.02, AREA_CM2
+        ).rate_e_per_s(t)
+        assert Mpp(1.0, 0.0, 1.0).rate_e_per_s(t) * Mpp(1.0, 0.0, 1.0).rate_e_per_s(
+            300.0
+        ) == pytest.approx(FigureOfMerit(1.0, 1.0).rate_e_per_s(t) ** 2, rel=1e-9)
 
 
 def test_a_measured_rate_is_what_was_measured_and_follows_silicon_from_there() -> None:
     """D(308)/D(300) = 1.8930 whatever the temperature of the measurement."""
     model = Measured(5.0, 298.15)
     assert model.rate_e_per_s(298.15) == pytest.approx(5.0, rel=1e-12)
-    assert model.rate_e_per_s(308.0) / model.rate_e_per_s(300.0) == pytest.approx(1.8930, abs=5e-5)
+    assert model.rate_e_per_s(308.0) / model.rate_e_per_s(300.0) == pytest.approx(
+        1.8930, abs=5e-5
+    )
     same = Measured(model.rate_e_per_s(320.0), 320.0)
     for t in KELVINS:
         assert same.rate_e_per_s(t) == pytest.approx(model.rate_e_per_s(t), rel=1e-12)
@@ -200,18 +244,26 @@ def test_a_measured_rate_is_what_was_measured_and_follows_silicon_from_there() -
 
 def test_a_doubling_temperature_doubles() -> None:
     model = dark_current_model(
-        TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0})
+        TABLE1.replace(
+            **LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0}
+        )
     )
     assert model == Doubling(5.0, 300.0, 7.0)
     for steps in (-10, -1, 0, 1, 3):
-        assert model.rate_e_per_s(300.0 + 7.0 * steps) == pytest.approx(5.0 * 2.0**steps, rel=1e-12)
+        assert model.rate_e_per_s(300.0 + 7.0 * steps) == pytest.approx(
+            5.0 * 2.0**steps, rel=1e-12
+        )
 
 
 @pytest.mark.parametrize(
-    "model", [Measured(5.0, 298.15), Doubling(5.0, 298.15, 7.0), Mpp(0.01, 1.0, AREA_CM2)], ids=str
+    "model",
+    [Measured(5.0, 298.15), Doubling(5.0, 298.15, 7.0), Mpp(0.01, 1.0, AREA_CM2)],
+    ids=str,
 )
 @pytest.mark.parametrize("temperature_k", [0.0, 4.0, 77.0, 300.0, 400.0, 600.0])
-def test_every_model_is_finite_and_not_negative_at_every_temperature(model: Any, temperature_k: float) -> None:
+def test_every_model_is_finite_and_not_negative_at_every_temperature(
+    model: Any, temperature_k: float
+) -> None:
     rate = model.rate_e_per_s(temperature_k)
     assert math.isfinite(rate) and rate >= 0
     if temperature_k == 0 and not isinstance(model, Doubling):
@@ -222,12 +274,19 @@ def test_components_of_the_datasheet_reach_the_stage() -> None:
     """Their numbers are of their own temperature, else of that of the rate, else of 300 K."""
     for change, kelvin in (({}, 300.0), ({"dark_current.at_temperature_k": 293.15}, 293.15)):
         assert dark_components(TABLE1.replace(**LONG | change)) == (
-            DarkComponent(0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False, kelvin, 0.56),
+            DarkComponent(
+                0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False, kelvin, 0.56
+            ),
         )
     own = HOT | {"at_temperature_k": 310.0, "activation_ev": 0.6}
     (part,) = dark_components(TABLE1.replace(**{"dark_current.components": [own]}))
     assert part == DarkComponent(0.01, "uniform", 5e3, 3e4, 1.0, True, 310.0, 0.6)
-    assert dark_components(TABLE1.replace(**{"dark_current.components": [HOT]}))[0].at_temperature_k == 300.0
+    assert (
+        dark_components(TABLE1.replace(**{"dark_current.components": [HOT]}))[
+            0
+        ].at_temperature_k
+        == 300.0
+    )
 
 
 @pytest.mark.parametrize("unit", ["e_per_s", "e", "dn"])
@@ -241,7 +300,11 @@ def test_hot_pixels_cool_with_their_activation_energy_in_every_unit(unit: str) -
             frame = Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (200, 500)))
             dark = stage.sample(Electrons(np.zeros((200, 500))), frame).dark
             count[energy, kelvin] = int(np.sum(dark > 400))
-            factor = math.exp(energy / BOLTZMANN_EV_PER_K * (1 / 300 - 1 / kelvin)) if kelvin else float(energy == 0)
+            factor = (
+                math.exp(energy / BOLTZMANN_EV_PER_K * (1 / 300 - 1 / kelvin))
+                if kelvin
+                else float(energy == 0)
+            )
             one_e = {"e_per_s": 0.1, "e": 1.0, "dn": 1 / K}[unit] * factor
             part = stage.components[0]
             assert part.moments(frame.exposure) == pytest.approx(
@@ -253,14 +316,21 @@ def test_hot_pixels_cool_with_their_activation_energy_in_every_unit(unit: str) -
 
 def test_two_components_have_each_an_activation_energy_of_its_own() -> None:
     """The ratio of their means changes by exp((E_1 − E_2)/k·(1/T_ref − 1/T)); the mixture's mean is their sum."""
-    parts = [HOT | {"weight": 0.2, "activation_ev": energy, "at_temperature_k": 293.15} for energy in (0.5, 0.65)]
-    stage = dark_stage(TABLE1.replace(**{"dark_current.components": parts, "dark_current.fom_na_per_cm2": 0.0}))
+    parts = [
+        HOT | {"weight": 0.2, "activation_ev": energy, "at_temperature_k": 293.15}
+        for energy in (0.5, 0.65)
+    ]
+    stage = dark_stage(
+        TABLE1.replace(**{"dark_current.components": parts, "dark_current.fom_na_per_cm2": 0.0})
+    )
     for kelvin in (230.0, 273.15, 293.15, 330.0):
         frame = Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (1, 1)))
         one, other = (part.moments(frame.exposure)[0] for part in stage.components)
         expected = math.exp(-0.15 / BOLTZMANN_EV_PER_K * (1 / 293.15 - 1 / kelvin))
         assert one / other == pytest.approx(expected, rel=1e-9)
-        assert stage.moments(Moments(0.0, 0.0, 0.0, frame)).mean == pytest.approx(0.2 * (one + other), rel=1e-12)
+        assert stage.moments(Moments(0.0, 0.0, 0.0, frame)).mean == pytest.approx(
+            0.2 * (one + other), rel=1e-12
+        )
 
 
 @pytest.mark.parametrize("kelvin", [0.0, 5e-324, 1e-9, 50.0, 1e4])
@@ -287,7 +357,9 @@ class TestGaussianDarkCurrentFpnCutAtZero(TestGaussianDarkCurrentFpn):
 
 
 class TestLogNormalDarkCurrentFpn(TestGaussianDarkCurrentFpn):
-    camera = TABLE1.replace(**{"dark_current.distribution": "lognormal", "dark_current.cv": 1.0})
+    camera = TABLE1.replace(
+        **{"dark_current.distribution": "lognormal", "dark_current.cv": 1.0}
+    )
 
 
 class TestLogisticDarkCurrentFpn(TestGaussianDarkCurrentFpn):
@@ -297,19 +369,33 @@ class TestLogisticDarkCurrentFpn(TestGaussianDarkCurrentFpn):
 class TestGammaDarkCurrentFpnWithAUniformComponent(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(
         **{"dark_current.distribution": "gamma", "dark_current.cv": 0.4},
-        **{"dark_current.components": [{"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]},
+        **{
+            "dark_current.components": [
+                {"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}
+            ]
+        },
     )
 
 
 class TestWaldDarkCurrentFpnWithComponentsInTwoUnits(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(
-        **{"dark_current.distribution": "wald", "dark_current.cv": 0.4, "dark_current.fom_na_per_cm2": None},
+        **{
+            "dark_current.distribution": "wald",
+            "dark_current.cv": 0.4,
+            "dark_current.fom_na_per_cm2": None,
+        },
         **{"dark_current.rate_e_per_s": 3000.0, "dark_current.at_temperature_k": 293.15},
         **{
             "dark_current.doubling_k": 8.0,
             "dark_current.components": [
                 {"weight": 0.1, "family": "normal", "mean": 60, "sigma": 20, "unit": "dn"},
-                {"weight": 0.1, "family": "uniform", "low": 1000, "high": 3000, "unit": "e_per_s"},
+                {
+                    "weight": 0.1,
+                    "family": "uniform",
+                    "low": 1000,
+                    "high": 3000,
+                    "unit": "e_per_s",
+                },
                 HOT | {"weight": 0.1, "at_temperature_k": 330.0, "activation_ev": 0.65},
             ],
         },
@@ -320,7 +406,11 @@ class TestWaldDarkCurrentFpnWithComponentsInTwoUnits(TestGaussianDarkCurrentFpn)
 
 class TestDarkCurrentFpnOfCorrelatedNeighbours(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(
-        **{"dark_current.distribution": "ar", "dark_current.cv": 0.4, "dark_current.coupling": 0.2},
+        **{
+            "dark_current.distribution": "ar",
+            "dark_current.cv": 0.4,
+            "dark_current.coupling": 0.2,
+        },
         **{"readout.dsnu_col": 0.0},
     )
     without = {"dark_current.fom_na_per_cm2": 0.0}

@@ -31,8 +31,14 @@ SOURCES = {
     "dsnu_col_e": ({"readout.dsnu_col": 0.001}, DsnuColumn),
     "dsnu_row_e": ({"readout.dsnu_row": 0.001}, DsnuRow),
     "dsnu_pixel_e": ({"pixel.dsnu_e": 33.0}, DsnuPixel),
-    "coupled dsnu_col_e": ({"readout.dsnu_col": 0.001, "readout.dsnu_col_coupling": 0.25}, DsnuColumn),
-    "coupled dsnu_row_e": ({"readout.dsnu_row": 0.001, "readout.dsnu_row_coupling": 0.45}, DsnuRow),
+    "coupled dsnu_col_e": (
+        {"readout.dsnu_col": 0.001, "readout.dsnu_col_coupling": 0.25},
+        DsnuColumn,
+    ),
+    "coupled dsnu_row_e": (
+        {"readout.dsnu_row": 0.001, "readout.dsnu_row_coupling": 0.45},
+        DsnuRow,
+    ),
     "coupled dsnu_pixel_e": ({"pixel.dsnu_e": 33.0, "pixel.dsnu_coupling": 0.25}, DsnuPixel),
 }
 """Each of 33 e-: 0.1 % of Table 1's full well."""
@@ -63,9 +69,12 @@ def test_offsets_are_the_same_on_every_image_and_on_every_frame(name: str) -> No
         for serial, seed in ((1, 1), (1, 2)):
             how: dict[str, Any] = {"serial": serial, "seed": seed, "frames": 2}
             offset = volts(camera, light, **how) - volts(without, light, **how)
-            np.testing.assert_allclose(offset, np.broadcast_to(expected, offset.shape), atol=1e-15)
+            np.testing.assert_allclose(
+                offset, np.broadcast_to(expected, offset.shape), atol=1e-15
+            )
     assert not np.array_equal(
-        ms.fpn_maps(camera, SHAPE, serial=2, precision="float64")[name.split()[-1]], expected / per_e
+        ms.fpn_maps(camera, SHAPE, serial=2, precision="float64")[name.split()[-1]],
+        expected / per_e,
     )
     assert any(isinstance(stage, kind) for stage in chain(camera))
 
@@ -93,9 +102,14 @@ def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: f
 
 
 @pytest.mark.parametrize("coupling", [0.0, 0.25])
-def test_dsnu_pixel_has_the_sigma_asked_for_and_neighbours_that_are_alike(coupling: float) -> None:
+def test_dsnu_pixel_has_the_sigma_asked_for_and_neighbours_that_are_alike(
+    coupling: float,
+) -> None:
     """512 × 512 pixels in 64 tiles: 5 standard errors are 1.4 % of the variance for white ones, 2.5 % for a = 0.25."""
-    x = DsnuPixel(33.0, 5e-6, coupling).fpn_maps(SensorWindow(3, (512, 512)))["dsnu_pixel_e"] / 33.0
+    x = (
+        DsnuPixel(33.0, 5e-6, coupling).fpn_maps(SensorWindow(3, (512, 512)))["dsnu_pixel_e"]
+        / 33.0
+    )
     for values, expected in (
         (x, 0.0),
         (x * x, 1.0),
@@ -114,7 +128,9 @@ def test_one_tenth_of_a_percent_of_table_1_is_33_electrons_or_4_096_codes() -> N
 
 def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
     """σ is asked for as electrons at the sense node: with A_SF = 0.8 an electron is 4 µV where the offsets come in."""
-    camera = camera_with(SOURCES["dsnu_col_e"][0] | {"source_follower.gain": 0.8, "readout.cds_gain": 2.0})
+    camera = camera_with(
+        SOURCES["dsnu_col_e"][0] | {"source_follower.gain": 0.8, "readout.cds_gain": 2.0}
+    )
     light = np.zeros(SHAPE)
     offset = volts(camera, light) - volts(camera.replace(**{"readout.dsnu_col": 0.0}), light)
     expected = 8e-6 * ms.fpn_maps(camera, SHAPE, precision="float64")["dsnu_col_e"]
@@ -122,7 +138,9 @@ def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
 
 
 @pytest.mark.parametrize("residual", [0.0, 0.25, 1.0])
-def test_the_analogue_cds_leaves_its_share_of_dsnu_col_and_dsnu_pixel_and_all_of_dsnu_row(residual: float) -> None:
+def test_the_analogue_cds_leaves_its_share_of_dsnu_col_and_dsnu_pixel_and_all_of_dsnu_row(
+    residual: float,
+) -> None:
     """A row's offset comes after the CDS; residual 0 is, bit for bit, a camera without the offsets."""
     dark = np.zeros(SHAPE)
     for name in ("dsnu_col_e", "dsnu_pixel_e", "dsnu_row_e"):
@@ -176,15 +194,25 @@ def test_identical_fixed_patterns_cancel_to_nothing_in_a_difference_of_frames() 
 
     Darkness at no exposure has no shot noise; without read noise only the offsets are left, and they are the same.
     """
-    camera = TABLE1.replace(**NOISY, **{"readout.ktc_residual": 0.0, "source_follower.white_nv_per_rthz": 0.0})
-    one, other = ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), frames=2).digital.astype(np.int64)
+    camera = TABLE1.replace(
+        **NOISY, **{"readout.ktc_residual": 0.0, "source_follower.white_nv_per_rthz": 0.0}
+    )
+    one, other = ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), frames=2).digital.astype(
+        np.int64
+    )
     assert one.std() > 10
     np.testing.assert_array_equal(one - other, 0)
-    stranger = ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), serial=2).digital[0].astype(np.int64)
+    stranger = (
+        ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), serial=2)
+        .digital[0]
+        .astype(np.int64)
+    )
     assert (one - stranger).min() < 0 < (one - stranger).max()
 
 
-def test_subtracting_a_zero_exposure_frame_removes_the_offsets_and_adds_the_temporal_variance() -> None:
+def test_subtracting_a_zero_exposure_frame_removes_the_offsets_and_adds_the_temporal_variance() -> (
+    None
+):
     """Two equal dark frames: std of the difference is √2 of one frame's temporal std (5 se of 60 000 pixels: 1.4 %)."""
     camera = TABLE1.replace(**NOISY)
     shape = (200, 300)
@@ -194,7 +222,9 @@ def test_subtracting_a_zero_exposure_frame_removes_the_offsets_and_adds_the_temp
     sigma = stages["ADC"]["sigma_temporal_expected"]
     difference = one - zero
     assert difference.min() < 0 < difference.max()
-    assert difference.std() == pytest.approx(math.sqrt(2) * sigma, rel=5 / math.sqrt(2 * one.size))
+    assert difference.std() == pytest.approx(
+        math.sqrt(2) * sigma, rel=5 / math.sqrt(2 * one.size)
+    )
     assert abs(difference.mean()) < 5 * math.sqrt(2) * sigma / math.sqrt(one.size)
     assert one.std() > 1.3 * sigma
 
@@ -208,7 +238,9 @@ def test_a_lit_frame_less_a_zero_exposure_is_the_light_without_the_pattern() -> 
     k = gain_dn_per_e(camera)
     temporal = k * math.sqrt(10_000 * 0.6 + 174 + 2 * (71.7**2 + 6.1**2))
     assert lit.mean(axis=0).std() > 0.9 * 66 * k * 0.8
-    assert (lit - zero).mean(axis=0).std() == pytest.approx(temporal / 20, rel=5 / math.sqrt(200))
+    assert (lit - zero).mean(axis=0).std() == pytest.approx(
+        temporal / 20, rel=5 / math.sqrt(200)
+    )
     assert (lit - zero).mean() == pytest.approx(k * (6000 + 174.16), abs=5 * temporal / 200)
 
 
@@ -220,13 +252,21 @@ class TestDsnuColumn(StageTests):
 
 
 class TestDsnuColumnWithAResidual(TestDsnuColumn):
-    camera = TABLE1.replace(**{"readout.dsnu_residual": 0.4, "readout.dsnu_col": 0.004, "pixel.dsnu_e": 50.0})
+    camera = TABLE1.replace(
+        **{"readout.dsnu_residual": 0.4, "readout.dsnu_col": 0.004, "pixel.dsnu_e": 50.0}
+    )
     without = {"readout.dsnu_col": 0.0}
 
 
 class TestDsnuRow(StageTests):
     stage = DsnuRow
-    camera = TABLE1.replace(**{"readout.dsnu_row": 0.002, "readout.dsnu_row_coupling": 0.45, "readout.dsnu_col": 0.0})
+    camera = TABLE1.replace(
+        **{
+            "readout.dsnu_row": 0.002,
+            "readout.dsnu_row_coupling": 0.45,
+            "readout.dsnu_col": 0.0,
+        }
+    )
     without = {"readout.dsnu_row": 0.0}
     neutral = (DsnuRow(0.0, 5e-6, 0.25),)
     shape = TALL
@@ -234,7 +274,9 @@ class TestDsnuRow(StageTests):
 
 class TestDsnuPixel(StageTests):
     stage = DsnuPixel
-    camera = TABLE1.replace(**{"pixel.dsnu_e": 30.0, "pixel.dsnu_coupling": 0.25, "readout.dsnu_col": 0.0})
+    camera = TABLE1.replace(
+        **{"pixel.dsnu_e": 30.0, "pixel.dsnu_coupling": 0.25, "readout.dsnu_col": 0.0}
+    )
     without = {"pixel.dsnu_e": 0.0}
     neutral = (DsnuPixel(0.0, 5e-6, 0.25),)
     shape = SQUARE

@@ -35,7 +35,9 @@ class TestFullWellThatNearlyEveryPixelFills(TestFullWell):
 @pytest.mark.parametrize("full_well_e", [1.0, 33_000.0, 5e7])
 def test_the_full_well_is_cut_exactly_and_conserves_what_fits(full_well_e: float) -> None:
     """min(light + dark, full well) to the last bit of a whole number, whichever of the two overflows."""
-    light = np.array([[0.0, 1.0, full_well_e - 1, full_well_e, full_well_e + 1, 1e12, np.inf, 0.0, 5.0]])
+    light = np.array(
+        [[0.0, 1.0, full_well_e - 1, full_well_e, full_well_e + 1, 1e12, np.inf, 0.0, 5.0]]
+    )
     dark = np.array([[0.0, 1.0, 1.0, 0.0, 3.0, 1e12, 7.0, full_well_e + 5, full_well_e]])
     after = FullWell(full_well_e).sample(Electrons(light, dark), SMALL)
     np.testing.assert_array_equal(after.total, np.minimum(light + dark, full_well_e))

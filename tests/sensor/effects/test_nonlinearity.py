@@ -21,9 +21,16 @@ from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.stages.chain import black_level_dn, chain
 from mitsuba_sensor.stages.effects.adc import Adc
 from mitsuba_sensor.stages.effects.full_well import FullWell
-from mitsuba_sensor.stages.effects.integral_nonlinearity import IntegralNonlinearity, end_point_ile, gamma_of_ile
+from mitsuba_sensor.stages.effects.integral_nonlinearity import (
+    IntegralNonlinearity,
+    end_point_ile,
+    gamma_of_ile,
+)
 from mitsuba_sensor.stages.effects.sense_node import NonlinearSenseNode, SenseNode
-from mitsuba_sensor.stages.effects.source_follower import NonlinearSourceFollower, SourceFollower
+from mitsuba_sensor.stages.effects.source_follower import (
+    NonlinearSourceFollower,
+    SourceFollower,
+)
 from mitsuba_sensor.stages.gains import full_scale_v, gain_dn_per_e, sense_gain_v_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
@@ -32,7 +39,9 @@ A_SN, V_REF = 5e-6, 3.1
 
 
 def swing_of(stage: Any, electrons: Any) -> Any:
-    return np.ravel(stage.sample(Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE))
+    return np.ravel(
+        stage.sample(Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE)
+    )
 
 
 # V/e (4.6)
@@ -49,35 +58,56 @@ def test_the_inverse_of_the_sense_node_returns_the_electrons(alpha: float) -> No
     """N = −V_REF/(α·A_SN)·log1p(−α·S/V_REF), from one electron to ten full wells."""
     electrons = np.array([0.0, 1.0, 100.0, 33_000.0, 330_000.0])
     swing = swing_of(NonlinearSenseNode(A_SN, V_REF, alpha), electrons)
-    np.testing.assert_allclose(-V_REF / (alpha * A_SN) * np.log1p(-alpha * swing / V_REF), electrons, rtol=1e-12)
+    np.testing.assert_allclose(
+        -V_REF / (alpha * A_SN) * np.log1p(-alpha * swing / V_REF), electrons, rtol=1e-12
+    )
 
 
 def test_the_sense_node_becomes_linear_as_alpha_goes_to_zero() -> None:
     """Continuous: the relative loss is α·A_SN·N/(2·V_REF), down to no cancellation at all at 1e-15."""
     for alpha in (1e-3, 1e-6, 1e-9):
         (swing,) = swing_of(NonlinearSenseNode(A_SN, V_REF, alpha), 33_000)
-        assert swing / (A_SN * 33_000) - 1 == pytest.approx(-alpha * 0.165 / 6.2, rel=2e-3, abs=3e-16)
+        assert swing / (A_SN * 33_000) - 1 == pytest.approx(
+            -alpha * 0.165 / 6.2, rel=2e-3, abs=3e-16
+        )
     (tiny,) = swing_of(NonlinearSenseNode(A_SN, V_REF, 1e-15), 33_000)
     assert tiny == pytest.approx(0.165, rel=1e-14)
-    linear, zero = TABLE1, TABLE1.replace(**{"readout.ve_nonlinearity": 0.0, "readout.v_ref_v": 2.0})
-    assert chain(linear) == chain(zero) and any(isinstance(stage, SenseNode) for stage in chain(zero))
+    linear, zero = (
+        TABLE1,
+        TABLE1.replace(**{"readout.ve_nonlinearity": 0.0, "readout.v_ref_v": 2.0}),
+    )
+    assert chain(linear) == chain(zero) and any(
+        isinstance(stage, SenseNode) for stage in chain(zero)
+    )
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("alpha", [5e-324, 1e-100, 1e-60, 1e-38, 1e-30, 1e-20, 1e-13])
-def test_an_alpha_that_no_full_well_shows_is_linear_to_the_last_bit(alpha: float, precision: Any) -> None:
+def test_an_alpha_that_no_full_well_shows_is_linear_to_the_last_bit(
+    alpha: float, precision: Any
+) -> None:
     """V_REF/α beyond 1e30 dimmed float32 frames, and at 1e-100 they were black."""
-    camera, light = TABLE1.replace(**{"readout.ve_nonlinearity": alpha}), np.linspace(0, 60_000, 500)[None]
+    camera, light = (
+        TABLE1.replace(**{"readout.ve_nonlinearity": alpha}),
+        np.linspace(0, 60_000, 500)[None],
+    )
     assert chain(camera) == chain(TABLE1)
-    one, other = (ms.expose(light, c, ms.Exposure(0.1), precision=precision).digital for c in (camera, TABLE1))
+    one, other = (
+        ms.expose(light, c, ms.Exposure(0.1), precision=precision).digital
+        for c in (camera, TABLE1)
+    )
     np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("v_ref_v", [1e-3, 3.1, 1e6, 1e30])
-def test_an_alpha_of_next_to_nothing_keeps_float32_frames_within_a_code_of_float64(v_ref_v: float) -> None:
+def test_an_alpha_of_next_to_nothing_keeps_float32_frames_within_a_code_of_float64(
+    v_ref_v: float,
+) -> None:
     """Whatever V_REF: what counts is α·A_SN·N/V_REF, the exponent at full well."""
     for alpha in (1e-14, 1e-12, 1e-10, 1e-6, 1.0):
-        camera = TABLE1.replace(**{"readout.ve_nonlinearity": alpha, "readout.v_ref_v": v_ref_v})
+        camera = TABLE1.replace(
+            **{"readout.ve_nonlinearity": alpha, "readout.v_ref_v": v_ref_v}
+        )
         light = np.linspace(0, 50_000, 300)[None]
         one, other = (
             ms.expose(light, camera, ms.Exposure(0.1), precision=precision).digital.astype(int)
@@ -88,7 +118,9 @@ def test_an_alpha_of_next_to_nothing_keeps_float32_frames_within_a_code_of_float
 
 @pytest.mark.parametrize("alpha", [0.1, 1.0])
 def test_small_signals_have_the_nominal_gain_for_every_alpha(alpha: float) -> None:
-    assert swing_of(NonlinearSenseNode(A_SN, V_REF, alpha), 1e-3)[0] == pytest.approx(A_SN * 1e-3, rel=1e-8)
+    assert swing_of(NonlinearSenseNode(A_SN, V_REF, alpha), 1e-3)[0] == pytest.approx(
+        A_SN * 1e-3, rel=1e-8
+    )
 
 
 def test_no_charge_takes_the_swing_beyond_the_reference_voltage() -> None:
@@ -101,7 +133,11 @@ def test_no_charge_takes_the_swing_beyond_the_reference_voltage() -> None:
 def test_the_papers_k1_implies_nine_times_the_gain_of_its_table() -> None:
     """k₁ = 10.909e-15 C at V_REF = 3.1 V is q·V_REF/k₁ = 45.5 µV/e-, against 5 µV/e- in Table 1."""
     camera = TABLE1.replace(
-        **{"readout.sense_gain_uv_per_e": None, "readout.ve_k1_c": 10.909e-15, "readout.ve_nonlinearity": 1.0}
+        **{
+            "readout.sense_gain_uv_per_e": None,
+            "readout.ve_k1_c": 10.909e-15,
+            "readout.ve_nonlinearity": 1.0,
+        }
     )
     assert sense_gain_v_per_e(camera) * 1e6 == pytest.approx(45.5, abs=0.05)
     node = next(stage for stage in chain(camera) if isinstance(stage, NonlinearSenseNode))
@@ -115,18 +151,24 @@ def test_the_follower_gains_5_percent_at_full_well_and_half_of_that_half_way() -
     """γ = 1.05: ratio 1 for small signals, 1.025 at half scale, 1.05 at full well; A_SF in front."""
     stage, full = NonlinearSourceFollower(0.9, 1.05, 0.165), 0.165
     for share, ratio in ((1e-9, 1.0), (0.5, 1.025), (1.0, 1.05)):
-        assert float(stage.sample(full * share, HERE)) / (0.9 * full * share) == pytest.approx(ratio, rel=1e-9)
+        assert float(stage.sample(full * share, HERE)) / (0.9 * full * share) == pytest.approx(
+            ratio, rel=1e-9
+        )
     assert float(stage.sample(0.0, HERE)) == 0.0
 
 
 @pytest.mark.parametrize("gamma", [0.51, 0.9, 1.0, 1.05, 2.0])
-def test_the_follower_is_monotone_up_to_full_well_for_every_ratio_above_one_half(gamma: float) -> None:
+def test_the_follower_is_monotone_up_to_full_well_for_every_ratio_above_one_half(
+    gamma: float,
+) -> None:
     swing = np.linspace(0, 0.165, 1001)
     assert (np.diff(NonlinearSourceFollower(1.0, gamma, 0.165).sample(swing, HERE)) > 0).all()
 
 
 def test_the_full_swing_of_the_follower_is_that_of_the_cameras_full_well() -> None:
-    camera = TABLE1.replace(**{"source_follower.vv_nonlinearity": 1.05, "pixel.full_well_e": 20_000.0})
+    camera = TABLE1.replace(
+        **{"source_follower.vv_nonlinearity": 1.05, "pixel.full_well_e": 20_000.0}
+    )
     stage = next(stage for stage in chain(camera) if isinstance(stage, NonlinearSourceFollower))
     assert stage == NonlinearSourceFollower(1.0, 1.05, pytest.approx(0.1))
     neutral = camera.replace(**{"source_follower.vv_nonlinearity": 1.0})
@@ -173,7 +215,11 @@ def swings_of(camera: ms.Camera, electrons: Any) -> Any:
     """What the converter is given for these electrons, without noise: the deterministic stages of the chain [V]."""
     stages = chain(camera)
     first = next(i for i, stage in enumerate(stages) if stage.domain == "volts")
-    quiet = [x for x in stages[first:-1] if type(x).__name__.endswith(("SenseNode", "Follower", "Gain"))]
+    quiet = [
+        x
+        for x in stages[first:-1]
+        if type(x).__name__.endswith(("SenseNode", "Follower", "Gain"))
+    ]
     signal: Any = Electrons(np.atleast_2d(electrons))
     for stage in quiet:
         signal = stage.sample(signal, HERE)
@@ -203,11 +249,16 @@ def test_the_well_and_not_the_converter_ends_a_curved_response(name: str) -> Non
     )  # fmt: skip
     near, beyond = (np.full((100, 100), share * 3.3e6 / 0.6) for share in (0.99, 1.1))
     frames = ms.expose(near, camera, ms.Exposure(0.1))
-    assert frames.report["counts"] == {"clipped_full_well": 0, "clipped_adc_low": 0, "clipped_adc_high": 0} | {
-        key: 0 for key in frames.report["counts"] if key.startswith("cut_to_zero")
-    }
+    assert frames.report["counts"] == {
+        "clipped_full_well": 0,
+        "clipped_adc_low": 0,
+        "clipped_adc_high": 0,
+    } | {key: 0 for key in frames.report["counts"] if key.startswith("cut_to_zero")}
     saturated = ms.expose(beyond, camera, ms.Exposure(0.1))
-    assert saturated.report["counts"]["clipped_full_well"] == 10_000 and saturated.digital.min() >= 4094
+    assert (
+        saturated.report["counts"]["clipped_full_well"] == 10_000
+        and saturated.digital.min() >= 4094
+    )
 
 
 def test_the_black_level_and_the_dsnu_of_a_curved_camera_are_those_of_its_k() -> None:
@@ -246,7 +297,10 @@ def test_an_asked_ile_is_the_ile_of_the_curve(ile: float) -> None:
     gamma = gamma_of_ile(ile)
     error, end = deviation_from_end_points(gamma)
     assert error.max() / end == pytest.approx(ile, rel=1e-6, abs=1e-15)
-    by_ile, by_gamma = TABLE1.replace(**{"adc.ile": ile}), TABLE1.replace(**{"adc.gamma": gamma})
+    by_ile, by_gamma = (
+        TABLE1.replace(**{"adc.ile": ile}),
+        TABLE1.replace(**{"adc.gamma": gamma}),
+    )
     assert chain(by_ile) == chain(by_gamma)
 
 
@@ -259,24 +313,34 @@ def test_a_gamma_next_to_one_loses_no_digit(offset: float) -> None:
     np.testing.assert_allclose(curved - swing, -log * swing**2, rtol=1e-7, atol=4e-16)
     for gain in (1.0, 1 + 1e-9, 1e6):
         np.testing.assert_array_equal(
-            Adc(24, gain, 0.0).sample(curved, HERE), np.floor(np.minimum(gain * curved, 2**24) + 0.5)
+            Adc(24, gain, 0.0).sample(curved, HERE),
+            np.floor(np.minimum(gain * curved, 2**24) + 0.5),
         )
 
 
 def test_a_gain_of_one_is_a_gain_like_any_other() -> None:
     """A = 1 DN/V (the paper's logarithm of A would be 0): 4096 V of full scale, γ = 1.04 at half scale and at full."""
     camera = TABLE1.replace(
-        **{"adc.full_scale_v": 4096.0, "adc.gamma": 1.04, "adc.black_level_dn": 0.0, "pixel.full_well_e": 1e9}
+        **{
+            "adc.full_scale_v": 4096.0,
+            "adc.gamma": 1.04,
+            "adc.black_level_dn": 0.0,
+            "pixel.full_well_e": 1e9,
+        }
     )
     bend, adc = chain(camera)[-2:]
     assert adc.gain_dn_per_v == 1.0
     codes = adc.sample(bend.sample(np.array([0.0, 2048.0, 4096.0]), HERE), HERE)
-    np.testing.assert_array_equal(codes, [0, math.floor(2048 / 1.04**0.5 + 0.5), math.floor(4096 / 1.04 + 0.5)])
+    np.testing.assert_array_equal(
+        codes, [0, math.floor(2048 / 1.04**0.5 + 0.5), math.floor(4096 / 1.04 + 0.5)]
+    )
 
 
 @pytest.mark.parametrize("gamma", [0.5, 0.9, 1.04, 2.0, 2.718])
 def test_the_converter_is_monotone_for_every_gamma_below_e(gamma: float) -> None:
-    assert (np.diff(IntegralNonlinearity(gamma, 1.0).sample(np.linspace(0, 1, 1001), HERE)) > 0).all()
+    assert (
+        np.diff(IntegralNonlinearity(gamma, 1.0).sample(np.linspace(0, 1, 1001), HERE)) > 0
+    ).all()
 
 
 @pytest.mark.parametrize("gamma", [math.e, 3.0])
@@ -314,7 +378,11 @@ def test_a_curve_has_the_moments_that_it_says_at_every_level(stage: Any, level: 
     m = stage.moments(Moments(mean, sigma_t**2, sigma_f**2, HERE))
     temporal = y.var(axis=0, ddof=1)
     fixed = (y.mean(axis=0) - m.mean) ** 2 - temporal / 3
-    for seen, expected in ((y.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.spatial)):
+    for seen, expected in (
+        (y.mean(axis=0), m.mean),
+        (temporal, m.temporal),
+        (fixed, m.spatial),
+    ):
         assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(n)
 
 
@@ -339,8 +407,12 @@ def test_the_second_order_of_a_curve_is_the_integral_over_a_normal_law(
     mean, fixed = weights @ of_pixel, weights @ of_pixel**2 - (weights @ of_pixel) ** 2
     temporal = weights @ (y**2 @ weights) - weights @ of_pixel**2
     m = stage.moments(Moments(level, 0.08**2, 0.05**2, HERE))
-    assert (m.mean, m.temporal, m.spatial) == pytest.approx((mean, temporal, fixed), rel=accuracy)
-    slope_only = stage.sample(Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE)
+    assert (m.mean, m.temporal, m.spatial) == pytest.approx(
+        (mean, temporal, fixed), rel=accuracy
+    )
+    slope_only = stage.sample(
+        Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE
+    )
     assert m.mean - slope_only == pytest.approx(mean - slope_only, rel=max(accuracy, 0.02))
 
 
@@ -355,7 +427,11 @@ class TestNonlinearSenseNode(StageTests):
 class TestSenseNodeOfAGivenK1(StageTests):
     stage = NonlinearSenseNode
     camera = TABLE1.replace(
-        **{"readout.sense_gain_uv_per_e": None, "readout.ve_k1_c": 10.909e-15, "readout.ve_nonlinearity": 0.5},
+        **{
+            "readout.sense_gain_uv_per_e": None,
+            "readout.ve_k1_c": 10.909e-15,
+            "readout.ve_nonlinearity": 0.5,
+        },
         **{"pixel.full_well_e": 20_000.0},
     )
     level = 0.5
@@ -370,6 +446,11 @@ class TestIntegralNonlinearity(StageTests):
 
 class TestIntegralNonlinearityOfAGivenIle(TestIntegralNonlinearity):
     camera = TABLE1.replace(
-        **{"adc.ile": 0.02, "adc.bits": 14, "readout.ve_nonlinearity": 0.8, "source_follower.vv_nonlinearity": 0.9},
+        **{
+            "adc.ile": 0.02,
+            "adc.bits": 14,
+            "readout.ve_nonlinearity": 0.8,
+            "source_follower.vv_nonlinearity": 0.9,
+        },
         **{"readout.reset": "hard"},
     )

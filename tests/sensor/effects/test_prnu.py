@@ -31,7 +31,12 @@ class TestLogNormalPrnu(TestPrnu):
 
 class TestPrnuOfCorrelatedNeighbours(TestPrnu):
     camera = BASE.replace(
-        **{"pixel.prnu_distribution": "ar", "pixel.prnu": 0.03, "pixel.prnu_coupling": 0.25, "readout.dsnu_col": 0.0}
+        **{
+            "pixel.prnu_distribution": "ar",
+            "pixel.prnu": 0.03,
+            "pixel.prnu_coupling": 0.25,
+            "readout.dsnu_col": 0.0,
+        }
     )
     without = {"pixel.prnu": 0.0}
     shape = SQUARE
@@ -47,5 +52,7 @@ def test_prnu_multiplies_light_and_leaves_the_dark_alone() -> None:
 
 def test_no_pixel_has_negative_gain_however_strong_the_prnu() -> None:
     window = SensorWindow(3, (100, 100))
-    after = Prnu(Rectified(10.0)).sample(Electrons(np.ones((100, 100))), Frame(ms.Exposure(0.1), window))
+    after = Prnu(Rectified(10.0)).sample(
+        Electrons(np.ones((100, 100))), Frame(ms.Exposure(0.1), window)
+    )
     assert after.light.min() == 0.0 and np.isfinite(after.light).all()

@@ -36,7 +36,12 @@ def camera_file(folder: Path, quantum_efficiency: str) -> Path:
     return path
 
 
-def detected(camera: ms.Camera, photons: Any, wavelengths_nm: Any = None, origin: tuple[int, int] = (0, 0)) -> Any:
+def detected(
+    camera: ms.Camera,
+    photons: Any,
+    wavelengths_nm: Any = None,
+    origin: tuple[int, int] = (0, 0),
+) -> Any:
     """Mean photoelectrons (H, W)."""
     mean = np.asarray(photons, dtype=float)
     lengths = None if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float)
@@ -46,7 +51,9 @@ def detected(camera: ms.Camera, photons: Any, wavelengths_nm: Any = None, origin
 
 def test_one_value_holds_over_the_whole_band_and_nowhere_else() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.value": 0.45})
-    np.testing.assert_array_equal(camera.qe([399.9, 400, 550, 700, 700.1]), [[0, 0.45, 0.45, 0.45, 0]])
+    np.testing.assert_array_equal(
+        camera.qe([399.9, 400, 550, 700, 700.1]), [[0, 0.45, 0.45, 0.45, 0]]
+    )
     assert camera.band_nm == (400.0, 700.0)
 
 
@@ -84,7 +91,9 @@ def test_a_later_qe_replaces_an_earlier_one(tmp_path: Path) -> None:
         "wavelength_um; mono_percent\n0.4; 25.0\n0.7; 50.0\n",
     ],
 )
-def test_semicolons_and_tabs_separate_too_and_then_commas_are_decimal(text: str, tmp_path: Path) -> None:
+def test_semicolons_and_tabs_separate_too_and_then_commas_are_decimal(
+    text: str, tmp_path: Path
+) -> None:
     (tmp_path / "qe.csv").write_text(text)
     camera = ms.load_camera(camera_file(tmp_path, 'file = "qe.csv"'))
     np.testing.assert_allclose(camera.qe([400, 700]), [[0.25, 0.5]], rtol=1e-12)
@@ -93,7 +102,9 @@ def test_semicolons_and_tabs_separate_too_and_then_commas_are_decimal(text: str,
 def test_a_quantum_efficiency_below_one_percent_everywhere_is_doubted() -> None:
     low, tail = ({"mono": list(curve)} for curve in ([0.003, 0.006], [0.003, 0.6]))
     (note,) = TABLE1.replace(**{"quantum_efficiency.curves": low}).notes
-    assert note.startswith("quantum_efficiency.curves.mono has at most 0.006, and 0.01 to 1 is usual")
+    assert note.startswith(
+        "quantum_efficiency.curves.mono has at most 0.006, and 0.01 to 1 is usual"
+    )
     assert not TABLE1.replace(**{"quantum_efficiency.curves": tail}).notes
 
 
@@ -110,28 +121,55 @@ def test_files_in_nm_and_um_in_fractions_and_percents_say_the_same(
     header: str, scale_nm: float, scale_qe: Any, tmp_path: Path
 ) -> None:
     """A comment, an empty line, a byte order mark and spaces do no harm."""
-    points = np.array([[420, 0.1, 0.3], [530, 0.4, 0.6], [680, 0.2, 0.1]]) * [scale_nm, *np.broadcast_to(scale_qe, 2)]
-    lines = ["# from the datasheet", header, "", *(", ".join(f"{x:.6g}" for x in row) for row in points)]
+    points = np.array([[420, 0.1, 0.3], [530, 0.4, 0.6], [680, 0.2, 0.1]]) * [
+        scale_nm,
+        *np.broadcast_to(scale_qe, 2),
+    ]
+    lines = [
+        "# from the datasheet",
+        header,
+        "",
+        *(", ".join(f"{x:.6g}" for x in row) for row in points),
+    ]
     (tmp_path / "qe.csv").write_text("\n".join(lines), encoding="utf-8-sig")
-    camera = ms.load_camera(camera_file(tmp_path, 'file = "qe.csv"\ntile = [["R", "G"]]\nreference_nm = 550'))
+    camera = ms.load_camera(
+        camera_file(tmp_path, 'file = "qe.csv"\ntile = [["R", "G"]]\nreference_nm = 550')
+    )
     assert camera.filter_names == ("R", "G")
     np.testing.assert_allclose(
-        camera.qe([420, 475, 530, 680, 700]), [[0.1, 0.25, 0.4, 0.2, 0], [0.3, 0.45, 0.6, 0.1, 0]], rtol=1e-9
+        camera.qe([420, 475, 530, 680, 700]),
+        [[0.1, 0.25, 0.4, 0.2, 0], [0.3, 0.45, 0.6, 0.1, 0]],
+        rtol=1e-9,
     )
 
 
 FILES = {
-    "unit of length missing": ("wavelength,mono_percent\n400,60\n700,60\n", "column 1 is called 'wavelength'"),
-    "unit of length unknown": ("wavelength_m,mono_percent\n400,60\n700,60\n", "wavelength_nm or wavelength_um"),
-    "not a wavelength": ("energy_nm,mono_percent\n400,60\n700,60\n", "column 1 is called 'energy_nm'"),
+    "unit of length missing": (
+        "wavelength,mono_percent\n400,60\n700,60\n",
+        "column 1 is called 'wavelength'",
+    ),
+    "unit of length unknown": (
+        "wavelength_m,mono_percent\n400,60\n700,60\n",
+        "wavelength_nm or wavelength_um",
+    ),
+    "not a wavelength": (
+        "energy_nm,mono_percent\n400,60\n700,60\n",
+        "column 1 is called 'energy_nm'",
+    ),
     "fraction or percent?": (
         "wavelength_nm,mono\n400,0.6\n700,0.6\n",
         "call it NAME_fraction or NAME_percent, so that",
     ),
     "no header": ("400,0.6\n500,0.6\n700,0.6\n", "column 1 is called '400'"),
     "no name": ("wavelength_nm,_percent\n400,60\n700,60\n", "column 2 is called '_percent'"),
-    "percents called fractions": ("wavelength_nm,mono_fraction\n400,60\n700,60\n", "in percent, call it mono_percent"),
-    "fractions called percents": ("wavelength_nm,mono_percent\n400,0.3\n700,0.6\n", "call the columns mono_fraction;"),
+    "percents called fractions": (
+        "wavelength_nm,mono_fraction\n400,60\n700,60\n",
+        "in percent, call it mono_percent",
+    ),
+    "fractions called percents": (
+        "wavelength_nm,mono_percent\n400,0.3\n700,0.6\n",
+        "call the columns mono_fraction;",
+    ),
     "a fraction called percent beside a fraction": (
         "wavelength_nm,R_fraction,G_percent\n400,0.3,0.2\n700,0.6,0.5\n",
         "the largest quantum efficiency is 0.5 percent",
@@ -145,11 +183,20 @@ FILES = {
         "wavelength_nm goes from 0.4 to 0.7 nm, and 100 to 3000 nm is usual; if it is in um, call it wavelength_um",
     ),
     "falling": ("wavelength_nm,mono_percent\n400,60\n300,60\n", "wavelengths_nm must increase"),
-    "one line": ("wavelength_nm,mono_percent\n400,60\n", "needs a header and at least two lines"),
+    "one line": (
+        "wavelength_nm,mono_percent\n400,60\n",
+        "needs a header and at least two lines",
+    ),
     "one column": ("wavelength_nm\n400\n700\n", "at least one curve, separated by commas"),
-    "spaces": ("wavelength_nm mono_percent\n400 60\n700 60\n", "in columns separated by commas, semicolons or tabs"),
+    "spaces": (
+        "wavelength_nm mono_percent\n400 60\n700 60\n",
+        "in columns separated by commas, semicolons or tabs",
+    ),
     "ragged": ("wavelength_nm,mono_percent\n400,60\n700\n", "has a line that is not 2 numbers"),
-    "text": ("wavelength_nm,mono_percent\n400,high\n700,60\n", "has a line that is not 2 numbers"),
+    "text": (
+        "wavelength_nm,mono_percent\n400,high\n700,60\n",
+        "has a line that is not 2 numbers",
+    ),
     "NaN": ("wavelength_nm,mono_percent\n400,nan\n700,60\n", "finite number"),
     "negative": ("wavelength_nm,mono_percent\n400,-1\n700,60\n", "greater than or equal to 0"),
     "twice the same name": (
@@ -169,21 +216,40 @@ def test_a_file_that_leaves_doubt_is_refused_in_one_sentence(case: str, tmp_path
     with pytest.raises(ms.InputError) as caught:
         ms.load_camera(camera_file(tmp_path, 'file = "qe.csv"'))
     sentence = str(caught.value)
-    assert said in sentence and "camera.toml: quantum_efficiency" in sentence and "\n" not in sentence
+    assert (
+        said in sentence
+        and "camera.toml: quantum_efficiency" in sentence
+        and "\n" not in sentence
+    )
 
 
 # Colour filters.
 
 RGBI = [["R", "G"], ["I", "B"]]
-RGB_IR_4X4 = [["B", "G", "R", "G"], ["G", "I", "G", "I"], ["R", "G", "B", "G"], ["G", "I", "G", "I"]]
+RGB_IR_4X4 = [
+    ["B", "G", "R", "G"],
+    ["G", "I", "G", "I"],
+    ["R", "G", "B", "G"],
+    ["G", "I", "G", "I"],
+]
 CURVES = {"R": [0.1, 0.0], "G": [0.2, 0.0], "B": [0.3, 0.0], "I": [0.4, 0.5]}
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (1, 2), (7, 9)], ids=str)
 @pytest.mark.parametrize(
-    "tile", [RGBI, RGB_IR_4X4, [["R", "G", "B"]], [["R"], ["G"], ["I"]], [["G", "R", "I"], ["B", "B", "G"]]], ids=str
+    "tile",
+    [
+        RGBI,
+        RGB_IR_4X4,
+        [["R", "G", "B"]],
+        [["R"], ["G"], ["I"]],
+        [["G", "R", "I"], ["B", "B", "G"]],
+    ],
+    ids=str,
 )
-def test_every_pixel_takes_the_curve_of_its_own_filter(tile: list[list[str]], origin: tuple[int, int]) -> None:
+def test_every_pixel_takes_the_curve_of_its_own_filter(
+    tile: list[list[str]], origin: tuple[int, int]
+) -> None:
     """Any rectangle that repeats, seen through any window: by index arithmetic written out here."""
     camera = TABLE1.replace(
         **{
@@ -198,7 +264,9 @@ def test_every_pixel_takes_the_curve_of_its_own_filter(tile: list[list[str]], or
     for y in range(6):
         for x in range(7):
             name = tile[(y + origin[0]) % len(tile)][(x + origin[1]) % len(tile[0])]
-            assert seen[y, x] == pytest.approx(1000 * CURVES[name][0] + 100 * CURVES[name][1], rel=1e-12)
+            assert seen[y, x] == pytest.approx(
+                1000 * CURVES[name][0] + 100 * CURVES[name][1], rel=1e-12
+            )
 
 
 def test_infrared_reaches_the_infrared_pixels_of_an_rgb_ir_sensor_only() -> None:
@@ -212,8 +280,12 @@ def test_infrared_reaches_the_infrared_pixels_of_an_rgb_ir_sensor_only() -> None
     seen = detected(camera, np.full((8, 8), 1000.0), [850])
     infrared = np.array(RGB_IR_4X4) == "I"
     np.testing.assert_array_equal(seen > 0, np.tile(infrared, (2, 2)))
-    digital = ms.expose(np.full((8, 8), 50_000.0), camera, EXPOSURE, wavelengths_nm=[850]).digital[0]
-    assert digital[np.tile(infrared, (2, 2))].min() > 2 * digital[~np.tile(infrared, (2, 2))].max()
+    digital = ms.expose(
+        np.full((8, 8), 50_000.0), camera, EXPOSURE, wavelengths_nm=[850]
+    ).digital[0]
+    assert (
+        digital[np.tile(infrared, (2, 2))].min() > 2 * digital[~np.tile(infrared, (2, 2))].max()
+    )
 
 
 def test_a_wavelength_outside_the_curve_frees_nothing() -> None:
@@ -221,13 +293,17 @@ def test_a_wavelength_outside_the_curve_frees_nothing() -> None:
     for wavelength in (200.0, 399.999, 700.001, 1100.0):
         assert detected(TABLE1, [[1e6]], [wavelength])[0, 0] == 0.0
         assert detected(TABLE1, [[np.inf]], [wavelength])[0, 0] == 0.0
-    assert detected(TABLE1, [[[1e6, 100.0, 1e6]]], [200, 550, 1100])[0, 0] == pytest.approx(60.0)
+    assert detected(TABLE1, [[[1e6, 100.0, 1e6]]], [200, 550, 1100])[0, 0] == pytest.approx(
+        60.0
+    )
 
 
 def test_between_its_points_a_curve_is_straight() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.curves": {"mono": [0.2, 0.8]}})
     for share in (0.0, 0.25, 0.5, 1.0):
-        assert detected(camera, [[1000.0]], [400 + 300 * share])[0, 0] == pytest.approx(1000 * (0.2 + 0.6 * share))
+        assert detected(camera, [[1000.0]], [400 + 300 * share])[0, 0] == pytest.approx(
+            1000 * (0.2 + 0.6 * share)
+        )
 
 
 # Quantum yield: several electrons per photon in the ultraviolet.
@@ -245,7 +321,9 @@ def yielding(eta: float, fano: float = 0.1, qe: float = 0.5) -> ms.Camera:
     )
 
 
-def counted(camera: ms.Camera, photons: Photons, shape: tuple[int, int] = (400, 500)) -> tuple[Any, Moments]:
+def counted(
+    camera: ms.Camera, photons: Photons, shape: tuple[int, int] = (400, 500)
+) -> tuple[Any, Moments]:
     """Electrons of one frame and their theory; detection, shot noise and yield alone."""
     frame = Frame(EXPOSURE, SensorWindow(3, shape))
     signal: Any = photons
@@ -258,7 +336,9 @@ def counted(camera: ms.Camera, photons: Photons, shape: tuple[int, int] = (400, 
 
 @pytest.mark.parametrize("fano", [0.0, 0.1, 1.0])
 @pytest.mark.parametrize("eta", [1.0, 1.3, 2.0, 3.5])
-def test_a_yield_multiplies_the_mean_and_has_the_variance_of_a_compound_law(eta: float, fano: float) -> None:
+def test_a_yield_multiplies_the_mean_and_has_the_variance_of_a_compound_law(
+    eta: float, fano: float
+) -> None:
     """λ interactions: mean η·λ, variance η²·λ + F·η·λ (+ 1/12 of rounding to whole electrons); λ alone at η = 1.
 
     200 000 pixels: 5 se are 0.04 % of the mean and 1.6 % of the variance (0.8 % of σ).
@@ -268,7 +348,9 @@ def test_a_yield_multiplies_the_mean_and_has_the_variance_of_a_compound_law(eta:
     variance = LAM if eta == 1 else LAM * (eta**2 + fano * eta) + 1 / 12
     assert float(np.mean(m.mean)) == pytest.approx(eta * LAM, rel=1e-12)
     assert float(np.mean(m.temporal)) == pytest.approx(variance, rel=1e-12)
-    assert electrons.mean() == pytest.approx(eta * LAM, abs=5 * math.sqrt(variance / electrons.size))
+    assert electrons.mean() == pytest.approx(
+        eta * LAM, abs=5 * math.sqrt(variance / electrons.size)
+    )
     assert electrons.var() == pytest.approx(variance, rel=5 * math.sqrt(2 / electrons.size))
     np.testing.assert_array_equal(electrons, np.floor(electrons))
     assert electrons.min() >= 0
@@ -292,14 +374,23 @@ def test_dark_electrons_do_not_multiply() -> None:
     """The yield belongs to photons: no light, and a hot dark current, is the same frame with and without it."""
     hot = {"dark_current.fom_na_per_cm2": 50.0}
     for camera in (TABLE1, yielding(3.0)):
-        kept = ms.expose(np.zeros((20, 30)), camera.replace(**hot), EXPOSURE, keep=["electrons", "dark_electrons"])
+        kept = ms.expose(
+            np.zeros((20, 30)),
+            camera.replace(**hot),
+            EXPOSURE,
+            keep=["electrons", "dark_electrons"],
+        )
         np.testing.assert_array_equal(kept.electrons, kept.dark_electrons)
         assert kept.electrons.mean() == pytest.approx(50 * 174.158, rel=0.02)
 
 
 def test_prnu_acts_on_the_interactions_and_the_yield_multiplies_its_pattern() -> None:
     """Fixed variance after the yield: (η·P_N·λ)²."""
-    stages = yielding(2.0).replace(**{"pixel.prnu": 0.01, "dark_current.fom_na_per_cm2": 0.0}).stages[:5]
+    stages = (
+        yielding(2.0)
+        .replace(**{"pixel.prnu": 0.01, "dark_current.fom_na_per_cm2": 0.0})
+        .stages[:5]
+    )
     frame = Frame(EXPOSURE, SensorWindow(3, (1, 1)))
     m = Moments(Photons(np.full((1, 1), 2000.0)), 0.0, 0.0, frame)
     for stage in stages:
@@ -324,7 +415,11 @@ def test_the_bayer_camera_that_ships_has_green_twice() -> None:
 class TestQuantumYield(StageTests):
     stage = QuantumYield
     camera = TABLE1.replace(
-        **{"quantum_efficiency.quantum_yield": [1.8, 1.8], "quantum_efficiency.fano_factor": 0.2, "pixel.prnu": 0.02}
+        **{
+            "quantum_efficiency.quantum_yield": [1.8, 1.8],
+            "quantum_efficiency.fano_factor": 0.2,
+            "pixel.prnu": 0.02,
+        }
     )
     level = 0.25
 

@@ -21,11 +21,24 @@ from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNo
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 BASE = ms.load_camera("konnik_table1").replace(
-    **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 60.0, "readout.dsnu_col": 0.0}
+    **{
+        "source_follower.white_nv_per_rthz": None,
+        "source_follower.read_noise_e": 60.0,
+        "readout.dsnu_col": 0.0,
+    }
 )
-HEAVY = {"source_follower.read_noise_distribution": "tukey_lambda", "source_follower.read_noise_shape": -0.1}
-STUDENT = {"source_follower.read_noise_distribution": "student", "source_follower.read_noise_shape": 6.0}
-NORMAL = {"source_follower.read_noise_distribution": "normal", "source_follower.read_noise_shape": None}
+HEAVY = {
+    "source_follower.read_noise_distribution": "tukey_lambda",
+    "source_follower.read_noise_shape": -0.1,
+}
+STUDENT = {
+    "source_follower.read_noise_distribution": "student",
+    "source_follower.read_noise_shape": 6.0,
+}
+NORMAL = {
+    "source_follower.read_noise_distribution": "normal",
+    "source_follower.read_noise_shape": None,
+}
 LAWS: tuple[NoiseDistribution, ...] = (
     *map(TukeyLambda, (-0.45, -0.3, -0.1, 0.0, 0.1, 0.14, 0.2)),
     *map(StudentT, (2.5, 4.0, 30.0, 1000.0)),
@@ -52,7 +65,10 @@ def exact(law: NoiseDistribution) -> Any:
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_random_bits_become_the_quantiles_of_scipys_law(law: NoiseDistribution) -> None:
     """One factor for all quantiles, from the centre to the farthest number that can be drawn; float32 to 6e-5 of it."""
-    bits = np.array([0, 1, 10, 1000, 10**5, 10**8, 10**9, 2**31 - 10**6, 2**31 + 10**7, 2**32 - 1], np.uint32)
+    bits = np.array(
+        [0, 1, 10, 1000, 10**5, 10**8, 10**9, 2**31 - 10**6, 2**31 + 10**7, 2**32 - 1],
+        np.uint32,
+    )
     survival = (bits.astype(np.float64) + 0.5) / 2**32
     x = NUMPY_FLOAT64.distributed(bits, law)
     below = exact(law).ppf(survival)  # the law is symmetric; SciPy loses the upper tail
@@ -66,7 +82,11 @@ def test_the_variance_of_the_numbers_that_can_be_drawn_is_1(law: NoiseDistributi
 
     Where the tails are light enough, the factor is that of the whole law.
     """
-    edges = np.unique(np.concatenate([np.arange(2**16), np.geomspace(2**16, 2**31, 40_000).astype(np.int64), [2**31]]))
+    edges = np.unique(
+        np.concatenate(
+            [np.arange(2**16), np.geomspace(2**16, 2**31, 40_000).astype(np.int64), [2**31]]
+        )
+    )
     size, middle = np.diff(edges), 0.5 * (edges[:-1] + edges[1:]) / 2**32
     assert 2 * (size / 2**32) @ law.quantile(middle) ** 2 == pytest.approx(1.0, rel=2e-5)
     if law.shape in (-0.1, 0.0, 0.14, 0.2, 30.0):
@@ -84,10 +104,14 @@ def test_the_mixture_of_normals_of_the_theory_is_the_law(law: NoiseDistribution)
     x = law.quantile(survival)
     found = special.ndtr((means - x[:, None]) / np.sqrt(variances)) @ weights
     np.testing.assert_allclose(found, survival, atol=1e-3)
-    np.testing.assert_allclose(found[100:161], survival[100:161], rtol=0.2)  # from the centre to 3 σ
+    np.testing.assert_allclose(
+        found[100:161], survival[100:161], rtol=0.2
+    )  # from the centre to 3 σ
 
 
-def flat(camera: ms.Camera, photoelectrons: float, shape: tuple[int, int], frames: int = 1) -> ms.Frames:
+def flat(
+    camera: ms.Camera, photoelectrons: float, shape: tuple[int, int], frames: int = 1
+) -> ms.Frames:
     """Frames of light that frees so many electrons in every pixel."""
     qe = camera.quantum_efficiency
     light = np.full(shape, photoelectrons / camera.qe([qe.reference_nm])[0, 0])
@@ -96,9 +120,20 @@ def flat(camera: ms.Camera, photoelectrons: float, shape: tuple[int, int], frame
 
 def camera_with(sigma_dn: float, black_dn: float, dn_per_e: float, **more: Any) -> ms.Camera:
     """One whose read noise is so many DN."""
-    noise = {"source_follower.read_noise_e": sigma_dn / dn_per_e, "adc.black_level_dn": black_dn}
-    gain = {"adc.bits": 12, "adc.full_scale_v": 4096 / dn_per_e * BASE.readout.sense_gain_uv_per_e * 1e-6}
-    still = {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.reset": "true_cds", "pixel.full_well_e": 1e5}
+    noise = {
+        "source_follower.read_noise_e": sigma_dn / dn_per_e,
+        "adc.black_level_dn": black_dn,
+    }
+    gain = {
+        "adc.bits": 12,
+        "adc.full_scale_v": 4096 / dn_per_e * BASE.readout.sense_gain_uv_per_e * 1e-6,
+    }
+    still = {
+        "pixel.prnu": 0.0,
+        "dark_current.cv": 0.0,
+        "readout.reset": "true_cds",
+        "pixel.full_well_e": 1e5,
+    }
     return BASE.replace(**{**noise, **gain, **still, **more})
 
 
@@ -117,7 +152,9 @@ CASES = [
     ],
     ids=str,
 )
-@pytest.mark.parametrize(("sigma_dn", "black_dn", "dn_per_e", "light_e"), one_in(3, CASES, several=True))
+@pytest.mark.parametrize(
+    ("sigma_dn", "black_dn", "dn_per_e", "light_e"), one_in(3, CASES, several=True)
+)
 def test_the_theory_of_a_frame_is_that_of_its_frames(
     shape: dict[str, Any], sigma_dn: float, black_dn: float, dn_per_e: float, light_e: float
 ) -> None:
@@ -130,17 +167,27 @@ def test_the_theory_of_a_frame_is_that_of_its_frames(
     code = frames.digital.astype(np.float64)
     expected = frames.report["stages"][-1]
     mean, sigma = code.mean(), code.std()
-    error = 4 * np.square(code - mean).reshape(64, -1).mean(axis=1).std() / 8 / max(2 * sigma, 1e-9)
-    assert mean == pytest.approx(expected["mean_expected"], abs=max(4 * sigma / math.sqrt(code.size), 0.01))
-    assert sigma == pytest.approx(expected["sigma_temporal_expected"], abs=max(error, 0.003 * sigma, 0.01))
+    error = (
+        4 * np.square(code - mean).reshape(64, -1).mean(axis=1).std() / 8 / max(2 * sigma, 1e-9)
+    )
+    assert mean == pytest.approx(
+        expected["mean_expected"], abs=max(4 * sigma / math.sqrt(code.size), 0.01)
+    )
+    assert sigma == pytest.approx(
+        expected["sigma_temporal_expected"], abs=max(error, 0.003 * sigma, 0.01)
+    )
 
 
 @pytest.mark.parametrize("shape", [HEAVY, STUDENT], ids=str)
 @pytest.mark.parametrize(("sigma_dn", "black_dn"), [(0.3, 10.3), (2.0, 3.0)])
-def test_every_code_is_as_probable_as_the_law_says(shape: dict[str, Any], sigma_dn: float, black_dn: float) -> None:
+def test_every_code_is_as_probable_as_the_law_says(
+    shape: dict[str, Any], sigma_dn: float, black_dn: float
+) -> None:
     """Darkness, 1 000 000 pixels: P(code) = F(code + ½) − F(code − ½) of SciPy's law, and of a normal it is not."""
     frames = flat(camera_with(sigma_dn, black_dn, 1.0, **shape), 0.0, (1000, 1000))
-    seen = np.bincount(frames.digital.ravel().astype(int), minlength=40)[:40] / frames.digital.size
+    seen = (
+        np.bincount(frames.digital.ravel().astype(int), minlength=40)[:40] / frames.digital.size
+    )
     name, parameter = shape.values()
     law = exact((TukeyLambda if name == "tukey_lambda" else StudentT)(parameter))
     edges = (np.arange(41) - 0.5 - black_dn) / sigma_dn
@@ -157,17 +204,23 @@ def test_every_code_is_as_probable_as_the_law_says(shape: dict[str, Any], sigma_
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("sigma_dn", "black_dn", "light_e"), [(0.3, 0.4, 0.0), (3.0, 6.0, 20.0)])
+@pytest.mark.parametrize(
+    ("sigma_dn", "black_dn", "light_e"), [(0.3, 0.4, 0.0), (3.0, 6.0, 20.0)]
+)
 def test_the_clean_frame_of_pixels_with_noise_of_their_own_is_the_mean_of_their_frames(
     sigma_dn: float, black_dn: float, light_e: float
 ) -> None:
     """800 frames of 96 pixels, Student's t of 6 degrees of freedom: z of all means, and the mean of their variances."""
-    camera = camera_with(sigma_dn, black_dn, 1.0, **STUDENT, **{"source_follower.read_noise_cv": 0.5})
+    camera = camera_with(
+        sigma_dn, black_dn, 1.0, **STUDENT, **{"source_follower.read_noise_cv": 0.5}
+    )
     frames = flat(camera, light_e, (8, 12), frames=800)
     found = frames.digital, frames.clean, frames.temporal_variance
     code, clean, variance = (np.asarray(x, np.float64) for x in found)
     z = (code.mean(axis=0) - clean) / np.sqrt(np.maximum(variance, 1e-6) / len(code))
-    assert np.abs(z).max() < 5 and np.square(z).mean() == pytest.approx(1.0, abs=5 * math.sqrt(2 / z.size))
+    assert np.abs(z).max() < 5 and np.square(z).mean() == pytest.approx(
+        1.0, abs=5 * math.sqrt(2 / z.size)
+    )
     assert code.var(axis=0).mean() == pytest.approx(variance.mean(), rel=0.05)
 
 
@@ -175,7 +228,9 @@ def test_float32_differs_from_float64_in_few_pixels() -> None:
     """In 0.1 % of them, by 1 DN, as normal noise does."""
     camera = camera_with(5.0, 30.0, 0.5, **HEAVY)
     one, other = (
-        ms.expose(np.full((200, 500), 500.0), camera, ms.Exposure(0.0), precision=precision).digital.astype(int)
+        ms.expose(
+            np.full((200, 500), 500.0), camera, ms.Exposure(0.0), precision=precision
+        ).digital.astype(int)
         for precision in ("float32", "float64")
     )
     off = np.abs(one - other)
@@ -184,9 +239,13 @@ def test_float32_differs_from_float64_in_few_pixels() -> None:
 
 def test_a_normal_distribution_is_the_camera_of_before() -> None:
     """Equal stages; and its random bits are those of a normal noise, so that frames of both go together."""
-    assert BASE.replace(**{"source_follower.read_noise_distribution": "normal"}).stages == BASE.stages
+    assert (
+        BASE.replace(**{"source_follower.read_noise_distribution": "normal"}).stages
+        == BASE.stages
+    )
     plain, heavy = (
-        flat(camera_with(5.0, 200.0, 1.0, **shape), 0.0, (100, 200)).digital - 200.0 for shape in (NORMAL, HEAVY)
+        flat(camera_with(5.0, 200.0, 1.0, **shape), 0.0, (100, 200)).digital - 200.0
+        for shape in (NORMAL, HEAVY)
     )
     assert np.corrcoef(plain.ravel(), heavy.ravel())[0, 1] > 0.97
 
@@ -194,16 +253,35 @@ def test_a_normal_distribution_is_the_camera_of_before() -> None:
 @pytest.mark.parametrize(
     ("name", "shape", "said"),
     [
-        ("tukey_lambda", None, "read_noise_shape is missing; that of tukey_lambda must be from -0.45 to 0.2"),
-        ("tukey_lambda", -0.5, "read_noise_shape is -0.5; that of tukey_lambda must be from -0.45 to 0.2"),
+        (
+            "tukey_lambda",
+            None,
+            "read_noise_shape is missing; that of tukey_lambda must be from -0.45 to 0.2",
+        ),
+        (
+            "tukey_lambda",
+            -0.5,
+            "read_noise_shape is -0.5; that of tukey_lambda must be from -0.45 to 0.2",
+        ),
         ("student", 2.0, "read_noise_shape is 2; that of student must be from 2.5 to 1000"),
-        ("normal", 0.1, "read_noise_shape is 0.1, and a normal read noise has none; leave it out, or set"),
+        (
+            "normal",
+            0.1,
+            "read_noise_shape is 0.1, and a normal read noise has none; leave it out, or set",
+        ),
         ("cauchy", 0.1, "read_noise_distribution is 'cauchy'"),
     ],
 )
-def test_a_wrong_shape_is_one_sentence_with_the_range(name: str, shape: float | None, said: str) -> None:
+def test_a_wrong_shape_is_one_sentence_with_the_range(
+    name: str, shape: float | None, said: str
+) -> None:
     with pytest.raises(ms.InputError, match=said):
-        BASE.replace(**{"source_follower.read_noise_distribution": name, "source_follower.read_noise_shape": shape})
+        BASE.replace(
+            **{
+                "source_follower.read_noise_distribution": name,
+                "source_follower.read_noise_shape": shape,
+            }
+        )
 
 
 def test_the_overall_gain_is_what_the_cases_say() -> None:

@@ -46,7 +46,10 @@ def test_uncorrelated_sampling_adds_the_variance_of_two_resets() -> None:
     )
     assert stage.sigma_v(SMALL) / 5e-6 == pytest.approx(101.376, rel=1e-5)
     assert stage.sigma_v(SMALL) ** 2 == pytest.approx(2 * hard.sigma_v(SMALL) ** 2, rel=1e-14)
-    with pytest.raises(ms.InputError, match=r"readout\.ktc_residual is 1\.5; it must be less than or equal to 1\.414"):
+    with pytest.raises(
+        ms.InputError,
+        match=r"readout\.ktc_residual is 1\.5; it must be less than or equal to 1\.414",
+    ):
         BASE.replace(**{"readout.ktc_residual": 1.5})
 
 
@@ -55,10 +58,16 @@ def stage_of(camera: ms.Camera, kind: type) -> Any:
     return next(stage for stage in chain(camera) if isinstance(stage, kind))
 
 
-@pytest.mark.parametrize(("reset", "electrons"), [("hard", 71.6835), ("soft", 50.6879), ("true_cds", 0.0)])
-def test_reset_noise_is_ktc_or_what_the_reset_leaves_of_it(reset: str, electrons: float) -> None:
+@pytest.mark.parametrize(
+    ("reset", "electrons"), [("hard", 71.6835), ("soft", 50.6879), ("true_cds", 0.0)]
+)
+def test_reset_noise_is_ktc_or_what_the_reset_leaves_of_it(
+    reset: str, electrons: float
+) -> None:
     """√(k_B·T/C_SN) at 298.15 K with C_SN = q/A_SN = 32.04 fF: 358.417 µV; 1/√2 of it after a soft reset."""
-    stage = stage_of(ms.load_camera("konnik_table1").replace(**{"readout.reset": reset}), ResetNoise)
+    stage = stage_of(
+        ms.load_camera("konnik_table1").replace(**{"readout.reset": reset}), ResetNoise
+    )
     assert stage.sigma_v(SMALL) / 5e-6 == pytest.approx(electrons, rel=1e-5)
     cold = Frame(ms.Exposure(0.1, 298.15 / 4), SensorWindow(3, (1, 1)))
     assert stage.sigma_v(cold) == pytest.approx(stage.sigma_v(SMALL) / 2, rel=1e-12)

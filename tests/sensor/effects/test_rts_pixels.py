@@ -24,7 +24,11 @@ class TestRtsPixels(StageTests):
     stage = RtsPixels
     camera = BASE.replace(
         **{"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 2000.0},
-        **{"dark_current.rts_switching": 0.2, "dark_current.rts_duty": 0.3, "readout.dsnu_col": 0.0},
+        **{
+            "dark_current.rts_switching": 0.2,
+            "dark_current.rts_duty": 0.3,
+            "readout.dsnu_col": 0.0,
+        },
     )
     without = {"dark_current.rts_fraction": 0.0}
     neutral = (RtsPixels(0.0, 100.0, 0.1, 0.5), RtsPixels(0.5, 0.0, 0.1, 0.5))
@@ -33,7 +37,10 @@ class TestRtsPixels(StageTests):
 
 class TestRtsPixelsGivenAtAnotherTemperature(TestRtsPixels):
     camera = TestRtsPixels.camera.replace(
-        **{"dark_current.rts_at_temperature_k": 320.0, "dark_current.rts_amplitude_e_per_s": 8000.0},
+        **{
+            "dark_current.rts_at_temperature_k": 320.0,
+            "dark_current.rts_amplitude_e_per_s": 8000.0,
+        },
         **{"dark_current.rts_switching": 0.8},
     )
 
@@ -46,11 +53,18 @@ STEP, DUTY = 200.0, 0.3
 """100 e-/s for 2 s, on for 30 % of the time."""
 
 
-def states(share: float, switching: float, indices: Any, shape: tuple[int, int] = (100, 200)) -> Any:
+def states(
+    share: float, switching: float, indices: Any, shape: tuple[int, int] = (100, 200)
+) -> Any:
     """(N, H, W) electrons of the traps in some frames."""
     stage, window = RtsPixels(share, STEP / 2, switching, DUTY), SensorWindow(7, shape)
     frames = [Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
-    return np.array([np.broadcast_to(stage.sample(Electrons(np.zeros(shape)), frame).dark, shape) for frame in frames])
+    return np.array(
+        [
+            np.broadcast_to(stage.sample(Electrons(np.zeros(shape)), frame).dark, shape)
+            for frame in frames
+        ]
+    )
 
 
 def test_a_trap_has_two_states_and_the_moments_of_their_distribution() -> None:
@@ -61,16 +75,24 @@ def test_a_trap_has_two_states_and_the_moments_of_their_distribution() -> None:
     x = states(0.5, 0.1, range(0, 1200, 100))
     stage = RtsPixels(0.5, STEP / 2, 0.1, DUTY)
     m = stage.moments(Moments(0.0, 0.0, 0.0, Frame(ms.Exposure(2.0), SensorWindow(7, (1, 1)))))
-    assert (m.mean, m.temporal, m.spatial) == pytest.approx((30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12)
+    assert (m.mean, m.temporal, m.spatial) == pytest.approx(
+        (30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12
+    )
     assert set(np.unique(x)) == {0.0, STEP}
     temporal = x.var(axis=0, ddof=1)
     spatial = (x.mean(axis=0) - m.mean) ** 2 - temporal / 12
-    for seen, expected in ((x.mean(axis=0), m.mean), (temporal, m.temporal), (spatial, m.spatial)):
+    for seen, expected in (
+        (x.mean(axis=0), m.mean),
+        (temporal, m.temporal),
+        (spatial, m.spatial),
+    ):
         assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(seen.size)
 
 
 @pytest.mark.parametrize("switching", [0.1, 0.5, 1.0])
-def test_the_state_of_a_trap_is_forgotten_by_one_minus_switching_per_frame(switching: float) -> None:
+def test_the_state_of_a_trap_is_forgotten_by_one_minus_switching_per_frame(
+    switching: float,
+) -> None:
     """Correlation (1 − switching)^Δ over 40 frames of 20 000 traps, 5 standard errors from the spread of the traps.
 
     At switching = 0.1 that is 0.004 of the correlation at Δ = 1, and 2.8 % of the number of changes.
@@ -79,14 +101,22 @@ def test_the_state_of_a_trap_is_forgotten_by_one_minus_switching_per_frame(switc
     assert np.abs(x[[0, 1, 20, 39]].mean(axis=(1, 2))).max() < 5 / math.sqrt(20_000)
     for lag in (1, 2, 5, 20):
         pairs = np.mean(x[lag:] * x[:-lag], axis=0)
-        assert pairs.mean() == pytest.approx((1 - switching) ** lag, abs=5 * pairs.std() / math.sqrt(pairs.size))
+        assert pairs.mean() == pytest.approx(
+            (1 - switching) ** lag, abs=5 * pairs.std() / math.sqrt(pairs.size)
+        )
     changes = np.mean(x[1:] != x[:-1], axis=0)
     expected = switching * 2 * DUTY * (1 - DUTY)
-    assert changes.mean() == pytest.approx(expected, abs=5 * changes.std() / math.sqrt(changes.size))
+    assert changes.mean() == pytest.approx(
+        expected, abs=5 * changes.std() / math.sqrt(changes.size)
+    )
 
 
-@pytest.mark.parametrize(("switching", "block"), [(0.1, 2**8), (0.01, 2**12), (1e-4, 2**18), (1e-9, 2**32)])
-def test_traps_forget_at_the_same_rate_across_blocks_of_frames(switching: float, block: int) -> None:
+@pytest.mark.parametrize(
+    ("switching", "block"), [(0.1, 2**8), (0.01, 2**12), (1e-4, 2**18), (1e-9, 2**32)]
+)
+def test_traps_forget_at_the_same_rate_across_blocks_of_frames(
+    switching: float, block: int
+) -> None:
     """Lags from 1 frame to two lifetimes, ending and beginning on both sides of two borders; 20 000 traps.
 
     5 standard errors of a correlation are at most 0.05 (from the spread of the traps), of the duty 0.016.
@@ -94,7 +124,11 @@ def test_traps_forget_at_the_same_rate_across_blocks_of_frames(switching: float,
     life = min(max(round(1 / switching), 1), 2**30)
     border = block if block < 2**32 else 2**31
     lags = sorted({1, max(life // 10, 1), life, 2 * life})
-    pairs = [(start, start + lag) for lag in lags for start in (border - lag, border - (lag + 1) // 2, border, 3)]
+    pairs = [
+        (start, start + lag)
+        for lag in lags
+        for start in (border - lag, border - (lag + 1) // 2, border, 3)
+    ]
     indices = sorted({index for pair in pairs for index in pair})
     on = dict(zip(indices, states(1.0, switching, indices) / STEP, strict=True))
     for x in on.values():
@@ -102,7 +136,9 @@ def test_traps_forget_at_the_same_rate_across_blocks_of_frames(switching: float,
     for early, late in pairs:
         product = (on[early] - DUTY) * (on[late] - DUTY) / (DUTY * (1 - DUTY))
         expected = (1 - switching) ** (late - early)
-        assert product.mean() == pytest.approx(expected, abs=5 * product.std() / math.sqrt(product.size))
+        assert product.mean() == pytest.approx(
+            expected, abs=5 * product.std() / math.sqrt(product.size)
+        )
 
 
 def test_a_frame_alone_is_that_frame_of_a_stream_whatever_its_number() -> None:
@@ -132,7 +168,9 @@ def test_a_state_between_two_known_ones_follows_from_them_by_bayes_rule(rate: fl
         for before in (0.0, 1.0):
             to_on = duty + (before - duty) * math.exp(-rate * half)
             ends = duty + (before - duty) * math.exp(-2 * rate * half)
-            middle = [float(traps._between(bool(before), after, half)) for after in (True, False)]
+            middle = [
+                float(traps._between(bool(before), after, half)) for after in (True, False)
+            ]
             assert ends * middle[0] + (1 - ends) * middle[1] == pytest.approx(to_on, rel=1e-9)
 
 
@@ -148,13 +186,19 @@ def test_amplitude_and_switching_cool_each_with_its_activation_energy(
     """exp(E_a/k·(1/300 − 1/T)), written out for 0.57 and 0.9 eV; darkness at 0 K, and hardly anything at 120 K."""
     frame = Frame(ms.Exposure(2.0, kelvin), SensorWindow(7, (1, 1)))
     for energy, factor in ((0.57, amplitude), (0.9, rate)):
-        assert math.exp(energy / 8.617333262e-5 * (1 / 300 - 1 / kelvin)) == pytest.approx(factor, rel=1e-6, abs=0)
+        assert math.exp(energy / 8.617333262e-5 * (1 / 300 - 1 / kelvin)) == pytest.approx(
+            factor, rel=1e-6, abs=0
+        )
     assert COOLED.step_e(frame) == pytest.approx(STEP * amplitude, rel=1e-6, abs=0)
     assert COOLED.traps(frame).rate == pytest.approx(-math.log(0.9) * rate, rel=1e-6, abs=0)
     m = COOLED.moments(Moments(0.0, 0.0, 0.0, frame))
-    assert (m.mean, m.temporal) == pytest.approx((DUTY * COOLED.step_e(frame), 0.21 * COOLED.step_e(frame) ** 2))
+    assert (m.mean, m.temporal) == pytest.approx(
+        (DUTY * COOLED.step_e(frame), 0.21 * COOLED.step_e(frame) ** 2)
+    )
     cold = Frame(ms.Exposure(2.0, 0.0), SensorWindow(7, (3, 4)), 5, 9)
-    assert COOLED.step_e(cold) == 0.0 and not np.any(COOLED.sample(Electrons(np.zeros((3, 4))), cold).dark)
+    assert COOLED.step_e(cold) == 0.0 and not np.any(
+        COOLED.sample(Electrons(np.zeros((3, 4))), cold).dark
+    )
 
 
 def test_traps_of_a_cooled_sensor_switch_more_slowly() -> None:
@@ -164,18 +208,30 @@ def test_traps_of_a_cooled_sensor_switch_more_slowly() -> None:
     product = (on[0] - DUTY) * (on[1] - DUTY) / (DUTY * (1 - DUTY))
     expected = math.exp(-40 * warm * math.exp(0.9 / 8.617333262e-5 * (1 / 300 - 1 / 280)))
     assert expected == pytest.approx(0.704, abs=1e-3)
-    assert product.mean() == pytest.approx(expected, abs=5 * product.std() / math.sqrt(product.size))
+    assert product.mean() == pytest.approx(
+        expected, abs=5 * product.std() / math.sqrt(product.size)
+    )
 
 
-def test_the_temperature_of_the_traps_is_their_own_else_that_of_the_dark_current_else_300_k() -> None:
+def test_the_temperature_of_the_traps_is_their_own_else_that_of_the_dark_current_else_300_k() -> (
+    None
+):
     rts = {"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 10.0}
     rate = {
         "dark_current.fom_na_per_cm2": None,
         "dark_current.rate_e_per_s": 5.0,
         "dark_current.at_temperature_k": 293.0,
     }
-    for change, kelvin in (({}, 300.0), (rate, 293.0), (rate | {"dark_current.rts_at_temperature_k": 273.0}, 273.0)):
-        stage = next(stage for stage in chain(BASE.replace(**rts | change)) if isinstance(stage, RtsPixels))
+    for change, kelvin in (
+        ({}, 300.0),
+        (rate, 293.0),
+        (rate | {"dark_current.rts_at_temperature_k": 273.0}, 273.0),
+    ):
+        stage = next(
+            stage
+            for stage in chain(BASE.replace(**rts | change))
+            if isinstance(stage, RtsPixels)
+        )
         assert stage == RtsPixels(0.1, 10.0, 0.1, 0.5, kelvin, 0.57, 0.9)
 
 

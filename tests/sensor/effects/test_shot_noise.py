@@ -37,16 +37,27 @@ def test_shot_noise_gives_whole_electrons_of_light_and_dark_apart() -> None:
     after = ShotNoise().sample(CHARGE, SMALL)
     for part in (after.light, after.dark):
         np.testing.assert_array_equal(part, np.floor(part))
-    assert np.abs(np.corrcoef(after.light.ravel() - CHARGE.light.ravel(), after.dark.ravel())[0, 1]) < 5 / np.sqrt(200)
+    assert np.abs(
+        np.corrcoef(after.light.ravel() - CHARGE.light.ravel(), after.dark.ravel())[0, 1]
+    ) < 5 / np.sqrt(200)
 
 
-LEVELS_E = ((1e-3, 1e-3), (0.4, 3.0), (30.0, 4.0), (900.0, 1100.0), (16_500.0, 174.0), (5.0, 2e4))
+LEVELS_E = (
+    (1e-3, 1e-3),
+    (0.4, 3.0),
+    (30.0, 4.0),
+    (900.0, 1100.0),
+    (16_500.0, 174.0),
+    (5.0, 2e4),
+)
 """Mean photoelectrons and dark electrons."""
 
 
 @pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
 @pytest.mark.parametrize("means_e", LEVELS_E)
-def test_both_parts_of_a_count_are_poisson_and_independent(means_e: tuple[float, float], backend: Backend) -> None:
+def test_both_parts_of_a_count_are_poisson_and_independent(
+    means_e: tuple[float, float], backend: Backend
+) -> None:
     """2^18 draws: mean and variance of each, and their covariance, within 5 standard errors.
 
     60 comparisons at P(|z| > 5) = 6e-7: one other seed in 30 000 would fail.
@@ -54,9 +65,15 @@ def test_both_parts_of_a_count_are_poisson_and_independent(means_e: tuple[float,
     draws, (light, dark) = 2**18, means_e
     frame = Frame(ms.Exposure(0.1), SensorWindow(3, (1, draws), backend=backend))
     after = ShotNoise().sample(
-        Electrons(backend.from_numpy(np.full((1, draws), light), frame.window), frame.number(dark)), frame
+        Electrons(
+            backend.from_numpy(np.full((1, draws), light), frame.window), frame.number(dark)
+        ),
+        frame,
     )
-    away = [np.asarray(n, dtype=np.float64) - mean for n, mean in ((after.light, light), (after.dark, dark))]
+    away = [
+        np.asarray(n, dtype=np.float64) - mean
+        for n, mean in ((after.light, light), (after.dark, dark))
+    ]
     np.testing.assert_array_equal(after.light + after.dark, after.total)
     for x, mean in zip(away, means_e, strict=True):
         assert x.min() >= -mean and abs(x.mean()) < 5 * np.sqrt(mean / draws)
@@ -66,13 +83,23 @@ def test_both_parts_of_a_count_are_poisson_and_independent(means_e: tuple[float,
 
 @pytest.mark.parametrize("engine", ["numpy", pytest.param("drjit", marks=compiled)])
 def test_the_count_is_the_same_whether_its_parts_are_asked_for_or_not(engine: str) -> None:
-    light, camera = np.geomspace(0.01, 1e5, 60 * 50).reshape(60, 50), ms.load_camera("konnik_table1")
+    light, camera = (
+        np.geomspace(0.01, 1e5, 60 * 50).reshape(60, 50),
+        ms.load_camera("konnik_table1"),
+    )
     how: Any = {"engine": engine, "keep": "electrons"}
     one = ms.expose(light, camera, ms.Exposure(0.1), **how)
     apart = ms.expose(
-        light, camera, ms.Exposure(0.1), **how | {"keep": ("photoelectrons", "dark_electrons", "electrons")}
+        light,
+        camera,
+        ms.Exposure(0.1),
+        **how | {"keep": ("photoelectrons", "dark_electrons", "electrons")},
     )
-    assert apart.photoelectrons is not None and apart.dark_electrons is not None and apart.electrons is not None
+    assert (
+        apart.photoelectrons is not None
+        and apart.dark_electrons is not None
+        and apart.electrons is not None
+    )
     np.testing.assert_array_equal(one.digital, apart.digital)
     np.testing.assert_array_equal(one.electrons, apart.electrons)
     np.testing.assert_array_equal(apart.photoelectrons + apart.dark_electrons, apart.electrons)
@@ -81,14 +108,18 @@ def test_the_count_is_the_same_whether_its_parts_are_asked_for_or_not(engine: st
 def test_a_frame_is_not_split_unless_somebody_asks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Frame, "split", None)
     camera = ms.load_camera("konnik_table1")
-    assert ms.expose(np.full((8, 9), 1e3), camera, ms.Exposure(0.1), keep=("electrons", "volts")).report
+    assert ms.expose(
+        np.full((8, 9), 1e3), camera, ms.Exposure(0.1), keep=("electrons", "volts")
+    ).report
     with pytest.raises(TypeError):
         ms.expose(np.full((8, 9), 1e3), camera, ms.Exposure(0.1), keep="photoelectrons")
 
 
 def test_electrons_with_other_photoelectrons_are_the_sum_of_both() -> None:
     after = ShotNoise().sample(CHARGE, SMALL)
-    np.testing.assert_array_equal(replace(after, light=after.light + 1.0).total, after.total + 1.0)
+    np.testing.assert_array_equal(
+        replace(after, light=after.light + 1.0).total, after.total + 1.0
+    )
 
 
 def test_a_pixel_twice_as_hot_has_twice_the_dark_shot_variance() -> None:

@@ -11,7 +11,10 @@ from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.effects.source_follower import NonlinearSourceFollower, SourceFollower
+from mitsuba_sensor.stages.effects.source_follower import (
+    NonlinearSourceFollower,
+    SourceFollower,
+)
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 
 BASE = ms.load_camera("konnik_table1")
@@ -25,14 +28,20 @@ class TestSourceFollowerNoise(StageTests):
 
 
 class TestReadNoiseOfADatasheet(TestSourceFollowerNoise):
-    camera = BASE.replace(**{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 20.0})
+    camera = BASE.replace(
+        **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 20.0}
+    )
     without = {"source_follower.read_noise_e": 0.0}
     level = 0.0
 
 
 class TestTelegraphNoiseInABand(TestSourceFollowerNoise):
     camera = BASE.replace(
-        **{"source_follower.band_hz": [10.0, 2e7], "source_follower.rtn_uv": 200.0, "source_follower.rtn_s": 1e-6},
+        **{
+            "source_follower.band_hz": [10.0, 2e7],
+            "source_follower.rtn_uv": 200.0,
+            "source_follower.rtn_s": 1e-6,
+        },
         **{"adc.bits": 16},
     )
 
@@ -61,7 +70,9 @@ class TestSourceFollower(StageTests):
 
 class TestNonlinearSourceFollower(StageTests):
     stage = NonlinearSourceFollower
-    camera = BASE.replace(**{"source_follower.vv_nonlinearity": 1.05, "source_follower.gain": 0.85})
+    camera = BASE.replace(
+        **{"source_follower.vv_nonlinearity": 1.05, "source_follower.gain": 0.85}
+    )
     neutral = (NonlinearSourceFollower(1.0, 1.0, 0.165),)
     level = 0.6
 
@@ -86,43 +97,64 @@ def test_telegraph_noise_reaches_the_chain_of_a_cmos_sensor_only() -> None:
     [
         (None, ""),
         ([1.0, 20e6], ""),
-        ([1.0, 1e4], r"band_hz \[1\.0, 10000\.0\] leaves 0\.\d+ of 6\.11 e- of read noise, [\d.]+ %"),
+        (
+            [1.0, 1e4],
+            r"band_hz \[1\.0, 10000\.0\] leaves 0\.\d+ of 6\.11 e- of read noise, [\d.]+ %",
+        ),
         ([1e5, 1e6], r"leaves \d\.\d+ of 6\.11 e-"),
     ],
     ids=str,
 )
-def test_a_band_that_cuts_more_than_1_percent_of_the_noise_is_noted(band_hz: Any, said: str) -> None:
+def test_a_band_that_cuts_more_than_1_percent_of_the_noise_is_noted(
+    band_hz: Any, said: str
+) -> None:
     """The paper's 20 MHz leave 6.0948 of 6.1051 e-, 99.8 %; 10 kHz next to nothing. In metadata, and with a gain."""
     for gain in (1.0, 0.8):
-        camera = BASE.replace(**{"source_follower.band_hz": band_hz, "source_follower.gain": gain})
+        camera = BASE.replace(
+            **{"source_follower.band_hz": band_hz, "source_follower.gain": gain}
+        )
         notes = camera.to_dict().get("notes", [])
         assert tuple(notes) == camera.notes and len(notes) == bool(said)
         if said and gain == 1.0:
             assert re.search(said, notes[0]), notes
         if said:
-            left, of = (float(x) for x in re.findall(r"leaves ([\d.]+) of ([\d.]+) e-", notes[0])[0])
+            left, of = (
+                float(x) for x in re.findall(r"leaves ([\d.]+) of ([\d.]+) e-", notes[0])[0]
+            )
             sigma = stage_of(camera, SourceFollowerNoise).sigma_v / 5e-6
-            assert left == pytest.approx(sigma, rel=6e-3) and of == pytest.approx(6.105069 / gain, rel=6e-3)
+            assert left == pytest.approx(sigma, rel=6e-3) and of == pytest.approx(
+                6.105069 / gain, rel=6e-3
+            )
     datasheet = {"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 3.0}
     assert not BASE.replace(**{"source_follower.band_hz": band_hz}, **datasheet).notes
 
 
 @pytest.mark.parametrize("gain", [0.7, 0.9, 1.0])
-def test_read_noise_in_electrons_follows_the_gain_of_the_follower_only_where_it_is_made(gain: float) -> None:
+def test_read_noise_in_electrons_follows_the_gain_of_the_follower_only_where_it_is_made(
+    gain: float,
+) -> None:
     """σ_SF[e-] = √(∫S·H)/(A_SN·A_SF·(1 − e^(−a))); a datasheet's read_noise_e is in electrons already."""
     camera = ms.load_camera("konnik_table1").replace(**{"source_follower.gain": gain})
-    assert stage_of(camera, SourceFollowerNoise).sigma_v / 5e-6 == pytest.approx(6.105069 / gain, rel=1e-6)
+    assert stage_of(camera, SourceFollowerNoise).sigma_v / 5e-6 == pytest.approx(
+        6.105069 / gain, rel=1e-6
+    )
     given = {"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 3.0}
-    assert stage_of(camera.replace(**given), SourceFollowerNoise).sigma_v / 5e-6 == pytest.approx(3.0, rel=1e-12)
+    assert stage_of(
+        camera.replace(**given), SourceFollowerNoise
+    ).sigma_v / 5e-6 == pytest.approx(3.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("cv", [0.1, 0.5, 1.0, 3.0])
-def test_the_read_noise_of_the_pixels_has_the_rms_of_the_datasheet_and_the_spread_asked_for(cv: float) -> None:
+def test_the_read_noise_of_the_pixels_has_the_rms_of_the_datasheet_and_the_spread_asked_for(
+    cv: float,
+) -> None:
     """1e6 pixels: ln σ is normal with variance ln(1 + cv²) and mean ln 5 − that: rms 5 e-, mean 5/√(1 + cv²).
 
     Of a normal law mean and variance are known within 5 standard errors: s/200 and 0.7 %.
     """
-    camera = BASE.replace(**{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 5.0})
+    camera = BASE.replace(
+        **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 5.0}
+    )
     camera = camera.replace(**{"source_follower.read_noise_cv": cv})
     x = np.log(ms.fpn_maps(camera, (1000, 1000), precision="float64")["read_noise"])
     variance = np.log1p(cv**2)
@@ -137,16 +169,25 @@ def test_every_pixel_has_the_noise_of_its_map_and_a_measured_map_stands_in_for_i
         **{"source_follower.read_noise_cv": 0.4, "adc.bits": 16, "adc.black_level_dn": 2000.0},
     )
     sigma = np.repeat([[0.0, 10.0, 50.0, 200.0]], 40, axis=0)
-    frames = ms.expose(np.zeros((40, 4)), camera, ms.Exposure(0.0), frames=400, maps={"read_noise": sigma})
-    seen = np.sqrt((frames.digital / frames.report["K_dn_per_e"]).var(axis=0, ddof=1).mean(axis=0))
+    frames = ms.expose(
+        np.zeros((40, 4)), camera, ms.Exposure(0.0), frames=400, maps={"read_noise": sigma}
+    )
+    seen = np.sqrt(
+        (frames.digital / frames.report["K_dn_per_e"]).var(axis=0, ddof=1).mean(axis=0)
+    )
     rounding = 1 / 12 / frames.report["K_dn_per_e"] ** 2
     assert seen[0] == 0.0
     np.testing.assert_allclose(seen[1:], np.sqrt(sigma[0, 1:] ** 2 + rounding), rtol=0.028)
-    expected = frames.report["stages"][-1]["sigma_temporal_expected"] / frames.report["K_dn_per_e"]
+    expected = (
+        frames.report["stages"][-1]["sigma_temporal_expected"] / frames.report["K_dn_per_e"]
+    )
     assert expected == pytest.approx(np.sqrt((sigma**2).mean() + rounding), rel=1e-3)
     own = ms.fpn_maps(camera, (40, 4))["read_noise"]
     light = np.full((40, 4), 1000.0)
-    given, made = (ms.expose(light, camera, ms.Exposure(0.0), maps=maps).digital for maps in ({"read_noise": own}, {}))
+    given, made = (
+        ms.expose(light, camera, ms.Exposure(0.0), maps=maps).digital
+        for maps in ({"read_noise": own}, {})
+    )
     np.testing.assert_array_equal(given, made)
 
 
@@ -166,6 +207,8 @@ def test_pixels_that_are_all_alike_have_no_map_and_the_frames_of_before() -> Non
 def test_darkness_stays_at_the_black_level_for_every_gain_of_the_follower() -> None:
     """A_SF acts on the swing: on the node voltage, 0.9 would move darkness by 0.31 V, most of the range."""
     for gain in (0.7, 0.9, 1.0):
-        camera = ms.load_camera("konnik_table1").replace(**{"source_follower.gain": gain, "adc.black_level_dn": 100.0})
+        camera = ms.load_camera("konnik_table1").replace(
+            **{"source_follower.gain": gain, "adc.black_level_dn": 100.0}
+        )
         digital = ms.expose(np.zeros((4, 4000)), camera, ms.Exposure(0.0)).digital
         assert digital.mean() == pytest.approx(100, abs=5 * 4.2 / np.sqrt(4000))

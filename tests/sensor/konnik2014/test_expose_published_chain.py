@@ -28,10 +28,22 @@ LIGHT = np.linspace(0.0, 60_000.0, 15 * 20).reshape(15, 20)
 PUBLISHED: dict[str, Any] = {"chain": "konnik2014"}
 
 
-@pytest.mark.parametrize("changes", [{}, {"adc.bits": 8}, {"readout.reset": "hard", "pixel.prnu": 0.02}], ids=str)
+@pytest.mark.parametrize(
+    "changes", [{}, {"adc.bits": 8}, {"readout.reset": "hard", "pixel.prnu": 0.02}], ids=str
+)
 def test_expose_gives_the_numbers_of_the_published_chain(changes: dict[str, Any]) -> None:
     camera = TABLE1.replace(**changes)
-    frames = ms.expose(LIGHT, camera, EXPOSURE, seed=5, serial=9, frames=2, first_frame=3, origin=(7, 11), **PUBLISHED)
+    frames = ms.expose(
+        LIGHT,
+        camera,
+        EXPOSURE,
+        seed=5,
+        serial=9,
+        frames=2,
+        first_frame=3,
+        origin=(7, 11),
+        **PUBLISHED,
+    )
     stages = chain_of(Konnik2014Settings.from_camera(camera))
     window = SensorWindow(9, LIGHT.shape, (7, 11), camera=camera.name)
     for index in range(2):
@@ -42,7 +54,9 @@ def test_expose_gives_the_numbers_of_the_published_chain(changes: dict[str, Any]
 
 def test_it_is_another_chain_than_the_default_which_is_physics() -> None:
     default = ms.expose(LIGHT, TABLE1, EXPOSURE).digital
-    np.testing.assert_array_equal(ms.expose(LIGHT, TABLE1, EXPOSURE, chain="physical").digital, default)
+    np.testing.assert_array_equal(
+        ms.expose(LIGHT, TABLE1, EXPOSURE, chain="physical").digital, default
+    )
     assert (ms.expose(LIGHT, TABLE1, EXPOSURE, **PUBLISHED).digital != default).mean() > 0.5
     parameter = inspect.signature(ms.expose).parameters["chain"]
     assert parameter.default == "physical" and "konnik2014" in str(parameter.annotation)
@@ -60,7 +74,9 @@ def test_the_noise_budget_names_every_stage_and_theory_and_frame_agree() -> None
     assert report["stages"][-1]["mean_frame"] == pytest.approx(frames.digital.mean())
 
 
-@pytest.mark.parametrize(("bits", "kind"), [(7, np.uint8), (8, np.uint16), (12, np.uint16), (16, np.uint32)])
+@pytest.mark.parametrize(
+    ("bits", "kind"), [(7, np.uint8), (8, np.uint16), (12, np.uint16), (16, np.uint32)]
+)
 def test_the_code_too_many_fits_into_the_type(bits: int, kind: type) -> None:
     """The published converter clips at 2^bits, one code above the range; it must not wrap to 0."""
     camera = TABLE1.replace(**{"adc.bits": bits})
@@ -70,18 +86,25 @@ def test_the_code_too_many_fits_into_the_type(bits: int, kind: type) -> None:
 
 
 def test_one_wavelength_may_come_as_a_band_and_signals_can_be_kept() -> None:
-    flat = ms.expose(LIGHT, TABLE1, EXPOSURE, keep=("photons", "electrons", "volts"), **PUBLISHED)
+    flat = ms.expose(
+        LIGHT, TABLE1, EXPOSURE, keep=("photons", "electrons", "volts"), **PUBLISHED
+    )
     band = ms.expose(LIGHT[..., None], TABLE1, EXPOSURE, wavelengths_nm=[550.0], **PUBLISHED)
     np.testing.assert_array_equal(flat.digital, band.digital)
     np.testing.assert_array_equal(flat.photons[0], LIGHT)
     np.testing.assert_array_equal(flat.electrons, np.floor(flat.electrons))
-    assert flat.electrons.max() == 33_000 and 2.9 < flat.volts.min() < flat.volts.max() < 3.15, (
-        "node voltages, V_REF − S"
-    )
+    assert (
+        flat.electrons.max() == 33_000 and 2.9 < flat.volts.min() < flat.volts.max() < 3.15
+    ), "node voltages, V_REF − S"
 
 
 CANNOT: dict[str, tuple[Any, str, dict[str, Any], str]] = {
-    "unknown name": (LIGHT, "konnik_table1", {"chain": "konnik"}, "chain is 'konnik'; it must be one of physical, kon"),
+    "unknown name": (
+        LIGHT,
+        "konnik_table1",
+        {"chain": "konnik"},
+        "chain is 'konnik'; it must be one of physical, kon",
+    ),
     "no name": (LIGHT, "konnik_table1", {"chain": None}, "chain is None; it must be"),
     "a cube": (
         np.ones((3, 4, 2)),
@@ -90,7 +113,12 @@ CANNOT: dict[str, tuple[Any, str, dict[str, Any], str]] = {
         "2 bands and the published code has one",
     ),
     "colour filters": (LIGHT, "bayer_2mp", PUBLISHED, r"3 colour filter\(s\)"),
-    "measured maps": (LIGHT, "konnik_table1", {**PUBLISHED, "maps": {"prnu": np.ones((15, 20))}}, "makes its own"),
+    "measured maps": (
+        LIGHT,
+        "konnik_table1",
+        {**PUBLISHED, "maps": {"prnu": np.ones((15, 20))}},
+        "makes its own",
+    ),
 }
 
 
@@ -118,7 +146,9 @@ def test_the_command_line_renders_one_wavelength_with_the_published_chain(
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
     assert report["chain"] == "konnik2014" and report["effects"] == []
     raw = tifffile.imread(tmp_path / "out" / "frame.tiff")
-    assert raw.shape == (12, 16) and raw.mean() == pytest.approx(report["stages"][-1]["mean_frame"])
+    assert raw.shape == (12, 16) and raw.mean() == pytest.approx(
+        report["stages"][-1]["mean_frame"]
+    )
     again = cli(
         "expose",
         tmp_path / "out" / "irradiance.exr",
@@ -133,7 +163,12 @@ def test_the_command_line_renders_one_wavelength_with_the_published_chain(
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "again" / "frame.tiff"), raw)
 
 
-def test_the_command_line_refuses_a_cube_with_a_sentence(light_file: Path, tmp_path: Path, cli: Any) -> None:
+def test_the_command_line_refuses_a_cube_with_a_sentence(
+    light_file: Path, tmp_path: Path, cli: Any
+) -> None:
     done = cli("expose", light_file, "-o", tmp_path / "out", "--chain", "konnik2014")
-    assert done.exit_code == 2 and "3 bands and the published code has one wavelength" in done.stderr
+    assert (
+        done.exit_code == 2
+        and "3 bands and the published code has one wavelength" in done.stderr
+    )
     assert not (tmp_path / "out").exists()

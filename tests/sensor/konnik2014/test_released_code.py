@@ -88,7 +88,9 @@ def column(name: str, parameter: float) -> dict[str, Any]:
 FULL = {
     "full/simple": SIMPLE,
     "full/advanced": ADVANCED,
-    "full/advanced+paper_nonlinear_VV1.05_ADC1.04": replace(ADVANCED, vv_gamma=1.05, adc_gamma=1.04),
+    "full/advanced+paper_nonlinear_VV1.05_ADC1.04": replace(
+        ADVANCED, vv_gamma=1.05, adc_gamma=1.04
+    ),
     "full/advanced+Ve_only_0.05": replace(ADVANCED, ve_alpha=0.05),
     "full/advanced+VV_only_1.05": replace(ADVANCED, vv_gamma=1.05),
     "full/advanced+ADC_only_1.04": replace(ADVANCED, adc_gamma=1.04),
@@ -157,8 +159,13 @@ def settings_of(record: dict[str, Any]) -> Konnik2014Settings:
 
 def photons_of(record: dict[str, Any], shape: tuple[int, int]) -> Photons:
     """The records' CCD has a fill factor of 1: at the same level its irradiance is half that of the CMOS sensor."""
-    fill = 1.0 if record["sensor"] == "CCD" else REFERENCE["parameters"]["table1"]["fill_factor"]
-    per_irradiance = REFERENCE["derived"]["photons_per_W_m2_table1"] / REFERENCE["parameters"]["table1"]["fill_factor"]
+    fill = (
+        1.0 if record["sensor"] == "CCD" else REFERENCE["parameters"]["table1"]["fill_factor"]
+    )
+    per_irradiance = (
+        REFERENCE["derived"]["photons_per_W_m2_table1"]
+        / REFERENCE["parameters"]["table1"]["fill_factor"]
+    )
     return Photons(np.full(shape, record["irradiance_W_m2"] * per_irradiance * fill))
 
 
@@ -187,7 +194,9 @@ def trace(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, 
     seen["frac_neg_e"] = seen["electrons_raw"] < 0
     seen["frac_DN_0"] = seen["DN"] <= 0
     seen["frac_DN_Nmax"] = seen["DN"] >= stages[-1].highest
-    return {name: np.broadcast_to(x, frame.window.shape).astype(float) for name, x in seen.items()}
+    return {
+        name: np.broadcast_to(x, frame.window.shape).astype(float) for name, x in seen.items()
+    }
 
 
 def squared_errors(x: Any) -> tuple[float, float]:
@@ -208,12 +217,16 @@ def compare(label: str, what: str, x: Any, stats: Any) -> Iterator[Deviation]:
     if what.startswith("frac"):
         p = (mean * ROWS + theirs[0] * RECORD_ROWS) / (ROWS + RECORD_ROWS)
         variance = max(variance, p * (1 - p) * (1 / x.size + 1 / (RECORD_ROWS * COLUMNS)))
-    yield Deviation(label, f"{what} mean", mean, theirs[0], in_sigma(mean - theirs[0], variance))
+    yield Deviation(
+        label, f"{what} mean", mean, theirs[0], in_sigma(mean - theirs[0], variance)
+    )
     if len(theirs) > 1:
         squares = (x - mean) ** 2
         std = math.sqrt(squares.mean())
         error = sum(squared_errors(squares)) / (4 * std**2) if std > 0 else 0.0
-        yield Deviation(label, f"{what} std", std, theirs[1], in_sigma(std - theirs[1], error + rounding))
+        yield Deviation(
+            label, f"{what} std", std, theirs[1], in_sigma(std - theirs[1], error + rounding)
+        )
 
 
 def in_sigma(difference: float, variance: float) -> float:
@@ -222,11 +235,15 @@ def in_sigma(difference: float, variance: float) -> float:
     return abs(difference) / math.sqrt(variance)
 
 
-def deviations(rows: int = ROWS, seed: int = 1, records: list[dict[str, Any]] = RECORDS) -> Iterator[Deviation]:
+def deviations(
+    rows: int = ROWS, seed: int = 1, records: list[dict[str, Any]] = RECORDS
+) -> Iterator[Deviation]:
     """All comparisons of all records; with rows=1300 the frames are as large as the records'."""
     for number, record in enumerate(records):
         stages = chain_of(settings_of(record))
-        frame = Frame(EXPOSURE, window_of(record["config"], rows, seed), seed=seed + 1000 * number)
+        frame = Frame(
+            EXPOSURE, window_of(record["config"], rows, seed), seed=seed + 1000 * number
+        )
         seen = trace(stages, photons_of(record, (rows, COLUMNS)), frame)
         label = f"{record['config']} {record['sensor']} {record['level']:g}"
         for what, stats in record["stats"].items():
@@ -239,7 +256,11 @@ def confirmed(found: list[Deviation], seed: int = 99) -> list[Deviation]:
     suspects = {d.record for d in found if d.sigma > LIMIT}
     names = {(d.record, d.what) for d in found if d.sigma > LIMIT}
     again = [r for r in RECORDS if f"{r['config']} {r['sensor']} {r['level']:g}" in suspects]
-    return [d for d in deviations(RECORD_ROWS, seed, again) if (d.record, d.what) in names and d.sigma > LIMIT]
+    return [
+        d
+        for d in deviations(RECORD_ROWS, seed, again)
+        if (d.record, d.what) in names and d.sigma > LIMIT
+    ]
 
 
 @pytest.mark.exhaustive
@@ -253,7 +274,9 @@ def test_every_stage_of_every_record_is_met_within_4_standard_errors() -> None:
     found = list(deviations())
     worst = max(found, key=lambda d: d.sigma)
     beyond = [d for d in found if d.sigma > LIMIT]
-    print(f"\n{len(found)} comparisons of {len(RECORDS)} records; {len(beyond)} beyond {LIMIT:g} σ, largest: {worst}")
+    print(
+        f"\n{len(found)} comparisons of {len(RECORDS)} records; {len(beyond)} beyond {LIMIT:g} σ, largest: {worst}"
+    )
     assert len(RECORDS) == 48 + 105
     assert len(found) == 3730
     assert len(beyond) <= 8, beyond
@@ -308,15 +331,32 @@ UNSATURATED = [record for record in REFERENCE["full_chain"] if record["level"] <
 
 def test_the_theory_meets_the_records() -> None:
     """Moments against 2.47 million pixels, before the columns: 592 comparisons without any random number of ours."""
-    frame, n, count, worst = Frame(EXPOSURE, SensorWindow(1, (1, 1))), RECORD_ROWS * COLUMNS, 0, 0.0
+    frame, n, count, worst = (
+        Frame(EXPOSURE, SensorWindow(1, (1, 1))),
+        RECORD_ROWS * COLUMNS,
+        0,
+        0.0,
+    )
     for record in UNSATURATED:
-        for what, m in theory(chain_of(settings_of(record)), photons_of(record, (1, 1)), frame).items():
+        for what, m in theory(
+            chain_of(settings_of(record)), photons_of(record, (1, 1)), frame
+        ).items():
             if what in record["stats"] and what not in ("volts_cds", "DN"):
                 mean, std = record["stats"][what]
-                off = abs(float(np.mean(m.mean)) - mean) / (m.sigma / math.sqrt(n) + ROUNDING * abs(mean) + 1e-12)
-                off_std = abs(m.sigma - std) / (m.sigma / math.sqrt(2 * n) + ROUNDING * abs(mean) + 1e-12)
+                off = abs(float(np.mean(m.mean)) - mean) / (
+                    m.sigma / math.sqrt(n) + ROUNDING * abs(mean) + 1e-12
+                )
+                off_std = abs(m.sigma - std) / (
+                    m.sigma / math.sqrt(2 * n) + ROUNDING * abs(mean) + 1e-12
+                )
                 count, worst = count + 2, max(worst, off, off_std)
-                assert off < LIMIT and off_std < LIMIT, (record["config"], record["level"], what, off, off_std)
+                assert off < LIMIT and off_std < LIMIT, (
+                    record["config"],
+                    record["level"],
+                    what,
+                    off,
+                    off_std,
+                )
     print(f"\n{count} comparisons of theory and records, largest {worst:.2f} σ")
     assert count == 592
 
@@ -327,16 +367,25 @@ def test_the_theory_is_what_two_frames_show(name: str, level: float) -> None:
     """Mean, temporal σ and fixed σ of every stage; chance fails one of the 12 cases in about 1 of 100 seeds."""
     stages, shape = chain_of(SETTINGS[name]), (100, COLUMNS)
     photons, window = Photons(np.full(shape, level * 55000)), SensorWindow(5, shape)
-    first, second = (trace(stages, photons, Frame(EXPOSURE, window, seed=5, index=i)) for i in (0, 1))
+    first, second = (
+        trace(stages, photons, Frame(EXPOSURE, window, seed=5, index=i)) for i in (0, 1)
+    )
     n = first["DN"].size
     for what, m in theory(stages, photons, Frame(EXPOSURE, window)).items():
         x, y = first[what], second[what]
-        temporal, fixed_part, total = float(np.mean(m.temporal)), float(np.mean(m.spatial)), m.sigma**2
+        temporal, fixed_part, total = (
+            float(np.mean(m.temporal)),
+            float(np.mean(m.spatial)),
+            m.sigma**2,
+        )
         samples = COLUMNS if what in ("volts_cds", "DN") else n
         slack = 1e-12 + ROUNDING * abs(float(np.mean(m.mean)))
         stripes = math.sqrt(total / n + fixed_part / samples)
         assert abs((x + y).mean() / 2 - float(np.mean(m.mean))) < LIMIT * stripes + slack, what
-        assert abs(np.mean((x - y) ** 2) / 2 - temporal) < LIMIT * temporal * math.sqrt(2 / n) * 1.2 + slack**2, what
+        assert (
+            abs(np.mean((x - y) ** 2) / 2 - temporal)
+            < LIMIT * temporal * math.sqrt(2 / n) * 1.2 + slack**2
+        ), what
         covariance = np.mean((x - x.mean()) * (y - y.mean()))
         error = math.sqrt((total**2 + fixed_part**2) / n + 2 * fixed_part**2 / samples)
         assert abs(covariance - fixed_part) < LIMIT * error + slack**2, what
@@ -345,25 +394,45 @@ def test_the_theory_is_what_two_frames_show(name: str, level: float) -> None:
 def test_the_temporal_noise_of_the_records_is_ours_with_the_columns_drawn_anew() -> None:
     """The released code draws its columns in every frame; ours keep them, so here they count as temporal."""
     frame, n = Frame(EXPOSURE, SensorWindow(1, (1, 1))), RECORD_ROWS * COLUMNS
-    names = {"light_e": "light_e_prnu", "dark_e": "dark_total", "electrons": "electrons", "volts": "volts_cds"}
+    names = {
+        "light_e": "light_e_prnu",
+        "dark_e": "dark_total",
+        "electrons": "electrons",
+        "volts": "volts_cds",
+    }
     names |= {"DN": "DN"}
     for record in UNSATURATED:
         moments = theory(chain_of(settings_of(record)), photons_of(record, (1, 1)), frame)
         for theirs, ours in names.items():
-            if record["level"] == 0 and (theirs == "light_e" or (theirs == "DN" and record["sensor"] == "CMOS")):
+            if record["level"] == 0 and (
+                theirs == "light_e" or (theirs == "DN" and record["sensor"] == "CMOS")
+            ):
                 continue  # no light path; and dark numbers are cut at 0
             m, columns = moments[ours], 0.0
             if record["sensor"] == "CMOS" and theirs in ("volts", "DN"):
-                before, after = (float(np.mean(moments[w].spatial)) for w in ("volts_source_follower", "volts_cds"))
+                before, after = (
+                    float(np.mean(moments[w].spatial))
+                    for w in ("volts_source_follower", "volts_cds")
+                )
                 columns = after - before
                 if theirs == "DN":
-                    columns *= float(np.mean(m.temporal)) / float(np.mean(moments["volts_cds"].temporal))
+                    columns *= float(np.mean(m.temporal)) / float(
+                        np.mean(moments["volts_cds"].temporal)
+                    )
             pixels = float(np.mean(m.temporal))
             expected = pixels + columns
-            error = math.sqrt(2 * pixels**2 / n + 2 * columns**2 / COLUMNS + 4 * pixels * columns / n)
+            error = math.sqrt(
+                2 * pixels**2 / n + 2 * columns**2 / COLUMNS + 4 * pixels * columns / n
+            )
             found = record["temporal"][theirs] ** 2
-            slack = 0.01 * expected if theirs == "DN" else 0.0  # rounding of whole electrons to whole numbers
-            assert abs(found - expected) < LIMIT * error + slack, (record["config"], record["level"], theirs)
+            slack = (
+                0.01 * expected if theirs == "DN" else 0.0
+            )  # rounding of whole electrons to whole numbers
+            assert abs(found - expected) < LIMIT * error + slack, (
+                record["config"],
+                record["level"],
+                theirs,
+            )
 
 
 def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
@@ -374,8 +443,12 @@ def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
     assert SIMPLE.reference_v == parameters["V_REF"]
     assert SIMPLE.reset_factor == parameters["sn_reset_Factor"]
     dark_e = RECORDS[0]["stats"]["dark_mean_e"]
-    assert PublishedDarkMean(1.0, SIMPLE.pixel_area_cm2).mean_e(frame) == pytest.approx(dark_e, rel=1e-14)
-    assert PublishedResetNoise(5e-6, 1.0).sigma(frame) == pytest.approx(derived["sigma_ktc_V_298K"], rel=1e-14)
+    assert PublishedDarkMean(1.0, SIMPLE.pixel_area_cm2).mean_e(frame) == pytest.approx(
+        dark_e, rel=1e-14
+    )
+    assert PublishedResetNoise(5e-6, 1.0).sigma(frame) == pytest.approx(
+        derived["sigma_ktc_V_298K"], rel=1e-14
+    )
     assert PublishedFollowerSpectrum().sigma_e(5.0) == pytest.approx(
         derived["sigma_SF_e"]["code_10kHz_grid"], rel=1e-14
     )
@@ -384,8 +457,13 @@ def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
 def test_a_published_camera_is_the_advanced_parameter_set() -> None:
     """konnik_table1 says that true CDS removes the reset noise; the released parameters leave 0.8 of it."""
     settings = Konnik2014Settings.from_camera(load_camera("konnik_table1"), reset_factor=0.8)
-    assert settings.source_follower_e == pytest.approx(ADVANCED.source_follower_e, rel=1e-8)  # no RTN in the camera
-    assert replace(settings, pixel_area_cm2=3.249e-7, source_follower_e=ADVANCED.source_follower_e) == ADVANCED
+    assert settings.source_follower_e == pytest.approx(
+        ADVANCED.source_follower_e, rel=1e-8
+    )  # no RTN in the camera
+    assert (
+        replace(settings, pixel_area_cm2=3.249e-7, source_follower_e=ADVANCED.source_follower_e)
+        == ADVANCED
+    )
     assert settings.pixel_area_cm2 == pytest.approx(3.249e-7, rel=1e-14)
 
 
@@ -435,7 +513,9 @@ def test_an_override_replaces_what_the_camera_does_not_have() -> None:
         ({"column_fpn": "ar", "column_fpn_parameter": 0.7}, "column_fpn_parameter is 0.7"),
     ],
 )
-def test_a_wrong_setting_is_refused_with_a_remedy(changes: dict[str, Any], message: str) -> None:
+def test_a_wrong_setting_is_refused_with_a_remedy(
+    changes: dict[str, Any], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         replace(SIMPLE, **changes)
 
@@ -443,17 +523,28 @@ def test_a_wrong_setting_is_refused_with_a_remedy(changes: dict[str, Any], messa
 def test_colours_are_refused() -> None:
     frame = Frame(EXPOSURE, SensorWindow(1, (2, 2)))
     with pytest.raises(InputError, match="has one wavelength"):
-        chain_of(SIMPLE)[0].sample(Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame)
+        chain_of(SIMPLE)[0].sample(
+            Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame
+        )
 
 
 def test_what_is_switched_off_has_no_stage() -> None:
     names = [type(stage).__name__ for stage in chain_of(OFF)]
-    assert names == [f"Published{name}" for name in ("Photons", "QuantumEfficiency", "Well", "SenseNode", "Adc")]
+    assert names == [
+        f"Published{name}"
+        for name in ("Photons", "QuantumEfficiency", "Well", "SenseNode", "Adc")
+    ]
 
 
 def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
     """… with autoregressive patterns too, to the last bit: their past reaches out of the crop."""
-    settings = replace(ADVANCED, dark_fpn="ar", dark_fpn_parameter=0.5, column_fpn="ar", column_fpn_parameter=-0.4)
+    settings = replace(
+        ADVANCED,
+        dark_fpn="ar",
+        dark_fpn_parameter=0.5,
+        column_fpn="ar",
+        column_fpn_parameter=-0.4,
+    )
     whole = SensorWindow(7, (40, 90), (0, 4060))
     crop = SensorWindow(7, (12, 30), (20, 4090))
 
@@ -465,7 +556,9 @@ def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
 
     count = len(chain_of(settings))
     assert np.array_equal(render_frames(whole, count)[20:32, 30:60], render_frames(crop, count))
-    assert np.array_equal(render_frames(whole, count - 1)[20:32, 30:60], render_frames(crop, count - 1))
+    assert np.array_equal(
+        render_frames(whole, count - 1)[20:32, 30:60], render_frames(crop, count - 1)
+    )
 
 
 @pytest.mark.parametrize(
@@ -485,7 +578,9 @@ def test_a_pattern_has_its_mean_and_variance(distribution: Any) -> None:
     correlated = 1.3 if distribution.name == "ar" else 1.0
     squares = (x - distribution.mean) ** 2
     assert abs(x.mean() - distribution.mean) < LIMIT * x.std() / math.sqrt(x.size)
-    assert abs(squares.mean() - distribution.variance) < LIMIT * correlated * squares.std() / math.sqrt(x.size)
+    assert abs(
+        squares.mean() - distribution.variance
+    ) < LIMIT * correlated * squares.std() / math.sqrt(x.size)
 
 
 FRAME = Frame(EXPOSURE, SensorWindow(1, (1, 1)))
@@ -500,7 +595,9 @@ def physical_dark_e(kelvin: float) -> float:
 
 
 def published_dark_e(kelvin: float) -> float:
-    return PublishedDarkMean(1.0, 3.249e-7).mean_e(Frame(Exposure(1.0, kelvin), SensorWindow(1, (1, 1))))
+    return PublishedDarkMean(1.0, 3.249e-7).mean_e(
+        Frame(Exposure(1.0, kelvin), SensorWindow(1, (1, 1)))
+    )
 
 
 def clipped_noise(part: int) -> float:
@@ -508,7 +605,11 @@ def clipped_noise(part: int) -> float:
     from scipy.special import ndtri
 
     x = np.floor(
-        np.maximum(0, PublishedFollowerSpectrum().sigma_e(5.0) * ndtri((np.arange(2_000_000) + 0.5) / 2_000_000))
+        np.maximum(
+            0,
+            PublishedFollowerSpectrum().sigma_e(5.0)
+            * ndtri((np.arange(2_000_000) + 0.5) / 2_000_000),
+        )
     )
     return float((x.mean(), x.std())[part])
 
@@ -539,7 +640,9 @@ PAGE = {
     "1.60": lambda: 1 + 0.3 * 2,
     "6.0945": lambda: PublishedFollowerSpectrum().sigma_e(5.0),
     "6.1051": lambda: CdsNoise(15.0, 1e6, 1e-6, 0.5e-6).sigma_v / 5e-6,
-    "0.218": lambda: PublishedFollowerSpectrum(sample_s=1e-4, dominant_s=0.5e-4, rtn_step=0.0).sigma_e(5.0),
+    "0.218": lambda: PublishedFollowerSpectrum(
+        sample_s=1e-4, dominant_s=0.5e-4, rtn_step=0.0
+    ).sigma_e(5.0),
     "5.193": lambda: CdsNoise(15.0, 1e6, 1e-4, 0.5e-4).sigma_v / 5e-6,
     "2.19": lambda: clipped_noise(0),
     "3.39": lambda: clipped_noise(1),
