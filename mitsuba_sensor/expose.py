@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Iterator
 from typing import Unpack
 
@@ -15,9 +16,14 @@ from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.light.photons import collected
 from .sensor.expose import PreparedExposure, placed_photons
+from .sensor.kept_maps import RecentMaps
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions
 from .theory.planned_exposure import prepare_planned_exposure
+
+RECENT = RecentMaps()
+"""FPN maps of the cameras that :func:`expose` had last."""
+atexit.register(RECENT.clear)  # before Dr.Jit, which owns some of them, is gone
 
 
 @documents(ExposeOptions)
@@ -35,9 +41,25 @@ def expose(
     A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
-    frames = Frames.exposed(prepare_light(photons, camera, exposure, options))
+    prepared = prepare_light(photons, camera, exposure, options)
+    asked = _asked_camera(photons, camera)
+    try:
+        frames = Frames.exposed(
+            RECENT.lend(prepared, asked, options.get("chain") or "physical")
+        )
+    finally:
+        RECENT.drop()
     warn_of(frames.exposure_notes)
     return frames
+
+
+def _asked_camera(photons: Photons | ArrayLike | Irradiance, camera: Camera | None) -> Camera:
+    """The camera that was given, or that of the render; not yet at a gain setting."""
+    if camera is None:
+        assert isinstance(photons, Irradiance) and photons.rendered_for is not None
+        camera = photons.rendered_for.camera
+    assert camera is not None
+    return camera
 
 
 @documents(ExposeOptions)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -18,8 +17,8 @@ from .expose import prepare_light
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .sensor.expose import PreparedExposure
+from .sensor.kept_maps import KeptMaps
 from .sensor.options import ExposeOptions
-from .sensor.run import StripWindows
 
 FIXED = ("serial", "maps", "chain")
 """Options that belong to the sensor."""
@@ -61,9 +60,9 @@ class Sensor:
         most_bytes: float = 2**30,
     ) -> None:
         self.camera, self.serial, self.maps = camera, serial, maps
-        self.most_bytes = require("most_bytes", most_bytes, 0.0, math.inf, "bytes, e.g. 2**30")
+        most = require("most_bytes", most_bytes, 0.0, math.inf, "bytes, e.g. 2**30")
         self.frames_taken = 0
-        self._kept: dict[Any, StripWindows] = {}
+        self._kept = KeptMaps(most)
 
     def __repr__(self) -> str:
         kept = f"{self.frames_taken} frames taken, {self.bytes / 2**20:.0f} MiB of FPN maps"
@@ -72,7 +71,7 @@ class Sensor:
     @property
     def bytes(self) -> int:
         """Memory of the FPN maps that are kept [byte]."""
-        return sum(strips.bytes for strips in self._kept.values())
+        return self._kept.bytes
 
     def clear(self) -> None:
         """Forget all FPN maps; the next call makes them again. The count of the frames goes on."""
@@ -109,7 +108,7 @@ class Sensor:
             raise
         finally:
             with COUNTING:
-                self._drop()
+                self._kept.drop()
 
     @documents(ExposeOptions)
     def stream(
@@ -143,22 +142,4 @@ class Sensor:
                 )
         begin: ExposeOptions = {"first_frame": self.frames_taken}
         given: ExposeOptions = {**begin, **options, "serial": self.serial, "maps": self.maps}
-        made = prepare_light(photons, self.camera, exposure, given)
-        window = made.first.window
-        backend = window.backend
-        key = (
-            window.shape,
-            window.origin,
-            type(backend),
-            backend.precision,
-            backend.bytes_of_numpy,
-        )
-        strips = self._kept.pop(key, None) or StripWindows(window)
-        self._kept[key] = strips  # the last one is the one that was used last
-        return replace(
-            made, first=replace(made.first, window=strips.window, _blocks={}), strips=strips
-        )
-
-    def _drop(self) -> None:
-        while len(self._kept) > 1 and self.bytes > self.most_bytes:
-            del self._kept[next(iter(self._kept))]
+        return self._kept.lend(prepare_light(photons, self.camera, exposure, given))
