@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-OF_FRAME = 400  # bytes, beside bands and errors: 335 here, 134 at 1.3 Mpx (the pixels that the theory samples are not more
-# there); 580 with photons of all bands and copies for the file
+# Bytes, beside bands and errors: 335 here, and 134 at 1.3 Mpx, which share what is needed once; 580 with photons of all
+# bands and copies for the file.
+OF_FRAME = 400
 OF_RENDER = 525  # bytes, bands and errors included, which are 256: 472 as it is, 570 with electrons in float64
 PEAK = """
 import sys
