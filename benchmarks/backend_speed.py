@@ -5,7 +5,7 @@
         [--parts cases single short first changed]
 
 cases       frames of the full chain for every size × level × content; the time of the next frame of an open stream
-single      frames of new photon maps, one per call of ms.Sensor, for every size; beside a stream of one photon map
+single      frames of new photon maps, one per call of ms.expose or ms.Sensor, for every size; beside a stream of one
 short       shot noise, read noise and ADC only, compared with the full chain
 first       the first frame of a process, with and without compiled kernels on disk
 changed     the first frame after a change of a parameter, in a process that has computed a frame before
@@ -126,7 +126,8 @@ def single(options: argparse.Namespace) -> dict[str, Any]:
             PLAIN: next_frame(PLAIN, maps[0], full_chain())
         }
         for name in options.engines:
-            tasks[f"{name} sensor"] = next_exposure(name, maps)
+            tasks[f"{name} expose"] = next_exposure(name, maps, with_sensor=False)
+            tasks[f"{name} sensor"] = next_exposure(name, maps, with_sensor=True)
             tasks[f"{name} stream"] = next_frame(name, maps[0], full_chain())
         rows.append(
             {

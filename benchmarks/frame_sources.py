@@ -70,12 +70,23 @@ def next_frame(
     return task
 
 
-def next_exposure(name: str, maps: Sequence[NDArray[np.float64]]) -> Callable[[], NDArray[Any]]:
-    """A task for ``alternate``: frames of these photon maps, one after the other, by one ``ms.Sensor``."""
-    sensor = ms.Sensor(full_chain(), serial=1)
+def next_exposure(
+    name: str, maps: Sequence[NDArray[np.float64]], with_sensor: bool
+) -> Callable[[], NDArray[Any]]:
+    """A task for ``alternate``: frames of these photon maps, one after the other, each by one call.
+
+    with_sensor : of one ``ms.Sensor``; otherwise of ``ms.expose``.
+    """
+    camera = full_chain()
+    sensor = ms.Sensor(camera, serial=1)
+    options = ENGINES[name]
 
     def task() -> NDArray[Any]:
-        *_, frames = (sensor.expose(photons, EXPOSURE, **ENGINES[name]) for photons in maps)
+        for photons in maps:
+            if with_sensor:
+                frames = sensor.expose(photons, EXPOSURE, **options)
+            else:
+                frames = ms.expose(photons, camera, EXPOSURE, serial=1, **options)
         return frames.digital
 
     task.runs = len(maps)  # type: ignore[attr-defined]
