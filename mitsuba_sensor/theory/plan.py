@@ -74,9 +74,9 @@ class Plan:
         whole_s, planned_s = self.seconds
         names = ("mean", "temporal", "spatial", "structure", "pixels")
         held = self.range
-        times = f"A frame takes {whole_s:.3g} s with the whole chain and {planned_s:.3g} s with this plan"
+        times = f"A frame takes {whole_s:.3g} s with all stages and {planned_s:.3g} s with this plan"
         if planned_s > (1 - WORTH_SAVING) * whole_s:
-            times += ": nothing that can be left out is worth a tenth of the time"
+            times += ": no stage left out is worth a tenth of that"
         lines = [
             f"Plan for {self.camera}: all that is left out moves no level by more than {self.tolerance_dn:g} DN.",
             f"It holds for {held.darkest_e:.4g} … {held.brightest_e:.4g} mean photoelectrons per pixel, "
