@@ -36,6 +36,8 @@ GROUP, GROUPS = 1024, 64
 PILOT, FEWEST, WORK = 1024, 4096, 2**22
 """Pixels that tell how much work a pixel is, and so many are looked at at least; normals that are added up at most."""
 
+DARK_E = 1e-150
+"""Mean photoelectrons below which pixels are of the same light: slopes between them would leave all numbers."""
 
 LARGEST = 1e70
 """Numbers beyond this one are as good as infinite, and their fourth powers are not."""
@@ -266,6 +268,7 @@ class Smoothed(NamedTuple):
     @classmethod
     def of(cls, light_e: Float64Array, values: Float64Array) -> Smoothed:
         """Of values of pixels in so much light, (P,) each."""
+        light_e = np.where(light_e < DARK_E, 0.0, light_e)
         groups = min(max(light_e.size // GROUP, 1), GROUPS)
         edges = np.unique(np.quantile(light_e, np.linspace(0, 1, groups + 1)[1:-1]))
         number = np.searchsorted(edges, light_e, side="right")

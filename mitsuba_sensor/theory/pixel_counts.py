@@ -22,6 +22,9 @@ REACH = 8.0
 MORE = 33
 """Counts beyond that, for the tail of small means."""
 
+TINY = 1e-290
+"""Chances and means below this one are none: what is divided by them would leave all numbers."""
+
 EVEN: Float64Array = np.linspace(-REACH, REACH, 41)[:, None]
 """Edges of the cells of a count, 0.4 of its σ apart."""
 
@@ -51,7 +54,7 @@ class CountLaws(NamedTuple):
         """Above 1 where the variance is larger than the mean."""
         return np.maximum(
             np.divide(
-                self.variance, self.mean, out=np.ones(self.mean.shape), where=self.mean > 0
+                self.variance, self.mean, out=np.ones(self.mean.shape), where=self.mean > TINY
             ),
             1.0,
         )
@@ -114,7 +117,7 @@ class CountLaws(NamedTuple):
         power = [np.diff(below, axis=0), -np.diff(density, axis=0)]
         for order in range(1, 4):  # ∫ z^(k+1) φ = k·∫ z^(k−1) φ − [z^k φ]
             power.append(order * power[order - 1] - np.diff(z**order * density, axis=0))
-        chance = np.maximum(power[0], 1e-300)
+        chance = np.where(power[0] > TINY, power[0], np.inf)
         first = (sigma * power[1] + skew * (power[2] - power[0])) / chance
         square = sigma**2 * power[2] + 2 * sigma * skew * (power[3] - power[1])
         square += skew**2 * (power[4] - 2 * power[2] + power[0])

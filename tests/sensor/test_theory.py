@@ -684,3 +684,22 @@ def test_dark_currents_that_fill_some_wells_have_the_averages_of_their_distribut
     k = gain_dn_per_e(camera)
     assert found.mean - camera.stages[-1].black_level_dn == pytest.approx(k * mean, rel=5e-3)
     assert math.sqrt(found.spatial) == pytest.approx(k * spread, rel=0.015)
+
+
+@pytest.mark.parametrize(
+    ("name", "photons", "exposure"),
+    [
+        ("bayer_2mp", 9.99989e-321, ms.Exposure(0.1)),  # no line through so little light
+        ("bayer_2mp", 1e3, ms.Exposure(0.1, 400.0)),  # cells that hold nothing
+    ],
+)
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_extreme_light_and_temperature_have_finite_theory(
+    name: str, photons: float, exposure: ms.Exposure
+) -> None:
+    photons_of_all = np.full((64, 64), photons)
+    frames = ms.expose(photons_of_all, ms.load_camera(name), exposure, precision="float64")
+    told = [frames.theory.averages(stage) for stage in frames.stages]
+    assert all(np.isfinite(averages.mean) for averages in told)
+    assert all(averages.temporal >= 0 and averages.spatial >= 0 for averages in told)
+    assert np.isfinite(frames.clean).all()
