@@ -80,10 +80,10 @@ class FrameTheory:
         mean, temporal = self._sampled(number)
         levels, response = self._sampled_light, self.response
         off = np.clip(mean - response.mean(number, levels), -LARGEST, LARGEST)
-        shift = Smoothed.of(levels, off)
+        shift = self._light_groups.smooth(off)
         residual = off - shift.at(levels)
         noise = np.clip(temporal - response.temporal(number, levels), -LARGEST, LARGEST)
-        noise_shift = Smoothed.of(levels, noise)
+        noise_shift = self._light_groups.smooth(noise)
         square = residual**2 * shift.unbiased
         errors = (residual, noise - noise_shift.at(levels), square - square.mean())
         return Averages(
@@ -106,9 +106,8 @@ class FrameTheory:
         self._prepare(range(len(self.stages)))
         for number in range(len(self.stages)):
             off = self._sampled(number)[0] - self.response.mean(number, levels)
-            found[number] = self.response.mean(number, light_e) + Smoothed.of(levels, off).at(
-                light_e
-            )
+            shift = self._light_groups.smooth(off)
+            found[number] = self.response.mean(number, light_e) + shift.at(light_e)
         return found
 
     def digital_mean(self) -> NDArray[np.float32]:
@@ -154,6 +153,10 @@ class FrameTheory:
         )
         return np.minimum(light.ravel(), HIGHEST_E)
 
+    @cached_property
+    def _light_groups(self) -> LightGroups:
+        return LightGroups.of(self._sampled_light)
+
     def _sampled(self, number: int) -> Codes:
         """Mean and variance of the sampled pixels behind a stage."""
         last = len(self.stages) - 1
@@ -184,7 +187,7 @@ class FrameTheory:
         plain_frame = replace(self.sample.frame, window=plain_window)
         plain = behind_stages(self.stages, self.sample.light, plain_frame, [last])[last]
         shifts = [
-            Smoothed.of(self._sampled_light, with_maps - without_maps)
+            self._light_groups.smooth(with_maps - without_maps)
             for with_maps, without_maps in zip(self._sampled(last), plain, strict=True)
         ]
         whole = median_frame(self.frame, np.arange(shape[0]), np.arange(shape[1]))
@@ -265,20 +268,34 @@ class Smoothed(NamedTuple):
     values: Float64Array
     unbiased: float
 
-    @classmethod
-    def of(cls, light_e: Float64Array, values: Float64Array) -> Smoothed:
-        """Of values of pixels in so much light, (P,) each."""
-        light_e = np.where(light_e < DARK_E, 0.0, light_e)
-        groups = min(max(light_e.size // GROUP, 1), GROUPS)
-        edges = np.unique(np.quantile(light_e, np.linspace(0, 1, groups + 1)[1:-1]))
-        number = np.searchsorted(edges, light_e, side="right")
-        counts = np.bincount(number, minlength=edges.size + 1).astype(np.float64)
-        sums = (np.bincount(number, weights, edges.size + 1) for weights in (light_e, values))
-        filled = counts > 0
-        mean_light, mean_value = (total[filled] / counts[filled] for total in sums)
-        used = max(float(light_e.size - np.count_nonzero(filled)), 1.0)
-        return cls(mean_light, mean_value, light_e.size / used)
-
     def at(self, light_e: Float64Array) -> Float64Array:
         """At these levels of light."""
         return np.asarray(np.interp(light_e, self.light_e, self.values))
+
+
+class LightGroups(NamedTuple):
+    """Groups of pixels of about the same light.
+
+    number : (P,) of the group of each pixel.  pixels : (G,) in each group.  light_e : (G,) mean light of each group.
+    """
+
+    number: NDArray[np.intp]
+    pixels: Float64Array
+    light_e: Float64Array
+
+    @classmethod
+    def of(cls, light_e: Float64Array) -> LightGroups:
+        """Of pixels in so much light, (P,): groups of about as many pixels each, none of them empty."""
+        light_e = np.where(light_e < DARK_E, 0.0, light_e)
+        groups = min(max(light_e.size // GROUP, 1), GROUPS)
+        edges = np.unique(np.quantile(light_e, np.linspace(0, 1, groups + 1)[1:-1]))
+        interval = np.searchsorted(edges, light_e, side="right")
+        _, number = np.unique(interval, return_inverse=True)
+        pixels = np.bincount(number).astype(np.float64)
+        return cls(number, pixels, np.bincount(number, light_e) / pixels)
+
+    def smooth(self, values: Float64Array) -> Smoothed:
+        """The line of values of these pixels, (P,)."""
+        mean_value = np.bincount(self.number, values) / self.pixels
+        used = max(float(values.size - self.pixels.size), 1.0)
+        return Smoothed(self.light_e, mean_value, values.size / used)

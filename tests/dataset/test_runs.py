@@ -77,7 +77,12 @@ def test_processes_shards_and_a_cluster_make_the_same_bytes(
     assert run(plan, tmp_path / "two", workers=2).made == 8
     assert sum(run(plan, tmp_path / "shards", shard=(k, 3)).made for k in (3, 1, 2, 2)) == 8
     with distributed.LocalCluster(
-        1, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
+        1,
+        processes=False,  # a worker in a process of its own is in the exhaustive tests
+        threads_per_worker=1,
+        protocol="tcp",
+        dashboard_address="127.0.0.1:0",
+        host="127.0.0.1",
     ) as cluster:
         run(plan, tmp_path / "socket", scheduler=cluster.scheduler_address)
     for folder in ("two", "shards", "socket"):
