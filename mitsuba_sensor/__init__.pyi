@@ -3,8 +3,8 @@
 from . import lab as lab
 from .camera.camera import Camera as Camera
 from .camera.camera_check import check_camera as check_camera
-from .camera.camera_file import list_cameras as list_cameras
 from .camera.camera_file import load_camera as load_camera
+from .camera.shipped import list_cameras as list_cameras
 from .capture import Capture as Capture
 from .capture import capture as capture
 from .core import Array as Array

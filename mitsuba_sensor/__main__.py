@@ -1,23 +1,23 @@
 """The program mitsuba-sensor, also as ``python -m mitsuba_sensor``."""
 
-import io
 import sys
 
+from . import __version__
 from .stopping import stop_at_signals
 
 
 def main() -> None:
     """Run the command line. It can be stopped from here on, before anything else is imported."""
     stop_at_signals()
-    if isinstance(sys.stdout, io.TextIOWrapper):  # of a terminal without × and µ
-        sys.stdout.reconfigure(errors="replace")
-    from .cli import app
-    from .files.output_pipe import flush_output
+    from .files.output_pipe import outlast_readers
 
-    try:
-        app(prog_name="mitsuba-sensor")
-    finally:
-        flush_output()
+    outlast_readers()
+    if sys.argv[1:] == ["--version"]:  # at once: the command line takes a while to load
+        sys.stdout.write(f"mitsuba-sensor {__version__}\n")
+        return
+    from .cli import app
+
+    app(prog_name="mitsuba-sensor")
 
 
 if __name__ == "__main__":

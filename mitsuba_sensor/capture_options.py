@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 from .core import InputError
 from .core.options import Option, declared
 from .render.options import RawLightOptions, RenderOptions
-from .sensor.choices import check_clean
 from .sensor.options import FrameOptions
 
 
@@ -27,8 +26,8 @@ class LightOptions(FrameOptions, total=False):
     clean: Annotated[
         bool,
         Option(
-            "Also write clean.tiff [DN] and temporal_variance.tiff [DN²], float32: what the frames of this very camera "
-            "are on average, with its fixed pattern and without temporal noise.",
+            "Also write clean.tiff [DN] and temporal_variance.tiff [DN²], float32; what the frames of this very camera "
+            "are on average, with its fixed pattern and without temporal noise, and how much they vary.",
             False,
         ),
     ]
@@ -92,6 +91,8 @@ def refuse_render_options(options: Mapping[str, object]) -> None:
 def check_asked_files(options: CaptureOptions) -> None:
     """Raise InputError for files that cannot be written, whatever the scene."""
     if options["clean"]:
+        from .sensor.choices import check_clean
+
         check_clean(options["chain"])
     if options["half"] and options["no_irradiance"]:
         raise InputError(

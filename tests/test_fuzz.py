@@ -9,7 +9,8 @@ import fuzz_types
 import pytest
 from fuzz_files import report
 
-from mitsuba_sensor.camera.camera_file import SHIPPED, load_camera
+from mitsuba_sensor.camera.camera_file import load_camera
+from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.dataset.planned import load_plan
 from mitsuba_sensor.render.motion.motion import read_motion

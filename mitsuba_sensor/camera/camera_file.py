@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,8 +13,8 @@ import numpy as np
 from ..core import InputError, nearest
 from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
+from .shipped import SHIPPED, list_cameras
 
-SHIPPED = resources.files(__package__) / "cameras"
 TOML_TEXT = "the TOML text"
 """What a camera that is given as text is called in messages."""
 
@@ -99,15 +98,6 @@ def camera_from(data: dict[str, Any], where: str) -> Camera:
     Raises InputError.
     """
     return checked_camera(data, where)
-
-
-def list_cameras() -> list[str]:
-    """Names of the cameras that ship with the package."""
-    return sorted(
-        file.name.removesuffix(".toml")
-        for file in SHIPPED.iterdir()
-        if file.name.endswith(".toml")
-    )
 
 
 def camera_schema() -> dict[str, Any]:

@@ -4,30 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.text import Text
 
 import mitsuba_sensor as ms
 
-from ..camera.camera_check import CameraFinding
-from ..camera.figures import EmvaFigures, figures_if_any
-from ..camera.gain_ladder import SET
-from ..core import InputError
-from ..files import texts
 from . import arguments, options
-from .app import THINGS, app, changes_of, show
+from .app import app, show
+from .help import Command, Group
 from .tables import FittedTable, short
+from .values import Flag
+
+if TYPE_CHECKING:
+    from ..camera.camera_check import CameraFinding
+    from ..camera.figures import EmvaFigures
 
 cameras = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     help="The cameras that ship with the package, their lenses, and camera files of your own.",
 )
-app.add_typer(cameras, name="cameras", rich_help_panel=THINGS)
+app.add_typer(cameras, name="cameras")
 
 
-@cameras.command("list")
+@cameras.command("list", cls=Command)
 def list_command(as_json: arguments.Json = False) -> None:
     """The cameras that ship with the package."""
     known = [ms.load_camera(name) for name in ms.list_cameras()]
@@ -44,21 +46,25 @@ def list_command(as_json: arguments.Json = False) -> None:
 
 @cameras.command(
     "new",
+    cls=Command,
     epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14",
 )
 @options.flags(options.NewCameraFlags)
-def new_camera(name: arguments.NewFile, **flags: options.Flag) -> None:
+def new_camera(name: arguments.NewFile, **flags: Flag) -> None:
     """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
 
     It loads as the camera that it is like; `cameras check FILE` says what is wrong after a change.
     """
+    from ..files.texts import write_page
+    from .inputs import changes_of
+
     file = _camera_file(name, flags["force"])
     camera = (
         ms.load_camera(flags["like"])
         .replace(**changes_of(flags))
         .without(*flags["without"] or ())
     )
-    texts.write_page(file, camera.to_toml())
+    write_page(file, camera.to_toml())
     show(
         f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}",
         False,
@@ -67,6 +73,7 @@ def new_camera(name: arguments.NewFile, **flags: options.Flag) -> None:
 
 @cameras.command(
     "import",
+    cls=Command,
     epilog="Example: mitsuba-sensor cameras import imx477.json -o my.toml --set adc.bits=12",
 )
 @options.flags(options.ImportFlags)
@@ -74,19 +81,21 @@ def import_command(
     sources: arguments.ImportedFiles,
     out: arguments.CameraFile,
     as_json: arguments.Json = False,
-    **flags: options.Flag,
+    **flags: Flag,
 ) -> None:
     """Make a camera file of what another program measured: noise models, calibrations, reports, presets.
 
     [sources] of the file says where each number comes from; what the source does not say is marked "assumed:". --set
     fields of the camera that it is like hold for the conversion, adc.bits for example.
     """
+    from ..files.texts import write_page
     from ..output.importers.import_camera import import_camera
+    from .inputs import changes_of
 
     file = _camera_file(out, flags["force"])
     like = ms.load_camera(flags["like"])
     camera = import_camera(sources, like.replace(**changes_of(flags)), flags["name"])
-    texts.write_page(file, camera.to_toml())
+    write_page(file, camera.to_toml())
     assumed = sorted(
         field for field, text in camera.sources.items() if text.startswith("assumed")
     )
@@ -103,7 +112,7 @@ def import_command(
     )
 
 
-@cameras.command("check", epilog="Example: mitsuba-sensor cameras check my.toml")
+@cameras.command("check", cls=Command, epilog="Example: mitsuba-sensor cameras check my.toml")
 def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) -> None:
     """All that is wrong in a camera file, with line numbers, and values that are allowed but unusual.
 
@@ -121,11 +130,15 @@ def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) ->
         raise typer.Exit(2)
 
 
-@cameras.command("show", epilog="Example: mitsuba-sensor cameras show konnik_table1")
+@cameras.command(
+    "show", cls=Command, epilog="Example: mitsuba-sensor cameras show konnik_table1"
+)
 def show_camera(
     name: arguments.CameraName, as_toml: arguments.Toml = False, as_json: arguments.Json = False
 ) -> None:
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
+    from ..camera.figures import figures_if_any
+
     camera = ms.load_camera(name)
     if as_toml:
         return show(camera.to_toml().rstrip("\n"), False)
@@ -162,7 +175,7 @@ def _figure_table(figures: EmvaFigures) -> FittedTable:
     return table
 
 
-@cameras.command()
+@cameras.command(cls=Command)
 def fields() -> None:
     """Every key of a camera file with unit, range, default and meaning, as the Markdown tables of docs."""
     from ..camera.camera import Camera
@@ -171,7 +184,7 @@ def fields() -> None:
     show(markdown(Camera), False)
 
 
-@cameras.command()
+@cameras.command(cls=Command)
 def schema() -> None:
     """The JSON Schema of a camera file: every field, its unit and its allowed range."""
     from ..camera.camera_file import camera_schema
@@ -179,7 +192,7 @@ def schema() -> None:
     show(camera_schema(), True)
 
 
-@cameras.command()
+@cameras.command(cls=Command)
 def stages() -> None:
     """The stages of the sensor in their order, as the Markdown table of docs."""
     from ..stages.chain import stage_table
@@ -187,7 +200,7 @@ def stages() -> None:
     show(stage_table(), False)
 
 
-@cameras.command()
+@cameras.command(cls=Command)
 def lenses(as_json: arguments.Json = False) -> None:
     """The lens prescriptions that ship with the package, for --set lens.prescription=NAME."""
     from ..camera.lens_file import list_lenses
@@ -214,6 +227,8 @@ def lenses(as_json: arguments.Json = False) -> None:
 
 def _settings(camera: ms.Camera) -> FittedTable:
     """One row per gain setting, with what it has in place of the camera's own numbers."""
+    from ..camera.gain_ladder import SET
+
     names = [
         name for name in ("gain_dn_per_e", *SET) if getattr(camera.gains[0], name) is not None
     ]
@@ -226,6 +241,8 @@ def _settings(camera: ms.Camera) -> FittedTable:
 
 def _camera_file(name: str, force: bool) -> Path:
     """The path of a camera file to write. Raises InputError."""
+    from ..core import InputError
+
     file = Path(name)
     if file.suffix != ".toml":
         raise InputError(

@@ -6,95 +6,93 @@ from dataclasses import asdict
 from pathlib import Path
 
 import typer
-from rich.console import Group
-from rich.text import Text
 
 import mitsuba_sensor as ms
 
 from ..capture_options import CaptureOptions, LightOptions, refuse_render_options
-from ..core import InputError, first_given, require
 from ..core.options import complete
-from ..files import npz
-from ..files.appearing import output_folder, refuse_empty
-from ..output import exr
-from ..output.frame_files import CAPTURE_FILES, FRAME_FILES
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
-from ..sensor.metering import Metering
-from ..stages.gains import gain_dn_per_e
 from ..stopping import undone_if_stopped
-from . import arguments, options, terminal
-from .app import (
-    CHECKS,
-    PICTURES,
-    THINGS,
-    app,
-    camera_and_exposure,
-    err,
-    other_flags,
-    render_input,
-    settings_of,
-    show,
-)
-from .options import number
-from .tables import FittedTable
+from . import arguments, options
+from .app import app, err, show
+from .help import Command
+from .values import Flag, number
 
 LEVELS = {
     "black": "bold red",
     "wrong": "bold yellow",
     "note": "dim",
 }  # of a finding of lint → its style
+FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
+FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "as_json", *FIRST_OF_CAMERA, "frames")
+FIRST_OF_RENDER = (*FIRST_OF_EXPOSE, "width", "spp")
+FIRST_OF_PLAN = ("as_json", *FIRST_OF_CAMERA, "width", "spp", "tolerance_dn")
+"""Options that people use first, as ``--help`` shows them."""
 
 
 @app.command(
-    rich_help_panel=PICTURES,
+    cls=Command,
     epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14",
 )
-@options.flags(options.CameraFlags, CaptureOptions)
+@options.flags(options.CameraFlags, CaptureOptions, first=FIRST_OF_RENDER)
 def render(
     scene: arguments.Scene,
     out_dir: arguments.Out,
     as_json: arguments.Json = False,
-    **flags: options.Flag,
+    **flags: Flag,
 ) -> None:
     """Render SCENE and expose a camera to it.
 
     Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --dng, --aovs and --clean if
     asked for): all, or none.
     """
+    from ..files.appearing import output_folder
+    from ..output.frame_files import CAPTURE_FILES
+    from .inputs import render_input
+    from .progress import render_progress
+    from .terminal import summary
+
     given, asked = render_input(scene, flags)
     with (
         output_folder(out_dir, CAPTURE_FILES) as folder,
-        terminal.render_progress(err, asked) as progress,
+        render_progress(err, asked) as progress,
     ):
         found = ms.capture(
             given.scene, given.camera, given.exposure, progress=progress, **asked
         )
         found.save(folder)
-    show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
+    show(found.metadata if as_json else summary(found.metadata, str(out_dir)), as_json)
 
 
 @app.command(
-    rich_help_panel=PICTURES,
+    cls=Command,
     epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8",
 )
-@options.flags(options.CameraFlags, UnitOptions, LightOptions, RawLightOptions)
+@options.flags(
+    options.CameraFlags, UnitOptions, LightOptions, RawLightOptions, first=FIRST_OF_EXPOSE
+)
 def expose(
     irradiance: arguments.IrradianceFile,
     out_dir: arguments.Out,
     as_json: arguments.Json = False,
-    **flags: options.Flag,
+    **flags: Flag,
 ) -> None:
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 
     Camera, exposure and serial number are those that it was rendered for, unless you give others.
     Writes frame.tiff, frame.png and frame.json into DIR (and those of --dng and --clean if asked for): all, or none.
     """
+    from ..files.appearing import output_folder, refuse_empty
+    from ..output.exr import rendered_for
+    from ..output.frame_files import FRAME_FILES
+    from .inputs import camera_and_exposure, other_flags, settings_of
+    from .progress import render_progress
+    from .terminal import summary
+
     refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)
     _refuse_lens(flags, unit)
-    camera, exposure = camera_and_exposure(
-        flags, settings_of(exr.rendered_for(irradiance), flags)
-    )
+    camera, exposure = camera_and_exposure(flags, settings_of(rendered_for(irradiance), flags))
     asked = any(
         x is not None for x in (unit, wavelength_nm, fov_deg)
     )  # of another program's light
@@ -103,30 +101,37 @@ def expose(
         if asked
         else irradiance
     )
-    bar = terminal.render_progress(err, {}, "reading the light")
+    bar = render_progress(err, {}, "reading the light")
     with output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
         found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
         found.save(folder)
-    show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
+    show(found.metadata if as_json else summary(found.metadata, str(out_dir)), as_json)
 
 
 @app.command(
-    rich_help_panel=PICTURES,
+    cls=Command,
     epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02",
 )
-@options.flags(options.CameraFlags, UnitOptions, RenderOptions)
+@options.flags(options.CameraFlags, UnitOptions, RenderOptions, first=FIRST_OF_PLAN)
 def plan(
     source: arguments.SceneOrIrradiance,
     tolerance_dn: arguments.ToleranceDn = "0",
     as_json: arguments.Json = False,
-    **flags: options.Flag,
+    **flags: Flag,
 ) -> None:
     """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
 
     Writes nothing. Times are medians of five interleaved runs on this machine.
     """
+    from ..core import InputError, require
+    from ..output.exr import rendered_for
     from ..render.light.photons import metered
     from ..render.passes.requirements import render_requirements
+    from ..sensor.metering import Metering
+    from ..stages.gains import gain_dn_per_e
+    from .inputs import camera_and_exposure, render_input, settings_of
+    from .progress import render_progress
+    from .terminal import plan_sheet
 
     tolerance = require(
         "tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02"
@@ -136,9 +141,7 @@ def plan(
         _refuse_lens(flags, unit)
         wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
-        camera, exposure = camera_and_exposure(
-            flags, settings_of(exr.rendered_for(source), flags)
-        )
+        camera, exposure = camera_and_exposure(flags, settings_of(rendered_for(source), flags))
         light = ms.read_irradiance(source, unit, wavelength_nm, camera, fov_deg)
         light = light.before_denoising() if flags["raw_light"] else light
     else:
@@ -148,7 +151,7 @@ def plan(
             )
         given, asked = render_input(source, flags)
         camera, exposure = given.camera, given.exposure
-        with terminal.render_progress(err, asked) as progress:
+        with render_progress(err, asked) as progress:
             light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
     if isinstance(exposure, Metering):
         exposure = metered(light, camera, exposure)
@@ -167,12 +170,14 @@ def plan(
             True,
         )
     else:
-        show(terminal.plan_sheet(found, needs), False)
+        show(plan_sheet(found, needs), False)
 
 
 def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
     """The irradiance is behind the lens already: another lens needs another render. unit : of another program's light,
     which may be in front of it."""
+    from ..core import InputError
+
     for field in flags["settings"] or ():
         if field.startswith("lens.") and not (unit or "").startswith("radiance"):
             raise InputError(
@@ -182,19 +187,28 @@ def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
 
 @app.command(
     "fpn-maps",
-    rich_help_panel=THINGS,
+    cls=Command,
     epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps",
 )
 @options.flags(
-    options.CameraFlags, options.MapFlags, without=("exposure_s", "meter", "temperature_k")
+    options.CameraFlags,
+    options.MapFlags,
+    without=("exposure_s", "meter", "temperature_k"),
+    first=("out_file", "camera", "gain", "serial", "rows", "width", "as_json"),
 )
 def fpn_maps(
-    out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: options.Flag
+    out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
     """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
 
     To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
     """
+    from ..core import InputError, first_given, require
+    from ..files.appearing import refuse_empty
+    from ..files.npz import write_fpn_maps
+    from .inputs import camera_and_exposure, other_flags
+    from .terminal import map_list
+
     asked = complete(options.MapFlags, other_flags(flags))
     refuse_empty(out_file, "-o", "give the name of a file, e.g. -o camera1.npz")
     path = Path(out_file)
@@ -217,29 +231,30 @@ def fpn_maps(
         first_given(asked["width"], camera.sensor.columns),
     )
     found = ms.fpn_maps(camera, shape, serial=asked["serial"])
-    npz.write_fpn_maps(path, found)
+    write_fpn_maps(path, found)
     spread = {
         name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape}
         for name, x in found.items()
     }
-    show(spread if as_json else terminal.map_list(spread, str(out_file)), as_json)
+    show(spread if as_json else map_list(spread, str(out_file)), as_json)
 
 
-@app.command(rich_help_panel=CHECKS)
+@app.command(cls=Command)
 def doctor(as_json: arguments.Json = False) -> None:
     """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
     from ..render.doctor import examine
+    from .terminal import diagnosis
 
     status = err.status("rendering a small scene with every variant")
     with status, undone_if_stopped(status.stop):
         findings = examine()
-    show(findings if as_json else terminal.diagnosis(findings), as_json)
+    show(findings if as_json else diagnosis(findings), as_json)
     if not findings["works"]:
         raise typer.Exit(1)
 
 
 @app.command(
-    rich_help_panel=THINGS,
+    cls=Command,
     epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp",
 )
 @options.flags(
@@ -256,15 +271,19 @@ def doctor(as_json: arguments.Json = False) -> None:
         "motion",
         "look_at",
     ),
+    first=("camera", "parameters", "scene_unit", "as_json"),
 )
-def lint(
-    scene: arguments.Scene, as_json: arguments.Json = False, **flags: options.Flag
-) -> None:
+def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
     """
+    from rich.console import Group
+    from rich.text import Text
+
     from ..render.scene.scene import inspect_scene
+    from .inputs import render_input
+    from .tables import FittedTable
 
     given, _ = render_input(scene, flags)
     camera, (low, high) = given.camera, given.camera.band_nm

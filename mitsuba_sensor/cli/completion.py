@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from ..camera.camera import Camera
-from ..camera.camera_file import list_cameras
-from ..camera.datasheet_checks import noise_sources
-
 Proposals = Callable[[str], list[str]]
 
 
@@ -19,11 +15,15 @@ def one_of(values: Iterable[object]) -> Proposals:
 
 def camera_names(incomplete: str) -> list[str]:
     """Cameras that ship with the package."""
+    from ..camera.shipped import list_cameras
+
     return one_of(list_cameras())(incomplete)
 
 
 def camera_fields(incomplete: str) -> list[str]:
     """Fields of a camera, with the = that their value follows."""
+    from ..camera.camera import Camera
+
     sections = {name: one.annotation for name, one in Camera.model_fields.items()}
     names = [
         f"{name}.{field}="
@@ -35,6 +35,8 @@ def camera_fields(incomplete: str) -> list[str]:
 
 def noise_source_names(incomplete: str) -> list[str]:
     """What can be switched off."""
+    from ..camera.datasheet_checks import noise_sources
+
     return one_of(noise_sources())(incomplete)
 
 

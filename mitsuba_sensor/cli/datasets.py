@@ -7,38 +7,40 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Group, RenderableType
+from rich.console import Group as Lines
+from rich.console import RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..dataset.engine import usual_workers
-from ..dataset.faults import Fault
-from ..dataset.forecast import Counts, Forecast, counts_of, forecast
 from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
-from ..dataset.origin import RESTORE, plan_of, require_same_versions
-from ..dataset.planned import DatasetPlan, load_plan
-from ..dataset.record import INDEX
-from ..dataset.repair import discard, holdings, store_of, verify
-from ..dataset.run import RunProgress, Show, run
 from ..stopping import remark_if_stopped, undone_if_stopped
 from . import arguments, options
-from .app import THINGS, app, err, show
+from .app import app, err, show
 from .completion import one_of, shell_files
+from .help import Command, Group
+from .progress import minutes, steps_bar
 from .tables import FittedTable, rough
-from .terminal import minutes, steps_bar
+from .values import Flag
+
+if TYPE_CHECKING:
+    from ..dataset.faults import Fault
+    from ..dataset.forecast import Counts, Forecast
+    from ..dataset.planned import DatasetPlan
+    from ..dataset.run import RunProgress, Show
 
 MOST_SHOWN = 50  # faults
 
 dataset = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     help="Raw frames by the thousand, with clean twins, depth and normals, from one TOML file.\n\n"
     "A run that was stopped, killed or out of disk goes on when the same command is given again. Exit code 1: some "
     "samples could not be made, or are not as they were written; 3: the disk is full.",
 )
-app.add_typer(dataset, name="dataset", rich_help_panel=THINGS)
+app.add_typer(dataset, name="dataset")
 
 DatasetToml = Annotated[
     str,
@@ -69,20 +71,27 @@ ExportFormat = Annotated[
 
 
 @dataset.command(
-    "run", epilog="Example: mitsuba-sensor dataset run examples/low_light_pairs.toml -o pairs/"
+    "run",
+    cls=Command,
+    epilog="Example: mitsuba-sensor dataset run examples/low_light_pairs.toml -o pairs/",
 )
-@options.flags(RootOptions, RunOptions)
+@options.flags(
+    RootOptions, RunOptions, first=("out_dir", "as_json", "roots", "workers", "retry")
+)
 def run_command(
     file: DatasetToml,
     out_dir: arguments.Out,
     as_json: arguments.Json = False,
-    **flags: options.Flag,
+    **flags: Flag,
 ) -> None:
     """Make everything of a dataset that DIR does not have yet.
 
     Every sample appears whole or not at all, whatever happens; the same command goes on after a stop. What cannot be
     made is put into DIR/quarantine with its log, and the rest is made.
     """
+    from ..dataset.planned import load_plan
+    from ..dataset.run import run
+
     plan = load_plan(file, flags.pop("roots") or ["."])
     with samples_bar() as progress:
         found = run(plan, Path(out_dir), show=progress, **flags)
@@ -92,20 +101,26 @@ def run_command(
 
 
 @dataset.command(
-    "plan", epilog="Example: mitsuba-sensor dataset plan examples/low_light_pairs.toml"
+    "plan",
+    cls=Command,
+    epilog="Example: mitsuba-sensor dataset plan examples/low_light_pairs.toml",
 )
 @options.flags(RootOptions)
 def plan_command(
     file: DatasetToml,
     count_only: CountOnly = False,
     as_json: arguments.Json = False,
-    **flags: options.Flag,
+    **flags: Flag,
 ) -> None:
     """Say how many renders and samples a dataset has, and what disk and time it will take. Writes nothing.
 
     Values, cameras and files of every sample are checked; a scene is loaded for its short render on this machine, of
     which time and bytes are.
     """
+    from ..dataset.engine import usual_workers
+    from ..dataset.forecast import counts_of, forecast
+    from ..dataset.planned import load_plan
+
     plan = load_plan(file, flags["roots"] or ["."])
     if count_only:
         counts = counts_of(plan)
@@ -116,12 +131,15 @@ def plan_command(
     show(found.to_dict() if as_json else plan_sheet(plan, found.counts, found), as_json)
 
 
-@dataset.command("status", epilog="Example: mitsuba-sensor dataset status pairs/")
+@dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")
 @options.flags(RootOptions)
 def status_command(
-    folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag
+    folder: DatasetFolder, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
     """Say how much of a dataset is there, and what could not be made. Reads records, no pictures."""
+    from ..dataset.origin import plan_of
+    from ..dataset.repair import holdings, store_of
+
     store, plan = store_of(Path(folder)), plan_of(Path(folder), flags["roots"])
     held = holdings(store, plan)
     failed = {key: str(facts.get("why")) for key, facts in store.quarantined().items()}
@@ -137,9 +155,11 @@ def status_command(
     show(found if as_json else _with_failed(head, failed), as_json)
 
 
-@dataset.command("verify", epilog="Example: mitsuba-sensor dataset verify pairs/")
+@dataset.command("verify", cls=Command, epilog="Example: mitsuba-sensor dataset verify pairs/")
 def verify_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
     """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
+    from ..dataset.repair import verify
+
     with steps_bar(err) as now:
         faults = list(verify(Path(folder), lambda done, total: now(done, total, "verified")))
     show(
@@ -150,12 +170,16 @@ def verify_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
         raise typer.Exit(1)
 
 
-@dataset.command("repair", epilog="Example: mitsuba-sensor dataset repair pairs/")
+@dataset.command("repair", cls=Command, epilog="Example: mitsuba-sensor dataset repair pairs/")
 @options.flags(RootOptions, RunOptions, without=("shard",))
 def repair_command(
-    folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag
+    folder: DatasetFolder, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
     """Make again what `dataset verify` finds, and what is missing; everything else stays as it is."""
+    from ..dataset.origin import plan_of, require_same_versions
+    from ..dataset.repair import discard, store_of, verify
+    from ..dataset.run import run
+
     place = Path(folder)
     store_of(place)
     plan = plan_of(place, flags.pop("roots"))
@@ -177,7 +201,9 @@ def repair_command(
 
 
 @dataset.command(
-    "export", epilog="Example: mitsuba-sensor dataset export webdataset pairs/ -o shards/"
+    "export",
+    cls=Command,
+    epilog="Example: mitsuba-sensor dataset export webdataset pairs/ -o shards/",
 )
 @options.flags(ExportOptions)
 def export_command(
@@ -185,7 +211,7 @@ def export_command(
     folder: DatasetFolder,
     out_dir: arguments.Out,
     as_json: arguments.Json = False,
-    **flags: options.Flag,
+    **flags: Flag,
 ) -> None:
     """Write a dataset as the files of another program, with a card: README.md with counts, noise, licence and hashes.
 
@@ -279,11 +305,14 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
         if found is None
         else [f"about {minutes(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
     )
-    return Group(Text(head, style="bold"), table, *map(Text, takes))
+    return Lines(Text(head, style="bold"), table, *map(Text, takes))
 
 
 def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
     """What is not as it was written, file by file."""
+    from ..dataset.origin import RESTORE
+    from ..dataset.record import INDEX
+
     if not faults:
         return Text(f"{folder}: every file is as it was written", style="green")
     table = FittedTable(("what", "of", "key", "file"), keys=2)
@@ -297,7 +326,7 @@ def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
     remedy = f"`mitsuba-sensor dataset repair {folder}` makes them again"
     if any(fault.kind == "dataset" and fault.file != INDEX for fault in faults):
         remedy = RESTORE.format(folder)
-    return Group(table, *more, Text(remedy))
+    return Lines(table, *more, Text(remedy))
 
 
 def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
@@ -305,7 +334,7 @@ def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
     table = FittedTable(("view", "why it is in quarantine"), keys=1)
     for key, why in failed.items():
         table.add_row(key, Text(why))
-    return Group(head, table) if failed else Group(head)
+    return Lines(head, table) if failed else Lines(head)
 
 
 def _summary(found: RunProgress) -> dict[str, object]:

@@ -7,20 +7,19 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from ..camera.camera import Camera
-from ..core import Exposure, Float64Array, InputError, first_given, require_seed
+from ..core import InputError, require_seed
 from ..core.options import Option, complete, part_of
-from ..core.versions import machine, versions
-from ..files import texts
-from ..files.appearing import output_folder, require_folder
 from . import options
-from .app import CHECKS, app, camera_and_exposure, err, out, show
-from .options import Flag, Flags, StudyFlags
-from .study_sheet import study_sheet
-from .terminal import steps_bar
+from .app import app, err, out, show
+from .help import Command
+from .options import Flags, StudyFlags
+from .progress import steps_bar
+from .values import Flag
 
 if TYPE_CHECKING:
     from ..bench.datasheet import Said
+    from ..camera.camera import Camera
+    from ..core import Float64Array
     from ..lab.frames.bench import Bench
     from ..pages.page import Study
 
@@ -82,11 +81,15 @@ class CharacterizeFlags(TypedDict, total=False):
 
 
 @app.command(
-    rich_help_panel=CHECKS,
+    cls=Command,
     epilog="Example: mitsuba-sensor characterize --camera bayer_2mp -o lab/; of a real one: --frames bench/ -o lab/",
 )
 @options.flags(
-    options.CameraFlags, CharacterizeFlags, StudyFlags, without=("exposure_s", "meter", "force")
+    options.CameraFlags,
+    CharacterizeFlags,
+    StudyFlags,
+    without=("exposure_s", "meter", "force"),
+    first=("out", "as_json", "camera", "frames", "bits", "wavelength_nm", "gain"),
 )
 def characterize(**flags: Flag) -> None:
     """Measure a camera as EMVA 1288 does: K, QE, noise, saturation, non-uniformity, dark current, defects.
@@ -97,7 +100,11 @@ def characterize(**flags: Flag) -> None:
     Writes report.html (all figures with 95 % intervals, and all plots) and report.json. Exit code 1: a figure is not
     the datasheet's, or has no value because the frames are clipped.
     """
+    from ..core import first_given
+    from ..files import texts
+    from ..files.appearing import output_folder, require_folder
     from ..pages.html_page import html
+    from .study_sheet import study_sheet
 
     asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
     folder = first_given(flags["out"], "characterize")
@@ -121,6 +128,7 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
     from ..bench.figures_page import characterized, figures_of
     from ..bench.rendered_field import field_at, rendered_field
     from ..bench.virtual_bench import Setup, best_wavelength_nm, virtual_bench
+    from ..core import first_given
 
     if asked["bits"] is not None:
         raise InputError("--bits is for frames from disk; leave it out, or give --frames.")
@@ -192,17 +200,20 @@ def _at_gain(bench: "Bench", gain: object) -> "Bench":
     return bench.at_gain(gain)
 
 
-def _camera(flags: Flags) -> tuple[Camera, float]:
+def _camera(flags: Flags) -> "tuple[Camera, float]":
     """Camera at its gain setting, and temperature [K]."""
+    from .inputs import camera_and_exposure
+
     camera, exposure = camera_and_exposure({**flags, "exposure_s": 0.0})
     return camera, exposure.temperature_k
 
 
 def _datasheet(
-    flags: Flags, bench: "Bench", efficiency: Float64Array | None
+    flags: Flags, bench: "Bench", efficiency: "Float64Array | None"
 ) -> "dict[str, dict[str, Said]]":
     """Figures of the datasheet in the exposure of the flat fields, by filter.  efficiency : QE of each filter."""
     from ..bench.datasheet import expected
+    from ..core import Exposure
 
     camera, temperature_k = _camera(flags)
     exposure = Exposure(
@@ -219,6 +230,8 @@ def _datasheet(
 
 def _made() -> dict[str, object]:
     """How the report was made, for its foot."""
+    from ..core.versions import machine, versions
+
     return {
         "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
         "machine": machine(),

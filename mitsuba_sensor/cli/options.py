@@ -2,27 +2,26 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import inspect
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Annotated, Any, TypeAlias, TypedDict, TypeVar
+from typing import Annotated, TypeAlias, TypedDict, TypeVar
 
 import typer
+from rich.markup import escape
 
 from ..capture_options import CaptureOptions
-from ..core import InputError, require_seed
+from ..core import require_seed
 from ..core.options import Declared, Option, declared
-from ..files import npz
+from ..render.limits import MOST_IN_ALL
 from ..render.options import FileOptions, RenderOptions, SceneOptions
-from ..render.passes.passes import MOST_IN_ALL
 from ..render.variants import VARIANTS
-from ..sensor.metering import PERCENTILE, SHARE
-from ..sensor.options import FrameOptions, Gain, SensorOptions
+from ..sensor.options import PERCENTILE, SHARE, FrameOptions, Gain, SensorOptions
 from .arguments import OUTPUT
 from .completion import camera_fields, camera_names, noise_source_names, one_of
+from .help import show_all
+from .values import Flag, flag_value
 
 Command = TypeVar("Command", bound=Callable[..., None])
-Flag: TypeAlias = Any  # the value of one flag; its type is that of the option
 Flags = Mapping[str, Flag]
 
 DEFAULT_CAMERA, DEFAULT_TEMPERATURE_K = "konnik_table1", 298.15
@@ -63,8 +62,8 @@ class CameraFlags(TypedDict, total=False):
     exposure_s: Annotated[
         str | None,
         Option(
-            f"Exposure time in seconds, or auto: metered, so that the {PERCENTILE:g}th percentile of the lit pixels is "
-            f"at {100 * SHARE:g} % of saturation. Default: the scene file's, else auto.",
+            f"Exposure time in seconds, or auto (metered); auto takes the {PERCENTILE:g}th percentile of the lit "
+            f"pixels to {100 * SHARE:g} % of saturation. Default: the scene file's, else auto.",
             metavar="SECONDS|auto",
         ),
     ]
@@ -225,6 +224,16 @@ class AblationFlags(TypedDict, total=False):
     ]
 
 
+HELP_ALL = inspect.Parameter(
+    "help_all",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
+    annotation=Annotated[
+        bool,
+        typer.Option("--help-all", is_eager=True, callback=show_all, help="Show all options."),
+    ],
+)
+
 PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
     CameraFlags: "Camera and exposure",
     NewCameraFlags: "Camera and exposure",
@@ -242,11 +251,14 @@ PANELS: dict[type, str] = {  # titles in --help, above the options that are decl
 }
 
 
-def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Command]:
+def flags(
+    *kinds: type, without: tuple[str, ...] = (), first: tuple[str, ...] = ()
+) -> Callable[[Command], Command]:
     """Give a command the flags of these options; it takes them as ``**flags``, read but not yet checked.
 
     The flags stand in ``--help`` in the order of their declaration, before the command's own.
-    without : names of options that this command does not have.
+    without : names of options that this command does not have.  first : names of those that ``--help`` shows, where
+        all are more than a screen; ``--help-all`` shows all.
     """
 
     def with_flags(command: Command) -> Command:
@@ -266,10 +278,13 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
             inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x))
             for x in found.values()
         ]
+        if first:
+            optional.append(HELP_ALL)
         parameters = [p.replace(kind=kind) for p in (*needed, *made, *optional)]
 
         def run(**values: Flag) -> None:
-            read = {one.name: _read(one, values[one.name]) for one in found.values()}
+            values.pop(HELP_ALL.name, None)
+            read = {one.name: flag_value(one, values[one.name]) for one in found.values()}
             command(**{**values, **read})
 
         run.__name__, run.__doc__, run.__module__ = (
@@ -279,56 +294,10 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
         )
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {p.name: p.annotation for p in parameters}
+        run.first = first  # type: ignore[attr-defined]
         return run  # type: ignore[return-value]
 
     return with_flags
-
-
-def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
-    """["a=1", …] → {"a": "1", …}"""
-    found = [[part.strip() for part in text.partition("=")] for text in texts]
-    for text, (name, equals, _) in zip(texts, found, strict=True):
-        if not name or not equals:
-            raise InputError(
-                f"{option} {text!r} has no name and value; write {option} NAME=VALUE."
-            )
-    return {name: value for name, _, value in found}
-
-
-def number(text: str, kind: type = float) -> Flag:
-    """The number in a text; a text that is none as it is, for the check of the option."""
-    try:
-        return kind(text)
-    except ValueError:
-        return text
-
-
-def _seconds(text: str) -> float:
-    """The number in the text. Raises InputError, with the seconds where a time is given in another unit."""
-    if not isinstance(value := number(text), str):
-        return float(value)
-    parts = re.fullmatch(r"\s*([\d.,]+(?:e-?\d+)?)\s*(?:/\s*(\d+)|([a-zµ]*))\s*", text)
-    meant = number(parts[1].replace(",", ".")) if parts else text
-    factor = (
-        (1 / int(parts[2]) if parts[2] else SECONDS.get(parts[3]))
-        if parts and parts[2] != "0"
-        else None
-    )
-    example = (
-        f"{meant * factor:.4g}" if factor is not None and not isinstance(meant, str) else "0.01"
-    )
-    raise InputError(
-        f"--exposure-s {text!r} is no number of seconds; give seconds, e.g. {example}, or auto."
-    )
-
-
-def _read(one: Declared, value: Flag) -> Flag:
-    """The value of a flag, not yet checked, from what typer read."""
-    if value is None or value == one.option.default:
-        return value
-    if one.name in READERS:
-        return READERS[one.name](value)
-    return number(value, one.kinds[0]) if one.kinds in ((int,), (float,)) else value
 
 
 def _type(one: Declared) -> Flag:
@@ -343,26 +312,16 @@ def _type(one: Declared) -> Flag:
         (title for kind, title in PANELS.items() if one.name in kind.__annotations__), None
     )
     proposals = PROPOSALS.get(one.name) or one_of(one.choices)
-    flag_of = partial(typer.Option, *flag.split(), metavar=metavar, help=one.option.help)
+    flag_of = partial(
+        typer.Option, *flag.split(), metavar=metavar, help=escape(one.option.help)
+    )
     return Annotated[text, flag_of(rich_help_panel=panel, autocompletion=proposals)]
 
 
-SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
 NUMBERS: dict[tuple[type, ...], str] = {
     (int,): "INTEGER",
     (float,): "NUMBER",
 }  # kinds of an option → its metavar
-READERS: dict[
-    str, Callable[[Flag], Flag]
-] = {  # how the text of an option becomes its value, where typer does not know
-    "parameters": lambda texts: pairs("-D", texts),
-    "settings": lambda texts: pairs("--set", texts),
-    "traverse": lambda texts: {
-        k: [number(x) for x in v.split(",")] for k, v in pairs("--traverse", texts).items()
-    },
-    "exposure_s": lambda text: text if text == "auto" else _seconds(text),
-    "maps": npz.read_fpn_maps,
-}
 PROPOSALS: dict[
     str, Callable[[str], list[str]]
 ] = {  # for the value of an option, where its type does not say

@@ -10,34 +10,36 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ..core import first_given, require
+from ..core import require
 from ..core.options import complete, part_of
-from ..files.appearing import refuse_empty
-from ..output.measurements import Measurements
 from ..render.options import SceneOptions
-from ..sensor.metering import Metering
 from ..stopping import remark_if_stopped
 from . import arguments, options
-from .app import CHECKS, RenderInput, app, err, out, render_input, show
-from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags
-from .study_sheet import study_sheet
-from .terminal import seconds_bar
+from .app import app, err, out, show
+from .help import Command, Group
+from .options import AblationFlags, Flags, StudyFlags, WorkPrecisionFlags
+from .progress import seconds_bar
+from .values import Flag
 
 if TYPE_CHECKING:
+    from ..output.measurements import Measurements
     from ..pages.page import Study
     from ..study.kit import Kit, Subject
+    from .inputs import RenderInput
 
 study = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     help="How good the numbers are, what they cost, and what could be left out: tables, plots and a page.\n\n"
     "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. One that was "
     "stopped goes on where it was when the same command is given again. Exit code 1: something that must hold fails.",
 )
-app.add_typer(study, name="study", rich_help_panel=CHECKS)
+app.add_typer(study, name="study")
 
 
 @study.command(
     "work-precision",
+    cls=Command,
     epilog="Example: mitsuba-sensor study work-precision scenes/step_wedge.xml --side sensor",
 )
 @options.flags(
@@ -46,6 +48,7 @@ app.add_typer(study, name="study", rich_help_panel=CHECKS)
     WorkPrecisionFlags,
     StudyFlags,
     without=("motion", "variant"),
+    first=("out", "as_json", "camera", "exposure_s", "width", "sides", "tolerance", "seeds"),
 )
 def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
@@ -55,6 +58,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """
     from ..study.work_precision import RECORDS, SIDES
     from ..study.work_precision import work_precision as measured
+    from .inputs import render_input
 
     asked: dict[str, Flag] = dict(
         complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags))
@@ -70,18 +74,26 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
 
 @study.command(
     "ablation",
+    cls=Command,
     epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001",
 )
 @options.flags(
-    options.CameraFlags, SceneOptions, AblationFlags, StudyFlags, without=("motion",)
+    options.CameraFlags,
+    SceneOptions,
+    AblationFlags,
+    StudyFlags,
+    without=("motion",),
+    first=("out", "as_json", "camera", "exposure_s", "width", "frames", "spp", "tolerance_dn"),
 )
 def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     """What each noise source and each feature of the render does to SCENE, and what leaving it out would save.
 
     Every change of the frames is predicted by the law of each pixel and measured; the two must agree.
     """
+    from ..core import first_given
     from ..study.ablation import RECORDS
     from ..study.ablation import ablation as measured
+    from .inputs import render_input
 
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
     require("tolerance_dn", asked["tolerance_dn"], 0.0, 1e9, "digital numbers, e.g. 0.02")
@@ -102,7 +114,9 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     )
 
 
-@study.command("stress", epilog="Example: mitsuba-sensor study stress -o study/stress")
+@study.command(
+    "stress", cls=Command, epilog="Example: mitsuba-sensor study stress -o study/stress"
+)
 @options.flags(StudyFlags)
 def stress(**flags: Flag) -> None:
     """Stiff and extreme cases of every stage on every engine: input, expected, got, verdict; and condition numbers."""
@@ -113,10 +127,11 @@ def stress(**flags: Flag) -> None:
 
 
 def _subject(
-    scene: str, found: RenderInput, flags: Flags, **more: Flag
+    scene: str, found: "RenderInput", flags: Flags, **more: Flag
 ) -> "tuple[Subject, dict[str, Flag]]":
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
     from ..render.passes.prepared import prepare
+    from ..sensor.metering import Metering
     from ..study.kit import Subject
 
     parameters = flags["parameters"] or {}
@@ -149,7 +164,10 @@ def _run(
 
     question : all that decides what is measured.  records : classes that its measurements consist of.
     """
+    from ..core import first_given
+    from ..files.appearing import refuse_empty
     from ..study.running import PAGE, StudyFolder
+    from .study_sheet import study_sheet
 
     refuse_empty(
         first_given(flags["out"], name), "-o", "give the name of a folder, e.g. -o study/out"
@@ -187,7 +205,7 @@ def _command() -> str:
     return shlex.join(["mitsuba-sensor", *asked])
 
 
-def _kept(known: Measurements) -> str | None:
+def _kept(known: "Measurements") -> str | None:
     """What a stopped study leaves."""
     n = len(known)
     which = "1 measurement is" if n == 1 else f"{n} measurements are"

@@ -3,24 +3,22 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
 import mitsuba_sensor as ms
 
-from ..camera.camera import Camera
-from ..camera.camera_file import camera_from
 from ..core import InputError
 from ..core.options import Option, complete, part_of
-from ..core.versions import machine, versions
-from ..files import npz, texts
-from ..files.appearing import output_folder, refuse_empty, require_folder
 from . import arguments, options
-from .app import CHECKS, app, err, out, show
-from .options import Flag
-from .study_sheet import study_sheet
-from .terminal import steps_bar
+from .app import app, err, out, show
+from .help import Command
+from .progress import steps_bar
+from .values import Flag
+
+if TYPE_CHECKING:
+    from ..camera.camera import Camera
 
 PANEL = "Laboratory"
 
@@ -58,7 +56,7 @@ class FitFlags(TypedDict, total=False):
 
 
 @app.command(
-    rich_help_panel=CHECKS,
+    cls=Command,
     epilog="Example: mitsuba-sensor fit --frames bench/ -o my_camera.toml",
 )
 @options.flags(FitFlags)
@@ -75,11 +73,15 @@ def fit(
     gain settings the maps of each are in FILE.NAME.npz.
     """
     from ..bench.twin_page import twin_study
+    from ..core.versions import machine, versions
+    from ..files import npz, texts
+    from ..files.appearing import output_folder
     from ..lab.frames.bench import read_bench
     from ..lab.twin import fit as fitted
     from ..lab.twin.fit import held_out
     from ..lab.twin.maps import maps_of
     from ..pages.html_page import html
+    from .study_sheet import study_sheet
 
     asked = complete(FitFlags, part_of(FitFlags, flags))
     path = _target(out_file, asked["force"])
@@ -114,6 +116,8 @@ def fit(
 
 
 def _target(out_file: str, force: bool) -> Path:
+    from ..files.appearing import refuse_empty, require_folder
+
     refuse_empty(out_file, "-o", "give the name of a camera file, e.g. -o my_camera.toml")
     path = Path(out_file)
     if path.suffix != ".toml":
@@ -126,7 +130,9 @@ def _target(out_file: str, force: bool) -> Path:
     return path
 
 
-def _camera(tables: dict[str, Flag], name: str) -> Camera:
+def _camera(tables: dict[str, Flag], name: str) -> "Camera":
+    from ..camera.camera_file import camera_from
+
     return camera_from(
         {**tables, "name": name, "description": "twin of a camera, fitted from its frames"},
         name,

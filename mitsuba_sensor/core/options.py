@@ -11,14 +11,13 @@ them in ``help()``; ``complete(RenderOptions, options)`` checks them and fills i
 """
 
 import inspect
+import numbers
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import PurePath
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
-
-import numpy as np
 
 from .errors import InputError, nearest, require
 
@@ -105,9 +104,7 @@ class Declared:
         """A number in the range; a whole one, however it is stored, where the type is int."""
         whole = self.kinds == (int,)
         noun = "a whole number" if whole else "a number"
-        numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(
-            value, bool
-        )
+        numeric = isinstance(value, numbers.Real) and not isinstance(value, bool)
         if not numeric or (whole and value == value and value % 1):
             raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}.")
         remedy = noun + (example and f", e.g. {self.option.example}")
@@ -190,7 +187,7 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
 
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
-        arrays = any(isinstance(item, np.ndarray) for item in value.values())
+        arrays = any(hasattr(item, "shape") for item in value.values())
         return (
             sorted(value) if arrays else {str(key): _plain(item) for key, item in value.items()}
         )

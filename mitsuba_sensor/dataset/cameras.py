@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..camera.camera import Camera
-from ..camera.camera_file import list_cameras, load_camera
+from ..camera.camera_file import load_camera
 from ..camera.datasheet_errors import fields_of
 from ..camera.lens_file import list_lenses
+from ..camera.shipped import list_cameras
 from ..core import InputError, nearest
 from ..files.scene_references import camera_references, check_below
 from .file import SAME, CameraEntry

@@ -3,14 +3,33 @@
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import os
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from ..core.options import Option
 from ..sensor.options import FrameOptions, Gain
-from .light.bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
-from .motion.motion import Motion
-from .passes.passes import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
-from .scene.scene_edits import checked_look_at, checked_traverse
+from .limits import (
+    LONGEST_NM,
+    MOST_IN_ALL,
+    MOST_REPEATABLE,
+    MOST_SPP,
+    NARROWEST_NM,
+    SHORTEST_NM,
+)
+
+if TYPE_CHECKING:
+    from .motion.motion import Motion
+
+
+def _checked_traverse(name: str, value: object) -> object:
+    from .scene.scene_edits import checked_traverse
+
+    return checked_traverse(name, value)
+
+
+def _checked_look_at(name: str, value: object) -> object:
+    from .scene.scene_edits import checked_look_at
+
+    return checked_look_at(name, value)
 
 
 class FileOptions(TypedDict, total=False):
@@ -33,7 +52,7 @@ class FileOptions(TypedDict, total=False):
             flag="--traverse",
             metavar="NAME=VALUE",
             text=list[str],
-            check=checked_traverse,
+            check=_checked_traverse,
         ),
     ]
     variant: Annotated[
@@ -84,12 +103,12 @@ class SceneOptions(FileOptions, total=False):
             "Pose of the camera in place of the scene's: where it is and what it looks at [m], and what is up, by "
             "default 0,1,0; in Python also a dict with origin_m, target_m and up.",
             metavar="'X,Y,Z X,Y,Z'",
-            check=checked_look_at,
+            check=_checked_look_at,
             text=str,
         ),
     ]
     motion: Annotated[
-        str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
+        "str | os.PathLike[str] | Mapping[str, Any] | Motion | None",
         Option(
             "What moves while the shutter is open: a file, see docs/rendering.md.",
             metavar="FILE.toml",

@@ -28,15 +28,12 @@ from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
 from ..stages.effects.dark_current import mean_dark_e
 from .detection import Detected, detect
+from .options import PERCENTILE, SHARE
 from .run import row_strips_of
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
-PERCENTILE, SHARE = (
-    95.0,
-    0.7,
-)  # five pixels of a hundred are brighter, and mostly still below saturation
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
 SHOT_NOISE = 2.5  # σ: over so much light the share of saturated pixels rises from none to all, as a straight line
 PIXELS_AT_ONCE = 2**18

@@ -4,13 +4,18 @@
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, TypedDict
 
-from numpy.typing import ArrayLike
-
 from ..core import require_seed
 from ..core.options import Option
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from ..theory.plan import Plan
+
+PERCENTILE = (
+    95.0  # of the lit pixels; five of a hundred are brighter, and mostly still below saturation
+)
+SHARE = 0.7  # of saturation that it reaches, where the exposure time is metered
 
 Engine = Literal["auto", "numpy", "drjit", "cuda"]
 Precision = Literal["auto", "float32", "float64"]
@@ -20,7 +25,7 @@ Chain = Literal["physical", "konnik2014"]
 Gain: TypeAlias = Annotated[
     str | float | None,
     Option(
-        "Gain setting of the camera: an ISO number or a name, which `cameras show` lists. Default: "
+        "Gain setting of the camera; an ISO number or a name, which `cameras show` lists. Default: "
         "the numbers of the camera as they stand.",
         flag="--gain --iso",
         metavar="ISO|NAME",
@@ -33,7 +38,7 @@ class MapOptions(TypedDict, total=False):
     """Measured fixed-pattern noise."""
 
     maps: Annotated[
-        Mapping[str, ArrayLike] | None,
+        "Mapping[str, ArrayLike] | None",
         Option(
             "Measured fixed-pattern noise (FPN) maps by name, as `fpn-maps` makes them, in place of the serial "
             "number's own; of this window, or of the whole sensor. Offsets and read noise are in electrons or DN, as "
@@ -132,7 +137,7 @@ class ArrayOptions(TypedDict, total=False):
     """What an array of photons does not say by itself, and at which gain the camera is."""
 
     wavelengths_nm: Annotated[
-        ArrayLike | None,
+        "ArrayLike | None",
         Option("Centres of the bands of an array (H, W, B) of photons, in nm.", flag=None),
     ]
     origin: Annotated[

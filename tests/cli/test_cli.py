@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
-from mitsuba_sensor.camera.camera_file import SHIPPED
+from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.output import exr
 from mitsuba_sensor.render.light.irradiance import RenderedFor
 
@@ -268,7 +268,7 @@ def is_listed(stage: dict[str, Any]) -> bool:
 
 @pytest.mark.parametrize("command", ["render", "expose", "plan"])
 def test_help_explains_the_tolerance(command: str, cli: Callable[..., Any]) -> None:
-    said = " ".join(re.sub(r"[│╭╮╰╯─]", " ", cli(command, "--help").stdout).split())
+    said = " ".join(re.sub(r"[│╭╮╰╯─]", " ", cli(command, "--help-all").stdout).split())
     assert "--tolerance-dn" in said and "DN" in said
 
 
@@ -395,7 +395,7 @@ def test_the_schema_knows_every_table_of_a_camera_file(cli: Callable[..., Any]) 
 def test_help_shows_an_example_for_every_command_that_needs_one(
     cli: Callable[..., Any],
 ) -> None:
-    assert "mitsuba-sensor render scenes/first_frame.xml -o out/" in cli("--help").stdout
+    assert "mitsuba-sensor render first_frame -o out/" in cli("--help").stdout
     for command in ("render", "expose", "plan"):
         assert f"Example: mitsuba-sensor {command}" in cli(command, "--help").stdout
 
@@ -407,7 +407,7 @@ def test_help_names_every_flag_in_full(
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", columns)
-    shown = re.findall(r"--[a-z-]*…", cli(command, "--help").stdout)
+    shown = re.findall(r"--[a-z-]*…", cli(command, "--help-all").stdout)
     assert not shown
 
 

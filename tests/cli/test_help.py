@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import subprocess
 import sys
@@ -26,8 +28,8 @@ def commands(
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Every command, those below cameras and study too, with the words that call it."""
     yield path, group
-    for name, one in getattr(group, "commands", {}).items():
-        yield from commands(one, (*path, name))
+    for name in group.list_commands(None) if hasattr(group, "list_commands") else ():
+        yield from commands(group.get_command(None, name), (*path, name))
 
 
 COMMANDS = dict(commands())
@@ -46,11 +48,13 @@ def flat(text: str) -> str:
 
 @pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
 def test_h_is_help_and_every_flag_stands_in_a_panel(path: tuple[str, ...]) -> None:
-    help_text = said(*path, "--help")
-    assert said(*path, "-h") == help_text
+    assert said(*path, "-h") == said(*path, "--help")
+    names = {one.name for one in COMMANDS[path].params}
+    help_text = said(*path, "--help-all" if "help_all" in names else "--help")
     for one in COMMANDS[path].params:
         own = one.param_type_name == "argument" or one.name in (
             "help",
+            "help_all",
             "version",
             "install_completion",
         )
@@ -65,8 +69,68 @@ def test_commands_stand_in_the_order_of_use() -> None:
     assert {path[0] for path in COMMANDS if path} == set(names)
 
 
+SCREEN = 45  # lines
+WORK = [path for path, one in COMMANDS.items() if path and not hasattr(one, "list_commands")]
+GROUPS = [path for path, one in COMMANDS.items() if hasattr(one, "list_commands")]
+
+
+@pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
+def test_help_fits_on_a_screen(path: tuple[str, ...]) -> None:
+    text = said(*path, "--help", env={"COLUMNS": "80"})
+    assert len(text.strip().splitlines()) <= SCREEN
+
+
+@pytest.mark.parametrize("path", one_in(2, WORK), ids=" ".join)
+def test_help_says_how_to_see_the_options_that_it_leaves_out(path: tuple[str, ...]) -> None:
+    names = {one.name: one for one in COMMANDS[path].params if one.param_type_name == "option"}
+    if "help_all" not in names:
+        return
+    short, whole = said(*path, "--help"), said(*path, "--help-all")
+    assert f" {' '.join(path)} --help-all" in flat(short)
+    first = set(COMMANDS[path].callback.first)
+    assert first < set(names), "names of options that the command has"
+    for name, one in names.items():
+        flag = max(one.opts, key=len)
+        assert flag in whole
+        assert (flag in re.findall(r"--[a-z-]+", short)) == (name in {*first, "help_all"}), flag
+
+
+@pytest.mark.parametrize("path", GROUPS, ids=" ".join)
+def test_a_group_without_a_command_shows_its_help(path: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(app, list(path))
+    assert done.stdout.strip() == said(*path, "--help").strip() and done.stderr == ""
+    assert done.exit_code == 2
+
+
+@pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
+def test_switches_are_shown_without_a_value(path: tuple[str, ...]) -> None:
+    names = {one.name for one in COMMANDS[path].params}
+    for flag in ("--help", *(["--help-all"] if "help_all" in names else [])):
+        text = said(*path, flag)
+        assert "<bool>" not in text and "BOOLEAN" not in text
+
+
+@pytest.mark.parametrize("path", one_in(3, WORK), ids=" ".join)
+@pytest.mark.parametrize("value", ["true", "False", "=true", "=0"])
+def test_a_switch_with_a_value_is_told_what_to_write(path: tuple[str, ...], value: str) -> None:
+    for one in COMMANDS[path].params:
+        if getattr(one, "is_flag", False) and one.name != "help_all":
+            flag = one.opts[0]
+            typed = [f"{flag}{value}"] if value.startswith("=") else [flag, value]
+            done = CliRunner().invoke(app, [*path, *typed])
+            assert done.exit_code == 2
+            sentence = f"error: {flag} is a switch and takes no value"
+            assert done.stderr.startswith(sentence), done.stderr
+
+
+def test_a_switch_before_an_argument_is_no_switch_with_a_value() -> None:
+    assert json.loads(said("cameras", "show", "--json", "bayer_2mp"))["name"] == "bayer_2mp"
+    done = CliRunner().invoke(app, ["cameras", "show", "--json", "1", "bayer_2mp"])
+    assert "--json is a switch and takes no value ('1')" in done.stderr
+
+
 def test_choices_are_shown_as_choices() -> None:
-    help_text = flat(said("render", "--help", env={"COLUMNS": "200"}))
+    help_text = flat(said("render", "--help-all", env={"COLUMNS": "200"}))
     choices = [
         one for one in declared(CaptureOptions) if one.choices and one.option.flag is not None
     ]
@@ -129,3 +193,42 @@ def test_the_program_runs_as_a_module() -> None:
         [sys.executable, "-m", "mitsuba_sensor", "--version"], capture_output=True, text=True
     )
     assert done.stdout == f"mitsuba-sensor {ms.__version__}\n"
+
+
+QUICK = {
+    "the version": (["--version"], {}, {"typer", "rich", "numpy", "pydantic"}),
+    "names of commands": (
+        [],
+        {"COMP_WORDS": "mitsuba-sensor re", "COMP_CWORD": "1"},
+        {"numpy"},
+    ),
+    "options": ([], {"COMP_WORDS": "mitsuba-sensor render --", "COMP_CWORD": "2"}, {"numpy"}),
+    "options of a dataset": (
+        [],
+        {"COMP_WORDS": "mitsuba-sensor dataset run --", "COMP_CWORD": "3"},
+        {"numpy"},
+    ),
+    "cameras": (
+        [],
+        {"COMP_WORDS": "mitsuba-sensor render a.xml --camera b", "COMP_CWORD": "4"},
+        {"numpy"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_version_and_completion_load_nothing_slow(name: str) -> None:
+    """0.04 s and 0.2 s of a processor; NumPy alone takes 0.1 s. The clock is not asked."""
+    arguments, instruction, slow = QUICK[name]
+    environment = {**os.environ, **instruction}
+    if instruction:
+        environment["_MITSUBA_SENSOR_COMPLETE"] = "complete_bash"
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "mitsuba_sensor", *arguments],
+        capture_output=True,
+        text=True,
+        env=environment,
+    )
+    assert done.stdout and "Traceback" not in done.stderr
+    loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "mitsuba_sensor" in loaded and not slow & loaded

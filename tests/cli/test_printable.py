@@ -156,16 +156,39 @@ def test_a_file_whose_name_is_no_text_is_read_and_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", one_in(2, [("cameras", "schema"), ("cameras", "show", "bayer_2mp")])
+    ("arguments", "exit_code"),
+    one_in(
+        3,
+        [
+            (("--help",), 0),
+            (("render", "--help-all"), 0),
+            (("cameras",), 2),
+            (("cameras", "schema"), 0),
+            (("cameras", "show", "bayer_2mp"), 0),
+            (("cameras", "check", "no_camera"), 2),
+        ],
+        several=True,
+    ),
 )
-def test_a_pipe_that_nobody_reads_ends_the_program_in_silence(
-    arguments: tuple[str, ...],
+def test_a_pipe_that_nobody_reads_changes_nothing(
+    arguments: tuple[str, ...], exit_code: int
 ) -> None:
-    """As `| head -0` does: 141 is what a shell says of SIGPIPE. The pipe is closed before anything is written."""
+    """As `| head -0` does: the pipe is closed before anything is written."""
     reader, writer = os.pipe()
     os.close(reader)
     done = subprocess.run(
         [*PROGRAM, *arguments], stdout=writer, stderr=subprocess.PIPE, timeout=WAIT_S
     )
     os.close(writer)
-    assert (done.returncode, done.stderr) == (141, b"")
+    assert done.returncode == exit_code and b"Traceback" not in done.stderr
+    assert b"Broken pipe" not in done.stderr
+
+
+def test_errors_that_nobody_reads_leave_the_exit_code() -> None:
+    """`2>&1 | head -0` reads neither output nor errors."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    arguments = ("render", "no_scene.xml", "-o", "out")
+    done = subprocess.run([*PROGRAM, *arguments], stdout=writer, stderr=writer, timeout=WAIT_S)
+    os.close(writer)
+    assert done.returncode == 2

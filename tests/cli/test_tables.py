@@ -17,6 +17,7 @@ from helpers.marks import one_in
 from rich.console import Console, RenderableType
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.cli import progress as progress_module
 from mitsuba_sensor.cli import terminal
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.cli.tables import FittedTable, number, rough
@@ -178,13 +179,13 @@ def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(
 ) -> None:
     """Told once that 100 s are left, it shows 40 s later what is left then, of this frame and of the two after it."""
     now = [1000.0]
-    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
     console = Console(width=100, file=io.StringIO(), force_terminal=True, color_system=None)
     for options, frames_left in (
         ({}, 0),
         ({"frames": 3, "first_frame": 5, "render_noise": "per-frame"}, 2),
     ):
-        with terminal.render_progress(console, options) as progress:
+        with progress_module.render_progress(console, options) as progress:
             bar = console._live_stack[-1]
             progress(RenderProgress(0, 10, seconds_left=math.nan, frame=5))
             assert "left" not in drawn(bar)
@@ -205,7 +206,7 @@ def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(
 
 def test_the_bar_says_what_is_done_and_no_share_where_no_end_is_known() -> None:
     console = Console(width=100, file=io.StringIO(), force_terminal=True, color_system=None)
-    with terminal.render_progress(console, {}, "reading the light") as progress:
+    with progress_module.render_progress(console, {}, "reading the light") as progress:
         bar = console._live_stack[-1]
         assert "reading the light" in drawn(bar) and "%" not in drawn(bar)
         progress(RenderProgress(1, 10, seconds=20.0, seconds_left=80.0))

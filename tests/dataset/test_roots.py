@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers.scenes import SKY, scene_text
 
-from mitsuba_sensor.camera.camera_file import SHIPPED
+from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.dataset.planned import load_plan
 

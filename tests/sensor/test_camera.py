@@ -18,8 +18,9 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_file import SHIPPED, camera_schema
+from mitsuba_sensor.camera.camera_file import camera_schema
 from mitsuba_sensor.camera.datasheet_errors import fields_of
+from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.dark_current import dark_current_model
 from mitsuba_sensor.stages.gains import gain_dn_per_e

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.camera_file import SHIPPED
+from mitsuba_sensor.camera.shipped import SHIPPED
 
 QE = "wavelength_nm,mono_percent\n400,10\n700,50\n"
 

@@ -87,7 +87,7 @@ def test_an_iset_table_is_the_same_lens(tmp_path: Path) -> None:
 
 def test_a_camera_file_finds_its_lens_beside_it_and_keeps_it(tmp_path: Path) -> None:
     """The camera holds the surfaces, not the path: it is the same when the file is gone."""
-    from mitsuba_sensor.camera.camera_file import SHIPPED
+    from mitsuba_sensor.camera.shipped import SHIPPED
 
     text = (
         (SHIPPED / "konnik_table1.toml")

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
 
+from mitsuba_sensor.cli.progress import seconds_bar
 from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
-from mitsuba_sensor.cli.terminal import seconds_bar
 from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.pages.drawing import png, svg
 from mitsuba_sensor.pages.html_page import html, text

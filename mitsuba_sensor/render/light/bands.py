@@ -16,10 +16,9 @@ from ...camera.fingerprint import response_fingerprint
 from ...core import Array, Float64Array, InputError, require
 from ...core.llvm import drjit
 from ...optics.f_number_law import transmittance
+from ..limits import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from ..variants import MitsubaObject, mitsuba
 
-SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors
-NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
 BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
 GROUP = 4  # wavelengths that Mitsuba samples for one path
 NODES = 17  # of a box in a cube; the density of wavelengths has the same nodes

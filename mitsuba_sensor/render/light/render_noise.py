@@ -9,7 +9,7 @@ import numpy as np
 from ...sensor.detection import detect
 from ...sensor.frames import RawFrames
 from ...theory.input_noise import input_noise
-from ..passes.passes import MOST_IN_ALL
+from ..limits import MOST_IN_ALL
 from ..passes.pooled import FEWEST
 from ..passes.statistics import POOLED, RenderStatistics, summary_of
 from ..passes.stop_criterion import DEFAULT_SPP, RATIO_EXPONENT

@@ -17,7 +17,8 @@ from ...camera.camera import Camera
 from ...core import Exposure, Float64Array, InputError, check_types
 from ...core.options import complete, documents
 from ...optics.shutter import Shutter, shutter_of
-from ..light.bands import LONGEST_NM, SHORTEST_NM, choose_bands
+from ..light.bands import choose_bands
+from ..limits import LONGEST_NM, SHORTEST_NM
 from ..options import SceneOptions
 from ..passes.passes import row_strips
 from ..scene.scene import Scene, load_scene

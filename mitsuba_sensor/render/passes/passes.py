@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Float64Array, InputError, require
+from ..limits import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
 
 SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
 FEWEST, MOST = (
     8,
     16,
 )  # passes of a fixed number of samples: few large ones have less noise; pooled.py does the rest
-MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
-MOST_REPEATABLE = 8  # per pass, where the sum must not depend on threads: what a vector of AVX2 or AVX-512 holds
-MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
 VALUES_AT_ONCE = 2**14  # that stay in a processor's cache
 MOST_VALUES = (

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from ...camera.camera import Camera
-from ...camera.camera_file import list_cameras, load_camera, toml_value
+from ...camera.camera_file import load_camera, toml_value
+from ...camera.shipped import list_cameras
 from ...core import Exposure, InputError, first_given, nearest, require, require_seed
 from ...core.options import complete, part_of
 from ...sensor.metering import Metering

@@ -1,0 +1,14 @@
+"""The camera files that ship with the package."""
+
+from importlib import resources
+
+SHIPPED = resources.files(__package__) / "cameras"
+
+
+def list_cameras() -> list[str]:
+    """Names of the cameras that ship with the package."""
+    return sorted(
+        file.name.removesuffix(".toml")
+        for file in SHIPPED.iterdir()
+        if file.name.endswith(".toml")
+    )
