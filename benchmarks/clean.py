@@ -66,7 +66,7 @@ def compare(camera: ms.Camera, photons: np.ndarray) -> tuple[float, float, float
     """Largest and rms distance of the pixels' averages [standard errors], variance over theory, CPU seconds."""
     start = time.process_time()
     found = ms.expose(photons, camera, EXPOSURE)
-    clean, variance = found.clean[0].astype(float), found.temporal_variance.astype(float)
+    clean, variance = found.clean.astype(float), found.temporal_variance.astype(float)
     seconds = time.process_time() - start
     off, square = np.zeros(clean.shape), np.zeros(clean.shape)
     for frame in ms.stream(photons, camera, EXPOSURE, frames=FRAMES):

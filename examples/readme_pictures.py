@@ -27,12 +27,12 @@ def main(irradiance_file: str, folder: str) -> None:
     exposure, illuminant = frames.first.exposure, frames.light.illuminant
     short = ms.expose(light, exposure=replace(exposure, time_s=exposure.time_s / SHORTER))
     shown = {
-        "": (frames.digital, 1.0),
+        "": (frames.digital[0], 1.0),
         "_clean": (frames.clean, 1.0),
-        "_tenth": (short.digital, SHORTER),
+        "_tenth": (short.digital[0], SHORTER),
     }
-    for name, (images, gain) in shown.items():
-        picture = preview(images[0], frames.camera, gain, illuminant=illuminant)
+    for name, (image, gain) in shown.items():
+        picture = preview(image, frames.camera, gain, illuminant=illuminant)
         write_png(pictures / f"first_frame{name}.png", picture)
 
 

@@ -28,6 +28,7 @@ from .render.light.irradiance import Irradiance as Irradiance
 from .render.light.photons import collect as collect
 from .render.light.photons import gradient_light as gradient_light
 from .render.light.photons import uniform_light as uniform_light
+from .render.light.rgb_light import light_from_rgb as light_from_rgb
 from .render.passes.prepared import render as render
 from .render.plugins.plugin_hook import register_plugins as register_plugins
 from .render_frames import render_frames as render_frames

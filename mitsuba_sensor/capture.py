@@ -14,6 +14,7 @@ from typing import Any, TypeAlias, Unpack, cast
 import numpy as np
 
 from .camera.camera import Camera
+from .camera.camera_file import AnyCamera, camera_of
 from .capture_options import CaptureOptions, check_asked_files, refuse_render_options
 from .core import Exposure, InputError, Photons, warn_of
 from .core.heap import trim_heap
@@ -78,10 +79,10 @@ class Capture:
         ) as scratch:
             write_frames(scratch, self.frames, self.metadata, gain)
             if self.metadata["options"]["clean"]:
-                for name, values in zip(
-                    CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True
-                ):
-                    tiff.write_tiff(scratch / name, values)
+                each, shared = self.frames.own_clean, self.frames.clean
+                clean_name, variance_name = CLEAN
+                tiff.write_tiff(scratch / clean_name, shared if each is None else each)
+                tiff.write_tiff(scratch / variance_name, self.frames.temporal_variance)
             if self.metadata["options"]["dng"]:
                 for number, name in enumerate(dng_names(self.frames)):
                     write_dng(scratch / name, self.frames, number)
@@ -97,7 +98,7 @@ class Capture:
 @restores_variant
 def capture(
     source: Scene | Light,
-    camera: Camera | None = None,
+    camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
     *,
     progress: Progress | None = None,
@@ -111,10 +112,11 @@ def capture(
     progress : called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
     Everything is checked before the first ray is traced. Raises InputError.
     """
+    chosen = camera_of(camera)
     request = Request(
         source,
-        camera,
-        checked_exposure(camera, exposure),
+        chosen,
+        checked_exposure(chosen, exposure),
         complete(CaptureOptions, options),
         progress,
     )

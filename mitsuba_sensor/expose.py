@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .camera.camera import Camera
+from .camera.camera_file import AnyCamera, camera_of
 from .core import Exposure, Photons, check_types, warn_of
 from .core.options import documents
 from .output.frames import Frames
@@ -29,7 +30,7 @@ atexit.register(RECENT.clear)  # before Dr.Jit, which owns some of them, is gone
 @documents(ExposeOptions)
 def expose(
     photons: Photons | ArrayLike | Irradiance,
-    camera: Camera | None = None,
+    camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
     **options: Unpack[ExposeOptions],
 ) -> Frames:
@@ -41,8 +42,9 @@ def expose(
     A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
-    prepared = prepare_light(photons, camera, exposure, options)
-    asked = _asked_camera(photons, camera)
+    given = camera_of(camera)
+    prepared = prepare_light(photons, given, exposure, options)
+    asked = _asked_camera(photons, given)
     try:
         frames = Frames.exposed(
             RECENT.lend(prepared, asked, options.get("chain") or "physical")
@@ -65,7 +67,7 @@ def _asked_camera(photons: Photons | ArrayLike | Irradiance, camera: Camera | No
 @documents(ExposeOptions)
 def stream(
     photons: Photons | ArrayLike | Irradiance,
-    camera: Camera | None = None,
+    camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
     **options: Unpack[ExposeOptions],
 ) -> Iterator[NDArray[np.unsignedinteger]]:
@@ -73,7 +75,7 @@ def stream(
 
     Everything is checked at once; light and maps are made with the first frame that is asked for.
     """
-    sensor = prepare_light(photons, camera, exposure, options)
+    sensor = prepare_light(photons, camera_of(camera), exposure, options)
     frames = sensor.stream()
     warn_of(sensor.notes)
     return frames

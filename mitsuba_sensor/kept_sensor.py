@@ -10,8 +10,8 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .camera.camera import Camera
-from .core import Exposure, InputError, Photons, require, warn_of
+from .camera.camera_file import AnyCamera, camera_of
+from .core import Exposure, InputError, Photons, check_types, require, warn_of
 from .core.options import documents
 from .expose import prepare_light
 from .output.frames import Frames
@@ -53,13 +53,14 @@ class Sensor:
 
     def __init__(
         self,
-        camera: Camera,
+        camera: AnyCamera,
         *,
         serial: int = 1,
         maps: dict[str, ArrayLike] | None = None,
         most_bytes: float = 2**30,
     ) -> None:
-        self.camera, self.serial, self.maps = camera, serial, maps
+        self.camera, self.serial, self.maps = camera_of(camera), serial, maps
+        check_types(self.camera, None, optional=True)
         most = require("most_bytes", most_bytes, 0.0, math.inf, "bytes, e.g. 2**30")
         self.frames_taken = 0
         self._kept = KeptMaps(most)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Unpack
 
-from .camera.camera import Camera
+from .camera.camera_file import AnyCamera, camera_of
 from .core import Photons, warn_of
 from .core.options import complete, documents
 from .output.frames import Frames
@@ -40,7 +40,7 @@ class RenderedFrame:
 @restores_variant
 def render_frames(
     scene: SceneInput | ParsedScene,
-    camera: Camera | None = None,
+    camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
     *,
     render_noise: PerFrameNoise = "compensated",
@@ -59,7 +59,7 @@ def render_frames(
     several times as many (noisy_pixels.py; not in scalar variants). Raises InputError.
     """
     chosen = complete(FrameSeriesOptions, options)
-    series = FrameSeries.prepare(scene, camera, exposure, chosen, render_noise)
+    series = FrameSeries.prepare(scene, camera_of(camera), exposure, chosen, render_noise)
     return computed_in(series.prepared.parsed.variant, _frames_of(series, progress))
 
 

@@ -122,6 +122,18 @@ class Camera(FileTable):
         check_gain(self)
         return self
 
+    def __repr__(self) -> str:
+        """``<Camera: bayer_2mp, CMOS, 1200 × 1920 pixels of 5.86 µm, 12 bit>``."""
+        sensor, pitch = self.sensor, f"{self.pixel.pitch_x_um:g}"
+        if self.pixel.pitch_y_um != self.pixel.pitch_x_um:
+            pitch += f" × {self.pixel.pitch_y_um:g}"
+        gain = f", gain {self.gain}" if self.gain else ""
+        size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm"
+        kind = sensor.technology.upper()
+        return f"<Camera: {self.name}, {kind}, {size}, {self.adc.bits} bit{gain}>"
+
+    __str__ = __repr__
+
     def replace(self, **changes: Any) -> Camera:
         """A copy with dotted fields changed: ``camera.replace(**{"adc.bits": 14})``; None unsets a field.
 

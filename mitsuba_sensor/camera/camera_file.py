@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 
@@ -15,8 +16,30 @@ from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
 from .shipped import SHIPPED, list_cameras
 
+AnyCamera: TypeAlias = Camera | str | Path
+"""A camera, or what :func:`load_camera` takes: the name of one that ships with the package, or a file."""
+
 TOML_TEXT = "the TOML text"
 """What a camera that is given as text is called in messages."""
+
+
+@overload
+def camera_of(camera: AnyCamera) -> Camera: ...
+@overload
+def camera_of(camera: AnyCamera | None) -> Camera | None: ...
+def camera_of(camera: AnyCamera | None) -> Camera | None:
+    """The camera itself, or the one of this name or file; None stays None. Raises InputError."""
+    if isinstance(camera, str) and camera in list_cameras():
+        return _shipped_camera(camera)
+    if isinstance(camera, str | Path):
+        return load_camera(camera)
+    return camera
+
+
+@cache
+def _shipped_camera(name: str) -> Camera:
+    """A camera that ships with the package: the same object in every call, so that its maps can be kept."""
+    return load_camera(name)
 
 
 def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:

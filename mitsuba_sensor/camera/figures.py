@@ -58,6 +58,10 @@ class EmvaFigures:
     snr_max: float
     dynamic_range: float
 
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{one.symbol} {one.value:.4g} {one.unit}" for one in self.table())
+        return f"<EmvaFigures: {shown}>"
+
     @property
     def snr_max_db(self) -> float:
         """20·log10 of SNR_max [dB]."""

@@ -18,9 +18,18 @@ def check_types(camera: object, exposure: object, optional: bool = False) -> Non
             f"camera is {camera!r}; pass a Camera, e.g. load_camera('konnik_table1')."
         )
     if not isinstance(exposure, Exposure) and not (optional and exposure is None):
-        raise InputError(
-            f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1)."
+        raise InputError(_exposure_sentence(exposure))
+
+
+def _exposure_sentence(exposure: object) -> str:
+    """What to pass in place of this exposure."""
+    is_number = isinstance(exposure, int | float) and not isinstance(exposure, bool)
+    if is_number:
+        return (
+            f"exposure is the number {exposure!r}; for an exposure time of {exposure!r} s pass "
+            f"Exposure(time_s={exposure!r})."
         )
+    return f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1)."
 
 
 def refuse_masked(name: str, values: object) -> None:

@@ -10,10 +10,11 @@ A function takes them as ``**options: Unpack[RenderOptions]``, which mypy checks
 them in ``help()``; ``complete(RenderOptions, options)`` checks them and fills in the defaults.
 """
 
+import functools
 import inspect
 import numbers
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass
 from math import inf
 from pathlib import PurePath
@@ -24,6 +25,33 @@ from .errors import InputError, nearest, require
 Options = TypeVar("Options")
 Function = TypeVar("Function", bound=Callable[..., object])
 NAMES = {bool: "True or False", str: "a text"}
+KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
+IN_EXPOSURE = {
+    "exposure_s": "time_s",
+    "exposure_time": "time_s",
+    "exposure_time_s": "time_s",
+    "integration_time": "time_s",
+    "time_s": "time_s",
+    "temperature_k": "temperature_k",
+    "temperature": "temperature_k",
+}
+"""What is part of an exposure: the words of users and of the command line, and its fields."""
+
+CALLED_OTHERWISE = {
+    "iso": "gain",
+    "samples": "spp",
+    "samples_per_pixel": "spp",
+    "columns": "width",
+    "resolution": "width",
+    "n_frames": "frames",
+    "num_frames": "frames",
+    "count": "frames",
+    "wavelength": "wavelength_nm",
+    "wavelengths": "wavelengths_nm",
+    "tolerance": "tolerance_dn",
+    "serial_number": "serial",
+}
+"""Words of users for options."""
 
 
 @dataclass(frozen=True)
@@ -160,29 +188,65 @@ def used(kind: type, options: Mapping[str, object]) -> dict[str, object]:
 def documents(*kinds: type) -> Callable[[Function], Function]:
     """Show the options behind a function's ``**options`` in its signature and its docstring."""
 
-    def with_signature(function: Function) -> Function:
-        found = {one.name: one for kind in kinds for one in declared(kind)}
-        own = [
-            p
-            for p in inspect.signature(function).parameters.values()
-            if p.kind is not p.VAR_KEYWORD
-        ]
-        parameters = [
-            inspect.Parameter(
-                one.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=one.option.default,
-                annotation=one.type,
-            )
-            for one in found.values()
-        ]
-        signature = inspect.signature(function).replace(parameters=[*own, *parameters])
-        lines = "\n".join(f"    {one.name} : {one.option.help}" for one in found.values())
-        function.__signature__ = signature  # type: ignore[attr-defined]
-        function.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{lines}"
-        return function
+    options = {one.name: one for kind in kinds for one in declared(kind)}
 
-    return with_signature
+    def with_options(function: Function) -> Function:
+        signature = inspect.signature(function)
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        allowed = {*options, *(p.name for p in own)}
+
+        @functools.wraps(function)
+        def call(*arguments: Any, **named: Any) -> object:
+            for name, value in named.items():
+                if name not in allowed:
+                    raise InputError(_unknown_sentence(name, value, allowed))
+            return function(*arguments, **named)
+
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        behind = [
+            inspect.Parameter(one.name, keyword, default=one.option.default)
+            for one in options.values()
+        ]
+        call.__signature__ = signature.replace(  # type: ignore[attr-defined]
+            parameters=[*own, *behind]
+        )
+        lines = "\n".join(map(_described, options.values()))
+        call.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{lines}"
+        return cast(Function, call)
+
+    return with_options
+
+
+def _described(one: Declared) -> str:
+    """A line of a docstring: name, type, default and meaning of an option."""
+    kinds = " or ".join(map(_kind_name, one.kinds))
+    default = "" if one.option.default in (None, ()) else f", default {one.option.default!r}"
+    return f"    {one.name} : {kinds}{default}. {one.option.help}"
+
+
+def _kind_name(kind: Any) -> str:
+    """A type as a reader calls it."""
+    if get_origin(kind) is Literal:
+        return ", ".join(repr(value) for value in get_args(kind))
+    plain = get_origin(kind) or kind
+    name = getattr(plain, "__name__", str(plain))
+    return KIND_NAMES.get(name, name)
+
+
+def _unknown_sentence(name: str, value: object, allowed: Set[str]) -> str:
+    """What to write in place of an option that there is not."""
+    if name in IN_EXPOSURE and "exposure" in allowed:
+        field = IN_EXPOSURE[name]
+        shown = repr(value) if isinstance(value, int | float) else "…"
+        given = f"time_s={shown}" if field == "time_s" else f"time_s=…, {field}={shown}"
+        return f"{name!r} is not an option; pass exposure=Exposure({given})."
+    said = CALLED_OTHERWISE.get(name)
+    if said in allowed:
+        return f"{name!r} is not an option; it is called {said} here."
+    known = sorted(allowed - {"self"})
+    return (
+        f"{name!r} is not an option; the options are {', '.join(known)}.{nearest(name, known)}"
+    )
 
 
 def _plain(value: object) -> object:

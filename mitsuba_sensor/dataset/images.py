@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..core import InputError, refuse_masked
 from ..core.types import Float32Array
+from ..optics.spectra import inverse_srgb_curve
 
 Values: TypeAlias = Literal["electrons", "linear", "srgb"]
 Image: TypeAlias = Any
@@ -26,7 +27,7 @@ def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Arr
             np.multiply(values, factor, dtype=np.float32, casting="unsafe"), np.float32
         )
     if values.dtype == np.uint8:
-        levels = _inverse_srgb(np.linspace(0, 1, EIGHT_BITS + 1, dtype=np.float32))
+        levels = inverse_srgb_curve(np.linspace(0, 1, EIGHT_BITS + 1, dtype=np.float32))
         return np.asarray(np.take(levels * factor, values), np.float32)
     if values.dtype.kind in "iu":
         raise InputError(
@@ -36,17 +37,7 @@ def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Arr
         raise InputError(
             f"image has values up to {values.max():g} and values 'srgb'; pass uint8, or floats from 0 to 1."
         )
-    return np.asarray(_inverse_srgb(values.astype(np.float32)) * factor, np.float32)
-
-
-def _inverse_srgb(encoded: Float32Array) -> Float32Array:
-    """Inverse transfer curve of IEC 61966-2-1."""
-    curved = (
-        (np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)
-    ) ** np.float32(2.4)
-    return np.asarray(
-        np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32
-    )
+    return np.asarray(inverse_srgb_curve(values.astype(np.float32)) * factor, np.float32)
 
 
 def as_array(image: Image) -> NDArray[Any]:

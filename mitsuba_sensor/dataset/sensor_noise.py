@@ -7,14 +7,13 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.camera import Camera
-from ..camera.camera_file import load_camera
+from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, InputError, Photons
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
@@ -102,7 +101,7 @@ class SensorNoise:
 
     def __init__(
         self,
-        camera: Camera | str | Path,
+        camera: AnyCamera,
         *,
         exposure: Exposure | None = None,
         gain: str | float | Sequence[str | float] | None = None,
@@ -112,7 +111,7 @@ class SensorNoise:
         output: Output = "raw",
         seed: int = 0,
     ) -> None:
-        self.camera = camera if isinstance(camera, Camera) else load_camera(camera)
+        self.camera = camera_of(camera)
         self.exposure = Exposure(0.01) if exposure is None else exposure
         self.gains = (
             tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
@@ -214,6 +213,12 @@ class SensorNoise:
                 f"image has shape {given.shape}; pass (H, W), (H, W, 3), or a batch of one of them."
             )
         names = {name[:1].upper() for name in self.camera.filter_names}
+        planes_first = given.ndim == 3 and given.shape[0] == 3 and not colour
+        if planes_first and names == set("RGB"):
+            raise InputError(
+                f"image has shape {given.shape}: one colour image whose planes come first, or three grey ones? "
+                "Pass the first as np.moveaxis(image, 0, -1), and three grey ones one by one."
+            )
         if colour and names != set("RGB"):
             filters = ", ".join(self.camera.filter_names) or "none"
             raise InputError(

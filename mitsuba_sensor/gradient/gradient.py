@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
+from ..camera.camera_file import AnyCamera, camera_of
 from ..core import (
     Array,
     Electrons,
@@ -208,7 +209,7 @@ class DifferentiableFrames:
 @documents(GradientOptions)
 def differentiable(
     photons: Photons | ArrayLike,
-    camera: Camera,
+    camera: AnyCamera,
     exposure: Exposure,
     parameters: Iterable[str],
     *,
@@ -224,6 +225,7 @@ def differentiable(
     at clips and code edges too. That of a squared error is off at a clip if the noise is 1 to 2 DN (docs/backends.md).
     Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
     """
+    camera = camera_of(camera)
     check_types(camera, exposure)
     chosen = complete(GradientOptions, options)
     camera = camera.at_gain(chosen["gain"])

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..core import Float64Array
+from ..core import Float32Array, Float64Array
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)
@@ -144,4 +144,14 @@ def srgb_curve(linear: Float64Array) -> Float64Array:
         linear <= 0.0031308,
         12.92 * linear,
         1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055,
+    )
+
+
+def inverse_srgb_curve(encoded: Float32Array) -> Float32Array:
+    """Inverse transfer curve of IEC 61966-2-1, [0, 1] → [0, 1]."""
+    curved = (
+        (np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)
+    ) ** np.float32(2.4)
+    return np.asarray(
+        np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32
     )

@@ -73,7 +73,7 @@ class Frames(RawFrames):
         joined: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in names
         }
-        clean = np.concatenate([part.clean for part in parts]) if with_clean else None
+        clean = np.stack([part.clean for part in parts]) if with_clean else None
         return replace(first, **joined, own_clean=clean)
 
     @cached_property
@@ -104,16 +104,23 @@ class Frames(RawFrames):
 
     @cached_property
     def pixel_moments(self) -> PixelMoments:
-        """``clean[0]`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
+        """``clean`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
         return pixel_moments(self.stages, self.detected, self.first)
 
-    @cached_property
+    @property
     def clean(self) -> NDArray[np.float32]:
-        """Expectation of the raw frame over temporal noise, fixed patterns of this serial included, (1, H, W) [DN].
+        """Expectation of the raw frame over temporal noise in the light of the first, (H, W) [DN].
 
-        Of frames with renders of their own (N, H, W). Not rounded. Raises InputError for chain konnik2014.
+        Fixed patterns of this serial number are in it. Not rounded. Raises InputError for chain konnik2014.
         """
-        return self.pixel_moments.mean[None] if self.own_clean is None else self.own_clean
+        return self.pixel_moments.mean
+
+    @property
+    def clean_of_each(self) -> NDArray[np.float32]:
+        """The same for every frame in its own light, (N, H, W) [DN]: all equal unless each has its own render."""
+        if self.own_clean is not None:
+            return self.own_clean
+        return np.broadcast_to(self.clean, self.digital.shape)
 
     @property
     def temporal_variance(self) -> NDArray[np.float32]:

@@ -147,9 +147,16 @@ def as_photons(
     expected = mean.shape[2] if mean.ndim == 3 else 1
     unknown = bands is None and mean.ndim == 3 and not (given and given.detected)
     if unknown or (bands is not None and bands.shape != (expected,)):
+        shape = mean.shape
+        if bands is None and shape[0] in (3, 4) and shape[2] > 4:
+            raise InputError(
+                f"photons has shape {shape}, as a picture whose colour planes come first; photons are (H, W), or "
+                "(H, W, B) with wavelengths_nm. Light of an RGB picture comes from ms.light_from_rgb."
+            )
         count = "none" if bands is None else str(bands.size)
         raise InputError(
-            f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band."
+            f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band; "
+            "light of an RGB picture comes from ms.light_from_rgb."
         )
     check_lengths(bands)
     if check:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.camera import Camera
+from ..camera.camera_file import AnyCamera, camera_of
 from ..camera.sensor_size import check_on_sensor
 from ..core import Exposure, InputError, SensorWindow, check_types, require_seed
 from ..core.options import complete
@@ -16,7 +16,7 @@ from .run import choose_backend
 
 
 def fpn_maps(
-    camera: Camera,
+    camera: AnyCamera,
     shape: tuple[int, int] | None = None,
     *,
     serial: int = 1,
@@ -28,6 +28,7 @@ def fpn_maps(
     shape : (rows, columns) of the window; the whole sensor by default. The result fits ``expose(maps=…)``.
     precision : of :func:`expose`, so that these are the very maps that it uses.
     """
+    camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
     size = (camera.sensor.rows, camera.sensor.columns) if shape is None else shape
     if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:

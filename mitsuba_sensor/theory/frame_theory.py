@@ -72,6 +72,10 @@ class FrameTheory:
     frame: Frame
     _behind: dict[int, Codes] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        rows, columns = self.frame.window.shape
+        return f"<FrameTheory: {len(self.stages)} stages, {rows} × {columns} pixels>"
+
     def averages(self, stage: Stage) -> Averages:
         """Averages over the pixels behind a stage."""
         number = place_of(stage, self.stages)

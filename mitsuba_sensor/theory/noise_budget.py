@@ -38,6 +38,10 @@ class Contribution:
     spatial_dn2: float
     _budget: NoiseBudget
 
+    def __repr__(self) -> str:
+        variances = f"{self.temporal_dn2:.4g} temporal, {self.spatial_dn2:.4g} spatial DN²"
+        return f"<Contribution: {self.source}, mean {self.mean_dn:.4g} DN, {variances}>"
+
     @cached_property
     def dn(self) -> Float64Array:
         """Its contribution to every pixel, (H, W) [DN]; computed when it is asked for."""
@@ -58,6 +62,10 @@ class NoiseBudget:
     light: Detected
     frame: Frame
     theory: FrameTheory
+
+    def __repr__(self) -> str:
+        rows, columns = self.frame.window.shape
+        return f"<NoiseBudget: {len(self.stages)} sources, {rows} × {columns} pixels; print(….explain())>"
 
     @cached_property
     def entries(self) -> tuple[Contribution, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
+from ..camera.camera_file import AnyCamera, camera_of
 from ..core import (
     Electrons,
     Exposure,
@@ -60,6 +61,10 @@ class Plan:
     range: PlanRange
     light: Detected = field(repr=False)
     frame: Frame = field(repr=False)
+
+    def __repr__(self) -> str:
+        left_out = f"{len(self.left_out)} of {len(self.effects)} stages left out"
+        return f"<Plan: {self.camera}, {left_out} within {self.tolerance_dn:g} DN>"
 
     def _repr_html_(self) -> str:
         return plan_html(self)
@@ -146,7 +151,7 @@ class Plan:
 
 
 def plan(
-    camera: Camera,
+    camera: AnyCamera,
     exposure: Exposure,
     photons: Photons | ArrayLike,
     tolerance_dn: float = 0.0,
@@ -162,6 +167,7 @@ def plan(
         only what changes nothing at all.
     Raises InputError for a negative tolerance, and for photons and maps that ``expose`` would refuse.
     """
+    camera = camera_of(camera)
     check_types(camera, exposure)
     require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from ..camera.camera import Camera
+from ..camera.camera_file import AnyCamera, camera_of
 from ..core import (
     Array,
     Electrons,
@@ -28,9 +30,6 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, normals
 from ..core.llvm import backend_problem
 from ..sensor.run import choose_backend
 from ..stages.stage import UNITS, Chain, Stage, propagate, total
-
-if TYPE_CHECKING:
-    from ..camera.camera import Camera
 
 CHIPS = 64
 FRAMES = (0, 100_000)  # so far apart that a telegraph signal has forgotten its state
@@ -126,7 +125,11 @@ class StageCheck:
 
 
 def check_stage(
-    stage: Stage, *, camera: Camera, after: str | None = None, exposure: Exposure | None = None
+    stage: Stage,
+    *,
+    camera: AnyCamera,
+    after: str | None = None,
+    exposure: Exposure | None = None,
 ) -> StageCheck:
     """Compare the ``moments`` of a stage with its ``sample`` on windows at random places of the sensor.
 
@@ -139,6 +142,7 @@ def check_stage(
     bytes that NumPy gives in float32. It takes a few seconds.
     Raises InputError where something does not fit: where, what ``moments`` says, and what ``sample`` does.
     """
+    camera = camera_of(camera)
     chain = camera.stages if after is None else camera.with_stage(stage, after=after).stages
     place = next((number for number, one in enumerate(chain) if one is stage), 0)
     name = type(stage).__name__

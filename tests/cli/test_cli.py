@@ -486,7 +486,7 @@ def test_clean_writes_the_expectation_and_the_variance_of_the_frame(
         12,
         16,
     )
-    assert (clean == frames.clean[0]).all() and (variance == frames.temporal_variance).all()
+    assert (clean == frames.clean).all() and (variance == frames.temporal_variance).all()
     assert cli("expose", light_file, "-o", tmp_path / "b", "--exposure-s", 0.01).exit_code == 0
     assert not (tmp_path / "b" / "clean.tiff").exists()
 

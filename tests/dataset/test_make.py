@@ -68,7 +68,7 @@ def test_a_sample_is_made_again_from_its_own_facts(everything: Dataset) -> None:
             light, camera, exposure, **facts["seeds"], frames=facts["config"]["frames"]
         )
         np.testing.assert_array_equal(sample.read("raw"), frames.digital)
-        np.testing.assert_array_equal(sample.read("clean"), frames.clean[0])
+        np.testing.assert_array_equal(sample.read("clean"), frames.clean)
         np.testing.assert_array_equal(sample.read("variance"), frames.temporal_variance)
 
 

@@ -124,7 +124,7 @@ def test_light_outlives_the_variant_in_which_it_was_rendered() -> None:
     frames = ms.expose(light, seed=3)
     mi.set_variant("llvm_ad_rgb")
     np.testing.assert_array_equal(ms.expose(light, seed=3).digital, frames.digital)
-    assert frames.clean.shape == frames.digital.shape and mi.variant() == "llvm_ad_rgb"
+    assert frames.clean_of_each.shape == frames.digital.shape and mi.variant() == "llvm_ad_rgb"
 
 
 def test_where_none_was_set_that_of_the_call_stays(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,7 +76,7 @@ def test_the_average_of_many_frames_is_the_clean_frame(name: str, share: float) 
     camera = CAMERAS[name]
     photons = photons_of(camera, share)
     found = ms.expose(photons, camera, EXPOSURE)
-    clean, variance = found.clean[0].astype(float), found.temporal_variance.astype(float)
+    clean, variance = found.clean.astype(float), found.temporal_variance.astype(float)
     off, square = np.zeros(SHAPE), np.zeros(SHAPE)
     for frame in ms.stream(photons, camera, EXPOSURE, frames=FRAMES):
         off += (frame - clean) / FRAMES
@@ -151,7 +151,7 @@ def test_far_from_all_ends_a_straight_camera_is_gain_times_electrons_and_its_off
     dark_e = EXPOSURE.time_s * TABLE1.stages[2].model.rate_e_per_s(EXPOSURE.temperature_k)  # type: ignore[attr-defined]
     electrons = found.detected.mean_e * maps["prnu"] + dark_e * maps["dark_fpn"]
     gain, black = gain_dn_per_e(TABLE1), TABLE1.stages[-1].black_level_dn  # type: ignore[attr-defined]
-    assert found.clean[0] == pytest.approx(
+    assert found.clean == pytest.approx(
         black + gain * (electrons + maps["dsnu_col_e"]), abs=2e-3
     )
     own = found.temporal_variance - gain**2 * electrons
@@ -196,13 +196,13 @@ def test_a_pixel_among_many_has_the_clean_value_that_it_has_among_few(
     )
     photons = mean * np.random.default_rng(1).lognormal(0.0, 0.7, (100, 160))
     many = ms.expose(photons, camera, EXPOSURE)
-    clean, variance = many.clean[0], many.temporal_variance
+    clean, variance = many.clean, many.temporal_variance
     assert 0 < sum(summed) < photons.size / 2
     for row, column in ((0, 0), (31, 77), (96, 156)):
         part = np.s_[row : row + 4, column : column + 4]
         alone = ms.expose(ms.Photons(photons[part], origin=(row, column)), camera, EXPOSURE)
         sigma = np.sqrt(alone.temporal_variance + 0.01)
-        assert np.abs(clean[part] - alone.clean[0]).max() < 1e-5 * sigma.min() + 2e-6
+        assert np.abs(clean[part] - alone.clean).max() < 1e-5 * sigma.min() + 2e-6
         assert np.abs(variance[part] / alone.temporal_variance - 1).max() < 1e-4
 
 
@@ -211,7 +211,7 @@ def test_infinite_light_is_the_largest_code_and_does_not_vary() -> None:
     assert (
         np.all(found.clean == 4095)
         and np.all(found.temporal_variance < 1e-30)
-        and found.clean.shape == (1, *SHAPE)
+        and found.clean.shape == SHAPE
     )
 
 
@@ -219,7 +219,7 @@ def test_given_maps_are_taken_pixel_by_pixel() -> None:
     photons, maps = photons_of(TABLE1, 0.4), ms.fpn_maps(TABLE1, SHAPE)
     maps["dsnu_pixel_e"] = np.arange(96.0).reshape(SHAPE)
     plain, found = (
-        ms.expose(photons, TABLE1, EXPOSURE, **more).clean[0] for more in ({}, {"maps": maps})
+        ms.expose(photons, TABLE1, EXPOSURE, **more).clean for more in ({}, {"maps": maps})
     )
     assert found - plain == pytest.approx(
         gain_dn_per_e(TABLE1) * maps["dsnu_pixel_e"], abs=2e-3
@@ -264,7 +264,7 @@ def test_stages_of_a_user_count_as_they_are_sampled_or_by_their_moments() -> Non
     plain = ms.expose(photons, TABLE1, EXPOSURE)
     ramp = ms.expose(photons, TABLE1.with_stage(Ramp(), after="prnu"), EXPOSURE)
     light = plain.detected.mean_e * ms.fpn_maps(TABLE1, SHAPE)["prnu"]
-    assert ramp.clean[0] - plain.clean[0] == pytest.approx(
+    assert ramp.clean - plain.clean == pytest.approx(
         gain * light * 0.01 * np.arange(SHAPE[1]), abs=5e-3
     )
     moved = ms.expose(photons, TABLE1.with_stage(Jitter(), after="prnu"), EXPOSURE)

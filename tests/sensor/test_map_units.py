@@ -39,7 +39,7 @@ def test_offsets_in_dn_appear_in_the_mean_of_all_frames_as_they_are(
     rest is float32. What a CDS leaves of offsets is in a map that was measured behind it."""
     camera, values = CAMERA.replace(**{"readout.dsnu_residual": residual}), random_map(name)
     frames = ms.expose(np.zeros(SHAPE), camera, DARK, maps={f"{name}_dn": values})
-    np.testing.assert_allclose(frames.clean[0], 60.0 + values * np.ones(SHAPE), atol=1e-4)
+    np.testing.assert_allclose(frames.clean, 60.0 + values * np.ones(SHAPE), atol=1e-4)
 
 
 def test_a_round_trip_through_frames_gives_the_map_back() -> None:
@@ -61,7 +61,7 @@ def test_a_round_trip_through_frames_gives_the_map_back() -> None:
         error**2, rel=0.26
     )  # 5 of √(2/768)
     again = ms.expose(np.zeros(SHAPE), CAMERA, DARK, maps={"dsnu_pixel_dn": measured})
-    np.testing.assert_allclose(again.clean[0] - 60.0, measured, atol=1e-4)
+    np.testing.assert_allclose(again.clean - 60.0, measured, atol=1e-4)
 
 
 def test_dn_are_electrons_times_the_overall_system_gain() -> None:

@@ -101,7 +101,7 @@ def test_wide_noise_in_front_of_a_curve_leaves_the_clean_frame_right(name: str) 
 
     case = next(one for one in cases() if name in one.name)
     frames = ms.expose(case.photons((8, 256)), case.camera, case.exposure, frames=60)
-    off = frames.digital.mean(axis=0, dtype=np.float64) - frames.clean[0]
+    off = frames.digital.mean(axis=0, dtype=np.float64) - frames.clean
     sigma = np.sqrt(frames.temporal_variance.astype(np.float64) / 60)
     assert abs(off.mean()) < 4 * math.sqrt(np.mean(sigma**2) / off.size)
     assert np.mean(off**2) == pytest.approx(np.mean(sigma**2), rel=0.15)

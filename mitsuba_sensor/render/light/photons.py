@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...camera.camera import Camera
+from ...camera.camera_file import AnyCamera, camera_of
 from ...camera.fingerprint import response_fingerprint
 from ...camera.sensor_size import check_on_sensor
 from ...core import (
@@ -66,7 +67,7 @@ def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -
 
 def collect(
     light: Irradiance | ArrayLike,
-    camera: Camera,
+    camera: AnyCamera,
     exposure: Exposure,
     *,
     wavelengths_nm: ArrayLike | None = None,
@@ -82,6 +83,7 @@ def collect(
     bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
     Raises InputError for shapes that do not fit and for negative or NaN irradiance.
     """
+    camera = camera_of(camera)
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...camera.camera import Camera
+from ...camera.camera_file import AnyCamera, camera_of
 from ...core import Exposure, Float64Array, InputError, check_types
 from ...core.options import complete, documents
 from ...optics.shutter import Shutter, shutter_of
@@ -61,12 +62,16 @@ class Aovs:
     shapes: tuple[str, ...]
     scene_sha256: str
 
+    def __repr__(self) -> str:
+        rows, columns = self.depth_m.shape
+        return f"<Aovs: {rows} × {columns}, {len(self.shapes)} shapes>"
+
 
 @documents(SceneOptions)
 @restores_variant
 def render_aovs(
     scene: SceneInput,
-    camera: Camera,
+    camera: AnyCamera,
     *,
     exposure: Exposure | None = None,
     progress: RowProgress | None = None,
@@ -79,6 +84,7 @@ def render_aovs(
     In scalar variants rays are traced one by one: 0.3 ms per pixel with a motion, and 0.01 ms in LLVM.
     Raises InputError.
     """
+    camera = camera_of(camera)
     check_types(camera, Exposure(0.0) if exposure is None else exposure)
     chosen = complete(SceneOptions, options)
     if chosen["motion"] is not None and exposure is None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, Unpack
 
 from ...camera.camera import Camera
+from ...camera.camera_file import AnyCamera, camera_of
 from ...core import Exposure, InputError, first_given, require_seed, warn_of
 from ...core.options import complete, documents
 from ...optics.f_number_law import shading
@@ -55,7 +56,7 @@ METERING_SPP = 32  # of the render that is metered where the exposure must be kn
 @restores_variant
 def render(
     scene: SceneInput | ParsedScene,
-    camera: Camera | None = None,
+    camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
     *,
     seed: int | None = None,
@@ -72,7 +73,7 @@ def render(
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
     started, chosen = time.monotonic(), denoised_if_possible(complete(RenderOptions, options))
-    prepared = prepare(scene, camera, exposure, **chosen)
+    prepared = prepare(scene, camera_of(camera), exposure, **chosen)
     light = prepared.render(
         prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started
     )

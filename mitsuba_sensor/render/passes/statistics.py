@@ -78,6 +78,11 @@ class RenderStatistics:
     seconds_per_sample: float = 0.0
     sum_error: float | None = None
 
+    def __repr__(self) -> str:
+        taken = f"{self.samples_per_pixel} samples per pixel in {self.seconds:.3g} s"
+        noise = f"render noise {self.noise_ratio_median:.3g} × sensor noise (variance, median)"
+        return f"<RenderStatistics: {taken}, {noise}>"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
         return {**asdict(self), "notes": list(self.notes)}

@@ -111,7 +111,7 @@ class SensorAblation:
                 serial=self._serial + number,
                 seed=self._seed + number,
             )
-            law_mean = np.float64(frames.clean[0])
+            law_mean = np.float64(frames.clean)
             law_spatial = (law_mean - frames.spatial_mean) ** 2
             predicted.append(
                 [x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)]

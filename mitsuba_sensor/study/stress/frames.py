@@ -162,7 +162,7 @@ def beside_exact_law(frames: ms.Frames) -> Got:
     """Mean and temporal variance of several frames, averaged over the pixels, beside their exact law."""
     digital = frames.digital.astype(np.float64)
     mean, variance = digital.mean(axis=0), digital.var(axis=0, ddof=1)
-    mean_off, variance_off = mean - frames.clean[0], variance - frames.temporal_variance
+    mean_off, variance_off = mean - frames.clean, variance - frames.temporal_variance
     error = np.array([x.std(ddof=1) for x in (mean_off, variance_off)]) / math.sqrt(mean.size)
     text = f"mean {mean.mean():.5g} ({frames.clean.mean():.5g}) DN, variance {variance.mean():.5g} "
     text += f"({frames.temporal_variance.mean():.5g}) DN²"

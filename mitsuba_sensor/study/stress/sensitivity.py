@@ -99,9 +99,7 @@ def sensitivities(name: str) -> list[Sensitivity]:
 def mean_and_sigma(light: Array, camera: ms.Camera, exposure: ms.Exposure) -> Array:
     """Mean and temporal σ of every pixel in its exact law, (2, H, W) [DN]."""
     frames = ms.expose(light, camera, exposure, engine="numpy", precision="float64")
-    return np.stack(
-        [np.float64(frames.clean[0]), np.sqrt(np.float64(frames.temporal_variance))]
-    )
+    return np.stack([np.float64(frames.clean), np.sqrt(np.float64(frames.temporal_variance))])
 
 
 def changed_cameras(camera: ms.Camera) -> Iterator[tuple[str, float, ms.Camera]]:

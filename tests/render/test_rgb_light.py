@@ -1,0 +1,91 @@
+"""Light of RGB pictures: its illuminance by colour-science, one light in three units, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import colour
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+
+BAYER = ms.load_camera("bayer_2mp")
+PICTURE = np.random.default_rng(20261126).integers(0, 256, (6, 8, 3), np.uint8)
+
+
+def illuminance_lx(light: ms.Irradiance) -> Any:
+    """Illuminance of every pixel by the CIE 1931 observer of colour-science [lx]."""
+    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy()
+    sensitivity = observer.align(colour.SpectralShape(360, 780, 1)).values[:, 1]
+    wavelengths_nm = np.arange(360.0, 781.0)
+    values = np.array(
+        [
+            np.interp(wavelengths_nm, light.wavelengths_nm, spectrum)
+            for spectrum in light.data.reshape(-1, light.data.shape[-1])
+        ]
+    )
+    return (683 * values @ sensitivity).reshape(light.data.shape[:2])
+
+
+def test_white_of_200_cd_per_m2_has_the_illuminance_of_the_camera_equation() -> None:
+    """E = π L T / (4 N²), within 0.5 %: the bands are 10 nm wide and the camera sees no blue below 400 nm."""
+    lens = BAYER.lens
+    expected_lx = math.pi * 200 * lens.transmission / (4 * lens.f_number**2)
+    for values, options in (
+        (np.full((2, 2, 3), 200.0), {"unit": "cd_per_m2"}),
+        (np.full((2, 2, 3), 255, np.uint8), {"unit": "srgb", "white_cd_per_m2": 200}),
+        (np.ones((2, 2, 3), np.float32), {"unit": "srgb", "white_cd_per_m2": 200.0}),
+    ):
+        light = ms.light_from_rgb(values, "bayer_2mp", **options)
+        assert illuminance_lx(light) == pytest.approx(expected_lx, rel=5e-3)
+
+
+def test_a_picture_is_the_linear_light_that_colour_science_decodes() -> None:
+    linear = colour.models.eotf_sRGB(PICTURE / 255)
+    encoded = ms.light_from_rgb(PICTURE, BAYER, unit="srgb", white_cd_per_m2=50.0)
+    decoded = ms.light_from_rgb(50.0 * linear, BAYER, unit="cd_per_m2")
+    np.testing.assert_allclose(encoded.data, decoded.data, rtol=2e-4)
+
+
+def test_a_green_picture_is_seen_by_green_pixels() -> None:
+    green = np.zeros((4, 4, 3))
+    green[..., 1] = 500.0
+    light = ms.light_from_rgb(green, BAYER, unit="cd_per_m2")
+    frames = ms.expose(light, BAYER, ms.Exposure(0.01), seed=3)
+    names = np.array(BAYER.filter_names)
+    sees_green = np.tile(names[np.array(BAYER.tile)] == "G", (2, 2))
+    assert sees_green.sum() == 8
+    signal = frames.clean - frames.clean.min()
+    assert signal[sees_green].min() > 2 * signal[~sees_green].max()
+
+
+def test_black_is_dark_and_a_capture_takes_the_light() -> None:
+    black = ms.light_from_rgb(np.zeros((3, 4, 3)), BAYER)
+    assert not black.data.any()
+    light = ms.light_from_rgb(PICTURE, BAYER, unit="srgb", white_cd_per_m2=100)
+    captured = ms.capture(light, "bayer_2mp", ms.Exposure(0.02), seed=5)
+    exposed = ms.expose(light, "bayer_2mp", ms.Exposure(0.02), seed=5)
+    np.testing.assert_array_equal(captured.frames.digital, exposed.digital)
+
+
+@pytest.mark.parametrize(
+    ("rgb", "options", "sentence"),
+    [
+        (np.moveaxis(PICTURE, -1, 0), {"unit": "srgb"}, "colour planes first; give"),
+        (PICTURE[..., 0], {}, r"shape \(6, 8\); pass \(H, W, 3\)"),
+        (PICTURE, {}, 'pass unit="srgb" and white_cd_per_m2'),
+        (PICTURE, {"unit": "srgb"}, "say how bright its white is"),
+        (PICTURE / 255, {"white_cd_per_m2": 20}, 'is for unit "srgb"'),
+        (PICTURE / 1.0, {"unit": "srgb", "white_cd_per_m2": 20}, "from 0 to 1"),
+        (0.0 - PICTURE, {}, "negative or not finite"),
+        (PICTURE / 255, {"unit": "srg"}, "Did you mean 'srgb'"),
+        (PICTURE > 9, {}, "is of bool"),
+    ],
+)
+def test_what_is_no_picture_is_refused(
+    rgb: Any, options: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ms.InputError, match=sentence):
+        ms.light_from_rgb(rgb, BAYER, **options)

@@ -1,0 +1,125 @@
+"""What a stranger types in Python on his first day: names in place of objects, words of his own, shapes, printing."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import SCENES
+
+import mitsuba_sensor as ms
+
+NAME, EXPOSURE = "sony_imx174", ms.Exposure(0.01)
+CAMERA = ms.load_camera(NAME)
+PHOTONS = np.full((4, 6), 300.0)
+FLAT = SCENES / "flat_field.xml"
+QUICK: Any = {"spp": 2, "width": 8, "wavelength_nm": 550, "denoise": False}
+
+CALLS: dict[str, Callable[[Any], Any]] = {
+    "expose": lambda camera: ms.expose(PHOTONS, camera, EXPOSURE).digital,
+    "stream": lambda camera: next(ms.stream(PHOTONS, camera, EXPOSURE)),
+    "Sensor": lambda camera: ms.Sensor(camera).expose(PHOTONS, EXPOSURE).digital,
+    "plan": lambda camera: ms.plan(camera, EXPOSURE, PHOTONS).to_dict()["stages"],
+    "fpn_maps": lambda camera: ms.fpn_maps(camera, (3, 4))["prnu"],
+    "collect": lambda camera: ms.collect(PHOTONS * 1e-6, camera, EXPOSURE).mean,
+    "light_from_rgb": lambda camera: ms.light_from_rgb(np.ones((2, 2, 3)), camera).data,
+    "render": lambda camera: ms.render(FLAT, camera, EXPOSURE, **QUICK).data,
+    "capture": lambda camera: ms.capture(FLAT, camera, EXPOSURE, **QUICK).frames.digital,
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_name_of_a_camera_stands_for_it(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(CAMERA.to_toml(), encoding="utf-8")
+    by_object, by_name, by_file = (CALLS[name](camera) for camera in (CAMERA, NAME, file))
+    np.testing.assert_array_equal(by_name, by_object)
+    np.testing.assert_array_equal(by_file, by_object)
+    with pytest.raises(ms.InputError, match="Did you mean 'sony_imx174'"):
+        CALLS[name]("sony_imx147")
+
+
+def test_a_camera_by_name_is_the_same_object_each_time_so_that_its_maps_are_kept() -> None:
+    first, again = (ms.expose(PHOTONS, NAME, EXPOSURE) for _ in range(2))
+    assert first.camera is again.camera
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"exposure_s": 0.1}, r"pass exposure=Exposure\(time_s=0.1\)"),
+        ({"integration_time": 2}, r"pass exposure=Exposure\(time_s=2\)"),
+        ({"temperature_k": 280.0}, r"Exposure\(time_s=…, temperature_k=280.0\)"),
+        ({"iso": 800}, "it is called gain here"),
+        ({"n_frames": 3}, "it is called frames here"),
+        ({"tolerance_db": 3}, "Did you mean 'tolerance_dn'"),
+        ({"photon": 3}, "Did you mean 'photons'"),
+    ],
+)
+def test_words_of_ones_own_are_answered_with_what_to_write(
+    options: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ms.InputError, match=sentence):
+        ms.expose(PHOTONS, NAME, **options)
+
+
+@pytest.mark.parametrize("time_s", [0.1, 1])
+def test_a_number_for_an_exposure_is_answered_with_what_to_write(time_s: float) -> None:
+    for call in (ms.expose, ms.capture):
+        with pytest.raises(ms.InputError, match=rf"pass Exposure\(time_s={time_s}\)"):
+            call(PHOTONS if call is ms.expose else FLAT, NAME, time_s)
+
+
+def test_planes_of_colour_in_front_are_no_bands() -> None:
+    with pytest.raises(ms.InputError, match=r"shape \(3, 20, 30\).*ms.light_from_rgb"):
+        ms.expose(np.ones((3, 20, 30)), NAME, EXPOSURE)
+    with pytest.raises(ms.InputError, match=r"ms\.light_from_rgb"):
+        ms.expose(np.ones((20, 30, 3)), NAME, EXPOSURE)
+    noise = ms.SensorNoise("bayer_2mp", white_e=100)
+    with pytest.raises(ms.InputError, match="planes come first, or three grey ones"):
+        noise(np.ones((3, 20, 30)))
+    assert noise(np.ones((4, 20, 30))).image.shape == (4, 20, 30)
+
+
+def test_what_differs_by_frame_has_the_frames_first_and_the_rest_is_a_picture() -> None:
+    frames = ms.expose(PHOTONS, NAME, EXPOSURE, frames=3, keep=("electrons", "volts"))
+    for values in (frames.digital, frames.electrons, frames.volts, frames.clean_of_each):
+        assert values is not None and values.shape == (3, 4, 6)
+    for picture in (frames.clean, frames.temporal_variance, frames.spatial_mean):
+        assert picture.shape == (4, 6)
+    np.testing.assert_array_equal(frames.clean_of_each[2], frames.clean)
+
+
+def test_everything_that_is_returned_prints_on_one_line() -> None:
+    frames = ms.expose(PHOTONS, NAME, EXPOSURE)
+    captured = ms.capture(FLAT, NAME, EXPOSURE, aovs=True, **QUICK)
+    budget = frames.noise_budget()
+    returned = (
+        CAMERA,
+        frames,
+        frames.theory,
+        frames.light,
+        budget,
+        budget.entries[0],
+        captured,
+        captured.light,
+        captured.light.statistics,
+        captured.aovs,
+        ms.plan(NAME, EXPOSURE, PHOTONS),
+        ms.Sensor(NAME),
+        CAMERA.emva1288(EXPOSURE),
+    )
+    for one in returned:
+        assert len(repr(one)) <= 160 and "\n" not in repr(one), type(one)
+
+
+@pytest.mark.parametrize("function", [ms.expose, ms.capture, ms.render, ms.Sensor.expose])
+def test_signatures_can_be_read_and_options_have_types_in_the_docstring(function: Any) -> None:
+    shown, text = str(inspect.signature(function)), inspect.getdoc(function)
+    assert text is not None and "numpy._typing" not in shown and "Literal[" not in shown
+    assert "typing." not in shown and "Options:" in text
+    assert "seed : int" in text or "spp : int" in text
