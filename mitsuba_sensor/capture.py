@@ -332,7 +332,10 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
         "bandwidths_nm": light.bandwidths_nm,
         **band_error._asdict(),
     }
+    summary, notes = of_frames.pop("summary"), of_frames.pop("notes")
     return {
+        "summary": summary,
+        "notes": notes,
         "origin": {**exposed.origin, "scene_sha256": statistics["scene_sha256"]},
         **of_frames,
         "options": used(CaptureOptions, options),

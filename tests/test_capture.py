@@ -61,6 +61,7 @@ def test_the_aovs_of_a_capture_are_those_of_a_pass_of_their_own(
 def test_the_files_hold_what_the_capture_holds(captured: ms.Capture, tmp_path: Path) -> None:
     captured.save(tmp_path / "out")
     names = {"frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json"}
+    names |= {"frame_brightened.png"}  # the scene is dark
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
     np.testing.assert_array_equal(
         tifffile.imread(tmp_path / "out" / "frame.tiff"), captured.frames.digital
@@ -125,6 +126,7 @@ def test_light_that_is_there_already_gives_the_same_frames(
     assert {path.name for path in (tmp_path / "again").iterdir()} == {
         "frame.tiff",
         "frame.png",
+        "frame_brightened.png",
         "frame.json",
     }
 

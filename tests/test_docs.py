@@ -41,7 +41,7 @@ SMALL = {
 """What the commands of the pages get in addition here."""
 
 LONG = r"\bstudy\b|\bcharacterize\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"
-"""What only the command line's parser sees here; the README has one of each of these, which runs."""
+"""What only the command line's parser sees here: it takes long, and has tests of its own."""
 
 
 def load(path: Path) -> ModuleType:

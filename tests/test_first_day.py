@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.scenes import SCENES
+from PIL import Image
 
 import mitsuba_sensor as ms
 
@@ -92,6 +95,36 @@ def test_what_differs_by_frame_has_the_frames_first_and_the_rest_is_a_picture() 
     for picture in (frames.clean, frames.temporal_variance, frames.spatial_mean):
         assert picture.shape == (4, 6)
     np.testing.assert_array_equal(frames.clean_of_each[2], frames.clean)
+
+
+@pytest.mark.parametrize(("share", "stops"), [(0.9, 0), (0.3, 0), (0.1, 2), (0.01, 5)])
+def test_a_dark_frame_has_a_picture_beside_it_that_is_brighter_and_says_by_how_much(
+    share: float, stops: int, tmp_path: Path
+) -> None:
+    """Half of white is passed by less than a stop: 0.5/0.1 = 5, 2 stops. The caption is below the picture."""
+    frames = ms.expose(np.full((40, 60), 1.0), CAMERA, EXPOSURE)
+    white_dn, black_dn = 4095, frames.stages[-1].black_level_dn
+    code = round(black_dn + share * (white_dn - black_dn))
+    frames = replace(frames, digital=np.full((1, 40, 60), code, np.uint16))
+    frames.save(tmp_path)
+    summary = json.loads((tmp_path / "frame.json").read_text("utf-8"))["summary"]
+    assert summary["brightened"] == 2**stops
+    assert summary["black_level_dn"] == black_dn and summary["white_level_dn"] == white_dn
+    brightened = tmp_path / "frame_brightened.png"
+    assert brightened.exists() == (stops > 0)
+    if stops:
+        picture = np.asarray(Image.open(brightened))
+        np.testing.assert_array_equal(picture[:40], frames.preview(gain=2.0**stops))
+        assert picture.shape == (54, 60) and picture[40:].max() > 200 > picture[40:].mean()
+
+
+def test_frame_json_begins_with_what_is_looked_for_first() -> None:
+    captured = ms.capture(FLAT, NAME, EXPOSURE, **QUICK)
+    assert list(captured.metadata)[:2] == ["summary", "notes"]
+    summary = captured.metadata["summary"]
+    assert summary["overall_system_gain_dn_per_e"] == CAMERA.system_gain_dn_per_e
+    assert summary["exposure_s"] == 0.01 and summary["camera"] == NAME
+    assert summary["render_noise_over_sensor_noise"] >= 0
 
 
 def test_everything_that_is_returned_prints_on_one_line() -> None:

@@ -221,6 +221,7 @@ def test_no_clean_frame_of_an_older_capture_stays_beside_frames_that_are_saved(
         "frame.json",
         "frame.png",
         "frame.tiff",
+        "frame_brightened.png",
     ]
 
 

@@ -213,6 +213,10 @@ def _facts(report: Report) -> Iterator[Text]:
         ", ".join(f"{name} {number}" for name, number in seen.items())
         or "none clipped, none bad",
     )
+    if (factor := report["summary"]["brightened"]) > 1:
+        yield _fact(
+            "pictures", f"frame.png as exposed, frame_brightened.png {factor} × brighter"
+        )
     idle = _idle_stages(report)
     if report["left_out"]:
         yield _fact(

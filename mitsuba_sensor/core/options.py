@@ -35,7 +35,7 @@ IN_EXPOSURE = {
     "temperature_k": "temperature_k",
     "temperature": "temperature_k",
 }
-"""What is part of an exposure: the words of users and of the command line, and its fields."""
+"""What is part of an exposure: as users and the command line call it, and its fields."""
 
 CALLED_OTHERWISE = {
     "iso": "gain",
@@ -51,7 +51,7 @@ CALLED_OTHERWISE = {
     "tolerance": "tolerance_dn",
     "serial_number": "serial",
 }
-"""Words of users for options."""
+"""How users call some options."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,21 @@ from .texts import plain_values
 NOTHING: Mapping[str, Any] = {}
 
 
+CAPTION_ROWS = 14
+
+
+def captioned(picture: np.ndarray, caption: str) -> np.ndarray:
+    """The picture with a line of text in a black strip below it, cut off where the picture is narrow."""
+    from PIL import Image, ImageDraw
+
+    strip = Image.new("L", (picture.shape[1], CAPTION_ROWS), 0)
+    ImageDraw.Draw(strip).text((2, 1), caption, fill=255)
+    rows = np.asarray(strip)
+    if picture.ndim == 3:
+        rows = np.repeat(rows[..., None], picture.shape[2], axis=2)
+    return np.concatenate([picture, rows])
+
+
 def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
     """An 8-bit preview, (H, W) grey or (H, W, 3) sRGB.  facts : what becomes text in it, each value as JSON."""
     write_drawing(path, png(picture, facts))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +20,7 @@ from ..core.versions import versions
 from ..files import png, texts, tiff
 from ..files.appearing import output_folder
 from ..stages.stage import converter_of
-from .preview import developed, preview
+from .preview import brightening, developed, preview
 
 if TYPE_CHECKING:
     from ..sensor.frames import RawFrames
@@ -26,9 +28,11 @@ if TYPE_CHECKING:
 
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
+BRIGHTENED = "frame_brightened.png"
 FRAME_FILES = (
     "frame.tiff",
     "frame.png",
+    BRIGHTENED,
     *DNGS,
     *CLEAN,
     "frame.json",
@@ -49,7 +53,10 @@ def preview_of(frames: RawFrames, number: int = 0, gain: float = 1.0) -> NDArray
 def frames_metadata(frames: Frames) -> dict[str, Any]:
     """What frames know of themselves, under the names of frame.json."""
     first, colours = frames.first, colour_matrix(frames.camera, frames.light.illuminant)
+    report = frames.report
     return {
+        "summary": summary_of(frames, report),
+        "notes": list(frames.notes),
         "camera": frames.camera.to_dict(),
         "exposure": asdict(first.exposure),
         "seeds": {
@@ -62,9 +69,28 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
         "image": image_facts(frames),
         "colour": None if colours is None else colours._asdict(),
         "left_out": [] if frames.plan is None else frames.plan.left_out,
-        **frames.report,
-        "notes": list(frames.notes),
+        **report,
         "versions": versions(),
+    }
+
+
+def summary_of(frames: Frames, report: Mapping[str, Any]) -> dict[str, Any]:
+    """What a reader of frame.json looks for first."""
+    facts, counts = image_facts(frames), report["counts"]
+    pixels = frames.digital[0].size
+    noise, _ = frames.render_noise
+    return {
+        "camera": frames.camera.name,
+        "exposure_s": facts["exposure_s"],
+        "temperature_k": facts["temperature_k"],
+        "frames": len(frames.digital),
+        "overall_system_gain_dn_per_e": report["K_dn_per_e"],
+        "black_level_dn": facts["black_level_dn"],
+        "white_level_dn": facts["white_level_dn"],
+        "full_well_share": counts["clipped_full_well"] / pixels,
+        "white_level_share": counts["clipped_adc_high"] / pixels,
+        "render_noise_over_sensor_noise": noise.get("over_sensor_median"),
+        "brightened": brightening(frames.digital[0], frames.camera),
     }
 
 
@@ -77,14 +103,17 @@ def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
 def write_frames(
     folder: Path, frames: Frames, metadata: dict[str, Any], gain: float = 1.0
 ) -> None:
-    """The three files, with this metadata.  gain : of the preview."""
+    """The three files, with this metadata, and the picture brightened where it is dark.  gain : of the preview."""
     image, colours = metadata["image"], metadata["colour"]
     matrix = None if colours is None else ColourMatrix(**colours)
-    shown = developed(
-        frames.digital[0], frames.camera, matrix, gain, frames.first.window.origin
-    )
+    first, camera, origin = frames.digital[0], frames.camera, frames.first.window.origin
     tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
-    png.write_png(folder / "frame.png", shown, image)
+    png.write_png(folder / "frame.png", developed(first, camera, matrix, gain, origin), image)
+    factor = metadata["summary"]["brightened"]
+    if factor > 1:
+        shown = developed(first, camera, matrix, factor, origin)
+        caption = f"{factor} x brighter than exposed ({math.log2(factor):.0f} stops)"
+        png.write_png(folder / BRIGHTENED, png.captioned(shown, caption), image)
     texts.write_json(folder / "frame.json", metadata)
 
 

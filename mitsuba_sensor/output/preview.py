@@ -5,6 +5,8 @@ Nothing is stretched unless asked for: an exposure that is too dark looks too da
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,9 @@ from ..stages.stage import converter_of
 from .demosaic import demosaic
 
 PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
+BRIGHT_PERCENTILE, BRIGHT_LEVEL = 95.0, 0.5
+"""A picture is brightened until this percentile of its pixels would pass this share of white."""
+
 HALO_ROWS = (
     16  # beyond them no pixel matters: demosaicing looks at fewer than ten, edges refined
 )
@@ -53,6 +58,16 @@ def developed(
         near = _developed(digital[top : last + HALO_ROWS], camera, colours, gain, here)
         parts.append(near[first - top : last - top])
     return np.concatenate(parts)
+
+
+def brightening(digital: NDArray[np.generic], camera: Camera) -> int:
+    """By which power of two a raw frame (H, W) is to be brightened to look well exposed; 1: it is bright enough."""
+    converter = converter_of(camera.stages)
+    swing_dn = converter.highest - converter.black_level_dn
+    bright_dn = float(np.percentile(digital, BRIGHT_PERCENTILE)) - converter.black_level_dn
+    most = max(swing_dn, 1.0)
+    factor = BRIGHT_LEVEL * swing_dn / max(bright_dn, 1.0)
+    return int(2 ** max(math.floor(math.log2(min(max(factor, 1.0), most))), 0))
 
 
 def _developed(

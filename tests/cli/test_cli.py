@@ -26,7 +26,7 @@ from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.output import exr
 from mitsuba_sensor.render.light.irradiance import RenderedFor
 
-OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
+OUTPUTS = {"frame.tiff", "frame.png", "frame_brightened.png", "irradiance.exr", "frame.json"}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def report(rendered: Path) -> dict[str, Any]:
     return json.loads((rendered / "frame.json").read_text(encoding="utf-8"))
 
 
-def test_render_leaves_four_files_and_nothing_else(rendered: Path) -> None:
+def test_render_leaves_its_files_and_nothing_else(rendered: Path) -> None:
     assert {path.name for path in rendered.iterdir()} == OUTPUTS
 
 

@@ -109,7 +109,7 @@ def test_help_and_signature_show_every_option() -> None:
         "maps",
     ]
     assert parameters["f_number"].default == 2.8
-    assert take.__doc__ is not None and "blades : Blades of the aperture." in take.__doc__
+    assert take.__doc__ is not None and "blades : int. Blades of the aperture." in take.__doc__
 
 
 def test_a_command_has_a_flag_for_every_option() -> None:

@@ -46,7 +46,7 @@ def light_from_rgb(
     unit : what the values are. "radiance_rgb": linear sRGB as Mitsuba renders it, where (1, 1, 1) is D65 of
         73 000 cd/m². "cd_per_m2": linear sRGB, where (1, 1, 1) is D65 of 1 cd/m². "srgb": a picture behind the sRGB
         curve, uint8 or 0 to 1, whose white has ``white_cd_per_m2``.
-    white_cd_per_m2 : luminance of white in a picture [cd/m²]: a room 100, a cloudy day 5000.
+    white_cd_per_m2 : luminance of white in a picture [cd/m²]: a screen 200, a cloudy day 5000.
     fov_deg : horizontal field of view [°], for the cos⁴ of the lens; without it there is none.
 
     Each colour becomes the smooth spectrum that Mitsuba gives it (Jakob & Hanika 2019), times D65: light beyond the
