@@ -196,7 +196,7 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
         allowed = {*options, *(p.name for p in own)}
 
         @functools.wraps(function)
-        def call(*arguments: Any, **named: Any) -> object:
+        def call(*arguments: object, **named: object) -> object:
             for name, value in named.items():
                 if name not in allowed:
                     raise InputError(_unknown_sentence(name, value, allowed))
@@ -224,7 +224,7 @@ def _described(one: Declared) -> str:
     return f"    {one.name} : {kinds}{default}. {one.option.help}"
 
 
-def _kind_name(kind: Any) -> str:
+def _kind_name(kind: object) -> str:
     """A type as a reader calls it."""
     if get_origin(kind) is Literal:
         return ", ".join(repr(value) for value in get_args(kind))

@@ -64,7 +64,10 @@ def brightening(digital: NDArray[np.generic], camera: Camera) -> int:
     """By which power of two a raw frame (H, W) is to be brightened to look well exposed; 1: it is bright enough."""
     converter = converter_of(camera.stages)
     swing_dn = converter.highest - converter.black_level_dn
-    bright_dn = float(np.percentile(digital, BRIGHT_PERCENTILE)) - converter.black_level_dn
+    bright_dn = (
+        float(np.percentile(np.asarray(digital, np.float64), BRIGHT_PERCENTILE))
+        - converter.black_level_dn
+    )
     most = max(swing_dn, 1.0)
     factor = BRIGHT_LEVEL * swing_dn / max(bright_dn, 1.0)
     return int(2 ** max(math.floor(math.log2(min(max(factor, 1.0), most))), 0))

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...camera.camera_file import AnyCamera, camera_of
-from ...core import Exposure, Float32Array, InputError, check_types, nearest, require
+from ...core import (
+    Exposure,
+    Float32Array,
+    InputError,
+    NumpyArray,
+    check_types,
+    nearest,
+    require,
+)
 from ...core.checks import refuse_masked
 from ...optics import spectra
 from .foreign_light import D65_OF_WHITE, behind_lens, irradiance_of, upsampled
@@ -80,7 +88,7 @@ def luminance_of_white() -> float:
     return spectra.luminous(fine_nm, spectra.d65(fine_nm) / D65_OF_WHITE)
 
 
-def _check_shape(values: NDArray[Any]) -> None:
+def _check_shape(values: NumpyArray) -> None:
     """Raise InputError unless it is (H, W, 3)."""
     shape = values.shape
     if len(shape) == 3 and shape[0] == 3 and shape[2] != 3:
@@ -91,7 +99,7 @@ def _check_shape(values: NDArray[Any]) -> None:
         raise InputError(f"rgb is of {values.dtype}; pass integers or floats.")
 
 
-def _linear(values: NDArray[Any], unit: str, white_cd_per_m2: float | None) -> Float32Array:
+def _linear(values: NumpyArray, unit: str, white_cd_per_m2: float | None) -> Float32Array:
     """Values in the unit of Mitsuba's RGB."""
     if unit not in get_args(RgbUnit):
         known = get_args(RgbUnit)
