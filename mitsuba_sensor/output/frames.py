@@ -79,7 +79,9 @@ class Frames(RawFrames):
     @cached_property
     def theory(self) -> FrameTheory:
         """Theory of every pixel of these frames."""
-        return self._observer.theory
+        if self.observer is not None:
+            return self.observer.theory
+        return FrameTheory(self.stages, self.detected, self.first)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -143,7 +145,7 @@ class Frames(RawFrames):
         """Who followed the first frame; it is computed again unless :meth:`exposed_with_report` made it."""
         if self.observer is not None:
             return self.observer
-        observer = FrameObserver(FrameTheory(self.stages, self.detected, self.first))
+        observer = FrameObserver(self.theory)
         first = self.first.on(self.backend)
         PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected).frames(
             observer
@@ -168,5 +170,4 @@ class Frames(RawFrames):
 
     def noise_budget(self) -> NoiseBudget:
         """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
-        theory = FrameTheory(self.stages, self.detected, self.first)
-        return NoiseBudget(self.stages, self.detected, self.first, theory)
+        return NoiseBudget(self.stages, self.detected, self.first, self.theory)

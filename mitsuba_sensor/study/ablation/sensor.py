@@ -101,6 +101,7 @@ class SensorAblation:
     def moments(self, case: str) -> Moments:
         """Moments of every sensor by its laws and in frames; all cases have the same random bits."""
         predicted, measured, pixels = [], [], []
+        spatial_mean = None
         for number in range(SENSORS):
             frames = ms.expose(
                 self.photons,
@@ -112,7 +113,9 @@ class SensorAblation:
                 seed=self._seed + number,
             )
             law_mean = np.float64(frames.clean)
-            law_spatial = (law_mean - frames.spatial_mean) ** 2
+            if spatial_mean is None:  # of all sensors
+                spatial_mean = frames.spatial_mean
+            law_spatial = (law_mean - spatial_mean) ** 2
             predicted.append(
                 [x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)]
             )
