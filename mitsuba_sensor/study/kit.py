@@ -194,14 +194,15 @@ def resized(photons: ms.Photons, shape: tuple[int, int]) -> ms.Photons:
     return replace(photons, mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
 
 
-def measured_moments(frames: ms.Frames) -> Array:
+def measured_moments(frames: ms.Frames, spatial_mean: NDArray[np.floating]) -> Array:
     """Mean, temporal and spatial variance of every pixel of several frames, (3, H, W) [DN, DN², DN²].
 
-    Spatial is the squared distance from the mean of all cameras of this model, less what temporal noise adds.
+    spatial_mean : of these frames, (H, W), which is that of all sensors of the camera [DN]. Spatial is the squared
+    distance from it, less what temporal noise adds.
     """
     digital = frames.digital.astype(np.float64)
     mean, temporal = digital.mean(axis=0), digital.var(axis=0, ddof=1)
-    spatial = (mean - frames.spatial_mean) ** 2 - temporal / len(digital)
+    spatial = (mean - spatial_mean) ** 2 - temporal / len(digital)
     return np.stack([mean, temporal, spatial])
 
 

@@ -119,7 +119,7 @@ class SensorAblation:
             predicted.append(
                 [x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)]
             )
-            measured.append(measured_moments(frames).mean(axis=(1, 2)))
+            measured.append(measured_moments(frames, spatial_mean).mean(axis=(1, 2)))
             pixels.append(law_mean)
         return Moments(np.array(predicted).T, np.array(measured).T, np.mean(pixels, axis=0))
 
