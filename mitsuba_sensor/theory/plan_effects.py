@@ -24,9 +24,13 @@ from .steps_shown import rounding_error_dn
 FEW = 1 / 8
 """Expected pixels that a stage which is left out may move further than its share of the tolerance."""
 
-MOST_LEVELS, FEWEST_LEVELS, WORK = 13, 3, 2**17
+MOST_LEVELS, FEWEST_LEVELS, WORK = 13, 3, 2**18
 """Levels of light at which the chains are compared. WORK normals may be added up for all of them: of a chain that takes
 more, fewer levels are looked at."""
+
+
+OF_SATURATION = (0.5, 0.9, 0.97, 1.0)
+"""Shares of the light that saturates a pixel at which the chains are compared, too."""
 
 
 @dataclass(frozen=True)
@@ -184,11 +188,40 @@ class Trial:
         response = Response.of(
             self.whole, self.frame, self.range.darkest_e, self.range.brightest_e
         )
-        levels_e = _evenly(response.light_e, MOST_LEVELS)
+        where_curved_e = _evenly(response.light_e, MOST_LEVELS - len(OF_SATURATION))
+        levels_e = np.union1d(where_curved_e, self._levels_up_to_saturation_e)
         sample = PlanSample.of(self.whole, self.frame, levels_e, self.yields)
         pixels = sample.frame.window.shape[0] * levels_e.size
         work = pixels * PixelStrip(self.whole, sample.light, sample.frame).work()
         return _evenly(levels_e, max(int(levels_e.size * WORK / work), FEWEST_LEVELS))
+
+    @property
+    def _levels_up_to_saturation_e(self) -> Float64Array:
+        """Levels below and at the clip of a pixel, as far as the light reaches: what is a share of the light shows
+        most there."""
+        converter = converter_of(self.whole)
+        highest_dn = converter.highest - converter.black_level_dn
+        wells_e = [stage.saturation_e for stage in self.whole if stage.saturation_e is not None]
+        dark_e = self._dark_electrons_e
+        clip_e = min([max(highest_dn, 1.0) / self._dn_per_e, *wells_e]) - dark_e
+        top_e = min(max(clip_e, self.range.darkest_e), self.range.brightest_e)
+        bottom_e = self.range.darkest_e
+        return bottom_e + (top_e - bottom_e) * np.array(OF_SATURATION)
+
+    @property
+    def _dark_electrons_e(self) -> float:
+        """Mean electrons of a pixel that gets no light [e-]."""
+        fixed = [stage for stage in self.whole[1:] if stage.domain == "electrons"]
+        window = SensorWindow(0, (1, 1), given=self.frame.window.given)
+        plain = replace(self.frame, window=window, _blocks={})
+        mean = propagate(fixed, Moments(np.zeros(1), 0.0, 0.0, plain)).mean
+        return float(np.max(np.asarray(mean, np.float64)))
+
+    @property
+    def _dn_per_e(self) -> float:
+        """Nominal gain from electrons to digital numbers [DN/e-]."""
+        gains = math.prod(stage.nominal_gain for stage in self.whole[1:-1])
+        return gains * converter_of(self.whole).gain_dn_per_v
 
     @cached_property
     def sample(self) -> PlanSample:
@@ -234,12 +267,8 @@ class Trial:
 
     def _rounding_error_dn(self, chances: PlanChances) -> Float64Array:
         """Largest error that rounding makes in the mean of every pixel, (P, L) [DN]."""
-        dn_per_e = (
-            math.prod(stage.nominal_gain for stage in self.whole[1:-1])
-            * converter_of(self.whole).gain_dn_per_v
-        )
         own_dn, count_e = (np.sqrt(x).ravel() for x in (chances.own_dn2, chances.count_e2))
-        return rounding_error_dn(own_dn, count_e, np.full(own_dn.size, dn_per_e)).reshape(
+        return rounding_error_dn(own_dn, count_e, np.full(own_dn.size, self._dn_per_e)).reshape(
             chances.own_dn2.shape
         )
 

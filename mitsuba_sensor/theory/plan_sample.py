@@ -15,7 +15,7 @@ from ..core.types import Array, Float64Array, RandomBits
 from ..stages.stage import Chain, Stage
 from .sampled_pixels import SampledWindow, sampled_window
 
-MIDDLE = 128
+MIDDLE = 512
 """Pixels whose random numbers are spread evenly over every law."""
 
 TAIL: Float64Array = 2.0 ** -np.arange(1.0, 32.25, 0.5)
