@@ -18,6 +18,7 @@ from rich.segment import Segment
 from .. import __version__, stopping
 from ..core.printable import printable
 from .help import Click, Command, Group, UsageError
+from .sentences import said_here
 
 
 class PrintableConsole(Console):
@@ -79,6 +80,8 @@ class Program(Group):
         listed = COMMANDS.get(cmd_name)
         if self.only_names and listed:
             return Command(cmd_name, help=listed.summary, rich_help_panel=listed.panel)
+        if cmd_name in self.commands:
+            return self.commands[cmd_name]
         for module in {one.module for one in COMMANDS.values() if listed in (one, None)}:
             import_module(f".{module}", __package__)
         commands: Any = typer.main.get_command(app)
@@ -104,6 +107,7 @@ class Program(Group):
         from ..render.variants import variant_restored
 
         stopping.begin_command()
+        Command.running = None
         try:
             with warnings.catch_warnings(), variant_restored():
                 warnings.simplefilter("ignore", SensorWarning)  # the notes are printed
@@ -123,7 +127,9 @@ def _say(error: Exception) -> None:
     """One sentence on stderr."""
     with stopping.whole_step:  # not if a stop has removed what this thread misses now
         err.print(
-            f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True
+            f"[bold red]error:[/] {escape(said_here(_sentence(error)))}",
+            highlight=False,
+            soft_wrap=True,
         )
 
 

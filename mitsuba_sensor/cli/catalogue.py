@@ -14,6 +14,7 @@ import mitsuba_sensor as ms
 from . import arguments, options
 from .app import app, show
 from .help import Command, Group
+from .sentences import said_here
 from .tables import FittedTable, short
 from .values import Flag
 
@@ -162,7 +163,7 @@ def show_camera(
     if figures and not as_json:
         show(_figure_table(figures), False)
     for note in () if as_json else camera.notes:
-        show(f"note: {note}", False)
+        show(f"note: {said_here(note)}", False)
 
 
 def _figure_table(figures: EmvaFigures) -> FittedTable:
@@ -202,7 +203,7 @@ def stages() -> None:
 
 @cameras.command(cls=Command)
 def lenses(as_json: arguments.Json = False) -> None:
-    """The lens prescriptions that ship with the package, for --set lens.prescription=NAME."""
+    """The lens prescriptions that ship with the package, for `render --set lens.prescription=NAME`."""
     from ..camera.lens_file import list_lenses
     from ..optics.paraxial import cardinal_points
 

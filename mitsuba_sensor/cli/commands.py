@@ -16,6 +16,7 @@ from ..stopping import undone_if_stopped
 from . import arguments, options
 from .app import app, err, show
 from .help import Command
+from .sentences import said_here
 from .values import Flag, number
 
 LEVELS = {
@@ -297,7 +298,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
         for one in findings:
             table.add_row(
                 Text(one.level, style=LEVELS[one.level]),
-                *map(Text, (one.where, one.what, one.remedy)),
+                *map(Text, (one.where, said_here(one.what), said_here(one.remedy))),
             )
         head = Text.assemble(
             (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm"

@@ -6,7 +6,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -38,6 +38,8 @@ class Group(TyperGroup):
 class Command(TyperCommand):
     """A command whose help shows the options that are used first, if ``flags(first=…)`` names them."""
 
+    running: ClassVar[Click | None] = None  # the context of the one that was called last
+
     def __init__(self, name: str | None, **settings: Click) -> None:
         super().__init__(name, **settings)
         paragraphs = (self.help or "").split("\n\n")
@@ -67,6 +69,11 @@ class Command(TyperCommand):
                 if "unexpected extra argument" in said or "does not take a value" in said:
                     raise UsageError(_about_switch(switches[name], name, value), ctx) from None
             raise
+
+    def invoke(self, ctx: Click) -> object:
+        """Run it."""
+        Command.running = ctx
+        return super().invoke(ctx)
 
     def format_help(self, ctx: Click, formatter: Click) -> None:
         """The first options, and how many more there are; all of them where no first ones are named."""

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from ..theory.plan import IDLE, NEEDED, Plan
 from .progress import minutes
+from .sentences import said_here
 from .tables import FittedTable, number, rough
 
 if TYPE_CHECKING:
@@ -41,7 +42,9 @@ def summary(report: Report, folder: str) -> RenderableType:
     head = Text.assemble(
         (report["camera"]["name"] + gain, "bold"), conditions, (folder, "bold")
     )
-    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in report["notes"])
+    notes = (
+        Text.assemble(("note: ", "bold yellow"), said_here(note)) for note in report["notes"]
+    )
     return Group(head, _stages(report), *_facts(report), *notes)
 
 
@@ -95,7 +98,9 @@ def _needs(needs: Sequence[RenderRequirement]) -> FittedTable:
     """One row per option of the render."""
     table = FittedTable(("render", "kept", "DN", "why"))
     for need in needs:
-        table.add_row(need.what, KEPT[need.kept], number(need.effect_dn), need.reason)
+        table.add_row(
+            need.what, KEPT[need.kept], number(need.effect_dn), said_here(need.reason)
+        )
     return table
 
 
@@ -248,4 +253,4 @@ def _ended(asked: float | None, end: str) -> str:
 
 
 def _fact(name: str, text: str) -> Text:
-    return Text.assemble((f"{name}: ", "bold"), text)
+    return Text.assemble((f"{name}: ", "bold"), said_here(text))

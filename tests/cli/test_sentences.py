@@ -1,0 +1,99 @@
+"""Options that notes, errors and help name: each exists in the command that says so."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from helpers.marks import one_in
+
+import mitsuba_sensor
+from mitsuba_sensor.cli import app
+from mitsuba_sensor.cli.sentences import CODE, OPTION, commands_below, options_of, said_by
+
+PROGRAM: Any = typer.main.get_command(app)
+COMMANDS = dict(commands_below(PROGRAM))
+OF_OTHERS = {"--orientation-method", "--center-method", "--auto-scale-poses", "--data"}
+OF_OTHERS |= {"--force-reinstall", "--help", "--version"}
+"""Options of other programs, and those of every command."""
+
+
+def sentences() -> Iterator[tuple[str, str]]:
+    """Each text of the package that names an option, and where it stands; docstrings left out."""
+    for path in sorted(Path(mitsuba_sensor.__file__).parent.rglob("*.py")):
+        tree = ast.parse(path.read_text("utf-8"))
+        documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            text = node.value if isinstance(node, ast.Constant) else None
+            if isinstance(text, str) and id(node) not in documents and OPTION.search(text):
+                yield text, f"{path.name}:{node.lineno}"
+
+
+SENTENCES = dict(sentences())
+
+
+def named(sentence: str) -> set[str]:
+    """The options that a sentence names outside whole commands."""
+    return {match[1] for match in OPTION.finditer(CODE.sub("", sentence))} - OF_OTHERS
+
+
+def context_of(name: str) -> Any:
+    """As if the command ran."""
+    program = PROGRAM.make_context("mitsuba-sensor", ["doctor"])
+    command = COMMANDS[name]
+    return type(program)(command, parent=program, info_name=name.rpartition(" ")[2])
+
+
+def test_every_option_of_a_sentence_is_one_of_some_command() -> None:
+    known = set().union(*map(options_of, COMMANDS.values()))
+    assert len(SENTENCES) > 60
+    unknown = {where: named(text) - known for text, where in SENTENCES.items()}
+    assert not {where: names for where, names in unknown.items() if names}
+
+
+@pytest.mark.parametrize("name", one_in(3, COMMANDS))
+def test_every_command_names_its_own_options_only(name: str) -> None:
+    """Whatever sentence of the package it says."""
+    context = context_of(name)
+    for sentence in SENTENCES:
+        said = said_by(context, sentence)
+        assert named(said) <= options_of(COMMANDS[name]), said
+        assert said_by(context, said) == said
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_names_options_of_the_command(name: str) -> None:
+    command = COMMANDS[name]
+    texts = [command.help or "", *(getattr(one, "help", None) or "" for one in command.params)]
+    for text in texts:
+        assert named(text) <= options_of(command), text
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_example_is_a_command_with_its_options(name: str) -> None:
+    example = COMMANDS[name].epilog or ""
+    typed = re.match(rf"Example: mitsuba-sensor {name} ([^;]*)", example)
+    assert typed or not example
+    assert not typed or set(re.findall(r"--[a-z-]+", typed[1])) <= options_of(COMMANDS[name])
+
+
+def test_an_option_of_another_command_is_named_with_it() -> None:
+    context = context_of("expose")
+    assert said_by(context, "take more samples (--spp)") == "take more samples (`render --spp`)"
+    assert said_by(context, "--spp 64 would do") == "`render --spp 64` would do"
+    assert said_by(context, "--exposure-s 0.1 is metered") == "--exposure-s 0.1 is metered"
+    assert said_by(context, "see `render --aovs`") == "see `render --aovs`"
+    assert said_by(context_of("render"), "more (--spp)") == "more (--spp)"
+
+
+def test_notes_on_light_name_the_command_that_renders_it(
+    cli: Callable[..., Any], light_file: Path, tmp_path: Path
+) -> None:
+    said = cli("expose", light_file, "-o", tmp_path, "--exposure-s", 10).stdout
+    notes = [line for line in said.splitlines() if line.startswith("note")]
+    assert notes and "(--spp)" not in said
