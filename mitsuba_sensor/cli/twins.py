@@ -68,9 +68,9 @@ def fit(
 ) -> None:
     """Fit a twin of a camera to its bias, dark and flat frames.
 
-    Writes FILE.toml, a camera file with the source of every number; FILE.npz, its measured maps, for `render --fpn-maps`;
-    and FILE.html, the figures with 95 % intervals and how far the twin is from frames that the fit did not see. Of several
-    gain settings the maps of each are in FILE.NAME.npz.
+    Writes FILE.toml, a camera file with the source of every number; FILE.npz, its measured maps, for
+    `render --fpn-maps`; and FILE.html, the figures with 95 % intervals and how far the twin is from frames that the
+    fit did not see. Of several gain settings the maps of each are in FILE.NAME.npz.
     """
     from ..bench.twin_page import twin_study
     from ..core.versions import machine, versions
