@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..camera.camera import Camera
 from ..camera.fingerprint import pixel_fingerprint
 from ..core import (
+    Float64Array,
     Frame,
     InputError,
     Photons,
@@ -121,67 +122,102 @@ def as_photons(
     check: bool = True,
 ) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
-    given = photons if isinstance(photons, Photons) else None
-    if isinstance(given, PhotonsOfBands) and wavelengths_nm is None:
-        return _checked_bands(given, camera, check)
-    remedy = "a number or an array of mean photons per pixel; of a render, collect(light, camera, exposure)"
-    mean = numbers("photons", given.mean if given else photons, remedy)
-    wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
-    if given is None:
+    if isinstance(photons, PhotonsOfBands) and wavelengths_nm is None:
+        return _checked_bands(photons, camera, check)
+    if not isinstance(photons, Photons):
         _refuse_pictures(np.asarray(photons).dtype)
+        mean = _mean_photons(photons, camera)
         _refuse_infinite(mean)
+        return _photons_of_array(mean, wavelengths_nm, check)
+    mean = _mean_photons(photons.mean, camera)
+    if photons.detected:
+        mean = checked_channels(mean, camera)
+    centres_nm = photons.wavelengths_nm if wavelengths_nm is None else wavelengths_nm
+    bands_nm = _checked_centres(centres_nm, mean, may_be_unknown=photons.detected)
+    check_lengths(bands_nm)
+    if check:
+        check_photons(mean)
+    variance_e2 = photons.variance_e2
+    if variance_e2 is not None:
+        variance_e2 = _checked_variance(variance_e2, Photons(mean), camera)
+    checked = Photons(
+        mean,
+        bands_nm,
+        variance_e2,
+        photons.detected,
+        photons.origin,
+        illuminant=photons.illuminant,
+    ).changed(intrinsics=photons.intrinsics, source=photons.source)
+    if bands_nm is None or wavelengths_nm is not None or photons.bandwidths_nm is None:
+        return checked
+    widths_nm = checked_widths(photons.bandwidths_nm, bands_nm.shape)
+    in_band = _in_band_of(photons, mean.shape[:2], camera)
+    return checked.changed(
+        bandwidths_nm=widths_nm, in_band=in_band, in_band_of=photons.in_band_of
+    )
+
+
+def _mean_photons(values: ArrayLike, camera: Camera) -> Float64Array:
+    """Mean photons (H, W) or (H, W, B); a number is the light of the whole sensor."""
+    remedy = "a number or an array of mean photons per pixel; of a render, collect(light, camera, exposure)"
+    mean = numbers("photons", values, remedy)
     if mean.ndim == 0:
         mean = np.full((camera.sensor.rows, camera.sensor.columns), float(mean))
     if mean.ndim not in (2, 3) or 0 in mean.shape:
         raise InputError(
             f"photons has shape {mean.shape}; it must be a number, (H, W) or (H, W, bands)."
         )
-    way_out = "numbers in nm, one per band, e.g. [550.0]"
-    bands = (
-        None
-        if wavelengths is None
-        else np.atleast_1d(numbers("wavelengths_nm", wavelengths, way_out))
-    )
-    if given and given.detected:
-        mean = checked_channels(mean, camera)
-    expected = mean.shape[2] if mean.ndim == 3 else 1
-    unknown = bands is None and mean.ndim == 3 and not (given and given.detected)
-    if unknown or (bands is not None and bands.shape != (expected,)):
-        shape = mean.shape
-        if bands is None and shape[0] in (3, 4) and shape[2] > 4:
-            raise InputError(
-                f"photons has shape {shape}, as a picture whose colour planes come first; photons are (H, W), or "
-                "(H, W, B) with wavelengths_nm. Light of an RGB picture comes from ms.light_from_rgb."
-            )
-        count = "none" if bands is None else str(bands.size)
-        raise InputError(
-            f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band; "
-            "light of an RGB picture comes from ms.light_from_rgb."
-        )
-    check_lengths(bands)
+    return mean
+
+
+def _photons_of_array(
+    mean: Float64Array, wavelengths_nm: ArrayLike | None, check: bool
+) -> Photons:
+    """Photons of an array, of which nothing else is known."""
+    bands_nm = _checked_centres(wavelengths_nm, mean, may_be_unknown=False)
+    check_lengths(bands_nm)
     if check:
         check_photons(mean)
-    if given is None:
-        return Photons(mean, bands)
-    variance_e2 = (
-        None
-        if given.variance_e2 is None
-        else _checked_variance(given.variance_e2, Photons(mean), camera)
+    return Photons(mean, bands_nm)
+
+
+def _checked_centres(
+    wavelengths_nm: ArrayLike | None, mean: Float64Array, may_be_unknown: bool
+) -> Float64Array | None:
+    """Centres of the bands [nm], one for each; None where they are not known and need not be."""
+    count = mean.shape[2] if mean.ndim == 3 else 1
+    if wavelengths_nm is None:
+        if mean.ndim == 2 or may_be_unknown:
+            return None
+        if mean.shape[0] in (3, 4) and count > 4:
+            raise InputError(
+                f"photons has shape {mean.shape}, as a picture whose colour planes come first; photons are (H, W), or "
+                "(H, W, B) with wavelengths_nm. Light of an RGB picture comes from ms.light_from_rgb."
+            )
+        raise _wrong_count(count, "none")
+    remedy = "numbers in nm, one per band, e.g. [550.0]"
+    centres_nm = np.atleast_1d(numbers("wavelengths_nm", wavelengths_nm, remedy))
+    if centres_nm.shape != (count,):
+        raise _wrong_count(count, str(centres_nm.size))
+    return centres_nm
+
+
+def _wrong_count(bands: int, wavelengths: str) -> InputError:
+    """The sentence about bands without a wavelength each."""
+    return InputError(
+        f"photons has {bands} band(s) and wavelengths_nm {wavelengths}; pass one wavelength per band; "
+        "light of an RGB picture comes from ms.light_from_rgb."
     )
-    detected = given.detected
-    if bands is None or wavelengths_nm is not None or given.bandwidths_nm is None:
-        photons = Photons(
-            mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant
-        )
-        return photons.changed(intrinsics=given.intrinsics, source=given.source)
-    widths = checked_widths(given.bandwidths_nm, bands.shape)
-    known = given.in_band is not None and given.in_band_of in (None, pixel_fingerprint(camera))
-    in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
-    of_bands = widths, in_band, given.in_band_of
-    photons = Photons(
-        mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant
-    )
-    return photons.changed(intrinsics=given.intrinsics, source=given.source)
+
+
+def _in_band_of(
+    photons: Photons, shape: tuple[int, ...], camera: Camera
+) -> Float64Array | None:
+    """Factor within the bands, where it was made for pixels like those of this camera."""
+    fits = photons.in_band_of in (None, pixel_fingerprint(camera))
+    if photons.in_band is None or not fits:
+        return None
+    return _checked_factor(photons.in_band, shape)
 
 
 def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> PhotonsOfBands:
@@ -193,16 +229,10 @@ def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> Phot
         checked_widths(photons.bandwidths_nm, photons.shape[2:])
     if photons.detected:
         check_channels(photons.shape, camera)
-    known = photons.in_band is not None and photons.in_band_of in (
-        None,
-        pixel_fingerprint(camera),
-    )
-    in_band = _checked_factor(photons.in_band, photons.shape[:2]) if known else None
-    variance_e2 = (
-        None
-        if photons.variance_e2 is None
-        else _checked_variance(photons.variance_e2, photons, camera)
-    )
+    in_band = _in_band_of(photons, photons.shape[:2], camera)
+    variance_e2 = photons.variance_e2
+    if variance_e2 is not None:
+        variance_e2 = _checked_variance(variance_e2, photons, camera)
     return photons.changed(in_band=in_band, variance_e2=variance_e2)
 
 
