@@ -15,7 +15,7 @@ def check_types(camera: object, exposure: object, optional: bool = False) -> Non
     """Raise InputError unless ``camera`` is a Camera and ``exposure`` an Exposure.  optional : either may be None."""
     if not hasattr(camera, "quantum_efficiency") and not (optional and camera is None):
         raise InputError(
-            f"camera is {camera!r}; pass a Camera, e.g. load_camera('konnik_table1')."
+            f"camera is {camera!r}; pass a Camera, or the name of one, e.g. 'konnik_table1'."
         )
     if not isinstance(exposure, Exposure) and not (optional and exposure is None):
         raise InputError(_exposure_sentence(exposure))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..camera.camera import Camera
 from ..camera.camera_file import AnyCamera, camera_of
-from ..core import Exposure, InputError, Photons
+from ..core import Exposure, InputError, Photons, check_types
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
 from ..kept_sensor import Sensor
@@ -113,6 +113,7 @@ class SensorNoise:
     ) -> None:
         self.camera = camera_of(camera)
         self.exposure = Exposure(0.01) if exposure is None else exposure
+        check_types(self.camera, self.exposure)
         self.gains = (
             tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
         )

@@ -125,8 +125,8 @@ def as_photons(
     if isinstance(photons, PhotonsOfBands) and wavelengths_nm is None:
         return _checked_bands(photons, camera, check)
     if not isinstance(photons, Photons):
-        _refuse_pictures(np.asarray(photons).dtype)
         mean = _mean_photons(photons, camera)
+        _refuse_pictures(np.asarray(photons).dtype)
         _refuse_infinite(mean)
         return _photons_of_array(mean, wavelengths_nm, check)
     mean = _mean_photons(photons.mean, camera)

@@ -264,7 +264,9 @@ def test_a_camera_is_its_name_a_path_or_itself_and_nothing_else(tmp_path: Path) 
     path = tmp_path / "mine.toml"
     path.write_text(MONO.to_toml())
     assert ms.SensorNoise(path, white_e=5.0).camera == ms.load_camera(path)
-    with pytest.raises(ms.InputError, match="name is None; pass the name of a camera"):
+    with pytest.raises(
+        ms.InputError, match="camera is None; pass a Camera, or the name of one"
+    ):
         ms.SensorNoise(None, white_e=5.0)  # type: ignore[arg-type]
 
 

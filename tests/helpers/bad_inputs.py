@@ -229,7 +229,10 @@ CALLS = {  # an expression → what its sentence holds
         "one wavelength per band",
     ),
     "ms.expose(grey, camera, exposure, wavelengths_nm=[-550])": ("-550", "positive"),
-    "ms.expose(grey, 'konnik_table1', exposure)": ("'konnik_table1'", "load_camera"),
+    "ms.expose(grey, 'konnik_table2', exposure)": (
+        "'konnik_table2'",
+        "Did you mean 'konnik_table1'",
+    ),
     "ms.expose(grey, camera, 0.1)": ("0.1", "Exposure(time_s=0.1)"),
     "ms.expose(grey, camera, exposure, frames=0)": ("frames is 0",),
     "ms.expose(grey, camera, exposure, frames=1.5)": ("frames is 1.5", "whole number"),

@@ -252,8 +252,8 @@ def test_the_test_lights_refuse_what_is_no_irradiance(level: Any) -> None:
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        (lambda: ms.collect(np.ones((2, 2)), "x", EXPOSURE), "camera is 'x'"),  # type: ignore[arg-type]
-        (lambda: ms.collect(np.ones((2, 2)), TABLE1, 0.1), "exposure is 0.1"),  # type: ignore[arg-type]
+        (lambda: ms.collect(np.ones((2, 2)), "x", EXPOSURE), "'x' is no camera"),
+        (lambda: ms.collect(np.ones((2, 2)), TABLE1, 0.1), "exposure is the number 0.1"),  # type: ignore[arg-type]
         (lambda: ms.collect([[1.0], [1.0, 2.0]], TABLE1, EXPOSURE), "light is not numeric"),  # type: ignore[arg-type]
         (lambda: ms.collect(ms.Photons(np.ones((2, 2))), TABLE1, EXPOSURE), "light is Photons"),  # type: ignore[arg-type]
         (
@@ -280,7 +280,7 @@ def test_the_test_lights_refuse_what_is_no_irradiance(level: Any) -> None:
         (lambda: ms.gradient_light(0.0, 1.0, (2, 0)), r"shape is \(2, 0\)"),
         (lambda: ms.render(3, TABLE1, EXPOSURE), "scene is 3"),  # type: ignore[arg-type]
         (lambda: ms.render("x.xml", TABLE1, EXPOSURE, parameters="x"), "parameters is 'x'"),  # type: ignore[arg-type]
-        (lambda: ms.render("x.xml", "x", EXPOSURE), "camera is 'x'"),  # type: ignore[arg-type]
+        (lambda: ms.render("x.xml", "x", EXPOSURE), "'x' is no camera"),
     ],
 )
 def test_nonsense_as_light_is_refused_in_one_sentence(asked: Any, said: str) -> None:
