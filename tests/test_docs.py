@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 import typer.main
 from helpers import ROOT
+from helpers.marks import exhaustive
 from helpers.pages import blocks, fenced, lines
 
 import mitsuba_sensor as ms
@@ -89,7 +90,9 @@ def run_python(text: str, names: dict[str, Any]) -> None:
         exec(text, names)
 
 
-@pytest.mark.parametrize("name", WITH_CODE)
+@pytest.mark.parametrize(
+    "name", [exhaustive(name) if name == "lab" else name for name in WITH_CODE]
+)
 def test_the_code_of_a_page_runs_in_its_order(
     name: str, checkout_folder: Path, cli: Callable[..., Any]
 ) -> None:

@@ -9,7 +9,6 @@ import inspect
 import io
 import re
 import tokenize
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -72,13 +71,14 @@ def test_every_link_image_and_anchor_of_a_page_resolves(page: Path) -> None:
 
 
 @cache
-def files() -> tuple[str, ...]:
-    """The files of the repository, with a slash before each."""
-    return tuple(
-        "/" + str(path.relative_to(ROOT))
-        for folder in FOLDERS
-        for path in (ROOT / folder).rglob("*.*")
-    )
+def ends_of_paths() -> set[str]:
+    """How the paths of the files of the repository end: from each of their slashes on."""
+    ends = set[str]()
+    for folder in FOLDERS:
+        for path in (ROOT / folder).rglob("*.*"):
+            parts = path.relative_to(ROOT).parts
+            ends |= {"/" + "/".join(parts[first:]) for first in range(len(parts))}
+    return ends
 
 
 def missing_files(text: str) -> list[str]:
@@ -86,9 +86,7 @@ def missing_files(text: str) -> list[str]:
     named = re.findall(r"(?<![\w./*-])[\w./-]*\w\.(?:py|md)\b", text)
     named += re.findall(rf"(?<![\w./*-])(?:{'|'.join(FOLDERS)})/[\w./-]+\.\w+", text)
     paths = {name: "/" + re.sub(r"^(\.{1,2}/)+", "", name) for name in named}
-    return [
-        name for name, path in paths.items() if not any(file.endswith(path) for file in files())
-    ]
+    return [name for name, path in paths.items() if path not in ends_of_paths()]
 
 
 @cache
@@ -115,16 +113,18 @@ def test_files_and_tests_that_a_page_names_exist(page: Path) -> None:
     assert not missing_files(text) + unknown
 
 
-def prose(path: Path) -> Iterator[tuple[int, str]]:
+@cache
+def prose(path: Path) -> list[tuple[int, str]]:
     """Line and text of every docstring and comment of a Python file."""
-    source = path.read_text(encoding="utf-8")
+    source, found = path.read_text(encoding="utf-8"), []
     for node in ast.walk(ast.parse(source)):
         inner = getattr(node, "value", None) if isinstance(node, ast.Expr) else None
         if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
-            yield node.lineno, inner.value
+            found.append((node.lineno, inner.value))
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string
+            found.append((token.start[0], token.string))
+    return found
 
 
 def test_files_that_docstrings_and_comments_name_exist() -> None:

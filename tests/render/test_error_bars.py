@@ -103,8 +103,10 @@ def test_the_flag_does_not_go_blind_as_samples_grow() -> None:
     ).statistics.reliable
 
 
-@pytest.mark.parametrize("bulb", [False, True])
-@pytest.mark.parametrize("spp", [64, 512])
+@pytest.mark.parametrize(
+    ("bulb", "spp"),
+    [(False, 512), (True, 64), exhaustive(False, 64), exhaustive(True, 512)],
+)
 def test_glass_in_the_cornell_box_raises_it(tmp_path: Path, bulb: bool, spp: int) -> None:
     """A mirror and a glass ball in place of the blocks, with the lamp of the box or with one in a glass bulb. Before
     references of 32 768 samples, 32 columns, |z| < 1 holds for 0.33 (64 samples) and 0.57 (512) of the pixels with the

@@ -34,11 +34,11 @@ def camera(gamma: float, scale_e: float, read_e: float, dsnu_e: float) -> ms.Cam
 def by_quadrature(
     gamma: float, scale_e: float, read_e: float, dsnu_e: float, light_e: float
 ) -> tuple[float, float, float]:
-    """Mean, temporal and spatial variance of the codes: all counts, read noise, and offsets at 81 quantiles."""
+    """Mean, temporal and spatial variance of the codes: all counts, read noise, and offsets at 41 places."""
     counts = np.arange(*np.round(light_e + np.array([-9, 9]) * np.sqrt(light_e)).clip(0))
     chances = stats.poisson.pmf(counts, light_e)
     rate, gain = np.log(gamma) / scale_e, HIGHEST / scale_e * (1 + 1 / HIGHEST)
-    offsets = Z[::25] if dsnu_e else np.zeros(1)
+    offsets = Z[::50] if dsnu_e else np.zeros(1)
     weights = np.exp(-0.5 * offsets**2) / np.exp(-0.5 * offsets**2).sum()
     means, squares = np.zeros((2, offsets.size))
     for k, offset in enumerate(offsets):
@@ -52,7 +52,8 @@ def by_quadrature(
 
 
 @pytest.mark.parametrize(
-    ("gamma", "percent"), [(0.8, 2.5), (0.95, 1.0), (0.999, 0.5), (1.05, 1.0)]
+    ("gamma", "percent"),
+    one_in(3, [(0.8, 2.5), (0.95, 1.0), (0.999, 0.5), (1.05, 1.0)], several=True),
 )
 @pytest.mark.parametrize("dsnu_e", one_in(2, [0.0, 25.0]))
 def test_tails_come_onto_the_scale_along_the_curve_there(

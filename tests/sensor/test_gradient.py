@@ -191,7 +191,7 @@ def test_the_mean_follows_frames_with_equal_random_bits(name: str, level: int) -
 
 @pytest.mark.parametrize(
     "name",
-    one_in(2, ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"]),
+    one_in(4, ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"]),
 )
 def test_backward_adds_up_what_forward_says(name: str) -> None:
     frames = differentiable(
@@ -248,7 +248,9 @@ CAMERAS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", one_in(3, CAMERAS))
+@pytest.mark.parametrize(
+    "kind", [name if name == "ar, colours" else exhaustive(name) for name in CAMERAS]
+)
 def test_values_are_those_of_expose_bit_by_bit(kind: str) -> None:
     camera = RICH.replace(**CAMERAS[kind])
     shape = (45, 67)
@@ -401,7 +403,7 @@ def wide() -> Any:
     return frame
 
 
-@pytest.mark.parametrize("name", one_in(6, FIELDS))
+@pytest.mark.parametrize("name", one_in(9, FIELDS))
 def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
     if name in NO_SLOPE:
         with pytest.raises(ms.InputError, match="no number of this chain depends smoothly"):
@@ -470,7 +472,7 @@ BEHIND = (
 )
 
 
-@pytest.mark.parametrize("end", one_in(2, ENDS))
+@pytest.mark.parametrize("end", one_in(3, ENDS))
 @pytest.mark.parametrize(
     "sigma_dn",
     [0.3, *map(exhaustive, (0.05, 0.1, 0.7, 1.05, 2.0, 5.0))],

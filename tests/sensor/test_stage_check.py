@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from helpers.marks import exhaustive
+from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 
@@ -94,7 +94,7 @@ class Amplifier(ms.Stage):
         return replace(m, mean=2.0 * m.mean)
 
 
-@pytest.mark.parametrize("stage", [AmpGlow(), GlowOfEveryPixel()])
+@pytest.mark.parametrize("stage", [AmpGlow(), exhaustive(GlowOfEveryPixel())])
 def test_an_amp_glow_whose_moments_are_those_of_its_window_passes(stage: AmpGlow) -> None:
     check = ms.check_stage(stage, camera=TABLE1, after="dark_current")
     assert check.unit == "e-" and max(row.standard_errors for row in check.comparisons) < 5
@@ -102,7 +102,9 @@ def test_an_amp_glow_whose_moments_are_those_of_its_window_passes(stage: AmpGlow
     assert lines[0].startswith(type(stage).__name__) and len(lines) == 2 + 3 * 3
 
 
-@pytest.mark.parametrize("draw", ["normal", "row_normal", "column_normal"])
+@pytest.mark.parametrize(
+    "draw", [exhaustive("normal"), "row_normal", exhaustive("column_normal")]
+)
 def test_three_percent_of_a_temporal_variance_are_found(draw: str) -> None:
     ms.check_stage(Hum(draw), camera=TABLE1, after="reset_noise")
     with pytest.raises(
@@ -135,11 +137,14 @@ def test_a_stage_that_begins_anew_in_every_window_is_found() -> None:
         ms.check_stage(GlowOfTheWindow(), camera=TABLE1, after="dark_current")
 
 
-@pytest.mark.parametrize("name", ["konnik_table1", exhaustive("bayer_2mp")])
-def test_every_stage_of_a_camera_behind_which_are_electrons_or_volts_passes(name: str) -> None:
-    camera = ms.load_camera(name)
-    for stage in camera.stages[1:-1]:
-        ms.check_stage(stage, camera=camera)
+@pytest.mark.parametrize(
+    "number", one_in(4, range(1, len(ms.load_camera("bayer_2mp").stages) - 1))
+)
+def test_every_stage_of_a_camera_behind_which_are_electrons_or_volts_passes(
+    number: int,
+) -> None:
+    camera = ms.load_camera("bayer_2mp")
+    ms.check_stage(camera.stages[number], camera=camera)
 
 
 def test_a_stage_that_is_not_in_the_chain_needs_its_place() -> None:

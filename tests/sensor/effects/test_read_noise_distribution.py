@@ -165,16 +165,14 @@ def test_the_theory_of_a_frame_is_that_of_its_frames(
     """
     frames = flat(camera_with(sigma_dn, black_dn, dn_per_e, **shape), light_e, (512, 1000))
     code = frames.digital.astype(np.float64)
-    expected = frames.report["stages"][-1]
+    expected = frames.theory.averages(frames.stages[-1])
     mean, sigma = code.mean(), code.std()
     error = (
         4 * np.square(code - mean).reshape(64, -1).mean(axis=1).std() / 8 / max(2 * sigma, 1e-9)
     )
-    assert mean == pytest.approx(
-        expected["mean_expected"], abs=max(4 * sigma / math.sqrt(code.size), 0.01)
-    )
+    assert mean == pytest.approx(expected.mean, abs=max(4 * sigma / math.sqrt(code.size), 0.01))
     assert sigma == pytest.approx(
-        expected["sigma_temporal_expected"], abs=max(error, 0.003 * sigma, 0.01)
+        math.sqrt(expected.temporal), abs=max(error, 0.003 * sigma, 0.01)
     )
 
 
