@@ -61,7 +61,7 @@ def clock_reads(tree: ast.Module) -> Iterator[str]:
 def test_no_test_reads_a_clock() -> None:
     reads = {
         path.relative_to(TESTS).as_posix(): found
-        for path in (*MODULES, *TESTS.rglob("helpers/*.py"))
+        for path in (*MODULES, *TESTS.rglob("helpers/*.py"), TESTS / "conftest.py")
         if path != WAITS
         and (found := list(clock_reads(ast.parse(path.read_text(encoding="utf-8")))))
     }

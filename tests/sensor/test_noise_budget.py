@@ -11,7 +11,6 @@ from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.gains import gain_dn_per_e
-from mitsuba_sensor.theory.frame_theory import FrameTheory
 from mitsuba_sensor.theory.noise_budget import Contribution, NoiseBudget
 
 TABLE1 = ms.load_camera("konnik_table1").replace(
@@ -63,7 +62,7 @@ def test_contributions_add_up_to_the_frame_and_variances_to_the_theory(
     frames = frames_of(CAMERAS[name], light)
     noise_budget = frames.noise_budget()
     assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
-    m = FrameTheory(frames.stages, frames.detected, frames.first).averages(frames.stages[-1])
+    m = frames.theory.averages(frames.stages[-1])
     size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
     assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(
         m.temporal, abs=1e-9 * size

@@ -415,12 +415,12 @@ def test_no_camera_makes_the_theory_fail(case: str) -> None:
     camera = TABLE1.replace(**changes)
     light = np.array([[0.0, 1e-9, 1.0, 3e4, 1e8, 1e30, math.inf]])
     frames = ms.expose(ms.Photons(light, detected=True), camera, exposure)
-    found = frames.theory.averages(frames.stages[-1])
-    highest = 2**camera.adc.bits - 1
+    behind = [frames.theory.averages(stage) for stage in frames.stages]
+    found, highest = behind[-1], 2**camera.adc.bits - 1
     assert -1e-6 <= found.mean <= highest * (1 + 1e-9) + 1e-6
     assert 0 <= found.temporal <= highest**2 and 0 <= found.spatial <= highest**2
-    for stage in frames.stages:
-        assert all(math.isfinite(x) for x in frames.theory.averages(stage)[:3])
+    for averages in behind:
+        assert all(math.isfinite(x) for x in averages[:3])
 
 
 @pytest.mark.parametrize("level", one_in(3, [7000.0, 6700.0, 6900.0, 6990.0, 7010.0, 7100.0]))
