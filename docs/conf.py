@@ -11,7 +11,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from generated import pages_of, with_bullets, with_generated_parts
+from generated import pages_of, signature, with_bullets, with_generated_parts
 
 import mitsuba_sensor
 
@@ -23,8 +23,7 @@ html_theme, html_title = "furo", f"mitsuba_sensor {version}"
 html_show_copyright = html_copy_source = False
 smartquotes = False  # --options keep both of their dashes
 myst_heading_anchors = 4  # links to headings, as on GitHub
-autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented"
+python_maximum_signature_line_length = 80  # longer ones have a line for each parameter
 autodoc_member_order = "bysource"
 
 
@@ -32,6 +31,8 @@ def setup(app: Any) -> None:
     """Fill in what is generated, and list the pages beside the text of the index in its order."""
     app.connect("source-read", _complete)
     app.connect("autodoc-process-docstring", _as_bullets)
+    app.connect("autodoc-process-signature", _with_types)
+    app.connect("autodoc-skip-member", _is_of_pydantic)
 
 
 def _complete(_app: Any, page: str, source: list[str]) -> None:
@@ -49,3 +50,15 @@ def _as_bullets(
     _app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]
 ) -> None:
     lines[:] = with_bullets(lines)
+
+
+def _with_types(
+    _app: Any, what: str, _name: str, value: Any, _options: Any, *_found: str
+) -> tuple[str, str] | None:
+    return signature(value) if what in ("function", "method", "class") else None
+
+
+def _is_of_pydantic(
+    _app: Any, _what: str, name: str, _value: Any, _skip: bool, _options: Any
+) -> bool | None:
+    return True if name.startswith("model_") else None

@@ -29,6 +29,13 @@ MARK = re.compile(r"^<!-- generated: (\w+) -->$", re.M)
 NAMES = r"\w+(?:, \w+)*"
 DESCRIBED = re.compile(rf"(?=(?:^|  ){NAMES} : )")
 """Where the description of a parameter begins, as ``name : meaning`` or ``one, other : meaning``."""
+CHECKED = re.compile(r"\bAnnotated\[([\w\[\], .]+), AfterValidator[^)]*\)\]")
+MODULES = re.compile(r"\b(?!np\.)(?:\w+\.)+(?=\w)")
+"""What a signature is easier to read without: the checks of tables of a camera file, and names of modules."""
+
+ANNOTATIONS = {
+    "Array": "Annotation of pixel values (H, W): an array of NumPy or Dr.Jit, or a number."
+}
 TABLES = tuple(tables(Camera))
 
 
@@ -65,17 +72,22 @@ def command_line() -> str:
 
 
 def api() -> str:
-    """Every public name, functions first."""
+    """Every public name: functions, classes, and those of the laboratory."""
     names = sorted(ms.__all__, key=str.lower)
+    names.remove("lab")
     functions = [name for name in names if inspect.isfunction(getattr(ms, name))]
-    parts = {
-        "Functions": functions,
-        "Classes": [name for name in names if name not in functions],
-    }
+    classes = [name for name in names if name not in functions]
+    laboratory = sorted(ms.lab.__all__, key=str.lower)
     return "\n\n".join(
-        f"## {title}\n\n"
-        + "\n\n".join(f"### {name}\n\n{documented(ms, name)}" for name in those)
-        for title, those in parts.items()
+        [
+            "## Functions",
+            *(f"### {name}\n\n{documented(ms, name)}" for name in functions),
+            "## Classes",
+            *(f"### {name}\n\n{documented(ms, name)}" for name in classes),
+            "## Laboratory",
+            directive("automodule", ms.lab.__name__),
+            *(f"### lab.{name}\n\n{documented(ms.lab, name)}" for name in laboratory),
+        ]
     )
 
 
@@ -98,13 +110,52 @@ PARTS = {one.__name__: one for one in (command_line, api, stages, film, sensor)}
 
 
 def documented(module: ModuleType, name: str) -> str:
-    """A block for autodoc: a function, a class with its members, or an annotation."""
-    value, kind, more = getattr(module, name), "data", ""
+    """A block for autodoc: a function, or a class with its members; and an annotation with what is said of it."""
+    value, full_name = getattr(module, name), f"{module.__name__}.{name}"
+    if value is Any:
+        return directive("py:data", full_name, "", ANNOTATIONS[name])
     if inspect.isfunction(value):
-        kind = "function"
-    elif inspect.isclass(value):
-        kind, more = "class", "\n   :members:"
-    return f"```{{eval-rst}}\n.. auto{kind}:: {module.__name__}.{name}{more}\n```"
+        return directive("autofunction", full_name)
+    return directive("autoclass", full_name, ":members:")
+
+
+def directive(kind: str, full_name: str, *inside: str) -> str:
+    """One directive of Sphinx in a page of Markdown."""
+    lines = [f".. {kind}:: {full_name}", *(f"   {line}" for line in inside)]
+    return "\n".join(["```{eval-rst}", *lines, "```"])
+
+
+class AsWritten(str):
+    """An annotation as it stands in the source: without quotes around it."""
+
+    __repr__ = str.__str__
+
+
+def signature(value: Any) -> tuple[str, str] | None:
+    """Parameters of a function or a class, with their types, and type of the result; None where it has none."""
+    try:
+        found = inspect.signature(value)
+    except (TypeError, ValueError):
+        return None
+    shown = []
+    for parameter in found.parameters.values():
+        if parameter.name == "self" or parameter.name.startswith("_"):
+            continue
+        if kind := type_text(parameter.annotation):
+            parameter = parameter.replace(annotation=AsWritten(kind))
+        if str(parameter.default) == "<factory>":
+            parameter = parameter.replace(default=AsWritten("..."))
+        shown.append(parameter)
+    result = "" if inspect.isclass(value) else type_text(found.return_annotation)
+    return str(found.replace(parameters=shown, return_annotation=found.empty)), result
+
+
+def type_text(annotation: Any) -> str:
+    """A type as a reader of the source sees it: no modules and no checks; nothing where there is none."""
+    if annotation is inspect.Parameter.empty:
+        return ""
+    text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
+    return CHECKED.sub(r"\1", MODULES.sub("", text))
 
 
 def with_bullets(docstring: Iterable[str]) -> list[str]:
@@ -132,7 +183,7 @@ def _stage(stage: type[Stage]) -> str:
     where = f"`{stage.__module__.removeprefix('mitsuba_sensor.').replace('.', '/')}.py`"
     domain: Any = stage.domain
     facts = f"Behind it: {domain} [{UNITS[domain]}]. Paper: {stage.paper}. Source: {where}."
-    directive = documented(sys.modules[stage.__module__], stage.__name__)
+    described = documented(sys.modules[stage.__module__], stage.__name__)
     names = set(stage.fields.model_fields) if stage.fields else set()
     entries = [
         x for one in TABLES if one.path == stage.table for x in one.entries if x.name in names
@@ -143,7 +194,7 @@ def _stage(stage: type[Stage]) -> str:
         else ""
     )
     title = stage.label[:1].upper() + stage.label[1:]
-    return f"## {title}\n\n{facts}\n\n{directive}{keys}"
+    return f"## {title}\n\n{facts}\n\n{described}{keys}"
 
 
 def _parameters(parameters: Iterable[PluginParameter]) -> str:

@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -145,9 +146,11 @@ def test_every_mark_of_a_page_is_replaced() -> None:
 
 
 def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """A command and all below it; those of the program are imported when they are asked for."""
     yield name, command
-    for inner_name, inner in getattr(command, "commands", {}).items():
-        yield from commands(inner, f"{name} {inner_name}")
+    if hasattr(command, "list_commands"):
+        for inner_name in command.list_commands(None):
+            yield from commands(command.get_command(None, inner_name), f"{name} {inner_name}")
 
 
 def test_the_command_line_page_has_every_command_and_every_option_in_its_place() -> None:
@@ -171,12 +174,36 @@ def test_the_command_line_page_has_every_command_and_every_option_in_its_place()
 
 def test_the_api_page_has_every_public_name_once() -> None:
     named = re.findall(
-        r"auto(function|class|data):: mitsuba_sensor\.(\w+)$", GENERATED.api(), re.M
+        r"^\.\. (?:auto|py:)(\w+):: mitsuba_sensor\.([\w.]+)$", GENERATED.api(), re.M
     )
-    assert sorted(name for _, name in named) == sorted(ms.__all__)
-    assert all(
-        (kind == "function") == inspect.isfunction(getattr(ms, name)) for kind, name in named
+    of_lab = [f"lab.{name}" for name in ms.lab.__all__]
+    assert sorted(name for _, name in named) == sorted([*ms.__all__, *of_lab])
+    for kind, name in named:
+        value = attrgetter(name)(ms)
+        assert (kind == "function") == inspect.isfunction(value)
+
+
+def test_a_signature_of_the_api_page_has_the_types_of_the_source() -> None:
+    """Aliases stay names, modules are left out, and so are parameters that begin with an underscore."""
+    assert GENERATED.signature(ms.plan) == (
+        "(camera: AnyCamera, exposure: Exposure, photons: Photons | ArrayLike, "
+        "tolerance_dn: float = 0.0, wavelengths_nm: ArrayLike | None = None, "
+        "maps: Mapping[str, ArrayLike] | None = None)",
+        "Plan",
     )
+    shown, result = GENERATED.signature(ms.Frame.row_normal)
+    assert (shown, result) == ("(source: str, rows: ArrayLike | None = None)", "Array")
+    assert "sensor: SensorSection, " in GENERATED.signature(ms.Camera)[0]
+    assert GENERATED.signature(3) is None
+
+
+@pytest.mark.parametrize(
+    "name", [*sorted(ms.__all__), *(f"lab.{one}" for one in ms.lab.__all__)]
+)
+def test_every_public_function_has_a_type_of_its_result(name: str) -> None:
+    value = attrgetter(name)(ms)
+    if inspect.isfunction(value):
+        assert GENERATED.signature(value)[1]
 
 
 def test_the_page_of_the_stages_has_them_in_the_order_of_the_chain_with_their_keys() -> None:

@@ -1,5 +1,7 @@
 """Random numbers of one frame: temporal noise, keyed by seed, camera and exposure, frame number, source and pixel."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass
 from math import inf
 from pathlib import PurePath
-from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
+from typing import Any, ForwardRef, Literal, TypeVar, Union, cast, get_args, get_origin
 
 from .errors import InputError, nearest, require
 
@@ -226,6 +226,8 @@ def _described(one: Declared) -> str:
 
 def _kind_name(kind: object) -> str:
     """A type as a reader calls it."""
+    if isinstance(kind, ForwardRef):
+        return kind.__forward_arg__.removesuffix(" | None")
     if get_origin(kind) is Literal:
         return ", ".join(repr(value) for value in get_args(kind))
     plain = get_origin(kind) or kind

@@ -1,5 +1,7 @@
 """Mean photons and electrons per pixel: what enters the sensor and what its well collects."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
