@@ -92,6 +92,7 @@ READERS = (
     "camera/lens_file.py",
     "core/llvm.py",
     "core/versions.py",
+    "render/scene/parse_scene.py",
     "render/scene/scene_file.py",
     "optics/spectra.py",
     "render/motion/motion.py",

@@ -25,8 +25,8 @@ from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.files.scene_references import scene_references
 from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene import inspect_scene
-from mitsuba_sensor.render.scene.scene_file import parse_scene
 from mitsuba_sensor.render.scene.scene_settings import settings_of
 from mitsuba_sensor.render.variants import choose_variant, use
 

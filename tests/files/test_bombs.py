@@ -33,7 +33,7 @@ from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.output.light_files import read_irradiance
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.motion.motion import read_motion
-from mitsuba_sensor.render.scene.scene_file import parse_scene
+from mitsuba_sensor.render.scene.parse_scene import parse_scene
 
 SIDE = 100_000
 MOST_BYTES = 2**28  # of memory that reading one of these may take

@@ -9,7 +9,7 @@ import pytest
 
 from helpers import ROOT
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.render.scene.scene_file import parse_scene
+from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene_settings import SceneSettings, settings_of
 from mitsuba_sensor.render.variants import choose_variant
 

@@ -15,8 +15,9 @@ from helpers.scenes import skip_unless_usable, write_scene
 
 from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene import load_scene
-from mitsuba_sensor.render.scene.scene_file import POLARISING, parse_scene
+from mitsuba_sensor.render.scene.scene_file import POLARISING
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = load_camera("konnik_table1")

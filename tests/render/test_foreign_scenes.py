@@ -26,8 +26,8 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, magnification
 from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene import load_scene
-from mitsuba_sensor.render.scene.scene_file import parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = load_camera("konnik_table1")

@@ -14,8 +14,8 @@ from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.old_text import upgraded_text, version_of
+from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
-from mitsuba_sensor.render.scene.scene_file import parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = load_camera("konnik_table1")

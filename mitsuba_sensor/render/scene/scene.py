@@ -38,7 +38,8 @@ from ..passes.passes import SAMPLER
 from ..variants import MitsubaObject, mitsuba
 from .film_and_view import WIDTH, built_in_sensor, film_size
 from .lens_sensor import with_lens
-from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
+from .parse_scene import parse_scene
+from .scene_file import SceneFile, as_input_error, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
 
 GUIDE_SEED = 1

@@ -5,24 +5,21 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ...core import InputError, nearest
-from ...files.scene_xml import require_scene_file, require_shallow
-from ..variants import MitsubaObject, mitsuba, own_folder_first, parser_config
+from ...core import InputError
+from ..variants import MitsubaObject, mitsuba
 from . import old_formats, old_text
-from .plugin_names import meant, refuse_foreign_plugins, remedy_for_unknown
+from .plugin_names import meant, remedy_for_unknown
 from .scene_edits import SceneEdits
 
 EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
     '<lookat origin="0, 1, 4" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>'
 )
-NAME_OF_TEXT = "XML text"  # what a scene that is given as text is called in messages
 LONGEST = 1000  # characters of a message of Mitsuba, which repeats the values of a scene
 AS_TEXT = (
     "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
@@ -138,95 +135,6 @@ class SceneFile:
         return scene
 
 
-def parse_scene(
-    path: str | os.PathLike[str],
-    parameters: Mapping[str, object],
-    integrator: str | None = None,
-    ignore_polarization: bool = False,
-) -> SceneFile:
-    """Parse a scene file, or its text. Raises InputError.
-
-    No variant need be set, except to read colours and transforms.
-    integrator, ignore_polarization : see :class:`render.options.SceneOptions`.
-    """
-    given = path if is_text(path) else ""
-    file, mi = Path(NAME_OF_TEXT if given else path), mitsuba()
-    if not given:
-        require_scene_file(os.fspath(path))
-    values = {str(k): str(v) for k, v in parameters.items()}
-    text = str(given) or file.read_text(encoding="utf-8", errors="replace")
-    require_shallow(text, file)
-    usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
-    exposure_s = values.get("exposure_s", usual[1]) if usual else None
-    known = sorted(
-        {*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)}
-    )
-    unknown = next((name for name in values if name not in known), None)
-    if (
-        unknown is not None and "<include" not in text
-    ):  # names in included files are left to Mitsuba
-        has = f"it has {', '.join(known)}" if known else "it has none"
-        raise InputError(
-            f"scene {str(file)!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}"
-        )
-    config = parser_config()
-    beside = type(mi.file_resolver())(mi.file_resolver())
-    beside.prepend(str(file.resolve().parent))
-    old = _with_old_includes(text, file.parent) if is_old(text) else ""
-    new, tags = old_text.upgraded_text(old, values) if old else (text, [])
-    gone = [
-        name
-        for name in values
-        if f"${name}" not in new and (name == "exposure_s" or f"${name}" in text)
-    ]
-    used = {
-        name: value for name, value in values.items() if name not in gone
-    }  # Mitsuba refuses what is not used
-    with searching(beside), as_input_error(file):
-        as_text, name = bool(tags or given), str(file)
-        state = (
-            mi.parser.parse_string(config, new, **used)
-            if as_text
-            else mi.parser.parse_file(config, name, **used)
-        )
-        mi.parser.transform_upgrade(config, state)
-        changed = old_formats.upgrade(state)
-        mi.parser.transform_resolve(config, state)
-        resolver = mi.file_resolver()
-        own_folder_first(resolver)
-        refuse_foreign_plugins(str(file), state, resolver)
-    if state.nodes[0].type != mi.ObjectType.Scene:
-        raise InputError(
-            f'{str(file)!r} holds no scene; its outermost element must be <scene version="3.0.0">.'
-        )
-    _refuse_newer(state, file)
-    content = str(given).encode()
-    scene = SceneFile(
-        file, config, state, values, resolver, exposure_s, (), new, ignore_polarization, content
-    )
-    converted = f"converted from the format of Mitsuba {old_text.version_name(text)}"
-    changes = [
-        (
-            scene.where(state.nodes[0]),
-            (f"<{', '.join(tags)}> in the terms of Mitsuba 3", converted),
-        )
-    ][: len(tags)]
-    if integrator is not None:
-        changed = [one for one in changed if one[0].type != mi.ObjectType.Integrator]
-    changes += [(scene.where(node), (what, converted)) for node, what in changed]
-    return with_integrator(replace(scene, changes=tuple(changes)), integrator)
-
-
-def _refuse_newer(state: MitsubaObject, file: Path) -> None:
-    """InputError for a format that Mitsuba 3 does not know, and reads all the same."""
-    for version in map(str, state.versions):
-        if int(version.split(".")[0]) > old_text.CURRENT[0]:
-            newest = f'formats up to 3 can be read: write version="{old_text.version_name("")}", if it is one of these'
-            raise InputError(
-                f"scene {str(file)!r} has the format of Mitsuba {version}; {newest}."
-            )
-
-
 def with_integrator(scene: SceneFile, integrator: str | None) -> SceneFile:
     """The scene with the integrator that is asked for, if any, in place of its own."""
     if integrator is None:
@@ -241,32 +149,9 @@ def with_integrator(scene: SceneFile, integrator: str | None) -> SceneFile:
     return replace(scene, changes=(*scene.changes, *changes))
 
 
-def is_text(scene: object) -> bool:
-    """Whether a scene is given as XML text, and not as a path."""
-    return isinstance(scene, str) and scene.lstrip("\ufeff \t\r\n").startswith("<")
-
-
 def is_old(text: str) -> bool:
     """Whether a scene file has the format of a Mitsuba before version 3."""
     return old_text.version_of(text) < old_text.CURRENT
-
-
-def _with_old_includes(text: str, folder: Path) -> str:
-    """The text with the old files that it includes in place of the <include>, on its line: they too must be changed."""
-
-    def content(found: re.Match[str]) -> str:
-        file = folder / found[1]
-        inner = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
-        if not is_old(inner):
-            return found[0]
-        body = re.search(
-            r"<scene[^>]*>(.*)</scene>",
-            re.sub(r"<!--.*?-->", "", inner, flags=re.DOTALL),
-            re.DOTALL,
-        )
-        return " ".join(_with_old_includes(body[1], file.parent).split()) if body else found[0]
-
-    return re.sub(r'<include\s+filename="([^"$]+)"\s*/>', content, text)
 
 
 @contextlib.contextmanager

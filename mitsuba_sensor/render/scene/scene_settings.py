@@ -20,6 +20,7 @@ from ...sensor.metering import Metering
 from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
 from ..options import FileOptions, RenderOptions
 from ..variants import MitsubaObject, Variant, choose_variant, mitsuba, use
+from .parse_scene import parse_scene
 from .plugin_names import OWN_PLUGINS
 from .plugin_parameters import (
     EXPOSURE_PARAMETERS,
@@ -30,7 +31,7 @@ from .plugin_parameters import (
     SIZE_PARAMETERS,
 )
 from .scene_edits import SceneEdits
-from .scene_file import SceneFile, as_input_error, parse_scene, searching
+from .scene_file import SceneFile, as_input_error, searching
 from .scene_nodes import SceneInput, check_loaded, parse_nodes, view_of_loaded
 
 SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
