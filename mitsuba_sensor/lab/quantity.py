@@ -47,15 +47,13 @@ class Quantity:
 
     def __str__(self) -> str:
         """``K = 0.1241 DN/e- (0.1239 to 0.1243; EMVA 1288 R4 6.6)``."""
-        note = f"; {self.note}" if self.note else ""
         value = f"{self.value:.4g} {self.unit}".rstrip()
-        return (
-            f"{self.symbol} = {value} ({self.low:.4g} to {self.high:.4g}; {self.section}{note})"
-        )
+        remarks = "; ".join(filter(None, (self.section, self.note)))
+        return f"{self.symbol} = {value} ({self.low:.4g} to {self.high:.4g}; {remarks})"
 
     @property
     def standard_error(self) -> float:
-        """Of a normal value with this interval."""
+        """Standard error of a normal value that has this interval."""
         return (self.high - self.low) / (2 * TWO_SIDED)
 
     def covers(self, value: float) -> bool:
@@ -63,20 +61,25 @@ class Quantity:
         return self.low <= value <= self.high
 
     def noted(self, note: str) -> Self:
-        """The same with one more sentence, if there is one that it does not have."""
-        return (
-            self
-            if note in self.note
-            else replace(self, note=f"{self.note}; {note}" if self.note else note)
-        )
+        """This quantity with one more sentence in its note, unless the sentence is empty or already there."""
+        if note in self.note:
+            return self
+        if not self.note:
+            return replace(self, note=note)
+        return replace(self, note=f"{self.note}; {note}")
 
     def scaled(self, factor: float, unit: str) -> Self:
-        """Times a positive factor that is known exactly, in another unit."""
-        value, low, high = (one * factor for one in (self.value, self.low, self.high))
-        return replace(self, value=value, low=low, high=high, unit=unit)
+        """This quantity times a positive factor that is known exactly, in another unit."""
+        return replace(
+            self,
+            value=self.value * factor,
+            low=self.low * factor,
+            high=self.high * factor,
+            unit=unit,
+        )
 
     def divided(self, by: Self | float, unit: str) -> Self:
-        """Not negative, divided by an independent positive quantity, or by a number that is known exactly.
+        """This quantity, which is not negative, divided by an independent positive one or by an exact number.
 
         The distances to the ends of the two intervals add in quadrature, each relative to its value.
         """
@@ -101,6 +104,11 @@ class Quantity:
         return asdict(self)
 
 
+def no_value(symbol: str, name: str, unit: str, section: str, note: str = "") -> Quantity:
+    """A quantity that was not measured (yet)."""
+    return Quantity(symbol, name, math.nan, math.nan, math.nan, unit, section, note)
+
+
 def normal_interval(value: float, standard_error: float) -> tuple[float, float, float]:
     """(value, low, high) of an estimate that is normal about the true value."""
     half = TWO_SIDED * standard_error
@@ -110,57 +118,53 @@ def normal_interval(value: float, standard_error: float) -> tuple[float, float, 
 def student_interval(
     value: float, standard_error: float, freedom: float
 ) -> tuple[float, float, float]:
-    """The same where the standard error comes from a sample with so many degrees of freedom."""
+    """(value, low, high) of an estimate whose standard error comes from a sample with so many degrees of freedom."""
     half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * standard_error
     return value, value - half, value + half
 
 
 def variance_interval(variance: float, freedom: float) -> tuple[float, float, float]:
     """(value, low, high) of the variance of normal values, from the chi-square law with so many degrees of freedom."""
-    low, high = (
-        float(scipy.special.chdtri(freedom, p)) for p in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
-    )
-    return variance, variance * freedom / low, variance * freedom / high
+    large = float(scipy.special.chdtri(freedom, (1 - LEVEL) / 2))
+    small = float(scipy.special.chdtri(freedom, (1 + LEVEL) / 2))
+    return variance, variance * freedom / large, variance * freedom / small
 
 
 def share_interval(count: int, total: int) -> tuple[float, float, float]:
     """(value, low, high) of a probability from how often it happened (Clopper and Pearson 1934)."""
     tail = (1 - LEVEL) / 2
-    low = float(scipy.special.betaincinv(count, total - count + 1, tail)) if count else 0.0
-    high = (
-        float(scipy.special.betaincinv(count + 1, total - count, 1 - tail))
-        if count < total
-        else 1.0
-    )
+    low, high = 0.0, 1.0
+    if count:
+        low = float(scipy.special.betaincinv(count, total - count + 1, tail))
+    if count < total:
+        high = float(scipy.special.betaincinv(count + 1, total - count, 1 - tail))
     return count / total, low, high
 
 
 def unknown(like: Quantity, note: str) -> Quantity:
-    """The same without a value, and why."""
+    """A quantity like this one, but without a value, and the reason in its note."""
     return replace(like, value=math.nan, low=math.nan, high=math.nan, note=note)
 
 
 def hidden_by_clipping(like: Quantity, note: str) -> Quantity:
-    """The same without a value, because values of the frames are clipped, and which."""
+    """A quantity like this one without a value, because values of the frames are clipped; the note says which."""
     return replace(unknown(like, note), clipped=True)
 
 
 def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     """above / below, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
-    notes = "; ".join(
-        dict.fromkeys(note for note in (like.note, above.note, below.note) if note)
-    )
+    different_notes = dict.fromkeys((like.note, above.note, below.note))
+    notes = "; ".join(filter(None, different_notes))
     if not (above.value > 0 and below.low > 0):
         nothing = unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
         return replace(nothing, clipped=above.clipped or below.clipped)
-    found = above.divided(below, like.unit)
-    return replace(like, value=found.value, low=found.low, high=found.high, note=notes)
+    ratio = above.divided(below, like.unit)
+    return replace(like, value=ratio.value, low=ratio.low, high=ratio.high, note=notes)
 
 
-def product(one: Quantity, other: Quantity, like: Quantity) -> Quantity:
-    """one · other, in the same way."""
-    if not other.low > 0:
-        return quotient(one, other, like)  # unknown
-    return quotient(
-        one, replace(other, value=1 / other.value, low=1 / other.high, high=1 / other.low), like
-    )
+def product(first: Quantity, second: Quantity, like: Quantity) -> Quantity:
+    """first · second, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
+    if not second.low > 0:
+        return quotient(first, second, like)  # unknown
+    inverse = replace(second, value=1 / second.value, low=1 / second.high, high=1 / second.low)
+    return quotient(first, inverse, like)

@@ -61,52 +61,60 @@ class Bench:
 
     @property
     def stacks(self) -> tuple[Stack, ...]:
-        """All of them."""
+        """All stacks: bias, dark, flat and scene."""
         return (*self.biases, *self.darks, *self.flats, *self.scenes)
 
     @property
     def gains(self) -> tuple[str, ...]:
         """Names of the gain settings, numbers in their order."""
-        return tuple(sorted({stack.gain for stack in self.stacks}, key=_in_order))
+        names = {stack.gain for stack in self.stacks}
+        return tuple(sorted(names, key=_order_of_gain))
 
     def at_gain(self, gain: str) -> Bench:
         """The stacks of one gain setting."""
-        return self._of(lambda stacks: [one for one in stacks if one.gain == gain])
+        return self._change(lambda stacks: [stack for stack in stacks if stack.gain == gain])
 
     def of_filters(self) -> dict[str, Bench]:
-        """The pixels behind each place of the tile apart, by the name of the filter, as :meth:`Stack.of_filters`.
+        """A bench of the pixels behind each place of the tile, by the name of the filter, as :meth:`Stack.of_filters`.
 
         Raises InputError where some stacks have a mosaic and others have none, or another one.
         """
-        tiles = {stack.tile: stack.source for stack in self.stacks}
-        if len(tiles) > 1:
-            found = "; ".join(
-                f"{source} has {tile or 'none'}" for tile, source in tiles.items()
+        sources = {stack.tile: stack.source for stack in self.stacks}
+        if len(sources) > 1:
+            tiles = "; ".join(
+                f"{source} has {tile or 'none'}" for tile, source in sources.items()
             )
             raise InputError(
-                f"the stacks have different mosaics: {found}. Give the tile in the manifest."
+                f"the stacks have different mosaics: {tiles}. Give the tile in the manifest."
             )
-        names = list(self.stacks[0].of_filters()) if self.stacks else []
-        return {name: self._of(partial(_behind, name)) for name in names}
+        if not self.stacks:
+            return {}
+        names = self.stacks[0].of_filters()
+        return {name: self._change(partial(_select_filter, name)) for name in names}
 
     def given(self, bits: int | None = None, wavelength_nm: float | None = None) -> Bench:
-        """The same where somebody knows better; None changes nothing."""
-        bench = (
-            self
-            if bits is None
-            else self._of(lambda stacks: [replace(one, bits=bits) for one in stacks])
+        """This bench with the bits and the wavelength that somebody knows better; None changes nothing."""
+        bench = self
+        if bits is not None:
+            bench = bench._change(
+                lambda stacks: [replace(stack, bits=bits) for stack in stacks]
+            )
+        if wavelength_nm is not None:
+            bench = replace(bench, wavelength_nm=wavelength_nm)
+        return bench
+
+    def _change(self, change: Callable[[Sequence[Stack]], Sequence[Stack]]) -> Bench:
+        """This bench with the stacks of each kind changed by a function."""
+        return Bench(
+            tuple(change(self.biases)),
+            tuple(change(self.darks)),
+            tuple(change(self.flats)),
+            tuple(change(self.scenes)),
+            self.wavelength_nm,
         )
-        return bench if wavelength_nm is None else replace(bench, wavelength_nm=wavelength_nm)
-
-    def _of(self, some: Callable[[Sequence[Stack]], Sequence[Stack]]) -> Bench:
-        kinds = (
-            tuple(some(stacks)) for stacks in (self.biases, self.darks, self.flats, self.scenes)
-        )
-        biases, darks, flats, scenes = kinds
-        return Bench(biases, darks, flats, scenes, self.wavelength_nm)
 
 
-def _behind(name: str, stacks: Sequence[Stack]) -> list[Stack]:
+def _select_filter(name: str, stacks: Sequence[Stack]) -> list[Stack]:
     """The pixels of each stack behind one filter."""
     return [stack.of_filters()[name] for stack in stacks]
 
@@ -119,31 +127,42 @@ def read_bench(
     report : called with the files that are read, and all of them, after each.
     Raises InputError for what cannot be read or told apart, with the file and the way out.
     """
-    given = Path(path)
-    manifest = given / MANIFEST if given.is_dir() else given
-    if not manifest.exists() and not given.is_dir():
+    asked = manifest = Path(path)
+    if asked.is_dir():
+        manifest = asked / MANIFEST
+    elif not asked.exists():
         raise InputError(
-            f"there is no {given}; give a folder of raw frames, or a manifest in it."
+            f"there is no {asked}; give a folder of raw frames, or a manifest in it."
         )
-    facts = read_manifest(manifest) if manifest.exists() else {}
-    found = groups(facts, manifest) if facts else groups_of_names(given)
-    total, taken = sum(len(group.files) for group in found), list[_Taken]()
-    for group in found:
+    facts: dict[str, Any] = {}
+    if manifest.exists():
+        facts = read_manifest(manifest)
+        file_groups = groups(facts, manifest)
+    else:
+        file_groups = groups_of_names(asked)
+    total = sum(len(group.files) for group in file_groups)
+    frame_files: list[_FrameFile] = []
+    for group in file_groups:
         for file in group.files:
-            taken.append(_Taken.of(file, read_raw(file), group))
+            frame_files.append(_FrameFile.describe(file, read_raw(file), group))
             if report is not None:
-                report(len(taken), total)
-    stacks = sorted(
-        _stacks(taken, facts), key=lambda one: (_in_order(one[1].gain), *_settings(one[1]))
-    )
-    kinds = {kind: tuple(stack for k, stack in stacks if k == kind) for kind in KINDS}
+                report(len(frame_files), total)
+    stacks: dict[Kind, list[Stack]] = {kind: [] for kind in KINDS}
+    for kind, stack in _stacks(frame_files, facts):
+        stacks[kind].append(stack)
+    for of_kind in stacks.values():
+        of_kind.sort(key=_order_of_settings)
     return Bench(
-        kinds["bias"], kinds["dark"], kinds["flat"], kinds["scene"], facts.get("wavelength_nm")
+        tuple(stacks["bias"]),
+        tuple(stacks["dark"]),
+        tuple(stacks["flat"]),
+        tuple(stacks["scene"]),
+        facts.get("wavelength_nm"),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Taken:
+class _FrameFile:
     """The frames of one file with all that is known about them."""
 
     file: Path
@@ -153,82 +172,105 @@ class _Taken:
     settings: tuple[float, float | None, str]  # exposure_s, temperature_k, gain
 
     @classmethod
-    def of(cls, file: Path, raw: RawFile, group: Group) -> _Taken:
-        given, kind = (
-            group.settings,
-            group.kind or next((one for one in KINDS if one == raw.kind), None),
-        )
+    def describe(cls, file: Path, raw: RawFile, group: Group) -> _FrameFile:
+        """Combine what the group says of a file with what its metadata say. Raises InputError for what neither says."""
+        settings = group.settings
+        kind = group.kind or _known_kind(raw)
         if kind is None:
             which = f"is it one of {', '.join(KINDS)}? Begin its name or its folder's with that, or {WAY_OUT}"
             raise InputError(f"{file}: {which}.")
-        exposure_s = given.get("exposure_s", 0.0 if kind == "bias" else raw.exposure_s)
+        exposure_s = raw.exposure_s
+        if kind == "bias":
+            exposure_s = 0.0
+        exposure_s = settings.get("exposure_s", exposure_s)
         if exposure_s is None:
             raise InputError(
                 f"{file} does not say how long it was exposed; {WAY_OUT}, with exposure_s in it."
             )
-        temperature_k = given.get("temperature_k", raw.temperature_k)
-        return cls(
-            file,
-            group,
-            raw,
-            kind,
-            (float(exposure_s), temperature_k, str(given.get("gain", raw.gain))),
-        )
+        temperature_k = settings.get("temperature_k", raw.temperature_k)
+        gain = str(settings.get("gain", raw.gain))
+        return cls(file, group, raw, kind, (float(exposure_s), temperature_k, gain))
 
 
-def _stacks(taken: list[_Taken], facts: Mapping[str, Any]) -> Iterator[tuple[Kind, Stack]]:
-    """One of each group of the manifest; without a manifest, one of equal kind, size and settings."""
-    together: dict[object, list[_Taken]] = {}
-    while taken:
-        one = taken.pop(0)
-        key = one.group.where if facts else (one.kind, one.raw.frames.shape[1:], one.settings)
-        together.setdefault(key, []).append(one)
-    for some in together.values():
-        yield some[0].kind, _stack(some, facts)
+def _known_kind(raw: RawFile) -> Kind | None:
+    """The kind that the header of a file says, if it is one of ours."""
+    for kind in KINDS:
+        if kind == raw.kind:
+            return kind
+    return None
 
 
-def _stack(some: list[_Taken], facts: Mapping[str, Any]) -> Stack:
-    first = some[0]
-    for other in some:
-        for what, one, two in (
-            ("shape", first.raw.frames.shape[1:], other.raw.frames.shape[1:]),
-            ("type", first.raw.frames.dtype, other.raw.frames.dtype),
-            ("exposure_s, temperature_k and gain", first.settings, other.settings),
-        ):
-            if one != two:
-                raise InputError(
-                    f"{first.group.where}: {what} of {first.file.name} is {one} and of {other.file.name} {two}; "
-                    "frames of one stack must be alike: name them in stacks of their own."
-                )
+def _stacks(
+    frame_files: list[_FrameFile], facts: Mapping[str, Any]
+) -> Iterator[tuple[Kind, Stack]]:
+    """One stack of each group of the manifest; without a manifest, one of equal kind, size and settings.
+
+    The list of files is emptied, so that each file's frames are let go when they are joined to a stack.
+    """
+    together: dict[object, list[_FrameFile]] = {}
+    while frame_files:
+        file = frame_files.pop(0)
+        key: object = file.group.where
+        if not facts:
+            key = file.kind, file.raw.frames.shape[1:], file.settings
+        together.setdefault(key, []).append(file)
+    for alike in together.values():
+        yield alike[0].kind, _stack(alike, facts)
+
+
+def _stack(files: list[_FrameFile], facts: Mapping[str, Any]) -> Stack:
+    """The stack of files that belong together. Raises InputError where their frames are not alike."""
+    first, last = files[0], files[-1]
+    for other in files:
+        _require_alike(first, other)
     exposure_s, temperature_k, gain = first.settings
-    photons = 0.0 if first.kind in ("bias", "dark") else first.group.settings.get("photons")
-    bits, tile = (
-        facts.get("bits", first.raw.bits),
-        tuple(map(tuple, facts.get("tile", first.raw.tile))),
-    )
-    source = str(first.file) if len(some) == 1 else f"{first.file} … {some[-1].file.name}"
-    return Stack(_joined(some), exposure_s, photons, temperature_k, gain, bits, tile, source)
+    photons = 0.0
+    if first.kind not in ("bias", "dark"):
+        photons = first.group.settings.get("photons")
+    bits = facts.get("bits", first.raw.bits)
+    tile = tuple(map(tuple, facts.get("tile", first.raw.tile)))
+    source = str(first.file)
+    if len(files) > 1:
+        source = f"{first.file} … {last.file.name}"
+    return Stack(_join(files), exposure_s, photons, temperature_k, gain, bits, tile, source)
 
 
-def _joined(some: list[_Taken]) -> NDArray[Any]:
+def _require_alike(first: _FrameFile, other: _FrameFile) -> None:
+    """Raises InputError where two files of one stack differ in size, type or settings of their frames."""
+    for what, expected, actual in (
+        ("shape", first.raw.frames.shape[1:], other.raw.frames.shape[1:]),
+        ("type", first.raw.frames.dtype, other.raw.frames.dtype),
+        ("exposure_s, temperature_k and gain", first.settings, other.settings),
+    ):
+        if expected != actual:
+            raise InputError(
+                f"{first.group.where}: {what} of {first.file.name} is {expected} and of {other.file.name} {actual}; "
+                "frames of one stack must be alike: name them in stacks of their own."
+            )
+
+
+def _join(files: list[_FrameFile]) -> NDArray[Any]:
     """All frames as one array; each file's own array is let go as soon as it is copied."""
-    if len(some) == 1:
-        return some[0].raw.frames
-    first, number = some[0].raw.frames, sum(len(one.raw.frames) for one in some)
-    frames, at = np.empty((number, *first.shape[1:]), first.dtype), 0
-    while some:
-        part = some.pop(0).raw.frames
-        frames[at : at + len(part)] = part
-        at += len(part)
+    first = files[0].raw.frames
+    if len(files) == 1:
+        return first
+    number = sum(len(file.raw.frames) for file in files)
+    frames = np.empty((number, *first.shape[1:]), first.dtype)
+    position = 0
+    while files:
+        part = files.pop(0).raw.frames
+        frames[position : position + len(part)] = part
+        position += len(part)
     return frames
 
 
-def _settings(stack: Stack) -> tuple[float, float]:
-    return stack.exposure_s, stack.temperature_k or 0.0
+def _order_of_settings(stack: Stack) -> tuple[tuple[float, str], float, float]:
+    """Sorts stacks by gain, exposure time and temperature."""
+    return _order_of_gain(stack.gain), stack.exposure_s, stack.temperature_k or 0.0
 
 
-def _in_order(gain: str) -> tuple[float, str]:
-    """Numbers by value, before names."""
+def _order_of_gain(gain: str) -> tuple[float, str]:
+    """Sorts gains: numbers by value, before names."""
     try:
         return float(gain), ""
     except ValueError:

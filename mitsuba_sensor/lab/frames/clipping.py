@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -63,8 +63,11 @@ class Clipping:
 
     @property
     def share(self) -> float:
-        """Of all values, at both ends. It bounds by how much clipping makes the standard deviation of normal values too
-        small, relatively, and by how much it moves their mean [standard deviations]."""
+        """Share of clipped values at both ends.
+
+        It bounds by how much clipping makes the standard deviation of normal values too small, relatively, and by how
+        much it moves their mean [standard deviations].
+        """
         return self.black + self.saturated
 
     @property
@@ -83,72 +86,92 @@ class Clipping:
             )
         return "; ".join(notes)
 
+    @classmethod
+    def measure(cls, frames: NumpyArray, bits: int | None) -> Self:
+        """Shares of the clipped values of frames, (N, H, W), of an ADC with so many bits, if these are known.
+
+        The largest value is a limit where it is the largest code of so many bits, the smallest where it is 0; any other
+        where values pile up there more than in the tail of a distribution. Quiet frames have many equal values at their
+        ends, too: pixels must jump from there, unless it is a code like 4095.
+        """
+        lowest, largest = float(frames.min()), float(frames.max())
+        many_codes = largest - lowest >= FEWEST_CODES * _step_dn(frames)
+        saturates = bits is not None and largest >= 2**bits - 1
+        if not saturates and many_codes:
+            saturates = _piles_up_at_top(frames, largest)
+        black_clips = lowest == 0
+        if not black_clips and many_codes:
+            black_clips = _piles_up_at_bottom(frames, lowest)
+        black = _count_values(frames, lowest) * black_clips / frames.size
+        saturated = _count_values(frames, largest) * saturates / frames.size
+        return cls(black, saturated, lowest, largest)
+
     def shares_of_pixels(self, frames: NumpyArray) -> Float64Array:
         """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
         count = np.zeros(frames.shape[1:])
         for frame in frames:
-            count += (frame == self.lowest) * (self.black > 0) + (frame == self.largest) * (
-                self.saturated > 0
-            )
+            if self.black > 0:
+                count += frame == self.lowest
+            if self.saturated > 0:
+                count += frame == self.largest
         return count / len(frames)
 
 
-def clipping_of(frames: NumpyArray, bits: int | None) -> Clipping:
-    """Of frames, (N, H, W). The largest value is a limit where it is the largest code of so many bits, the smallest
-    where it is 0; any other where so many values pile up there that they are not the tail of a distribution: more than
-    20, and 5 standard errors more than at the next value, of 16 codes or more. Quiet frames have many equal values at
-    their ends, too: pixels must jump from there, unless it is a code like 4095. At the smallest value there must be
-    more values than the two codes above it let a tail have.
-    """
-    lowest, largest = float(frames.min()), float(frames.max())
-    at_bottom, at_top = (_count(frames, value) for value in (lowest, largest))
-    far = largest - lowest >= FEWEST_CODES * _step(frames)
-    full = bits is not None and largest >= 2**bits - 1
-    if not full:
-        below = max(
-            float(np.max(frame, where=frame < largest, initial=lowest)) for frame in frames
-        )
-        at_next = _count(frames, below)
-        all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
-        may_clip = far and (all_bits_set or len(frames) == 1 or _jumps(frames, largest))
-        full = may_clip and at_top > max(20.0, at_next + 5 * math.sqrt(at_next))
-    black = lowest == 0
-    if not black and far and _jumps(frames, lowest):
-        first, second = (_count(frames, lowest + number * _step(frames)) for number in (1, 2))
-        black = at_bottom > max(
-            20.0, first * min(1.0, first / max(second, 1)) + 5 * math.sqrt(first)
-        )
-    shares = at_bottom * black / frames.size, at_top * full / frames.size
-    return Clipping(*shares, lowest, largest)
+def _piles_up_at_top(frames: NumpyArray, largest: float) -> bool:
+    """Whether there are more than 20 values at the largest code, and 5 standard errors more than at the next one."""
+    all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
+    if not (all_bits_set or len(frames) == 1 or _jumps_from(frames, largest)):
+        return False
+    next_code = lowest = float(frames.min())
+    for frame in frames:
+        next_code = max(next_code, float(np.max(frame, where=frame < largest, initial=lowest)))
+    at_next = _count_values(frames, next_code)
+    return _count_values(frames, largest) > max(20.0, at_next + 5 * math.sqrt(at_next))
 
 
-def _count(frames: NumpyArray, value: float) -> int:
+def _piles_up_at_bottom(frames: NumpyArray, lowest: float) -> bool:
+    """Whether there are more values at the smallest code than the two codes above it let a tail have."""
+    if not _jumps_from(frames, lowest):
+        return False
+    step = _step_dn(frames)
+    first, second = (
+        _count_values(frames, lowest + step),
+        _count_values(frames, lowest + 2 * step),
+    )
+    tail = first * min(1.0, first / max(second, 1))
+    return _count_values(frames, lowest) > max(20.0, tail + 5 * math.sqrt(first))
+
+
+def _count_values(frames: NumpyArray, value: float) -> int:
+    """How many values of the frames equal this one, frame by frame to save memory."""
     return sum(int(np.count_nonzero(frame == value)) for frame in frames)
 
 
-def _step(frames: NumpyArray) -> float:
+def _step_dn(frames: NumpyArray) -> float:
     """Smallest distance of two values of the first frame [DN]: 16 of codes of 12 bits that lie in 16."""
     distances = np.diff(np.unique(frames[0]).astype(np.float64))
     return float(distances.min()) if distances.size else 1.0
 
 
-def _jumps(frames: NumpyArray, end: float) -> bool:
-    """Whether pixels that are at an end in one frame are often 3 codes or more from it in the next one: noise of a code
-    or more, of which no value piles up unless it is clipped."""
+def _jumps_from(frames: NumpyArray, end: float) -> bool:
+    """Whether pixels at an end of the range in one frame are often 3 codes or more from it in the next one.
+
+    Then noise is of a code or more, and no value piles up unless it is clipped.
+    """
     if len(frames) < 2:
         return False
     first, second = (frame.astype(np.float64) for frame in frames[:2])
     touching = (first == end) | (second == end)
-    return (
-        bool(np.mean(np.abs(second - first)[touching] > 2.5 * _step(frames)) > OFTEN)
-        if touching.any()
-        else False
-    )
+    if not touching.any():
+        return False
+    jumps = np.abs(second - first)[touching] > 2.5 * _step_dn(frames)
+    return bool(np.mean(jumps) > OFTEN)
 
 
 def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
     """The figure of these stacks: without a value, and with the reason, where they are clipped or constant."""
-    for clipping in (stack.clipping for stack in stacks):
+    for stack in stacks:
+        clipping = stack.clipping
         if not clipping.usable:
             clipped = figure.clipped or clipping.clipped
             figure = replace(
@@ -159,11 +182,10 @@ def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
 
 
 def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
-    """The same of a standard deviation, whose interval also holds what a small share of clipped values hides."""
+    """The figure marked as by mark_clipped, with an interval that holds what a small share of clipped values hides."""
     hidden = sum(stack.clipping.share for stack in stacks)
-    return mark_clipped(
-        replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden)), *stacks
-    )
+    wider = replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden))
+    return mark_clipped(wider, *stacks)
 
 
 def temporal_note(stack: Stack) -> str:

@@ -21,38 +21,36 @@ OWN_RAW, OWN_METADATA = "frame.tiff", "frame.json"
 Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
 
-def _number(value: object) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and 0 <= value <= sys.float_info.max
-    )
+def _is_number(value: object) -> bool:
+    """Whether a value is a finite number of at least 0; True and False are none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return 0 <= value <= sys.float_info.max
 
 
-def _texts(value: object) -> bool:
-    return (
-        isinstance(value, list)
-        and bool(value)
-        and all(isinstance(one, str) and one for one in value)
-    )
+def _is_texts(value: object) -> bool:
+    """Whether a value is a list of texts, none of them empty."""
+    if not isinstance(value, list) or not value:
+        return False
+    return all(isinstance(text, str) and text for text in value)
 
 
-A_NUMBER: Check = (_number, "a number of at least 0")
+A_NUMBER: Check = (_is_number, "a number of at least 0")
 OF_BENCH: dict[str, Check] = {
     "bits": (
         lambda value: type(value) is int and 1 <= value <= 32,
         "a whole number from 1 to 32",
     ),
-    "wavelength_nm": (lambda value: _number(value) and value > 0, "a number above 0"),
+    "wavelength_nm": (lambda value: _is_number(value) and value > 0, "a number above 0"),
     "tile": (
-        lambda value: isinstance(value, list) and all(map(_texts, value)),
+        lambda value: isinstance(value, list) and all(map(_is_texts, value)),
         'rows of names, e.g. [["R", "G"], …]',
     ),
     "stack": (lambda value: True, "tables [[stack]]"),
 }
 OF_STACK: dict[str, Check] = {
     "files": (
-        lambda value: bool(value) and (isinstance(value, str) or _texts(value)),
+        lambda value: bool(value) and (isinstance(value, str) or _is_texts(value)),
         'a pattern, e.g. "dark/*.tiff"',
     ),
     "kind": (lambda value: value in KINDS, f"one of {', '.join(KINDS)}"),
@@ -60,7 +58,7 @@ OF_STACK: dict[str, Check] = {
     "photons": A_NUMBER,
     "temperature_k": A_NUMBER,
     "gain": (
-        lambda value: isinstance(value, str) or _number(value),
+        lambda value: isinstance(value, str) or _is_number(value),
         "a text or a number of at least 0",
     ),
 }
@@ -78,60 +76,59 @@ class Group:
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Its tables, every key and value checked. Raises InputError."""
+    """Tables of a manifest, every key and value of which is checked. Raises InputError."""
     try:
         facts = read_toml(path)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path} is no manifest in TOML: {error}.") from None
     stacks = facts.get("stack")
-    if (
-        not isinstance(stacks, list)
-        or not stacks
-        or not all(isinstance(one, dict) for one in stacks)
-    ):
+    are_tables = isinstance(stacks, list) and all(isinstance(table, dict) for table in stacks)
+    if not stacks or not are_tables:
         raise InputError(
             f"{path} has no [[stack]]; name the files of at least one, as docs/lab.md shows."
         )
-    for table, known in ((facts, OF_BENCH), *((one, OF_STACK) for one in stacks)):
-        for key, value in table.items():
-            if key not in known:
-                raise InputError(
-                    f"{path}: {key} is no key of a manifest ({', '.join(known)}).{nearest(key, known)}"
-                )
-            if not known[key][0](value):
-                raise InputError(
-                    f"{path}: {key} is {shown(value)}; it must be {known[key][1]}."
-                )
+    _check_table(path, facts, OF_BENCH)
+    for table in stacks:
+        _check_table(path, table, OF_STACK)
     return facts
+
+
+def _check_table(path: Path, table: Mapping[str, Any], checks: Mapping[str, Check]) -> None:
+    """Raises InputError for a key that a table of the manifest cannot have, and for a value that it cannot have."""
+    for key, value in table.items():
+        if key not in checks:
+            keys = ", ".join(checks)
+            raise InputError(
+                f"{path}: {key} is no key of a manifest ({keys}).{nearest(key, checks)}"
+            )
+        is_right, what_is_right = checks[key]
+        if not is_right(value):
+            raise InputError(f"{path}: {key} is {shown(value)}; it must be {what_is_right}.")
 
 
 def groups(facts: Mapping[str, Any], manifest: Path) -> list[Group]:
     """The files of every stack of a manifest. Raises InputError."""
-    found: list[Group] = []
+    file_groups: list[Group] = []
     for number, settings in enumerate(facts["stack"], start=1):
         where = f"{manifest}, stack {number}"
         for key in ("files", "kind"):
             if key not in settings:
                 raise InputError(f"{where}: {key} is missing; it must be {OF_STACK[key][1]}.")
-        patterns = (
-            settings["files"] if isinstance(settings["files"], list) else [settings["files"]]
-        )
+        patterns = settings["files"]
+        if isinstance(patterns, str):
+            patterns = [patterns]
+        files: list[Path] = []
         try:
-            files = [
-                file for pattern in patterns for file in sorted(manifest.parent.glob(pattern))
-            ]
-        except (
-            OSError,
-            ValueError,
-            NotImplementedError,
-        ):  # too long, no pattern, or of another folder
-            files = []
+            for pattern in patterns:
+                files += sorted(manifest.parent.glob(pattern))
+        except (OSError, ValueError, NotImplementedError):
+            files = []  # a pattern is too long, of another folder, or none
         if not files:
             raise InputError(
                 f"{where}: no file in {manifest.parent} matches {shown(settings['files'])}."
             )
-        found.append(Group(where, files, settings["kind"], settings))
-    return found
+        file_groups.append(Group(where, files, settings["kind"], settings))
+    return file_groups
 
 
 def groups_of_names(folder: Path) -> list[Group]:
@@ -139,19 +136,29 @@ def groups_of_names(folder: Path) -> list[Group]:
 
     Beside a frame.json of this package frame.tiff is the only raw file.
     """
-    files = sorted(
-        one for one in folder.rglob("*") if one.suffix.lower() in RAW_FORMATS and one.is_file()
-    )
-    files = [
-        one for one in files if one.name == OWN_RAW or not one.with_name(OWN_METADATA).exists()
-    ]
+    files = sorted(filter(_is_raw_frame, folder.rglob("*")))
     if not files:
         raise InputError(
             f"{folder} holds no raw frames ({', '.join(RAW_FORMATS)}); give a folder that does."
         )
-    found: dict[Kind | None, list[Path]] = {}
+    files_of_kind: dict[Kind | None, list[Path]] = {}
     for file in files:
-        names = [name.lower() for name in reversed(file.relative_to(folder).parts)]
-        kind = next((kind for name in names for kind in KINDS if name.startswith(kind)), None)
-        found.setdefault(kind, []).append(file)
-    return [Group(str(folder), some, kind, {}) for kind, some in found.items()]
+        kind = _kind_by_name(file.relative_to(folder))
+        files_of_kind.setdefault(kind, []).append(file)
+    return [Group(str(folder), alike, kind, {}) for kind, alike in files_of_kind.items()]
+
+
+def _is_raw_frame(path: Path) -> bool:
+    """Whether a path is a raw file, and not a preview or another file beside a raw frame of this package."""
+    if path.suffix.lower() not in RAW_FORMATS or not path.is_file():
+        return False
+    return path.name == OWN_RAW or not path.with_name(OWN_METADATA).exists()
+
+
+def _kind_by_name(path: Path) -> Kind | None:
+    """The kind with which the name of a file begins, or that of the nearest folder around it."""
+    for name in reversed(path.parts):
+        for kind in KINDS:
+            if name.lower().startswith(kind):
+                return kind
+    return None

@@ -19,28 +19,35 @@ def darks_of(bench: Bench) -> tuple[Stack, ...]:
 
 
 def shortest_dark(bench: Bench) -> Stack:
-    """Of the shortest exposure; of several the one with the most frames. Raises InputError where there is none."""
-    return min(_some(darks_of(bench)), key=lambda stack: (stack.exposure_s, -len(stack)))
+    """The dark stack of the shortest exposure; of several the one with the most frames.
+
+    Raises InputError where there is none.
+    """
+    darks = darks_of(bench)
+    _require_darks(darks)
+    return min(darks, key=lambda stack: (stack.exposure_s, -len(stack)))
 
 
 def most_frames(darks: Sequence[Stack]) -> Stack:
-    """The stack that has most. Raises InputError where there is none."""
-    return max(_some(darks), key=len)
+    """The stack with the most frames. Raises InputError where there is none."""
+    _require_darks(darks)
+    return max(darks, key=len)
 
 
-def _some(darks: Sequence[Stack]) -> Sequence[Stack]:
+def _require_darks(darks: Sequence[Stack]) -> None:
     if not darks:
         raise InputError("there are no bias or dark frames; take some with the lens capped.")
-    return darks
 
 
 def longest_dark(bench: Bench) -> Stack:
-    """Of the longest exposure at the most usual temperature that does not clip."""
-    usable = [one for one in dark_series(bench) if one.clipping.usable]
+    """The longest dark stack that does not clip, of the temperature with the most exposure times.
+
+    Raises ClippedError where all of them clip.
+    """
+    darks = dark_series(bench)
+    usable = [stack for stack in darks if stack.clipping.usable]
     if not usable:
-        notes = "; ".join(
-            f"{one.source}: {one.clipping.note}" for one in dark_series(bench)[:3]
-        )
+        notes = "; ".join(f"{stack.source}: {stack.clipping.note}" for stack in darks[:3])
         raise ClippedError(f"no dark stack is inside of the ADC's range ({notes}).")
     return usable[-1]
 
@@ -57,35 +64,42 @@ def black_level(bench: Bench) -> float:
 
 def dark_series(bench: Bench) -> list[Stack]:
     """Dark stacks of the temperature at which there are most exposure times, by exposure time."""
+    darks = darks_of(bench)
+    _require_darks(darks)
     groups: dict[float | None, list[Stack]] = {}
-    for stack in _some(darks_of(bench)):
+    for stack in darks:
         groups.setdefault(stack.temperature_k, []).append(stack)
-    most = max(groups.values(), key=lambda some: len({one.exposure_s for one in some}))
-    return sorted(most, key=lambda one: one.exposure_s)
+    longest_series = max(groups.values(), key=_count_exposure_times)
+    return sorted(longest_series, key=lambda stack: stack.exposure_s)
+
+
+def _count_exposure_times(stacks: Sequence[Stack]) -> int:
+    return len({stack.exposure_s for stack in stacks})
 
 
 def by_temperature(bench: Bench) -> dict[float, list[Stack]]:
-    """Dark stacks by temperature; the shortest ones of any temperature stand for the black level of all."""
-    known = [stack for stack in darks_of(bench) if stack.temperature_k is not None]
-    found: dict[float, list[Stack]] = {}
-    for stack in known:
-        found.setdefault(float(stack.temperature_k or 0.0), []).append(stack)
-    return dict(sorted(found.items()))
+    """Dark stacks by temperature, those of unknown temperature left out."""
+    darks: dict[float, list[Stack]] = {}
+    for stack in darks_of(bench):
+        if stack.temperature_k is not None:
+            darks.setdefault(float(stack.temperature_k), []).append(stack)
+    return dict(sorted(darks.items()))
 
 
 def dark_for(bench: Bench, flat: Stack) -> Stack:
-    """Of the flat's exposure time and temperature. Raises InputError where there is none."""
-    same = [one for one in darks_of(bench) if one.exposure_s == flat.exposure_s]
-    same = [
-        one
-        for one in same
-        if flat.temperature_k is None or one.temperature_k == flat.temperature_k
-    ] or same
-    if not same:
+    """The dark stack of a flat's exposure time, and of its temperature if there is one; that with the most frames.
+
+    Raises InputError where there is none.
+    """
+    darks = [stack for stack in darks_of(bench) if stack.exposure_s == flat.exposure_s]
+    if not darks:
         raise InputError(
             f"there are no dark frames of {flat.exposure_s:g} s, the time of {flat.source}; take some."
         )
-    return max(same, key=len)
+    as_warm = [stack for stack in darks if stack.temperature_k == flat.temperature_k]
+    if flat.temperature_k is not None and as_warm:
+        darks = as_warm
+    return max(darks, key=len)
 
 
 def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:
@@ -95,35 +109,37 @@ def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:
     Raises InputError where no flat field without clipped values is between a tenth of it and nine.
     """
     dark = float(shortest_dark(bench).frame_means.mean())
-    signals = [
-        (one, float(one.frame_means.mean()) - dark)
-        for one in bench.flats
-        if one.clipping.usable
-    ]
-    whole = (
-        max((signal for _, signal in signals), default=0.0)
-        if saturation_dn is None
-        else saturation_dn
-    )
-    inside = [
-        (one, signal / whole) for one, signal in signals if 0.1 * whole < signal < 0.9 * whole
-    ]
+    usable = [stack for stack in bench.flats if stack.clipping.usable]
+    signals = [float(stack.frame_means.mean()) - dark for stack in usable]
+    whole = saturation_dn
+    if whole is None:
+        whole = max(signals, default=0.0)
+    inside: list[tuple[Stack, float]] = []
+    for stack, signal in zip(usable, signals, strict=True):
+        if 0.1 * whole < signal < 0.9 * whole:
+            inside.append((stack, signal / whole))
     if not inside:
-        found = (
-            ", ".join(f"{100 * signal / whole:.3g} %" for _, signal in signals)
-            if whole > 0
-            else ""
-        )
-        clipped = [
-            f"{one.source}: {one.clipping.note}" for one in bench.flats if one.clipping.clipped
-        ]
-        kind = ClippedError if clipped and not signals else InputError
-        why = "; ".join(filter(None, (found, *clipped[:3]))) or "none"
-        raise kind(
-            f"no flat field without clipped values is between 10 and 90 % of saturation ({why}); take one at 50 %."
-        )
-    most = max(len(one) for one, _ in inside)
-    return min(
-        ((one, level) for one, level in inside if len(one) >= most / 2),
-        key=lambda pair: abs(pair[1] - HALF),
-    )[0]
+        raise _no_half_saturated(bench.flats, signals, whole)
+    most = max(len(stack) for stack, _ in inside)
+    large = [(stack, level) for stack, level in inside if len(stack) >= most / 2]
+    nearest, _ = min(large, key=lambda pair: abs(pair[1] - HALF))
+    return nearest
+
+
+def _no_half_saturated(
+    flats: Sequence[Stack], signals: Sequence[float], whole: float
+) -> InputError:
+    """The error where no flat field is between 10 and 90 % of saturation: at which levels they are, which clip."""
+    reasons: list[str] = []
+    if signals and whole > 0:
+        reasons.append(", ".join(f"{100 * signal / whole:.3g} %" for signal in signals))
+    clipped = [stack for stack in flats if stack.clipping.clipped]
+    reasons += [f"{stack.source}: {stack.clipping.note}" for stack in clipped[:3]]
+    why = "; ".join(reasons) or "none"
+    message = (
+        f"no flat field without clipped values is between 10 and 90 % of saturation ({why}); "
+        "take one at 50 %."
+    )
+    if clipped and not signals:
+        return ClippedError(message)
+    return InputError(message)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...core.types import Float64Array
 from .stack import Stack
-from .temporal import Temporal, temporal
+from .temporal import temporal
 
 ROUNDING_DN2 = 1 / 12
 """Variance of rounding to whole codes, EMVA 1288 R4 2.2."""
@@ -45,40 +45,43 @@ class Level:
     clipped: str = ""
 
 
-def level(stack: Stack) -> Level:
-    """Of a stack whose pixels are alike."""
-    found = temporal(stack)
-    frames, pixels = found.frames, found.mean.size
-    variance = float(found.variance.mean())
-    spread = math.sqrt(max(float(found.mean.var()) - variance / frames, 0.0))
+def measure_level(stack: Stack) -> Level:
+    """Mean and variance of a stack whose pixels are alike, with their errors."""
+    statistics = temporal(stack)
+    frames, pixels = statistics.frames, statistics.mean.size
+    variance = float(statistics.variance.mean())
+    spread = math.sqrt(max(float(statistics.mean.var()) - variance / frames, 0.0))
     clipping = stack.clipping
     hidden_dn = clipping.share * math.hypot(math.sqrt(variance), spread)
-    noise = math.hypot(math.sqrt(variance / pixels / frames), hidden_dn)
+    mean_error = math.hypot(math.sqrt(variance / pixels / frames), hidden_dn)
+    notes: tuple[str, ...] = ()
+    if statistics.drift_note:
+        notes = (f"{stack.source}: {statistics.drift_note}",)
+    clipped = ""
+    if clipping.clipped:
+        clipped = f"{stack.source}: {clipping.note}"
     return Level(
-        float(found.mean.mean()),
-        noise,
-        math.hypot(noise, found.drift_dn / math.sqrt(frames)),
-        variance,
-        math.hypot(found.variance_error, 2 * clipping.share * variance),
-        float((frames - 1) * pixels),
-        spread,
-        stack.exposure_s,
-        _photons(stack),
-        tuple(filter(None, (_note(stack, found),))),
-        f"{stack.source}: {clipping.note}" if clipping.clipped else "",
+        mean=float(statistics.mean.mean()),
+        mean_error=mean_error,
+        light_error=math.hypot(mean_error, statistics.drift_dn / math.sqrt(frames)),
+        variance=variance,
+        variance_error=math.hypot(statistics.variance_error, 2 * clipping.share * variance),
+        freedom=float((frames - 1) * pixels),
+        spread=spread,
+        exposure_s=stack.exposure_s,
+        photons=_photons_of_flat(stack),
+        notes=notes,
+        clipped=clipped,
     )
 
 
-def _photons(stack: Stack) -> float | None:
+def _photons_of_flat(stack: Stack) -> float | None:
+    """Photons per pixel of a flat field. Raises InputError where there is another number for each pixel."""
     if isinstance(stack.photons, np.ndarray):
         raise InputError(
             f"{stack.source}: photons are an array; a flat field has one number of photons per pixel."
         )
     return None if stack.photons is None else float(stack.photons)
-
-
-def _note(stack: Stack, found: Temporal) -> str:
-    return f"{stack.source}: {found.drift_note}" if found.drift_note else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +101,12 @@ class Series:
 
     def of_flats(self, name: str) -> Float64Array:
         """A field of all flats, NaN for None."""
-        return np.array([getattr(one, name) for one in self.flats], dtype=np.float64)
+        return np.array([getattr(flat, name) for flat in self.flats], dtype=np.float64)
 
     def of_darks(self, name: str) -> Float64Array:
-        """The same of each flat's dark."""
-        return np.array([getattr(one, name) for one in self.darks], dtype=np.float64)[
-            self.dark_of
-        ]
+        """A field of the dark level that belongs to each flat."""
+        values = np.array([getattr(dark, name) for dark in self.darks], dtype=np.float64)
+        return values[self.dark_of]
 
     @cached_property
     def signal(self) -> Float64Array:
@@ -118,8 +120,8 @@ class Series:
 
     @property
     def photons_known(self) -> bool:
-        """Of every flat."""
-        return all(one.photons is not None for one in self.flats)
+        """Whether the photons of every flat are known."""
+        return all(flat.photons is not None for flat in self.flats)
 
     @cached_property
     def light(self) -> Float64Array:
@@ -129,27 +131,28 @@ class Series:
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
         """Which flats are not clipped, nor their darks, (n,)."""
-        return np.array(
-            [
-                not (flat.clipped or self.darks[k].clipped)
-                for flat, k in zip(self.flats, self.dark_of, strict=True)
-            ]
-        )
+        return np.array([not note for note in self._clipped_notes])
 
     @cached_property
     def clipped_darks(self) -> str:
         """Why the dark frames show nothing, or nothing where they are inside of the range."""
-        return next((self.darks[k].clipped for k in self.dark_of if self.darks[k].clipped), "")
+        notes = (self.darks[k].clipped for k in self.dark_of)
+        return next(filter(None, notes), "")
+
+    @cached_property
+    def _clipped_notes(self) -> list[str]:
+        """For each flat why it or its dark shows nothing, or nothing."""
+        darks = [self.darks[k] for k in self.dark_of]
+        return [
+            dark.clipped or flat.clipped for flat, dark in zip(self.flats, darks, strict=True)
+        ]
 
     def why_clipped(self, levels: NDArray[np.bool_]) -> str:
         """Why the first of these levels that is clipped shows nothing, or nothing where none is."""
-        clipped = (
-            self.darks[k].clipped or flat.clipped
-            for flat, k in zip(self.flats, self.dark_of, strict=True)
-        )
-        return next(
-            (note for note, asked in zip(clipped, levels, strict=True) if asked and note), ""
-        )
+        for note, is_asked in zip(self._clipped_notes, levels, strict=True):
+            if is_asked and note:
+                return note
+        return ""
 
     def shared(self, errors: Float64Array) -> Float64Array:
         """Covariance (n, n) that flats have by the same dark, whose standard errors are given for each flat."""
@@ -158,7 +161,10 @@ class Series:
 
     @cached_property
     def dark_variance_error(self) -> Float64Array:
-        """Of each flat's dark [DN²]; where its noise is rounded coarsely, by what rounding may add or not as well."""
+        """Standard error of the variance of each flat's dark [DN²].
+
+        Where the dark noise is rounded coarsely, it includes what rounding may add or not.
+        """
         variance, error = self.of_darks("variance"), self.of_darks("variance_error")
         coarse = self.whole & (variance < COARSE_DN2 + ROUNDING_DN2)
         return np.asarray(np.hypot(error, np.where(coarse, ROUNDING_DN2, 0.0)))
@@ -171,62 +177,70 @@ def series(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = 
 
     Raises InputError where stacks are missing, have one frame, a mosaic, or differ in size, gain or bits.
     """
-    _check([*darks, *flats], len(darks), len(flats))
+    if not darks or not flats:
+        raise InputError(
+            f"{len(darks)} dark stacks and {len(flats)} flat stacks; pass at least one of each."
+        )
+    _check_stacks([*darks, *flats])
     if window is not None:
-        darks, flats = ([centre(one, window) for one in stacks] for stacks in (darks, flats))
-    levels = [level(one) for one in flats]
-    dark_levels = tuple(level(one) for one in darks)
-    known = all(one.photons is not None for one in levels)
-    if not known and any(one.photons is not None for one in levels):
+        darks = [centre(stack, window) for stack in darks]
+        flats = [centre(stack, window) for stack in flats]
+    levels = _sort_levels([measure_level(stack) for stack in flats])
+    dark_levels = tuple(measure_level(stack) for stack in darks)
+    times = np.array([dark.exposure_s for dark in dark_levels])
+    dark_of = np.array([int(np.argmin(abs(times - flat.exposure_s))) for flat in levels])
+    notes: list[str] = []
+    for level in (*dark_levels, *levels):
+        notes += level.notes
+    notes += [dark.clipped for dark in dark_levels if dark.clipped]
+    notes += _note_far_darks(levels, times)
+    notes += coarse_codes(darks)
+    whole = all(_has_whole_codes(stack) for stack in (*darks, *flats))
+    if not whole:
+        notes.append("the frames have fractions of codes: no rounding was subtracted")
+    bits = flats[0].bits
+    return Series(
+        flats=tuple(levels),
+        darks=dark_levels,
+        dark_of=dark_of,
+        top_code=None if bits is None else 2**bits - 1,
+        whole=whole,
+        notes=tuple(notes),
+    )
+
+
+def _sort_levels(levels: list[Level]) -> list[Level]:
+    """Levels by photons where these are known, else by exposure time where it varies, else by mean.
+
+    Raises InputError where the photons of some levels are known and those of others are not.
+    """
+    known = [level.photons is not None for level in levels]
+    if all(known):
+        return sorted(levels, key=lambda level: level.photons or 0.0)
+    if any(known):
         raise InputError(
             "Some flat fields have photons and some have None; give all of them or none."
         )
-    times = np.array([one.exposure_s for one in dark_levels])
-    varied = len({one.exposure_s for one in levels}) > 1
-    levels.sort(
-        key=lambda one: (
-            (one.photons or 0.0) if known else one.exposure_s if varied else one.mean
-        )
-    )
-    dark_of = np.array([int(np.argmin(abs(times - one.exposure_s))) for one in levels])
-    bits = next((one.bits for one in (*flats, *darks) if one.bits), None)
-    whole = all(_whole(one) for one in (*darks, *flats))
-    notes = [note for one in (*dark_levels, *levels) for note in one.notes]
-    notes += [one.clipped for one in dark_levels if one.clipped] + _notes(
-        darks, levels, times, whole
-    )
-    return Series(
-        tuple(levels),
-        dark_levels,
-        dark_of,
-        None if bits is None else 2**bits - 1,
-        whole,
-        tuple(notes),
-    )
+    if len({level.exposure_s for level in levels}) > 1:
+        return sorted(levels, key=lambda level: level.exposure_s)
+    return sorted(levels, key=lambda level: level.mean)
 
 
-def _notes(
-    darks: Sequence[Stack], flats: Sequence[Level], times: Float64Array, whole: bool
-) -> list[str]:
-    found = []
-    far = [
-        one.exposure_s
-        for one in flats
-        if not np.isclose(times, one.exposure_s, rtol=1e-6).any()
-    ]
-    if far:
-        found.append(
-            f"no dark frames at {far[0]:g} s ({len(far)} of {len(flats)} levels): those nearest were taken"
-        )
-    found += coarse_codes(darks)
-    if not whole:
-        found.append("the frames have fractions of codes: no rounding was subtracted")
-    return found
+def _note_far_darks(flats: Sequence[Level], times: Float64Array) -> list[str]:
+    """A note where flats have no dark frames of their exposure time."""
+    far_s: list[float] = []
+    for flat in flats:
+        if not np.isclose(times, flat.exposure_s, rtol=1e-6).any():
+            far_s.append(flat.exposure_s)
+    if not far_s:
+        return []
+    levels = f"{len(far_s)} of {len(flats)} levels"
+    return [f"no dark frames at {far_s[0]:g} s ({levels}): those nearest were taken"]
 
 
 def coarse_codes(darks: Sequence[Stack]) -> list[str]:
     """A note where the codes of the first dark frames are multiples of more than 1, as of 12 bits shifted to 16."""
-    codes = np.unique(np.concatenate([one.frames[0].ravel() for one in darks]))
+    codes = np.unique(np.concatenate([stack.frames[0].ravel() for stack in darks]))
     if codes.dtype.kind == "f" and (codes != np.round(codes)).any():
         return []
     step = int(np.gcd.reduce((codes - codes[0]).astype(np.int64)))
@@ -238,33 +252,34 @@ def coarse_codes(darks: Sequence[Stack]) -> list[str]:
 
 
 def centre(stack: Stack, side: int) -> Stack:
-    """The rows and columns about the centre, at most as many as there are."""
-    rows, columns = ((max(0, (size - side) // 2), min(size, side)) for size in stack.shape)
-    return stack.window(slice(rows[0], sum(rows)), slice(columns[0], sum(columns)))
+    """So many rows and columns about the centre of the frames, at most as many as there are."""
+    rows, columns = (_central_slice(size, side) for size in stack.shape)
+    return stack.window(rows, columns)
 
 
-def _whole(stack: Stack) -> bool:
-    return stack.frames.dtype.kind in "ui" or bool(
-        (stack.frames == np.round(stack.frames)).all()
-    )
+def _central_slice(size: int, side: int) -> slice:
+    begin = max(0, (size - side) // 2)
+    return slice(begin, begin + min(size, side))
 
 
-def _check(stacks: Sequence[Stack], darks: int, flats: int) -> None:
-    if not darks or not flats:
-        raise InputError(
-            f"{darks} dark stacks and {flats} flat stacks; pass at least one of each."
-        )
-    for one in stacks:
-        if one.bits is not None and one.frames.max() > 2**one.bits - 1:
+def _has_whole_codes(stack: Stack) -> bool:
+    if stack.frames.dtype.kind in "ui":
+        return True
+    return bool((stack.frames == np.round(stack.frames)).all())
+
+
+def _check_stacks(stacks: Sequence[Stack]) -> None:
+    """Raises InputError for codes beyond the bits of the ADC, and for stacks that differ in size, gain or bits."""
+    for stack in stacks:
+        if stack.bits is not None and stack.frames.max() > 2**stack.bits - 1:
             raise InputError(
-                f"{one.source}: code {one.frames.max():g} is beyond {one.bits} bits; pass the bits of the file."
+                f"{stack.source}: code {stack.frames.max():g} is beyond {stack.bits} bits; pass the bits of the file."
             )
     for name in ("shape", "gain", "bits"):
-        found = {getattr(one, name): one.source for one in stacks}
-        if len(found) > 1:
-            given = ", ".join(
-                f"{value!r} ({source})" for value, source in list(found.items())[:3]
-            )
+        sources = {getattr(stack, name): stack.source for stack in stacks}
+        if len(sources) > 1:
+            first_three = list(sources.items())[:3]
+            values = ", ".join(f"{value!r} ({source})" for value, source in first_three)
             raise InputError(
-                f"The stacks differ in {name}: {given}; measure each {name} apart."
+                f"The stacks differ in {name}: {values}; measure each {name} apart."
             )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core import InputError, refuse_masked, require
 from ...core.exposure import LONGEST_S
 from ...core.types import Float64Array
-from .clipping import Clipping, clipping_of
+from .clipping import Clipping
 
 STRIP_VALUES = 2**22
 """Values that are float64 at once: 32 MiB, whatever the size of the stack."""
@@ -48,15 +48,14 @@ class Stack:
         frames = self.frames
         refuse_masked("frames", frames)
         refuse_masked("photons", self.photons)
-        if (
-            not isinstance(frames, np.ndarray)
-            or frames.ndim != 3
-            or not frames.size
-            or frames.dtype.kind not in "uif"
-        ):
-            given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
+        are_numbers = isinstance(frames, np.ndarray) and frames.dtype.kind in "uif"
+        if not are_numbers or frames.ndim != 3 or not frames.size:
+            kind, shape = (
+                getattr(frames, "dtype", type(frames).__name__),
+                getattr(frames, "shape", ()),
+            )
             raise InputError(
-                f"{self.source}: frames are {given}; pass numbers of shape (frames, rows, columns)."
+                f"{self.source}: frames are {kind} of shape {shape}; pass numbers of shape (frames, rows, columns)."
             )
         if frames.dtype.kind == "f" and not np.isfinite(frames).all():
             count = int(frames.size - np.isfinite(frames).sum())
@@ -82,46 +81,48 @@ class Stack:
 
     @cached_property
     def mean(self) -> Float64Array:
-        """Of each pixel over the frames, (H, W) [DN]."""
+        """Mean of each pixel over the frames, (H, W) [DN]."""
         return np.asarray(self.frames.mean(axis=0, dtype=np.float64))
 
     @cached_property
     def variance(self) -> Float64Array:
-        """Of each pixel over the frames, with N - 1, (H, W) [DN²]; NaN for a single frame. Two passes, in strips."""
-        found = np.full(self.shape, np.nan)
+        """Variance of each pixel over the frames, with N - 1, (H, W) [DN²]; NaN for a single frame.
+
+        It is computed in two passes, in strips of rows.
+        """
+        variance = np.full(self.shape, np.nan)
         if len(self) > 1:
             for rows in self.strips():
                 rest = self.frames[:, rows] - self.mean[rows]
-                found[rows] = np.einsum("nij,nij->ij", rest, rest) / (len(self) - 1)
-        return found
+                variance[rows] = np.einsum("nij,nij->ij", rest, rest) / (len(self) - 1)
+        return variance
 
     @cached_property
     def clipping(self) -> Clipping:
         """Shares of the values at the ends of the range."""
-        return clipping_of(self.frames, self.bits)
+        return Clipping.measure(self.frames, self.bits)
 
     @cached_property
     def frame_means(self) -> Float64Array:
-        """Of each frame over its pixels, (N,) [DN]: light that drifts shows here."""
+        """Mean of each frame over its pixels, (N,) [DN]: light that drifts shows here."""
         return np.asarray(self.frames.mean(axis=(1, 2), dtype=np.float64))
 
     @cached_property
     def row_means(self) -> Float64Array:
-        """Of each row of each frame, (N, H) [DN]."""
+        """Mean of each row of each frame, (N, H) [DN]."""
         return np.asarray(self.frames.mean(axis=2, dtype=np.float64))
 
     @cached_property
     def column_means(self) -> Float64Array:
-        """Of each column of each frame, (N, W) [DN]."""
+        """Mean of each column of each frame, (N, W) [DN]."""
         return np.asarray(self.frames.mean(axis=1, dtype=np.float64))
 
     def strips(self) -> Iterator[slice]:
         """Rows that are worked on at once."""
+        rows = self.shape[0]
         height = max(1, STRIP_VALUES // (len(self) * self.shape[1]))
-        yield from (
-            slice(top, min(top + height, self.shape[0]))
-            for top in range(0, self.shape[0], height)
-        )
+        for top in range(0, rows, height):
+            yield slice(top, min(top + height, rows))
 
     def require_one_filter(self) -> None:
         """Raises InputError for a mosaic, whose pixels differ by their colour filters."""
@@ -132,12 +133,10 @@ class Stack:
             )
 
     def window(self, rows: slice, columns: slice) -> Stack:
-        """The same pixels of every frame (a view); a mosaic must begin at a whole tile."""
-        photons = (
-            self.photons[rows, columns]
-            if isinstance(self.photons, np.ndarray)
-            else self.photons
-        )
+        """Some rows and columns of every frame (a view); a mosaic must begin at a whole tile."""
+        photons = self.photons
+        if isinstance(photons, np.ndarray):
+            photons = photons[rows, columns]
         return replace(self, frames=self.frames[:, rows, columns], photons=photons)
 
     def of_filters(self) -> dict[str, Stack]:
@@ -148,12 +147,17 @@ class Stack:
         """
         if not self.tile:
             return {"": self}
-        found: dict[str, Stack] = {}
+        stacks: dict[str, Stack] = {}
+        occurred: dict[str, int] = {}
         for row, names in enumerate(self.tile):
             for column, name in enumerate(names):
-                count = sum(one == name or one.startswith(f"{name} (") for one in found)
-                part = self.window(
-                    slice(row, None, len(self.tile)), slice(column, None, len(names))
+                occurred[name] = occurred.get(name, 0) + 1
+                key = name
+                if occurred[name] > 1:
+                    key = f"{name} ({occurred[name]})"
+                rows, columns = (
+                    slice(row, None, len(self.tile)),
+                    slice(column, None, len(names)),
                 )
-                found[f"{name} ({count + 1})" if count else name] = replace(part, tile=())
-        return found
+                stacks[key] = replace(self.window(rows, columns), tile=())
+        return stacks

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
@@ -36,19 +37,18 @@ class Temporal:
     @property
     def variance_error(self) -> float:
         """Standard error of the mean variance [DN²], from its scatter over pixels, rows or columns."""
-        return _error_of_the_mean(self.variance)
+        return _error_of_mean(self.variance)
 
     @property
     def drift_note(self) -> str:
-        """What was found and removed, or nothing."""
+        """By how much the frames drift, which was removed; nothing where they do not."""
         if not self.drift_dn:
             return ""
-        share = (
-            f" ({100 * self.drift_dn / abs(level):.2g} %)"
-            if (level := float(self.mean.mean()))
-            else ""
-        )
-        return f"frame means drift by {self.drift_dn:.3g} DN{share}, removed from the variance"
+        drift = f"{self.drift_dn:.3g} DN"
+        level = float(self.mean.mean())
+        if level:
+            drift += f" ({100 * self.drift_dn / abs(level):.2g} %)"
+        return f"frame means drift by {drift}, removed from the variance"
 
 
 def temporal(stack: Stack) -> Temporal:
@@ -59,13 +59,9 @@ def temporal(stack: Stack) -> Temporal:
 
     Raises InputError for a single frame, fewer than 16 pixels, and mosaics.
     """
-    _check(stack)
+    _check_stack(stack)
     frames, pixels = len(stack), stack.mean.size
-    groups = _groups(stack)
-    group = np.empty(pixels, np.intp)
-    group[np.argsort(stack.mean, axis=None, kind="stable")] = (
-        np.arange(pixels) * groups // pixels
-    )
+    group = _group_equally_bright(stack)
     count = np.bincount(group)
     square = np.zeros(pixels)
     rows, columns = np.empty((frames, stack.shape[0])), np.empty((frames, stack.shape[1]))
@@ -79,35 +75,49 @@ def temporal(stack: Stack) -> Temporal:
     variance = (square * (count / (count - 1))[group] / freedom).reshape(stack.shape)
     expected = max(
         float(variance.mean()) / pixels,
-        *(_of_lines(lines, freedom, variance) for lines in (rows, columns)),
+        _variance_by_shared_noise(rows, freedom, variance),
+        _variance_by_shared_noise(columns, freedom, variance),
     )
-    found = float(stack.frame_means.var(ddof=1))
-    drifts = found > expected * _limit(freedom, DRIFT_FALSE_ALARM) and found > 0
-    return Temporal(
-        stack.mean, variance, frames, math.sqrt(found - expected) if drifts else 0.0
-    )
+    between_frames = float(stack.frame_means.var(ddof=1))
+    drift_dn = 0.0
+    if between_frames > max(expected * _limit_of_ratio(freedom, DRIFT_FALSE_ALARM), 0.0):
+        drift_dn = math.sqrt(between_frames - expected)
+    return Temporal(stack.mean, variance, frames, drift_dn)
 
 
-def _groups(stack: Stack) -> int:
-    """How many: a group is wide beside the noise of a pixel's mean, lest noise decides which group a row belongs to."""
+def _group_equally_bright(stack: Stack) -> NDArray[np.intp]:
+    """Number of the group of equally bright pixels to which each pixel belongs, (pixels,)."""
+    pixels = stack.mean.size
+    number = np.arange(pixels) * _count_groups(stack) // pixels
+    group = np.empty(pixels, np.intp)
+    group[np.argsort(stack.mean, axis=None, kind="stable")] = number
+    return group
+
+
+def _count_groups(stack: Stack) -> int:
+    """How many groups there are: each is wide beside the noise of a pixel's mean.
+
+    Otherwise noise would decide which group a row belongs to.
+    """
     noise = math.sqrt(float(stack.variance.mean()) / len(stack))
-    wide = float(stack.mean.std()) / (WIDTH * noise) if noise else 1.0
+    wide = 1.0
+    if noise:
+        wide = float(stack.mean.std()) / (WIDTH * noise)
     return max(1, min(int(wide), stack.mean.size // GROUP_PIXELS, MOST_GROUPS))
 
 
-def _of_lines(lines: Float64Array, freedom: int, variance: Float64Array) -> float:
+def _variance_by_shared_noise(
+    lines: Float64Array, freedom: int, variance: Float64Array
+) -> float:
     """Variance of the frames' means by noise that whole rows or columns share, 0 where there is none; (N, lines)."""
     count = lines.shape[1]
     between = float((lines**2).sum()) / freedom / max(count - 1, 1) / count
     alone = float(variance.mean()) / variance.size
-    return (
-        between
-        if between > alone * _limit(freedom * max(count - 1, 1), LINES_FALSE_ALARM)
-        else 0.0
-    )
+    limit = _limit_of_ratio(freedom * max(count - 1, 1), LINES_FALSE_ALARM)
+    return between if between > alone * limit else 0.0
 
 
-def _check(stack: Stack) -> None:
+def _check_stack(stack: Stack) -> None:
     if len(stack) < 2:
         raise InputError(
             f"{stack.source}: one frame has no temporal variance; pass 2 or more frames of each level."
@@ -119,18 +129,21 @@ def _check(stack: Stack) -> None:
     stack.require_one_filter()
 
 
-def _error_of_the_mean(values: Float64Array) -> float:
-    """Of a map: pixels are independent, but where whole rows or columns vary more than that allows, those are."""
+def _error_of_mean(values: Float64Array) -> float:
+    """Standard error of the mean of a map.
+
+    Its pixels are independent, unless whole rows or columns vary more than that allows: then those are.
+    """
     square = float(values.var(ddof=1)) / values.size
     largest = square
     for lines in (values.mean(axis=1), values.mean(axis=0)):
         if len(lines) > 7 and square:
             between = float(lines.var(ddof=1)) / len(lines)
-            if between > square * _limit(len(lines) - 1, LINES_FALSE_ALARM):
+            if between > square * _limit_of_ratio(len(lines) - 1, LINES_FALSE_ALARM):
                 largest = max(largest, between)
     return math.sqrt(largest)
 
 
-def _limit(freedom: float, false_alarm: float) -> float:
-    """What an estimate with so many degrees of freedom exceeds in this share of the cases, over the true variance."""
+def _limit_of_ratio(freedom: float, false_alarm: float) -> float:
+    """Ratio of an estimated to the true variance that is exceeded in this share of the cases."""
     return float(scipy.special.chdtri(freedom, false_alarm)) / freedom

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped, temporal_note
 from ..frames.stack import Stack
-from ..quantity import Quantity, student_interval
+from ..quantity import Quantity, no_value, student_interval
 from ..statistics.estimators import standard_error
 
 if TYPE_CHECKING:
@@ -34,29 +33,25 @@ class Correlation:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """All of them."""
+        """All coefficients: over the lags, then of horizontal and of vertical neighbours."""
         return *self.temporal, self.horizontal, self.vertical
 
     def plot(self, ax: Axes) -> None:
         """Temporal correlation against the lag, with the 95 % intervals."""
         lags = range(1, len(self.temporal) + 1)
-        values = np.array([one.value for one in self.temporal])
-        ends = np.array([(one.low, one.high) for one in self.temporal]).reshape(-1, 2)
-        ax.errorbar(
-            lags,
-            values,
-            yerr=np.abs(ends - values[:, None]).T,
-            fmt="o",
-            ms=4,
-            capsize=2,
-            label="temporal",
-        )
+        values = np.array([coefficient.value for coefficient in self.temporal])
+        lows = np.array([coefficient.low for coefficient in self.temporal])
+        highs = np.array([coefficient.high for coefficient in self.temporal])
+        bars = np.abs([lows - values, highs - values])
+        ax.errorbar(lags, values, yerr=bars, fmt="o", ms=4, capsize=2, label="temporal")
         ax.axhline(0, color="0.4", lw=1)
         ax.set(xlabel="lag [frames]", ylabel="correlation coefficient")
 
 
 def correlation(stack: Stack, lags: int = 8) -> Correlation:
-    """Of 3 frames or more, without what whole frames share.  lags : at most a third of the frames are measured.
+    """Correlation in 3 frames or more, without what whole frames share.
+
+    lags : at most a third of the frames are measured.
 
     The mean over N frames takes σ²/N off every product, which is given back; noise that is correlated over the length
     of the stack looks constant, so that its correlation is underestimated. Temporal correlations have their intervals
@@ -66,66 +61,63 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
     stack.require_one_filter()
     if lags < 1:
         raise InputError(f"lags is {lags}; it must be at least 1.")
-    most = min(lags, max(1, len(stack) // 3))
-    clipped = stack.clipping
-    note = clipped.note or ("fewer than 3 frames" if len(stack) < 3 else temporal_note(stack))
-    by_lag, by_side = (
-        _products(stack, most) if len(stack) > 2 and clipped.usable else _nothing(stack, most)
-    )
-    temporal = (
-        _quantity(f"ρ_{i + 1}", f"over {i + 1} frames", values + 1 / len(stack))
-        for i, values in enumerate(by_lag)
-    )
-    grown = len(stack) / max(len(stack) - 1, 1)
-    sides = (
-        _quantity(f"ρ_{name}", f"of {name} neighbours", by_side[i] * grown)
-        for i, name in enumerate(("horizontal", "vertical"))
-    )
-    marked = (mark_clipped(one, stack).noted(note) for one in temporal)
-    return Correlation(tuple(marked), *(mark_clipped(one, stack).noted(note) for one in sides))
+    frames, clipping = len(stack), stack.clipping
+    most = min(lags, max(1, frames // 3))
+    by_lag = np.full((most, stack.shape[0]), np.nan)
+    by_side = np.full((2, frames), np.nan)
+    if frames > 2 and clipping.usable:
+        by_lag, by_side = _mean_products(stack, most)
+    note = temporal_note(stack)
+    if clipping.note:
+        note = clipping.note
+    elif frames < 3:
+        note = "fewer than 3 frames"
+
+    def coefficient(symbol: str, what: str, values: Float64Array) -> Quantity:
+        return mark_clipped(_mean_with_interval(symbol, what, values), stack).noted(note)
+
+    temporal: list[Quantity] = []
+    for lag, values in enumerate(by_lag, start=1):
+        temporal.append(coefficient(f"ρ_{lag}", f"over {lag} frames", values + 1 / frames))
+    grown = frames / max(frames - 1, 1)
+    horizontal = coefficient("ρ_horizontal", "of horizontal neighbours", by_side[0] * grown)
+    vertical = coefficient("ρ_vertical", "of vertical neighbours", by_side[1] * grown)
+    return Correlation(tuple(temporal), horizontal, vertical)
 
 
-def _products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:
+def _mean_products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:
     """Mean products over the temporal variance: (lags, H) of each row over lags, (2, N) of neighbours in each frame."""
+    frames = len(stack)
     drift = (stack.frame_means - stack.frame_means.mean())[:, None, None]
-    by_lag, by_side = np.zeros((lags, stack.shape[0])), np.zeros((2, len(stack)))
-    power, last = 0.0, None
+    by_lag, by_side = np.zeros((lags, stack.shape[0])), np.zeros((2, frames))
+    power, last_row = 0.0, None
     for rows in stack.strips():
         rest = stack.frames[:, rows] - stack.mean[rows] - drift
         power += float(np.vdot(rest, rest))
         for lag in range(1, lags + 1):
-            by_lag[lag - 1, rows] = np.einsum("nij,nij->i", rest[lag:], rest[:-lag]) / (
-                len(stack) - lag
-            )
+            products = np.einsum("nij,nij->i", rest[lag:], rest[:-lag])
+            by_lag[lag - 1, rows] = products / (frames - lag)
         by_side[0] += np.einsum("nij,nij->n", rest[:, :, 1:], rest[:, :, :-1])
-        below = rest if last is None else np.concatenate((last, rest), axis=1)
+        below = rest
+        if last_row is not None:
+            below = np.concatenate((last_row, rest), axis=1)
         by_side[1] += np.einsum("nij,nij->n", below[:, 1:], below[:, :-1])
-        last = rest[:, -1:].copy()
-    variance = power / (len(stack) - 1) / stack.mean.size
+        last_row = rest[:, -1:].copy()
+    variance = power / (frames - 1) / stack.mean.size
     height, width = stack.shape
     pairs = np.array([[height * (width - 1)], [width * (height - 1)]], float)
     pairs[pairs == 0] = np.nan
     return by_lag / width / variance, by_side / pairs / variance
 
 
-def _nothing(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:
-    return np.full((lags, stack.shape[0]), np.nan), np.full((2, len(stack)), np.nan)
-
-
-def _quantity(symbol: str, name: str, values: Float64Array) -> Quantity:
+def _mean_with_interval(symbol: str, what: str, values: Float64Array) -> Quantity:
     """Mean and Student's interval of independent values of the same expectation."""
-    name = f"correlation of temporal noise {name}"
+    name = f"correlation of temporal noise {what}"
     if np.isnan(values).any():
-        return Quantity(
-            symbol, name, math.nan, math.nan, math.nan, "", SECTION, "nothing to compare with"
-        )
+        return no_value(symbol, name, "", SECTION, "nothing to compare with")
+    mean = float(values.mean())
     if len(values) == 1:
         note = "one row gives no interval"
-        return Quantity(symbol, name, float(values[0]), -1.0, 1.0, "", SECTION, note)
-    return Quantity(
-        symbol,
-        name,
-        *student_interval(float(values.mean()), standard_error(values), len(values) - 1),
-        "",
-        SECTION,
-    )
+        return Quantity(symbol, name, mean, -1.0, 1.0, "", SECTION, note)
+    interval = student_interval(mean, standard_error(values), len(values) - 1)
+    return Quantity(symbol, name, *interval, "", SECTION)

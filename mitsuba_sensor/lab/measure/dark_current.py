@@ -14,7 +14,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import ClippedError, temporal_note
 from ..frames.stack import Stack
-from ..quantity import LEVEL, Quantity
+from ..quantity import LEVEL, Quantity, no_value
 from ..statistics.line_fits import StraightLine, straight_line
 from ..statistics.mean_squares import MeanSquares, temporal_mean_squares
 
@@ -48,14 +48,15 @@ class DarkCurrentOverTime:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """Both."""
+        """The dark current from the mean and from the variance."""
         return self.from_mean, self.from_variance
 
     def per_gain(self, gain: Quantity | float) -> DarkCurrentOverTime:
-        """In electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
-        variance = self.from_variance.divided(gain, "DN/s").divided(gain, "e-/s")
+        """The dark currents in electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
         return replace(
-            self, from_mean=self.from_mean.divided(gain, "e-/s"), from_variance=variance
+            self,
+            from_mean=self.from_mean.divided(gain, "e-/s"),
+            from_variance=self.from_variance.divided(gain, "DN/s").divided(gain, "e-/s"),
         )
 
     def plot(self, ax: Axes) -> None:
@@ -82,69 +83,81 @@ def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
 
     Raises InputError for mosaics, stacks of different sizes, temperatures or gains, and fewer than 2 exposure times.
     """
-    used, note = _checked(stacks)
+    used, note = _without_clipped(stacks)
     noise = [temporal_mean_squares(stack) if len(stack) > 1 else None for stack in used]
-    x = np.array([stack.exposure_s for stack in used])
+    times_s = np.array([stack.exposure_s for stack in used])
     mean = np.array([stack.frame_means.mean() for stack in used])
     mean_error, freedom = errors_of_means(used, noise)
-    line = straight_line(x, mean, mean_error, freedom)
+    line = straight_line(times_s, mean, mean_error, freedom)
     from_mean = Quantity(
         "µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note
     )
-    some = [i for i, one in enumerate(noise) if one]
-    terms = [one.variance() for one in noise if one]
-    variance = np.array([sum(part.value for part in one) for one in terms])
-    error = np.array(
-        [math.sqrt(sum(2 * part.value**2 / part.freedom for part in one)) for one in terms]
-    )
-    error = np.hypot(
-        error, [2 * used[i].clipping.share * float(used[i].variance.mean()) for i in some]
-    )
-    name = "dark current from the variance"
-    if len(set(x[some])) < 2:
-        few = "fewer than 2 exposure times have 2 frames"
-        from_variance = Quantity(
-            "µ_I.var", name, math.nan, math.nan, math.nan, "DN²/s", SECTION, few
-        )
-    else:
-        fit = straight_line(x[some], variance, error)
-        from_variance = Quantity("µ_I.var", name, *fit.interval, "DN²/s", SECTION, fit.note)
-        for stack in used:
-            from_variance = from_variance.noted(temporal_note(stack) if len(stack) > 1 else "")
     return DarkCurrentOverTime(
-        from_mean.noted(note), from_variance.noted(note), line, x, mean, mean_error
+        from_mean=from_mean.noted(note),
+        from_variance=_current_from_variance(used, noise).noted(note),
+        line=line,
+        exposure_s=times_s,
+        mean=mean,
+        mean_error=mean_error,
     )
 
 
-def _checked(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
-    """Those without clipped values, and what to say of the others."""
+def _current_from_variance(
+    stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]
+) -> Quantity:
+    """Slope of the temporal variance over the exposure time, of the stacks of 2 frames or more [DN²/s]."""
+    symbol, name = "µ_I.var", "dark current from the variance"
+    times_s: list[float] = []
+    variances: list[float] = []
+    errors: list[float] = []
+    hidden: list[float] = []
+    for stack, squares in zip(stacks, noise, strict=True):
+        if squares is None:
+            continue
+        terms = squares.variance()
+        times_s.append(stack.exposure_s)
+        variances.append(sum(term.value for term in terms))
+        errors.append(math.sqrt(sum(2 * term.value**2 / term.freedom for term in terms)))
+        hidden.append(2 * stack.clipping.share * float(stack.variance.mean()))
+    if len(set(times_s)) < 2:
+        few = "fewer than 2 exposure times have 2 frames"
+        return no_value(symbol, name, "DN²/s", SECTION, few)
+    line = straight_line(np.array(times_s), np.array(variances), np.hypot(errors, hidden))
+    current = Quantity(symbol, name, *line.interval, "DN²/s", SECTION, line.note)
+    for stack in stacks:
+        if len(stack) > 1:
+            current = current.noted(temporal_note(stack))
+    return current
+
+
+def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
+    """The stacks without clipped values, and a note about the others.
+
+    Raises InputError where the stacks differ, and where fewer than 2 exposure times are left.
+    """
     for stack in stacks:
         stack.require_one_filter()
     settings = {(stack.shape, stack.temperature_k, stack.gain) for stack in stacks}
     if len(settings) > 1:
-        found = "; ".join(
+        differences = "; ".join(
             f"{h} × {w} pixels, {t} K, gain {g!r}" for (h, w), t, g in sorted(settings, key=str)
         )
         raise InputError(
-            f"the dark stacks differ: {found}. Pass those of one temperature and gain."
+            f"the dark stacks differ: {differences}. Pass those of one temperature and gain."
         )
     used = [stack for stack in stacks if not stack.clipping.note]
-    times = sorted({stack.exposure_s for stack in used})
+    clipped = [stack for stack in stacks if stack.clipping.note]
+    times = {stack.exposure_s for stack in used}
     if len(times) < 2:
-        left = "".join(
-            f" {stack.exposure_s:g} s: {stack.clipping.note}."
-            for stack in stacks
-            if stack not in used
+        notes = [f" {stack.exposure_s:g} s: {stack.clipping.note}." for stack in clipped]
+        message = (
+            "dark current needs 2 exposure times without clipped values; "
+            f"there are {len(times)}.{''.join(notes)}"
         )
-        kind = ClippedError if any(stack.clipping.clipped for stack in stacks) else InputError
-        raise kind(
-            f"dark current needs 2 exposure times without clipped values; there are {len(times)}.{left}"
-        )
-    left_out = [
-        f"{stack.exposure_s:g} s left out ({stack.clipping.note})"
-        for stack in stacks
-        if stack not in used
-    ]
+        if any(stack.clipping.clipped for stack in stacks):
+            raise ClippedError(message)
+        raise InputError(message)
+    left_out = [f"{stack.exposure_s:g} s left out ({stack.clipping.note})" for stack in clipped]
     return used, "; ".join(left_out)
 
 
@@ -153,19 +166,22 @@ def errors_of_means(
 ) -> tuple[Float64Array, float]:
     """Standard error of every stack's mean, and its degrees of freedom: of pixels and lines, and of drift if there is
     more scatter between frames than these give."""
-    if any(one is None for one in noise):
+    known_noise = [squares for squares in noise if squares is not None]
+    if len(known_noise) < len(noise):
         return np.full(len(stacks), np.nan), 1.0
-    expected = np.array([one.variance_of_mean() for one in noise if one])
-    hidden = np.array([one.clipping.share**2 * float(one.variance.mean()) for one in stacks])
-    found = np.array([stack.frame_means.var(ddof=1) for stack in stacks])
+    expected = np.array([squares.variance_of_mean() for squares in known_noise])
+    hidden = np.array(
+        [stack.clipping.share**2 * float(stack.variance.mean()) for stack in stacks]
+    )
+    scatter = np.array([stack.frame_means.var(ddof=1) for stack in stacks])
     frames = np.array([len(stack) for stack in stacks])
-    free = float((frames - 1).sum())
-    if (expected > 0).all() and scipy.special.chdtrc(
-        free, float(((frames - 1) * found / expected).sum())
-    ) > DRIFT:
-        return np.sqrt(expected / frames + hidden), math.inf
-    drift = max(0.0, float((frames - 1) @ (found - expected)) / free)
-    return np.sqrt((expected + drift) / frames + hidden), free
+    freedom = float((frames - 1).sum())
+    if (expected > 0).all():
+        chi2 = float(((frames - 1) * scatter / expected).sum())
+        if scipy.special.chdtrc(freedom, chi2) > DRIFT:
+            return np.sqrt(expected / frames + hidden), math.inf
+    drift = max(0.0, float((frames - 1) @ (scatter - expected)) / freedom)
+    return np.sqrt((expected + drift) / frames + hidden), freedom
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +201,7 @@ class DarkTemperature:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """Both."""
+        """Doubling temperature and activation energy."""
         return self.doubling, self.activation
 
     def plot(self, ax: Axes) -> None:
@@ -199,35 +215,46 @@ class DarkTemperature:
 
 
 def dark_temperature(currents: Mapping[float, Quantity]) -> DarkTemperature:
-    """Of dark currents by their temperature [K], 2 or more, all in the same unit.
+    """Laws of 2 or more dark currents by their temperature [K], all in the same unit.
 
     Currents whose interval contains 0 are left out, with a note. Raises InputError for fewer than 2 others, for
     temperatures that are not positive, and for different units.
     """
-    if any(not t > 0 for t in currents) or len({one.unit for one in currents.values()}) > 1:
-        units = sorted({one.unit for one in currents.values()})
+    units = sorted({current.unit for current in currents.values()})
+    if len(units) > 1 or not all(t > 0 for t in currents):
         raise InputError(
             f"temperatures {sorted(currents)} K, units {units}; temperatures are above 0, all units equal."
         )
-    used = {t: one for t, one in sorted(currents.items()) if one.low > 0}
+    used: dict[float, Quantity] = {}
+    left_out: list[str] = []
+    for t, quantity in sorted(currents.items()):
+        if quantity.low > 0:
+            used[t] = quantity
+        else:
+            left_out.append(f"{t:g} K left out: not told from 0")
     if len(used) < 2:
         raise InputError(
             f"dark current is above 0 at {len(used)} temperatures of {len(currents)}; at least 2 are needed."
         )
-    t = np.array(list(used))
-    current = np.array([one.value for one in used.values()])
+    temperature_k = np.array(list(used))
+    current = np.array([quantity.value for quantity in used.values()])
     z = float(scipy.special.ndtri((1 + LEVEL) / 2))
-    error = np.array([math.log(one.high / one.low) / (2 * z) for one in used.values()])
-    octaves = straight_line(t, np.log2(current), error / math.log(2))
+    error = np.array(
+        [math.log(quantity.high / quantity.low) / (2 * z) for quantity in used.values()]
+    )
+    note = "; ".join(left_out)
+    octaves = straight_line(temperature_k, np.log2(current), error / math.log(2))
     slope, low, high = octaves.interval
-    ends = (1 / slope, 1 / high, 1 / low) if low > 0 else (math.nan, 0.0, math.inf)
-    left = [f"{t:g} K left out: not told from 0" for t in sorted(currents) if t not in used]
-    note = "; ".join(left)
+    interval = math.nan, 0.0, math.inf
+    if low > 0:
+        interval = 1 / slope, 1 / high, 1 / low
     doubling = Quantity(
-        "T_d", "doubling temperature", *ends, "K", TEMPERATURE_SECTION, octaves.note
-    ).noted(note)
-    energy = straight_line(-1 / (BOLTZMANN_EV_PER_K * t), np.log(current), error)
-    arrhenius = Quantity(
+        "T_d", "doubling temperature", *interval, "K", TEMPERATURE_SECTION, octaves.note
+    )
+    energy = straight_line(-1 / (BOLTZMANN_EV_PER_K * temperature_k), np.log(current), error)
+    activation = Quantity(
         "E_a", "activation energy", *energy.interval, "eV", "Arrhenius law", energy.note
-    ).noted(note)
-    return DarkTemperature(doubling, arrhenius, t, current, next(iter(used.values())).unit)
+    )
+    return DarkTemperature(
+        doubling.noted(note), activation.noted(note), temperature_k, current, units[0]
+    )
