@@ -224,7 +224,7 @@ def _stack(files: list[_FrameFile], facts: Mapping[str, Any]) -> Stack:
     for other in files:
         _require_alike(first, other)
     exposure_s, temperature_k, gain = first.settings
-    photons = 0.0
+    photons: float | None = 0.0
     if first.kind not in ("bias", "dark"):
         photons = first.group.settings.get("photons")
     bits = facts.get("bits", first.raw.bits)

@@ -188,6 +188,11 @@ def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
     return mark_clipped(wider, *stacks)
 
 
+def note_left_out(clipped: str) -> str:
+    """A note about clipped levels that are left out of a fit, or nothing.  clipped : why they are clipped."""
+    return f"levels with clipped values are left out ({clipped})" if clipped else ""
+
+
 def temporal_note(stack: Stack) -> str:
     """What a stack is short of for its temporal noise to be removed: frames, or a noise that rounding does not hide."""
     if len(stack) == 1:

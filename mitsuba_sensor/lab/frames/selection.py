@@ -69,11 +69,12 @@ def dark_series(bench: Bench) -> list[Stack]:
     groups: dict[float | None, list[Stack]] = {}
     for stack in darks:
         groups.setdefault(stack.temperature_k, []).append(stack)
-    longest_series = max(groups.values(), key=_count_exposure_times)
+    longest_series = max(groups.values(), key=count_exposure_times)
     return sorted(longest_series, key=lambda stack: stack.exposure_s)
 
 
-def _count_exposure_times(stacks: Sequence[Stack]) -> int:
+def count_exposure_times(stacks: Sequence[Stack]) -> int:
+    """Number of different exposure times."""
     return len({stack.exposure_s for stack in stacks})
 
 

@@ -13,7 +13,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import LARGEST_SHARE
 from ..frames.stack import Stack
-from ..quantity import Quantity, share_interval, unknown
+from ..quantity import Quantity, no_value, share_interval, unknown
 from ..statistics.estimators import z_limit
 
 if TYPE_CHECKING:
@@ -27,7 +27,11 @@ MAD_TO_SIGMA = 1.482602218505602
 ROUNDING_DN = 12**-0.5
 """Standard deviation of rounding to whole numbers: the least σ of integer frames."""
 DEAD_SHARE = 0.5
-"""Of its neighbours' signal, below which a pixel is dead: an assumption, the standard leaves thresholds to the user."""
+"""Share of its neighbours' signal below which a pixel is dead: an assumption, EMVA 1288 leaves thresholds to the user.
+"""
+
+
+NO_LIGHT = "no light was given"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,37 +56,27 @@ class Defects:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """The three shares."""
+        """The shares of hot, dead and deviating pixels."""
         return self.hot_share, self.dead_share, self.deviating_share
 
     def plot(self, ax: Axes) -> None:
         """Numbers of pixels by their deviation, logarithmic, with the normal distribution and the limits."""
-        both = [
-            ("dark", self.z_dark),
-            *([("light", self.z_light)] if self.z_light is not None else []),
-        ]
-        ends = max(1.3 * self.limit, *(float(np.abs(z).max()) for _, z in both))
+        deviations = {"dark": self.z_dark}
+        if self.z_light is not None:
+            deviations["light"] = self.z_light
+        ends = 1.3 * self.limit
+        for z in deviations.values():
+            ends = max(ends, float(np.abs(z).max()))
         edges = np.linspace(-ends, ends, 201)
         middle = 0.5 * (edges[1:] + edges[:-1])
-        for name, z in both:
+        for name, z in deviations.items():
             counts, _ = np.histogram(z, edges)
             ax.plot(middle[counts > 0], counts[counts > 0], ".", ms=4, label=name)
         normal = self.z_dark.size * np.diff(scipy.special.ndtr(edges))
-        ax.plot(
-            middle[normal > 0.1],
-            normal[normal > 0.1],
-            lw=1,
-            color="0.4",
-            label="normal distribution",
-        )
-        for sign in (-1, 1):
-            ax.axvline(
-                sign * self.limit,
-                color="0.4",
-                ls="--",
-                lw=1,
-                label="limit" if sign > 0 else None,
-            )
+        shown = normal > 0.1
+        ax.plot(middle[shown], normal[shown], lw=1, color="0.4", label="normal distribution")
+        ax.axvline(-self.limit, color="0.4", ls="--", lw=1)
+        ax.axvline(self.limit, color="0.4", ls="--", lw=1, label="limit")
         ax.set(
             xlabel="deviation from the neighbourhood [σ]",
             ylabel="number of pixels",
@@ -92,71 +86,86 @@ class Defects:
 
 
 def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) -> Defects:
-    """Of the mean of dark frames, and of light less dark.
+    """Defect pixels in the mean of dark frames, and in light less dark.
 
     Each line's median is subtracted, then the median of 5 × 5 pixels; σ is 1.4826 times the median absolute deviation.
     false_alarm : probability that one pixel or more of a sensor without defects is named, if its pixels are normal.
     Raises InputError for mosaics, light of another size, fewer than 100 pixels, and what is no probability.
     """
-    for one in (dark, light) if light else (dark,):
-        one.require_one_filter()
-    if (light and light.shape != dark.shape) or dark.mean.size < 100 or not 0 < false_alarm < 1:
-        size = f", light {light.shape[0]} × {light.shape[1]}" if light else ""
-        raise InputError(
-            f"dark frames are {dark.shape[0]} × {dark.shape[1]}{size}, false_alarm is {false_alarm!r}; pass equal "
-            "sizes of 100 pixels or more and a probability between 0 and 1."
-        )
+    _check(dark, light, false_alarm)
     limit = z_limit(dark.mean.size, false_alarm)
     z_dark, _ = _deviations(dark.mean, dark)
     hot = z_dark > limit
-    hot_share = _share("hot", hot, dark)
+    in_the_dark = Defects(
+        hot=hot,
+        dead=None,
+        deviating=None,
+        hot_share=_share("hot", hot, dark),
+        dead_share=no_value("dead", "share of dead pixels", "%", SECTION, NO_LIGHT),
+        deviating_share=no_value(
+            "deviating", "share of deviating pixels", "%", SECTION, NO_LIGHT
+        ),
+        z_dark=z_dark,
+        z_light=None,
+        limit=limit,
+    )
     if light is None:
-        dead_share, deviating_share = (
-            unknown(_share(name, hot, dark), "no light was given")
-            for name in ("dead", "deviating")
-        )
-        return Defects(
-            hot, None, None, hot_share, dead_share, deviating_share, z_dark, None, limit
-        )
+        return in_the_dark
     signal = light.mean - dark.mean
     z_light, expected = _deviations(signal, light)
     dead = (z_light < -limit) & (signal < DEAD_SHARE * expected)
     deviating = (np.abs(z_light) > limit) & ~dead
-    dead_share, deviating_share = (
-        _share(name, pixels, light, dark)
-        for name, pixels in (("dead", dead), ("deviating", deviating))
+    return replace(
+        in_the_dark,
+        dead=dead,
+        deviating=deviating,
+        dead_share=_share("dead", dead, light, dark),
+        deviating_share=_share("deviating", deviating, light, dark),
+        z_light=z_light,
     )
-    return Defects(
-        hot, dead, deviating, hot_share, dead_share, deviating_share, z_dark, z_light, limit
-    )
+
+
+def _check(dark: Stack, light: Stack | None, false_alarm: float) -> None:
+    """Raises InputError for stacks and probabilities that defects cannot be found with."""
+    dark.require_one_filter()
+    size, sizes_differ = "", False
+    if light is not None:
+        light.require_one_filter()
+        size = f", light {light.shape[0]} × {light.shape[1]}"
+        sizes_differ = light.shape != dark.shape
+    if sizes_differ or dark.mean.size < 100 or not 0 < false_alarm < 1:
+        raise InputError(
+            f"dark frames are {dark.shape[0]} × {dark.shape[1]}{size}, false_alarm is {false_alarm!r}; pass equal "
+            "sizes of 100 pixels or more and a probability between 0 and 1."
+        )
 
 
 def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float64Array]:
-    """Of each pixel from what its line and neighbourhood let expect, over σ, and what is expected [DN]."""
+    """Deviation of each pixel from what its line and neighbourhood let expect, over σ, and what is expected [DN]."""
     rest = image - np.median(image)
     for axis, length in ((1, image.shape[1]), (0, image.shape[0])):
         if length >= WINDOW:
             rest = rest - np.median(rest, axis=axis, keepdims=True)
     rest = rest - scipy.ndimage.median_filter(rest, WINDOW, mode="reflect")
-    least = (
-        ROUNDING_DN
-        if stack.frames.dtype.kind != "f"
-        else 1e-9 * max(1.0, float(np.abs(image).max()))
-    )
+    least = ROUNDING_DN
+    if stack.frames.dtype.kind == "f":
+        least = 1e-9 * max(1.0, float(np.abs(image).max()))
     sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(rest))), least)
     return rest / sigma, image - rest
 
 
 def _share(name: str, pixels: NDArray[np.bool_], *stacks: Stack) -> Quantity:
-    """Of all pixels. It has no value where noise is clipped; pixels that are at an end in every frame are defects."""
+    """Share of these in all pixels.
+
+    It has no value where noise is clipped; pixels that are at an end in every frame are defects.
+    """
     share = share_interval(int(pixels.sum()), pixels.size)
     figure = Quantity(name, f"share of {name} pixels", *share, "", SECTION).scaled(100, "%")
     for stack in stacks:
         clipping = stack.clipping
         shares = clipping.shares_of_pixels(stack.frames)
-        noise_is_clipped = (
-            len(stack) == 1 or float(shares[shares < 1].sum()) > LARGEST_SHARE * shares.size
-        )
+        now_and_then = float(shares[shares < 1].sum())
+        noise_is_clipped = len(stack) == 1 or now_and_then > LARGEST_SHARE * shares.size
         most_are = np.count_nonzero(shares == 1) >= shares.size / 2
         if clipping.clipped and (noise_is_clipped or most_are):
             figure = replace(unknown(figure, figure.note), clipped=True).noted(clipping.note)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -51,10 +51,12 @@ class FigureDistance:
 
     @property
     def z(self) -> float:
-        """NaN where one of them could not be measured."""
+        """Difference in standard errors of both; NaN where one of them could not be measured."""
         error = math.hypot(self.real.standard_error, self.twin.standard_error)
         difference = self.twin.value - self.real.value
-        return difference / error if error > 0 else math.nan if difference else 0.0
+        if error > 0:
+            return difference / error
+        return math.nan if difference else 0.0
 
 
 def frame_distances(real: Stack, twin: Stack) -> tuple[Distance, ...]:
@@ -67,39 +69,36 @@ def frame_distances(real: Stack, twin: Stack) -> tuple[Distance, ...]:
             f"{real.source} is {real.shape} at {real.exposure_s:g} s and {twin.source} {twin.shape} at "
             f"{twin.exposure_s:g} s; compare frames of one size, mosaic and exposure time."
         )
-    found = [
-        _compared("histogram of codes", _codes(real), _codes(twin), f"{SAMPLE} pixels of each")
-    ]
+    detail = f"{SAMPLE} pixels of each"
+    distances = [_compare("histogram of codes", _draw_codes(real), _draw_codes(twin), detail)]
     if min(len(real), len(twin)) > 1:
         for name, axis in (("row", 2), ("column", 1)):
-            one, other = _line_power(real, axis), _line_power(twin, axis)
-            found.append(
-                _compared(
-                    f"spectrum of temporal {name} noise",
-                    one,
-                    other,
-                    f"{len(one)} and {len(other)} lines",
-                )
-            )
-    return tuple(found)
+            real_power, twin_power = _line_power(real, axis), _line_power(twin, axis)
+            detail = f"{len(real_power)} and {len(twin_power)} lines"
+            title = f"spectrum of temporal {name} noise"
+            distances.append(_compare(title, real_power, twin_power, detail))
+    return tuple(distances)
 
 
 def figure_distances(
     real: Iterable[Quantity], twin: Iterable[Quantity]
 ) -> tuple[FigureDistance, ...]:
-    """Of all figures that both have, by symbol."""
-    others: Mapping[str, Quantity] = {one.symbol: one for one in twin}
-    return tuple(
-        FigureDistance(one, others[one.symbol]) for one in real if one.symbol in others
-    )
+    """Every figure that both have, by symbol, with its distance."""
+    by_symbol = {quantity.symbol: quantity for quantity in twin}
+    distances: list[FigureDistance] = []
+    for quantity in real:
+        if quantity.symbol in by_symbol:
+            distances.append(FigureDistance(quantity, by_symbol[quantity.symbol]))
+    return tuple(distances)
 
 
-def _compared(name: str, one: Float64Array, other: Float64Array, detail: str) -> Distance:
-    test = scipy.stats.ks_2samp(one, other, method="asymp")
+def _compare(name: str, real: Float64Array, twin: Float64Array, detail: str) -> Distance:
+    """Test of Kolmogorov and Smirnov of two samples."""
+    test = scipy.stats.ks_2samp(real, twin, method="asymp")
     return Distance(name, float(test.statistic), float(test.pvalue), detail)
 
 
-def _codes(stack: Stack) -> Float64Array:
+def _draw_codes(stack: Stack) -> Float64Array:
     """Pixels drawn from all frames; of one place at most as often as there are frames."""
     codes = stack.frames.reshape(-1)
     places = np.random.default_rng(SEED).integers(0, codes.size, SAMPLE)
@@ -113,8 +112,6 @@ def _line_power(stack: Stack, axis: int) -> Float64Array:
     the same but for the sign.
     """
     lines = stack.frames.mean(axis=axis, dtype=np.float64)
-    power = (
-        np.abs(np.fft.rfft(scipy.linalg.helmert(len(stack)) @ lines, axis=1)) ** 2
-        / lines.shape[1]
-    )
+    differences = scipy.linalg.helmert(len(stack)) @ lines
+    power = np.abs(np.fft.rfft(differences, axis=1)) ** 2 / lines.shape[1]
     return np.asarray(power[:, 1:].ravel())

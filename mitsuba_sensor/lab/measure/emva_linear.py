@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,7 +35,8 @@ class EmvaLinear:
 
     def __getitem__(self, symbol: str) -> Quantity:
         """A figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
-        return {one.symbol: one for one in self.quantities}[symbol]
+        by_symbol = {figure.symbol: figure for figure in self.quantities}
+        return by_symbol[symbol]
 
 
 def emva_linear(
@@ -53,22 +54,21 @@ def emva_linear(
     measured = series(darks, flats, window)
     transfer, light = photon_transfer(measured), radiometric(measured)
     efficiency = light.efficiency(transfer.gain)
-    dark = dark_noise(
-        [one if window is None else centre(one, window) for one in darks], transfer.gain
-    )
+    if window is not None:
+        darks = [centre(stack, window) for stack in darks]
+    dark = dark_noise(darks, transfer.gain)
     ends = saturation(measured, transfer.gain, efficiency, dark.total)
-    shown = efficiency or unknown(EFFICIENCY, "photons are not known")
-    found = (transfer.gain, shown, *light.quantities, *dark.quantities, *ends.quantities)
+    figures = [
+        transfer.gain,
+        efficiency or unknown(EFFICIENCY, "photons are not known"),
+        *light.quantities,
+        *dark.quantities,
+        *ends.quantities,
+    ]
     if measured.notes:
-        found = tuple(
-            replace(one, note=_with(one.note, "see the notes of the series")) for one in found
-        )
+        figures = [figure.noted("see the notes of the series") for figure in figures]
     snr = signal_to_noise(measured, transfer.gain, efficiency, dark.total)
-    return EmvaLinear(found, transfer, light, dark, ends, snr, measured.notes)
-
-
-def _with(note: str, more: str) -> str:
-    return f"{note}; {more}" if note else more
+    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, measured.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,17 +86,15 @@ class SignalToNoise:
     photons_known: bool
 
     def plot(self, axes: Axes, log: bool = True) -> None:
-        """The three of them; log for both axes logarithmic, as EMVA 1288 draws it."""
+        """Measured, model and ideal SNR; log for both axes logarithmic, as EMVA 1288 draws it."""
         shown = np.isfinite(self.measured)
         axes.plot(self.light[shown], self.measured[shown], "o", markersize=3, label="measured")
         axes.plot(self.light, self.model, linewidth=1, label="model")
         axes.plot(
             self.light, self.ideal, "--", color="black", linewidth=1, label="ideal sensor"
         )
-        axes.set(
-            xlabel="photons per pixel" if self.photons_known else "photoelectrons per pixel",
-            ylabel="SNR",
-        )
+        quanta = "photons" if self.photons_known else "photoelectrons"
+        axes.set(xlabel=f"{quanta} per pixel", ylabel="SNR")
         if log:
             axes.set(xscale="log", yscale="log")
 
@@ -104,18 +102,17 @@ class SignalToNoise:
 def signal_to_noise(
     measured: Series, gain: Quantity, efficiency: Quantity | None, dark: Quantity
 ) -> SignalToNoise:
-    """From a series, K [DN/e-], QE [1] or None, and σ_y.dark [DN]."""
+    """SNR of a series, with K [DN/e-], QE [1] or None, and σ_y.dark [DN]."""
     noise = np.sqrt(measured.of_flats("variance"))
-    below = (
-        measured.inside
-        & (measured.signal > 0)
-        & (measured.signal <= find_peak(measured).mean[0])
-        & (noise > 0)
-    )
-    light = measured.signal / gain.value if efficiency is None else measured.light
-    electrons = light if efficiency is None else efficiency.value * light
+    below_saturation = measured.signal <= find_peak(measured).mean[0]
+    usable = measured.inside & (measured.signal > 0) & below_saturation & (noise > 0)
+    if efficiency is None:
+        light = electrons = measured.signal / gain.value
+    else:
+        light = measured.light
+        electrons = efficiency.value * light
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(below, measured.signal / noise, np.nan)
+        ratio = np.where(usable, measured.signal / noise, np.nan)
         model = electrons / np.sqrt((dark.value / gain.value) ** 2 + electrons)
         ideal = np.sqrt(light)
     return SignalToNoise(light, ratio, model, ideal, efficiency is not None)

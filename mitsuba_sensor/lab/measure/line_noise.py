@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +10,8 @@ import numpy as np
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma, temporal_note
 from ..frames.stack import Stack
-from ..quantity import Quantity
-from ..statistics.mean_squares import root, temporal_mean_squares
+from ..quantity import Quantity, no_value
+from ..statistics.mean_squares import MeanSquare, root, temporal_mean_squares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,13 +35,17 @@ class LineNoise:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """All three."""
+        """Row, column and pixel noise."""
         return self.row, self.column, self.pixel
 
     def per_gain(self, gain: Quantity | float) -> LineNoise:
-        """In electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
-        row, column, pixel = (one.divided(gain, "e-") for one in self.quantities)
-        return LineNoise(row, column, pixel, self.rows, self.columns)
+        """The noise in electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
+        return replace(
+            self,
+            row=self.row.divided(gain, "e-"),
+            column=self.column.divided(gain, "e-"),
+            pixel=self.pixel.divided(gain, "e-"),
+        )
 
     def plot(self, ax: Axes) -> None:
         """Temporal noise of every line's mean; the smaller the noise of its pixels, the nearer to σ_row and σ_col."""
@@ -61,36 +64,44 @@ def line_noise(stack: Stack) -> LineNoise:
     leaves of its pixels' noise are removed. Raises InputError for a mosaic.
     """
     stack.require_one_filter()
-    found = temporal_mean_squares(stack) if len(stack) > 1 else None
-    kinds = (
-        ("σ_row", "temporal row noise"),
-        ("σ_col", "temporal column noise"),
-        ("σ_pixel", "temporal pixel noise"),
+    rows, columns, pixels = _variance_terms(stack)
+    return LineNoise(
+        row=_noise("σ_row", "temporal row noise", rows, stack),
+        column=_noise("σ_col", "temporal column noise", columns, stack),
+        pixel=_noise("σ_pixel", "temporal pixel noise", pixels, stack),
+        rows=_deviation_over_frames(stack.row_means),
+        columns=_deviation_over_frames(stack.column_means),
     )
-    terms = (
-        (found.row_variance(), found.column_variance(), found.pixel_variance())
-        if found
-        else ([], [], [])
-    )
-    quantities = []
-    for kind, some in zip(kinds, terms, strict=True):
-        value, low, high = root(some) if some else (math.nan,) * 3
-        one = mark_clipped_sigma(Quantity(*kind, value, low, high, "DN", SECTION), stack).noted(
-            temporal_note(stack)
-        )
-        one = (
-            one.noted("a single line of pixels: rows, columns and pixels are not told apart")
-            if found and not some
-            else one
-        )
-        quantities.append(one.noted("not told from 0") if one.low == 0 else one)
-    row, column, pixel = quantities
-    return LineNoise(row, column, pixel, _spread(stack.row_means), _spread(stack.column_means))
 
 
-def _spread(means: Float64Array) -> Float64Array:
-    return (
-        np.asarray(means.std(axis=0, ddof=1))
-        if len(means) > 1
-        else np.full(means.shape[1], np.nan)
-    )
+def _variance_terms(
+    stack: Stack,
+) -> tuple[list[MeanSquare], list[MeanSquare], list[MeanSquare]]:
+    """Terms of the temporal variances of rows, columns and pixels, which one frame does not have."""
+    if len(stack) == 1:
+        return [], [], []
+    squares = temporal_mean_squares(stack)
+    return squares.row_variance(), squares.column_variance(), squares.pixel_variance()
+
+
+def _noise(symbol: str, name: str, terms: list[MeanSquare], stack: Stack) -> Quantity:
+    """The root of a variance with its interval [DN], and what restricts it."""
+    noise = no_value(symbol, name, "DN", SECTION)
+    if terms:
+        value, low, high = root(terms)
+        noise = replace(noise, value=value, low=low, high=high)
+    noise = mark_clipped_sigma(noise, stack).noted(temporal_note(stack))
+    if not terms and len(stack) > 1:
+        noise = noise.noted(
+            "a single line of pixels: rows, columns and pixels are not told apart"
+        )
+    if noise.low == 0:
+        noise = noise.noted("not told from 0")
+    return noise
+
+
+def _deviation_over_frames(means: Float64Array) -> Float64Array:
+    """Standard deviation over the frames of each line's mean, (N, lines) → (lines,) [DN]; NaN for one frame."""
+    if len(means) == 1:
+        return np.full(means.shape[1], np.nan)
+    return np.asarray(means.std(axis=0, ddof=1))

@@ -15,6 +15,7 @@ from ..frames.clipping import ClippedError
 from ..frames.selection import (
     black_level,
     by_temperature,
+    count_exposure_times,
     dark_for,
     dark_series,
     darks_of,
@@ -23,6 +24,7 @@ from ..frames.selection import (
     most_frames,
     shortest_dark,
 )
+from ..frames.stack import Stack
 from ..quantity import Quantity
 from .correlation import correlation
 from .dark_current import DarkCurrentOverTime, DarkTemperature, dark_current, dark_temperature
@@ -51,7 +53,6 @@ class Instrument(Protocol):
         """Draws it."""
 
 
-Found = TypeVar("Found")
 Scaled = TypeVar("Scaled", DarkCurrentOverTime, LineNoise, Nonuniformity)
 INSTRUMENTS = 13
 """That measure each filter, for a progress bar."""
@@ -78,8 +79,8 @@ class Measurement:
     report: Callable[[str], object] = lambda title: None
     begun: list[str] = field(default_factory=list)
 
-    def run(self, title: str, instrument: Callable[[], Found]) -> Found | None:
-        """What an instrument finds; None where it refuses."""
+    def run(self, title: str, instrument: Callable[[], Result]) -> Result | None:
+        """Result of an instrument; None where it refuses."""
         if title not in self.begun:
             self.begun.append(title)
             self.report(title)
@@ -94,18 +95,23 @@ class Measurement:
     @property
     def hidden(self) -> list[str]:
         """What has no value because values of the frames are clipped: symbols, and titles of instruments."""
-        return [one.symbol for one in self.figures.values() if one.clipped] + self.clipped
+        symbols = [figure.symbol for figure in self.figures.values() if figure.clipped]
+        return symbols + self.clipped
 
     def take(self, title: str, drawing: str, instrument: Callable[[], Instrument]) -> None:
-        """Figures and drawing of an instrument; nothing where it refuses.  drawing : its title."""
-        found = self.run(title, instrument)
-        if found is not None:
-            self.keep(found.quantities)
-            self.drawings[drawing] = found.plot
+        """Keep figures and drawing of an instrument; nothing where it refuses.  drawing : its title."""
+        result = self.run(title, instrument)
+        if result is not None:
+            self.keep(result.quantities)
+            self.drawings[drawing] = result.plot
 
     def keep(self, quantities: Iterable[Quantity]) -> None:
-        """Figures of an instrument."""
-        self.figures |= {one.symbol: one for one in quantities}
+        """Keep the figures of an instrument."""
+        for quantity in quantities:
+            self.figures[quantity.symbol] = quantity
+
+
+Result = TypeVar("Result")
 
 
 def measure(
@@ -118,45 +124,48 @@ def measure(
     Raises InputError for a bench of several gain settings (see :meth:`Bench.at_gain`), and for one without stacks.
     """
     if len(bench.gains) != 1:
-        found = ", ".join(bench.gains) or "no frames"
+        gains = ", ".join(bench.gains) or "no frames"
         raise InputError(
-            f"the bench has the gain settings {found}; measure Bench.at_gain() of each."
+            f"the bench has the gain settings {gains}; measure Bench.at_gain() of each."
         )
+
+    def measure_filter(name: str, part: Bench) -> Measurement:
+        measurement = Measurement(name, report=report)
+        _run_all(measurement, part)
+        return measurement
+
+    parts = bench.of_filters()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        parts = [
-            (Measurement(name, report=report), part)
-            for name, part in bench.of_filters().items()
-        ]
-        return tuple(pool.map(lambda one: _measurement(*one), parts))
+        return tuple(pool.map(measure_filter, parts.keys(), parts.values()))
 
 
-def _measurement(found: Measurement, bench: Bench) -> Measurement:
-    linear = found.run("photon transfer", lambda: _linear(bench))
+def _run_all(measurement: Measurement, bench: Bench) -> None:
+    """Run every instrument on the pixels behind one filter."""
+    linear = measurement.run("photon transfer", lambda: _measure_linear(bench))
     if linear is not None:
-        _keep_linear(found, linear)
-    gain = found.figures.get("K")
-    known = gain if gain is not None and gain.low > 0 else None
-    _scene(found, bench)
-    _temporal(found, bench, known)
-    _spatial(found, bench, known, linear)
-    _dark(found, bench, known)
-    return found
+        _keep_linear(measurement, linear)
+    gain = measurement.figures.get("K")
+    if gain is not None and not gain.low > 0:
+        gain = None
+    _measure_scene(measurement, bench)
+    _measure_lines(measurement, bench, gain)
+    _measure_uniformity(measurement, bench, gain, linear)
+    _measure_dark(measurement, bench, gain)
 
 
-def _linear(bench: Bench) -> EmvaLinear:
-    """With the dark frames of the flat fields' own exposure times."""
-    times = {one.exposure_s for one in bench.flats}
-    darks = [
-        dark_for(bench, next(one for one in bench.flats if one.exposure_s == time))
-        for time in sorted(times)
-    ]
+def _measure_linear(bench: Bench) -> EmvaLinear:
+    """EMVA 1288 Linear with the dark frames of the flat fields' own exposure times."""
+    flat_of_time: dict[float, Stack] = {}
+    for flat in bench.flats:
+        flat_of_time.setdefault(flat.exposure_s, flat)
+    darks = [dark_for(bench, flat) for _, flat in sorted(flat_of_time.items())]
     return emva_linear(darks, bench.flats)
 
 
-def _keep_linear(found: Measurement, linear: EmvaLinear) -> None:
-    found.keep(linear.quantities)
-    found.notes += linear.notes
-    found.drawings |= {
+def _keep_linear(measurement: Measurement, linear: EmvaLinear) -> None:
+    measurement.keep(linear.quantities)
+    measurement.notes += linear.notes
+    measurement.drawings |= {
         "Radiometric function": linear.radiometric.plot,
         "Photon transfer, linear": linear.photon_transfer.plot,
         "Photon transfer, logarithmic": partial(linear.photon_transfer.plot, log=True),
@@ -166,92 +175,93 @@ def _keep_linear(found: Measurement, linear: EmvaLinear) -> None:
     }
 
 
-def _scene(found: Measurement, bench: Bench) -> None:
-    """The paper's photon transfer curve."""
-    for scene in bench.scenes[:1]:
-        transfer = found.run(
-            "photon transfer of a scene", partial(photon_transfer_of_scene, scene)
-        )
-        if transfer is not None:
-            found.keep(
-                [
-                    replace(
-                        transfer.gain,
-                        symbol="K_scene",
-                        section="Konnik & Welsh 2014, section 4",
-                    )
-                ]
-            )
-            found.drawings["Photon transfer of a scene"] = transfer.plot
+def _measure_scene(measurement: Measurement, bench: Bench) -> None:
+    """The paper's photon transfer curve, of the first scene."""
+    if not bench.scenes:
+        return
+    transfer = measurement.run(
+        "photon transfer of a scene", lambda: photon_transfer_of_scene(bench.scenes[0])
+    )
+    if transfer is not None:
+        section = "Konnik & Welsh 2014, section 4"
+        measurement.keep([replace(transfer.gain, symbol="K_scene", section=section)])
+        measurement.drawings["Photon transfer of a scene"] = transfer.plot
 
 
-def _in_electrons(gain: Quantity | None, instrument: Callable[[], Scaled]) -> Scaled:
-    """What an instrument finds, where K is known in electrons."""
-    found = instrument()
-    return found if gain is None else found.per_gain(gain)
+def _measure_in_electrons(gain: Quantity | None, instrument: Callable[[], Scaled]) -> Scaled:
+    """Result of an instrument, in electrons where K is known."""
+    result = instrument()
+    return result if gain is None else result.per_gain(gain)
 
 
-def _temporal(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
+def _measure_lines(measurement: Measurement, bench: Bench, gain: Quantity | None) -> None:
     """Row and column noise, and correlations, of the shortest dark frames."""
-    lines = partial(_in_electrons, gain, lambda: line_noise(shortest_dark(bench)))
-    found.take("row and column noise", "Temporal noise of rows and columns", lines)
-    found.take(
+    lines = partial(_measure_in_electrons, gain, lambda: line_noise(shortest_dark(bench)))
+    measurement.take("row and column noise", "Temporal noise of rows and columns", lines)
+    measurement.take(
         "correlation", "Correlation over frames", lambda: correlation(shortest_dark(bench))
     )
 
 
-def _spatial(
-    found: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None
+def _measure_uniformity(
+    measurement: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None
 ) -> None:
     """Non-uniformity, profiles, spectrograms and defects of the half-saturated flat field and its dark frames."""
-    largest = None if linear is None else float(linear.photon_transfer.peak.mean[0])
-    half = found.run("non-uniformity", lambda: half_saturated(bench, largest))
+    saturation_dn = None
+    if linear is not None:
+        saturation_dn = float(linear.photon_transfer.peak.mean[0])
+    half = measurement.run("non-uniformity", lambda: half_saturated(bench, saturation_dn))
     if half is None:
         return
-    dark = found.run("non-uniformity", lambda: dark_for(bench, half))
+    dark = measurement.run("non-uniformity", lambda: dark_for(bench, half))
     if dark is None:
         return
-    uneven = partial(_in_electrons, gain, lambda: nonuniformity(dark, half))
-    found.take("non-uniformity", "Photo response non-uniformity", uneven)
+    uneven = partial(_measure_in_electrons, gain, lambda: nonuniformity(dark, half))
+    measurement.take("non-uniformity", "Photo response non-uniformity", uneven)
     for name, image in (("darkness", dark), ("half saturation", half)):
-        for one in found.run(f"spectrogram, {name}", partial(spectrograms, image)) or ():
-            found.keep([replace(one.non_whiteness, symbol=f"F_{one.direction}, {name}")])
-            found.drawings[f"Spectrogram, {one.direction}, {name}"] = one.plot
-    for profile in found.run("profiles", lambda: profiles(half, dark)) or ():
-        found.drawings[f"Profile, {profile.direction}"] = profile.plot
-    found.take("defect pixels", "Defect pixels", lambda: defects(dark, half))
+        both = measurement.run(f"spectrogram, {name}", partial(spectrograms, image))
+        for spectrogram in both or ():
+            direction = spectrogram.direction
+            whiteness = replace(spectrogram.non_whiteness, symbol=f"F_{direction}, {name}")
+            measurement.keep([whiteness])
+            measurement.drawings[f"Spectrogram, {direction}, {name}"] = spectrogram.plot
+    for profile in measurement.run("profiles", lambda: profiles(half, dark)) or ():
+        measurement.drawings[f"Profile, {profile.direction}"] = profile.plot
+    measurement.take("defect pixels", "Defect pixels", lambda: defects(dark, half))
 
 
-def _dark(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
+def _measure_dark(measurement: Measurement, bench: Bench, gain: Quantity | None) -> None:
     """Dark current over time and temperature, its distribution, RTS pixels."""
-    current = partial(_in_electrons, gain, lambda: dark_current(dark_series(bench)))
-    found.take("dark current", "Dark current", current)
-    found.take(
+    current = partial(_measure_in_electrons, gain, lambda: dark_current(dark_series(bench)))
+    measurement.take("dark current", "Dark current", current)
+    measurement.take(
         "dark current over temperature",
         "Dark current over temperature",
-        lambda: _over_temperature(bench),
+        lambda: _measure_over_temperature(bench),
     )
-    signal = found.run(
+    signal = measurement.run(
         "dark signal", lambda: dark_signal(longest_dark(bench), black_level(bench))
     )
     if signal is not None and signal.fits:
-        found.notes.append(
-            f"dark signal of {longest_dark(bench).exposure_s:g} s: {signal.best.name} fits best (BIC)"
+        exposure_s = longest_dark(bench).exposure_s
+        measurement.notes.append(
+            f"dark signal of {exposure_s:g} s: {signal.best.name} fits best (BIC)"
         )
-        found.drawings["Dark signal"] = signal.plot
-        found.drawings["Dark signal, logarithmic"] = partial(signal.plot, log_counts=True)
-    telegraph = found.run("RTS pixels", lambda: rts_pixels(most_frames(darks_of(bench))))
+        measurement.drawings["Dark signal"] = signal.plot
+        measurement.drawings["Dark signal, logarithmic"] = partial(signal.plot, log_counts=True)
+    telegraph = measurement.run("RTS pixels", lambda: rts_pixels(most_frames(darks_of(bench))))
     if telegraph is not None:
-        found.keep((telegraph.per_gain(gain.value) if gain else telegraph).quantities)
+        if gain is not None:
+            telegraph = telegraph.per_gain(gain.value)
+        measurement.keep(telegraph.quantities)
         if telegraph.steps.size:
-            found.drawings["RTS pixels"] = telegraph.plot
+            measurement.drawings["RTS pixels"] = telegraph.plot
 
 
-def _over_temperature(bench: Bench) -> DarkTemperature:
-    """Of the temperatures at which there are 2 exposure times or more."""
-    series = {
-        t: some
-        for t, some in by_temperature(bench).items()
-        if len({one.exposure_s for one in some}) > 1
-    }
-    return dark_temperature({t: dark_current(some).from_mean for t, some in series.items()})
+def _measure_over_temperature(bench: Bench) -> DarkTemperature:
+    """Dark current of the temperatures at which there are 2 exposure times or more."""
+    currents: dict[float, Quantity] = {}
+    for temperature_k, stacks in by_temperature(bench).items():
+        if count_exposure_times(stacks) > 1:
+            currents[temperature_k] = dark_current(stacks).from_mean
+    return dark_temperature(currents)

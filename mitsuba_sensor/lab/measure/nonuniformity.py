@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
@@ -29,9 +29,8 @@ if TYPE_CHECKING:
 Noise = tuple[MeanSquares | None, float]
 """Mean squares of temporal noise over the number of frames, None for one frame; and how often they are added."""
 
-DSNU_SECTION = "EMVA 1288 R4 eq. 66", "EMVA 1288 R4 eq. 42 and 66"
-PRNU_SECTION = "EMVA 1288 R4 eq. 67", "EMVA 1288 R4 eq. 42 and 67"
-"""Of the whole, and of its parts."""
+DSNU_SECTION, DSNU_PART_SECTION = "EMVA 1288 R4 eq. 66", "EMVA 1288 R4 eq. 42 and 66"
+PRNU_SECTION, PRNU_PART_SECTION = "EMVA 1288 R4 eq. 67", "EMVA 1288 R4 eq. 42 and 67"
 PAPER = "Konnik & Welsh 2014, PRNU"
 PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
     "": MeanSquares.variance,
@@ -65,39 +64,34 @@ class Nonuniformity:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """All ten."""
+        """All ten figures, DSNU first."""
         return tuple(getattr(self, field.name) for field in fields(self)[:-1])
 
     def per_gain(self, gain: Quantity | float) -> Nonuniformity:
         """DSNU in electrons.  gain : K [DN/e-]; the interval of a measured one widens those of DSNU."""
-        return replace(
-            self,
-            **{
-                f"dsnu{part}": getattr(self, f"dsnu{part}").divided(gain, "e-")
-                for part in PARTS
-            },
-        )
+        in_electrons: dict[str, Any] = {}
+        for part in PARTS:
+            name = f"dsnu{part}"
+            in_electrons[name] = getattr(self, name).divided(gain, "e-")
+        return replace(self, **in_electrons)
 
     def plot(self, ax: Axes) -> None:
         """Density of the pixels' deviation from the mean signal, and the normal law of the same standard deviation."""
         rest = (self.difference - self.difference.mean()).ravel()
         sigma = float(rest.std())
-        density, edges = np.histogram(
-            rest, bins=min(200, max(10, rest.size // 50)), density=True
-        )
-        some = density > 0
-        ax.plot(0.5 * (edges[1:] + edges[:-1])[some], density[some], ".", label="measured")
+        bins = min(200, max(10, rest.size // 50))
+        density, edges = np.histogram(rest, bins=bins, density=True)
+        filled = density > 0
+        centres = 0.5 * (edges[1:] + edges[:-1])
+        ax.plot(centres[filled], density[filled], ".", label="measured")
         if sigma:
             x = np.linspace(edges[0], edges[-1], 400)
-            ax.plot(
-                x,
-                np.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)),
-                label="normal law",
-            )
+            normal = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi))
+            ax.plot(x, normal, label="normal law")
         ax.set(
             xlabel="deviation from the mean signal [DN]", ylabel="density [1/DN]", yscale="log"
         )
-        ax.set_ylim(bottom=0.5 * float(density[some].min()))
+        ax.set_ylim(bottom=0.5 * float(density[filled].min()))
 
 
 def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonuniformity:
@@ -112,37 +106,43 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
     Raises InputError for stacks that do not fit, a mosaic, one pixel, and light that is not brighter than the dark.
     """
     percent = 100 / _signal(dark, light)
-    images = [highpass(stack.mean) if high_pass else stack.mean for stack in (dark, light)]
-    power = highpass_power() if high_pass else (1.0, 1.0, 1.0)
-    pairs = (
-        (images[0],),
-        (images[1] - images[0], images[1] + images[0]),
-        (images[1] - images[0],),
-    )
-    in_dark, more, apart = (spatial_mean_squares(*pair).divided(power) for pair in pairs)
-    of_dark, of_light = _noise(dark), _noise(light)
-    found = {}
+    in_dark, in_light, power = dark.mean, light.mean, (1.0, 1.0, 1.0)
+    if high_pass:
+        in_dark, in_light, power = highpass(in_dark), highpass(in_light), highpass_power()
+    difference, total = in_light - in_dark, in_light + in_dark
+    dark_squares = spatial_mean_squares(in_dark).divided(power)
+    # The product of difference and sum of two images is the difference of their squares.
+    light_less_dark_squares = spatial_mean_squares(difference, total).divided(power)
+    difference_squares = spatial_mean_squares(difference).divided(power)
+    dark_noise, light_noise = _noise_of_mean(dark), _noise_of_mean(light)
+
+    figures: dict[str, Quantity] = {}
     for part, terms in PARTS.items():
-        dsnu, prnu = (_Spatial(terms, terms(one)) for one in (in_dark, more))
-        found[f"dsnu{part}"] = Quantity(
-            *(f"DSNU1288{part}", "dark signal non-uniformity"),
-            *dsnu.less((of_dark, 1)),
+        of_whole = part == ""
+        dsnu = _Spatial(terms, terms(dark_squares))
+        figures[f"dsnu{part}"] = Quantity(
+            f"DSNU1288{part}",
+            "dark signal non-uniformity",
+            *dsnu.sigma_without((dark_noise, 1)),
             "DN",
-            DSNU_SECTION[bool(part)],
+            DSNU_SECTION if of_whole else DSNU_PART_SECTION,
         )
-        found[f"prnu{part}"] = Quantity(
-            *(f"PRNU1288{part}", "photo response non-uniformity"),
-            *prnu.less((of_light, 1), (of_dark, -1), scale=percent),
-            *("%", PRNU_SECTION[bool(part)]),
+        prnu = _Spatial(terms, terms(light_less_dark_squares))
+        figures[f"prnu{part}"] = Quantity(
+            f"PRNU1288{part}",
+            "photo response non-uniformity",
+            *prnu.sigma_without((light_noise, 1), (dark_noise, -1), scale=percent),
+            "%",
+            PRNU_SECTION if of_whole else PRNU_PART_SECTION,
         )
-    sigma, name = (
-        _Spatial(MeanSquares.variance, apart.variance()),
-        "standard deviation over mean, light minus dark",
-    )
-    found["paper_raw"] = Quantity("σ/µ raw", name, *sigma.less(scale=percent), "%", PAPER)
-    less = sigma.less((of_light, 1), (of_dark, 1), scale=percent)
-    found["paper"] = Quantity("σ/µ", f"{name}, without temporal noise", *less, "%", PAPER)
-    return Nonuniformity(**_marked(found, dark, light), difference=light.mean - dark.mean)
+    name = "standard deviation over mean, light minus dark"
+    sigma = _Spatial(MeanSquares.variance, difference_squares.variance())
+    raw = sigma.sigma_without(scale=percent)
+    figures["paper_raw"] = Quantity("σ/µ raw", name, *raw, "%", PAPER)
+    spatial = sigma.sigma_without((light_noise, 1), (dark_noise, 1), scale=percent)
+    figures["paper"] = Quantity("σ/µ", f"{name}, without temporal noise", *spatial, "%", PAPER)
+    marked = {name: _mark(figure, dark, light) for name, figure in figures.items()}
+    return Nonuniformity(**marked, difference=light.mean - dark.mean)
 
 
 @dataclass(frozen=True)
@@ -152,21 +152,39 @@ class _Spatial:
     terms: Callable[[MeanSquares], list[MeanSquare]]
     measured: list[MeanSquare]
 
-    def less(self, *noises: Noise, scale: float = 1.0) -> tuple[float, float, float]:
+    def sigma_without(self, *noises: Noise, scale: float = 1.0) -> tuple[float, float, float]:
         """(value, low, high) of the standard deviation without so much noise; no value if that is not known."""
         if not self.measured:
             return (math.nan,) * 3
-        if any(noise is None for noise, _ in noises):
-            return math.nan, 0.0, root(self.measured, scale)[2]
-        removed = [
-            one.times(-times) for noise, times in noises if noise for one in self.terms(noise)
-        ]
+        removed: list[MeanSquare] = []
+        for noise, times in noises:
+            if noise is None:
+                return math.nan, 0.0, root(self.measured, scale)[2]
+            removed += [term.times(-times) for term in self.terms(noise)]
         return root([*self.measured, *removed], scale)
 
 
-def _noise(stack: Stack) -> MeanSquares | None:
+def _noise_of_mean(stack: Stack) -> MeanSquares | None:
     """Mean squares of temporal noise in the mean of the frames; None for one frame."""
-    return temporal_mean_squares(stack).divided((len(stack),) * 3) if len(stack) > 1 else None
+    frames = len(stack)
+    if frames == 1:
+        return None
+    return temporal_mean_squares(stack).divided((frames, frames, frames))
+
+
+def _mark(figure: Quantity, dark: Stack, light: Stack) -> Quantity:
+    """The figure with what restricts it: lines, frames, clipped values, rounding, a value of 0."""
+    stacks = (dark, light) if figure.unit == "%" else (dark,)
+    if math.isnan(figure.high):
+        figure = figure.noted(
+            "a single line of pixels: rows, columns and pixels are not told apart"
+        )
+    figure = mark_clipped_sigma(figure, *stacks)
+    if figure.low == 0 and len(dark) > 1 and len(light) > 1:
+        figure = figure.noted("not told from 0")
+    for stack in stacks:
+        figure = figure.noted(temporal_note(stack))
+    return figure
 
 
 def _signal(dark: Stack, light: Stack) -> float:
@@ -186,24 +204,6 @@ def _signal(dark: Stack, light: Stack) -> float:
             f"the light is {signal:g} DN brighter than the dark; pass the dark stack first, then light."
         )
     return signal
-
-
-def _marked(found: dict[str, Quantity], dark: Stack, light: Stack) -> dict[str, Quantity]:
-    """With what restricts them: lines, frames, clipped values, rounding, a value of 0."""
-    marked = {}
-    for name, one in found.items():
-        stacks = (dark, light) if one.unit == "%" else (dark,)
-        if math.isnan(one.high):
-            one = one.noted(
-                "a single line of pixels: rows, columns and pixels are not told apart"
-            )
-        one = mark_clipped_sigma(one, *stacks)
-        if one.low == 0 and len(dark) > 1 and len(light) > 1:
-            one = one.noted("not told from 0")
-        for stack in stacks:
-            one = one.noted(temporal_note(stack))
-        marked[name] = one
-    return marked
 
 
 KERNEL = np.convolve(np.convolve(np.full(7, 1 / 7), np.full(11, 1 / 11)), (0.25, 0.5, 0.25))

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import LARGEST_SHARE
+from ..frames.clipping import LARGEST_SHARE, note_left_out
 from ..frames.series import Series
 from ..frames.stack import Stack
 from ..frames.temporal import temporal
-from ..quantity import Quantity, hidden_by_clipping, unknown
+from ..quantity import Quantity, hidden_by_clipping, no_value, unknown
 from ..statistics.line_fits import line_through_origin
 from .saturation import Peak, find_peak, peak
 
@@ -32,9 +32,7 @@ FITTED = 0.7
 BINS = 100
 FEWEST_OF_A_BIN = 30
 """Pixels of a bin, below which its variance has no normal error."""
-GAIN = Quantity(
-    "K", "overall system gain", math.nan, math.nan, math.nan, "DN/e-", "EMVA 1288 R4 6.6"
-)
+GAIN = no_value("K", "overall system gain", "DN/e-", "EMVA 1288 R4 6.6")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,27 +54,23 @@ class PhotonTransfer:
 
     def plot(self, axes: Axes, log: bool = False) -> None:
         """Variance against signal with the fitted line; log for both axes logarithmic."""
-        shown = (
-            (self.signal > 0) & (self.variance > 0) if log else np.ones(len(self.signal), bool)
-        )
-        fitted = shown & self.fitted
-        bars = 1.96 * self.errors[fitted]
+        shown, begin = np.ones(len(self.signal), bool), 0.0
+        if log:
+            shown = (self.signal > 0) & (self.variance > 0)
+            begin = self.signal[shown].min()
+        fitted, others = shown & self.fitted, shown & ~self.fitted
         axes.errorbar(
             self.signal[fitted],
             self.variance[fitted],
-            bars,
+            1.96 * self.errors[fitted],
             fmt="o",
             markersize=3,
             label="fitted",
         )
         axes.plot(
-            self.signal[shown & ~fitted],
-            self.variance[shown & ~fitted],
-            "s",
-            markersize=3,
-            label="not fitted",
+            self.signal[others], self.variance[others], "s", markersize=3, label="not fitted"
         )
-        ends = np.array([self.signal[shown].min() if log else 0.0, self.peak.mean[0]])
+        ends = np.array([begin, self.peak.mean[0]])
         if math.isfinite(self.gain.value):
             axes.plot(ends, self.gain.value * ends, color="black", linewidth=1, label="slope K")
         axes.set(xlabel="mean − dark mean [DN]", ylabel="variance − dark variance [DN²]")
@@ -85,28 +79,37 @@ class PhotonTransfer:
 
 
 def photon_transfer(measured: Series) -> PhotonTransfer:
-    """From flat fields and dark frames, between 0 and 70 % of saturation.
+    """Curve and K from flat fields and dark frames, between 0 and 70 % of saturation.
 
     Weights are the errors of the variances, with what all levels share by their dark frames.
     """
-    found = find_peak(measured)
-    within = (measured.signal <= FITTED * found.mean[0]) & (measured.of_flats("variance") > 0)
-    fitted, clipped = within & measured.inside, measured.why_clipped(within)
-    errors, freedom = measured.of_flats("variance_error"), measured.of_flats("freedom")
-    curve = _Curve(measured.signal, measured.excess, errors, fitted, found)
-    dark, variance = measured.of_darks("variance"), measured.of_flats("variance")
+    ends = find_peak(measured)
+    variance, errors = measured.of_flats("variance"), measured.of_flats("variance_error")
+    freedom, dark_variance = measured.of_flats("freedom"), measured.of_darks("variance")
+    within = (measured.signal <= FITTED * ends.mean[0]) & (variance > 0)
+    fitted = within & measured.inside
+    curve = _Curve(measured.signal, measured.excess, errors, fitted, ends)
 
     def covariance(gain: float) -> Float64Array:
-        own = _errors(
-            dark + gain * np.maximum(measured.signal, 0), fitted, (variance, errors, freedom)
+        model = dark_variance + gain * np.maximum(measured.signal, 0)
+        own = np.hypot(
+            _errors_by_model(model, fitted, (variance, errors, freedom)),
+            gain * measured.of_flats("mean_error"),
         )
-        own = np.hypot(own, gain * measured.of_flats("mean_error"))
-        shared = measured.shared(measured.dark_variance_error) + measured.shared(
-            gain * measured.of_darks("mean_error")
-        )
+        shared = measured.shared(measured.dark_variance_error)
+        shared = shared + measured.shared(gain * measured.of_darks("mean_error"))
         return np.asarray(np.diag(own**2) + shared)
 
-    return _fit(curve, covariance, clipped)
+    return _fit(curve, covariance, measured.why_clipped(within))
+
+
+class _Darkness(NamedTuple):
+    """Mean [DN], variance and its standard error [DN²] without light, and why they are clipped, or nothing."""
+
+    mean: float
+    variance: float
+    error: float
+    clipped: str
 
 
 def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonTransfer:
@@ -115,105 +118,115 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     Without dark frames, signal and variance are counted from those of the darkest bin, and the note says so.
     Raises InputError for a scene with less than 5 levels of 30 pixels.
     """
-    found = temporal(scene)
-    below = None if dark is None else temporal(dark)
-    if below is not None and below.mean.shape != found.mean.shape:
-        sizes = f"{found.mean.shape} pixels, the dark frames {below.mean.shape}"
-        raise InputError(f"{scene.source}: the scene has {sizes}; pass frames of equal size.")
-    x = (found.mean if below is None else found.mean - below.mean).ravel()
-    mean, variance, error, count, clipped = _bins(
-        x, found.variance.ravel(), scene.clipping.shares_of_pixels(scene.frames).ravel()
-    )
-    if len(mean) < 5:
-        raise InputError(
-            f"{scene.source}: {len(mean)} levels of {FEWEST_OF_A_BIN} pixels or more between {x.min():.4g} and "
-            f"{x.max():.4g} DN; pass a scene that runs from darkness to saturation."
+    statistics = temporal(scene)
+    notes = [statistics.drift_note]
+    if dark is None:
+        bins = _bin_pixels(scene, statistics.mean, statistics.variance)
+        clipped = _note_clipped_scene(scene) if bins.clipped[0] > LARGEST_SHARE else ""
+        darkness = _Darkness(
+            float(bins.mean[0]), float(bins.variance[0]), float(bins.error[0]), clipped
         )
-    base = float(mean[0]) if below is None else 0.0
-    floor, floor_error = (
-        (variance[0], error[0])
-        if below is None
-        else (below.variance.mean(), below.variance_error)
-    )
-    top = None
-    if scene.bits is not None:
-        top = 2**scene.bits - 1 - base - (0.0 if below is None else float(below.mean.mean()))
-    first = 1 if below is None else 0
-    signal, excess, error, count = (
-        mean[first:] - base,
-        variance[first:] - floor,
-        error[first:],
-        count[first:],
-    )
-    ends = peak(signal, excess, error, top)
-    within = (signal <= FITTED * ends.mean[0]) & (excess + floor > 0)
-    inside = clipped <= LARGEST_SHARE
-    darkness_is_clipped = not inside[0] if dark is None else dark.clipping.clipped
-    fitted = within & inside[first:] & (not darkness_is_clipped)
-    freedom = count * (found.frames - 1)
+        bins = bins.without_darkest()
+        notes.insert(0, "signal is counted from the darkest pixels: no dark frames")
+    else:
+        below = temporal(dark)
+        if below.mean.shape != statistics.mean.shape:
+            sizes = f"{statistics.mean.shape} pixels, the dark frames {below.mean.shape}"
+            raise InputError(
+                f"{scene.source}: the scene has {sizes}; pass frames of equal size."
+            )
+        bins = _bin_pixels(scene, statistics.mean - below.mean, statistics.variance)
+        clipped = dark.clipping.note if dark.clipping.clipped else ""
+        darkness = _Darkness(
+            float(below.mean.mean()),
+            float(below.variance.mean()),
+            below.variance_error,
+            clipped,
+        )
+    top = None if scene.bits is None else 2**scene.bits - 1 - darkness.mean
+    excess = bins.variance - darkness.variance
+    ends = peak(bins.mean, excess, bins.error, top)
+    if ends.limited_by == "not reached":
+        notes.append("the scene does not reach saturation")
+    variance = excess + darkness.variance
+    within = (bins.mean <= FITTED * ends.mean[0]) & (variance > 0)
+    fitted = within & (bins.clipped <= LARGEST_SHARE) & (not darkness.clipped)
+    freedom = bins.pixels * (statistics.frames - 1)
 
     def covariance(gain: float) -> Float64Array:
-        model = floor + gain * np.maximum(signal, 0)
+        model = darkness.variance + gain * np.maximum(bins.mean, 0)
         own = np.hypot(
-            _errors(model, fitted, (excess + floor, error, freedom)),
+            _errors_by_model(model, fitted, (variance, bins.error, freedom)),
             gain * np.sqrt(model / freedom),
         )
-        return np.asarray(np.diag(own**2) + floor_error**2)
+        return np.asarray(np.diag(own**2) + darkness.error**2)
 
-    notes = [
-        "signal is counted from the darkest pixels: no dark frames" if below is None else "",
-        found.drift_note,
-    ]
-    notes += _open_end(ends)
-    why = ""
+    why_left_out = ""
     if (within & ~fitted).any():
-        why = (
-            dark.clipping.note
-            if dark is not None and dark.clipping.clipped
-            else _why_of_scene(scene)
-        )
-    return _fit(
-        _Curve(signal, excess, error, fitted, ends),
-        covariance,
-        why,
-        [one for one in notes if one],
-    )
+        why_left_out = darkness.clipped or _note_clipped_scene(scene)
+    curve = _Curve(bins.mean, excess, bins.error, fitted, ends)
+    return _fit(curve, covariance, why_left_out, [note for note in notes if note])
 
 
-def _why_of_scene(scene: Stack) -> str:
+def _note_clipped_scene(scene: Stack) -> str:
     black, top = scene.clipping.black, scene.clipping.saturated
     return f"{black:.2%} of the values of the scene are 0 and {top:.2%} are at the largest code"
 
 
-def _open_end(ends: Peak) -> list[str]:
-    return ["the scene does not reach saturation"] if ends.limited_by == "not reached" else []
+class _Bins(NamedTuple):
+    """Bins of pixels whose means are about equal, (bins,) each.
+
+    mean, variance : of the pixels' means [DN] and variances [DN²].  error : standard error of that variance.
+    pixels : in each bin.  clipped : share of the frames in which they are clipped.
+    """
+
+    mean: Float64Array
+    variance: Float64Array
+    error: Float64Array
+    pixels: Float64Array
+    clipped: Float64Array
+
+    def without_darkest(self) -> _Bins:
+        """All bins but the first, whose mean is subtracted from theirs."""
+        mean, variance, error, pixels, clipped = (values[1:] for values in self)
+        return _Bins(mean - float(self.mean[0]), variance, error, pixels, clipped)
 
 
-def _bins(
-    x: Float64Array, variance: Float64Array, clipped: Float64Array
-) -> tuple[Float64Array, ...]:
-    """Means, mean variances, their standard errors, pixels, and clipped shares of bins of equal width, without bins of
-    few pixels."""
+def _bin_pixels(scene: Stack, means: Float64Array, variances: Float64Array) -> _Bins:
+    """Bins of equal width of the pixels' means, without bins of few pixels, (H, W) each.
+
+    Raises InputError where fewer than 5 bins are left.
+    """
+    x, variance = means.ravel(), variances.ravel()
+    clipped = scene.clipping.shares_of_pixels(scene.frames).ravel()
     width = max(float(np.ptp(x)), 1e-9) / BINS
     index = np.minimum(((x - x.min()) / width).astype(np.intp), BINS - 1)
     kept = np.bincount(index, minlength=BINS) >= FEWEST_OF_A_BIN
     count = np.bincount(index, minlength=BINS)[kept].astype(np.float64)
-    mean, average, square, share = (
-        np.bincount(index, one, BINS)[kept] / count
-        for one in (x, variance, variance**2, clipped)
-    )
-    return mean, average, np.sqrt(np.maximum(square - average**2, 0) / count), count, share
+    if len(count) < 5:
+        raise InputError(
+            f"{scene.source}: {len(count)} levels of {FEWEST_OF_A_BIN} pixels or more between {x.min():.4g} and "
+            f"{x.max():.4g} DN; pass a scene that runs from darkness to saturation."
+        )
+
+    def average(values: Float64Array) -> Float64Array:
+        return np.bincount(index, values, BINS)[kept] / count
+
+    mean_variance = average(variance)
+    scatter = np.maximum(average(variance**2) - mean_variance**2, 0)
+    error = np.sqrt(scatter / count)
+    return _Bins(average(x), mean_variance, error, count, average(clipped))
 
 
-def _errors(
-    model: Float64Array, fitted: NDArray[np.bool_], found: tuple[Float64Array, ...]
+def _errors_by_model(
+    model: Float64Array, fitted: NDArray[np.bool_], measured: tuple[Float64Array, ...]
 ) -> Float64Array:
-    """Standard errors of variances that a line gives; found are variances, their errors and degrees of freedom.
+    """Standard errors of variances that a line gives; measured are variances, their errors and degrees of freedom.
 
     Taken from the line, not from each level, since a level that comes out low by chance would weigh more. They are as
     much larger than those of normal noise as the fitted levels' are on average.
     """
-    variance, error, freedom = found
+    variance, error, freedom = measured
     excess = float(np.mean((error[fitted] / variance[fitted]) ** 2 * freedom[fitted] / 2))
     return np.asarray(model * np.sqrt(2 * max(excess, 0.5) / freedom))
 
@@ -242,20 +255,16 @@ def _fit(
             nothing = hidden_by_clipping(GAIN, clipped)
         return PhotonTransfer(nothing, replace(nothing, symbol="K_0"), *curve)
     x, y = curve.signal[used], curve.variance[used]
-    gain = float(np.median(y[x > 0] / x[x > 0])) if (x > 0).any() else 0.0
+    positive = x > 0
+    slope = float(np.median(y[positive] / x[positive])) if positive.any() else 0.0
     for _ in range(4):
-        line = line_through_origin(x, y, covariance(max(gain, 1e-12))[np.ix_(used, used)])
-        gain = line.slope
-    left_out = f"levels with clipped values are left out ({clipped})" if clipped else ""
-    note = "; ".join(filter(None, (line.note, left_out, *notes)))
-    known = replace(GAIN, value=line.slope, low=line.low, high=line.high, note=note)
+        line = line_through_origin(x, y, covariance(max(slope, 1e-12))[np.ix_(used, used)])
+        slope = line.slope
+    note = "; ".join(filter(None, (line.note, note_left_out(clipped), *notes)))
+    gain = replace(GAIN, value=line.slope, low=line.low, high=line.high, note=note)
+    if used.sum() < 3:
+        note = f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
+    name = "gain at zero of a parabola"
     value, low, high = line.initial
-    few = (
-        ""
-        if used.sum() > 2
-        else f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
-    )
-    initial = replace(
-        GAIN, symbol="K_0", name="gain at zero of a parabola", value=value, low=low, high=high
-    )
-    return PhotonTransfer(known, replace(initial, note=few or note), *curve)
+    initial = replace(GAIN, symbol="K_0", name=name, value=value, low=low, high=high, note=note)
+    return PhotonTransfer(gain, initial, *curve)

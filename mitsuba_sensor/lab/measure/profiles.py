@@ -11,7 +11,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
-from ..quantity import Quantity, student_interval
+from ..quantity import Quantity, no_value, student_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,8 @@ class Profile:
     def plot(self, ax: Axes) -> None:
         """The four curves against the number of the pixel."""
         for name in ("largest", "middle", "mean", "smallest"):
-            ax.plot(getattr(self, name), lw=1.6 if name == "mean" else 0.8, label=name)
+            width = 1.6 if name == "mean" else 0.8
+            ax.plot(getattr(self, name), lw=width, label=name)
         line = "column" if self.direction == "horizontal" else "row"
         ax.set(xlabel=f"number of the {line}", ylabel="value [DN]")
 
@@ -49,39 +50,44 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
     Raises InputError for a mosaic, and for a dark stack of another size.
     """
     stack.require_one_filter()
-    if dark is not None and dark.shape != stack.shape:
-        raise InputError(
-            f"the dark frames have shape {dark.shape}, the others {stack.shape}; pass the same size."
-        )
-    image = stack.mean - (dark.mean if dark is not None else 0.0)
-    stacks = (stack,) if dark is None else (stack, dark)
-    horizontal, vertical = (
-        replace(one, slope=mark_clipped(one.slope, *stacks))
-        for one in (_profile("horizontal", image), _profile("vertical", image.T))
+    image, stacks = stack.mean, [stack]
+    if dark is not None:
+        if dark.shape != stack.shape:
+            raise InputError(
+                f"the dark frames have shape {dark.shape}, the others {stack.shape}; pass the same size."
+            )
+        image = image - dark.mean
+        stacks.append(dark)
+    horizontal, vertical = _profile("horizontal", image), _profile("vertical", image.T)
+    return (
+        replace(horizontal, slope=mark_clipped(horizontal.slope, *stacks)),
+        replace(vertical, slope=mark_clipped(vertical.slope, *stacks)),
     )
-    return horizontal, vertical
 
 
 def _profile(direction: str, image: Float64Array) -> Profile:
+    """Profile along the second direction of an image."""
     mean = image.mean(axis=0)
-    middle = image[image.shape[0] // 2]
     return Profile(
-        direction, mean, image.min(axis=0), image.max(axis=0), middle, _slope(direction, mean)
+        direction=direction,
+        mean=mean,
+        smallest=image.min(axis=0),
+        largest=image.max(axis=0),
+        middle=image[image.shape[0] // 2],
+        slope=_slope(direction, mean),
     )
 
 
 def _slope(direction: str, mean: Float64Array) -> Quantity:
     """Least squares; the interval from the scatter of the lines about the straight line, which FPN of lines makes."""
     count = len(mean)
-    name = "change along the " + ("rows" if direction == "horizontal" else "columns")
+    along = "rows" if direction == "horizontal" else "columns"
+    symbol, name = f"Δ_{direction}", f"change along the {along}"
     if count < 3:
-        note = "needs 3 lines at least"
-        return Quantity(f"Δ_{direction}", name, np.nan, np.nan, np.nan, "DN", SECTION, note)
+        return no_value(symbol, name, "DN", SECTION, "needs 3 lines at least")
     place = np.linspace(-0.5, 0.5, count)
     power = float(place @ place)
     slope = float(place @ mean) / power
     rest = mean - mean.mean() - slope * place
     error = float(np.sqrt(rest @ rest / (count - 2) / power))
-    return Quantity(
-        f"Δ_{direction}", name, *student_interval(slope, error, count - 2), "DN", SECTION
-    )
+    return Quantity(symbol, name, *student_interval(slope, error, count - 2), "DN", SECTION)

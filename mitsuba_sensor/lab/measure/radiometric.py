@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.types import Float64Array
+from ..frames.clipping import note_left_out
 from ..frames.series import Series
-from ..quantity import Quantity, hidden_by_clipping, quotient, unknown
+from ..quantity import Quantity, hidden_by_clipping, no_value, quotient, unknown
 from ..statistics.line_fits import line_through_origin
 from .saturation import Peak, find_peak
 
@@ -23,9 +24,7 @@ FITTED = 0.05, 0.7
 """
 LINEAR = 0.05, 0.95
 """Part of the saturation signal over which the linearity error is averaged, EMVA 1288 R4 6.7."""
-EFFICIENCY = Quantity(
-    "η", "quantum efficiency", math.nan, math.nan, math.nan, "1", "EMVA 1288 R4 2.1"
-)
+EFFICIENCY = no_value("η", "quantum efficiency", "1", "EMVA 1288 R4 2.1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,31 +45,28 @@ class Radiometric:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """All of them."""
+        """Responsivity and linearity error."""
         return self.responsivity, self.linearity_error
 
     def efficiency(self, gain: Quantity) -> Quantity | None:
         """η = R / K (EMVA 1288 R4 2.1), None where photons are not known."""
-        return quotient(self.responsivity, gain, EFFICIENCY) if self.photons_known else None
+        if not self.photons_known:
+            return None
+        return quotient(self.responsivity, gain, EFFICIENCY)
 
     @property
     def light_label(self) -> str:
-        """Of the axis."""
+        """Label of the axis on which the light is drawn."""
         return "photons per pixel" if self.photons_known else "exposure time [s]"
 
     def plot(self, axes: Axes, log: bool = False) -> None:
         """Signal and noise against light, with the line of R; log for both axes logarithmic."""
         axes.plot(self.light, self.signal, "o", markersize=3, label="mean − dark mean")
         axes.plot(self.light, self.noise, "s", markersize=3, label="standard deviation")
-        if math.isfinite(self.responsivity.value):
-            shown = self.light[self.responsivity.value * self.light <= 1.05 * self.signal.max()]
-            axes.plot(
-                shown,
-                self.responsivity.value * shown,
-                color="black",
-                linewidth=1,
-                label="slope R",
-            )
+        slope = self.responsivity.value
+        if math.isfinite(slope):
+            shown = self.light[slope * self.light <= 1.05 * self.signal.max()]
+            axes.plot(shown, slope * shown, color="black", linewidth=1, label="slope R")
         axes.set(xlabel=self.light_label, ylabel="signal, noise [DN]")
         if log:
             axes.set(xscale="log", yscale="log")
@@ -85,87 +81,83 @@ class Radiometric:
 
 
 def radiometric(measured: Series) -> Radiometric:
-    """From flat fields and dark frames; where photons are not known, against the exposure time."""
+    """Response of flat fields and dark frames to photons, or to the exposure time where photons are not known."""
     unit = "DN/p" if measured.photons_known else "DN/s"
-    responsivity = Quantity(
-        "R", "responsivity", math.nan, math.nan, math.nan, unit, "EMVA 1288 R4 6.6"
-    )
-    error = Quantity(
-        "LE", "linearity error", math.nan, math.nan, math.nan, "%", "EMVA 1288 R4 6.7"
-    )
+    responsivity = no_value("R", "responsivity", unit, "EMVA 1288 R4 6.6")
+    error = no_value("LE", "linearity error", "%", "EMVA 1288 R4 6.7")
     light, deviation = measured.light, np.full(len(measured.flats), math.nan)
-    noise = np.sqrt(measured.of_flats("variance"))
-    found = find_peak(measured)
     if len(set(light.tolist())) < 2 and len(light) > 1:
         nothing = "neither photons nor exposure times tell the levels apart"
-        parts = unknown(responsivity, nothing), unknown(error, nothing)
+        responsivity, error = unknown(responsivity, nothing), unknown(error, nothing)
     else:
-        error, deviation = _linearity(measured, found, error)
-        parts = _responsivity(measured, found, responsivity), error
-    return Radiometric(*parts, light, measured.signal, noise, deviation, measured.photons_known)
-
-
-def _within(measured: Series, found: Peak, part: tuple[float, float]) -> NDArray[np.bool_]:
-    share = measured.signal / max(found.mean[0], 1e-300)
-    return np.asarray(
-        (share >= part[0]) & (share <= part[1]) & (measured.light > 0) & (measured.signal > 0)
+        ends = find_peak(measured)
+        error, deviation = _linearity(measured, ends, error)
+        responsivity = _responsivity(measured, ends, responsivity)
+    return Radiometric(
+        responsivity=responsivity,
+        linearity_error=error,
+        light=light,
+        signal=measured.signal,
+        noise=np.sqrt(measured.of_flats("variance")),
+        deviation=deviation,
+        photons_known=measured.photons_known,
     )
+
+
+def _select_levels(
+    measured: Series, ends: Peak, part: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Which levels are lit and within this part of the saturation signal."""
+    share = measured.signal / max(ends.mean[0], 1e-300)
+    within = (share >= part[0]) & (share <= part[1])
+    return np.asarray(within & (measured.light > 0) & (measured.signal > 0))
 
 
 def _covariance(measured: Series) -> Float64Array:
+    """Covariance of the signals of all flat fields [DN²]: flats of one exposure time share their dark frames."""
     own = np.maximum(measured.of_flats("light_error"), 1e-9 * np.abs(measured.signal))
-    return np.asarray(
-        np.diag(np.maximum(own, 1e-12) ** 2) + measured.shared(measured.of_darks("light_error"))
-    )
+    shared = measured.shared(measured.of_darks("light_error"))
+    return np.asarray(np.diag(np.maximum(own, 1e-12) ** 2) + shared)
 
 
-def _responsivity(measured: Series, found: Peak, like: Quantity) -> Quantity:
-    used = _within(measured, found, FITTED)
+def _responsivity(measured: Series, ends: Peak, like: Quantity) -> Quantity:
+    """R: slope of the line through the origin."""
+    used = _select_levels(measured, ends, FITTED)
     clipped = measured.why_clipped(used)
     used &= measured.inside
     if not used.any():
-        nothing = unknown(like, "no level lies between 5 and 70 % of saturation")
-        return hidden_by_clipping(like, clipped) if clipped else nothing
-    line = line_through_origin(
-        measured.light[used], measured.signal[used], _covariance(measured)[np.ix_(used, used)]
-    )
+        if clipped:
+            return hidden_by_clipping(like, clipped)
+        return unknown(like, "no level lies between 5 and 70 % of saturation")
+    covariance = _covariance(measured)[np.ix_(used, used)]
+    line = line_through_origin(measured.light[used], measured.signal[used], covariance)
     responsivity = replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
-    return responsivity.noted(_left_out(clipped))
+    return responsivity.noted(note_left_out(clipped))
 
 
-def _left_out(clipped: str) -> str:
-    return f"levels with clipped values are left out ({clipped})" if clipped else ""
-
-
-def _linearity(measured: Series, found: Peak, like: Quantity) -> tuple[Quantity, Float64Array]:
+def _linearity(measured: Series, ends: Peak, like: Quantity) -> tuple[Quantity, Float64Array]:
     """LE: mean |y - ŷ|/ŷ over 5 to 95 % of saturation, about a line a + bH whose relative deviations are least.
 
     Noise of the means e moves it by at most the mean of |e|/ŷ, which is the half width of the interval.
     """
     deviation = np.full(len(measured.light), math.nan)
-    used = _within(measured, found, LINEAR)
+    used = _select_levels(measured, ends, LINEAR)
     clipped = measured.why_clipped(used)
     used &= measured.inside
     if used.sum() < 3:
-        few = unknown(
-            like, f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed"
-        )
-        return hidden_by_clipping(like, clipped) if clipped else few, deviation
+        if clipped:
+            return hidden_by_clipping(like, clipped), deviation
+        few = f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed"
+        return unknown(like, few), deviation
     x, y = measured.light[used], measured.signal[used]
-    line = np.polynomial.polynomial.polyval(
-        x, np.polynomial.polynomial.polyfit(x, y, 1, w=1 / y)
-    )
+    coefficients = np.polynomial.polynomial.polyfit(x, y, 1, w=1 / y)
+    line = np.polynomial.polynomial.polyval(x, coefficients)
     deviation[used] = 100 * (y - line) / line
     value = float(np.abs(deviation[used]).mean())
-    noise = (
-        100
-        * np.hypot(
-            measured.of_flats("light_error")[used], measured.of_darks("light_error")[used]
-        )
-        / line
-    )
+    errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))
+    noise = 100 * errors[used] / line
     # mean and standard deviation of |e| of normal e: sqrt(2/π) and sqrt(1 - 2/π) times σ
     half = math.sqrt(2 / math.pi) * float(noise.mean())
     half += 1.645 * math.sqrt(1 - 2 / math.pi) * float(np.sqrt((noise**2).sum())) / len(noise)
     error = replace(like, value=value, low=max(0.0, value - half), high=value + half)
-    return error.noted(_left_out(clipped)), deviation
+    return error.noted(note_left_out(clipped)), deviation

@@ -62,25 +62,28 @@ class TelegraphPixels:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """Both."""
+        """Fraction of the pixels and median step."""
         return self.fraction, self.step
 
     def per_gain(self, gain_dn_per_e: float) -> TelegraphPixels:
-        """Steps in electrons."""
-        arrays = {
-            name: getattr(self, name) / gain_dn_per_e
-            for name in ("steps", "step_errors", "detectable")
-        }
-        return replace(self, step=self.step.scaled(1 / gain_dn_per_e, "e-"), **arrays)
+        """The same pixels with their steps in electrons."""
+        return replace(
+            self,
+            step=self.step.scaled(1 / gain_dn_per_e, "e-"),
+            steps=self.steps / gain_dn_per_e,
+            step_errors=self.step_errors / gain_dn_per_e,
+            detectable=self.detectable / gain_dn_per_e,
+        )
 
     def plot(self, ax: Axes) -> None:
         """Share of the frames in the upper level against the step, with standard errors of some."""
-        some = slice(None, None, max(1, len(self.steps) // MOST_BARS))
-        bars = self.shares[some], self.share_errors[some], self.step_errors[some]
+        every = slice(None, None, max(1, len(self.steps) // MOST_BARS))
         ax.plot(self.steps, self.shares, ".", ms=4, label="RTS pixels")
         ax.errorbar(
-            self.steps[some],
-            *bars,
+            self.steps[every],
+            self.shares[every],
+            self.share_errors[every],
+            self.step_errors[every],
             fmt="none",
             elinewidth=0.5,
             ecolor="0.6",
@@ -95,71 +98,85 @@ class TelegraphPixels:
 
 
 def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
-    """Of 8 dark frames or more, without what whole frames share.
+    """RTS pixels of 8 dark frames or more, without what whole frames share.
 
     false_alarm : probability that one pixel or more of a stack without RTS is named, if temporal noise is normal.
     Pixels whose variance is small, or whose levels are closer than 2.5 σ, are not found.
     Raises InputError for a mosaic, fewer frames, and a false alarm that is no probability.
     """
     stack.require_one_filter()
-    if len(stack) < FEWEST_FRAMES or not 0 < false_alarm < 1:
+    frames = len(stack)
+    if frames < FEWEST_FRAMES or not 0 < false_alarm < 1:
         raise InputError(
-            f"{len(stack)} frames and false_alarm {false_alarm!r}; RTS pixels need at least {FEWEST_FRAMES} frames and "
+            f"{frames} frames and false_alarm {false_alarm!r}; RTS pixels need at least {FEWEST_FRAMES} frames and "
             "a probability between 0 and 1."
         )
-    quiet = max(
-        float(np.median(stack.variance)),
-        TWO_CODES_DN2 if stack.frames.dtype.kind != "f" else 0.0,
-    )
+    quiet_dn2 = float(np.median(stack.variance))
+    if stack.frames.dtype.kind != "f":
+        quiet_dn2 = max(quiet_dn2, TWO_CODES_DN2)
     limit = 2 * math.log(TAIL * stack.mean.size / false_alarm)
-    screened = stack.variance > quiet * scipy.special.chdtri(len(stack) - 1, SCREEN) / (
-        len(stack) - 1
-    )
-    rows, columns = np.nonzero(screened & (stack.variance > 0))
-    found = [
-        _fitted(stack, (rows[i : i + PIXELS], columns[i : i + PIXELS]), quiet, limit)
-        for i in range(0, rows.size, PIXELS)
-    ]
-    table = np.concatenate([np.zeros((6, 0)), *found], axis=1)
-    count, pixels = table.shape[1], stack.mean.size
-    fraction = Quantity(
-        "RTS", "share of RTS pixels", *share_interval(count, pixels), "", SECTION
-    ).scaled(100, "%")
-    step = Quantity("ΔRTS", "median step of the RTS pixels", *_median(table[2]), "DN", SECTION)
-    step = step if count else step.noted("no RTS pixels")
-    detectable = _detectable(quiet, limit, len(stack))
+    screen = quiet_dn2 * scipy.special.chdtri(frames - 1, SCREEN) / (frames - 1)
+    rows, columns = np.nonzero((stack.variance > screen) & (stack.variance > 0))
+    tables = [np.zeros((6, 0))]
+    for begin in range(0, rows.size, PIXELS):
+        places = rows[begin : begin + PIXELS], columns[begin : begin + PIXELS]
+        tables.append(_fit_pixels(stack, places, quiet_dn2, limit))
+    table = np.concatenate(tables, axis=1)
+    detectable = _detectable_step(quiet_dn2, limit, frames)
+    share = share_interval(table.shape[1], stack.mean.size)
+    fraction = Quantity("RTS", "share of RTS pixels", *share, "", SECTION).scaled(100, "%")
     fraction = fraction.noted(
-        f"steps below about {detectable:.3g} DN are not found with {len(stack)} frames"
+        f"steps below about {detectable:.3g} DN are not found with {frames} frames"
     )
-    marked = [mark_clipped(one, stack) for one in (fraction, step)]
-    row, column = table[:2].astype(np.intp)
-    step_dn, step_error, share, share_error = table[2:]
-    found_pixels = row, column, step_dn, step_error, share, share_error
-    return TelegraphPixels(marked[0], marked[1], *found_pixels, detectable)
+    median = _median_with_interval(table[2])
+    step = Quantity("ΔRTS", "median step of the RTS pixels", *median, "DN", SECTION)
+    if not table.shape[1]:
+        step = step.noted("no RTS pixels")
+    return TelegraphPixels(
+        fraction=mark_clipped(fraction, stack),
+        step=mark_clipped(step, stack),
+        rows=table[0].astype(np.intp),
+        columns=table[1].astype(np.intp),
+        steps=table[2],
+        step_errors=table[3],
+        shares=table[4],
+        share_errors=table[5],
+        detectable=detectable,
+    )
 
 
-def _fitted(
-    stack: Stack, places: tuple[NDArray[np.intp], NDArray[np.intp]], quiet: float, limit: float
+def _fit_pixels(
+    stack: Stack,
+    places: tuple[NDArray[np.intp], NDArray[np.intp]],
+    quiet_dn2: float,
+    limit: float,
 ) -> Float64Array:
     """Rows, columns, steps and shares with errors of the pixels among these that have two levels, (6, K)."""
+    rows, columns = places
     drift = stack.frame_means - stack.frame_means.mean()
     whole = stack.frames.dtype.kind != "f" and float(np.ptp(drift)) < 0.5
-    values = stack.frames[:, places[0], places[1]].T - (0.0 if whole else drift)
+    values = stack.frames[:, rows, columns].T - (0.0 if whole else drift)
     split, _ = best_split(np.sort(values, axis=1))
-    some = split < LARGEST_SPLIT
-    values, places = values[some], (places[0][some], places[1][some])
+    may_jump = split < LARGEST_SPLIT
+    values, rows, columns = values[may_jump], rows[may_jump], columns[may_jump]
     if not len(values):
         return np.zeros((6, 0))
-    fit = two_levels(values, whole, max(0.5 * math.sqrt(quiet), 0.1))
-    fewest = np.minimum(fit.share, 1 - fit.share) * len(stack) > FEWEST_IN_A_LEVEL - 0.5
-    chosen = (fit.gain > limit) & fewest & (fit.upper - fit.lower > APART * fit.sigma)
+    fit = two_levels(values, whole, max(0.5 * math.sqrt(quiet_dn2), 0.1))
+    step = fit.upper - fit.lower
+    frames_in_rarer_level = np.minimum(fit.share, 1 - fit.share) * len(stack)
+    chosen = fit.gain > limit
+    chosen &= frames_in_rarer_level > FEWEST_IN_A_LEVEL - 0.5
+    chosen &= step > APART * fit.sigma
     step_errors, share_errors = _errors(fit, values)
-    table = np.array([*places, fit.upper - fit.lower, step_errors, fit.share, share_errors])
+    table = np.array([rows, columns, step, step_errors, fit.share, share_errors])
     return np.asarray(table[:, chosen])
 
 
 def _errors(fit: TwoLevels, values: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Of the step, and of the share of a state that lasts: (1 + ρ)/(1 − ρ) times the variance of independent frames."""
+    """Standard errors of the step, and of the share of the upper level.
+
+    Of a level that lasts, the share has (1 + ρ)/(1 − ρ) times the variance of independent frames.
+    """
     frames = values.shape[1]
     step = fit.sigma * np.sqrt(1 / (fit.share * frames) + 1 / ((1 - fit.share) * frames))
     state = (values > 0.5 * (fit.lower + fit.upper)[:, None]).astype(np.float64)
@@ -170,15 +187,20 @@ def _errors(fit: TwoLevels, values: Float64Array) -> tuple[Float64Array, Float64
     return step, share
 
 
-def _median(steps: Float64Array) -> tuple[float, float, float]:
-    """With the order statistics that contain it in 95 % of all samples; fewer than 6 give the smallest and largest."""
+def _median_with_interval(steps: Float64Array) -> tuple[float, float, float]:
+    """Median, with the order statistics that contain it in 95 % of all samples.
+
+    Fewer than 6 steps give the smallest and the largest.
+    """
     if not steps.size:
         return math.nan, math.nan, math.nan
     ordered = np.sort(steps)
-    away = int(scipy.special.bdtrik(0.025, len(steps), 0.5)) if len(steps) > 5 else 0
-    return float(np.median(ordered)), float(ordered[away]), float(ordered[-1 - away])
+    beyond = 0
+    if len(steps) > 5:
+        beyond = int(scipy.special.bdtrik(0.025, len(steps), 0.5))
+    return float(np.median(ordered)), float(ordered[beyond]), float(ordered[-1 - beyond])
 
 
-def _detectable(quiet: float, limit: float, frames: int) -> float:
+def _detectable_step(quiet_dn2: float, limit: float, frames: int) -> float:
     """Step A of a pixel that is as long in both levels: N·(ln(1 + A²/4σ²) − 2 ln 2) reaches the limit."""
-    return 2 * math.sqrt(quiet * math.expm1(limit / frames + 2 * math.log(2)))
+    return 2 * math.sqrt(quiet_dn2 * math.expm1(limit / frames + 2 * math.log(2)))

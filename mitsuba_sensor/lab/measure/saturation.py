@@ -11,13 +11,16 @@ import scipy
 
 from ...core.types import Float64Array
 from ..frames.series import Series
-from ..quantity import Quantity, hidden_by_clipping, product, quotient, unknown
+from ..quantity import Quantity, hidden_by_clipping, no_value, product, quotient, unknown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Limit = Literal["well", "ADC", "not reached"]
 SECTION = "EMVA 1288 R4 2.4"
+
+
+NO_PHOTONS = "photons are not known"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +35,15 @@ class Peak:
     mean: tuple[float, float, float]
     limited_by: Limit
 
-    def at(self, means: Float64Array, values: Float64Array) -> tuple[float, float, float]:
-        """The same in another unit, by interpolation between the points of the curve; high is inf if not reached."""
+    def convert(self, means: Float64Array, values: Float64Array) -> tuple[float, float, float]:
+        """(value, low, high) in another unit, by interpolation between the points; high is inf if not reached."""
         order = np.argsort(means, kind="stable")
         value, low, high = (
-            float(np.interp(one, means[order], values[order])) for one in self.mean
+            float(np.interp(mean, means[order], values[order])) for mean in self.mean
         )
-        found = value, min(low, value), max(high, value)
-        return found if self.limited_by != "not reached" else (value, value, math.inf)
+        if self.limited_by == "not reached":
+            return value, value, math.inf
+        return value, min(low, value), max(high, value)
 
 
 def peak(
@@ -49,7 +53,7 @@ def peak(
     top: float | None,
     spread: float = 0.0,
 ) -> Peak:
-    """Of points in ascending order of light: the point with the largest variance, made finer by a model.
+    """Peak of points in ascending order of light: the point with the largest variance, made finer by a model.
 
     top : largest mean that the ADC can give [DN, as the means], None where the frames must tell.
     spread : relative standard deviation of the pixels' responses.
@@ -58,30 +62,34 @@ def peak(
     variance lies within the interval, that is taken.
     """
     index = int(np.argmax(variance))
-    after = variance[index + 1 :]
-    limited: Limit = "not reached"
-    if after.size and float(after.min()) < 0.5 * variance[index]:
-        last = float(mean[index:].max())
-        clips = (
-            float(after.min()) <= 1e-12
-            if top is None
-            else last > top - max(0.5, 1e-3 * abs(top))
-        )
-        limited = "ADC" if clips else "well"
-    tied = np.flatnonzero(
-        variance + 2.8 * error >= variance[index]
-    )  # 2.8: 1.96 times the root of 2
-    ends = [
-        max(0, min(index - 1, int(tied.min()))),
-        min(len(mean) - 1, max(index + 1, int(tied.max()))),
-    ]
-    low, high = float(mean[ends].min()), float(mean[ends].max())
-    value = _cut(mean, variance, spread) if limited != "not reached" else math.nan
-    value = value if low < value < high else float(mean[index])
+    limited = _what_limits(mean, variance, top)
+    # Points that noise does not tell from the largest: 2.8 is 1.96 times the root of 2.
+    tied = np.flatnonzero(variance + 2.8 * error >= variance[index])
+    first = max(0, min(index - 1, int(tied.min())))
+    last = min(len(mean) - 1, max(index + 1, int(tied.max())))
+    low, high = float(mean[[first, last]].min()), float(mean[[first, last]].max())
+    value = float(mean[index])
+    if limited != "not reached":
+        cut = _mean_where_cut(mean, variance, spread)
+        if low < cut < high:
+            value = cut
     return Peak(index, (value, min(low, value), max(high, value)), limited)
 
 
-def _cut(mean: Float64Array, variance: Float64Array, spread: float) -> float:
+def _what_limits(mean: Float64Array, variance: Float64Array, top: float | None) -> Limit:
+    """What ends the range: the variance falls to less than half of its maximum at the largest code, or below it."""
+    index = int(np.argmax(variance))
+    after = variance[index + 1 :]
+    if not after.size or float(after.min()) >= 0.5 * variance[index]:
+        return "not reached"
+    if top is None:
+        clips = float(after.min()) <= 1e-12
+    else:
+        clips = float(mean[index:].max()) > top - max(0.5, 1e-3 * abs(top))
+    return "ADC" if clips else "well"
+
+
+def _mean_where_cut(mean: Float64Array, variance: Float64Array, spread: float) -> float:
     """Mean at the largest variance of normal signals that are cut at the largest mean."""
     end = float(mean.max())
     straight = (mean > 0.4 * end) & (mean < 0.85 * end)
@@ -120,98 +128,96 @@ class Saturation:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """All of them."""
-        ends = (
+        """All figures, the saturation signal first."""
+        return (
             self.signal,
             self.photons,
             self.electrons,
             self.threshold_photons,
             self.threshold_electrons,
+            self.dynamic_range,
+            self.snr_max,
         )
-        return *ends, self.dynamic_range, self.snr_max
 
     def plot(self, axes: Axes) -> None:
         """Temporal variance against the mean, with the interval of its maximum."""
+        signal, _ = self.points
         axes.plot(*self.points, "o-", markersize=3, linewidth=1, label="temporal variance")
-        axes.axvspan(
-            self.signal.low,
-            min(self.signal.high, float(self.points[0].max())),
-            alpha=0.2,
-            label="saturation",
-        )
+        high = min(self.signal.high, float(signal.max()))
+        axes.axvspan(self.signal.low, high, alpha=0.2, label="saturation")
         axes.set(xlabel="mean − dark mean [DN]", ylabel="variance − dark variance [DN²]")
 
 
 def find_peak(measured: Series) -> Peak:
-    """Of a series, over the signal."""
-    top = (
-        None
-        if measured.top_code is None
-        else float(measured.top_code - measured.of_darks("mean").max())
-    )
+    """Peak of the temporal variance of a series, over the signal."""
+    top = None
+    if measured.top_code is not None:
+        top = float(measured.top_code - measured.of_darks("mean").max())
+    spread = 0.0
     lit = measured.signal > 0.4 * measured.signal.max()
-    spread = (
-        float(np.median(measured.of_flats("spread")[lit] / measured.signal[lit]))
-        if lit.any()
-        else 0.0
-    )
-    return peak(
-        measured.signal, measured.excess, measured.of_flats("variance_error"), top, spread
-    )
+    if lit.any():
+        spread = float(np.median(measured.of_flats("spread")[lit] / measured.signal[lit]))
+    errors = measured.of_flats("variance_error")
+    return peak(measured.signal, measured.excess, errors, top, spread)
 
 
 def saturation(
     measured: Series, gain: Quantity, efficiency: Quantity | None, dark_noise: Quantity
 ) -> Saturation:
-    """From a series, K [DN/e-], QE [1] or None, and σ_y.dark [DN]. Electrons come of photons where QE is known."""
-    found = find_peak(measured)
+    """Range of a series, with K [DN/e-], QE [1] or None, and σ_y.dark [DN].
 
-    def empty(symbol: str, name: str, unit: str) -> Quantity:
-        return Quantity(symbol, name, math.nan, math.nan, math.nan, unit, SECTION, _note(found))
+    Electrons are computed from photons where QE is known, else from the signal.
+    """
+    ends = find_peak(measured)
+    note = _note_limit(ends)
+    signal = no_value("µ_y.sat − µ_y.dark", "saturation signal", "DN", SECTION, note)
+    photons = no_value("µ_p.sat", "saturation capacity", "p", SECTION, note)
+    electrons = no_value("µ_e.sat", "saturation capacity", "e-", SECTION, note)
+    name = "absolute sensitivity threshold"
+    threshold_photons = no_value("µ_p.min", name, "p", SECTION)
+    threshold_electrons = no_value("µ_e.min", name, "e-", SECTION)
+    dynamic_range = no_value("DR", "dynamic range", "1", SECTION, note)
 
-    signal = _at(
-        found, measured, measured.signal, empty("µ_y.sat − µ_y.dark", "saturation signal", "DN")
-    )
-    no_light = "photons are not known"
-    photons = empty("µ_p.sat", "saturation capacity", "p")
-    electrons = empty("µ_e.sat", "saturation capacity", "e-")
+    signal = _convert_peak(ends, measured, measured.signal, signal)
+    threshold_electrons = _threshold(dark_noise, gain, threshold_electrons)
     if efficiency is None:
-        photons, electrons = unknown(photons, no_light), quotient(signal, gain, electrons)
+        photons = unknown(photons, NO_PHOTONS)
+        electrons = quotient(signal, gain, electrons)
+        threshold_photons = unknown(threshold_photons, NO_PHOTONS)
     else:
-        photons = _at(found, measured, measured.light, photons)
+        photons = _convert_peak(ends, measured, measured.light, photons)
         electrons = product(photons, efficiency, electrons)
-    least = _threshold(
-        dark_noise,
-        gain,
-        replace(empty("µ_e.min", "absolute sensitivity threshold", "e-"), note=""),
-    )
-    fewest = replace(empty("µ_p.min", "absolute sensitivity threshold", "p"), note="")
-    fewest = (
-        unknown(fewest, no_light) if efficiency is None else quotient(least, efficiency, fewest)
-    )
-    root = replace(electrons, symbol="SNR_max", name="maximum signal-to-noise ratio", unit="1")
-    value, low, high = (
-        math.sqrt(one) for one in (electrons.value, electrons.low, electrons.high)
-    )
+        threshold_photons = quotient(threshold_electrons, efficiency, threshold_photons)
     return Saturation(
-        signal,
-        photons,
-        electrons,
-        fewest,
-        least,
-        quotient(electrons, least, empty("DR", "dynamic range", "1")),
-        replace(root, value=value, low=low, high=high),
-        found,
-        (measured.signal, measured.excess),
+        signal=signal,
+        photons=photons,
+        electrons=electrons,
+        threshold_photons=threshold_photons,
+        threshold_electrons=threshold_electrons,
+        dynamic_range=quotient(electrons, threshold_electrons, dynamic_range),
+        snr_max=replace(
+            electrons,
+            symbol="SNR_max",
+            name="maximum signal-to-noise ratio",
+            unit="1",
+            value=math.sqrt(electrons.value),
+            low=math.sqrt(electrons.low),
+            high=math.sqrt(electrons.high),
+        ),
+        peak=ends,
+        points=(measured.signal, measured.excess),
     )
 
 
-def _at(found: Peak, measured: Series, values: Float64Array, like: Quantity) -> Quantity:
-    value, low, high = found.at(measured.signal, values)
-    if found.mean[0] <= 0:
+def _convert_peak(
+    ends: Peak, measured: Series, values: Float64Array, like: Quantity
+) -> Quantity:
+    """The peak of a series in the unit of these values, one for each level."""
+    if ends.mean[0] <= 0:
         return unknown(like, "no flat field is brighter than the dark frames")
     if measured.clipped_darks:
         return hidden_by_clipping(like, measured.clipped_darks)
+    value, low, high = ends.convert(measured.signal, values)
     return replace(like, value=value, low=low, high=high)
 
 
@@ -219,16 +225,15 @@ def _threshold(dark_noise: Quantity, gain: Quantity, like: Quantity) -> Quantity
     """µ_e.min = sqrt(σ_y.dark²/K² + 1/4) + 1/2, where the signal equals its noise (EMVA 1288 R4 2.4)."""
     noise = quotient(dark_noise, gain, like)
     value, low, high = (
-        math.sqrt(one**2 + 0.25) + 0.5 for one in (noise.value, noise.low, noise.high)
+        math.sqrt(sigma**2 + 0.25) + 0.5 for sigma in (noise.value, noise.low, noise.high)
     )
     return replace(noise, value=value, low=low, high=high)
 
 
-def _note(found: Peak) -> str:
-    if found.limited_by == "ADC":
+def _note_limit(ends: Peak) -> str:
+    """What to say about the end of the range; nothing where it is the full well."""
+    if ends.limited_by == "ADC":
         return "the largest code ends the range, not the full well"
-    return (
-        ""
-        if found.limited_by == "well"
-        else "the variance does not fall at the brightest level: a lower limit"
-    )
+    if ends.limited_by == "not reached":
+        return "the variance does not fall at the brightest level: a lower limit"
+    return ""

@@ -12,7 +12,7 @@ import scipy
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
-from ..quantity import Quantity, normal_interval
+from ..quantity import Quantity, no_value, normal_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,41 +54,43 @@ def spectrograms(image: Stack | Float64Array) -> tuple[Spectrogram, Spectrogram]
     if not isinstance(image, Stack):
         return _spectrogram("horizontal", image), _spectrogram("vertical", image.T)
     image.require_one_filter()
-    along_rows, along_columns = (
-        replace(one, non_whiteness=mark_clipped(one.non_whiteness, image))
-        for one in spectrograms(image.mean)
-    )
-    return along_rows, along_columns
+    along_rows, along_columns = spectrograms(image.mean)
+    return _mark(along_rows, image), _mark(along_columns, image)
+
+
+def _mark(spectrogram: Spectrogram, stack: Stack) -> Spectrogram:
+    """The spectrogram with a figure that is marked where the frames are clipped."""
+    figure = mark_clipped(spectrogram.non_whiteness, stack)
+    return replace(spectrogram, non_whiteness=figure)
 
 
 def _spectrogram(direction: str, image: Float64Array) -> Spectrogram:
+    """Spectrogram along the rows of an image."""
     lines, length = image.shape
     mean, power = float(image.mean()), np.zeros(length + 1)
     for top in range(0, lines, LINES):
-        some = np.asarray(image[top : top + LINES], np.float64) - mean
-        power += np.square(np.abs(scipy.fft.rfft(some, 2 * length, axis=1))).sum(axis=0)
+        deviations = np.asarray(image[top : top + LINES], np.float64) - mean
+        spectrum = scipy.fft.rfft(deviations, 2 * length, axis=1)
+        power += np.square(np.abs(spectrum)).sum(axis=0)
     power /= lines * length
     frequency = np.linspace(0, 0.5, length + 1)
-    return Spectrogram(
-        direction, frequency, np.sqrt(power), _non_whiteness(direction, power, lines)
-    )
+    figure = _non_whiteness(direction, power, lines)
+    return Spectrogram(direction, frequency, np.sqrt(power), figure)
 
 
 def _non_whiteness(direction: str, power: Float64Array, lines: int) -> Quantity:
-    """The error is that of a mean over a median, from the scatter over frequencies of what each adds to their ratio.
+    """F, with the error of a mean over a median, from the scatter over frequencies of what each adds to their ratio.
 
     1.15 over the length of a line: found for white noise of 1 to 512 lines, whose neighbouring frequencies correlate as
     lines are padded. A spectrum that is smooth but not flat scatters less: its interval is too wide.
     """
     name, length = f"non-whiteness, {direction}", len(power) - 1
+    if length < 8:
+        few = f"{length} pixels a line, at least 8 are needed"
+        return no_value("F", name, "", SECTION, few)
     median = float(np.median(power))
-    if length < 8 or not median:
-        note = (
-            f"{length} pixels a line, at least 8 are needed"
-            if length < 8
-            else "the image is constant"
-        )
-        return Quantity("F", name, math.nan, math.nan, math.nan, "", SECTION, note)
+    if not median:
+        return no_value("F", name, "", SECTION, "the image is constant")
     mean = float(power.mean())
     below, above = np.quantile(power, (0.4, 0.6))
     density = 0.2 / max(above - below, 1e-12 * median)
