@@ -51,7 +51,7 @@ class Simulated:
             return np.zeros(real.shape)
         names, efficiency = self.camera.filter_names, self.camera.qe(wavelengths_nm)[:, 0]
         index = self.camera.filter_index(real.shape)
-        signal = real.mean - self.twin.base.dark.at(real.exposure_s)
+        signal = real.mean - self.twin.base.dark.expected_frame(real.exposure_s)
         found = np.zeros(real.shape)
         for number, name in enumerate(names):
             pixels = index == number

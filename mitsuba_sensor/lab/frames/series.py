@@ -195,7 +195,7 @@ def series(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = 
     notes += [dark.clipped for dark in dark_levels if dark.clipped]
     notes += _note_far_darks(levels, times)
     notes += coarse_codes(darks)
-    whole = all(_has_whole_codes(stack) for stack in (*darks, *flats))
+    whole = all(has_whole_codes(stack) for stack in (*darks, *flats))
     if not whole:
         notes.append("the frames have fractions of codes: no rounding was subtracted")
     bits = flats[0].bits
@@ -262,7 +262,8 @@ def _central_slice(size: int, side: int) -> slice:
     return slice(begin, begin + min(size, side))
 
 
-def _has_whole_codes(stack: Stack) -> bool:
+def has_whole_codes(stack: Stack) -> bool:
+    """Whether no value of the frames has a fraction."""
     if stack.frames.dtype.kind in "ui":
         return True
     return bool((stack.frames == np.round(stack.frames)).all())

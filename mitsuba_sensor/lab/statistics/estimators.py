@@ -22,13 +22,14 @@ class Spread(NamedTuple):
 
 
 def spread(values: Iterable[float]) -> Spread:
-    """Of the values of turns."""
+    """Median and quartiles of the values of turns."""
     return Spread(*statistics.quantiles(values, n=4, method="inclusive"))
 
 
 def ratio(slow: Iterable[float], fast: Iterable[float]) -> float:
     """How many times as fast the second is: the median of the turns' own ratios, whose times lie next to each other."""
-    return statistics.median(one / other for one, other in zip(slow, fast, strict=True))
+    pairs = zip(slow, fast, strict=True)
+    return statistics.median(slow_s / fast_s for slow_s, fast_s in pairs)
 
 
 class Slope(NamedTuple):
@@ -41,24 +42,20 @@ class Slope(NamedTuple):
 def slope_of_runs(runs: Iterable[tuple[Sequence[float], Sequence[float]]]) -> Slope:
     """Least squares in 2 or more runs of (x, y); points of one run share samples, so its residuals give no interval."""
     slopes = np.array([np.polyfit(np.log(x), np.log(y), 1)[0] for x, y in runs])
-    return Slope(
-        float(slopes.mean()),
-        float(scipy.special.stdtrit(len(slopes) - 1, 0.975)) * standard_error(slopes),
-    )
+    t = float(scipy.special.stdtrit(len(slopes) - 1, 0.975))
+    return Slope(float(slopes.mean()), t * standard_error(slopes))
 
 
 def standard_error(values: Float64Array) -> float:
-    """Of the mean of independent values."""
+    """Standard error of the mean of independent values."""
     return float(values.std(ddof=1)) / math.sqrt(len(values))
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
     """Indices of the points that no other beats (as small in both, smaller in one), by x; of equal ones all, no NaN."""
+    numbers = [i for i, point in enumerate(points) if not np.isnan(point).any()]
     front: list[int] = []
-    for i in sorted(
-        (i for i, point in enumerate(points) if not np.isnan(point).any()),
-        key=lambda i: points[i],
-    ):
+    for i in sorted(numbers, key=lambda i: points[i]):
         if not front or points[i][1] < points[front[-1]][1] or points[i] == points[front[-1]]:
             front.append(i)
     return tuple(front)
@@ -73,10 +70,7 @@ def z_limit(comparisons: int, false_alarm: float = 0.01) -> float:
 
 def as_normal(t: float, freedom: int) -> float:
     """The standard normal that is as unlikely as this Student's t."""
-    return (
-        math.copysign(
-            -float(scipy.special.ndtri(max(scipy.special.stdtr(freedom, -abs(t)), 1e-300))), t
-        )
-        if t
-        else 0.0
-    )
+    if not t:
+        return 0.0
+    tail = max(scipy.special.stdtr(freedom, -abs(t)), 1e-300)
+    return math.copysign(-float(scipy.special.ndtri(tail)), t)

@@ -36,7 +36,7 @@ class Family(ABC):
 
     @abstractmethod
     def fit(self, x: Float64Array, w: Float64Array) -> Parameters:
-        """Of maximum likelihood."""
+        """The parameters of maximum likelihood."""
 
     @abstractmethod
     def errors(self, p: Parameters, count: float) -> Parameters:
@@ -117,9 +117,8 @@ class Gamma(Family):
         s = max(math.log(mean) - float(w @ np.log(x)) / float(w.sum()), 1e-12)
         a = (3 - s + math.sqrt((s - 3) ** 2 + 24 * s)) / (12 * s)
         for _ in range(NEWTON_STEPS):
-            step = (math.log(a) - float(scipy.special.digamma(a)) - s) / (
-                1 / a - float(scipy.special.polygamma(1, a))
-            )
+            off = math.log(a) - float(scipy.special.digamma(a)) - s
+            step = off / (1 / a - float(scipy.special.polygamma(1, a)))
             a = max(a - step, a / 2)
             if abs(step) < 1e-9 * a:
                 break
@@ -163,6 +162,6 @@ class InverseGaussian(Family):
 
 
 FAMILIES: dict[str, Family] = {
-    one.name: one for one in (Normal(), LogNormal(), Gamma(), InverseGaussian())
+    family.name: family for family in (Normal(), LogNormal(), Gamma(), InverseGaussian())
 }
-"""By name."""
+"""All families by their names."""

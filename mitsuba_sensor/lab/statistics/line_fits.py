@@ -40,19 +40,19 @@ class LineThroughOrigin:
     @property
     def note(self) -> str:
         """What restricts the slope, or nothing."""
-        found = []
+        notes = []
         if self.curved:
             value, low, high = self.initial
-            found.append(
+            notes.append(
                 f"not straight: the slope at zero is {value:.4g} ({low:.4g} to {high:.4g}), inside the interval"
             )
         elif self.unsure:
-            found.append("the interval is extended, since the points may be curved")
+            notes.append("the interval is extended, since the points may be curved")
         if self.scattered:
-            found.append(
+            notes.append(
                 "the points scatter more than noise explains; the interval is as much wider"
             )
-        return "; ".join(found)
+        return "; ".join(notes)
 
 
 def line_through_origin(
@@ -70,18 +70,18 @@ def line_through_origin(
     if len(x) > 2:
         scale = float(np.abs(x).max())
         both, errors, chi2_curved = _fit(np.stack([x, x**2 / scale], axis=1), y, covariance)
-        worse = max(1.0, chi2_curved / (len(x) - 2)) if len(x) > 5 else 1.0
+        worse = 1.0
+        if len(x) > 5:
+            worse = max(1.0, chi2_curved / (len(x) - 2))
         curvature = abs(both[1]) / errors[1] / math.sqrt(worse)
         initial = normal_interval(both[0], errors[0] * math.sqrt(worse))
+    _, low, high = normal_interval(slope[0], error[0])
     scattered = freedom > 0 and chi2 > float(scipy.special.chdtri(freedom, SCATTER_FALSE_ALARM))
-    interval = normal_interval(slope[0], error[0])
     if scattered:
-        interval = student_interval(slope[0], error[0] * math.sqrt(chi2 / freedom), freedom)
-    low, high = interval[1:]
-    curved, unsure = (
-        curvature > -float(scipy.special.ndtri(share / 2))
-        for share in (CURVED_FALSE_ALARM, UNSURE_FALSE_ALARM)
-    )
+        wider = error[0] * math.sqrt(chi2 / freedom)
+        _, low, high = student_interval(slope[0], wider, freedom)
+    curved = curvature > _two_sided_limit(CURVED_FALSE_ALARM)
+    unsure = curvature > _two_sided_limit(UNSURE_FALSE_ALARM)
     if unsure:
         reach = 1.0 if curved else 0.5  # two standard errors beyond the slope at zero, or one
         low = min(low, initial[0] - reach * (initial[0] - initial[1]))
@@ -91,20 +91,23 @@ def line_through_origin(
     )
 
 
+def _two_sided_limit(false_alarm: float) -> float:
+    """Absolute normal value that is exceeded with this probability."""
+    return -float(scipy.special.ndtri(false_alarm / 2))
+
+
 def _fit(
     basis: Float64Array, y: Float64Array, covariance: Float64Array
 ) -> tuple[list[float], list[float], float]:
     """Coefficients, their standard errors, and chi-square."""
-    white = np.linalg.cholesky(covariance)
-    whitened = scipy.linalg.solve_triangular(white, np.column_stack([basis, y]), lower=True)
-    inverse = np.linalg.pinv(whitened[:, :-1].T @ whitened[:, :-1])
-    found = inverse @ (whitened[:, :-1].T @ whitened[:, -1])
-    rest = whitened[:, -1] - whitened[:, :-1] @ found
-    return (
-        [float(one) for one in found],
-        [float(one) for one in np.sqrt(np.diag(inverse))],
-        float(rest @ rest),
-    )
+    cholesky = np.linalg.cholesky(covariance)
+    white = scipy.linalg.solve_triangular(cholesky, np.column_stack([basis, y]), lower=True)
+    white_basis, white_y = white[:, :-1], white[:, -1]
+    inverse = np.linalg.pinv(white_basis.T @ white_basis)
+    coefficients = inverse @ (white_basis.T @ white_y)
+    rest = white_y - white_basis @ coefficients
+    errors = np.sqrt(np.diag(inverse))
+    return coefficients.tolist(), errors.tolist(), float(rest @ rest)
 
 
 @dataclass(frozen=True)
@@ -130,31 +133,33 @@ class StraightLine:
 
     @property
     def note(self) -> str:
-        """What to say of the points."""
-        return (
-            "the points do not lie on a straight line, which widens the interval"
-            if self.crooked
-            else ""
-        )
+        """What restricts the slope, or nothing."""
+        if not self.crooked:
+            return ""
+        return "the points do not lie on a straight line, which widens the interval"
 
 
 def straight_line(
     x: Float64Array, y: Float64Array, error: Float64Array, freedom: float = math.inf
 ) -> StraightLine:
-    """Through 2 points or more.  error : of y, with so many degrees of freedom; NaN where nobody knows.
+    """Weighted least squares through 2 points or more.
+
+    error : of y, with so many degrees of freedom; NaN where nobody knows.
 
     Without known errors all points weigh the same, and 2 points give a slope without an interval.
     """
-    known = bool(np.isfinite(error).all() and (error > 0).all())
-    weight = 1 / error**2 if known else np.ones(len(x))
+    errors_known = bool(np.isfinite(error).all() and (error > 0).all())
+    weight = np.ones(len(x))
+    if errors_known:
+        weight = 1 / error**2
     total = weight.sum()
     centre = float(weight @ x / total)
     power = float(weight @ (x - centre) ** 2)
     slope = float(weight @ ((x - centre) * y)) / power
     offset = float(weight @ y / total) - slope * centre
     scatter, free = float(weight @ (y - offset - slope * x) ** 2), len(x) - 2
-    crooked = known and free > 0 and float(scipy.special.chdtrc(free, scatter)) < CROOKED
-    if known and not crooked:
+    crooked = errors_known and free > 0 and float(scipy.special.chdtrc(free, scatter)) < CROOKED
+    if errors_known and not crooked:
         return StraightLine(slope, offset, power**-0.5, freedom, False)
-    spread = math.sqrt(scatter / free / power) if free else math.inf
-    return StraightLine(slope, offset, spread, max(free, 1), crooked)
+    slope_error = math.sqrt(scatter / free / power) if free else math.inf
+    return StraightLine(slope, offset, slope_error, max(free, 1), crooked)

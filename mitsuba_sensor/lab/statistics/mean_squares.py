@@ -40,7 +40,7 @@ class MeanSquare:
 
 @dataclass(frozen=True)
 class MeanSquares:
-    """Of an image of H × W pixels, with the expectations W·σ_row² + σ², H·σ_col² + σ² and σ².
+    """Mean squares of an image of H × W pixels, with the expectations W·σ_row² + σ², H·σ_col² + σ² and σ².
 
     Rows and columns are None for a single column or row, which cannot be told from its pixels.
     """
@@ -51,30 +51,33 @@ class MeanSquares:
     shape: tuple[int, int]
 
     def divided(self, by: Sequence[float]) -> MeanSquares:
-        """Rows, columns and pixels each by a number that is known."""
-        rows, columns = (
-            one and one / number
-            for one, number in zip((self.rows, self.columns), by, strict=False)
+        """Rows, columns and pixels each divided by a number that is known."""
+        pixels = self.pixels / by[2]
+        if self.rows is None or self.columns is None:
+            return replace(self, pixels=pixels)
+        return replace(
+            self, rows=self.rows / by[0], columns=self.columns / by[1], pixels=pixels
         )
-        return replace(self, rows=rows, columns=columns, pixels=self.pixels / by[2])
 
     def row_variance(self) -> list[MeanSquare]:
         """Terms of σ_row² = (rows − pixels)/W."""
-        return [self.rows / self.shape[1], -self.pixels / self.shape[1]] if self.rows else []
+        if self.rows is None:
+            return []
+        return [self.rows / self.shape[1], -self.pixels / self.shape[1]]
 
     def column_variance(self) -> list[MeanSquare]:
         """Terms of σ_col² = (columns − pixels)/H."""
-        return (
-            [self.columns / self.shape[0], -self.pixels / self.shape[0]] if self.columns else []
-        )
+        if self.columns is None:
+            return []
+        return [self.columns / self.shape[0], -self.pixels / self.shape[0]]
 
     def pixel_variance(self) -> list[MeanSquare]:
         """Terms of σ² of the pixels alone."""
-        return [self.pixels] if self.rows else []
+        return [] if self.rows is None else [self.pixels]
 
     def variance(self) -> list[MeanSquare]:
         """Terms of the sum of the three."""
-        if not (self.rows and self.columns):
+        if self.rows is None or self.columns is None:
             return [self.pixels]
         height, width = self.shape
         return [
@@ -84,13 +87,11 @@ class MeanSquares:
         ]
 
     def variance_of_mean(self) -> float:
-        """Of the mean of the image."""
-        lines = (
-            self.rows.value if self.rows else 0.0,
-            self.columns.value if self.columns else 0.0,
-        )
-        both = sum(lines) - self.pixels.value if self.rows else self.pixels.value
-        return max(both, self.pixels.value) / (self.shape[0] * self.shape[1])
+        """Variance of the mean of the image."""
+        variance = self.pixels.value
+        if self.rows is not None and self.columns is not None:
+            variance = self.rows.value + self.columns.value - self.pixels.value
+        return max(variance, self.pixels.value) / (self.shape[0] * self.shape[1])
 
 
 def combined(terms: Iterable[MeanSquare]) -> tuple[float, float, float]:
@@ -102,96 +103,99 @@ def combined(terms: Iterable[MeanSquare]) -> tuple[float, float, float]:
     total = below = above = 0.0
     z = float(scipy.special.ndtri((1 + LEVEL) / 2))
     for term in terms:
-        small, large = (
-            float(scipy.special.chdtri(term.freedom, p))
-            for p in ((1 + LEVEL) / 2, (1 - LEVEL) / 2)
-        )
-        down, up = 1 - term.freedom / large, term.freedom / small - 1 if small > 0 else math.inf
-        toward_low, toward_high = (down, up) if term.value > 0 else (up, down)
+        if not term.value:
+            continue
+        toward_low, toward_high = _relative_distances(term)
+        other = z**2 * term.other_variance
         total += term.value
-        below += (
-            (toward_low * term.value) ** 2 + z**2 * term.other_variance if term.value else 0.0
-        )
-        above += (
-            (toward_high * term.value) ** 2 + z**2 * term.other_variance if term.value else 0.0
-        )
+        below += (toward_low * term.value) ** 2 + other
+        above += (toward_high * term.value) ** 2 + other
     return total, total - math.sqrt(below), total + math.sqrt(above)
 
 
+def _relative_distances(term: MeanSquare) -> tuple[float, float]:
+    """Distances to the lower and upper limit of an estimate, over its value."""
+    small = float(scipy.special.chdtri(term.freedom, (1 + LEVEL) / 2))
+    large = float(scipy.special.chdtri(term.freedom, (1 - LEVEL) / 2))
+    down, up = 1 - term.freedom / large, math.inf
+    if small > 0:
+        up = term.freedom / small - 1
+    return (down, up) if term.value > 0 else (up, down)
+
+
 def root(terms: Iterable[MeanSquare], scale: float = 1.0) -> tuple[float, float, float]:
-    """(value, low, high) of the square root of a variance, times a factor; 0 where the variance is found negative."""
-    value, low, high = (math.sqrt(max(0.0, one)) * scale for one in combined(terms))
+    """(value, low, high) of the square root of a variance, times a factor; 0 where the variance is negative."""
+    value, low, high = (math.sqrt(max(0.0, variance)) * scale for variance in combined(terms))
     return value, low, high
 
 
 def spatial_mean_squares(
     first: Float64Array, second: Float64Array | None = None
 ) -> MeanSquares:
-    """Of one image, or mean products of two images of the same pixels, (H, W) each.
+    """Mean squares of one image, or mean products of two images of the same pixels, (H, W) each.
 
     Degrees of freedom are those of normal, independent values, fewer where tails or correlations of neighbouring lines
     are larger than chance has them.
     """
     height, width = first.shape
     if min(first.shape) == 1:
-        line = _centred(first.ravel()), _centred((first if second is None else second).ravel())
-        return MeanSquares(
-            None, None, _mean_product(line, first.size - 1, lines=True), first.shape
-        )
-    parts = _parts(first)
-    rows, columns, rest = zip(parts, parts if second is None else _parts(second), strict=True)
-    return MeanSquares(
-        _mean_product(rows, height - 1, lines=True).times(width),
-        _mean_product(columns, width - 1, lines=True).times(height),
-        _mean_product(rest, (height - 1) * (width - 1), lines=False),
-        first.shape,
-    )
+        line = other_line = _centred(first.ravel())
+        if second is not None:
+            other_line = _centred(second.ravel())
+        pixels = _mean_product(line, other_line, first.size - 1, are_lines=True)
+        return MeanSquares(None, None, pixels, first.shape)
+    parts = other_parts = _parts(first)
+    if second is not None:
+        other_parts = _parts(second)
+    (rows, columns, rest), (other_rows, other_columns, other_rest) = parts, other_parts
+    by_row = _mean_product(rows, other_rows, height - 1, are_lines=True)
+    by_column = _mean_product(columns, other_columns, width - 1, are_lines=True)
+    freedom = (height - 1) * (width - 1)
+    pixels = _mean_product(rest, other_rest, freedom, are_lines=False)
+    return MeanSquares(by_row.times(width), by_column.times(height), pixels, first.shape)
 
 
 def temporal_mean_squares(stack: Stack) -> MeanSquares:
-    """Of what changes from frame to frame in N ≥ 2 frames: deviations from each pixel's and each frame's mean."""
+    """Mean squares of what changes from frame to frame in N ≥ 2 frames.
+
+    These are the deviations from each pixel's and each frame's mean.
+    """
     height, width = stack.shape
     drift = stack.frame_means - stack.frame_means.mean()
     more = len(stack) - 1
     total = more * float(stack.variance.sum()) - height * width * float(drift @ drift)
     uneven = _unevenness(stack.variance, more)
     if min(stack.shape) == 1:
-        pixels = max(height, width) - 1
-        return MeanSquares(
-            None,
-            None,
-            _of_sum(total, more * pixels, uneven) if pixels else _nothing(),
-            stack.shape,
-        )
-    by_row, by_column = (
-        size * float(np.square(means - means.mean(axis=0) - drift[:, None]).sum())
-        for means, size in ((stack.row_means, width), (stack.column_means, height))
-    )
+        freedom = more * (max(height, width) - 1)
+        only = MeanSquare(0.0, 1.0)
+        if freedom:
+            only = MeanSquare(total / freedom, freedom / uneven)
+        return MeanSquares(None, None, only, stack.shape)
+    by_row = _sum_of_squares(stack.row_means, drift, width)
+    by_column = _sum_of_squares(stack.column_means, drift, height)
     rest = max(total - by_row - by_column, 0.0)
+    row_freedom, column_freedom = more * (height - 1), more * (width - 1)
+    freedom = more * (height - 1) * (width - 1)
     return MeanSquares(
-        MeanSquare(by_row / (more * (height - 1)), more * (height - 1)),
-        MeanSquare(by_column / (more * (width - 1)), more * (width - 1)),
-        _of_sum(rest, more * (height - 1) * (width - 1), uneven),
-        stack.shape,
+        rows=MeanSquare(by_row / row_freedom, row_freedom),
+        columns=MeanSquare(by_column / column_freedom, column_freedom),
+        pixels=MeanSquare(rest / freedom, freedom / uneven),
+        shape=stack.shape,
     )
 
 
-def _of_sum(total: float, freedom: float, uneven: float) -> MeanSquare:
-    return MeanSquare(total / freedom, freedom / uneven)
-
-
-def _nothing() -> MeanSquare:
-    return MeanSquare(0.0, 1.0)
+def _sum_of_squares(line_means: Float64Array, drift: Float64Array, length: int) -> float:
+    """Squares of the lines' deviations from their means and from the drift of the frames, (N, lines), per pixel."""
+    deviations = line_means - line_means.mean(axis=0) - drift[:, None]
+    return length * float(np.square(deviations).sum())
 
 
 def _unevenness(variance: Float64Array, more: int) -> float:
     """E[σ⁴]/E[σ²]² over the pixels; variances with n degrees of freedom have E[s⁴] = σ⁴·(n + 2)/n."""
     mean = float(variance.mean())
-    return (
-        max(1.0, float(np.square(variance).mean()) * more / (more + 2) / mean**2)
-        if mean
-        else 1.0
-    )
+    if not mean:
+        return 1.0
+    return max(1.0, float(np.square(variance).mean()) * more / (more + 2) / mean**2)
 
 
 def _centred(values: Float64Array) -> Float64Array:
@@ -206,29 +210,33 @@ def _parts(image: Float64Array) -> tuple[Float64Array, Float64Array, Float64Arra
 
 
 def _mean_product(
-    pair: tuple[Float64Array, Float64Array], freedom: float, lines: bool
+    first: Float64Array, second: Float64Array, freedom: float, *, are_lines: bool
 ) -> MeanSquare:
-    """Of deviations from the mean; with itself a variance. Of two images also the variance that a product has more."""
-    first, second = pair
+    """Mean product of two arrays of deviations from the mean; of an array with itself it is a variance.
+
+    The product of two different ones has a variance beside that of the chi-square law.
+    """
     product = float(np.vdot(first, second)) / freedom
     squares = float(np.vdot(first, first)) / freedom * float(np.vdot(second, second)) / freedom
     normal = squares + product**2
     if not normal:
         return MeanSquare(0.0, freedom)
     tails = float(np.square(first * second).mean()) - product**2
-    excess = tails / normal if tails / normal > 1 + 7.5 / math.sqrt(first.size) else 1.0
-    excess *= _correlated_lines(first) if lines else 1.0
-    return MeanSquare(
-        product, freedom / excess, max(0.0, squares - product**2) * excess / freedom
-    )
+    excess = 1.0
+    if tails / normal > 1 + 7.5 / math.sqrt(first.size):
+        excess = tails / normal
+    if are_lines:
+        excess *= _excess_of_correlation(first)
+    other_variance = max(0.0, squares - product**2) * excess / freedom
+    return MeanSquare(product, freedom / excess, other_variance)
 
 
-def _correlated_lines(values: Float64Array) -> float:
+def _excess_of_correlation(values: Float64Array) -> float:
     """1 + 2·Σρ², by which a variance of correlated values is less certain; ρ until it is within 2/√n of 0."""
-    power, found = float(values @ values), 1.0
+    power, excess = float(values @ values), 1.0
     for lag in range(1, len(values) // 2):
         correlation = float(values[lag:] @ values[:-lag]) / power
         if correlation**2 < 4 / len(values):
             break
-        found += 2 * correlation**2
-    return found
+        excess += 2 * correlation**2
+    return excess

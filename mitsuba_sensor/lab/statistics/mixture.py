@@ -11,7 +11,7 @@ from ...core.types import Float64Array
 from .families import FAMILIES, Family, Normal, Parameters
 
 STEPS, STEPS_OF_AN_EDGE, STEPS_AT_THE_END = 60, 6, 300
-"""Of expectation and maximisation: before the edges of the uniform part, for each candidate edge, and after."""
+"""Steps of expectation and maximisation: before the edges of the uniform part, for each candidate edge, and after."""
 CANDIDATES, CLOSER, BISECTIONS = 12, 4, 14
 """Edges of the uniform part that are tried at a time, how often ever closer to the best one, and for an interval."""
 NARROWEST = 0.01
@@ -33,11 +33,11 @@ class Mixture:
 
     @property
     def main_weight(self) -> float:
-        """What is left for the main distribution."""
+        """The weight that is left for the main distribution."""
         return 1 - sum(part[0] for part in (self.uniform, self.normal) if part)
 
     def densities(self, x: Float64Array) -> Float64Array:
-        """Of main, uniform and normal part, each times its weight, (parts, n) [1/DN]."""
+        """Densities of main, uniform and normal part, each times its weight, (parts, n) [1/DN]."""
         rows = [self.main_weight * np.exp(self.family.log_density(x, self.main))]
         if self.uniform:
             weight, low, high = self.uniform
@@ -47,7 +47,7 @@ class Mixture:
         return np.array(rows)
 
     def density(self, x: Float64Array) -> Float64Array:
-        """Of the whole [1/DN]."""
+        """Density of the whole mixture [1/DN]."""
         return np.asarray(self.densities(x).sum(axis=0))
 
     def below(self, x: Float64Array) -> Float64Array:
@@ -61,7 +61,7 @@ class Mixture:
         return np.asarray(share)
 
     def log_likelihood(self, x: Float64Array, w: Float64Array) -> float:
-        """Of values x, each w times."""
+        """Logarithm of the likelihood of values x, each of which occurs w times."""
         return float(w @ np.log(np.maximum(self.density(x), 1e-300)))
 
     @property
@@ -71,23 +71,27 @@ class Mixture:
 
     def with_values(self, values: list[float]) -> Mixture:
         """The same parts with these parameters."""
-        rest = iter(values)
-        main = tuple(next(rest) for _ in self.main)
-        uniform = (next(rest), next(rest), next(rest)) if self.uniform else None
-        normal = (next(rest), next(rest), next(rest)) if self.normal else None
+        uniform, normal = self.uniform, self.normal
+        begin = len(self.main)
+        main = tuple(values[:begin])
+        if uniform:
+            uniform = (values[begin], values[begin + 1], values[begin + 2])
+            begin += 3
+        if normal:
+            normal = (values[begin], values[begin + 1], values[begin + 2])
         return replace(self, main=main, uniform=uniform, normal=normal)
 
 
 def improved(mixture: Mixture, x: Float64Array, w: Float64Array, steps: int) -> Mixture:
-    """After so many steps of expectation and maximisation; the edges of the uniform part stay."""
+    """The mixture after so many steps of expectation and maximisation; the edges of the uniform part stay."""
     total, before = float(w.sum()), -math.inf
     for _ in range(steps):
         parts = mixture.densities(x)
         whole = np.maximum(parts.sum(axis=0), 1e-300)
-        found = float(w @ np.log(whole))
-        if found - before < 1e-4:
+        likelihood = float(w @ np.log(whole))
+        if likelihood - before < 1e-4:
             break
-        before = found
+        before = likelihood
         shares = iter(parts / whole * w)
         main = mixture.family.fit(x, next(shares))
         uniform, normal = mixture.uniform, mixture.normal
@@ -96,8 +100,10 @@ def improved(mixture: Mixture, x: Float64Array, w: Float64Array, steps: int) -> 
         if normal:
             share = next(shares)
             weight = float(share.sum())
-            centre, spread = NORMAL.fit(x, share) if weight > 1e-9 * total else normal[1:]
-            normal = (weight / total, centre, spread)
+            centre, sigma = normal[1:]
+            if weight > 1e-9 * total:
+                centre, sigma = NORMAL.fit(x, share)
+            normal = (weight / total, centre, sigma)
         mixture = replace(mixture, main=main, uniform=uniform, normal=normal)
     return mixture
 
@@ -105,11 +111,14 @@ def improved(mixture: Mixture, x: Float64Array, w: Float64Array, steps: int) -> 
 def fitted_mixture(
     name: str, parts: tuple[str, ...], x: Float64Array, w: Float64Array
 ) -> Mixture:
-    """Of maximum likelihood.  name : of the main family.  parts : of "uniform" and "normal".  x : sorted."""
+    """The mixture of maximum likelihood.
+
+    name : of the main family.  parts : of "uniform" and "normal".  x : sorted.
+    """
     mixture = improved(_start(FAMILIES[name], parts, x, w), x, w, STEPS)
-    for _ in range(2 if mixture.uniform else 0):
-        for edge in (1, 2):
-            mixture = _best_edge(mixture, edge, x, w)
+    if mixture.uniform:
+        for edge in (1, 2, 1, 2):
+            mixture = _move_edge(mixture, edge, x, w)
     return improved(mixture, x, w, STEPS_AT_THE_END)
 
 
@@ -124,15 +133,19 @@ def edge_interval(
     weight, low, high = mixture.uniform
     limit = mixture.log_likelihood(x, w) + math.log(0.05)
     beyond = 10 * (high - low) / max(weight * float(w.sum()), 10.0)
+    farthest = (x[0] - beyond, high)
+    if edge == 2:
+        farthest = (low, x[-1] + beyond)
     ends = []
-    for outside in (x[0] - beyond, high) if edge == 1 else (low, x[-1] + beyond):
+    for outside in farthest:
         inside = mixture.uniform[edge]
         for _ in range(BISECTIONS):
             middle = 0.5 * (inside + outside)
             moved = improved(_with_edge(mixture, edge, middle), x, w, STEPS_OF_AN_EDGE)
-            inside, outside = (
-                (middle, outside) if moved.log_likelihood(x, w) > limit else (inside, middle)
-            )
+            if moved.log_likelihood(x, w) > limit:
+                inside = middle
+            else:
+                outside = middle
         ends.append(float(outside))
     return ends[0], ends[1]
 
@@ -152,38 +165,39 @@ def _start(family: Family, parts: tuple[str, ...], x: Float64Array, w: Float64Ar
     inside = np.abs(x - median) < 4 * sigma
     outside = ~inside
     share = max(float(w[outside].sum() / w.sum()), 1e-6) / max(len(parts), 1)
-    normal = None
+    uniform = normal = None
     if "normal" in parts:
-        counts, edges = (
-            np.histogram(x[outside], bins=64, weights=w[outside])
-            if outside.any()
-            else ([1], [low, high])
-        )
-        peak = int(np.argmax(counts))
-        normal = (
-            share,
-            0.5 * float(edges[peak] + edges[peak + 1]),
-            max(float(edges[peak + 1] - edges[peak]), sigma),
-        )
-    uniform = (share, float(x[0]), float(x[-1])) if "uniform" in parts else None
+        begin, end = low, high
+        if outside.any():
+            counts, edges = np.histogram(x[outside], bins=64, weights=w[outside])
+            densest = int(np.argmax(counts))
+            begin, end = edges[densest], edges[densest + 1]
+        normal = (share, 0.5 * float(begin + end), max(float(end - begin), sigma))
+    if "uniform" in parts:
+        uniform = (share, float(x[0]), float(x[-1]))
     return Mixture(family, family.fit(x[inside], w[inside]), uniform, normal)
 
 
-def _best_edge(mixture: Mixture, edge: int, x: Float64Array, w: Float64Array) -> Mixture:
+def _move_edge(mixture: Mixture, edge: int, x: Float64Array, w: Float64Array) -> Mixture:
     """With the lower (1) or upper (2) edge of the uniform part that is likeliest, among ever closer candidates."""
     assert mixture.uniform
-    first, last = (x[0], mixture.uniform[2]) if edge == 1 else (mixture.uniform[1], x[-1])
+    first, last = x[0], mixture.uniform[2]
+    if edge == 2:
+        first, last = mixture.uniform[1], x[-1]
     step = (last - first) / CANDIDATES
     if last - first < NARROWEST * (x[-1] - x[0]):
         return mixture
-    lowest, highest = (first, last - step) if edge == 1 else (first + step, last)
+    lowest, highest = first, last - step
+    if edge == 2:
+        lowest, highest = first + step, last
     low, high = lowest, highest
-    best, likelihood, at = mixture, mixture.log_likelihood(x, w), mixture.uniform[edge]
+    best, likelihood, place = mixture, mixture.log_likelihood(x, w), mixture.uniform[edge]
     for _ in range(CLOSER):
         for candidate in np.linspace(low, high, CANDIDATES):
-            tried = improved(_with_edge(best, edge, candidate), x, w, STEPS_OF_AN_EDGE)
-            if (found := tried.log_likelihood(x, w)) > likelihood:
-                best, likelihood, at = tried, found, float(candidate)
-        low, high = max(lowest, at - step), min(highest, at + step)
+            moved = improved(_with_edge(best, edge, candidate), x, w, STEPS_OF_AN_EDGE)
+            likelihood_there = moved.log_likelihood(x, w)
+            if likelihood_there > likelihood:
+                best, likelihood, place = moved, likelihood_there, float(candidate)
+        low, high = max(lowest, place - step), min(highest, place + step)
         step = 2 * step / (CANDIDATES - 1)
     return best

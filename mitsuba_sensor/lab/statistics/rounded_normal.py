@@ -65,36 +65,34 @@ def rounded_normal(frames: NDArray[Any], last_code: int | None = None) -> Rounde
     if not codes.size:
         return RoundedNormal(math.nan, math.nan, math.nan, False, left_out)
     free = codes.mean(axis=0) >= FROM_THE_END_DN
-    shifted = bool(free.mean() > 0.2)
-    codes = codes[:, free if shifted else ~free]
-    return _most_likely(_Likelihood(codes, clipped=not shifted), left_out)
+    if free.mean() > 0.2:
+        likelihood = _Likelihood(codes[:, free], clipped=False)
+    else:
+        likelihood = _Likelihood(codes[:, ~free], clipped=True)
+    return _search_sigma(likelihood, left_out)
 
 
 class _Likelihood:
     """Log-likelihood of σ with the normal law of the means that fits best to it: centre, width, share of outliers."""
 
     def __init__(self, codes: NDArray[np.int64], clipped: bool) -> None:
-        base = np.zeros(codes.shape[1], np.int64) if clipped else codes.min(axis=0)
-        relative = codes - base
+        self.clipped = clipped
+        relative = codes if clipped else codes - codes.min(axis=0)
         spread = int(relative.max()) + 1
         counts = np.stack([(relative == code).sum(axis=0) for code in range(spread)], axis=1)
-        kinds, pixels = np.unique(
-            counts, axis=0, return_counts=True
-        )  # pixels with equal counts are one
-        self.counts, self.pixels, self.clipped = (
-            kinds.astype(np.float64),
-            pixels.astype(np.float64),
-            clipped,
-        )
-        self.phases = PHASES[int(np.ptp(codes, axis=0).max() >= 4)]
-        self.means = np.arange(-3.0 if clipped else -2.0, spread + 1.0, 1 / self.phases)
+        # Pixels with equal counts of their codes are equally likely.
+        kinds, pixels = np.unique(counts, axis=0, return_counts=True)
+        self.counts, self.pixels = kinds.astype(np.float64), pixels.astype(np.float64)
+        few_codes, many_codes = PHASES
+        self.phases = many_codes if np.ptp(codes, axis=0).max() >= 4 else few_codes
+        first_mean = -3.0 if clipped else -2.0
+        self.means = np.arange(first_mean, spread + 1.0, 1 / self.phases)
         means = codes.mean(axis=0)
-        spread_dn = (
-            float(np.ptp(np.percentile(means, (25, 75)))) / 1.349
-        )  # of a normal law, not moved by hot pixels
+        quartiles = np.percentile(means, (25, 75))
+        spread_dn = float(np.ptp(quartiles)) / 1.349  # of a normal law, not moved by hot pixels
         self.uniform = not clipped and spread_dn > UNIFORM_DN
-        seen = np.sort(np.bincount(codes.ravel() - codes.min()))
-        self.scaled = self.uniform or (len(seen) > 2 and seen[-3] >= FEWEST_OF_A_THIRD_CODE)
+        often = np.sort(np.bincount(codes.ravel() - codes.min()))
+        self.scaled = self.uniform or (len(often) > 2 and often[-3] >= FEWEST_OF_A_THIRD_CODE)
         self.start = self._centre(means), math.log(min(max(spread_dn, 0.03), UNIFORM_DN))
 
     def _centre(self, means: Float64Array) -> float:
@@ -104,35 +102,32 @@ class _Likelihood:
         return float(np.angle(np.exp(2j * math.pi * means).mean())) / (2 * math.pi)
 
     def __call__(self, sigma: float) -> float:
-        """The larger, the more likely."""
-        chance, most = self._given_the_mean(sigma)
+        """Log-likelihood of σ: the larger, the more likely."""
+        chance, log_factor = self._chance_of_codes(sigma)
         if self.uniform:
-            return float(self.pixels @ (np.log(chance.mean(axis=1)) + most))
+            return float(self.pixels @ (np.log(chance.mean(axis=1)) + log_factor))
 
         def missing(law: Float64Array) -> float:
             return -float(self.pixels @ np.log(chance @ self._weights(law)))
 
         start = np.array(self.start)
         around = start + np.array([[0, 0], [sigma / 8, 0], [0, -0.7]])
-        found = scipy.optimize.minimize(
-            missing,
-            start,
-            method="Nelder-Mead",
-            options={"xatol": 1e-3, "fatol": 1e-2, "initial_simplex": around},
-        )
-        return float(self.pixels @ most) - float(found.fun)
+        options = {"xatol": 1e-3, "fatol": 1e-2, "initial_simplex": around}
+        best = scipy.optimize.minimize(missing, start, method="Nelder-Mead", options=options)
+        return float(self.pixels @ log_factor) - float(best.fun)
 
     def _weights(self, law: Float64Array) -> Float64Array:
-        """Of the nodes of m, or of its fractions, for a centre and the log of a width."""
+        """Weights of the nodes of m, or of its fractions, for a centre and the log of a width."""
         centre, width, nodes = law[0], math.exp(min(max(law[1], -5.0), 3.0)), self.phases
         edges = self.means[0] + np.arange(len(self.means) + 1) / nodes - 0.5 / nodes
         if not self.clipped:
             edges = np.arange(-3 * nodes, 3 * nodes + 1) / nodes - 0.5 / nodes + centre // 1
         mass = np.diff(scipy.special.ndtr((edges - centre) / width))
-        mass = mass if self.clipped else mass.reshape(-1, nodes).sum(axis=0)
+        if not self.clipped:
+            mass = mass.reshape(-1, nodes).sum(axis=0)
         return np.asarray((1 - OUTLIERS) * mass + OUTLIERS / len(mass))
 
-    def _given_the_mean(self, sigma: float) -> tuple[Float64Array, Float64Array]:
+    def _chance_of_codes(self, sigma: float) -> tuple[Float64Array, Float64Array]:
         """P(codes of a pixel | mean) (kinds, nodes), of fractions of the mean over all shifts of it, as a share of a
         factor, whose logarithm is the second (kinds,)."""
         edges = np.arange(self.counts.shape[1] + 1) - 0.5
@@ -140,19 +135,18 @@ class _Likelihood:
         above = scipy.special.ndtr((self.means - edges[:, None]) / sigma)
         if self.clipped:
             below[0], above[0] = 0.0, 1.0
-        between = np.where(
-            below[:-1] < 0.5, below[1:] - below[:-1], above[:-1] - above[1:]
-        )  # the exact difference
-        found = self.counts @ np.log(np.maximum(between, 1e-300))
-        most = found.max(axis=1)
-        found -= most[:, None]
-        chance = np.exp(found, out=found)
-        return chance if self.clipped else chance.reshape(len(chance), -1, self.phases).sum(
-            axis=1
-        ), most
+        # Of two differences that are equal the one of small numbers is exact.
+        between = np.where(below[:-1] < 0.5, below[1:] - below[:-1], above[:-1] - above[1:])
+        logs = self.counts @ np.log(np.maximum(between, 1e-300))
+        log_factor = logs.max(axis=1)
+        logs -= log_factor[:, None]
+        chance = np.exp(logs, out=logs)
+        if not self.clipped:
+            chance = chance.reshape(len(chance), -1, self.phases).sum(axis=1)
+        return chance, log_factor
 
 
-def _most_likely(likelihood: _Likelihood, left_out: float) -> RoundedNormal:
+def _search_sigma(likelihood: _Likelihood, left_out: float) -> RoundedNormal:
     """Search in σ: a scan, the best of it made finer, then the ends of the interval."""
     scan = np.geomspace(SMALLEST_DN, LARGEST_DN, 9)
     values = [likelihood(sigma) for sigma in scan]
@@ -169,18 +163,17 @@ def _most_likely(likelihood: _Likelihood, left_out: float) -> RoundedNormal:
     def fallen(other: float) -> float:
         return 2 * (most - likelihood(other)) - CHI2
 
-    low, high = _end(fallen, sigma, SMALLEST_DN), _end(fallen, sigma, LARGEST_DN)
+    low = _end_of_interval(fallen, sigma, SMALLEST_DN)
+    high = _end_of_interval(fallen, sigma, LARGEST_DN)
     identified = bool(low > SMALLEST_DN and likelihood.scaled)
-    return RoundedNormal(
-        sigma,
-        low if identified else 0.0,
-        high if high < LARGEST_DN else math.inf,
-        identified,
-        left_out,
-    )
+    if not identified:
+        low = 0.0
+    if high >= LARGEST_DN:
+        high = math.inf
+    return RoundedNormal(sigma, low, high, identified, left_out)
 
 
-def _end(fallen: Callable[[float], float], sigma: float, limit: float) -> float:
+def _end_of_interval(fallen: Callable[[float], float], sigma: float, limit: float) -> float:
     """Where twice the log-likelihood has fallen by the 95 % quantile, or the limit where it does not."""
     step = 1.02 if limit > sigma else 1 / 1.02
     inside, outside = sigma, sigma * step
@@ -190,8 +183,6 @@ def _end(fallen: Callable[[float], float], sigma: float, limit: float) -> float:
         if fallen(limit) < 0:
             return limit
         outside = limit
-    return (
-        float(scipy.optimize.brentq(fallen, inside, outside, xtol=2e-3 * sigma))
-        if fallen(inside) < 0
-        else inside
-    )
+    if fallen(inside) >= 0:
+        return inside
+    return float(scipy.optimize.brentq(fallen, inside, outside, xtol=2e-3 * sigma))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...core.types import Float64Array
 
 STEPS = 40
-"""Of expectation and maximisation."""
+"""Steps of expectation and maximisation."""
 ROUNDING_DN2 = 1 / 12
 """Variance that rounding to whole numbers adds [DN²]."""
 TRIED_SIGMAS = np.geomspace(0.6, 1.6, 11)
@@ -47,37 +47,37 @@ def best_split(values: Float64Array) -> tuple[Float64Array, NDArray[np.intp]]:
 
 
 def two_levels(values: Float64Array, whole_numbers: bool, least_sigma: float) -> TwoLevels:
-    """Fitted to (K, N) values.  whole_numbers : codes of an ADC, whose probabilities are integrals over 1 DN.
+    """Two levels fitted to (K, N) values.
 
+    whole_numbers : codes of an ADC, whose probabilities are integrals over 1 DN.
     least_sigma : of each level [DN]; without one, levels of few values have any likelihood.
     """
     values = np.sort(values, axis=1)
+    count = values.shape[1]
     _, low_count = best_split(values)
-    share = 1 - low_count / values.shape[1]
-    lower_group = np.arange(values.shape[1]) < low_count[:, None]
+    share = 1 - low_count / count
+    lower_group = np.arange(count) < low_count[:, None]
     lower = np.average(values, axis=1, weights=lower_group)
     upper = np.average(values, axis=1, weights=~lower_group)
     inside = values - np.where(lower_group, lower[:, None], upper[:, None])
     sigma = np.maximum(np.sqrt(np.square(inside).mean(axis=1)), least_sigma)
     for _ in range(STEPS):
-        up = 1 / (1 + np.exp(np.clip(_log_odds(values, lower, upper, sigma, share), -500, 500)))
-        weight = np.clip(up.mean(axis=1), 1e-9, 1 - 1e-9)
-        upper = np.einsum("kn,kn->k", up, values) / (weight * values.shape[1])
-        lower = np.einsum("kn,kn->k", 1 - up, values) / ((1 - weight) * values.shape[1])
-        square = up * np.square(values - upper[:, None]) + (1 - up) * np.square(
-            values - lower[:, None]
-        )
-        sigma, share = np.maximum(np.sqrt(square.mean(axis=1)), least_sigma), weight
-    inner = _without_rounding(sigma, whole_numbers, least_sigma)
-    parts = [
-        np.exp(_log_chance(values, level, inner, whole_numbers)) for level in (lower, upper)
-    ]
-    two = np.log(
-        np.maximum((1 - share)[:, None] * parts[0] + share[:, None] * parts[1], 1e-300)
-    ).sum(axis=1)
-    return TwoLevels(
-        lower, upper, inner, share, 2 * (two - _one_level(values, whole_numbers, least_sigma))
-    )
+        log_odds = np.clip(_log_odds(values, lower, upper, sigma, share), -500, 500)
+        up = 1 / (1 + np.exp(log_odds))
+        share = np.clip(up.mean(axis=1), 1e-9, 1 - 1e-9)
+        upper = np.einsum("kn,kn->k", up, values) / (share * count)
+        lower = np.einsum("kn,kn->k", 1 - up, values) / ((1 - share) * count)
+        from_upper = np.square(values - upper[:, None])
+        from_lower = np.square(values - lower[:, None])
+        square = up * from_upper + (1 - up) * from_lower
+        sigma = np.maximum(np.sqrt(square.mean(axis=1)), least_sigma)
+    sigma = _without_rounding(sigma, whole_numbers, least_sigma)
+    chance_lower = np.exp(_log_chance(values, lower, sigma, whole_numbers))
+    chance_upper = np.exp(_log_chance(values, upper, sigma, whole_numbers))
+    chance = (1 - share)[:, None] * chance_lower + share[:, None] * chance_upper
+    two = np.log(np.maximum(chance, 1e-300)).sum(axis=1)
+    one = _one_level(values, whole_numbers, least_sigma)
+    return TwoLevels(lower, upper, sigma, share, gain=2 * (two - one))
 
 
 def _log_odds(
@@ -103,7 +103,7 @@ def _without_rounding(
 def _log_chance(
     values: Float64Array, mean: Float64Array, sigma: Float64Array, whole_numbers: bool
 ) -> Float64Array:
-    """Of each value: of its code, or the density."""
+    """Logarithm of the probability of each value's code, or of the density there."""
     z = (values - mean[:, None]) / sigma[:, None]
     if not whole_numbers:
         return np.asarray(-0.5 * np.square(z) - np.log(sigma * np.sqrt(2 * np.pi))[:, None])
@@ -114,18 +114,13 @@ def _log_chance(
 
 def _one_level(values: Float64Array, whole_numbers: bool, least_sigma: float) -> Float64Array:
     """Largest log-likelihood of one normal distribution for each pixel."""
-    mean, sigma = (
-        values.mean(axis=1),
-        _without_rounding(values.std(axis=1), whole_numbers, least_sigma),
-    )
+    mean = values.mean(axis=1)
+    sigma = _without_rounding(values.std(axis=1), whole_numbers, least_sigma)
     if not whole_numbers:
         return np.asarray(_log_chance(values, mean, sigma, False).sum(axis=1))
-    tried = (
-        _log_chance(values, mean + shift * sigma, factor * sigma, True).sum(axis=1)
-        for factor in TRIED_SIGMAS
-        for shift in TRIED_MEANS
-    )
     best = np.full(len(values), -np.inf)
-    for one in tried:
-        best = np.maximum(best, one)
+    for factor in TRIED_SIGMAS:
+        for shift in TRIED_MEANS:
+            likelihood = _log_chance(values, mean + shift * sigma, factor * sigma, True)
+            best = np.maximum(best, likelihood.sum(axis=1))
     return best

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,15 +37,13 @@ class CombinedMap:
     def spread(self, scale: float = 1.0) -> dict[str, tuple[float, float, float]]:
         """(value, low, high) of the standard deviation of rows, columns, pixels and all, times a factor."""
         measured = spatial_mean_squares(self.image)
-        return {
-            name: root([*terms(measured), *self._noise(terms)], scale)
-            for name, terms in PARTS.items()
-        }
-
-    def _noise(self, terms: Callable[[MeanSquares], list[MeanSquare]]) -> list[MeanSquare]:
-        return [
-            one.times(-noise.factor) for noise in self.noises for one in terms(noise.squares)
-        ]
+        spreads: dict[str, tuple[float, float, float]] = {}
+        for name, terms in PARTS.items():
+            variance = terms(measured)
+            for noise in self.noises:
+                variance += [term.times(-noise.factor) for term in terms(noise.squares)]
+            spreads[name] = root(variance, scale)
+        return spreads
 
     def parts(self) -> dict[str, Float64Array]:
         """Deviations of rows (H, 1), columns (1, W) and pixels (H, W) from the mean, each with the σ of its pattern.
@@ -56,23 +54,19 @@ class CombinedMap:
         mean = self.image.mean()
         rows = self.image.mean(axis=1, keepdims=True) - mean
         columns = self.image.mean(axis=0, keepdims=True) - mean
-        found = {"row": rows, "col": columns, "pixel": self.image - mean - rows - columns}
-        wanted = self.spread()
-        return {
-            name: scaled_to(part, wanted[name][0] if wanted[name][1] > 0 else 0.0)
-            for name, part in found.items()
-        }
+        parts = {"row": rows, "col": columns, "pixel": self.image - mean - rows - columns}
+        spreads = self.spread()
+        for name, part in parts.items():
+            sigma, low, _ = spreads[name]
+            if not low > 0:
+                sigma = 0.0
+            parts[name] = scaled_to(part, sigma)
+        return parts
 
 
 def scaled_to(part: Float64Array, sigma: float) -> Float64Array:
-    """A part of mean 0 with this standard deviation, at most its own."""
+    """A part of mean 0 with this standard deviation, at most its own; 0 where the wanted one is not known."""
     own = math.sqrt(float(np.square(part).mean()))
-    return part * (min(sigma / own, 1.0) if own and math.isfinite(sigma) else 0.0)
-
-
-def weighted(images: Sequence[Float64Array], weights: Sequence[float]) -> Float64Array:
-    """Their sum with weights, one image at a time."""
-    total = np.zeros(images[0].shape)
-    for image, weight in zip(images, weights, strict=True):
-        total += weight * image
-    return total
+    if not own or not math.isfinite(sigma):
+        return part * 0.0
+    return part * min(sigma / own, 1.0)

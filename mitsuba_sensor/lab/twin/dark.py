@@ -13,7 +13,7 @@ from ...core.types import Float64Array
 from ..frames.series import ROUNDING_DN2
 from ..frames.stack import Stack
 from ..measure.dark_current import errors_of_means
-from ..quantity import Quantity, normal_interval, student_interval, unknown
+from ..quantity import Quantity, no_value, normal_interval, student_interval, unknown
 from ..statistics.families import FAMILIES
 from ..statistics.mean_squares import MeanSquares, temporal_mean_squares
 from .combined_map import CombinedMap, Noise
@@ -66,67 +66,81 @@ class Dark:
     squares: MeanSquares
     notes: tuple[str, ...]
 
-    def of(self, rows: slice, columns: slice) -> Dark:
+    def window(self, rows: slice, columns: slice) -> Dark:
         """Offsets and rates of some rows and columns; the temporal noise is that of all."""
         offsets = replace(self.offsets, image=self.offsets.image[rows, columns])
-        rates = self.rates and replace(self.rates, image=self.rates.image[rows, columns])
+        rates = self.rates
+        if rates is not None:
+            rates = replace(rates, image=rates.image[rows, columns])
         return replace(self, offsets=offsets, rates=rates)
 
-    def at(self, exposure_s: float) -> Float64Array:
+    def expected_frame(self, exposure_s: float) -> Float64Array:
         """Expected mean frame of an exposure time (H, W) [DN]."""
-        return (
-            self.offsets.image
-            if self.rates is None
-            else self.offsets.image + exposure_s * self.rates.image
-        )
+        if self.rates is None:
+            return self.offsets.image
+        return self.offsets.image + exposure_s * self.rates.image
 
 
 def dark_over_time(stacks: Sequence[Stack], curvature: float = 0.0) -> Dark:
-    """From bias and dark stacks of one temperature.  curvature : κ of the response [1/DN], for long exposures.
+    """Each pixel's line over time from bias and dark stacks of one temperature.
 
-    Raises InputError where none has 2 frames inside of the range.
+    curvature : κ of the response [1/DN], for long exposures.
+    Raises InputError where no stack has 2 frames inside of the range.
     """
     used, notes = usable(stacks)
-    squares = [temporal_mean_squares(one) for one in used]
-    pixel = np.array([max(sum(term.value for term in one.variance()), 1e-9) for one in squares])
-    times, counts = (
-        np.array([one.exposure_s for one in used]),
-        np.array([len(one) for one in used]),
-    )
-    means = np.array([float(one.frame_means.mean()) for one in used])
+    squares = [temporal_mean_squares(stack) for stack in used]
+    times = np.array([stack.exposure_s for stack in used])
+    counts = np.array([len(stack) for stack in used])
+    means = np.array([float(stack.frame_means.mean()) for stack in used])
     errors, freedom = errors_of_means(used, squares)
-    quiet = min(range(len(used)), key=lambda k: (times[k] > times.min() + SAME_S, -counts[k]))
+    later = times > times.min() + SAME_S
+    quiet = min(range(len(used)), key=lambda k: (later[k], -counts[k]))
     bend = Bend(float(means[quiet]), curvature)
     means = bend.straight(means)
-    at_zero, per_second = line_weights(times, counts / pixel)
-    frames = frames_of(*used)
+    at_zero, per_second = line_weights(times, counts / _pixel_variances(squares))
+
     black = Quantity(
-        "black", "black level", *_sum(means, errors, at_zero, freedom), "DN", SECTION
+        "black",
+        "black level",
+        *_weighted_sum(means, errors, at_zero, freedom),
+        "DN",
+        SECTION,
     )
     rate = Quantity(
-        "µ_I", "dark signal", *_sum(means, errors, per_second, freedom), "DN/s", SECTION
+        "µ_I",
+        "dark signal",
+        *_weighted_sum(means, errors, per_second, freedom),
+        "DN/s",
+        SECTION,
     )
-    offsets = _combined(used, squares, at_zero, bend)
-    rates = _combined(used, squares, per_second, bend) if per_second.any() else None
-    if rates is None:
+    offsets, rates = _combine(used, squares, at_zero, bend), None
+    if per_second.any():
+        rates = _combine(used, squares, per_second, bend)
+        if rate.low <= 0:
+            value, high = max(rate.value, 0.0), max(rate.high, 0.0)
+            rate = replace(rate, value=value, low=0.0, high=high).noted("not told from 0")
+    else:
         why = "one exposure time: dark current is part of the black level"
         rate, black = unknown(rate, why), black.noted(why)
-    elif rate.low <= 0:
-        rate = replace(
-            rate, value=max(rate.value, 0.0), low=0.0, high=max(rate.high, 0.0)
-        ).noted("not told from 0")
-    cv, family = _over_pixels(rates, rate)
+    cv, family = _nonuniformity(rates, rate)
+    frames = frames_of(*used)
     return Dark(
-        Fitted(_marked(black, used[quiet], notes), frames),
-        offsets,
-        Fitted(rate, frames),
-        Fitted(cv, frames),
-        rates,
-        family,
-        used[quiet],
-        squares[quiet],
-        tuple(notes),
+        black=Fitted(_mark_black(black, used[quiet], notes), frames),
+        offsets=offsets,
+        rate=Fitted(rate, frames),
+        cv=Fitted(cv, frames),
+        rates=rates,
+        family=family,
+        quiet=used[quiet],
+        squares=squares[quiet],
+        notes=tuple(notes),
     )
+
+
+def _pixel_variances(squares: Sequence[MeanSquares]) -> Float64Array:
+    """Temporal variance of a pixel in each stack [DN²], at least a little."""
+    variances = [sum(term.value for term in part.variance()) for part in squares]
+    return np.array([max(variance, 1e-9) for variance in variances])
 
 
 def line_weights(
@@ -141,35 +155,44 @@ def line_weights(
 
 
 def usable(stacks: Sequence[Stack]) -> tuple[list[Stack], list[str]]:
-    """Those with 2 frames or more and no clipped values, and notes on the others. Raises InputError where none is."""
-    inside = [one for one in stacks if len(one) > 1 and one.clipping.usable]
+    """The stacks with 2 frames or more and no clipped values, and notes on the others.
+
+    Raises InputError where there is none.
+    """
+    inside: list[Stack] = []
+    left_out: list[Stack] = []
+    for stack in stacks:
+        suits = len(stack) > 1 and stack.clipping.usable
+        (inside if suits else left_out).append(stack)
     if not inside:
-        found = "; ".join(
-            f"{one.source}: {one.clipping.note or f'{len(one)} frame'}" for one in stacks[:3]
+        reasons = "; ".join(
+            f"{stack.source}: {stack.clipping.note or f'{len(stack)} frame'}"
+            for stack in stacks[:3]
         )
         raise InputError(
-            f"no dark stack has 2 frames or more inside of the ADC's range ({found}); take others."
+            f"no dark stack has 2 frames or more inside of the ADC's range ({reasons}); take others."
         )
-    left = [one for one in stacks if one not in inside]
-    return inside, [
-        f"{one.source} left out: {one.clipping.note or 'one frame'}" for one in left
+    notes = [
+        f"{stack.source} left out: {stack.clipping.note or 'one frame'}" for stack in left_out
     ]
+    return inside, notes
 
 
-def _sum(
+def _weighted_sum(
     means: Float64Array, errors: Float64Array, weights: Float64Array, freedom: float
 ) -> tuple[float, float, float]:
-    """A sum with weights of independent means."""
+    """(value, low, high) of a sum with weights of independent means."""
     value, error = float(weights @ means), math.sqrt(float(weights**2 @ errors**2))
-    return (
-        normal_interval(value, error)
-        if math.isinf(freedom)
-        else student_interval(value, error, freedom)
-    )
+    if math.isinf(freedom):
+        return normal_interval(value, error)
+    return student_interval(value, error, freedom)
 
 
-def _marked(black: Quantity, quiet: Stack, notes: Sequence[str]) -> Quantity:
-    """With what clipping and rounding do to it: the mean of rounded normal values is off by exp(−2π²σ²)/π at most."""
+def _mark_black(black: Quantity, quiet: Stack, notes: Sequence[str]) -> Quantity:
+    """The black level with what clipping and rounding do to it.
+
+    The mean of rounded normal values is off by exp(−2π²σ²)/π at most.
+    """
     for note in notes:
         black = black.noted(note)
     if quiet.frames.dtype.kind == "f":
@@ -190,51 +213,58 @@ class Bend:
     curvature: float
 
     def straight(self, values: Float64Array) -> Float64Array:
-        """As a linear response would have given."""
-        return (
-            self.black + straight(values - self.black, self.curvature)
-            if self.curvature
-            else values
-        )
+        """The values that a linear response would have given."""
+        if not self.curvature:
+            return values
+        return self.black + straight(values - self.black, self.curvature)
 
 
-def _combined(
+def _combine(
     stacks: Sequence[Stack], squares: Sequence[MeanSquares], weights: Float64Array, bend: Bend
 ) -> CombinedMap:
+    """Weighted sum of the stacks' means, and the temporal noise that is left in it."""
     image = np.zeros(stacks[0].shape)
-    for stack, weight in zip(stacks, weights, strict=True):
+    noises: list[Noise] = []
+    for stack, stack_squares, weight in zip(stacks, squares, weights, strict=True):
         image += weight * bend.straight(stack.mean)
-    noises = zip(squares, stacks, weights, strict=True)
-    return CombinedMap(
-        image, tuple(Noise(one, float(w**2) / len(stack)) for one, stack, w in noises if w)
-    )
+        if weight:
+            noises.append(Noise(stack_squares, float(weight**2) / len(stack)))
+    return CombinedMap(image, tuple(noises))
 
 
-def _over_pixels(rates: CombinedMap | None, rate: Quantity) -> tuple[Quantity, str | None]:
+def _nonuniformity(rates: CombinedMap | None, rate: Quantity) -> tuple[Quantity, str | None]:
     """cv and distribution of the rates of the pixels."""
-    like = Quantity(
-        "D_N", "non-uniformity of the dark current", math.nan, math.nan, math.nan, "", SECTION
-    )
+    like = no_value("D_N", "non-uniformity of the dark current", "", SECTION)
     if rates is None or not rate.low > 0:
         return unknown(like, "dark current is not told from 0"), None
     value, low, high = rates.spread()["all"]
     noise = math.sqrt(max(float(rates.image.var()) - value**2, 0.0))
-    family = _family(rates.image) if low > 0 and value > CLEAR * noise else None
-    wider = math.sqrt(1 + EXCESS[family](value / rate.value) / 2) if family else 1.0
-    ends = (max(value + wider * (end - value), 0.0) for end in (low, high))
-    cv = replace(like, value=value, low=next(ends), high=next(ends)).divided(rate, "")
-    return cv if low > 0 else cv.noted("not told from 0"), family
+    family, wider = None, 1.0
+    if low > 0 and value > CLEAR * noise:
+        family = _likeliest_family(rates.image)
+    if family is not None:
+        wider = math.sqrt(1 + EXCESS[family](value / rate.value) / 2)
+    cv = replace(
+        like,
+        value=value,
+        low=max(value + wider * (low - value), 0.0),
+        high=max(value + wider * (high - value), 0.0),
+    )
+    cv = cv.divided(rate, "")
+    if not low > 0:
+        cv = cv.noted("not told from 0")
+    return cv, family
 
 
-def _family(image: Float64Array) -> str | None:
-    """With the smallest BIC; all have two parameters."""
+def _likeliest_family(image: Float64Array) -> str | None:
+    """The family with the smallest BIC, which is the likeliest: all have two parameters."""
     values = image.ravel()[:: max(1, image.size // MOST_VALUES)]
     positive = values[values > 0]
     if 1 - positive.size / values.size > NEGATIVE:
         return None
     weights = np.ones(positive.size)
-    found = {
-        name: float(one.log_density(positive, one.fit(positive, weights)).sum())
-        for name, one in FAMILIES.items()
-    }
-    return FAMILY_NAMES[max(found, key=lambda name: found[name])]
+    likelihoods: dict[str, float] = {}
+    for name, family in FAMILIES.items():
+        parameters = family.fit(positive, weights)
+        likelihoods[name] = float(family.log_density(positive, parameters).sum())
+    return FAMILY_NAMES[max(likelihoods, key=lambda name: likelihoods[name])]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..frames.stack import Stack
@@ -23,16 +22,18 @@ class Fitted:
 
     @property
     def known(self) -> bool:
-        """Whether frames show it."""
+        """Whether the frames show it."""
         return math.isfinite(self.quantity.value)
 
     @property
     def source(self) -> str:
         """``fit: 2.31 (2.29 to 2.33) e-, 64 frames dark_10ms/…``."""
         q = self.quantity
-        unit = f" {q.unit}" if q.unit else ""
-        text = f"fit: {q.value:.4g} ({q.low:.4g} to {q.high:.4g}){unit}, {self.frames}"
-        return f"{text}; {q.note}" if q.note else text
+        figure = f"{q.value:.4g} ({q.low:.4g} to {q.high:.4g}) {q.unit}".rstrip()
+        text = f"fit: {figure}, {self.frames}"
+        if q.note:
+            text += f"; {q.note}"
+        return text
 
     def known_as(self, quantity: Quantity) -> Fitted:
         """Another figure of the same frames."""
@@ -41,18 +42,11 @@ class Fitted:
 
 def frames_of(*stacks: Stack) -> str:
     """How many frames of which files: ``64 frames dark_10ms/a.tiff … b.tiff``."""
-    return both([(len(one), one.source) for one in stacks])
-
-
-def both(some: Sequence[tuple[int, str]]) -> str:
-    """Of numbers of frames and their sources."""
-    count, sources = (
-        sum(number for number, _ in some),
-        list(dict.fromkeys(short(source) for _, source in some)),
-    )
-    shown = ", ".join(sources[:2]) + (
-        f" and {len(sources) - 2} more stacks" if len(sources) > 2 else ""
-    )
+    count = sum(len(stack) for stack in stacks)
+    sources = list(dict.fromkeys(short(stack.source) for stack in stacks))
+    shown = ", ".join(sources[:2])
+    if len(sources) > 2:
+        shown += f" and {len(sources) - 2} more stacks"
     return f"{count} frame{'s' * (count != 1)} {shown}"
 
 
@@ -62,4 +56,6 @@ def short(source: str) -> str:
     parts = first.replace(os.sep, "/").split("/")
     if not dots:
         return "/".join(parts[-2:])
-    return f"{'/'.join(parts[-2:-1])}/…" if len(parts) > 1 else f"{first} …"
+    if len(parts) > 1:
+        return f"{parts[-2]}/…"
+    return f"{first} …"

@@ -23,132 +23,144 @@ class Value(NamedTuple):
     source: str = ""
 
 
-def fields_of(one: Setting) -> Iterator[Value]:
+def fields_of(setting: Setting) -> Iterator[Value]:
     """Everything that frames show, and what must not be in the file beside it."""
-    yield from _sensor(one)
-    yield from _pixel(one)
-    yield from _dark(one)
-    yield from _noise(one)
-    yield from _converter(one)
+    yield from _sensor(setting)
+    yield from _pixel(setting)
+    yield from _dark(setting)
+    yield from _noise(setting)
+    yield from _converter(setting)
 
 
-def full_well(one: Setting) -> Value:
-    """Where the well ends the range, or beyond the ADC's."""
-    best = one.brightest
-    end = one.electrons(best.end)
-    if best.limited_by == "well":
+def full_well(setting: Setting) -> Value:
+    """Full well of a setting where it ends the range, or a value beyond the ADC's range."""
+    brightest = setting.brightest
+    end = setting.electrons(brightest.end)
+    if brightest.limited_by == "well":
         return Value("pixel.full_well_e", end.quantity.value, end.source)
-    where = "the ADC ends" if best.limited_by == "ADC" else "the brightest flat field is"
+    where = "the brightest flat field is"
+    if brightest.limited_by == "ADC":
+        where = "the ADC ends"
     text = f"assumed: {BEYOND:g} times {end.quantity.value:.4g} e-, where {where}; {end.frames}"
     return Value("pixel.full_well_e", BEYOND * end.quantity.value, text)
 
 
-def _sensor(one: Setting) -> Iterator[Value]:
-    rows, columns = one.shape
+def _sensor(setting: Setting) -> Iterator[Value]:
+    rows, columns = setting.shape
     yield Value("sensor.rows", rows, "fit: the size of the frames")
     yield Value("sensor.columns", columns, "fit: the size of the frames")
 
 
-def _pixel(one: Setting) -> Iterator[Value]:
-    yield _number("pixel.prnu", one.prnu("pixel"), "no flat field near half saturation")
+def _pixel(setting: Setting) -> Iterator[Value]:
+    yield _fitted("pixel.prnu", setting.prnu("pixel"), "no flat field near half saturation")
     yield Value("pixel.prnu_distribution", "gaussian")
     yield Value("pixel.prnu_coupling", 0.0)
-    yield full_well(one)
-    yield _number("pixel.dsnu_e", one.electrons(_offsets(one, "pixel")), "")
+    yield full_well(setting)
+    yield _fitted("pixel.dsnu_e", setting.electrons(_offsets(setting, "pixel")), "")
     yield Value("pixel.dsnu_coupling", 0.0)
 
 
-def _offsets(one: Setting, part: str) -> Fitted:
-    value, low, high = one.dark.offsets.spread()[part]
-    found = Quantity(
-        f"DSNU_{part}", "dark signal non-uniformity", value, low, high, "DN", "fit"
-    )
-    return one.dark.black.known_as(found.noted("not told from 0") if low == 0 else found)
+def _offsets(setting: Setting, part: str) -> Fitted:
+    """DSNU of the pixels, rows or columns [DN]."""
+    value, low, high = setting.dark.offsets.spread()[part]
+    dsnu = Quantity(f"DSNU_{part}", "dark signal non-uniformity", value, low, high, "DN", "fit")
+    if low == 0:
+        dsnu = dsnu.noted("not told from 0")
+    return setting.dark.black.known_as(dsnu)
 
 
-def _dark(one: Setting) -> Iterator[Value]:
-    dark, kelvin = one.dark, one.temperature_k
-    unset = ("fom_na_per_cm2", "diffusion_fom_na_per_cm2", "components", "rts_at_temperature_k")
-    yield from (Value(f"dark_current.{name}", None) for name in unset)
-    yield _number("dark_current.rate_e_per_s", one.electrons(dark.rate, "e-/s"), "")
-    said = (
-        "assumed: frames do not say it"
-        if kelvin is None
-        else "fit: the temperature of the frames"
-    )
-    yield Value("dark_current.at_temperature_k", ASSUMED_K if kelvin is None else kelvin, said)
-    if one.doubling is not None:
-        yield Value("dark_current.doubling_k", one.doubling.quantity.value, one.doubling.source)
-    yield _number("dark_current.cv", dark.cv, "")
-    family = (
-        f"fit: smallest BIC of four, {dark.rate.frames}"
-        if dark.family
-        else "assumed: frames do not tell it"
-    )
-    yield Value("dark_current.distribution", dark.family or "lognormal", family)
+def _dark(setting: Setting) -> Iterator[Value]:
+    dark = setting.dark
+    for name in ("fom_na_per_cm2", "diffusion_fom_na_per_cm2", "components"):
+        yield Value(f"dark_current.{name}", None)
+    yield Value("dark_current.rts_at_temperature_k", None)
+    yield _fitted("dark_current.rate_e_per_s", setting.electrons(dark.rate, "e-/s"), "")
+    if setting.temperature_k is None:
+        kelvin, source = ASSUMED_K, "assumed: frames do not say it"
+    else:
+        kelvin, source = setting.temperature_k, "fit: the temperature of the frames"
+    yield Value("dark_current.at_temperature_k", kelvin, source)
+    doubling = setting.doubling
+    if doubling is not None:
+        yield Value("dark_current.doubling_k", doubling.quantity.value, doubling.source)
+    yield _fitted("dark_current.cv", dark.cv, "")
+    family, source = "lognormal", "assumed: frames do not tell it"
+    if dark.family:
+        family, source = dark.family, f"fit: smallest BIC of four, {dark.rate.frames}"
+    yield Value("dark_current.distribution", family, source)
     yield Value("dark_current.coupling", 0.0)
-    traps = one.telegraph
+    yield from _telegraph(setting)
+
+
+def _telegraph(setting: Setting) -> Iterator[Value]:
+    traps = setting.telegraph
     if traps is None:
         yield Value("dark_current.rts_fraction", 0.0)
         return
-    yield _number("dark_current.rts_fraction", traps.share, "")
-    yield _number("dark_current.rts_amplitude_e_per_s", one.electrons(traps.step, "e-/s"), "")
-    yield _number("dark_current.rts_switching", traps.switching, "")
-    yield _number("dark_current.rts_duty", traps.duty, "")
+    yield _fitted("dark_current.rts_fraction", traps.share, "")
+    step = setting.electrons(traps.step, "e-/s")
+    yield _fitted("dark_current.rts_amplitude_e_per_s", step, "")
+    yield _fitted("dark_current.rts_switching", traps.switching, "")
+    yield _fitted("dark_current.rts_duty", traps.duty, "")
 
 
-def _noise(one: Setting) -> Iterator[Value]:
-    noise, unset = one.noise, ("white_nv_per_rthz", "band_hz")
-    yield from (Value(f"source_follower.{name}", None) for name in unset)
-    yield _number("source_follower.read_noise_e", one.electrons(noise.read), "")
-    yield _number("source_follower.read_noise_cv", noise.cv, "")
+def _noise(setting: Setting) -> Iterator[Value]:
+    noise, shape = setting.noise, setting.noise.shape
+    yield Value("source_follower.white_nv_per_rthz", None)
+    yield Value("source_follower.band_hz", None)
+    yield _fitted("source_follower.read_noise_e", setting.electrons(noise.read), "")
+    yield _fitted("source_follower.read_noise_cv", noise.cv, "")
     yield Value("source_follower.read_noise_distribution", noise.law.name, noise.law.said)
-    shaped = noise.shape.known
-    shape = (noise.shape.quantity.value, noise.shape.source) if shaped else (None, "")
-    yield Value("source_follower.read_noise_shape", *shape)
+    if shape.known:
+        yield Value("source_follower.read_noise_shape", shape.quantity.value, shape.source)
+    else:
+        yield Value("source_follower.read_noise_shape", None)
     yield Value("source_follower.rtn_uv", 0.0)
     yield Value("source_follower.rtn_pixel_fraction", 0.0)
-    yield _number("readout.row_noise_e", one.electrons(noise.row), "")
-    yield _number("readout.column_noise_e", one.electrons(noise.column), "")
+    yield _fitted("readout.row_noise_e", setting.electrons(noise.row), "")
+    yield _fitted("readout.column_noise_e", setting.electrons(noise.column), "")
     yield Value(
         "readout.reset", "true_cds", "fit: all noise of the dark frames is in read_noise_e"
     )
     yield Value("readout.ktc_residual", None)
 
 
-def _converter(one: Setting) -> Iterator[Value]:
-    well = full_well(one).value
+def _converter(setting: Setting) -> Iterator[Value]:
+    well_e = full_well(setting).value
     for name in ("col", "row"):
-        found = one.electrons(_offsets(one, name))
-        found = found.known_as(found.quantity.scaled(1 / well, "full wells"))
-        yield _number(f"readout.dsnu_{name}", found, "")
+        offsets = setting.electrons(_offsets(setting, name))
+        share = offsets.known_as(offsets.quantity.scaled(1 / well_e, "full wells"))
+        yield _fitted(f"readout.dsnu_{name}", share, "")
         yield Value(f"readout.dsnu_{name}_coupling", 0.0)
     yield Value("readout.dsnu_residual", 1.0)
-    yield _number("readout.prnu_col", one.prnu("column"), "no flat field near half saturation")
+    columns = setting.prnu("column")
+    yield _fitted("readout.prnu_col", columns, "no flat field near half saturation")
     yield Value("readout.prnu_col_coupling", 0.0)
     yield Value("readout.ve_nonlinearity", 0.0)
-    ratio = one.brightest.ratio
-    curved = ratio.quantity.value != 1
-    scaled = _at_full_well(ratio.quantity.value, one, well)
-    text = ratio.source if curved else f"fit: no curvature, {ratio.frames}"
-    yield Value("source_follower.vv_nonlinearity", scaled, text)
-    bits = (
-        "the metadata" if one.bits_known else "assumed: the fewest that hold the largest code"
-    )
-    yield Value("adc.bits", one.bits, bits)
-    yield _number("adc.black_level_dn", one.dark.black, "")
-    yield from (Value(f"adc.{name}", None) for name in ("gamma", "ile", "dnl_lsb"))
+    ratio = setting.brightest.ratio
+    source = ratio.source
+    if ratio.quantity.value == 1:
+        source = f"fit: no curvature, {ratio.frames}"
+    gamma = _ratio_at_full_well(ratio.quantity.value, setting, well_e)
+    yield Value("source_follower.vv_nonlinearity", gamma, source)
+    bits_source = "assumed: the fewest that hold the largest code"
+    if setting.bits_known:
+        bits_source = "the metadata"
+    yield Value("adc.bits", setting.bits, bits_source)
+    yield _fitted("adc.black_level_dn", setting.dark.black, "")
+    for name in ("gamma", "ile", "dnl_lsb"):
+        yield Value(f"adc.{name}", None)
 
 
-def _at_full_well(ratio: float, one: Setting, well_e: float) -> float:
-    """γ is that at the largest signal; the file's is that at the full well."""
-    largest = one.brightest.end.quantity.value / one.gain.quantity.value
+def _ratio_at_full_well(ratio: float, setting: Setting, well_e: float) -> float:
+    """γ of the file, which is that at the full well, from γ at the largest signal."""
+    largest = setting.brightest.end.quantity.value / setting.gain.quantity.value
     return 1 + (ratio - 1) * well_e / largest
 
 
-def _number(name: str, found: Fitted, why: str) -> Value:
+def _fitted(name: str, figure: Fitted, why: str) -> Value:
     """The fitted value, or 0 with the reason."""
-    if found.known:
-        return Value(name, max(found.quantity.value, 0.0), found.source)
-    reason = found.quantity.note or why or "frames do not show it"
+    if figure.known:
+        return Value(name, max(figure.quantity.value, 0.0), figure.source)
+    reason = figure.quantity.note or why or "frames do not show it"
     return Value(name, 0.0, f"assumed: {reason}")

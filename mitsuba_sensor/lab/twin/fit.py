@@ -43,7 +43,7 @@ QE, BAND_NM, ANY_NM = 0.6, (300.0, 1100.0), 550.0
 FULL_SWING_V = 1.0
 """Swing of a full well, where no camera says its conversion gain [V]."""
 SHARE, FEWEST = 0.25, 8
-"""Of the frames of a stack that are held out, and of how many at least: 2 stay out and 6 in."""
+"""Share of the frames of a stack that are held out, and of how many at least: 2 stay out and 6 in."""
 
 
 @dataclass(eq=False)
@@ -70,37 +70,27 @@ class Twin:
     @property
     def notes(self) -> tuple[str, ...]:
         """What restricts the figures, and what could not be measured."""
-        several = len(self.settings) > 1
-        found = [
-            f"gain {one.name}: {text}" if several else text
-            for one in self.settings
-            for text in one.notes
-        ]
-        return tuple(dict.fromkeys([*found, *step_notes(self.settings)]))
+        notes: list[str] = []
+        for setting in self.settings:
+            prefix = f"gain {setting.name}: " if len(self.settings) > 1 else ""
+            notes += [f"{prefix}{note}" for note in setting.notes]
+        return tuple(dict.fromkeys([*notes, *step_notes(self.settings)]))
 
     def figures(self) -> dict[str, Fitted]:
         """All figures with intervals, by symbol, of the base setting."""
-        one = self.base
-        noise = {
-            f.quantity.symbol: one.electrons(f)
-            for f in (one.noise.read, one.noise.row, one.noise.column)
-        }
-        prnu = {f"PRNU_{part}": one.prnu(part) for part in ("pixel", "row", "column")}
-        rate = one.electrons(one.dark.rate, "e-/s")
-        found = {
-            "K": one.gain,
-            "black": one.dark.black,
-            **noise,
-            "cv_read": one.noise.cv,
-            **prnu,
-        }
-        found |= {
-            one.noise.law.shape.symbol: one.noise.shape,
-            "µ_I": rate,
-            "D_N": one.dark.cv,
-            "µ_e.end": one.electrons(one.brightest.end),
-        }
-        return {name: figure for name, figure in found.items() if figure.known}
+        setting = self.base
+        noise, dark = setting.noise, setting.dark
+        figures = {"K": setting.gain, "black": dark.black}
+        for sigma in (noise.read, noise.row, noise.column):
+            figures[sigma.quantity.symbol] = setting.electrons(sigma)
+        figures["cv_read"] = noise.cv
+        for part in ("pixel", "row", "column"):
+            figures[f"PRNU_{part}"] = setting.prnu(part)
+        figures[noise.law.shape.symbol] = noise.shape
+        figures["µ_I"] = setting.electrons(dark.rate, "e-/s")
+        figures["D_N"] = dark.cv
+        figures["µ_e.end"] = setting.electrons(setting.brightest.end)
+        return {symbol: figure for symbol, figure in figures.items() if figure.known}
 
     def tables(self, like: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """The tables of a camera file, for ``ms.load_camera(twin.tables())``.
@@ -111,7 +101,12 @@ class Twin:
         """
         data = copy.deepcopy(dict(like) if like is not None else ASSUMED)
         sources = _sources_of(like)
-        values = [*fields_of(self.base), *self._light(like), *self._gain(data)]
+        values = [*fields_of(self.base)]
+        if like is None:
+            values += self._quantum_efficiency()
+        else:
+            _check_tile(self.base.tile, like)
+        values += self._conversion_gain(data)
         for name, value, source in values:
             table, _, key = name.partition(".")
             data.setdefault(table, {})
@@ -129,96 +124,83 @@ class Twin:
         data.pop("gain", None)
         return {**data, "sources": sources}
 
-    def _light(self, like: Mapping[str, Any] | None) -> Iterator[Value]:
-        """Quantum efficiency: measured where photons are known; else that of the other camera, or assumed."""
-        tile = self.base.tile
-        if like is not None:
-            _check_tile(tile, like)
-            return
-        found = {name: one.efficiency for name, one in self.base.responses.items()}
-        known = {
-            name: q
-            for name, q in found.items()
-            if q is not None and math.isfinite(q.value) and 0 < q.value <= 1
-        }
-        where = (
-            f" at {self.wavelength_nm:g} nm"
-            if self.wavelength_nm
-            else ", at an unknown wavelength"
-        )
-        if len(known) == len(found):
-            each = [
-                f"{name} {q.value:.3g} ({q.low:.3g} to {q.high:.3g})".strip()
-                for name, q in known.items()
-            ]
-            source = f"fit: {', '.join(each)}{where}"
-        else:
-            source = f"assumed: {QE:g}; the photons of the flat fields are not known"
-        values = {name: known[name].value if len(known) == len(found) else QE for name in found}
+    def _quantum_efficiency(self) -> Iterator[Value]:
+        """Quantum efficiency of each filter: measured where photons are known, else assumed."""
+        values, source = self._efficiencies()
         yield Value(
             "quantum_efficiency.wavelengths_nm",
             list(BAND_NM),
             "assumed: one quantum efficiency for all light",
         )
-        if tile:
-            filters = {name: value for name, value in values.items() if " (" not in name}
-            yield Value(
-                "quantum_efficiency.curves",
-                {name: [one, one] for name, one in filters.items()},
-                source,
-            )
-            yield Value(
-                "quantum_efficiency.tile",
-                [list(row) for row in tile],
-                "fit: the mosaic of the frames",
-            )
+        if self.base.tile:
+            curves: dict[str, list[float]] = {}
+            for name, value in values.items():
+                if " (" not in name:  # the second place of a filter in the tile
+                    curves[name] = [value, value]
+            yield Value("quantum_efficiency.curves", curves, source)
+            tile = [list(row) for row in self.base.tile]
+            yield Value("quantum_efficiency.tile", tile, "fit: the mosaic of the frames")
         else:
             yield Value("quantum_efficiency.value", values[""], source)
-        light = (
-            "fit: the light of the flat fields"
-            if self.wavelength_nm
-            else f"assumed: {ANY_NM:g} nm"
-        )
-        yield Value("quantum_efficiency.reference_nm", self.wavelength_nm or ANY_NM, light)
+        reference_nm, source = ANY_NM, f"assumed: {ANY_NM:g} nm"
+        if self.wavelength_nm:
+            reference_nm, source = self.wavelength_nm, "fit: the light of the flat fields"
+        yield Value("quantum_efficiency.reference_nm", reference_nm, source)
 
-    def _gain(self, data: Mapping[str, Any]) -> Iterator[Value]:
+    def _efficiencies(self) -> tuple[dict[str, float], str]:
+        """Quantum efficiency by filter, and its source; an assumed one where that of any filter is not known."""
+        values: dict[str, float] = {}
+        texts: list[str] = []
+        for name, response in self.base.responses.items():
+            q = response.efficiency
+            if q is None or not math.isfinite(q.value) or not 0 < q.value <= 1:
+                source = f"assumed: {QE:g}; the photons of the flat fields are not known"
+                return dict.fromkeys(self.base.responses, QE), source
+            values[name] = q.value
+            texts.append(f"{name} {q.value:.3g} ({q.low:.3g} to {q.high:.3g})".strip())
+        where = ", at an unknown wavelength"
+        if self.wavelength_nm:
+            where = f" at {self.wavelength_nm:g} nm"
+        return values, f"fit: {', '.join(texts)}{where}"
+
+    def _conversion_gain(self, data: Mapping[str, Any]) -> Iterator[Value]:
         """A_SN and V_FS, so that K = A_SN·A_SF·A_CDS·2^bits/V_FS."""
-        one, readout = self.base, data["readout"]
+        setting, readout = self.base, data["readout"]
         sense_uv = readout.get("sense_gain_uv_per_e")
         if sense_uv is None:
-            sense_uv = float(f"{1e6 * FULL_SWING_V / full_well(one).value:.4g}")
+            sense_uv = float(f"{1e6 * FULL_SWING_V / full_well(setting).value:.4g}")
+            source = f"assumed: a full well is {FULL_SWING_V:g} V"
             yield Value("readout.ve_k1_c", None)
-            yield Value(
-                "readout.sense_gain_uv_per_e",
-                sense_uv,
-                f"assumed: a full well is {FULL_SWING_V:g} V",
-            )
-        amplified = (data["source_follower"].get("gain") or 1.0) * (
-            readout.get("cds_gain") or 1.0
-        )
-        swing = sense_uv * 1e-6 * amplified * 2.0**one.bits / one.gain.quantity.value
+            yield Value("readout.sense_gain_uv_per_e", sense_uv, source)
+        follower_gain = data["source_follower"].get("gain") or 1.0
+        amplified = follower_gain * (readout.get("cds_gain") or 1.0)
+        gain = setting.gain
+        swing_v = sense_uv * 1e-6 * amplified * 2.0**setting.bits / gain.quantity.value
         yield Value(
-            "adc.full_scale_v", swing, f"{one.gain.source}: V_FS = A_SN·A_SF·A_CDS·2^bits/K"
+            "adc.full_scale_v", swing_v, f"{gain.source}: V_FS = A_SN·A_SF·A_CDS·2^bits/K"
         )
 
 
 def _sources_of(like: Mapping[str, Any] | None) -> dict[str, str]:
+    """Sources of the fields before the frames say theirs."""
     if like is None:
         return dict(ASSUMED_SOURCES)
-    return {
-        name: f"of {like['name']}: {text}" for name, text in (like.get("sources") or {}).items()
-    }
+    sources = like.get("sources") or {}
+    return {name: f"of {like['name']}: {text}" for name, text in sources.items()}
 
 
 def _check_tile(tile: tuple[tuple[str, ...], ...], like: Mapping[str, Any]) -> None:
-    given = like.get("quantum_efficiency", {}).get("tile")
-    other = tuple(tuple(row) for row in given) if given else ()
+    """Raises InputError where a camera has another mosaic than the frames."""
+    other = tuple(map(tuple, like.get("quantum_efficiency", {}).get("tile") or ()))
     if tile != other:
-        has = "no mosaic" if not other else " / ".join("".join(row) for row in other)
-        have = "none" if not tile else " / ".join("".join(row) for row in tile)
+        has, have = _show_tile(other) or "no mosaic", _show_tile(tile) or "none"
         raise InputError(
             f"{like['name']} has {has}, the frames have {have}; give a camera of the same mosaic, or none."
         )
+
+
+def _show_tile(tile: tuple[tuple[str, ...], ...]) -> str:
+    return " / ".join("".join(row) for row in tile)
 
 
 def fit(
@@ -235,11 +217,12 @@ def fit(
     bench = frames if isinstance(frames, Bench) else read_bench(frames, report)
     if not bench.stacks:
         raise InputError("the bench has no stacks; a twin needs dark frames and flat fields.")
-    found = [fit_setting(bench.at_gain(gain)) for gain in bench.gains]
-    found.sort(key=lambda one: one.gain.quantity.value)
-    for one, law in zip(found, of_one_family([one.noise.law for one in found]), strict=True):
-        one.noise = replace(one.noise, law=law)
-    return Twin(tuple(found), bench.wavelength_nm)
+    settings = [fit_setting(bench.at_gain(gain)) for gain in bench.gains]
+    settings.sort(key=lambda setting: setting.gain.quantity.value)
+    laws = of_one_family([setting.noise.law for setting in settings])
+    for setting, law in zip(settings, laws, strict=True):
+        setting.noise = replace(setting.noise, law=law)
+    return Twin(tuple(settings), bench.wavelength_nm)
 
 
 def held_out(bench: Bench) -> tuple[Bench, Bench]:
@@ -247,25 +230,44 @@ def held_out(bench: Bench) -> tuple[Bench, Bench]:
 
     Both are views of the same frames.
     """
-    return _part(bench, True), _part(bench, False)
-
-
-def _part(bench: Bench, first: bool) -> Bench:
-    biases, darks, flats = (
-        _parts(some, first) for some in (bench.biases, bench.darks, bench.flats)
+    fitted = Bench(
+        tuple(map(_first_frames, bench.biases)),
+        tuple(map(_first_frames, bench.darks)),
+        tuple(map(_first_frames, bench.flats)),
+        (),
+        bench.wavelength_nm,
     )
-    return Bench(biases, darks, flats, (), bench.wavelength_nm)
+    compared = Bench(
+        _last_frames(bench.biases),
+        _last_frames(bench.darks),
+        _last_frames(bench.flats),
+        (),
+        bench.wavelength_nm,
+    )
+    return fitted, compared
 
 
-def _parts(stacks: Sequence[Stack], first: bool) -> tuple[Stack, ...]:
-    return tuple(found for stack in stacks if (found := _of(stack, first)) is not None)
+def _count_held_out(stack: Stack) -> int:
+    """How many frames of a stack are held out."""
+    return int(SHARE * len(stack)) if len(stack) >= FEWEST else 0
 
 
-def _of(stack: Stack, first: bool) -> Stack | None:
-    count = int(SHARE * len(stack)) if len(stack) >= FEWEST else 0
-    if first:
-        return replace(stack, frames=stack.frames[: len(stack) - count]) if count else stack
-    return replace(stack, frames=stack.frames[len(stack) - count :]) if count else None
+def _first_frames(stack: Stack) -> Stack:
+    """The frames of a stack that are fitted."""
+    count = _count_held_out(stack)
+    if not count:
+        return stack
+    return replace(stack, frames=stack.frames[: len(stack) - count])
+
+
+def _last_frames(stacks: Sequence[Stack]) -> tuple[Stack, ...]:
+    """The frames that are held out, of the stacks that have enough."""
+    parts: list[Stack] = []
+    for stack in stacks:
+        count = _count_held_out(stack)
+        if count:
+            parts.append(replace(stack, frames=stack.frames[len(stack) - count :]))
+    return tuple(parts)
 
 
 def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
@@ -273,44 +275,51 @@ def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
 
     Full wells too, where all settings show one.
     """
-    wells = all(one.brightest.limited_by == "well" for one in settings)
-    return [_rung(one, wells) for one in settings]
+    wells = all(setting.brightest.limited_by == "well" for setting in settings)
+    return [_gain_table(setting, wells) for setting in settings]
 
 
-def _rung(one: Setting, well: bool) -> dict[str, Any]:
-    numbers = {
-        "gain_dn_per_e": one.gain.quantity.value,
-        "read_noise_e": one.electrons(one.noise.read).quantity.value,
-        "black_level_dn": max(one.dark.black.quantity.value, 0.0),
-        "row_noise_e": one.electrons(one.noise.row).quantity.value,
-        "column_noise_e": one.electrons(one.noise.column).quantity.value,
-    }
-    if one.noise.shape.known:
-        numbers["read_noise_shape"] = one.noise.shape.quantity.value
+def _gain_table(setting: Setting, well: bool) -> dict[str, Any]:
+    """The table [[gains]] of one setting, with or without its full well."""
+
+    def electrons(figure: Fitted) -> float:
+        return setting.electrons(figure).quantity.value
+
+    noise = setting.noise
+    table = _label(setting.name)
+    table["gain_dn_per_e"] = setting.gain.quantity.value
+    table["read_noise_e"] = electrons(noise.read)
+    table["black_level_dn"] = max(setting.dark.black.quantity.value, 0.0)
+    table["row_noise_e"] = electrons(noise.row)
+    table["column_noise_e"] = electrons(noise.column)
+    if noise.shape.known:
+        table["read_noise_shape"] = noise.shape.quantity.value
     if well:
-        numbers["full_well_e"] = one.electrons(one.brightest.end).quantity.value
-    return {**_label(one.name), **numbers}
+        table["full_well_e"] = electrons(setting.brightest.end)
+    return table
 
 
 def _label(name: str) -> dict[str, Any]:
+    """An ISO speed where the name is a positive number, else the name."""
     try:
-        return {"iso": float(name)} if float(name) > 0 else {"name": name}
+        speed = float(name)
     except ValueError:
         return {"name": name or "unnamed"}
+    return {"iso": speed} if speed > 0 else {"name": name}
 
 
 def step_notes(settings: Sequence[Setting]) -> list[str]:
-    """Where read noise falls in DN while K rises, which one conversion gain cannot do.
+    """Notes where read noise falls in DN while K rises, which one conversion gain cannot do.
 
     With σ² = a²K² + b² (noise before and behind the amplifier) it never falls.
     """
-    found = []
+    notes = []
     for low, high in zip(settings, settings[1:], strict=False):
         before, after = low.noise.read.quantity, high.noise.read.quantity
         if after.high < before.low:
-            k = [f"{one.gain.quantity.value:.3g}" for one in (low, high)]
-            found.append(
-                f"conversion gain changes from {low.name} to {high.name}: K rises from {k[0]} to {k[1]} DN/e- while "
-                f"the read noise falls from {before.value:.3g} to {after.value:.3g} DN"
+            gain, higher_gain = low.gain.quantity.value, high.gain.quantity.value
+            notes.append(
+                f"conversion gain changes from {low.name} to {high.name}: K rises from {gain:.3g} to "
+                f"{higher_gain:.3g} DN/e- while the read noise falls from {before.value:.3g} to {after.value:.3g} DN"
             )
-    return found
+    return notes

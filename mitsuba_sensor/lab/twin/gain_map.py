@@ -28,31 +28,29 @@ class GainMap:
 
 
 def gain_map(flat: Stack, dark: Dark, response: Response) -> GainMap:
-    """Of a flat field of one filter, about half saturated."""
-    y = flat.mean - dark.at(flat.exposure_s)
+    """PRNU of a flat field of one filter, about half saturated."""
+    y = flat.mean - dark.expected_frame(flat.exposure_s)
     level = float(y.mean())
-    linear = float(response.straight(np.array([level]))[0])
-    per_gain = (1 + response.curvature * linear) / (
-        1 + 2 * response.curvature * linear
-    )  # d ln s / d ln y
+    bend = response.curvature * float(response.straight(np.array([level]))[0])
+    per_gain = (1 + bend) / (1 + 2 * bend)  # d ln s / d ln y
     noises = [Noise(temporal_mean_squares(flat), 1 / len(flat)), *dark.offsets.noises]
     if dark.rates is not None:
-        noises += [
-            Noise(one.squares, one.factor * flat.exposure_s**2) for one in dark.rates.noises
-        ]
-    found = CombinedMap(y, tuple(noises))
-    spread, parts = found.spread(per_gain / level), found.parts()
-    frames = frames_of(flat)
+        for noise in dark.rates.noises:
+            noises.append(Noise(noise.squares, noise.factor * flat.exposure_s**2))
+    signal = CombinedMap(y, tuple(noises))
+    spreads, frames = signal.spread(per_gain / level), frames_of(flat)
 
-    def figure(part: str, name: str) -> Fitted:
-        one = Quantity(
-            f"PRNU_{part}", f"photo response non-uniformity of {name}", *spread[part], "", "fit"
+    def figure(part: str, name: str, symbol: str) -> Fitted:
+        prnu = Quantity(
+            symbol, f"photo response non-uniformity of {name}", *spreads[part], "", "fit"
         )
-        if math.isfinite(one.low) and one.low == 0:
-            one = one.noted("not told from 0")
-        return Fitted(one, frames)
+        if math.isfinite(prnu.low) and prnu.low == 0:
+            prnu = prnu.noted("not told from 0")
+        return Fitted(prnu, frames)
 
-    scaled = {name: part * per_gain / level for name, part in parts.items()}
     return GainMap(
-        figure("pixel", "pixels"), figure("row", "rows"), figure("col", "columns"), scaled
+        pixel=figure("pixel", "pixels", "PRNU_pixel"),
+        row=figure("row", "rows", "PRNU_row"),
+        column=figure("col", "columns", "PRNU_col"),
+        parts={name: part * per_gain / level for name, part in signal.parts().items()},
     )

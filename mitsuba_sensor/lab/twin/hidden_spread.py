@@ -40,37 +40,41 @@ class Mixed(NamedTuple):
 
 
 def hidden_spread(variances: Float64Array, freedom: int, mixed: Mixed) -> HiddenSpread:
-    """From the sample variances of all pixels, each with so many degrees of freedom."""
-    found = _Likelihood(variances, freedom, mixed)
-    start = math.log(max(float(variances.mean()) - mixed.floor, 1e-3 * float(variances.mean())))
-    spread = found.first_guess()
+    """Mean variance and cv of σ from the sample variances of all pixels, each with so many degrees of freedom."""
+    likelihood = _Likelihood(variances, freedom, mixed)
+    mean = float(variances.mean())
+    start = math.log(max(mean - mixed.floor, 1e-3 * mean))
+    spread = likelihood.first_guess()
     simplex = [(start, spread), (start + 0.02, spread), (start, spread + 0.05)]
     options = {"xatol": 1e-5, "fatol": 1e-4, "initial_simplex": simplex}
     best = scipy.optimize.minimize(
-        lambda x: -found(x[0], abs(x[1])), simplex[0], method="Nelder-Mead", options=options
+        lambda x: -likelihood(x[0], abs(x[1])),
+        simplex[0],
+        method="Nelder-Mead",
+        options=options,
     )
     log_m, s, most = float(best.x[0]), abs(float(best.x[1])), -float(best.fun)
     if s < 1e-3:
         s = 0.0
-    error_m = _error(
-        lambda d: found(log_m + d, s) - most, 0.02 / math.sqrt(len(variances) / 1000)
+    error_m = _error_from_curvature(
+        lambda d: likelihood(log_m + d, s) - most, 0.02 / math.sqrt(len(variances) / 1000)
     )
 
     def fallen(other: float) -> float:
         inner = scipy.optimize.minimize_scalar(
-            lambda x: -found(x, other),
+            lambda x: -likelihood(x, other),
             bounds=(log_m - 8 * error_m, log_m + 8 * error_m),
             method="bounded",
             options={"xatol": 0.05 * error_m},
         )
         return 2 * (most + float(inner.fun)) - CHI2
 
-    low, high = _ends(fallen, s)
+    low, high = _interval_of_spread(fallen, s)
     z = float(scipy.special.ndtri((1 + LEVEL) / 2))
     m = math.exp(log_m)
     return HiddenSpread(
-        (m, m * math.exp(-z * error_m), m * math.exp(z * error_m)),
-        (_cv(s), _cv(low), _cv(high)),
+        variance=(m, m * math.exp(-z * error_m), m * math.exp(z * error_m)),
+        cv=(_cv_of_sigma(s), _cv_of_sigma(low), _cv_of_sigma(high)),
     )
 
 
@@ -91,27 +95,24 @@ class _Likelihood:
 
     def first_guess(self) -> float:
         """s of the middle half of the variances, without the floor."""
-        low, high = np.interp(
-            (0.25, 0.75), np.cumsum(self.weights) / self.weights.sum(), self.values
-        )
-        found = math.log(max(high, 1e-300) / max(low, 1e-300)) / 1.349
-        chance = math.sqrt(float(scipy.special.polygamma(1, self.half)))
-        return 0.5 * math.sqrt(max(found**2 - chance**2, 0.01))
+        order = np.cumsum(self.weights) / self.weights.sum()
+        low, high = np.interp((0.25, 0.75), order, self.values)
+        spread = math.log(max(high, 1e-300) / max(low, 1e-300)) / 1.349
+        by_chance = math.sqrt(float(scipy.special.polygamma(1, self.half)))
+        return 0.5 * math.sqrt(max(spread**2 - by_chance**2, 0.01))
 
     def __call__(self, log_m: float, s: float) -> float:
-        """The larger, the more likely."""
+        """Log-likelihood of ln m and s: the larger, the more likely."""
         if s > WIDEST:
             return -math.inf
-        m = math.exp(log_m)
-        v = self.mixed.floor + m * (
-            self.mixed.own * np.exp(2 * s * self.z - 2 * s**2) + self.mixed.shared
-        )
+        m, log_normal = math.exp(log_m), np.exp(2 * s * self.z - 2 * s**2)
+        v = self.mixed.floor + m * (self.mixed.own * log_normal + self.mixed.shared)
         chance = -self.half * (np.log(v) + self.values[:, None] / v)
         most = chance.max(axis=1)
         return float(self.weights @ (np.log(np.exp(chance - most[:, None]) @ self.law) + most))
 
 
-def _error(change: Callable[[float], float], step: float) -> float:
+def _error_from_curvature(change: Callable[[float], float], step: float) -> float:
     """Standard error from the curvature of a log-likelihood, at a step of about that size."""
     for _ in range(20):
         drop = -(change(step) + change(-step)) / 2
@@ -121,7 +122,7 @@ def _error(change: Callable[[float], float], step: float) -> float:
     return step / math.sqrt(2 * max(drop, 1e-12))
 
 
-def _ends(fallen: Callable[[float], float], s: float) -> tuple[float, float]:
+def _interval_of_spread(fallen: Callable[[float], float], s: float) -> tuple[float, float]:
     """Where twice the log-likelihood has fallen by the 95 % quantile; 0 or infinity where it does not."""
     low = 0.0
     if s > 0 and fallen(0.0) > 0:
@@ -134,5 +135,6 @@ def _ends(fallen: Callable[[float], float], s: float) -> tuple[float, float]:
     return low, float(scipy.optimize.brentq(fallen, s, outside, xtol=1e-4))
 
 
-def _cv(s: float) -> float:
+def _cv_of_sigma(s: float) -> float:
+    """Coefficient of variation of a log-normal σ whose logarithm has the standard deviation s."""
     return math.sqrt(math.expm1(s**2)) if s < math.inf else math.inf

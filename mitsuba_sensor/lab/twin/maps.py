@@ -10,43 +10,55 @@ import numpy as np
 
 from ...core.types import Float64Array
 from .combined_map import scaled_to
+from .gain_map import GainMap
 from .setting import Setting, assembled
 
 SMALLEST_GAIN = 1e-3
-"""Of a pixel in the map: dead pixels have none."""
+"""Gain of a pixel in the map: dead pixels have none."""
 
 
-def maps_of(one: Setting) -> dict[str, Float64Array]:
+def maps_of(setting: Setting) -> dict[str, Float64Array]:
     """``prnu``, ``prnu_col``, offsets in electrons, ``dark_fpn``, and ``read_noise`` where pixels differ."""
-    gain = one.gain.quantity.value
-    parts = one.dark.offsets.parts()
-    found = {f"dsnu_{name}_e": part / gain for name, part in parts.items()}
-    if one.gains:
-        shared = one.gains[""].parts["col"] if not one.tile else None
-        found["prnu"] = np.maximum(
-            1 + assembled(one, lambda g: _of_pixels(g.parts, shared is not None)), SMALLEST_GAIN
-        )
-        found["prnu_col"] = 1 + (np.zeros((1, one.shape[1])) if shared is None else shared)
-    if one.dark.rates is not None and one.dark.cv.known:
-        found["dark_fpn"] = _rates(one)
-    if one.noise.pixels is not None:
-        found["read_noise"] = one.noise.pixels * one.electrons(one.noise.read).quantity.value
-    if one.telegraph is not None:
-        found["rts_site"] = one.telegraph.site
-    return found
+    gain = setting.gain.quantity.value
+    maps: dict[str, Float64Array] = {}
+    for name, part in setting.dark.offsets.parts().items():
+        maps[f"dsnu_{name}_e"] = part / gain
+    if setting.gains:
+        maps |= _gain_maps(setting)
+    if setting.dark.rates is not None and setting.dark.cv.known:
+        maps["dark_fpn"] = _relative_rates(setting)
+    noise = setting.noise
+    if noise.pixels is not None:
+        maps["read_noise"] = noise.pixels * setting.electrons(noise.read).quantity.value
+    if setting.telegraph is not None:
+        maps["rts_site"] = setting.telegraph.site
+    return maps
 
 
-def _of_pixels(parts: dict[str, Float64Array], columns_apart: bool) -> Float64Array:
-    """Pixels and rows; columns too where they are no map of their own, since those of a mosaic differ by filter."""
-    return parts["pixel"] + parts["row"] + (0.0 if columns_apart else parts["col"])
+def _gain_maps(setting: Setting) -> dict[str, Float64Array]:
+    """Gains of the pixels and of the columns.
+
+    Columns of a mosaic differ by filter and have no map of their own: theirs are part of the pixels' map.
+    """
+    columns = np.zeros((1, setting.shape[1]))
+    if not setting.tile:
+        columns = setting.gains[""].parts["col"]
+
+    def pixels(gains: GainMap) -> Float64Array:
+        rest = gains.parts["pixel"] + gains.parts["row"]
+        return rest + gains.parts["col"] if setting.tile else rest
+
+    prnu = np.maximum(1 + assembled(setting, pixels), SMALLEST_GAIN)
+    return {"prnu": prnu, "prnu_col": 1 + columns}
 
 
-def _rates(one: Setting) -> Float64Array:
+def _relative_rates(setting: Setting) -> Float64Array:
     """Dark current over its mean, without what telegraph signals add."""
-    assert one.dark.rates is not None
-    image = one.dark.rates.image - (0.0 if one.telegraph is None else one.telegraph.mean)
+    assert setting.dark.rates is not None
+    image = setting.dark.rates.image
+    if setting.telegraph is not None:
+        image = image - setting.telegraph.mean
     mean = float(image.mean())
-    factors = np.maximum(
-        1 + scaled_to(image - mean, one.dark.cv.quantity.value * mean) / mean, 0.0
-    )
+    deviations = scaled_to(image - mean, setting.dark.cv.quantity.value * mean)
+    factors = np.maximum(1 + deviations / mean, 0.0)
     return np.asarray(factors / factors.mean())

@@ -8,23 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.series import COARSE_DN2, ROUNDING_DN2
+from ..frames.series import COARSE_DN2, ROUNDING_DN2, has_whole_codes
 from ..frames.stack import Stack
 from ..measure.dark_noise import dark_noise
-from ..measure.line_noise import line_noise
-from ..quantity import TWO_SIDED, Quantity, unknown
+from ..measure.line_noise import LineNoise, line_noise
+from ..quantity import TWO_SIDED, Quantity, no_value, unknown
 from .dark import Dark
 from .evidence import Fitted, frames_of
 from .hidden_spread import HiddenSpread, Mixed, hidden_spread
 from .noise_law import NoiseLaw, Pixels, noise_law
 
-READ = Quantity(
-    "σ_read", "read noise of the pixels, rms", math.nan, math.nan, math.nan, "DN", "fit"
-)
+READ = no_value("σ_read", "read noise of the pixels, rms", "DN", "fit")
 UNSEEN = Pixels(math.nan, 0.0, 0.0, True)
-CV = Quantity(
-    "cv_read", "spread of the read noise over pixels", math.nan, math.nan, math.nan, "", "fit"
-)
+CV = no_value("cv_read", "spread of the read noise over pixels", "", "fit")
+
+
+ROUNDED_AWAY = "hidden by rounding"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,58 +48,66 @@ class ReadNoise:
 
 
 def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
-    """From the shortest dark stack; shot noise of the dark current and rounding are subtracted in the likelihood."""
+    """Noise of the shortest dark stack.
+
+    Shot noise of the dark current and rounding are subtracted in the likelihood.
+    """
     stack, frames = dark.quiet, frames_of(dark.quiet)
     lines = line_noise(stack)
-    row, column = (Fitted(one, frames) for one in (lines.row, lines.column))
-    whole = stack.frames.dtype.kind in "ui" or bool(
-        (stack.frames == np.round(stack.frames)).all()
-    )
-    shot, unsure = _shot_noise(dark, gain)
-    floor = (ROUNDING_DN2 if whole else 0.0) + shot
-    total = float(stack.variance.mean())
-    if whole and total < COARSE_DN2 + ROUNDING_DN2:
-        read, law = (
-            _coarse(stack, lines.row, lines.column, shot),
-            noise_law(stack, UNSEEN, "hidden by rounding"),
-        )
+    row, column = Fitted(lines.row, frames), Fitted(lines.column, frames)
+    whole = has_whole_codes(stack)
+    shot_dn2, unsure = _shot_noise(dark, gain)
+    if whole and float(stack.variance.mean()) < COARSE_DN2 + ROUNDING_DN2:
         return ReadNoise(
-            Fitted(read, frames),
-            Fitted(unknown(CV, "hidden by rounding"), frames),
-            row,
-            column,
-            law,
-            None,
+            read=Fitted(_coarse_noise(stack, lines, shot_dn2), frames),
+            cv=Fitted(unknown(CV, ROUNDED_AWAY), frames),
+            row=row,
+            column=column,
+            law=noise_law(stack, UNSEEN, ROUNDED_AWAY),
+            pixels=None,
         )
+    floor = (ROUNDING_DN2 if whole else 0.0) + shot_dn2
     variances, shared = residual_variance(stack)
-    mixed = Mixed(floor, 1 - shared, shared)
-    found = hidden_spread(variances.ravel(), len(stack) - 1, mixed)
-    other = shot + _variance_of(lines.row, lines.column) + float(stack.frame_means.var(ddof=1))
-    place = float(stack.mean.mean()), dark.offsets.spread()["all"][0]
-    looked_at = Pixels(math.sqrt(found.variance[0]), found.cv[0], other, whole, *place)
-    law = noise_law(stack, looked_at, "hidden by rounding" if looked_at.hidden else "")
+    spread = hidden_spread(variances.ravel(), len(stack) - 1, Mixed(floor, 1 - shared, shared))
+    pixels = Pixels(
+        sigma=math.sqrt(spread.variance[0]),
+        cv=spread.cv[0],
+        normal=shot_dn2 + _line_variance(lines) + float(stack.frame_means.var(ddof=1)),
+        rounded=whole,
+        mean=float(stack.mean.mean()),
+        offsets=dark.offsets.spread()["all"][0],
+    )
+    law = noise_law(stack, pixels, ROUNDED_AWAY if pixels.hidden else "")
     if law.distribution is not None:
-        found = _of_tails(variances, law, looked_at, len(stack), floor)
-        law = noise_law(
-            stack, looked_at._replace(sigma=math.sqrt(found.variance[0]), cv=found.cv[0])
-        )
-    m, least, most = found.variance
-    ends = m - math.hypot(m - least, unsure), m + math.hypot(most - m, unsure)
-    low, high = (math.sqrt(max(one, 0.0)) for one in ends)
-    read = replace(READ, value=math.sqrt(m), low=low, high=high, note="; ".join(dark.notes))
-    cv = replace(CV, value=found.cv[0], low=found.cv[1], high=found.cv[2])
-    pixels = None
+        spread = _spread_of_tails(variances, law, pixels, len(stack), floor)
+        pixels = pixels._replace(sigma=math.sqrt(spread.variance[0]), cv=spread.cv[0])
+        law = noise_law(stack, pixels)
+    m, least, most = spread.variance
+    low = m - math.hypot(m - least, unsure)
+    high = m + math.hypot(most - m, unsure)
+    read = replace(
+        READ,
+        value=math.sqrt(m),
+        low=math.sqrt(max(low, 0.0)),
+        high=math.sqrt(max(high, 0.0)),
+        note="; ".join(dark.notes),
+    )
+    cv = replace(CV, value=spread.cv[0], low=spread.cv[1], high=spread.cv[2])
+    sigmas = None
     if cv.low > 0:
-        pixels = _of_pixels(variances - floor, cv.value)
+        sigmas = _relative_sigmas(variances - floor, cv.value)
     else:
         cv = cv.noted("not told from 0")
-    return ReadNoise(Fitted(read, frames), Fitted(cv, frames), row, column, law, pixels)
+    return ReadNoise(Fitted(read, frames), Fitted(cv, frames), row, column, law, sigmas)
 
 
-def _of_tails(
+def _spread_of_tails(
     variances: Float64Array, law: NoiseLaw, pixels: Pixels, frames: int, floor: float
 ) -> HiddenSpread:
-    """Where the noise is not normal: sample variances follow no chi-square law, their mean is right all the same."""
+    """Mean variance and cv where the noise is not normal.
+
+    Sample variances then follow no chi-square law, but their mean is right all the same.
+    """
     half = TWO_SIDED * float(variances.std()) / math.sqrt(variances.size)
     m = max(float(variances.mean()) - floor, 1e-9)
     return HiddenSpread(
@@ -127,35 +134,36 @@ def residual_variance(stack: Stack) -> tuple[Float64Array, float]:
     rows = stack.frame_means[:, None] - stack.row_means
     columns = stack.frame_means[:, None] - stack.column_means
     rows, columns = rows - rows.mean(axis=0), columns - columns.mean(axis=0)
-    found = np.zeros(stack.shape)
+    squares = np.zeros(stack.shape)
     for frame, shift, by_row, by_column in zip(stack.frames, drift, rows, columns, strict=True):
         for part in stack.strips():
             rest = frame[part] - stack.mean[part]
             rest += by_row[part, None] - shift
             rest += by_column
-            found[part] += rest * rest
+            squares[part] += rest * rest
     shared = 1 / height + 1 / width
-    return found / (len(stack) - 1) / ((1 - 1 / height) * (1 - 1 / width)), shared
+    return squares / (len(stack) - 1) / ((1 - 1 / height) * (1 - 1 / width)), shared
 
 
-def _coarse(stack: Stack, row: Quantity, column: Quantity, shot_dn2: float) -> Quantity:
-    """Where rounding is coarse: most likely σ of the codes, less what rows, columns and dark current have."""
+def _coarse_noise(stack: Stack, lines: LineNoise, shot_dn2: float) -> Quantity:
+    """Read noise where rounding is coarse: most likely σ of the codes, less that of rows, columns and dark current."""
     total = dark_noise([stack]).analogue
     if math.isnan(total.value):
         return unknown(READ, total.note)
-    less = _variance_of(row, column) + shot_dn2
+    less = _line_variance(lines) + shot_dn2
     value, low, high = (
-        math.sqrt(max(one**2 - less, 0.0)) for one in (total.value, total.low, total.high)
+        math.sqrt(max(sigma**2 - less, 0.0)) for sigma in (total.value, total.low, total.high)
     )
     return replace(READ, value=value, low=low, high=high, note=total.note)
 
 
-def _variance_of(*sigmas: Quantity) -> float:
-    """Sum of their squares; what is not known counts nothing."""
-    return sum(one.value**2 for one in sigmas if math.isfinite(one.value))
+def _line_variance(lines: LineNoise) -> float:
+    """Variance of row and column noise [DN²]; what is not known counts nothing."""
+    sigmas = (lines.row.value, lines.column.value)
+    return sum(sigma**2 for sigma in sigmas if math.isfinite(sigma))
 
 
-def _of_pixels(variances: Float64Array, cv: float) -> Float64Array:
+def _relative_sigmas(variances: Float64Array, cv: float) -> Float64Array:
     """σ of each pixel over their rms: sample variances scatter by chance too, so that their logarithms are scaled down
     to the spread without it."""
     logarithms = 0.5 * np.log(np.maximum(variances, 1e-3 * variances.mean()))

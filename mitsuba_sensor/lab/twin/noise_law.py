@@ -21,7 +21,7 @@ import scipy
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.types import Float64Array
 from ..frames.stack import Stack
-from ..quantity import TWO_SIDED, Quantity, student_interval
+from ..quantity import TWO_SIDED, Quantity, no_value, student_interval
 
 FEWEST_FRAMES = 6
 """An L-moment of order 6 needs as many values."""
@@ -57,7 +57,7 @@ class Family:
 
     name: str
     symbol: str
-    of: Callable[[float], NoiseDistribution]
+    distribution: Callable[[float], NoiseDistribution]
     heaviest: float
     lightest: float
 
@@ -88,57 +88,57 @@ class NoiseLaw:
         assert self.distribution is not None
         chance = np.random.default_rng(DRAWS)
         drawn = chance.normal(size=(frames, DRAWS // frames))
-        noise = pixels.sigma * np.copysign(
-            self.distribution.quantile(scipy.special.ndtr(-np.abs(drawn))), drawn
-        )
+        magnitudes = self.distribution.quantile(scipy.special.ndtr(-np.abs(drawn)))
+        noise = pixels.sigma * np.copysign(magnitudes, drawn)
         noise += math.sqrt(max(pixels.normal, 0.0)) * chance.normal(size=drawn.shape)
         if pixels.rounded:
-            noise = np.round(
-                noise + pixels.mean + pixels.offsets * chance.normal(size=drawn.shape[1])
-            )
+            offsets = pixels.offsets * chance.normal(size=drawn.shape[1])
+            noise = np.round(noise + pixels.mean + offsets)
         by_chance, unsure = _relative_variance(_sample_l_moments(noise)[0])
-        found, error = _relative_variance(self.scales)
-        half = TWO_SIDED * math.hypot(error, unsure * (1 + found))
-        squares = [
-            max(one - by_chance, 0.0) / (1 + by_chance)
-            for one in (found, found - half, found + half)
-        ]
-        value, low, high = (math.sqrt(one) / pixels.share(self.distribution) for one in squares)
-        return value, low, high
+        measured, error = _relative_variance(self.scales)
+        half = TWO_SIDED * math.hypot(error, unsure * (1 + measured))
+        share = pixels.share(self.distribution)
+
+        def cv(relative_variance: float) -> float:
+            square = max(relative_variance - by_chance, 0.0) / (1 + by_chance)
+            return math.sqrt(square) / share
+
+        return cv(measured), cv(measured - half), cv(measured + half)
 
 
 def _relative_variance(values: Float64Array) -> tuple[float, float]:
     """Variance over squared mean, with the standard error of it."""
     relative = values / values.mean() - 1
     square = relative**2
-    slope = (
-        square - 2 * square.mean() * relative
-    )  # the mean that it is relative to is measured too
+    # The mean that it is relative to is measured too.
+    slope = square - 2 * square.mean() * relative
     return float(square.mean()), float(slope.std() / math.sqrt(values.size))
 
 
 def of_one_family(laws: Sequence[NoiseLaw]) -> list[NoiseLaw]:
     """As a ladder of gain settings needs them: where they differ in kind, Tukey's of the same τ₄ in place of others."""
-    if len({one.name for one in laws}) < 2:
+    if len({law.name for law in laws}) < 2:
         return list(laws)
-    return [one if one.name == FAMILIES[0].name else _like(one) for one in laws]
+    tukey = FAMILIES[0].name
+    return [law if law.name == tukey else _tukey_like(law) for law in laws]
 
 
-def _like(other: NoiseLaw) -> NoiseLaw:
-    one = Pixels(1.0)
-    tau4, _ = one.ratios(other.distribution)
-    shape, *ends = (
-        _shape(FAMILIES[0], one, tau4 + step) for step in (0.0, -other.unsure, other.unsure)
+def _tukey_like(other: NoiseLaw) -> NoiseLaw:
+    """Tukey's law of the same τ₄ as another one."""
+    family, pixels = FAMILIES[0], Pixels(1.0)
+    tau4, _ = pixels.ratios(other.distribution)
+    shape = _shape(family, pixels, tau4)
+    ends = [_shape(family, pixels, tau4 + step) for step in (-other.unsure, other.unsure)]
+    figure = replace(NO_SHAPE, value=shape, low=min(ends), high=max(ends))
+    return replace(
+        other,
+        name=family.name,
+        shape=figure.noted(f"of the τ₄ of a {other.name} law"),
+        distribution=family.distribution(shape),
     )
-    said = replace(NO_SHAPE, value=shape, low=min(ends), high=max(ends)).noted(
-        f"of the τ₄ of a {other.name} law"
-    )
-    return replace(other, name=FAMILIES[0].name, shape=said, distribution=FAMILIES[0].of(shape))
 
 
-NO_SHAPE = Quantity(
-    "λ", "shape of the read noise's law", math.nan, math.nan, math.nan, "", "fit"
-)
+NO_SHAPE = no_value("λ", "shape of the read noise's law", "", "fit")
 
 
 class Pixels(NamedTuple):
@@ -160,12 +160,9 @@ class Pixels(NamedTuple):
     def hidden(self) -> bool:
         """Whether rounding hides what one pixel in six has, where rounding is not 1/12 and σ and cv are not so sure."""
         s = math.sqrt(math.log1p(self.cv**2))
-        return (
-            self.rounded
-            and self.cv > 0
-            and self.offsets < ALIGNED
-            and self.sigma * math.exp(-(s**2) - s) < HIDDEN
-        )
+        sigma_of_quiet_pixels = self.sigma * math.exp(-(s**2) - s)
+        aligned = self.rounded and self.offsets < ALIGNED
+        return aligned and self.cv > 0 and sigma_of_quiet_pixels < HIDDEN
 
     def ratios(self, law: NoiseDistribution | None) -> tuple[float, float]:
         """τ₄ and τ₆ that the frames should have."""
@@ -178,32 +175,29 @@ class Pixels(NamedTuple):
 
     def share(self, law: NoiseDistribution) -> float:
         """By how much l₂ of the frames follows σ, d ln l₂/d ln σ; other noise does not change with it."""
-        up, down = (self.l_moments(law, self.sigma * (1 + step))[0] for step in (STEP, -STEP))
+        up = self.l_moments(law, self.sigma * (1 + STEP))[0]
+        down = self.l_moments(law, self.sigma * (1 - STEP))[0]
         return math.log(up / down) / math.log((1 + STEP) / (1 - STEP))
 
     def l_moments(self, law: NoiseDistribution | None, sigma: float) -> Float64Array:
         """l₂, l₄ and l₆ of σ·(noise of this law) and what is added to it."""
         z = np.linspace(0.0, 6.3, 631)[1:]
-        far = sigma * (z if law is None else law.quantile(scipy.special.ndtr(-z)))
-        table_x, table_z = (
-            np.concatenate([-far[::-1], [0.0], far]),
-            np.concatenate([-z[::-1], [0.0], z]),
-        )
-        other = math.sqrt(max(self.normal, 0.0))
-        units = (
-            np.linspace(-4.5, 4.5, 2 * min(max(4, math.ceil(6 * other / sigma)), 200) + 1)
-            if other
-            else np.zeros(1)
-        )
+        quantiles = z if law is None else law.quantile(scipy.special.ndtr(-z))
+        far = sigma * quantiles
+        table_x = np.concatenate([-far[::-1], [0.0], far])
+        table_z = np.concatenate([-z[::-1], [0.0], z])
+        other, units = math.sqrt(max(self.normal, 0.0)), np.zeros(1)
+        if other:
+            half = min(max(4, math.ceil(6 * other / sigma)), 200)
+            units = np.linspace(-4.5, 4.5, 2 * half + 1)
         places, shares = other * units, np.exp(-0.5 * units**2)
         x, steps = self._grid(sigma, far[-1] + places[-1])
         below = np.zeros(x.size)
         for place, share in zip(places, shares / shares.sum(), strict=True):
             below += share * scipy.special.ndtr(np.interp(x - place, table_x, table_z))
         inner = below * (1 - below) * steps
-        return np.array(
-            [inner @ np.polynomial.polynomial.polyval(below, p) for p in POLYNOMIALS.values()]
-        )
+        polyval = np.polynomial.polynomial.polyval
+        return np.array([inner @ polyval(below, p) for p in POLYNOMIALS.values()])
 
     def _grid(self, sigma: float, end: float) -> tuple[Float64Array, Float64Array]:
         """Places and weights of the integral: the edges of the codes, where these show and pixels are not anywhere."""
@@ -231,10 +225,13 @@ class Ratios:
 
 
 def ratios_of(stack: Stack) -> Ratios:
-    """Of each pixel's values over the frames as they are: what lines share is in them, for it is rounded with them."""
+    """Ratios of each pixel's values over the frames as they are.
+
+    What lines share is in them, for it is rounded with them.
+    """
     height, width = stack.shape
-    apart = max(1, math.ceil(len(stack) * height * width / MOST_VALUES))
-    rows = np.arange(0, height, apart)
+    distance = max(1, math.ceil(len(stack) * height * width / MOST_VALUES))
+    rows = np.arange(0, height, distance)
     by_row, by_column, scales = [], np.zeros((3, width)), []
     for block in np.array_split(rows, min(BLOCKS, rows.size)):
         moments = np.array(_sample_l_moments(stack.frames[:, block].astype(np.float64)))
@@ -242,20 +239,20 @@ def ratios_of(stack: Stack) -> Ratios:
         by_column += moments.sum(axis=1)
         scales.append(moments[0].ravel())
     edges = np.linspace(0, width, min(BLOCKS, width) + 1).astype(int)[:-1]
-    groups = np.array(by_row).T, np.add.reduceat(by_column, edges, axis=1)
-    tau4, tau6 = (float(groups[0][k].sum() / groups[0][0].sum()) for k in (1, 2))
-    error4, error6 = (max(_error(one, k) for one in groups) for k in (1, 2))
+    row_groups = np.array(by_row).T
+    column_groups = np.add.reduceat(by_column, edges, axis=1)
+    l2, l4, l6 = (sums.sum() for sums in row_groups)
     return Ratios(
-        tau4,
-        tau6,
-        error4,
-        error6,
-        min(one.shape[1] for one in groups) - 1,
-        np.concatenate(scales),
+        tau4=float(l4 / l2),
+        tau6=float(l6 / l2),
+        error4=max(_error_of_ratio(row_groups, 1), _error_of_ratio(column_groups, 1)),
+        error6=max(_error_of_ratio(row_groups, 2), _error_of_ratio(column_groups, 2)),
+        freedom=min(row_groups.shape[1], column_groups.shape[1]) - 1,
+        scales=np.concatenate(scales),
     )
 
 
-def _error(sums: Float64Array, order: int) -> float:
+def _error_of_ratio(sums: Float64Array, order: int) -> float:
     """Standard error of the ratio of two sums, from how it differs between groups of rows, or of columns."""
     second, more = sums[0], sums[order]
     rest = more - more.sum() / second.sum() * second
@@ -266,64 +263,63 @@ def _sample_l_moments(values: Float64Array) -> list[Float64Array]:
     """Unbiased l₂, l₄ and l₆ along the first axis."""
     ordered, n = np.sort(values, axis=0), len(values)
     rank, weight = np.arange(n, dtype=np.float64), np.ones(n)
-    b = []
+    weighted_moments = []
     for k in range(6):
-        b.append(np.tensordot(weight, ordered, 1) / n)
-        weight = weight * np.maximum(rank - k, 0.0) / (n - 1 - k) if n > k + 1 else weight * 0
-    return [
-        np.asarray(sum(w * one for w, one in zip(some, b, strict=False)))
-        for some in WEIGHTS.values()
-    ]
+        weighted_moments.append(np.tensordot(weight, ordered, 1) / n)
+        if n > k + 1:
+            weight = weight * np.maximum(rank - k, 0.0) / (n - 1 - k)
+        else:
+            weight = weight * 0
+    l_moments = []
+    for factors in WEIGHTS.values():
+        pairs = zip(factors, weighted_moments, strict=False)
+        l_moments.append(np.asarray(sum(factor * b for factor, b in pairs)))
+    return l_moments
 
 
 def noise_law(stack: Stack, pixels: Pixels, note: str = "") -> NoiseLaw:
     """The law that the frames of darkness show: normal unless they tell otherwise.  note : why they cannot."""
-    if not note and len(stack) < FEWEST_FRAMES:
-        note = f"{len(stack)} frames; the law of the noise needs {FEWEST_FRAMES}"
-    if note or min(stack.shape) < 2:
-        return NoiseLaw(
-            "normal",
-            NO_SHAPE,
-            f"assumed: {note or 'a single line of pixels'}",
-            None,
-            np.zeros(0),
-        )
-    found = ratios_of(stack)
-    low, high = student_interval(found.tau4, found.error4, found.freedom)[1:]
-    said = f"fit: τ₄ {found.tau4:.4f} ({low:.4f} to {high:.4f}) beside {{:.4f}} of a normal law"
+    if len(stack) < FEWEST_FRAMES:
+        note = note or f"{len(stack)} frames; the law of the noise needs {FEWEST_FRAMES}"
+    if min(stack.shape) < 2:
+        note = note or "a single line of pixels"
+    if note:
+        return NoiseLaw("normal", NO_SHAPE, f"assumed: {note}", None, np.zeros(0))
+    ratios = ratios_of(stack)
+    _, low, high = student_interval(ratios.tau4, ratios.error4, ratios.freedom)
     normal, _ = pixels.ratios(None)
-    said = said.format(normal)
-    if not abs(found.tau4 - normal) > ALARM * found.error4:
-        return NoiseLaw("normal", NO_SHAPE, said, None, found.scales, high - found.tau4)
-    return min(_fitted(found, pixels, (low, high), said), key=lambda one: one[0])[1]
+    said = f"fit: τ₄ {ratios.tau4:.4f} ({low:.4f} to {high:.4f}) beside {normal:.4f} of a normal law"
+    if not abs(ratios.tau4 - normal) > ALARM * ratios.error4:
+        return NoiseLaw("normal", NO_SHAPE, said, None, ratios.scales, high - ratios.tau4)
+    fits = [_fit_family(family, ratios, pixels, (low, high), said) for family in FAMILIES]
+    _, law = min(fits, key=lambda fit: fit[0])
+    return law
 
 
-def _fitted(
-    found: Ratios, pixels: Pixels, ends: tuple[float, float], said: str
-) -> Sequence[tuple[float, NoiseLaw]]:
-    """Each family that has this τ₄, with the distance of its τ₆ in standard errors."""
-    laws = []
-    for family in FAMILIES:
-        shapes = [_shape(family, pixels, tau4) for tau4 in (found.tau4, *ends)]
-        law = family.of(shapes[0])
-        tau4, tau6 = pixels.ratios(law)
-        off = math.hypot((tau6 - found.tau6) / found.error6, (tau4 - found.tau4) / found.error4)
-        shape = Quantity(
-            family.symbol, NO_SHAPE.name, shapes[0], min(shapes), max(shapes), "", "fit"
-        )
-        if abs(tau4 - found.tau4) > found.error4:
-            shape = shape.noted("at the end of the range of a camera file")
-        laws.append(
-            (off, NoiseLaw(family.name, shape, said, law, found.scales, ends[1] - found.tau4))
-        )
-    return laws
+def _fit_family(
+    family: Family, measured: Ratios, pixels: Pixels, ends: tuple[float, float], said: str
+) -> tuple[float, NoiseLaw]:
+    """The law of a family that has this τ₄, with the distance of its ratios in standard errors."""
+    shapes = [_shape(family, pixels, tau4) for tau4 in (measured.tau4, *ends)]
+    law = family.distribution(shapes[0])
+    tau4, tau6 = pixels.ratios(law)
+    distance = math.hypot(
+        (tau6 - measured.tau6) / measured.error6, (tau4 - measured.tau4) / measured.error4
+    )
+    shape = Quantity(
+        family.symbol, NO_SHAPE.name, shapes[0], min(shapes), max(shapes), "", "fit"
+    )
+    if abs(tau4 - measured.tau4) > measured.error4:
+        shape = shape.noted("at the end of the range of a camera file")
+    unsure = ends[1] - measured.tau4
+    return distance, NoiseLaw(family.name, shape, said, law, measured.scales, unsure)
 
 
 def _shape(family: Family, pixels: Pixels, tau4: float) -> float:
     """Where the family has this τ₄, or the end of its range that is nearer."""
 
     def off(shape: float) -> float:
-        return pixels.ratios(family.of(shape))[0] - tau4
+        return pixels.ratios(family.distribution(shape))[0] - tau4
 
     if off(family.heaviest) <= 0:
         return family.heaviest

@@ -11,12 +11,12 @@ import numpy as np
 import scipy
 
 from ...core.types import Float64Array
-from ..frames.series import Series, series
+from ..frames.series import Level, Series, series
 from ..frames.stack import Stack
 from ..measure.photon_transfer import PhotonTransfer, photon_transfer
 from ..measure.radiometric import radiometric
 from ..measure.saturation import Peak, find_peak
-from ..quantity import Quantity, normal_interval, student_interval
+from ..quantity import Quantity, no_value, normal_interval, student_interval
 from .evidence import Fitted, frames_of
 from .parabola import straight
 
@@ -55,37 +55,32 @@ class Response:
 
 
 def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
-    """From flat fields of one filter and dark frames. Raises InputError as :func:`series` does."""
+    """Response from flat fields of one filter and dark frames. Raises InputError as :func:`series` does."""
     measured = series(darks, flats, MOST_PIXELS)
     end = find_peak(measured)
-    curvature = _curvature(measured, end)
-    used = _straightened(measured, curvature[0]) if curvature[0] else measured
-    transfer = photon_transfer(used)
-    frames = frames_of(*flats)
-    made = Response(
-        Fitted(transfer.gain, frames),
-        Fitted(_NO_RATIO, frames),
-        curvature[0],
-        Fitted(_NO_END, frames),
-        end.limited_by,
-        transfer,
-        radiometric(used).efficiency(transfer.gain),
-        measured.notes,
-    )
-    top = _end(measured, end, made)
+    curvature, *ends_of_curvature = _curvature(measured, end)
+    straightened = _straighten(measured, curvature) if curvature else measured
+    transfer = photon_transfer(straightened)
+    top = _largest_signal(measured, end, curvature)
     ratio = replace(_NO_RATIO, value=1.0, low=1.0, high=1.0)
-    if curvature[0]:
-        value, low, high = (1 + one * top.value for one in curvature)
-        ratio = replace(_NO_RATIO, value=value, low=min(low, high), high=max(low, high))
-    return replace(made, end=Fitted(top, frames), ratio=Fitted(ratio, frames))
+    if curvature:
+        low, high = sorted(1 + kappa * top.value for kappa in ends_of_curvature)
+        ratio = replace(_NO_RATIO, value=1 + curvature * top.value, low=low, high=high)
+    frames = frames_of(*flats)
+    return Response(
+        gain=Fitted(transfer.gain, frames),
+        ratio=Fitted(ratio, frames),
+        curvature=curvature,
+        end=Fitted(top, frames),
+        limited_by=end.limited_by,
+        transfer=transfer,
+        efficiency=radiometric(straightened).efficiency(transfer.gain),
+        notes=measured.notes,
+    )
 
 
-_NO_RATIO = Quantity(
-    "γ", "gain at full well over gain at zero", math.nan, math.nan, math.nan, "", "fit"
-)
-_NO_END = Quantity(
-    "µ_y.end", "largest linear signal", math.nan, math.nan, math.nan, "DN", "fit"
-)
+_NO_RATIO = no_value("γ", "gain at full well over gain at zero", "", "fit")
+_NO_END = no_value("µ_y.end", "largest linear signal", "DN", "fit")
 
 
 def _curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
@@ -96,67 +91,54 @@ def _curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
     if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
         return nothing
     x, y = x[used], y[used]
-    error = np.hypot(
-        measured.of_flats("light_error")[used], measured.of_darks("light_error")[used]
-    )
-    start = float(y[0] / x[0])
-    found = scipy.optimize.least_squares(
-        lambda p: (
-            (start * p[0] * x * (1 + p[1] * start * p[0] * x / y.max()) - y)
-            / np.maximum(error, 1e-9 * y)
-        ),
-        (1.0, 0.0),
-    )
+    errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))[used]
+    start, largest = float(y[0] / x[0]), y.max()
+
+    def deviations(p: Float64Array) -> Float64Array:
+        model = start * p[0] * x * (1 + p[1] * start * p[0] * x / largest)
+        return np.asarray((model - y) / np.maximum(errors, 1e-9 * y))
+
+    fit = scipy.optimize.least_squares(deviations, (1.0, 0.0))
     freedom = len(x) - 2
-    scatter = max(1.0, 2 * float(found.cost) / freedom)
-    deviation = math.sqrt(float(np.linalg.inv(found.jac.T @ found.jac)[1, 1]) * scatter)
-    kappa = float(found.x[1]) / float(y.max())
-    if (
-        abs(found.x[1])
-        < CURVED * deviation * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
-    ):
+    scatter = max(1.0, 2 * float(fit.cost) / freedom)
+    error = math.sqrt(float(np.linalg.inv(fit.jac.T @ fit.jac)[1, 1]) * scatter)
+    limit = CURVED * error * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
+    if abs(fit.x[1]) < limit:
         return nothing
-    error_of_kappa = deviation / float(y.max())
-    one = (
-        student_interval(kappa, error_of_kappa, freedom)
-        if scatter > 1
-        else normal_interval(kappa, error_of_kappa)
-    )
-    return one
+    kappa, error_of_kappa = float(fit.x[1]) / float(largest), error / float(largest)
+    if scatter > 1:
+        return student_interval(kappa, error_of_kappa, freedom)
+    return normal_interval(kappa, error_of_kappa)
 
 
-def _straightened(measured: Series, curvature: float) -> Series:
-    """The same levels as a linear response would have given: variances over the square of the slope."""
-    flats = []
-    for flat, dark in zip(
-        measured.flats, (measured.darks[k] for k in measured.dark_of), strict=True
-    ):
-        s = float(straight(np.array(flat.mean - dark.mean), curvature))
-        slope = 1 + 2 * curvature * s
-        noise = max(dark.variance + (flat.variance - dark.variance) / slope**2, 0.0)
-        flats.append(
-            replace(
-                flat,
-                mean=dark.mean + s,
-                variance=noise,
-                variance_error=flat.variance_error / slope**2,
-            )
+def _straighten(measured: Series, curvature: float) -> Series:
+    """The levels that a linear response would have given: variances over the square of the slope."""
+    flats: list[Level] = []
+    for flat, dark_number in zip(measured.flats, measured.dark_of, strict=True):
+        dark = measured.darks[dark_number]
+        signal = float(straight(np.array(flat.mean - dark.mean), curvature))
+        slope = 1 + 2 * curvature * signal
+        variance = max(dark.variance + (flat.variance - dark.variance) / slope**2, 0.0)
+        linear = replace(
+            flat,
+            mean=dark.mean + signal,
+            variance=variance,
+            variance_error=flat.variance_error / slope**2,
         )
+        flats.append(linear)
     return replace(measured, flats=tuple(flats))
 
 
-def _end(measured: Series, end: Peak, found: Response) -> Quantity:
-    """The mean of the brightest level where it is full; else a lower limit."""
+def _largest_signal(measured: Series, end: Peak, curvature: float) -> Quantity:
+    """The linear mean of the brightest level where it is full; else a lower limit."""
     y, excess = measured.signal, measured.excess
     best = int(np.argmax(y))
-    value = float(found.straight(y[best : best + 1])[0])
+    value = float(straight(y[best : best + 1], curvature)[0])
     full = excess[best] < PLATEAU * excess[end.index] and end.limited_by != "not reached"
     if not full:
         note = "the brightest flat field is not full: a lower limit"
         return replace(_NO_END, value=value, low=value, high=math.inf, note=note)
-    noise = math.hypot(
-        float(measured.of_flats("mean_error")[best]),
-        float(measured.of_darks("mean_error")[best]),
-    )
-    _, low, high = normal_interval(value, noise)
+    flat_error = float(measured.of_flats("mean_error")[best])
+    dark_error = float(measured.of_darks("mean_error")[best])
+    _, low, high = normal_interval(value, math.hypot(flat_error, dark_error))
     return replace(_NO_END, value=value, low=low, high=high)

@@ -36,68 +36,52 @@ class Telegraph:
 
 
 def telegraph(stack: Stack) -> Telegraph | None:
-    """Of the longest dark stack; None where no pixel switches, or with fewer frames than that shows."""
+    """Traps of the longest dark stack; None where no pixel switches, or with fewer frames than that shows."""
     if len(stack) < FEWEST_FRAMES or not stack.exposure_s:
         return None
-    found, frames = rts_pixels(stack), frames_of(stack)
-    if len(found.steps) < FEWEST or not found.step.low > 0:
+    pixels, frames = rts_pixels(stack), frames_of(stack)
+    if len(pixels.steps) < FEWEST or not pixels.step.low > 0:
         return None
     site, mean = np.zeros(stack.shape), np.zeros(stack.shape)
-    site[found.rows, found.columns] = 1.0
-    mean[found.rows, found.columns] = found.shares * found.steps / stack.exposure_s
-    step, share = (
-        found.step.scaled(1 / stack.exposure_s, "DN/s"),
-        found.fraction.scaled(0.01, ""),
-    )
+    site[pixels.rows, pixels.columns] = 1.0
+    mean[pixels.rows, pixels.columns] = pixels.shares * pixels.steps / stack.exposure_s
     return Telegraph(
-        Fitted(share, frames),
-        Fitted(step, frames),
-        Fitted(_duty(found), frames),
-        Fitted(_switching(stack, found), frames),
-        site,
-        mean,
+        share=Fitted(pixels.fraction.scaled(0.01, ""), frames),
+        step=Fitted(pixels.step.scaled(1 / stack.exposure_s, "DN/s"), frames),
+        duty=Fitted(_duty(pixels), frames),
+        switching=Fitted(_switching(stack, pixels), frames),
+        site=site,
+        mean=mean,
     )
 
 
-def _duty(found: TelegraphPixels) -> Quantity:
-    error = float(found.shares.std(ddof=1)) / math.sqrt(len(found.shares))
-    value, low, high = normal_interval(float(found.shares.mean()), error)
-    return Quantity(
-        "duty",
-        "share of the time that a trap is on",
-        value,
-        max(low, 0.0),
-        min(high, 1.0),
-        "",
-        "fit",
-    )
+def _duty(pixels: TelegraphPixels) -> Quantity:
+    """Mean share of the frames in the upper level."""
+    error = float(pixels.shares.std(ddof=1)) / math.sqrt(len(pixels.shares))
+    value, low, high = normal_interval(float(pixels.shares.mean()), error)
+    name = "share of the time that a trap is on"
+    return Quantity("duty", name, value, max(low, 0.0), min(high, 1.0), "", "fit")
 
 
-def _switching(stack: Stack, found: TelegraphPixels) -> Quantity:
+def _switching(stack: Stack, pixels: TelegraphPixels) -> Quantity:
     """1 − ρ, ρ the correlation of a state with that of the next frame."""
-    values = stack.frames[:, found.rows, found.columns].astype(np.float64)
+    values = stack.frames[:, pixels.rows, pixels.columns].astype(np.float64)
     middle = values.min(axis=0) + 0.5 * (values.max(axis=0) - values.min(axis=0))
     state = (values > middle).astype(np.float64)
     rest = state - state.mean(axis=0)
     power = np.square(rest).sum(axis=0)
-    each = (rest[1:] * rest[:-1]).sum(axis=0)
-    sample = float(each.sum() / power.sum())
-    error = (
-        float(np.std(each - sample * power, ddof=1)) * math.sqrt(len(each)) / float(power.sum())
-    )
+    products = (rest[1:] * rest[:-1]).sum(axis=0)
+    sample = float(products.sum() / power.sum())
+    scatter = float(np.std(products - sample * power, ddof=1))
+    error = scatter * math.sqrt(len(products)) / float(power.sum())
     correlation = _without_bias(sample, len(stack))
-    error *= (_without_bias(sample + error, len(stack)) - correlation) / error if error else 1.0
+    if error:
+        error *= (_without_bias(sample + error, len(stack)) - correlation) / error
     value, low, high = (
-        min(max(1 - one, SLOWEST), 1.0) for one in normal_interval(correlation, -error)
+        min(max(1 - rho, SLOWEST), 1.0) for rho in normal_interval(correlation, -error)
     )
-    ordered = value, min(low, value), max(high, value)
-    return Quantity(
-        "switching",
-        "probability per frame that a trap's state is drawn anew",
-        *ordered,
-        "",
-        "fit",
-    )
+    name = "probability per frame that a trap's state is drawn anew"
+    return Quantity("switching", name, value, min(low, value), max(high, value), "", "fit")
 
 
 def _without_bias(sample: float, frames: int) -> float:
@@ -105,8 +89,8 @@ def _without_bias(sample: float, frames: int) -> float:
 
     Solved by iteration: sample = ((N − 1)ρ − g)/(N − g).
     """
-    found = sample
+    rho = sample
     for _ in range(50):
-        taken = min((1 + found) / max(1 - found, 1e-3), 0.5 * frames)
-        found = min(max((sample * (frames - taken) + taken) / (frames - 1), -0.9), 1 - SLOWEST)
-    return found
+        taken = min((1 + rho) / max(1 - rho, 1e-3), 0.5 * frames)
+        rho = min(max((sample * (frames - taken) + taken) / (frames - 1), -0.9), 1 - SLOWEST)
+    return rho
