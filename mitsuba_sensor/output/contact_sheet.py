@@ -16,17 +16,17 @@ WHITE = 255
 
 def contact_sheet(rows: Sequence[Sequence[Path]]) -> NDArray[np.uint8]:
     """(H, W, 3) sRGB of rows of PNG files, none larger than it is; each row is as high as its highest picture."""
-    small = [[thumbnail(path) for path in row] for row in rows]
-    width = max(one.shape[1] for row in small for one in row) + GAP
-    heights = [max(one.shape[0] for one in row) + GAP for row in small]
-    sheet = np.full(
-        (sum(heights) + GAP, max(map(len, small)) * width + GAP, 3), WHITE, np.uint8
-    )
+    thumbnails = [[thumbnail(path) for path in row] for row in rows]
+    most_in_a_row = max(map(len, thumbnails))
+    heights = [max(picture.shape[0] for picture in row) + GAP for row in thumbnails]
+    width = GAP + max(max(picture.shape[1] for picture in row) for row in thumbnails)
+    shape = (sum(heights) + GAP, most_in_a_row * width + GAP, 3)
+    sheet = np.full(shape, WHITE, np.uint8)
     top = GAP
-    for row, height in zip(small, heights, strict=True):
-        for number, one in enumerate(row):
+    for row, height in zip(thumbnails, heights, strict=True):
+        for number, picture in enumerate(row):
             left = number * width + GAP
-            sheet[top : top + one.shape[0], left : left + one.shape[1]] = one
+            sheet[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
         top += height
     return sheet
 

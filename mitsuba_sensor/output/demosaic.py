@@ -24,14 +24,13 @@ Picture: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 ROW, COLUMN = 1, 0  # axes along which values are interpolated
-NEXT, OWN = (
-    [0.0, 0.5, 0.0, 0.5, 0.0],
-    [-0.25, 0.0, 0.5, 0.0, -0.25],
-)  # green, and the curvature of the other colour
+NEXT = [0.0, 0.5, 0.0, 0.5, 0.0]  # green
+OWN = [-0.25, 0.0, 0.5, 0.0, -0.25]  # curvature of the other colour
 BOTH_SIDES, THREE = [0.5, 0.0, 0.5], [1 / 3, 1 / 3, 1 / 3]
 AROUND = np.array(
     [[0, 0, 1, 0, 1], [0, 0, 0, 1, 0], [0, 0, 3, 0, 3], [0, 0, 0, 1, 0], [0, 0, 1, 0, 1]], float
-)  # weights of the changes along a row about a pixel: its own row counts three times
+)
+"""Weights of the changes along a row about a pixel: its own row counts three times."""
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
 BAYER = 2  # rows and columns of a tile of two greens, and of the smallest picture that has one
 
@@ -42,30 +41,26 @@ def demosaic_bayer(mosaic: Picture, red: Mask, blue: Mask) -> Picture:
     Every pixel keeps what it measured but for rounding. The picture is continued beyond its border as in a mirror.
     """
     green = ~(red | blue)
-    along_row, along_column = (
-        _interpolate_green(mosaic, green, axis) for axis in (ROW, COLUMN)
-    )
+    along_row = _interpolate_green(mosaic, green, ROW)
+    along_column = _interpolate_green(mosaic, green, COLUMN)
     change_row = _change_around(np.where(green, 0.0, mosaic - along_row), ROW)
     change_column = _change_around(np.where(green, 0.0, mosaic - along_column), COLUMN)
     is_row = change_column >= change_row
     g = np.where(is_row, along_row, along_column)
-    red_rows, blue_rows = (np.any(colour, axis=1, keepdims=True) for colour in (red, blue))
 
+    red_rows, blue_rows = (
+        np.any(red, axis=1, keepdims=True),
+        np.any(blue, axis=1, keepdims=True),
+    )
     r, b = np.where(red, mosaic, 0.0), np.where(blue, mosaic, 0.0)
-    r = np.where(
-        green, g + _choose(red_rows, r, BOTH_SIDES) - _choose(red_rows, g, BOTH_SIDES), r
-    )
-    b = np.where(
-        green, g + _choose(blue_rows, b, BOTH_SIDES) - _choose(blue_rows, g, BOTH_SIDES), b
-    )
+    r_at_green = g + _choose(red_rows, r, BOTH_SIDES) - _choose(red_rows, g, BOTH_SIDES)
+    b_at_green = g + _choose(blue_rows, b, BOTH_SIDES) - _choose(blue_rows, g, BOTH_SIDES)
+    r, b = np.where(green, r_at_green, r), np.where(green, b_at_green, b)
     near_r, near_b = _choose(is_row, r, BOTH_SIDES), _choose(is_row, b, BOTH_SIDES)
     r, b = np.where(blue, b + near_r - near_b, r), np.where(red, r + near_b - near_r, b)
 
-    g = np.where(
-        red,
-        r - _choose(is_row, r - g, THREE),
-        np.where(blue, b - _choose(is_row, b - g, THREE), g),
-    )
+    g_at_blue = np.where(blue, b - _choose(is_row, b - g, THREE), g)
+    g = np.where(red, r - _choose(is_row, r - g, THREE), g_at_blue)
     r = np.where(green, g + _choose(red_rows, r - g, BOTH_SIDES), r)
     b = np.where(green, g + _choose(blue_rows, b - g, BOTH_SIDES), b)
     difference = _choose(is_row, r - b, THREE)
@@ -102,18 +97,19 @@ def demosaic(
 ) -> NDArray[np.float64]:
     """(H, W) values and filter numbers → (H, W, F): by Menon, Andriani and Calvagno 2007 behind a Bayer pattern (the
     edges that it follows stay without colour), else by bilinear means."""
-    names = "".join(
-        camera.filter_names[number][:1].upper() for number in filters[:BAYER, :BAYER].ravel()
-    )
-    if (
-        sorted(names) != ["B", "G", "G", "R"]
-        or len(camera.filter_names) != 3
-        or np.shape(camera.tile) != (BAYER, BAYER)
-    ):
+    if not _is_bayer(filters, camera):
         return bilinear(mosaic, filters, len(camera.filter_names))
     order = [name[:1].upper() for name in camera.filter_names]
     red, blue = (filters == order.index(name) for name in "RB")
     return demosaic_bayer(mosaic, red, blue)[..., ["RGB".index(name) for name in order]]
+
+
+def _is_bayer(filters: NDArray[np.integer], camera: Camera) -> bool:
+    """Whether the filters of a picture are one red, two green and one blue in two rows and columns."""
+    if len(camera.filter_names) != 3 or np.shape(camera.tile) != (BAYER, BAYER):
+        return False
+    numbers = filters[:BAYER, :BAYER].ravel()
+    return sorted(camera.filter_names[number][:1].upper() for number in numbers) == list("BGGR")
 
 
 def bilinear(
@@ -124,19 +120,16 @@ def bilinear(
     mosaic, filters : (H, W), value and filter number of each pixel; count : F, how many filters → (H, W, F).
     """
     planes = []
-    for own in (filters == index for index in range(count)):
-        weight = _spread(own.astype(float))
-        mean = np.divide(
-            _spread(np.where(own, mosaic, 0.0)),
-            weight,
-            out=np.zeros_like(mosaic),
-            where=weight > 0,
-        )
+    for number in range(count):
+        own = filters == number
+        weight = _sum_neighbours(own.astype(float))
+        total = _sum_neighbours(np.where(own, mosaic, 0.0))
+        mean = np.divide(total, weight, out=np.zeros_like(mosaic), where=weight > 0)
         planes.append(np.where(own, mosaic, mean))
     return np.stack(planes, axis=-1)
 
 
-def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sum_neighbours(image: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum over the eight neighbours with the bilinear weights, zero outside the image."""
     padded, total, (height, width) = np.pad(image, 1), np.zeros_like(image), image.shape
     for down, right in np.ndindex(3, 3):

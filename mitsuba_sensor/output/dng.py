@@ -5,6 +5,7 @@ Tags by their numbers in Adobe's Digital Negative Specification 1.4 and, below `
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 from collections.abc import Iterator, Sequence
@@ -40,57 +41,32 @@ if TYPE_CHECKING:
 
 Tag: TypeAlias = TiffTag
 
-ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = (
-    2,
-    5,
-    7,
-    10,
-    12,
-)  # types of tags, beside those of tiff.py
+# Types of tags, beside those of tiff.py.
+ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 2, 5, 7, 10, 12
 LARGEST = 2**31 - 1  # numerator and denominator of a fraction, signed or not
 PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
-EXIF, EXIF_TO_BE = (
-    34665,
-    34664,
-)  # where the directory of Exif stands; tifffile writes no tag of this number
+# Where the directory of Exif stands, and where it is to be: tifffile writes no tag of that number.
+EXIF, EXIF_TO_BE = 34665, 34664
 MOST_BITS = 16  # LibRaw reads no deeper integers
 FEWEST_PIXELS = 22  # rows and columns: LibRaw opens no smaller pictures
-PADDING = (
-    2  # pixels at each edge that a developer needs to interpolate colours, says Adobe's SDK
-)
-BAYER = (
-    2,
-    2,
-)  # the only tile of filters, of those that cameras here can have, that LibRaw reads
+PADDING = 2  # pixels at each edge that interpolation of colours needs, says Adobe's SDK
+BAYER = 2, 2  # the only tile, of those that cameras here can have, that LibRaw reads
 BEYOND_SHORT = 65535  # an ISO speed that stands in RecommendedExposureIndex instead (Exif 2.3)
 INSTEAD = "leave dng out: frame.tiff (ms.write_tiff) holds every code"
 SATURATION_LX_S = 78.0
 """ISO 12232: a speed by saturation is this over the exposure at the focal plane that saturates."""
-LIGHT_SOURCES = {
-    "A": 17,
-    "D65": 21,
-}  # CIE illuminant → LightSource of Exif, in the order of the tags
+LIGHT_SOURCES = {"A": 17, "D65": 21}
+"""CIE illuminant → LightSource of Exif, in the order of the tags."""
 
 
 def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
     """Raise InputError for a camera, or a (H, W) of its pictures, that no DNG holds which other programs open."""
-    names, tile = camera.filter_names, np.shape(camera.tile)
     if camera.adc.bits > MOST_BITS:
         raise InputError(
             f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.adc.bits}; {INSTEAD}."
         )
-    initials = sorted(name[:1].lower() for name in names)
-    if len(names) > 1 and (
-        initials != sorted(CFA_COLOURS) or tile != BAYER or len(set(np.ravel(camera.tile))) < 3
-    ):
-        raise InputError(
-            f"{camera.name} has filters {', '.join(names)} in a tile of {tile[0]} × {tile[1]}, and a DNG is read with "
-            f"red, green and blue in 2 × 2, or without filters; {INSTEAD}."
-        )
-    if len(names) > 1 and colour_matrix(camera) is None:
-        raise InputError(
-            f"a filter of {camera.name} detects no daylight, so it has no colours; {INSTEAD}."
-        )
+    if len(camera.filter_names) > 1:
+        _check_filters(camera)
     if min(shape[-2:]) < FEWEST_PIXELS:
         raise InputError(
             f"a picture of {shape[-2]} × {shape[-1]} pixels is too small for a DNG: LibRaw opens {FEWEST_PIXELS} × "
@@ -98,14 +74,27 @@ def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
         )
 
 
+def _check_filters(camera: Camera) -> None:
+    """Raise InputError for colour filters that a DNG is not read with."""
+    names, tile = camera.filter_names, np.shape(camera.tile)
+    are_rgb = sorted(name[:1].lower() for name in names) == sorted(CFA_COLOURS)
+    if not are_rgb or tile != BAYER or len(set(np.ravel(camera.tile))) < 3:
+        raise InputError(
+            f"{camera.name} has filters {', '.join(names)} in a tile of {tile[0]} × {tile[1]}, and a DNG is read with "
+            f"red, green and blue in 2 × 2, or without filters; {INSTEAD}."
+        )
+    if colour_matrix(camera) is None:
+        raise InputError(
+            f"a filter of {camera.name} detects no daylight, so it has no colours; {INSTEAD}."
+        )
+
+
 def dng_names(frames: RawFrames) -> list[str]:
     """Names of the DNGs of all frames: frame.dng, or frame_0008.dng, frame_0009.dng … by the number of each frame."""
     first, count = frames.first.index, len(frames.digital)
-    return (
-        ["frame.dng"]
-        if count == 1
-        else [f"frame_{number:04d}.dng" for number in range(first, first + count)]
-    )
+    if count == 1:
+        return ["frame.dng"]
+    return [f"frame_{number:04d}.dng" for number in range(first, first + count)]
 
 
 def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) -> None:
@@ -115,41 +104,39 @@ def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) 
         raise InputError(
             f"number is {number!r}, and there are {len(frames.digital)} frames; the first one is 0."
         )
-    colour, facts = len(frames.camera.filter_names) > 1, image_facts(frames) | {"frames": 1}
+    facts, tags = image_facts(frames) | {"frames": 1}, list(_about(frames))
+    if len(frames.camera.filter_names) > 1:
+        photometric = CFA
+        tags += _colours(frames, facts["cfa_pattern"])
+    else:
+        photometric = LINEAR_RAW
+        tags += _levels(frames, 1)
     with appearing(Path(path), frames.digital[number].nbytes) as temporary:
-        tags = [
-            *_about(frames),
-            *(_colours(frames, facts["cfa_pattern"]) if colour else _levels(frames, 1)),
-        ]
         write_pages(temporary, frames.digital[number], to_json(facts).encode(), tags)
-        _finish(temporary, CFA if colour else LINEAR_RAW, list(_exif(frames)))
+        _finish(temporary, photometric, list(_exif(frames)))
 
 
 def _about(frames: RawFrames) -> Iterator[Tag]:
     """Version, camera, orientation and noise."""
     name = frames.camera.name.encode("ascii", "replace").decode()
-    yield _tag(
-        254, TIFF_LONG, 0
-    )  # NewSubfileType: the picture itself, without which Adobe's SDK finds none
+    # NewSubfileType: the picture itself, without which Adobe's SDK finds none.
+    yield _tag(254, TIFF_LONG, 0)
     yield _tag(50706, TIFF_BYTE, 1, 4, 0, 0)  # DNGVersion
-    yield _tag(
-        50707, TIFF_BYTE, 1, 1, 0, 0
-    )  # DNGBackwardVersion: nothing newer must be understood
+    # DNGBackwardVersion: nothing newer must be understood.
+    yield _tag(50707, TIFF_BYTE, 1, 1, 0, 0)
     yield 271, ASCII, 0, "mitsuba_sensor", True  # Make, without which LibRaw opens no file
     yield 272, ASCII, 0, name, True  # Model
     yield 50708, ASCII, 0, name, True  # UniqueCameraModel
-    yield _tag(
-        274, TIFF_SHORT, 1
-    )  # Orientation: the first row is above, the first column on the left
+    # Orientation: the first row is above, the first column on the left.
+    yield _tag(274, TIFF_SHORT, 1)
     yield _tag(EXIF_TO_BE, TIFF_LONG, 0)  # its place is not known yet
     corrections = lens_corrections(frames.camera, frames.light.intrinsics)
     if corrections:
         yield 51022, UNDEFINED, len(corrections), corrections, True  # OpcodeList3
     profile = noise_profile(frames)
     if profile is not None:
-        yield _tag(
-            51041, DOUBLE, *(profile * (3 if len(frames.camera.filter_names) > 1 else 1))
-        )
+        colours = 3 if len(frames.camera.filter_names) > 1 else 1
+        yield _tag(51041, DOUBLE, *(profile * colours))  # NoiseProfile
 
 
 def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
@@ -184,20 +171,18 @@ def _colours(frames: RawFrames, pattern: Sequence[Sequence[str]]) -> Iterator[Ta
     yield _tag(50710, TIFF_BYTE, 0, 1, 2)  # CFAPlaneColor: red, green, blue
     yield _tag(50711, TIFF_SHORT, 1)  # CFALayout: a rectangle
     yield from _levels(frames, BAYER[0])
+    # DefaultCropOrigin and DefaultCropSize: without the pixels at the edges, whose colours would be extrapolated.
     rows, columns = frames.digital.shape[1:]
-    yield _tag(
-        50719, TIFF_LONG, PADDING, PADDING
-    )  # DefaultCropOrigin: without the pixels at the edges, whose colours
-    yield _tag(
-        50720, TIFF_LONG, columns - 2 * PADDING, rows - 2 * PADDING
-    )  # would be extrapolated
-    for place, one in enumerate(calibrations(camera)):
-        yield _tag(50778 + place, TIFF_SHORT, one.light_source)  # CalibrationIlluminant1, 2
-        yield _tag(50721 + place, SRATIONAL, *one.to_raw.ravel())  # ColorMatrix1, 2
-        yield _tag(50964 + place, SRATIONAL, *one.to_xyz.ravel())  # ForwardMatrix1, 2
-    found, order = colour_matrix(camera, illuminant), colour_order(camera.filter_names)
-    if found is not None and found.illuminant == "scene":
-        yield _tag(50728, RATIONAL, *1.0 / found.white_balance[order])  # AsShotNeutral
+    yield _tag(50719, TIFF_LONG, PADDING, PADDING)
+    yield _tag(50720, TIFF_LONG, columns - 2 * PADDING, rows - 2 * PADDING)
+    for place, calibration in enumerate(calibrations(camera)):
+        # CalibrationIlluminant1, ColorMatrix1 and ForwardMatrix1, then the second ones.
+        yield _tag(50778 + place, TIFF_SHORT, calibration.light_source)
+        yield _tag(50721 + place, SRATIONAL, *calibration.to_raw.ravel())
+        yield _tag(50964 + place, SRATIONAL, *calibration.to_xyz.ravel())
+    matrix, order = colour_matrix(camera, illuminant), colour_order(camera.filter_names)
+    if matrix is not None and matrix.illuminant == "scene":
+        yield _tag(50728, RATIONAL, *1.0 / matrix.white_balance[order])  # AsShotNeutral
 
 
 def _exif(frames: RawFrames) -> Iterator[Tag]:
@@ -207,7 +192,9 @@ def _exif(frames: RawFrames) -> Iterator[Tag]:
         yield _tag(33434, RATIONAL, time_s)  # ExposureTime
     if camera.lens.f_number is not None:
         yield _tag(33437, RATIONAL, camera.lens.f_number)  # FNumber
-    speed = None if figures_if_any(camera) is None else iso_speed(camera)
+    speed = None
+    if figures_if_any(camera) is not None:
+        speed = iso_speed(camera)
     if speed is not None:
         iso = min(max(round(speed), 1), LARGEST)
         yield _tag(34855, TIFF_SHORT, min(iso, BEYOND_SHORT))  # ISOSpeedRatings
@@ -218,21 +205,12 @@ def _exif(frames: RawFrames) -> Iterator[Tag]:
 
 def _tag(code: int, kind: int, *values: float) -> Tag:
     """A tag of numbers; those that are fractions as numerator and denominator, one after the other."""
+    content: bytes | tuple[float, ...] = values
     if kind in (RATIONAL, SRATIONAL):
-        return (
-            code,
-            kind,
-            len(values),
-            tuple(number for value in values for number in _rational(value)),
-            True,
-        )
-    return (
-        code,
-        kind,
-        len(values),
-        bytes(map(int, values)) if kind == TIFF_BYTE else values,
-        True,
-    )
+        content = tuple(itertools.chain.from_iterable(map(_rational, values)))
+    elif kind == TIFF_BYTE:
+        content = bytes(map(int, values))
+    return code, kind, len(values), content, True
 
 
 def _rational(value: float) -> tuple[int, int]:
@@ -247,6 +225,10 @@ def _finish(file: Path, photometric: int, exif: Sequence[Tag]) -> None:
         end = opened.seek(0, os.SEEK_END)
         place = end + end % 2
         opened.write(bytes(end % 2) + _directory(exif, place))
+        replaced = {
+            PHOTOMETRIC: (PHOTOMETRIC, TIFF_SHORT, 1, photometric),
+            EXIF_TO_BE: (EXIF, TIFF_LONG, 1, place),
+        }
         opened.seek(4)
         (start,) = struct.unpack("<I", opened.read(4))
         opened.seek(start)
@@ -254,14 +236,9 @@ def _finish(file: Path, photometric: int, exif: Sequence[Tag]) -> None:
         entries = opened.read(12 * count)
         for number in range(count):
             (code,) = struct.unpack_from("<H", entries, 12 * number)
-            if code in (PHOTOMETRIC, EXIF_TO_BE):
-                new = (
-                    (code, TIFF_SHORT, 1, photometric)
-                    if code == PHOTOMETRIC
-                    else (EXIF, TIFF_LONG, 1, place)
-                )
+            if code in replaced:
                 opened.seek(start + 2 + 12 * number)
-                opened.write(struct.pack("<HHII", *new))
+                opened.write(struct.pack("<HHII", *replaced[code]))
 
 
 def _directory(tags: Sequence[Tag], place: int) -> bytes:
@@ -269,13 +246,15 @@ def _directory(tags: Sequence[Tag], place: int) -> bytes:
     entries, behind = struct.pack("<H", len(tags)), b""
     start = place + 2 + 12 * len(tags) + 4
     for code, kind, count, value, _ in sorted(tags):
-        if kind == UNDEFINED:
-            content = value
-        else:
-            content = struct.pack(f"<{len(value)}{'H' if kind == TIFF_SHORT else 'I'}", *value)
-        inside = content if len(content) <= 4 else struct.pack("<I", start + len(behind))
+        content = value
+        if kind != UNDEFINED:
+            letter = "H" if kind == TIFF_SHORT else "I"
+            content = struct.pack(f"<{len(value)}{letter}", *value)
+        inside = content
+        if len(content) > 4:
+            inside = struct.pack("<I", start + len(behind))
+            behind += content
         entries += struct.pack("<HHI4s", code, kind, count, inside)
-        behind += content if len(content) > 4 else b""
     return entries + bytes(4) + behind
 
 
@@ -285,9 +264,9 @@ def iso_speed(camera: Camera) -> float | None:
     The number of the camera's gain setting where that is an ISO number. Raises InputError where darkness is at the
     highest code.
     """
-    number = next((one.iso for one in camera.gains if one.label == camera.gain), None)
-    if number is not None:
-        return float(number)
+    for setting in camera.gains:
+        if setting.label == camera.gain and setting.iso is not None:
+            return float(setting.iso)
     middles, power = standard_light(camera, spectra.DAYLIGHT)
     bands = photons_per_irradiance(
         camera, Exposure(1.0), middles, np.full(middles.size, STEP_NM)
@@ -310,24 +289,25 @@ class Calibration(NamedTuple):
 
 
 def calibrations(camera: Camera) -> tuple[Calibration, ...]:
-    """Of a camera with filters red, green and blue, under each illuminant that all of them detect; the others none."""
-    return tuple(
-        one for name in LIGHT_SOURCES if (one := _calibration(camera, name)) is not None
-    )
+    """Calibrations of a camera with filters red, green and blue, under each illuminant that all of them detect.
+
+    Other cameras have none.
+    """
+    matrices = (_calibrate(camera, name) for name in LIGHT_SOURCES)
+    return tuple(calibration for calibration in matrices if calibration is not None)
 
 
-def _calibration(camera: Camera, name: str) -> Calibration | None:
+def _calibrate(camera: Camera, name: str) -> Calibration | None:
     """The matrix of the preview (see colour_matrix.py) under this illuminant, in the terms of DNG, whose readers adapt
     colours by the linear Bradford method."""
     light, order = standard_light(camera, name), colour_order(camera.filter_names)
-    found = colour_matrix(camera, light)
-    if found is None or order is None or found.illuminant != "scene":
+    matrix = colour_matrix(camera, light)
+    if matrix is None or order is None or matrix.illuminant != "scene":
         return None
-    srgb_to_d50 = spectra.bradford(spectra.daylight_xyz(), spectra.d50_xyz()) @ np.linalg.inv(
-        spectra.xyz_to_srgb()
-    )
-    to_xyz = srgb_to_d50 @ found.to_srgb[:, order]
+    to_d50 = spectra.bradford(spectra.daylight_xyz(), spectra.d50_xyz())
+    srgb_to_d50 = to_d50 @ np.linalg.inv(spectra.xyz_to_srgb())
+    to_xyz = srgb_to_d50 @ matrix.to_srgb[:, order]
     white = spectra.observer(light.wavelengths_nm) @ light.power
     from_d50 = spectra.bradford(spectra.d50_xyz(), white / white[1])
-    to_raw = np.linalg.inv(from_d50 @ to_xyz * found.white_balance[order])
+    to_raw = np.linalg.inv(from_d50 @ to_xyz * matrix.white_balance[order])
     return Calibration(LIGHT_SOURCES[name], np.asarray(to_raw, np.float64), to_xyz)

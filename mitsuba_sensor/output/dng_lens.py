@@ -31,9 +31,11 @@ def lens_corrections(camera: Camera, intrinsics: Mapping[str, Any] | None) -> by
     if intrinsics is None or intrinsics["matrix"] is None:
         return b""
     calibration = calibration_of(intrinsics, camera.pixel.pitch_x_um)
-    found = [_shading(calibration, intrinsics.get("shading")), _warp(calibration)]
-    opcodes = [opcode for opcode in found if opcode]
-    return struct.pack(">I", len(opcodes)) + b"".join(opcodes) if opcodes else b""
+    both = (_shading(calibration, intrinsics.get("shading")), _warp(calibration))
+    opcodes = [opcode for opcode in both if opcode]
+    if not opcodes:
+        return b""
+    return struct.pack(">I", len(opcodes)) + b"".join(opcodes)
 
 
 def _warp(calibration: Calibration) -> bytes:
@@ -43,10 +45,9 @@ def _warp(calibration: Calibration) -> bytes:
         return b""
     reach = _reach_px(calibration) / fx
     radial = 1.0, k1 * reach**2, k2 * reach**4, k3 * reach**6
-    return _opcode(
-        WARP_RECTILINEAR,
-        struct.pack(">I8d", 1, *radial, p1 * reach, p2 * reach, *_centre(calibration)),
-    )
+    tangential = p1 * reach, p2 * reach
+    parameters = struct.pack(">I8d", 1, *radial, *tangential, *_centre(calibration))
+    return _opcode(WARP_RECTILINEAR, parameters)
 
 
 def _shading(calibration: Calibration, shading: Mapping[str, list[float]] | None) -> bytes:

@@ -27,11 +27,9 @@ RELATIVE_ERROR_CHANNEL = "relative_error"
 IN_BAND_CHANNEL = "in_band"
 PASS_ERROR_CHANNEL = "pass_error"
 RAW_LAYER = "raw."
-MOST_HALF, MOST_POWER = (
-    65504.0,
-    120,
-)  # largest number in half precision; of two, in a float32 of a header
-AOV_LAYERS = {  # array of Aovs → its components, its unit
+MOST_HALF = 65504.0  # largest number in half precision
+MOST_POWER = 120  # of two, in a float32 of a header
+AOV_LAYERS = {
     "depth_m": ("", "m along the optical axis, inf where nothing is"),
     "position_m": ("XYZ", "m in world space, NaN where nothing is"),
     "normal": ("XYZ", "unit vector in world space, 0 where nothing is"),
@@ -39,6 +37,7 @@ AOV_LAYERS = {  # array of Aovs → its components, its unit
     "shape_index": ("", "number in shapes, from 0; -1 where nothing is"),
     "flow_px": ("XY", "pixels to the right and down during the exposure"),
 }
+"""Array of Aovs → its components, its unit."""
 
 
 def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False) -> None:
@@ -63,38 +62,39 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         "render_statistics": json.dumps(irradiance.statistics.to_dict(), default=plain_values),
         "first_pixel": json.dumps(irradiance.origin),
     }
-    scale = _half_scale(irradiance) if half else None
-    if scale is not None:
+    scale = None
+    if half:
+        scale = _half_scale(irradiance)
         header |= {"half_scale": scale, "emissiveUnits": f"{1 / scale!r} W.m^-2.nm^-1"}
-    names = [
-        f"{float(wavelength_nm)!r}nm".replace(".", ",")
-        for wavelength_nm in irradiance.wavelengths_nm
-    ]
-    prefix = SPECTRAL_CHANNEL
     if irradiance.filters is not None:
         names, prefix = list(irradiance.filters), FILTER_CHANNEL
         header |= {"filters": json.dumps(names), "response": irradiance.response or ""}
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
+    else:
+        lengths = [f"{float(wavelength_nm)!r}nm" for wavelength_nm in irradiance.wavelengths_nm]
+        names, prefix = [length.replace(".", ",") for length in lengths], SPECTRAL_CHANNEL
     if irradiance.in_band is not None:
         header["response"] = irradiance.response or ""
     channels = _channels(irradiance, prefix, names, scale)
-    if (known := irradiance.rendered_for) is not None:
-        header["rendered_for"] = json.dumps(plain_values(known.to_dict()))
-    if (raw := irradiance.raw) is not None:
+    if irradiance.rendered_for is not None:
+        header["rendered_for"] = json.dumps(plain_values(irradiance.rendered_for.to_dict()))
+    raw = irradiance.raw
+    if raw is not None:
         header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
-        channels |= {
-            RAW_LAYER + name: image
-            for name, image in _channels(raw, prefix, names, scale).items()
-        }
+        for name, image in _channels(raw, prefix, names, scale).items():
+            channels[RAW_LAYER + name] = image
     write_planes(path, header, channels)
 
 
 def _half_scale(irradiance: Irradiance) -> float:
     """The power of two at which no finite band or error of the light is beyond half precision."""
-    lights = [irradiance] if irradiance.raw is None else [irradiance, irradiance.raw]
-    arrays = [array for light in lights for array in (light.data, light.standard_error)]
+    arrays = [irradiance.data, irradiance.standard_error]
+    if irradiance.raw is not None:
+        arrays += [irradiance.raw.data, irradiance.raw.standard_error]
     most = max(float(np.max(array, initial=0.0, where=np.isfinite(array))) for array in arrays)
-    power = np.floor(np.log2(MOST_HALF / most)) if most > 0 else 0.0
+    if not most > 0:
+        return 1.0
+    power = np.floor(np.log2(MOST_HALF / most))
     return float(2.0 ** min(power, MOST_POWER))
 
 
@@ -114,58 +114,64 @@ def _channels(
 
 
 def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
-    """What :func:`write_irradiance_exr` wrote.
+    """Light of a file that :func:`write_irradiance_exr` wrote.
 
     Raises InputError for anything else: no such file, not an EXR, no spectrum in it, cut short.
     """
-    from ..render.light.irradiance import Irradiance
-
     wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
     with whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
-        filters = _names_of(json_value(header["filters"])) if "filters" in header else None
-        names = [
-            name.removeprefix(SPECTRAL_CHANNEL)
-            for name in pixels
-            if name.startswith(SPECTRAL_CHANNEL)
-        ]
-        names = list(filters or sorted(names, key=_wavelength_nm))  # EXR sorts them as text
-        prefix = FILTER_CHANNEL if filters else SPECTRAL_CHANNEL
-        lengths = [
-            header["reference_nm"] if filters else _wavelength_nm(name) for name in names
-        ]
-        common = {
-            "wavelengths_nm": np.array(lengths, dtype=float),
-            "bandwidths_nm": _widths_of(json_value(header["bandwidths_nm"]), len(lengths)),
-            "filters": filters,
-            "response": header.get("response") or None,
-            "origin": _pair_of(json_value(header.get("first_pixel", "[0, 0]"))),
+        return _irradiance(header, pixels)
+
+
+def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> Irradiance:
+    """Light of the header and the channels of an irradiance.exr. Raises ValueError and KeyError for other files."""
+    from ..render.light.irradiance import Irradiance
+
+    if "filters" in header:
+        filters: tuple[str, ...] | None = _names_of(json_value(header["filters"]))
+    else:
+        filters = None
+    if filters:
+        names, prefix = list(filters), FILTER_CHANNEL
+        lengths_nm = [header["reference_nm"]] * len(names)
+    else:
+        prefix = SPECTRAL_CHANNEL
+        bands = [name for name in pixels if name.startswith(prefix)]
+        names = [name.removeprefix(prefix) for name in bands]
+        names.sort(key=_wavelength_nm)  # EXR sorts them as text
+        lengths_nm = [_wavelength_nm(name) for name in names]
+    common = {
+        "wavelengths_nm": np.array(lengths_nm, dtype=float),
+        "bandwidths_nm": _widths_of(json_value(header["bandwidths_nm"]), len(names)),
+        "filters": filters,
+        "response": header.get("response") or None,
+        "origin": _pair_of(json_value(header.get("first_pixel", "[0, 0]"))),
+    }
+
+    def stack_bands(kind: str) -> np.ndarray:
+        stacked = np.stack([pixels[kind + name] for name in names], axis=-1)
+        values = stacked.astype(np.float32, copy=False)
+        if "half_scale" in header:
+            values = values / np.float32(header["half_scale"])
+        return values
+
+    def light(layer: str, statistics: str) -> dict[str, Any]:
+        return {
+            **common,
+            "data": stack_bands(layer + prefix),
+            "standard_error": stack_bands(layer + ERROR_CHANNEL),
+            "relative_error": pixels[layer + RELATIVE_ERROR_CHANNEL],
+            "in_band": pixels.get(layer + IN_BAND_CHANNEL),
+            "pass_error": pixels.get(layer + PASS_ERROR_CHANNEL),
+            "statistics": _statistics(header[statistics]),
         }
 
-        def bands(kind: str) -> np.ndarray:
-            found = np.stack([pixels[kind + name] for name in names], axis=-1).astype(
-                np.float32, copy=False
-            )
-            return found / np.float32(header["half_scale"]) if "half_scale" in header else found
-
-        def light(layer: str, statistics: str) -> dict[str, Any]:
-            return {
-                **common,
-                "data": bands(layer + prefix),
-                "standard_error": bands(layer + ERROR_CHANNEL),
-                "relative_error": pixels[layer + RELATIVE_ERROR_CHANNEL],
-                "in_band": pixels.get(layer + IN_BAND_CHANNEL),
-                "pass_error": pixels.get(layer + PASS_ERROR_CHANNEL),
-                "statistics": _statistics(header[statistics]),
-            }
-
-        raw = (
-            Irradiance(**light(RAW_LAYER, "raw_statistics"))
-            if "raw_statistics" in header
-            else None
-        )
-        return Irradiance(
-            **light("", "render_statistics"), rendered_for=_rendered_for(header), raw=raw
-        )
+    raw = None
+    if "raw_statistics" in header:
+        raw = Irradiance(**light(RAW_LAYER, "raw_statistics"))
+    return Irradiance(
+        **light("", "render_statistics"), rendered_for=_rendered_for(header), raw=raw
+    )
 
 
 def _pair_of(value: object) -> tuple[int, int]:
@@ -203,15 +209,13 @@ def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
 def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
     from ..render.light.irradiance import RenderedFor
 
-    return (
-        RenderedFor.from_dict(json_value(header["rendered_for"]))
-        if "rendered_for" in header
-        else None
-    )
+    if "rendered_for" not in header:
+        return None
+    return RenderedFor.from_dict(json_value(header["rendered_for"]))
 
 
 def _statistics(text: str) -> RenderStatistics:
-    """Of JSON, whose notes are a tuple again."""
+    """Render statistics from JSON, whose notes are a tuple again."""
     from ..render.passes.statistics import RenderStatistics
 
     return RenderStatistics.from_dict(json_value(text))
@@ -230,26 +234,23 @@ def write_aovs_exr(path: Path, aovs: Aovs) -> None:
     channels: dict[str, Plane] = {}
     for name, (axes, _) in AOV_LAYERS.items():
         image = np.atleast_3d(getattr(aovs, name))
-        channels |= {layer: Plane(image[..., k]) for k, layer in enumerate(_layers(name, axes))}
+        for k, layer in enumerate(_layers(name, axes)):
+            channels[layer] = Plane(image[..., k])
     write_planes(path, header, channels)
 
 
 def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
-    """What :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
+    """AOVs of a file that :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
     from ..render.motion.aovs import Aovs
 
-    with whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (
-        header,
-        pixels,
-    ):
-        layers = {
-            name: [pixels[layer] for layer in _layers(name, axes)]
-            for name, (axes, _) in AOV_LAYERS.items()
-        }
-        arrays = {
-            name: np.stack(images, axis=-1) if images[1:] else images[0]
-            for name, images in layers.items()
-        }
+    wrong = "without the AOVs that `render --aovs` writes"
+    with whole_exr(Path(path), wrong) as (header, pixels):
+        arrays: dict[str, Any] = {}
+        for name, (axes, _) in AOV_LAYERS.items():
+            images = [pixels[layer] for layer in _layers(name, axes)]
+            arrays[name] = images[0]
+            if len(images) > 1:
+                arrays[name] = np.stack(images, axis=-1)
         return Aovs(
             **arrays,
             shapes=tuple(json_value(header["shapes"])),

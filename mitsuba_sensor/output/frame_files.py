@@ -29,15 +29,10 @@ if TYPE_CHECKING:
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
 BRIGHTENED = "frame_brightened.png"
-FRAME_FILES = (
-    "frame.tiff",
-    "frame.png",
-    BRIGHTENED,
-    *DNGS,
-    *CLEAN,
-    "frame.json",
-)  # of light that is rendered already
-CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")  # of a scene
+FRAME_FILES = ("frame.tiff", "frame.png", BRIGHTENED, *DNGS, *CLEAN, "frame.json")
+"""Files of frames of light that is rendered already."""
+CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
+"""Files of frames of a scene."""
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
 
@@ -120,14 +115,11 @@ def write_frames(
 def frames_html(frames: Frames) -> str:
     """The first frame in small, and what it is."""
     first, window, camera = frames.digital[0], frames.first.window, frames.camera
+    exposure, count = frames.first.exposure, len(frames.digital)
+    highest = converter_of(camera.stages).highest
     small = binned(first, camera)
     shown = preview(small, camera, 1.0, window.origin, frames.light.illuminant)
-    count, exposure, highest = (
-        len(frames.digital),
-        frames.first.exposure,
-        converter_of(camera.stages).highest,
-    )
-    found = {
+    rows = {
         "frames": f"{count} × {first.shape[1]} × {first.shape[0]} pixels, {first.dtype}",
         "exposure": f"{exposure.time_s:g} s at {exposure.temperature_k:g} K",
         "serial, seed": f"{window.serial}, {frames.first.seed}",
@@ -135,52 +127,53 @@ def frames_html(frames: Frames) -> str:
         "at the highest code": f"{100 * np.mean(first == highest):.3g} % of its pixels",
     }
     if frames.notes:
-        found["notes"] = " · ".join(frames.notes)
+        rows["notes"] = " · ".join(frames.notes)
     said = f"first of {count} raw frames of {camera.name}"
     return fragment(
         f"Raw frames of {camera.name}",
         picture(png.png(shown), shown.shape[1], said),
-        facts(found),
+        facts(rows),
     )
 
 
 def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
     """A raw frame of at most MOST_PIXELS pixels, or one unit of the mosaic: means of neighbours behind the same filter,
     in the same mosaic."""
-    tile = np.array(camera.tile).shape
+    tile_rows, tile_columns = np.array(camera.tile).shape
     rows, columns = digital.shape
-    step = next(
-        k
-        for k in range(1, rows * columns + 1)
-        if (rows // k + 1) * (columns // k + 1) <= MOST_PIXELS
-    )
+    step = 1
+    while (rows // step + 1) * (columns // step + 1) > MOST_PIXELS:
+        step += 1
     if step == 1:
         return np.asarray(digital, dtype=np.float64)
-    step_y, step_x = (
-        max(min(step, n // side), 1) for n, side in zip(digital.shape, tile, strict=True)
-    )
-    down, right = rows // (step_y * tile[0]), columns // (step_x * tile[1])
-    whole = digital[: down * step_y * tile[0], : right * step_x * tile[1]]
-    blocks = whole.reshape(down, step_y, tile[0], right, step_x, tile[1])
+    step_y = max(min(step, rows // tile_rows), 1)
+    step_x = max(min(step, columns // tile_columns), 1)
+    down, right = rows // (step_y * tile_rows), columns // (step_x * tile_columns)
+    whole = digital[: down * step_y * tile_rows, : right * step_x * tile_columns]
+    blocks = whole.reshape(down, step_y, tile_rows, right, step_x, tile_columns)
     means = blocks.mean(axis=(1, 4), dtype=np.float64)
-    return np.asarray(means.reshape(down * tile[0], right * tile[1]))
+    return np.asarray(means.reshape(down * tile_rows, right * tile_columns))
 
 
 def image_facts(frames: RawFrames) -> dict[str, Any]:
     """What a reader of the raw frames must know: size, first pixel on the sensor, colour filters as they lie in this
     file from its first pixel on, black and white level [DN], exposure time [s] and temperature [K]."""
-    camera, window, converter = (
-        frames.camera,
-        frames.first.window,
-        converter_of(frames.camera.stages),
-    )
-    filters = camera.filter_index((len(camera.tile), len(camera.tile[0])), window.origin)
-    names = [[camera.filter_names[number] for number in row] for row in filters]
-    levels = {"black_level_dn": converter.black_level_dn, "white_level_dn": converter.highest}
-    shape = dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True))
-    pattern = names if len(camera.filter_names) > 1 else None
-    exposure = {
-        "exposure_s": frames.first.exposure.time_s,
-        "temperature_k": frames.first.exposure.temperature_k,
+    camera, first = frames.camera, frames.first
+    converter = converter_of(camera.stages)
+    pattern = None
+    if len(camera.filter_names) > 1:
+        tile_shape = (len(camera.tile), len(camera.tile[0]))
+        filters = camera.filter_index(tile_shape, first.window.origin)
+        pattern = [[camera.filter_names[number] for number in row] for row in filters]
+    number, rows, columns = frames.digital.shape
+    return {
+        "frames": number,
+        "rows": rows,
+        "columns": columns,
+        "origin": first.window.origin,
+        "cfa_pattern": pattern,
+        "black_level_dn": converter.black_level_dn,
+        "white_level_dn": converter.highest,
+        "exposure_s": first.exposure.time_s,
+        "temperature_k": first.exposure.temperature_k,
     }
-    return {**shape, "origin": window.origin, "cfa_pattern": pattern, **levels, **exposure}
