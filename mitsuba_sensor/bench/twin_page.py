@@ -145,7 +145,7 @@ def variance_residuals(
         "sensor.rows": rows.stop - rows.start,
         "sensor.columns": columns.stop - columns.start,
     }
-    part_twin = replace(twin, settings=(replace(base, dark=base.dark.of(rows, columns)),))
+    part_twin = replace(twin, settings=(replace(base, dark=base.dark.window(rows, columns)),))
     part = Simulated(
         part_twin, simulated.camera.replace(**size), cut_maps(simulated.maps, rows, columns)
     )

@@ -43,11 +43,9 @@ class Frames(RawFrames):
 
     @classmethod
     def of(cls, raw: RawFrames, observer: FrameObserver | None = None) -> Frames:
-        """The same frames.  observer : who followed the first of them while it was computed, for the report."""
-        return cls(
-            **{field.name: getattr(raw, field.name) for field in fields(RawFrames)},
-            observer=observer,
-        )
+        """Frames with these digital numbers.  observer : who followed the first of them, for the report."""
+        values = {field.name: getattr(raw, field.name) for field in fields(RawFrames)}
+        return cls(**values, observer=observer)
 
     @classmethod
     def exposed(cls, sensor: PreparedExposure) -> Frames:
@@ -56,10 +54,9 @@ class Frames(RawFrames):
 
     @classmethod
     def exposed_with_report(cls, sensor: PreparedExposure) -> Frames:
-        """The same, with the report of the first frame made along with it: each frame is computed once."""
-        observer = FrameObserver(
-            FrameTheory(sensor.stages, sensor.detected, sensor.first_on_numpy)
-        )
+        """All frames of an exposure, with the report of the first made along with it: each frame is computed once."""
+        theory = FrameTheory(sensor.stages, sensor.detected, sensor.first_on_numpy)
+        observer = FrameObserver(theory)
         return cls.of(sensor.frames(observer), observer)
 
     @classmethod
@@ -68,12 +65,13 @@ class Frames(RawFrames):
 
         with_clean : whether the clean frame of each is computed.
         """
-        first = parts[0]
-        names = ("digital", *(name for name in KEEP if getattr(first, name) is not None))
-        joined: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
-        }
-        clean = np.stack([part.clean for part in parts]) if with_clean else None
+        first, joined = parts[0], dict[str, Any]()
+        for name in ("digital", *KEEP):
+            if getattr(first, name) is not None:
+                joined[name] = np.concatenate([getattr(part, name) for part in parts])
+        clean = None
+        if with_clean:
+            clean = np.stack([part.clean for part in parts])
         return replace(first, **joined, own_clean=clean)
 
     @cached_property
@@ -89,15 +87,19 @@ class Frames(RawFrames):
 
         Where one says that the result is probably not what was wanted, there was a :class:`SensorWarning` too.
         """
-        source = self.light.source
-        of_light = () if source is None else source.notes
-        return (*of_light, *self.exposure_notes, *self.render_noise[1])
+        light_notes: tuple[str, ...] = ()
+        if self.light.source is not None:
+            light_notes = self.light.source.notes
+        _, render_notes = self.render_noise
+        return (*light_notes, *self.exposure_notes, *render_notes)
 
     @cached_property
     def render_noise(self) -> tuple[dict[str, float | None], tuple[str, ...]]:
         """What the render's noise means in these frames, and the notes on it; nothing without a render."""
         source = self.light.source
-        return ({}, ()) if source is None else source.render_noise(self)
+        if source is None:
+            return {}, ()
+        return source.render_noise(self)
 
     @cached_property
     def exposure_notes(self) -> tuple[str, ...]:
@@ -119,7 +121,7 @@ class Frames(RawFrames):
 
     @property
     def clean_of_each(self) -> NDArray[np.float32]:
-        """The same for every frame in its own light, (N, H, W) [DN]: all equal unless each has its own render."""
+        """Expectation of every frame in its own light, (N, H, W) [DN]: all equal unless each has its own render."""
         if self.own_clean is not None:
             return self.own_clean
         return np.broadcast_to(self.clean, self.digital.shape)
@@ -147,9 +149,8 @@ class Frames(RawFrames):
             return self.observer
         observer = FrameObserver(self.theory)
         first = self.first.on(self.backend)
-        PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected).frames(
-            observer
-        )
+        exposure = PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected)
+        exposure.frames(observer)
         return observer
 
     def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:

@@ -44,10 +44,8 @@ PREFIXES = {
     "k": 3,
     "h": 2,
     "da": 1,
-    "": 0,
-    "d": -1,
 }
-PREFIXES |= {"c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
+PREFIXES |= {"": 0, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
 ONE_NM = 1.0  # width of the band in which the light of one wavelength is
 
 
@@ -67,18 +65,20 @@ def read_irradiance(
     """
     file = Path(path)
     with whole_exr(file, "that cannot be read", pixels=False) as (header, _):
-        own, names = OWN in header, [one.name for one in header["channels"]]
-    if own and (unit is not None or wavelength_nm is not None):
-        what = "unit= and wavelength_nm= (--unit, --wavelength-nm)"
-        raise InputError(
-            f"{file} is an irradiance.exr, whose unit and wavelengths are known; leave out {what}."
-        )
-    if own:
+        is_own = OWN in header
+        names = [channel.name for channel in header["channels"]]
+    if is_own:
+        if unit is not None or wavelength_nm is not None:
+            what = "unit= and wavelength_nm= (--unit, --wavelength-nm)"
+            raise InputError(
+                f"{file} is an irradiance.exr, whose unit and wavelengths are known; leave out {what}."
+            )
         return read_irradiance_exr(file)
     if unit not in UNITS:
-        said = "without a unit" if unit is None else f"and unit is {unit!r}"
-        near = "" if unit is None else nearest(unit, UNITS)
-        has = f"channels {_some(names)}"
+        said, near = "without a unit", ""
+        if unit is not None:
+            said, near = f"and unit is {unit!r}", nearest(unit, UNITS)
+        has = f"channels {_show_names(names)}"
         which = f"say what its values are by unit= (--unit): {', '.join(UNITS)}"
         raise InputError(f"{file} is an EXR of another program ({has}) {said}; {which}.{near}")
     if unit.startswith("radiance") and camera is None:
@@ -89,13 +89,9 @@ def read_irradiance(
         raise InputError(
             f"fov_deg is for radiance, and unit is {unit!r}; leave it out (--fov-deg)."
         )
-    return _foreign(
-        file,
-        unit,
-        wavelength_nm,
-        load_camera(camera) if isinstance(camera, str) else camera,
-        fov_deg,
-    )
+    if isinstance(camera, str):
+        camera = load_camera(camera)
+    return _foreign(file, unit, wavelength_nm, camera, fov_deg)
 
 
 def _foreign(
@@ -105,6 +101,7 @@ def _foreign(
     camera: Camera | None,
     fov_deg: float | None,
 ) -> Irradiance:
+    """Irradiance of another program's EXR in one of UNITS."""
     from ..render.light import foreign_light
 
     with whole_exr(file, "that cannot be read") as (_, channels):
@@ -126,15 +123,14 @@ def _foreign(
         assert camera is not None
         bands, how = foreign_light.behind_lens(bands, camera, fov_deg)
         notes.append(how)
-    return foreign_light.irradiance_of(
-        bands, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest()
-    )
+    sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+    return foreign_light.irradiance_of(bands, tuple(notes), sha256)
 
 
 def _rgb(file: Path, pixels: dict[str, np.ndarray]) -> np.ndarray:
     if not {"R", "G", "B"} <= pixels.keys():
         raise InputError(
-            f"{file} has no channels R, G and B ({_some(pixels)}); give another unit (--unit)."
+            f"{file} has no channels R, G and B ({_show_names(pixels)}); give another unit (--unit)."
         )
     rgb = np.stack([pixels[name] for name in "RGB"], axis=-1)
     if not np.isfinite(rgb).all():
@@ -145,51 +141,49 @@ def _rgb(file: Path, pixels: dict[str, np.ndarray]) -> np.ndarray:
 def _spectral(
     file: Path, pixels: dict[str, np.ndarray], unit: str
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
-    """Bands in the order of their wavelengths, which end halfway between two."""
-    found = {
-        _length_nm(*match.groups()): name
-        for name in pixels
-        if (match := SPECTRAL.fullmatch(name))
-    }
-    if len(found) < 2:
-        one = (
-            f"{unit.removesuffix('_nm')} and wavelength_nm (--wavelength-nm)"
-            if len(pixels) == 1
-            else "another unit"
-        )
-        has = f"{len(found)} channels S0.<wavelength>nm ({_some(pixels)})"
-        raise InputError(f"{file} has {has}, and {unit} needs two at least; give {one}.")
-    centres = np.array(sorted(found))
+    """(bands, wavelengths, widths) in the order of their wavelengths; bands end halfway between two."""
+    names: dict[float, str] = {}
+    for name in pixels:
+        match = SPECTRAL.fullmatch(name)
+        if match is not None:
+            names[_length_nm(*match.groups())] = name
+    if len(names) < 2:
+        remedy = "another unit"
+        if len(pixels) == 1:
+            remedy = f"{unit.removesuffix('_nm')} and wavelength_nm (--wavelength-nm)"
+        has = f"{len(names)} channels S0.<wavelength>nm ({_show_names(pixels)})"
+        raise InputError(f"{file} has {has}, and {unit} needs two at least; give {remedy}.")
+    centres = np.array(sorted(names))
     middles = 0.5 * (centres[1:] + centres[:-1])
-    edges = np.concatenate(
-        [[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]]
-    )
-    bands = np.stack([pixels[found[nm]] for nm in centres.tolist()], axis=-1)
+    first_edge, last_edge = 2 * centres[0] - middles[0], 2 * centres[-1] - middles[-1]
+    edges = np.concatenate([[first_edge], middles, [last_edge]])
+    bands = np.stack([pixels[names[nm]] for nm in centres.tolist()], axis=-1)
     return bands, 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
 
 
-def _some(names: Iterable[str]) -> str:
+def _show_names(names: Iterable[str]) -> str:
     """The first names of channels, for a sentence: a file may have any, and as many as it likes."""
     first = list(islice(names, 5))
     shown = [name[:40] if name.isprintable() else repr(name[:40]) for name in first[:4]]
-    return ", ".join([*shown, "…"][: len(first)])
+    if len(first) > 4:
+        shown.append("…")
+    return ", ".join(shown)
 
 
 def _length_nm(number: str, prefix: str | None, unit: str) -> float:
-    """Of a channel's name (Fichet et al. 2021), whose decimal comma may be a dot."""
+    """Wavelength in a channel's name (Fichet et al. 2021), whose decimal comma may be a dot."""
     value, power = float(number.replace(",", ".")), PREFIXES[prefix or ""]
-    return (
-        value * 10.0 ** (power + 9)
-        if unit == "m"
-        else 1e9 * LIGHT_SPEED_M_PER_S / (value * 10.0**power)
-    )
+    if unit == "m":
+        return value * 10.0 ** (power + 9)
+    return 1e9 * LIGHT_SPEED_M_PER_S / (value * 10.0**power)
 
 
 def _one_channel(
     file: Path, pixels: dict[str, np.ndarray], wavelength_nm: float | None, unit: str
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
+    """(bands, wavelengths, widths) of light of one wavelength."""
     if len(pixels) != 1:
-        has = f"{len(pixels)} channels ({_some(pixels)})"
+        has = f"{len(pixels)} channels ({_show_names(pixels)})"
         raise InputError(
             f"{file} has {has}, and {unit} is for one; give another unit (--unit)."
         )
@@ -197,6 +191,6 @@ def _one_channel(
         raise InputError(
             f"unit is {unit!r}, of one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550)."
         )
-    at_nm = require("wavelength_nm", wavelength_nm, 1.0, 1e5, "nanometres, e.g. 550")
+    centre_nm = require("wavelength_nm", wavelength_nm, 1.0, 1e5, "nanometres, e.g. 550")
     (image,) = pixels.values()
-    return image[..., None] / ONE_NM, np.array([at_nm]), np.array([ONE_NM])
+    return image[..., None] / ONE_NM, np.array([centre_nm]), np.array([ONE_NM])

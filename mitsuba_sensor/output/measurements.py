@@ -48,9 +48,8 @@ class Measurements(dict[str, Any]):
             shutil.rmtree(self.folder, ignore_errors=True)
         classes = classes_of(*records)
         for path in sorted(self.folder.glob("*.npz")):
-            with suppress(
-                InputError, OSError, ValueError, TypeError
-            ):  # one that was cut short is measured again
+            # One that was cut short is measured again.
+            with suppress(InputError, OSError, ValueError, TypeError):
                 pair = read_value(path, classes)
                 if isinstance(pair, tuple) and len(pair) == 2:
                     self.update([pair])
@@ -59,9 +58,8 @@ class Measurements(dict[str, Any]):
         super().__setitem__(name, value)
         with disk_sentences(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-        with appearing(
-            self.folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz"
-        ) as path:
+        file_name = f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz"
+        with appearing(self.folder / file_name) as path:
             write_value(path, (name, value))
 
 
@@ -72,11 +70,9 @@ def classes_of(*roots: type) -> dict[str, type]:
     while waiting:
         kind = waiting.pop()
         waiting += get_args(kind)
-        if (
-            isinstance(kind, type)
-            and (kind in roots or _has_fields(kind))
-            and _name(kind) not in classes
-        ):
+        if not isinstance(kind, type) or _name(kind) in classes:
+            continue
+        if kind in roots or _has_fields(kind):
             classes[_name(kind)] = kind
             waiting += get_type_hints(kind).values()
     return classes
@@ -97,7 +93,7 @@ def write_value(path: Path, value: object) -> None:
 
 
 def read_value(path: Path, classes: Classes) -> object:
-    """What :func:`write_value` wrote. Raises InputError, OSError or ValueError for anything else.
+    """The value that :func:`write_value` wrote. Raises InputError, OSError or ValueError for anything else.
 
     classes : that may be made, as :func:`classes_of` gives them.
     """
@@ -116,15 +112,15 @@ def _plain(value: object, arrays: list[np.ndarray]) -> object:
             if array.dtype.hasobject:
                 raise TypeError("an array of objects cannot be kept; keep numbers.")
             arrays.append(array)
-            return {"array" if isinstance(value, np.ndarray) else "scalar": len(arrays) - 1}
+            kind = "array" if isinstance(value, np.ndarray) else "scalar"
+            return {kind: len(arrays) - 1}
         case None | bool() | int() | float() | str():
             return value
         case list():
             return [_plain(item, arrays) for item in value]
         case Mapping():
-            return {
-                "dict": [[_plain(key, arrays), _plain(x, arrays)] for key, x in value.items()]
-            }
+            pairs = [[_plain(key, arrays), _plain(x, arrays)] for key, x in value.items()]
+            return {"dict": pairs}
         case Camera():
             return {"camera": _plain(value.model_dump(), arrays)}
         case tuple() if not hasattr(value, "_fields"):
@@ -135,8 +131,12 @@ def _plain(value: object, arrays: list[np.ndarray]) -> object:
 
 def _value(plain: object, arrays: Mapping[str, np.ndarray], classes: Classes) -> object:
     """The value that :func:`_plain` made this of."""
+
+    def inner(part: object) -> Any:
+        return _value(part, arrays, classes)
+
     if isinstance(plain, list):
-        return [_value(item, arrays, classes) for item in plain]
+        return [inner(item) for item in plain]
     if not isinstance(plain, dict):
         return plain
     ((kind, content),) = plain.items()
@@ -146,20 +146,16 @@ def _value(plain: object, arrays: Mapping[str, np.ndarray], classes: Classes) ->
         case "scalar":
             return arrays[str(content)][()]
         case "tuple":
-            return tuple(_value(item, arrays, classes) for item in content)
+            return tuple(inner(item) for item in content)
         case "dict":
-            return {
-                _value(key, arrays, classes): _value(x, arrays, classes) for key, x in content
-            }
+            return {inner(key): inner(x) for key, x in content}
         case "camera":
-            tables = _value(content, arrays, classes)
+            tables = inner(content)
             if isinstance(tables, dict):
                 return camera_from(tables, "the measurement")
         case "class":
             name, fields = content
-            return classes[name](
-                **{key: _value(x, arrays, classes) for key, x in fields.items()}
-            )
+            return classes[name](**{key: inner(x) for key, x in fields.items()})
     raise ValueError(f"a measurement has no {kind!r}")
 
 

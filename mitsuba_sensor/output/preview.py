@@ -20,10 +20,8 @@ from .demosaic import demosaic
 PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
 BRIGHT_PERCENTILE, BRIGHT_LEVEL = 95.0, 0.5
 """A picture is brightened until this percentile of its pixels would pass this share of white."""
-
-HALO_ROWS = (
-    16  # beyond them no pixel matters: demosaicing looks at fewer than ten, edges refined
-)
+HALO_ROWS = 16
+"""Rows beyond which no pixel matters: demosaicing looks at fewer than ten, edges refined."""
 
 
 def preview(
@@ -49,14 +47,15 @@ def developed(
     gain: float = 1.0,
     origin: tuple[int, int] = (0, 0),
 ) -> NDArray[np.uint8]:
-    """The same with a matrix that is known; grey where there is none."""
+    """One raw frame developed with a matrix that is known, as by :func:`preview`; grey where there is none."""
     (height, width), parts = digital.shape, []
     step = max(PIXELS_AT_ONCE // width, 1)
     for first in range(0, height, step):
         top, last = max(first - HALO_ROWS, 0), min(first + step, height)
-        here = origin[0] + top, origin[1]
-        near = _developed(digital[top : last + HALO_ROWS], camera, colours, gain, here)
-        parts.append(near[first - top : last - top])
+        strip_origin = origin[0] + top, origin[1]
+        strip = digital[top : last + HALO_ROWS]
+        picture = _develop_strip(strip, camera, colours, gain, strip_origin)
+        parts.append(picture[first - top : last - top])
     return np.concatenate(parts)
 
 
@@ -64,29 +63,27 @@ def brightening(digital: NDArray[np.generic], camera: Camera) -> int:
     """By which power of two a raw frame (H, W) is to be brightened to look well exposed; 1: it is bright enough."""
     converter = converter_of(camera.stages)
     swing_dn = converter.highest - converter.black_level_dn
-    bright_dn = (
-        float(np.percentile(np.asarray(digital, np.float64), BRIGHT_PERCENTILE))
-        - converter.black_level_dn
-    )
+    bright_code = float(np.percentile(np.asarray(digital, np.float64), BRIGHT_PERCENTILE))
+    bright_dn = bright_code - converter.black_level_dn
     most = max(swing_dn, 1.0)
     factor = BRIGHT_LEVEL * swing_dn / max(bright_dn, 1.0)
     return int(2 ** max(math.floor(math.log2(min(max(factor, 1.0), most))), 0))
 
 
-def _developed(
+def _develop_strip(
     digital: NDArray[np.generic],
     camera: Camera,
     colours: ColourMatrix | None,
     gain: float,
     origin: tuple[int, int],
 ) -> NDArray[np.uint8]:
+    """Some rows of a frame, all pixels at once."""
     black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.adc.bits - 1.0
     linear = (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn)
     if colours is not None:
         filters = camera.filter_index(linear.shape, origin)
         balanced = np.minimum(colours.white_balance * demosaic(linear, filters, camera), 1.0)
+        rgb = balanced[..., colour_order(camera.filter_names)]
         linear = balanced @ colours.to_srgb.T
-        linear[(balanced[..., colour_order(camera.filter_names)] >= 1).all(axis=-1)] = (
-            1.0  # saturation is white
-        )
+        linear[(rgb >= 1).all(axis=-1)] = 1.0  # saturation is white
     return np.rint(255.0 * srgb_curve(np.clip(gain * linear, 0.0, 1.0))).astype(np.uint8)

@@ -22,37 +22,18 @@ from .draft import Draft
 OPENCV_ROOT, OPENCV_TAG = "<opencv_storage", "!!opencv-matrix"
 LONGEST_YAML = 500_000  # characters, read in five seconds; the corners of a hundred pictures have less than half
 TABLE_POINTS = 65  # heights of a fisheye lens
-WIDEST_RAD = math.radians(
-    85
-)  # field angle of a fisheye's corner; an ideal image height is its tangent
+WIDEST_RAD = math.radians(85)
+"""Field angle of a fisheye's corner; an ideal image height is its tangent."""
 SQUARE = 1e-3  # relative difference of fx and fy that is not worth a note
 MOST = 1e6  # pixels, and any coefficient
-BROWN = (
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-    "k3",
-    "k4",
-    "k5",
-    "k6",
-    "s1",
-    "s2",
-    "s3",
-    "s4",
-    "tau_x",
-    "tau_y",
-)
 FISHEYE = ("k1", "k2", "k3", "k4")
 RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
-LEFT_OUT = BROWN[8:]
-OTHER_LENSES: tuple[str, ...] = (
-    "lens.prescription",
-    "lens.focal_length_mm",
-    "lens.focus_m",
-    "lens.distortion",
+LEFT_OUT = ("s1", "s2", "s3", "s4", "tau_x", "tau_y")
+BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", *LEFT_OUT)
+OTHER_LENSES = (
+    *("lens.prescription", "lens.focal_length_mm", "lens.focus_m", "lens.distortion"),
+    *("lens.distortion_percent", "lens.distortion_heights_mm"),
 )
-OTHER_LENSES += ("lens.distortion_percent", "lens.distortion_heights_mm")
 MODELS = {
     "plumb_bob": BROWN,
     "rational_polynomial": BROWN,
@@ -63,7 +44,7 @@ MODELS = {
 TRANSFORMS_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE")
 
 
-class Found(NamedTuple):
+class ForeignLens(NamedTuple):
     """What a file says.  radial : coefficients in r² of the numerator, then of the denominator, or those of θ²."""
 
     format: str
@@ -80,154 +61,173 @@ def is_storage(text: str) -> bool:
 
 
 def is_transforms(data: object) -> bool:
-    """Whether a JSON file is a transforms.json with intrinsics."""
-    frames = data.get("frames") if isinstance(data, dict) else None
-    own = [one for one in frames if isinstance(one, dict)] if isinstance(frames, list) else []
-    return isinstance(data, dict) and any(
-        "fl_x" in one or "camera_angle_x" in one for one in (data, *own[:1])
-    )
+    """Whether a JSON file is a transforms.json with intrinsics, of all its frames or of the first."""
+    if not isinstance(data, dict):
+        return False
+    tables, frames = [data], data.get("frames")
+    if isinstance(frames, list):
+        tables += [frame for frame in frames if isinstance(frame, dict)][:1]
+    return any("fl_x" in table or "camera_angle_x" in table for table in tables)
 
 
 def read_transforms(data: dict[str, Any], file: str, like: Camera) -> Draft:
     """The draft of a camera of nerfstudio's transforms.json. Raises InputError for a camera that is no pinhole."""
     draft = Draft(file, like)
     frames = draft.tables("frames", data.get("frames") or [])
-    said = {**(frames[0] if frames else {}), **data}
-    differ = sum(
-        any(one.get(name, said.get(name)) != said.get(name) for name in ("fl_x", "fl_y", "w"))
-        for one in frames
-    )
+    said = data
+    if frames:
+        said = {**frames[0], **data}
     model = draft.choice("camera_model", said.get("camera_model", "OPENCV"), TRANSFORMS_MODELS)
-    width, height = (draft.count(name, said.get(name), MOST) for name in ("w", "h"))
+    width = draft.count("w", said.get("w"), MOST)
+    height = draft.count("h", said.get("h"), MOST)
     if "fl_x" in said:
         focal_x = draft.number("fl_x", said["fl_x"], 0.0, MOST)
     else:
         angle = draft.number("camera_angle_x", said.get("camera_angle_x"), 1e-6, 3.1)
         focal_x = width / 2 / math.tan(angle / 2)
     focal_y = draft.number("fl_y", said.get("fl_y", focal_x), 0.0, MOST)
-    middle = [
-        draft.number(name, said.get(name, n / 2), -MOST, MOST)
-        for name, n in (("cx", width), ("cy", height))
-    ]
-    pinhole = Calibration(
-        width, height, (focal_x, focal_y), (middle[0] - HALF_PIXEL, middle[1] - HALF_PIXEL)
+    cx = draft.number("cx", said.get("cx", width / 2), -MOST, MOST)
+    cy = draft.number("cy", said.get("cy", height / 2), -MOST, MOST)
+    centre = (cx - HALF_PIXEL, cy - HALF_PIXEL)
+    coefficients: dict[str, float] = {}
+    for name in (*FISHEYE, "p1", "p2"):
+        coefficients[name] = draft.number(name, said.get(name, 0.0), -MOST, MOST)
+    notes: tuple[str, ...] = ()
+    differ = sum(_differs(frame, said) for frame in frames)
+    if differ:
+        notes = (
+            f"{differ} of {len(frames)} frames have intrinsics of their own, which are left out",
+        )
+    lens = ForeignLens(
+        format="transforms.json",
+        pinhole=Calibration(width, height, (focal_x, focal_y), centre),
+        coefficients=coefficients,
+        radial=(tuple(coefficients[name] for name in FISHEYE), ()),
+        fisheye=model == "OPENCV_FISHEYE",
+        notes=notes,
     )
-    names = (*FISHEYE, "p1", "p2")
-    known = {name: draft.number(name, said.get(name, 0.0), -MOST, MOST) for name in names}
-    numerator = tuple(known[name] for name in FISHEYE)
-    notes = (
-        (f"{differ} of {len(frames)} frames have intrinsics of their own, which are left out",)
-        if differ
-        else ()
-    )
-    fisheye = model == "OPENCV_FISHEYE"
-    return _drafted(
-        draft, Found("transforms.json", pinhole, known, (numerator, ()), fisheye, notes)
+    return _fill_draft(draft, lens)
+
+
+def _differs(frame: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
+    """Whether a frame has other intrinsics than those that are read."""
+    return any(
+        frame.get(name, said.get(name)) != said.get(name) for name in ("fl_x", "fl_y", "w")
     )
 
 
 def read_storage(text: str, file: str, like: Camera) -> Draft:
     """The draft of a camera of OpenCV's or ROS's file, YAML or XML. Raises InputError for what is no calibration."""
     draft = Draft(file, like)
-    entries = _of_xml(text, file) if is_storage(text) else _of_yaml(text, file)
+    entries = _read_xml(text, file) if is_storage(text) else _read_yaml(text, file)
     said = {str(name).lower(): value for name, value in entries.items()}
     matrix = _numbers(draft, said, "camera_matrix")
     if len(matrix) != 9:
         raise InputError(
             f"{file}: camera_matrix has {len(matrix)} numbers; it must have 9, row by row."
         )
-    width, height = (
-        draft.count(name, said.get(name), MOST) for name in ("image_width", "image_height")
-    )
+    width = draft.count("image_width", said.get("image_width"), MOST)
+    height = draft.count("image_height", said.get("image_height"), MOST)
     focal = draft.number("fx", matrix[0], 0.0, MOST), draft.number("fy", matrix[4], 0.0, MOST)
-    pinhole = Calibration(width, height, focal, (matrix[2], matrix[5]))
-    usual = "fisheye" if _flag(said.get("fisheye_model")) else "plumb_bob"
+    usual = "fisheye" if _is_set(said.get("fisheye_model")) else "plumb_bob"
     model = draft.choice(
         "distortion_model", said.get("distortion_model") or usual, list(MODELS)
     )
-    values = (
-        _numbers(draft, said, "distortion_coefficients")
-        if "distortion_coefficients" in said
-        else []
-    )
-    names = MODELS[model]
+    names, values = MODELS[model], list[float]()
+    if "distortion_coefficients" in said:
+        values = _numbers(draft, said, "distortion_coefficients")
     if len(values) > len(names):
         raise InputError(
             f"{file}: distortion_coefficients has {len(values)} numbers; {model} has {len(names)} at most."
         )
-    known = dict.fromkeys(names, 0.0) | dict(zip(names, values, strict=False))
-    kind = "ROS calibration" if "distortion_model" in said else "OpenCV calibration"
-    radial = (tuple(known[k] for k in FISHEYE), ()) if names is FISHEYE else _rational(known)
-    left = [name for name in LEFT_OUT if known.get(name)]
-    notes = [f"{', '.join(left)} (thin prism, tilt) are left out"] if left else []
-    notes += [] if values else ["it has no distortion_coefficients, and the lens no distortion"]
-    return _drafted(draft, Found(kind, pinhole, known, radial, names is FISHEYE, tuple(notes)))
+    coefficients = dict.fromkeys(names, 0.0) | dict(zip(names, values, strict=False))
+    fisheye = names is FISHEYE
+    radial = tuple(coefficients[name] for name in (FISHEYE if fisheye else RADIAL))
+    notes = []
+    left_out = [name for name in LEFT_OUT if coefficients.get(name)]
+    if left_out:
+        notes.append(f"{', '.join(left_out)} (thin prism, tilt) are left out")
+    if not values:
+        notes.append("it has no distortion_coefficients, and the lens no distortion")
+    lens = ForeignLens(
+        format="ROS calibration" if "distortion_model" in said else "OpenCV calibration",
+        pinhole=Calibration(width, height, focal, (matrix[2], matrix[5])),
+        coefficients=coefficients,
+        radial=(radial, ()) if fisheye else (radial[:3], radial[3:]),
+        fisheye=fisheye,
+        notes=tuple(notes),
+    )
+    return _fill_draft(draft, lens)
 
 
-def _rational(known: Mapping[str, float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    k1, k2, k3, k4, k5, k6 = (known[name] for name in RADIAL)
-    return (k1, k2, k3), (k4, k5, k6)
-
-
-def _drafted(draft: Draft, found: Found) -> Draft:
+def _fill_draft(draft: Draft, lens: ForeignLens) -> Draft:
     """The camera with this size and distortion; a sentence about what no datasheet says."""
-    pinhole, notes = found.pinhole, list(found.notes)
+    pinhole, notes = lens.pinhole, list(lens.notes)
     (fx, fy), pitch_um = pinhole.focal, draft.like.pixel.pitch_x_um
+    focal_mm = fx * pitch_um * 1e-3
     draft.says("sensor.columns", pinhole.columns, "width of its pictures")
     draft.says("sensor.rows", pinhole.rows, "height of its pictures")
     draft.changes |= dict.fromkeys(OTHER_LENSES) | {"lens.dispersion": False}
     if abs(fx / fy - 1) > SQUARE:
         notes.append(f"fx / fy is {fx / fy:.5g} and pixels are square in a scene; fx is taken")
-    notes += (
-        _set_fisheye(draft, found, fx * pitch_um * 1e-3)
-        if found.fisheye
-        else _set_brown(draft, found)
-    )
+    if lens.fisheye:
+        notes += _set_fisheye(draft, lens, focal_mm)
+    else:
+        notes += _set_brown(draft, lens)
     where = ", ".join(f"{name} {value:.7g}" for name, value in pinhole.view.items())
-    focal_mm = fx * pitch_um * 1e-3
-    draft.description = (
-        f"Camera of the {found.format} {draft.file}; a perspective sensor of a scene has its view with {where}; "
-        f"the focal length is {focal_mm:.5g} mm at {pitch_um:g} µm per pixel"
-        + "".join(f"; {note}" for note in notes)
-    )
+    sentences = [
+        f"Camera of the {lens.format} {draft.file}",
+        f"a perspective sensor of a scene has its view with {where}",
+        f"the focal length is {focal_mm:.5g} mm at {pitch_um:g} µm per pixel",
+        *notes,
+    ]
+    draft.description = "; ".join(sentences)
     return draft
 
 
-def _set_brown(draft: Draft, found: Found) -> list[str]:
+def _set_brown(draft: Draft, lens: ForeignLens) -> list[str]:
     """The five coefficients; a rational polynomial, or one with more terms, by those that are nearest to it."""
-    known, (numerator, denominator), corner = (
-        found.coefficients,
-        found.radial,
-        found.pinhole.corner,
-    )
-    tangential = known["p1"], known["p2"]
+    numerator, denominator = lens.radial
+    p1, p2 = lens.coefficients["p1"], lens.coefficients["p2"]
     radial, how, notes = (*numerator, 0.0, 0.0)[:3], "k1, k2, p1, p2, k3", []
     if any(denominator) or any(numerator[3:]):
-        ideal = np.linspace(0.0, 2 * corner, FIT_POINTS)
-        with np.errstate(all="ignore"):
-            real = ideal * (1 + _series(numerator, ideal)) / (1 + _series(denominator, ideal))
-        folds = np.flatnonzero(~(np.diff(real) > 0))
-        last = int(folds[0]) + 1 if len(folds) else FIT_POINTS
-        if real[last - 1] < corner:
-            raise InputError(
-                f"{draft.file}: the radial distortion folds the image before its corner; check the coefficients, or "
-                "calibrate with fewer of them."
-            )
-        radial, misfit = radial_fit(ideal[:last], real[:last], corner)
-        how = f"its radial coefficients, by k1, k2 and k3 to {misfit * max(found.pinhole.focal):.2g} px"
-        notes = [
-            f"k1, k2, k3 are fitted to more coefficients, to {misfit * max(found.pinhole.focal):.2g} px"
-        ]
-    if any((*radial, *tangential)):
-        draft.says("lens.distortion", [radial[0], radial[1], *tangential, radial[2]], how)
+        radial, misfit = _fit_three_coefficients(draft, lens)
+        misfit_px = misfit * max(lens.pinhole.focal)
+        how = f"its radial coefficients, by k1, k2 and k3 to {misfit_px:.2g} px"
+        notes = [f"k1, k2, k3 are fitted to more coefficients, to {misfit_px:.2g} px"]
+    if any((*radial, p1, p2)):
+        k1, k2, k3 = radial
+        draft.says("lens.distortion", [k1, k2, p1, p2, k3], how)
     return notes
 
 
-def _set_fisheye(draft: Draft, found: Found, image_distance_mm: float) -> list[str]:
+def _fit_three_coefficients(
+    draft: Draft, lens: ForeignLens
+) -> tuple[tuple[float, float, float], float]:
+    """k1, k2 and k3 nearest to a rational polynomial, and the largest difference [focal lengths].
+
+    Raises InputError where the polynomial is no picture of a plane up to the corner.
+    """
+    (numerator, denominator), corner = lens.radial, lens.pinhole.corner
+    ideal = np.linspace(0.0, 2 * corner, FIT_POINTS)
+    with np.errstate(all="ignore"):
+        real = ideal * (1 + _series(numerator, ideal)) / (1 + _series(denominator, ideal))
+    folds = np.flatnonzero(~(np.diff(real) > 0))
+    last = int(folds[0]) + 1 if len(folds) else FIT_POINTS
+    if real[last - 1] < corner:
+        raise InputError(
+            f"{draft.file}: the radial distortion folds the image before its corner; check the coefficients, or "
+            "calibrate with fewer of them."
+        )
+    return radial_fit(ideal[:last], real[:last], corner)
+
+
+def _set_fisheye(draft: Draft, lens: ForeignLens, image_distance_mm: float) -> list[str]:
     """A table of ideal and real image heights: r = θ·(1 + k1·θ² + …) and tan θ, to beyond the corner."""
+    coefficients, _ = lens.radial
     angle = np.linspace(0.0, WIDEST_RAD, 50 * TABLE_POINTS)
-    real = angle * (1 + _series(found.radial[0], angle))
-    beyond = np.flatnonzero(real > found.pinhole.corner)
+    real = angle * (1 + _series(coefficients, angle))
+    beyond = np.flatnonzero(real > lens.pinhole.corner)
     if not len(beyond) or (np.diff(real[: beyond[0] + 1]) <= 0).any():
         raise InputError(
             f"{draft.file}: the corner of this fisheye lens sees more than {math.degrees(WIDEST_RAD):.0f}° from the "
@@ -235,35 +235,35 @@ def _set_fisheye(draft: Draft, found: Found, image_distance_mm: float) -> list[s
         )
     widest = min(1.02 * angle[beyond[0]], WIDEST_RAD)
     angle = np.linspace(0.0, widest, TABLE_POINTS)
-    ideal, real = np.tan(angle), angle * (1 + _series(found.radial[0], angle))
+    ideal, real = np.tan(angle), angle * (1 + _series(coefficients, angle))
     growth = np.divide(real, ideal, out=np.ones_like(real), where=ideal > 0) - 1
+    heights_mm = (ideal * image_distance_mm).tolist()
     how = "k1 … k4 of its fisheye model"
     draft.says("lens.distortion_percent", (100 * growth).tolist(), how)
-    draft.says(
-        "lens.distortion_heights_mm",
-        (ideal * image_distance_mm).tolist(),
-        f"{how}, at the pixel pitch",
-    )
+    draft.says("lens.distortion_heights_mm", heights_mm, f"{how}, at the pixel pitch")
     return ["the fisheye lens is a table of image heights"]
 
 
 def _series(coefficients: tuple[float, ...], radius: Float64Array) -> Float64Array:
     """k1·r² + k2·r⁴ + …"""
-    return sum(
-        (k * radius ** (2 * n) for n, k in enumerate(coefficients, start=1)),
-        np.zeros_like(radius),
-    )
+    total = np.zeros_like(radius)
+    for n, k in enumerate(coefficients, start=1):
+        total = total + k * radius ** (2 * n)
+    return total
 
 
-def _of_xml(text: str, file: str) -> dict[str, Any]:
+def _read_xml(text: str, file: str) -> dict[str, Any]:
+    """Tables of an XML file: each element is a text, or a table of its children's texts."""
     root = xml_tree(text, file, "Give the file that cv2.FileStorage writes")
-    return {
-        one.tag: one.text if not len(one) else {part.tag: part.text for part in one}
-        for one in root
-    }
+    entries: dict[str, Any] = {}
+    for element in root:
+        entries[element.tag] = element.text
+        if len(element):
+            entries[element.tag] = {child.tag: child.text for child in element}
+    return entries
 
 
-def _of_yaml(text: str, file: str) -> dict[str, Any]:
+def _read_yaml(text: str, file: str) -> dict[str, Any]:
     """Tables of a YAML file, whose values are texts, as those of XML are: no type that a file names is made.
 
     OpenCV's directive and tag, which YAML 1.1 does not have, are passed over. An alias, which stands for what may stand
@@ -293,13 +293,11 @@ def _of_yaml(text: str, file: str) -> dict[str, Any]:
         raise InputError(
             f"{file} has {len(text)} characters; a calibration has {LONGEST_YAML} at most."
         )
-    plain = "\n".join(line for line in text.splitlines() if not line.startswith("%")).replace(
-        OPENCV_TAG, ""
-    )
+    lines = [line for line in text.splitlines() if not line.startswith("%")]
+    plain = "\n".join(lines).replace(OPENCV_TAG, "")
     try:
-        tables = yaml.load(
-            plain, Loader=PlainLoader
-        )  # libyaml's ends the process where brackets are nested deeply
+        # The loader of libyaml would end the process where brackets are nested deeply.
+        tables = yaml.load(plain, Loader=PlainLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         why = " ".join(str(error).split()) or "it is nested too deeply"
         raise InputError(
@@ -314,9 +312,11 @@ def _of_yaml(text: str, file: str) -> dict[str, Any]:
 
 def _numbers(draft: Draft, said: Mapping[str, Any], name: str) -> list[float]:
     """The data of a matrix, which is text in XML."""
-    node = said.get(name)
-    data = node.get("data") if isinstance(node, dict) else None
-    values = data.split() if isinstance(data, str) else data
+    values, node = None, said.get(name)
+    if isinstance(node, dict):
+        values = node.get("data")
+    if isinstance(values, str):
+        values = values.split()
     if not isinstance(values, list):
         names = ", ".join(said)[:200]
         raise InputError(
@@ -325,6 +325,6 @@ def _numbers(draft: Draft, said: Mapping[str, Any], name: str) -> list[float]:
     return draft.numbers(name, values, -MOST, MOST)
 
 
-def _flag(value: object) -> bool:
+def _is_set(value: object) -> bool:
     """Whether OpenCV's flag is set, 0 or 1 as a text."""
     return isinstance(value, str) and value.strip() in ("1", "True", "true")

@@ -18,13 +18,8 @@ from ...core import InputError
 from ...files.raw_files import dng_tags
 from .draft import MOST, Draft
 
-MODEL, BLACK, WHITE, PROFILE, ISO = (
-    "UniqueCameraModel",
-    "BlackLevel",
-    "WhiteLevel",
-    "NoiseProfile",
-    "ISOSpeedRatings",
-)
+MODEL, ISO = "UniqueCameraModel", "ISOSpeedRatings"
+BLACK, WHITE, PROFILE = "BlackLevel", "WhiteLevel", "NoiseProfile"
 MOST_PIXELS = 1e6  # of a side
 REMEDY = (
     "Let Adobe's DNG Converter, or the camera's own software, write it, or give another file"
@@ -33,18 +28,18 @@ REMEDY = (
 
 def read_dngs(paths: Sequence[Path], like: Camera) -> Draft:
     """The draft of a camera at the lowest ISO of the files, with all of them as its ladder. Raises InputError."""
-    found = sorted((_setting(path, like) for path in paths), key=lambda one: one[1]["iso"])
-    draft, first = found[0]
-    speeds = [one["iso"] for _, one in found]
-    if len(set(speeds)) < len(speeds):
-        twice = next(x for x in speeds if speeds.count(x) > 1)
-        raise InputError(
-            f"ISO {twice:g} is in {speeds.count(twice)} of the files; give one DNG for each ISO."
-        )
-    draft.set_gains(
-        [one for _, one in found], "NoiseProfile and BlackLevel of the file of each ISO"
-    )
-    draft.description += f", at ISO {first['iso']:g}"
+    drafts_and_settings = [_setting(path, like) for path in paths]
+    drafts_and_settings.sort(key=lambda pair: pair[1]["iso"])
+    settings = [setting for _, setting in drafts_and_settings]
+    speeds = [setting["iso"] for setting in settings]
+    for speed in speeds:
+        if speeds.count(speed) > 1:
+            raise InputError(
+                f"ISO {speed:g} is in {speeds.count(speed)} of the files; give one DNG for each ISO."
+            )
+    draft, lowest = drafts_and_settings[0]
+    draft.set_gains(settings, "NoiseProfile and BlackLevel of the file of each ISO")
+    draft.description += f", at ISO {lowest['iso']:g}"
     return draft
 
 
@@ -56,21 +51,19 @@ def _setting(path: Path, like: Camera) -> tuple[Draft, dict[str, float]]:
         raise InputError(
             f"{path}: NoiseProfile has {len(profile)} numbers; it must have two for each colour."
         )
-    black, white = (
-        float(np.mean(_numbers(tags, BLACK, draft))),
-        min(_numbers(tags, WHITE, draft)),
-    )
+    black = float(np.mean(_numbers(tags, BLACK, draft)))
+    white = min(_numbers(tags, WHITE, draft))
     slopes = [draft.number("S of NoiseProfile", x, 0.0, 10.0) for x in profile[0::2]]
     offsets = [draft.number("O of NoiseProfile", x, -1e-30, 10.0) for x in profile[1::2]]
-    span, slope, offset = (
-        draft.number("white less black level", white - black),
-        *map(np.mean, (slopes, offsets)),
-    )
+    span = draft.number("white less black level", white - black)
+    slope, offset = np.mean(slopes), np.mean(offsets)
     dn_per_e, read_noise_e = float(slope * span), float(math.sqrt(offset) / slope)
-    of = "mean of the colours of NoiseProfile" if len(slopes) > 1 else "NoiseProfile"
+    which = "NoiseProfile"
+    if len(slopes) > 1:
+        which = "mean of the colours of NoiseProfile"
     draft.says("adc.bits", math.ceil(math.log2(white + 1)), f"WhiteLevel {white:g}")
-    draft.set_gain(dn_per_e, f"S of {of} times white less black level: K")
-    draft.says("source_follower.read_noise_e", read_noise_e, f"root of O over S, {of}")
+    draft.set_gain(dn_per_e, f"S of {which} times white less black level: K")
+    draft.says("source_follower.read_noise_e", read_noise_e, f"root of O over S, {which}")
     draft.says("adc.black_level_dn", black, "BlackLevel")
     draft.set_clip(dn_per_e, black)
     for field, tag in (("sensor.columns", "ImageWidth"), ("sensor.rows", "ImageLength")):
@@ -91,6 +84,6 @@ def _numbers(tags: Mapping[str, Any], name: str, draft: Draft) -> list[float]:
 
 def _list(value: object) -> list[object]:
     """The values of a tag, of which there may be one or several."""
-    return (
-        list(value) if isinstance(value, list | tuple | np.ndarray) and len(value) else [value]
-    )
+    if isinstance(value, list | tuple | np.ndarray) and len(value):
+        return list(value)
+    return [value]

@@ -85,31 +85,29 @@ class Draft:
         return value
 
     def _wrong(self, name: str, value: object, wanted: str) -> InputError:
-        given = (
-            value if number_of(value) is not None else shown(value)
-        )  # texts of YAML, XML and CSV
+        """The error of a value of the file.  wanted : what it must be."""
+        actual = value  # texts of YAML, XML and CSV that are numbers stand as they are
+        if number_of(value) is None:
+            actual = shown(value)
         return InputError(
-            f"{self.file}: {name} is {given}; it must be {wanted}. Mend the file, or leave the setting out."
+            f"{self.file}: {name} is {actual}; it must be {wanted}. Mend the file, or leave the setting out."
         )
 
     def set_gain(self, dn_per_e: float, how: str) -> None:
         """The overall system gain K, as the full scale of the converter."""
-        volts = volts_per_electron(self.like)
-        self.says(
-            "adc.full_scale_v",
-            volts * 2.0**self.bits / dn_per_e,
-            f"{how} = {dn_per_e:.5g} DN/e-, as full scale",
-        )
+        full_scale_v = volts_per_electron(self.like) * 2.0**self.bits / dn_per_e
+        source = f"{how} = {dn_per_e:.5g} DN/e-, as full scale"
+        self.says("adc.full_scale_v", full_scale_v, source)
 
     def set_gains(self, settings: Sequence[Mapping[str, float]], how: str) -> None:
         """Several gain settings as the ladder of the camera, with the numbers that all of them have."""
-        if len(settings) > 1:
-            shared = set.intersection(*(set(one) for one in settings))
-            gains = [
-                {name: _rounded(x) for name, x in one.items() if name in shared}
-                for one in settings
-            ]
-            self.says("gains", gains, how)
+        if len(settings) < 2:
+            return
+        shared = set.intersection(*map(set, settings))
+        gains: list[dict[str, float]] = []
+        for setting in settings:
+            gains.append({name: _rounded(x) for name, x in setting.items() if name in shared})
+        self.says("gains", gains, how)
 
     def set_clip(self, dn_per_e: float, black_dn: float) -> None:
         """The full well where the converter ends, for a file that has none."""
@@ -121,31 +119,32 @@ class Draft:
 
     @property
     def bits(self) -> int:
-        """Of the converter."""
+        """Bits of the converter."""
         return int(self.changes.get("adc.bits", self.like.adc.bits))
 
     def camera(self) -> Camera:
-        """Checked. What the file does not say is "assumed: as" the camera that it is like. Raises InputError."""
-        found = self.like.replace(**{"gains": None, "gain": None, **self.changes})
-        same = {
-            key: text if text == USER else f"assumed: as {self.like.name}: {text}"
-            for key, text in self.like.sources.items()
-            if key in found.sources
-        }
-        data = found.model_dump()
-        data |= {
-            "name": printable(self.name) or found.name,
-            "description": printable(self.description),
-        }
-        data["sources"] = {**same, **self.sources}
+        """The checked camera. Raises InputError.
+
+        What the file does not say is "assumed: as" the camera that it is like.
+        """
+        camera = self.like.replace(**{"gains": None, "gain": None, **self.changes})
+        sources: dict[str, str] = {}
+        for field_name, text in self.like.sources.items():
+            if field_name in camera.sources:
+                sources[field_name] = f"assumed: as {self.like.name}: {text}"
+                if text == USER:
+                    sources[field_name] = text
+        data = camera.model_dump()
+        data["name"] = printable(self.name) or camera.name
+        data["description"] = printable(self.description)
+        data["sources"] = {**sources, **self.sources}
         return camera_from(data, self.file)
 
 
 def number_of(value: object) -> float | None:
     """The number that a value or a text of a file is; None for booleans, and for what is no finite number."""
-    if isinstance(value, bool) or not isinstance(
-        value, str | int | float | np.integer | np.floating
-    ):
+    may_be_number = isinstance(value, str | int | float | np.integer | np.floating)
+    if isinstance(value, bool) or not may_be_number:
         return None
     try:
         number = float(value)
@@ -155,7 +154,9 @@ def number_of(value: object) -> float | None:
 
 
 def _rounded(value: Any) -> Any:
-    """To six digits, which no measurement exceeds."""
+    """A number or the numbers of a list to six digits, which no measurement exceeds; other values as they are."""
     if isinstance(value, float):
         return float(f"{value:.6g}")
-    return [_rounded(x) for x in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [_rounded(x) for x in value]
+    return value

@@ -42,16 +42,13 @@ def preset_text(name: str) -> str:
             f"{PREFIX}{name} needs getframes, which is not installed; give the path of the preset's .toml, or: "
             "pip install getframes"
         ) from None
-    known = {
-        one.name.removesuffix(".toml"): one
-        for one in folder.iterdir()
-        if one.name.endswith(".toml")
-    }
-    if name not in known:
+    files = [file for file in folder.iterdir() if file.name.endswith(".toml")]
+    presets = {file.name.removesuffix(".toml"): file for file in files}
+    if name not in presets:
         raise InputError(
-            f"{name!r} is no preset of getframes ({', '.join(sorted(known))}).{nearest(name, known)}"
+            f"{name!r} is no preset of getframes ({', '.join(sorted(presets))}).{nearest(name, presets)}"
         )
-    return known[name].read_text("utf-8")
+    return presets[name].read_text("utf-8")
 
 
 def read_preset(text: str, file: str, like: Camera) -> Draft:
@@ -73,30 +70,22 @@ def read_preset(text: str, file: str, like: Camera) -> Draft:
         )
     _set_chip(draft, data)
     for key, field in FIELDS.items():
-        if key in data:
-            whole = key == "bit_depth"
-            number = (
-                draft.count(key, data[key], 64)
-                if whole
-                else draft.number(key, data[key], -1e-12)
-            )
-            draft.says(field, number, key)
-    if "dark_current_ref_temp_c" in data:
-        celsius = draft.number(
-            "dark_current_ref_temp_c", data["dark_current_ref_temp_c"], -KELVIN_AT_0_C, 200.0
-        )
-        draft.says(
-            "dark_current.at_temperature_k", celsius + KELVIN_AT_0_C, "dark_current_ref_temp_c"
-        )
-    draft.set_gain(
-        1 / draft.number("gain_e_per_adu", data["gain_e_per_adu"]), "1 over gain_e_per_adu: K"
-    )
+        if key == "bit_depth" and key in data:
+            draft.says(field, draft.count(key, data[key], 64), key)
+        elif key in data:
+            draft.says(field, draft.number(key, data[key], -1e-12), key)
+    key = "dark_current_ref_temp_c"
+    if key in data:
+        kelvin = draft.number(key, data[key], -KELVIN_AT_0_C, 200.0) + KELVIN_AT_0_C
+        draft.says("dark_current.at_temperature_k", kelvin, key)
+    gain_e_per_dn = draft.number("gain_e_per_adu", data["gain_e_per_adu"])
+    draft.set_gain(1 / gain_e_per_dn, "1 over gain_e_per_adu: K")
     _set_qe(draft, data)
-    left = [key for key in LEFT_OUT if key in data]
     draft.name = str(data.get("name", file))
-    draft.description = f"{draft.name}, preset of getframes" + (
-        f" (left out: {', '.join(left)})" if left else ""
-    )
+    draft.description = f"{draft.name}, preset of getframes"
+    left_out = [key for key in LEFT_OUT if key in data]
+    if left_out:
+        draft.description += f" (left out: {', '.join(left_out)})"
     return draft
 
 
@@ -128,22 +117,19 @@ def _set_chip(draft: Draft, data: dict[str, Any]) -> None:
 def _set_qe(draft: Draft, data: dict[str, Any]) -> None:
     """The curve of a preset, or its one number."""
     draft.changes["quantum_efficiency.tile"] = None
-    if "qe_curve" in data:
-        table = draft.table("qe_curve", data["qe_curve"])
-        curve = draft.numbers("qe_curve.qe", table.get("qe"), -1e-12, 1.0)
-        at = draft.numbers("qe_curve.wavelength_nm", table.get("wavelength_nm"))
-        if not curve or len(curve) != len(at):
-            raise InputError(
-                f"{draft.file}: qe_curve has {len(curve)} qe and {len(at)} wavelength_nm; give pairs."
-            )
-        draft.says("quantum_efficiency.curves", {"mono": curve}, "qe_curve")
-        draft.says("quantum_efficiency.wavelengths_nm", at, "qe_curve")
-        draft.assume(
-            "quantum_efficiency.reference_nm",
-            at[curve.index(max(curve))],
-            "the peak of the curve",
-        )
-    else:
+    if "qe_curve" not in data:
         value = draft.number("quantum_efficiency", data.get("quantum_efficiency"), 0.0, 1.0)
         draft.changes["quantum_efficiency.wavelengths_nm"] = None
         draft.says("quantum_efficiency.value", value, "quantum_efficiency, at all wavelengths")
+        return
+    table = draft.table("qe_curve", data["qe_curve"])
+    curve = draft.numbers("qe_curve.qe", table.get("qe"), -1e-12, 1.0)
+    wavelengths_nm = draft.numbers("qe_curve.wavelength_nm", table.get("wavelength_nm"))
+    if not curve or len(curve) != len(wavelengths_nm):
+        raise InputError(
+            f"{draft.file}: qe_curve has {len(curve)} qe and {len(wavelengths_nm)} wavelength_nm; give pairs."
+        )
+    draft.says("quantum_efficiency.curves", {"mono": curve}, "qe_curve")
+    draft.says("quantum_efficiency.wavelengths_nm", wavelengths_nm, "qe_curve")
+    peak_nm = wavelengths_nm[curve.index(max(curve))]
+    draft.assume("quantum_efficiency.reference_nm", peak_nm, "the peak of the curve")

@@ -42,7 +42,9 @@ def import_camera(
     name : of the camera; default: what the file says, else its own name.
     Raises InputError for a file that is none of these, or that has a number out of its range.
     """
-    paths = [Path(one) for one in ([files] if isinstance(files, str | Path) else files)]
+    if isinstance(files, str | Path):
+        files = [files]
+    paths = [Path(file) for file in files]
     if not paths:
         raise InputError(f"files is empty; give {FORMATS}.")
     base = like if isinstance(like, Camera) else load_camera(like)
@@ -52,9 +54,9 @@ def import_camera(
 
 
 def _draft(paths: list[Path], like: Camera) -> Draft:
-    """By the first file's name, and what is in it."""
+    """The draft of the reader that the first file's name asks for, and what is in the file."""
     first, kind = paths[0], paths[0].suffix.lower()
-    if kind == ".dng" and all(one.suffix.lower() == kind for one in paths):
+    if kind == ".dng" and all(path.suffix.lower() == kind for path in paths):
         return read_dngs(paths, like)
     if len(paths) > 1:
         raise InputError(
@@ -64,17 +66,20 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
         return read_preset(preset_text(str(first).removeprefix(PREFIX)), str(first), like)
     if kind not in (".json", ".csv", ".xml", ".toml", *YAML):
         raise InputError(f"{first} is of no format that is imported; give {FORMATS}.")
-    text = _text(first)
+    text = _read_text(first)
     if kind == ".json":
-        return _of_json(text, first.name, like)
+        return _read_json(text, first.name, like)
     if kind == ".csv":
         return read_table(rows_by_name(text), first.name, like)
     if kind in YAML or (kind == ".xml" and is_storage(text)):
         return read_storage(text, first.name, like)
-    return (read_report if kind == ".xml" else read_preset)(text, first.name, like)
+    if kind == ".xml":
+        return read_report(text, first.name, like)
+    return read_preset(text, first.name, like)
 
 
-def _of_json(text: str, file: str, like: Camera) -> Draft:
+def _read_json(text: str, file: str, like: Camera) -> Draft:
+    """The draft of the reader that knows the names in a JSON file."""
     try:
         data: Any = json_value(text)
     except ValueError as error:
@@ -91,7 +96,7 @@ def _of_json(text: str, file: str, like: Camera) -> Draft:
     )
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         require_small(path, "the file", LARGEST_BYTES)
         return path.read_text("utf-8")

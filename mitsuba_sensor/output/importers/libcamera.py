@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...camera.camera import Camera
-from ...core import InputError
+from ...core import Float64Array, InputError
 from .draft import Draft
 
 SCALE_BITS = 16
@@ -31,31 +31,25 @@ def is_tuning(data: object) -> bool:
 def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     """The draft of a camera. Raises InputError for a file without noise or black level."""
     draft = Draft(file, like)
-    parts = {
-        name: x
-        for one in draft.tables("algorithms", data["algorithms"])
-        for name, x in one.items()
-    }
-    noise = draft.table("rpi.noise", parts.get("rpi.noise") or {})
+    algorithms: dict[str, Any] = {}
+    for table in draft.tables("algorithms", data["algorithms"]):
+        algorithms |= table
+    noise = draft.table("rpi.noise", algorithms.get("rpi.noise") or {})
     if "reference_slope" not in noise:
         raise InputError(
-            f"{file}: rpi.noise has no reference_slope; its algorithms are {', '.join(parts)[:200]}. Take the tuning "
-            "file of a calibrated sensor."
+            f"{file}: rpi.noise has no reference_slope; its algorithms are {', '.join(algorithms)[:200]}. Take the "
+            "tuning file of a calibrated sensor."
         )
-    dn = 2.0 ** (draft.bits - SCALE_BITS)
-    black_dn = (
-        _black(draft.table("rpi.black_level", parts.get("rpi.black_level") or {}), draft) * dn
-    )
+    dn_per_dn16 = 2.0 ** (draft.bits - SCALE_BITS)
+    black_level = draft.table("rpi.black_level", algorithms.get("rpi.black_level") or {})
+    black_dn = _black_dn16(black_level, draft) * dn_per_dn16
     slope = draft.number("rpi.noise reference_slope", noise["reference_slope"], 0.0, 1e3)
     constant = draft.number(
         "rpi.noise reference_constant", noise.get("reference_constant", 0.0), -1e-9, 65535.0
     )
-    dn_per_e = slope**2 * dn
-    draft.assume(
-        "adc.bits",
-        draft.bits,
-        f"as {like.name}; the file is in a scale of 16 bits (--set adc.bits=12)",
-    )
+    dn_per_e = slope**2 * dn_per_dn16
+    why = f"as {like.name}; the file is in a scale of 16 bits (--set adc.bits=12)"
+    draft.assume("adc.bits", draft.bits, why)
     draft.set_gain(
         dn_per_e, f"rpi.noise reference_slope {slope:g} squared at {draft.bits} bits: K"
     )
@@ -67,27 +61,25 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     else:
         why = f"as {like.name}; reference_constant is 0, which says that the fit found no noise of darkness"
         draft.assume("source_follower.read_noise_e", like.source_follower.read_noise_e, why)
-    shading = draft.table("rpi.alsc", parts.get("rpi.alsc") or {})
-    _shading(shading.get("luminance_lut"), draft)
+    shading = draft.table("rpi.alsc", algorithms.get("rpi.alsc") or {})
+    if shading.get("luminance_lut") is not None:
+        _set_shading(draft, shading["luminance_lut"])
     draft.description = f"Sensor of the libcamera tuning file {file}, at analogue gain 1"
     return draft
 
 
-def _black(part: dict[str, Any], draft: Draft) -> float:
+def _black_dn16(table: dict[str, Any], draft: Draft) -> float:
     """The black level, or the mean of those of the colours [DN16]."""
-    colours = [
-        part[name]
-        for name in ("black_level_r", "black_level_g", "black_level_b")
-        if name in part
-    ]
-    values = colours or [part.get("black_level", 4096)]
-    return float(np.mean([draft.number("rpi.black_level", x, -1e-9, 65534.0) for x in values]))
+    names = ("black_level_r", "black_level_g", "black_level_b")
+    levels = [table[name] for name in names if name in table]
+    if not levels:
+        levels = [table.get("black_level", 4096)]
+    numbers = [draft.number("rpi.black_level", level, -1e-9, 65534.0) for level in levels]
+    return float(np.mean(numbers))
 
 
-def _shading(table: object, draft: Draft) -> None:
+def _set_shading(draft: Draft, table: object) -> None:
     """The luminance table of rpi.alsc, a gain for every part of the picture, as fall-off of a lens by image height."""
-    if table is None:
-        return
     gains = draft.numbers("rpi.alsc luminance_lut", table, 1e-6, 1e6)
     if len(gains) not in GRIDS:
         raise InputError(
@@ -95,15 +87,11 @@ def _shading(table: object, draft: Draft) -> None:
         )
     gain = np.array(gains).reshape(GRIDS[len(gains)])
     like = draft.like
-    sides = (
-        like.sensor.rows * like.pixel.pitch_y_um,
-        like.sensor.columns * like.pixel.pitch_x_um,
-    )
-    y, x = (
-        ((np.arange(n) + 0.5) / n - 0.5) * side * 1e-3
-        for n, side in zip(gain.shape, sides, strict=True)
-    )
-    height, corner = np.hypot(y[:, None], x), 0.5e-3 * math.hypot(*sides)
+    height_um = like.sensor.rows * like.pixel.pitch_y_um
+    width_um = like.sensor.columns * like.pixel.pitch_x_um
+    y = _middles_mm(gain.shape[0], height_um)
+    x = _middles_mm(gain.shape[1], width_um)
+    height, corner = np.hypot(y[:, None], x), 0.5e-3 * math.hypot(height_um, width_um)
     heights = np.linspace(0.0, corner, HEIGHTS)
     step, light = heights[1], 1 / gain
     near = np.maximum(1 - np.abs(height[..., None] - heights) / step, 0.0)
@@ -111,14 +99,14 @@ def _shading(table: object, draft: Draft) -> None:
     fall_off = (light[..., None] * near).sum(axis=(0, 1)) / np.maximum(weight, 1e-12)
     known = weight > 0.5
     fall_off = np.interp(heights, heights[known], fall_off[known])
+    illumination = np.minimum(fall_off / fall_off[0], 1.0)
     how = "rpi.alsc luminance_lut, its inverse averaged over circles; shading of the colours is left out"
+    draft.says("lens.relative_illumination", illumination.tolist(), how)
     draft.says(
-        "lens.relative_illumination",
-        [float(v) for v in np.minimum(fall_off / fall_off[0], 1.0)],
-        how,
+        "lens.relative_illumination_heights_mm", heights.tolist(), f"of {like.name}'s picture"
     )
-    draft.says(
-        "lens.relative_illumination_heights_mm",
-        [float(v) for v in heights],
-        f"of {like.name}'s picture",
-    )
+
+
+def _middles_mm(count: int, side_um: float) -> Float64Array:
+    """Middles of so many parts of a side, 0 in the middle of the side [mm]."""
+    return ((np.arange(count) + 0.5) / count - 0.5) * side_um * 1e-3

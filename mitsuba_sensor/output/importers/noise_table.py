@@ -37,7 +37,7 @@ SHAPES = -0.45, 0.2
 def is_table(data: object) -> bool:
     """Whether a JSON file is a list of rows, or rows by name."""
     rows = list(data.values()) if isinstance(data, dict) else data
-    return isinstance(rows, list) and bool(rows) and all(isinstance(one, dict) for one in rows)
+    return isinstance(rows, list) and bool(rows) and all(isinstance(row, dict) for row in rows)
 
 
 def rows_by_name(text: str) -> list[dict[str, str]]:
@@ -48,29 +48,23 @@ def rows_by_name(text: str) -> list[dict[str, str]]:
 
 def read_table(data: Any, file: str, like: Camera) -> Draft:
     """The draft of a camera at the lowest ISO, with all of them as its ladder. Raises InputError."""
-    named = (
-        data.items()
-        if isinstance(data, dict)
-        else ((str(n), one) for n, one in enumerate(data, start=1))
-    )
     draft = Draft(file, like)
-    rows = [_row(name, values, draft) for name, values in named]
+    if not isinstance(data, dict):
+        data = {str(number): values for number, values in enumerate(data, start=1)}
+    rows = [_row(name, values, draft) for name, values in data.items()]
     if not rows:
         raise InputError(f"{file} has no rows; give one for each ISO, with iso, K and sigGs.")
-    rows = sorted(rows, key=lambda row: float(row["iso"]))
+    rows.sort(key=lambda row: float(row["iso"]))
     first = rows[0]
     if "white" in first:
         white = draft.number("wp", first["white"], 0.0, 2.0**24)
         draft.says("adc.bits", math.ceil(math.log2(white + 1)), f"white level {white:g}")
     settings = [_setting(row, draft) for row in rows]
     lowest = settings[0]
-    iso = f"ISO {lowest['iso']:g}"
+    iso, read_noise_e = f"ISO {lowest['iso']:g}", lowest["read_noise_e"]
     draft.set_gain(lowest["gain_dn_per_e"], f"K at {iso}")
-    draft.says(
-        "source_follower.read_noise_e",
-        lowest["read_noise_e"],
-        f"pixel noise in the dark over K at {iso}",
-    )
+    how = f"pixel noise in the dark over K at {iso}"
+    draft.says("source_follower.read_noise_e", read_noise_e, how)
     if "row_noise_e" in lowest:
         draft.says("readout.row_noise_e", lowest["row_noise_e"], f"sigR over K at {iso}")
     if "black_level_dn" in lowest:
@@ -87,57 +81,57 @@ def read_table(data: Any, file: str, like: Camera) -> Draft:
 
 def _row(name: str, values: Mapping[str, Any], draft: Draft) -> dict[str, Any]:
     """A row under our names for its columns; the ISO may stand in the row's own name ("SonyA7S2_1600")."""
-    plain = {
-        key.strip().lower(): x
-        for key, x in values.items()
-        if key is not None and x not in (None, "")
-    }
-    row = {
-        ours: next(plain[x] for x in theirs if x in plain)
-        for ours, theirs in NAMES.items()
-        if plain.keys() & theirs
-    }
-    if "iso" not in row and (number := re.search(r"(\d+)$", name)):
+    plain: dict[str, Any] = {}
+    for key, value in values.items():
+        if key is not None and value not in (None, ""):
+            plain[key.strip().lower()] = value
+    row: dict[str, Any] = {}
+    for ours, theirs in NAMES.items():
+        for their in theirs:
+            if their in plain:
+                row.setdefault(ours, plain[their])
+    number = re.search(r"(\d+)$", name)
+    if "iso" not in row and number is not None:
         row["iso"] = float(number[1])
-    missing = [one for one in ("iso", "gain") if one not in row]
-    missing += [] if row.keys() & {"scale", "sigma"} else ["sigma"]
+    missing = [column for column in ("iso", "gain") if column not in row]
+    if not row.keys() & {"scale", "sigma"}:
+        missing.append("sigma")
     if missing:
-        wanted = " and ".join("/".join(NAMES[one]) for one in missing)
+        wanted = " and ".join("/".join(NAMES[column]) for column in missing)
         names = ", ".join(plain)[:200] or "nothing"
         raise InputError(f"{draft.file}: row {shown(name)} has no {wanted}; it has {names}.")
-    return {**row, "iso": draft.number("iso", row["iso"])}
+    row["iso"] = draft.number("iso", row["iso"])
+    return row
 
 
 def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
     """The gain setting of a row [e-]; a shape that we do not have is the nearest."""
-    at = f"at ISO {row['iso']:g}"
-    gain = draft.number(f"K {at}", row["gain"])
-    shape = draft.number(f"lam {at}", row["shape"], -0.5, 2.0) if "shape" in row else None
+    iso = f"at ISO {row['iso']:g}"
+    gain = draft.number(f"K {iso}", row["gain"])
+    shape = None
+    if "shape" in row:
+        shape = draft.number(f"lam {iso}", row["shape"], -0.5, 2.0)
     if "scale" in row:
-        pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(
-            scipy.stats.tukeylambda.std(shape or 0.0)
-        )
+        sigma_of_scale = float(scipy.stats.tukeylambda.std(shape or 0.0))
+        pixel_dn = draft.number(f"sigTL {iso}", row["scale"]) * sigma_of_scale
     else:
-        pixel_dn = draft.number(f"sigGs {at}", row["sigma"])
-    numbers = {
-        "gain_dn_per_e": gain,
-        "read_noise_e": math.sqrt(max(pixel_dn**2 - 1 / 12, 0.0)) / gain,
-    }
+        pixel_dn = draft.number(f"sigGs {iso}", row["sigma"])
+    setting = {"iso": row["iso"], "gain_dn_per_e": gain}
+    setting["read_noise_e"] = math.sqrt(max(pixel_dn**2 - 1 / 12, 0.0)) / gain
     if shape is not None:
-        numbers["read_noise_shape"] = min(max(shape, SHAPES[0]), SHAPES[1])
+        setting["read_noise_shape"] = min(max(shape, SHAPES[0]), SHAPES[1])
     if "row" in row:
-        numbers["row_noise_e"] = draft.number(f"sigR {at}", row["row"], -1e-12) / gain
+        setting["row_noise_e"] = draft.number(f"sigR {iso}", row["row"], -1e-12) / gain
     if "black" in row:
-        numbers["black_level_dn"] = draft.number(f"bl {at}", row["black"], -1e-12)
-    return {"iso": row["iso"], **numbers}
+        setting["black_level_dn"] = draft.number(f"bl {iso}", row["black"], -1e-12)
+    return setting
 
 
 def _set_shape(draft: Draft, given: float, used: float, iso: str) -> None:
     """The Tukey-lambda shape; used : the nearest that we have."""
+    field = "source_follower.read_noise_shape"
     draft.says("source_follower.read_noise_distribution", "tukey_lambda", "lam")
     if used == given:
-        draft.says("source_follower.read_noise_shape", used, f"lam at {iso}")
+        draft.says(field, used, f"lam at {iso}")
     else:
-        draft.assume(
-            "source_follower.read_noise_shape", used, f"the nearest to lam {given:g} at {iso}"
-        )
+        draft.assume(field, used, f"the nearest to lam {given:g} at {iso}")
