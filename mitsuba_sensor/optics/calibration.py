@@ -45,22 +45,20 @@ class Calibration:
     @property
     def corner(self) -> float:
         """Distance of the farthest corner of the picture from the principal point, as a tangent, with distortion."""
-        sides = zip(self.principal, (self.columns, self.rows), self.focal, strict=True)
-        return math.hypot(*((max(c, n - 1 - c) + HALF_PIXEL) / f for c, n, f in sides))
+        (cx, cy), (fx, fy) = self.principal, self.focal
+        half_x = (max(cx, self.columns - 1 - cx) + HALF_PIXEL) / fx
+        half_y = (max(cy, self.rows - 1 - cy) + HALF_PIXEL) / fy
+        return math.hypot(half_x, half_y)
 
     @property
     def view(self) -> dict[str, float]:
         """What the <sensor type="perspective"> of a scene needs for it: fov [degrees, along the rows] and principal
         point offsets [sides of the picture]."""
-        shift_x, shift_y = (
-            0.5 - (c + HALF_PIXEL) / n
-            for c, n in zip(self.principal, (self.columns, self.rows), strict=True)
-        )
-        fov = math.degrees(2 * math.atan(self.columns / 2 / self.focal[0]))
+        cx, cy = self.principal
         return {
-            "fov": fov,
-            "principal_point_offset_x": shift_x,
-            "principal_point_offset_y": shift_y,
+            "fov": math.degrees(2 * math.atan(self.columns / 2 / self.focal[0])),
+            "principal_point_offset_x": 0.5 - (cx + HALF_PIXEL) / self.columns,
+            "principal_point_offset_y": 0.5 - (cy + HALF_PIXEL) / self.rows,
         }
 
 
@@ -77,24 +75,21 @@ def calibration_of(intrinsics: Mapping[str, Any], pitch_um: float) -> Calibratio
             "perspective or thinlens sensor."
         )
     focal, principal = (matrix[0][0], matrix[1][1]), (matrix[0][2], matrix[1][2])
-    if intrinsics["heights_mm"] is None:
+    heights_mm = intrinsics["heights_mm"]
+    if heights_mm is None:
         return Calibration(columns, rows, focal, principal, tuple(intrinsics["distortion"]))
     distance_mm = focal[0] * pitch_um * 1e-3
-    ideal, real = (
-        np.asarray(intrinsics["heights_mm"][name]) / distance_mm for name in ("ideal", "real")
-    )
+    ideal = np.asarray(heights_mm["ideal"]) / distance_mm
+    real = np.asarray(heights_mm["real"]) / distance_mm
     growth = np.divide(real, ideal, out=np.ones_like(real), where=ideal > 0) - 1
-    curve = Distortion(
-        growth=scipy.interpolate.PchipInterpolator(ideal, growth), table_end=float(ideal[-1])
-    )
-    pinhole = Calibration(columns, rows, focal, principal)
-    radius = np.linspace(0.0, min(2 * pinhole.corner, float(ideal[-1])), FIT_POINTS)
-    (k1, k2, k3), misfit = radial_fit(
-        radius, curve.real(radius, np.zeros_like(radius))[0], pinhole.corner
-    )
-    return Calibration(
-        columns, rows, focal, principal, (k1, k2, 0.0, 0.0, k3), misfit * max(focal)
-    )
+    end = float(ideal[-1])
+    curve = Distortion(growth=scipy.interpolate.PchipInterpolator(ideal, growth), table_end=end)
+    corner = Calibration(columns, rows, focal, principal).corner
+    radius = np.linspace(0.0, min(2 * corner, end), FIT_POINTS)
+    real_radius, *_ = curve.real(radius, np.zeros_like(radius))
+    (k1, k2, k3), misfit = radial_fit(radius, real_radius, corner)
+    distortion, misfit_px = (k1, k2, 0.0, 0.0, k3), misfit * max(focal)
+    return Calibration(columns, rows, focal, principal, distortion, misfit_px)
 
 
 def radial_fit(
@@ -105,8 +100,8 @@ def radial_fit(
     All are tangents; only heights up to ``corner`` count.
     """
     inside = real <= corner
-    radius, found = ideal[inside], real[inside]
-    powers = radius[:, None] ** np.array([3, 5, 7])
-    radial = np.linalg.lstsq(powers, found - radius, rcond=None)[0]
+    ideal, real = ideal[inside], real[inside]
+    powers = ideal[:, None] ** np.array([3, 5, 7])
+    radial = np.linalg.lstsq(powers, real - ideal, rcond=None)[0]
     k1, k2, k3 = radial.tolist()
-    return (k1, k2, k3), float(np.abs(powers @ radial + radius - found).max())
+    return (k1, k2, k3), float(np.abs(powers @ radial + ideal - real).max())

@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from ..camera.lens_datasheet import LensSection
 
 NEWTON_STEPS = 30  # five are enough for a usual lens; convergence is slow near a fold
-RESIDUAL = (
-    1e-9  # of a tangent: a thousandth of a pixel on an image a hundred thousand pixels wide
-)
+RESIDUAL = 1e-9
+"""Of a tangent: a thousandth of a pixel on an image that is a hundred thousand pixels wide."""
 BLOCK = 2**14  # points at a time, so that their arrays fit into the processor's cache
 
 
@@ -70,25 +69,24 @@ class Distortion:
         Raises InputError where the distortion is not invertible, or the table ends.
         """
         flat = np.array([np.ravel(x), np.ravel(y)], dtype=float)
-        found = np.hstack(
-            [
-                self._invert(*flat[:, start : start + BLOCK])
-                for start in range(0, flat.shape[1], BLOCK)
-            ]
-        )
-        highest = float(np.hypot(found[0], found[1]).max())
+        blocks = [
+            self._invert(*flat[:, start : start + BLOCK])
+            for start in range(0, flat.shape[1], BLOCK)
+        ]
+        inverse = np.hstack(blocks)
+        highest = float(np.hypot(inverse[0], inverse[1]).max())
         if highest > self.table_end * (1 + RESIDUAL):
             raise InputError(
                 "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height "
                 f"{highest / self.table_end:.4g} times the last one; extend the table."
             )
-        u, v, area = found.reshape(3, *np.shape(x))
+        u, v, area = inverse.reshape(3, *np.shape(x))
         return u, v, area
 
     def _invert(
         self, x: Float64Array, y: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """The same for points (n,), by Newton's method that starts at the real points."""
+        """Ideal points and areas of real points (n,), by Newton's method that starts at the real points."""
         u, v = x, y
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):

@@ -8,9 +8,8 @@ height is traced along one radius, for one half of the plane.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,8 @@ from numpy.typing import NDArray
 from ..core import Float64Array, InputError
 from .ray_trace import D_NM, Ray, Surface, trace
 
-INTERVALS = (
-    32  # of the table; the ellipses also contain what passes half-way between its entries
-)
+INTERVALS = 32
+"""Intervals of the table; the ellipses also contain what passes half-way between its entries."""
 GRID = 64  # rays across the window, in each refinement
 REFINEMENTS = 3
 WINDOW = 1.5  # of the last clear aperture: where a slanting ray that hits it may cross the plane of its vertex
@@ -48,15 +46,14 @@ def ray_to(
     """The ray from an image point at (height, 0), ``distance`` before the last vertex, to a point in its plane [mm]."""
     dx, dy = np.broadcast_arrays(radial - height, tangential)
     length = np.sqrt(dx * dx + dy * dy + distance * distance)
-    unvignetted = np.ones(dx.shape, dtype=bool)
     return Ray(
-        height + 0.0 * dx,
-        0.0 * dy,
-        -distance,
-        dx / length,
-        dy / length,
-        distance / length,
-        unvignetted,
+        x=height + 0.0 * dx,
+        y=0.0 * dy,
+        z=-distance,
+        dx=dx / length,
+        dy=dy / length,
+        dz=distance / length,
+        unvignetted=np.ones(dx.shape, dtype=bool),
     )
 
 
@@ -81,21 +78,35 @@ def exit_pupil_bounds(
             distance, heights[:, None, None], radial[:, :, None], tangential[:, None, :]
         )
         with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-            passes = np.logical_or.reduce(
-                [trace(surfaces, start, nm).unvignetted for nm in wavelengths_nm]
-            )
+            unvignetted = [trace(surfaces, start, nm).unvignetted for nm in wavelengths_nm]
+            passes = np.logical_or.reduce(unvignetted)
         along, across = passes.any(axis=2), passes.any(axis=1)
-        low, high = (
-            high - cell * _cells_to_last(along[:, ::-1]),
-            low + cell * _cells_to_last(along),
-        )
+        cells_below, cells_above = _cells_to_last(along[:, ::-1]), _cells_to_last(along)
+        low, high = high - cell * cells_below, low + cell * cells_above
         top = row * _cells_to_last(across)
     if not passes[0].any():
         raise InputError(
             "no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8."
         )
-    cells = (passes, radial, cell[:, None] / 2, tangential + row[:, None] / 2)
+    cells = _Cells(passes, radial, cell[:, None] / 2, tangential + row[:, None] / 2)
     return ExitPupilBounds(highest, *_ellipses(cells, low, high, top))
+
+
+class _Cells(NamedTuple):
+    """Cells of the grid of rays of each height.
+
+    passes : which pass, (heights, GRID, GRID/2).
+    radial, half, tangential : middle and half the size along the radius, and the outer end across, (heights, cells).
+    """
+
+    passes: NDArray[np.bool_]
+    radial: Float64Array
+    half: Float64Array
+    tangential: Float64Array
+
+    def every_second(self, first: int) -> _Cells:
+        """Cells of every second height, those of the table (first = 0) or between its entries (first = 1)."""
+        return _Cells(*(values[first::2] for values in self))
 
 
 def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
@@ -105,37 +116,33 @@ def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
 
 
 def _ellipses(
-    cells: tuple[Any, ...], low: Float64Array, high: Float64Array, top: Float64Array
+    cells: _Cells, low: Float64Array, high: Float64Array, top: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Ellipses as wide as the windows, enlarged until the corners of all cells that pass are inside.
 
     What passes half-way between two entries of the table must be inside the mean of their ellipses: both are enlarged.
     """
-    lit = cells[0].any(axis=(1, 2))
+    lit = cells.passes.any(axis=(1, 2))
     lit_rows = np.flatnonzero(lit)
     nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
-    windows = (
-        ((low + high) / 2)[lit_rows[nearest]],
-        np.where(lit, (high - low) / 2, 0.0),
-        np.where(lit, top, 0.0),
-    )
-    at, between = ([v[first::2] for v in cells] for first in (0, 1))
-    centre, radial, tangential = (v[::2] for v in windows)
-    scale = _enlargement(at, (centre, radial, tangential))
+    centre = ((low + high) / 2)[lit_rows[nearest]][::2]
+    radial = np.where(lit, (high - low) / 2, 0.0)[::2]
+    tangential = np.where(lit, top, 0.0)[::2]
+    scale = _enlargement(cells.every_second(0), centre, radial, tangential)
     radial, tangential = radial * scale, tangential * scale
-    middle = _enlargement(between, ((v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential)))
-    scale = np.maximum(np.maximum(np.append(middle, 1.0), np.insert(middle, 0, 1.0)), 1.0)
+    middles = [(v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential)]
+    between = _enlargement(cells.every_second(1), *middles)
+    scale = np.maximum(np.append(between, 1.0), np.insert(between, 0, 1.0))
+    scale = np.maximum(scale, 1.0)
     return centre, radial * scale, tangential * scale
 
 
-def _enlargement(cells: list[Any], ellipses: Iterable[Float64Array]) -> Float64Array:
-    """The factors at which ellipses contain all cells that pass, (heights,).
-
-    cells : which pass, (heights, GRID, GRID/2); radial middle and half the size, tangential end, (heights, cells).
-    """
-    (passes, middle, half, end), (centre, radial, tangential) = cells, ellipses
-    x = (np.abs(middle - centre[:, None]) + half) / np.maximum(radial, TINY)[:, None]
-    y = end / np.maximum(tangential, TINY)[:, None]
-    return np.asarray(
-        np.sqrt(np.where(passes, x[:, :, None] ** 2 + y[:, None] ** 2, 0.0).max(axis=(1, 2)))
-    )
+def _enlargement(
+    cells: _Cells, centre: Float64Array, radial: Float64Array, tangential: Float64Array
+) -> Float64Array:
+    """The factors at which ellipses contain all cells that pass, (heights,)."""
+    reach = np.abs(cells.radial - centre[:, None]) + cells.half
+    x = reach / np.maximum(radial, TINY)[:, None]
+    y = cells.tangential / np.maximum(tangential, TINY)[:, None]
+    squares = np.where(cells.passes, x[:, :, None] ** 2 + y[:, None] ** 2, 0.0)
+    return np.asarray(np.sqrt(squares.max(axis=(1, 2))))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from ..camera.camera import Camera
 
 RADII = 33  # points of the table of relative illumination
-GAUSS_2 = (
-    0.5 - 0.5 / math.sqrt(3),
-    0.5 + 0.5 / math.sqrt(3),
-)  # nodes of the 2-point Gauss rule on a pixel
+GAUSS_2 = 0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3)
+"""Nodes of the 2-point Gauss rule on a pixel."""
+Illumination: TypeAlias = Callable[[Float64Array, Float64Array], Float64Array]
+"""Ω over its value on the axis, at x and y from the optical axis [pixels]."""
 
 
 def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
@@ -51,7 +51,7 @@ def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
 
 def _relative_illumination(view: View, camera: Camera) -> Float64Array:
     """Ω over its value on the axis, averaged over each pixel, (rows, columns)."""
-    return _pixel_means(view, _illumination_at(view, camera))
+    return _pixel_means(view, _illumination(view, camera))
 
 
 def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
@@ -63,23 +63,22 @@ def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
     """
     if view.sequential or not view.half_width:
         return None
-    sides = zip(view.axis, view.crop_offset, view.crop_size, strict=True)
-    corner = math.hypot(*(max(a - first, first + n - a) for a, first, n in sides))
-    radius = np.linspace(0.0, corner, RADII)
-    values = _illumination_at(view, camera)(radius[None], np.zeros((1, 1)))[0]
+    reach = []
+    for axis, first, count in zip(view.axis, view.crop_offset, view.crop_size, strict=True):
+        reach.append(max(axis - first, first + count - axis))
+    radius = np.linspace(0.0, math.hypot(*reach), RADII)
+    values = _illumination(view, camera)(radius[None], np.zeros((1, 1)))[0]
     return {"radius_px": radius.tolist(), "relative_illumination": values.tolist()}
 
 
-def _illumination_at(
-    view: View, camera: Camera
-) -> Callable[[Float64Array, Float64Array], Float64Array]:
-    """Ω over its value on the axis, at x and y from the optical axis [pixels]."""
+def _illumination(view: View, camera: Camera) -> Illumination:
+    """Relative illumination of a camera's lens behind this view."""
     lens, scale, pitch_mm = camera.lens, view.tangent_per_pixel, camera.pixel.pitch_x_um * 1e-3
     if lens.relative_illumination is not None:
         return lambda x, y: _measured_illumination(camera, pitch_mm * np.hypot(x, y))
     distortion = distortion_of(lens, image_distance_m(view, camera) * 1e3)
     if distortion is None:
-        return _cos4_at(scale)
+        return _cos4_law(scale)
 
     def distorted(x: Float64Array, y: Float64Array) -> Float64Array:
         u, v, area = distortion.ideal(*np.broadcast_arrays(scale * x, scale * y))
@@ -90,42 +89,40 @@ def _illumination_at(
 
 def cos4(view: View) -> Float64Array:
     """cos⁴ of the angle to the optical axis, averaged over each pixel of the crop, (rows, columns)."""
-    return _pixel_means(view, _cos4_at(view.tangent_per_pixel))
+    return _pixel_means(view, _cos4_law(view.tangent_per_pixel))
 
 
-def _cos4_at(scale: float) -> Callable[[Float64Array, Float64Array], Float64Array]:
+def _cos4_law(scale: float) -> Illumination:
+    """cos⁴ of the field angle.  scale : its tangent per pixel."""
     return lambda x, y: np.asarray(1 / (1 + (scale * x) ** 2 + (scale * y) ** 2) ** 2)
 
 
 def _measured_illumination(camera: Camera, heights_mm: Float64Array) -> Float64Array:
     """Measured relative illumination at image heights, linear between the points of the table."""
-    known, values = (
-        camera.lens.relative_illumination_heights_mm,
-        camera.lens.relative_illumination,
-    )
-    assert known is not None and values is not None
-    if (highest := float(heights_mm.max())) > known[-1]:
+    table_mm = camera.lens.relative_illumination_heights_mm
+    values = camera.lens.relative_illumination
+    assert table_mm is not None and values is not None
+    highest = float(heights_mm.max())
+    if highest > table_mm[-1]:
         raise InputError(
-            f"lens.relative_illumination_heights_mm ends at {known[-1]:g} mm, and the sensor reaches {highest:.4g} mm "
-            "from the axis; extend the table."
+            f"lens.relative_illumination_heights_mm ends at {table_mm[-1]:g} mm, and the sensor reaches {highest:.4g} "
+            "mm from the axis; extend the table."
         )
-    return np.interp(heights_mm, known, values)
+    return np.interp(heights_mm, table_mm, values)
 
 
-def _pixel_means(
-    view: View, function: Callable[[Float64Array, Float64Array], Float64Array]
-) -> Float64Array:
+def _pixel_means(view: View, function: Illumination) -> Float64Array:
     """Gauss's means over each pixel of a function of x (1, columns) and y (rows, 1) from the optical axis [pixels]."""
-    (columns, rows), (column, row), (axis_x, axis_y) = (
-        view.crop_size,
-        view.crop_offset,
-        view.axis,
-    )
-    xs = [
-        np.arange(columns, dtype=float)[None, :] + (column + node - axis_x) for node in GAUSS_2
-    ]
-    ys = [np.arange(rows, dtype=float)[:, None] + (row + node - axis_y) for node in GAUSS_2]
-    return sum((0.25 * function(x, y) for x in xs for y in ys), np.zeros((rows, columns)))
+    columns, rows = view.crop_size
+    x = np.arange(columns, dtype=float)[None, :]
+    y = np.arange(rows, dtype=float)[:, None]
+    (column, row), (axis_x, axis_y) = view.crop_offset, view.axis
+    total = np.zeros((rows, columns))
+    for node_x in GAUSS_2:
+        for node_y in GAUSS_2:
+            value = function(x + (column + node_x - axis_x), y + (row + node_y - axis_y))
+            total = total + 0.25 * value
+    return total
 
 
 def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
@@ -133,15 +130,17 @@ def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
 
     Raises InputError outside the range of the curve, where T is not known.
     """
-    lens, at_nm = camera.lens, np.asarray(wavelengths_nm, dtype=float)
-    known = lens.transmission_wavelengths_nm
-    if lens.transmission_curve is None or known is None:
-        return np.full(at_nm.shape, lens.transmission)
-    outside = at_nm[(at_nm < known[0]) | (at_nm > known[-1])]
+    lens, asked_nm = camera.lens, np.asarray(wavelengths_nm, dtype=float)
+    table_nm = lens.transmission_wavelengths_nm
+    if lens.transmission_curve is None or table_nm is None:
+        return np.full(asked_nm.shape, lens.transmission)
+    outside = asked_nm[(asked_nm < table_nm[0]) | (asked_nm > table_nm[-1])]
     if outside.size:
-        wrong = outside.min() if outside.min() < known[0] else outside.max()
+        wrong = outside.min() if outside.min() < table_nm[0] else outside.max()
         raise InputError(
-            f"lens.transmission_curve is given from {known[0]:g} to {known[-1]:g} nm and needed at {wrong:g} nm; "
+            f"lens.transmission_curve is given from {table_nm[0]:g} to {table_nm[-1]:g} nm and needed at {wrong:g} nm; "
             "extend it, with 0 where the lens is opaque."
         )
-    return lens.transmission * np.asarray(np.interp(at_nm, known, lens.transmission_curve))
+    return lens.transmission * np.asarray(
+        np.interp(asked_nm, table_nm, lens.transmission_curve)
+    )

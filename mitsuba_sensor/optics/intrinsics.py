@@ -28,21 +28,23 @@ SECANTS = 12  # steps to the middle of the stop; superlinear, six are enough
 
 @dataclass(frozen=True)
 class View:
-    """What a scene's sensor images; pairs are (columns, rows)."""
+    """What a scene's sensor images; pairs are (columns, rows).
 
-    size: tuple[int, int]  # of the full film
-    crop_size: tuple[int, int]  # of the part that is rendered
+    size, crop_size, crop_offset : of the full film, and of the part that is rendered [pixels].
+    half_width : tan of half the horizontal field of view, 0 for an orthographic (telecentric) sensor.
+    principal_point : offset of the optical axis over the film (Mitsuba's convention).
+    focus_m, aperture_radius_m : of a thin lens; a radius of 0 is a pinhole.
+    sequential : whether rays are traced through a lens prescription; they then carry E/L.
+    """
+
+    size: tuple[int, int]
+    crop_size: tuple[int, int]
     crop_offset: tuple[int, int] = (0, 0)
-    half_width: float = 0.0  # tan of half the horizontal field of view, 0 for an orthographic (telecentric) sensor
-    principal_point: tuple[float, float] = (
-        0.0,
-        0.0,
-    )  # offset of the optical axis over the film (Mitsuba's convention)
-    focus_m: float = math.inf  # of a thin lens
-    aperture_radius_m: float = 0.0  # of a thin lens; 0 for a pinhole
-    sequential: bool = (
-        False  # whether rays are traced through a lens prescription; they then carry E/L
-    )
+    half_width: float = 0.0
+    principal_point: tuple[float, float] = (0.0, 0.0)
+    focus_m: float = math.inf
+    aperture_radius_m: float = 0.0
+    sequential: bool = False
 
     @property
     def axis(self) -> tuple[float, float]:
@@ -58,7 +60,9 @@ class View:
 
 def magnification(view: View, camera: Camera) -> float:
     """|m| = image distance / focus distance; 0 for a pinhole or telecentric sensor, which focus everywhere."""
-    return 0.0 if math.isinf(view.focus_m) else image_distance_m(view, camera) / view.focus_m
+    if math.isinf(view.focus_m):
+        return 0.0
+    return image_distance_m(view, camera) / view.focus_m
 
 
 def image_distance_m(view: View, camera: Camera) -> float:
@@ -68,7 +72,7 @@ def image_distance_m(view: View, camera: Camera) -> float:
 
 
 def focal_length_m(view: View, camera: Camera) -> float:
-    """Of the thin lens that has this field of view, at this focus distance, on this camera's pixels [m]."""
+    """Focal length of the thin lens that has this field of view and focus distance on this camera's pixels [m]."""
     return 1 / (1 / image_distance_m(view, camera) + 1 / view.focus_m)
 
 
@@ -91,63 +95,58 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
     field_of_view_deg : across and down the part that is rendered, through the principal point, without distortion.
     """
     pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
-    principal = [
-        (a - n / 2) * p for a, n, p in zip(view.axis, view.size, pitch_mm, strict=True)
-    ]
+    principal = zip(view.axis, view.size, pitch_mm, strict=True)
     shared = {
         "image_size": list(view.crop_size),
-        "principal_point_mm": principal,
+        "principal_point_mm": [(axis - n / 2) * pitch for axis, n, pitch in principal],
         "convention": CONVENTION,
     }
     if view.half_width == 0:
-        nothing = dict.fromkeys(
-            ("matrix", "distortion", "heights_mm", "focal_length_mm", "field_of_view_deg")
-        )
-        return {"model": "orthographic", **nothing, **shared}
-    x, y = (a - corner for a, corner in zip(view.axis, view.crop_offset, strict=True))
+        names = "matrix", "distortion", "heights_mm", "focal_length_mm", "field_of_view_deg"
+        return {"model": "orthographic", **dict.fromkeys(names), **shared}
+    x, y = view.axis[0] - view.crop_offset[0], view.axis[1] - view.crop_offset[1]
     fx = fy = 1 / view.tangent_per_pixel  # Mitsuba's own sensors have square pixels
-    lens, heights = camera.lens, _image_heights_mm(view, camera)
-    model, focal_mm = (
-        "thin lens" if view.aperture_radius_m else "pinhole",
-        focal_length_m(view, camera) * 1e3,
-    )
     if view.sequential:
-        model, focal_mm, fy = (
-            "sequential lens",
-            cardinal_points(lens).focal_length,
-            fx * pitch_mm[0] / pitch_mm[1],
-        )
-    sides = ((x, view.crop_size[0], fx), (y, view.crop_size[1], fy))
+        model, focal_mm = "sequential lens", cardinal_points(camera.lens).focal_length
+        fy = fx * pitch_mm[0] / pitch_mm[1]
+    else:
+        model = "thin lens" if view.aperture_radius_m else "pinhole"
+        focal_mm = focal_length_m(view, camera) * 1e3
+    heights, distortion = _image_heights_mm(view, camera), None
+    if heights is None:
+        distortion = list(camera.lens.distortion or (0.0,) * 5)
+    columns, rows = view.crop_size
     return {
         "model": model,
         "matrix": [[fx, 0.0, x - 0.5], [0.0, fy, y - 0.5], [0.0, 0.0, 1.0]],
-        "distortion": None if heights else list(lens.distortion or (0.0,) * 5),
+        "distortion": distortion,
         "heights_mm": heights,
         "focal_length_mm": focal_mm,
-        "field_of_view_deg": [
-            math.degrees(math.atan(a / f) + math.atan((n - a) / f)) for a, n, f in sides
-        ],
+        "field_of_view_deg": [_angle_deg(x, columns, fx), _angle_deg(y, rows, fy)],
         **shared,
     }
 
 
+def _angle_deg(axis: float, length: int, focal: float) -> float:
+    """Angle over a side of the picture with the optical axis at this place on it [all in pixels]."""
+    return math.degrees(math.atan(axis / focal) + math.atan((length - axis) / focal))
+
+
 def _image_heights_mm(view: View, camera: Camera) -> dict[str, list[float]] | None:
     """Ideal and real image heights of a distortion table or a sequential lens."""
-    lens = camera.lens
+    lens, pixel = camera.lens, camera.pixel
     if view.sequential:
-        reach = [max(a, n - a) for a, n in zip(view.axis, view.size, strict=True)]
-        corner_mm = (
-            math.hypot(reach[0] * camera.pixel.pitch_x_um, reach[1] * camera.pixel.pitch_y_um)
-            * 1e-3
-        )
-        ideal, real = chief_ray_heights(lens, view.focus_m, corner_mm)
+        (axis_x, axis_y), (columns, rows) = view.axis, view.size
+        reach_x, reach_y = max(axis_x, columns - axis_x), max(axis_y, rows - axis_y)
+        corner_um = math.hypot(reach_x * pixel.pitch_x_um, reach_y * pixel.pitch_y_um)
+        ideal, real = chief_ray_heights(lens, view.focus_m, corner_um * 1e-3)
         return {"ideal": [0.0, *ideal.tolist()], "real": [0.0, *real.tolist()]}
     if lens.distortion_percent is None or lens.distortion_heights_mm is None:
         return None
     pairs = zip(lens.distortion_heights_mm, lens.distortion_percent, strict=True)
     return {
         "ideal": list(lens.distortion_heights_mm),
-        "real": [h * (1 + p / 100) for h, p in pairs],
+        "real": [height * (1 + percent / 100) for height, percent in pairs],
     }
 
 
@@ -163,26 +162,24 @@ def chief_ray_heights(
     surfaces, distance = surfaces_at_f_number(lens), points.image_distance(focus_m)
     rear_group = surfaces_to_stop(surfaces)
     heights = highest_mm * np.arange(1, POINTS + 1) / POINTS
+
+    def miss_stop(radial: Float64Array) -> Float64Array:
+        """Distance from the middle of the stop at which rays through these heights of the last vertex pass it."""
+        return np.asarray(trace(rear_group, ray_to(distance, heights, radial, 0 * heights)).x)
+
     with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-        before = (
-            heights * points.exit_pupil / (points.exit_pupil - distance)
-        )  # through the paraxial exit pupil
-        at, miss_before = (
-            before + 1e-3,
-            trace(rear_group, ray_to(distance, heights, before, 0 * heights)).x,
-        )
+        # Start at the paraxial exit pupil.
+        before = heights * points.exit_pupil / (points.exit_pupil - distance)
+        radial, miss_before = before + 1e-3, miss_stop(before)
         for _ in range(SECANTS):
-            miss = trace(rear_group, ray_to(distance, heights, at, 0 * heights)).x
-            step = np.where(
-                miss == miss_before, 0.0, miss * (at - before) / (miss - miss_before)
-            )
-            before, miss_before, at = at, miss, at - step
-        end = trace(surfaces, ray_to(distance, heights, at, 0 * heights))
-        slope, depth = end.dx / end.dz, end.z - (points.length - points.entrance_pupil)
-        tangent = (
-            slope
-            if math.isinf(focus_m)
-            else (end.x + (focus_m * 1e3 - depth) * slope) / (focus_m * 1e3)
-        )
+            miss = miss_stop(radial)
+            secant = miss * (radial - before) / (miss - miss_before)
+            step = np.where(miss == miss_before, 0.0, secant)
+            before, miss_before, radial = radial, miss, radial - step
+        end = trace(surfaces, ray_to(distance, heights, radial, 0 * heights))
+        tangent = slope = end.dx / end.dz
+        if not math.isinf(focus_m):
+            depth = end.z - (points.length - points.entrance_pupil)
+            tangent = (end.x + (focus_m * 1e3 - depth) * slope) / (focus_m * 1e3)
     unvignetted = np.asarray(end.unvignetted)
     return -points.principal_distance(focus_m) * tangent[unvignetted], heights[unvignetted]

@@ -82,9 +82,8 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
     """
     prescription = lens.prescription
     assert prescription is not None
-    steps = [(s, s.thickness_mm) for s in prescription.surfaces[:-1]] + [
-        (prescription.surfaces[-1], 0.0)
-    ]
+    *others, last_surface = prescription.surfaces
+    steps = [*((surface, surface.thickness_mm) for surface in others), (last_surface, 0.0)]
     a, _, c, d, _ = _matrix(steps)
     if c >= 0:
         raise InputError(
@@ -97,7 +96,9 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
         raise InputError(
             f"the lens {prescription.name!r} has a pupil or an image at infinity; move its stop."
         )
-    scale = 1.0 if lens.focal_length_mm is None else lens.focal_length_mm * -c
+    scale = 1.0
+    if lens.focal_length_mm is not None:
+        scale = lens.focal_length_mm * -c
     back_focus = -scale * a / c
     entrance_radius = -scale / c / (2 * lens.f_number)
     stop_radius = entrance_radius * abs(fa)
@@ -137,9 +138,8 @@ def _widest_stop_radius(surfaces: tuple[Surface, ...], back_focus: float) -> flo
     """Radius [mm] at which the widest cone of light on the axis that no aperture cuts off passes the stop."""
 
     def axial_rays(sine: Float64Array) -> Ray:
-        return Ray(
-            0 * sine, 0 * sine, -back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0
-        )
+        zero, cosine = 0 * sine, np.sqrt(1 - sine**2)
+        return Ray(zero, zero, -back_focus, sine, zero, cosine, sine > 0)
 
     low, high = 0.0, 1.0
     with np.errstate(all="ignore"):  # rays that miss a surface give NaN
@@ -148,7 +148,8 @@ def _widest_stop_radius(surfaces: tuple[Surface, ...], back_focus: float) -> flo
             blocked = np.flatnonzero(~trace(surfaces, axial_rays(sines)).unvignetted)
             first = int(blocked[0]) if blocked.size else AXIAL_RAYS - 1
             low, high = np.append(low, sines)[[first, first + 1]]
-        return float(abs(trace(surfaces_to_stop(surfaces), axial_rays(np.array([low]))).x[0]))
+        widest = axial_rays(np.array([low]))
+        return float(abs(trace(surfaces_to_stop(surfaces), widest).x[0]))
 
 
 def _matrix(
@@ -161,11 +162,9 @@ def _matrix(
     a, b, c, d = 1.0, 0.0, 0.0, 1.0
     for surface, gap in steps:
         behind = float(glass_behind(surface).index(D_NM))
-        power = (
-            0.0
-            if surface.radius_mm is None
-            else (behind - index) / (behind * surface.radius_mm)
-        )
+        power = 0.0
+        if surface.radius_mm is not None:
+            power = (behind - index) / (behind * surface.radius_mm)
         c, d = index / behind * c - power * a, index / behind * d - power * b
         a, b, index = a + gap * c, b + gap * d, behind
     return a, b, c, d, index

@@ -17,19 +17,19 @@ from ..core.arrays import maximum, sqrt
 if TYPE_CHECKING:
     from ..camera.lens_datasheet import PrescriptionSection, SurfaceSection
 
-NEWTON_STEPS = (
-    6  # from the conic to the asphere: converges quadratically, float64 needs four or five
-)
+NEWTON_STEPS = 6
+"""From the conic to the asphere: they converge quadratically, float64 needs four or five."""
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): He d, H F, H C
 
 
 @dataclass(frozen=True)
 class Glass:
-    """n(λ): Sellmeier's three terms if the manufacturer gives them, else Cauchy's two from index and Abbe number."""
+    """n(λ): Sellmeier's three terms if the manufacturer gives them, else Cauchy's two from index and Abbe number.
 
-    coefficients: tuple[
-        float, ...
-    ]  # B1 … B3, C1 … C3 [µm²] of n² − 1 = Σ B·λ²/(λ² − C); or A, B of n = A + B/λ²
+    coefficients : B1 … B3, C1 … C3 [µm²] of n² − 1 = Σ B·λ²/(λ² − C); or A, B of n = A + B/λ².
+    """
+
+    coefficients: tuple[float, ...]
 
     def index(self, wavelength_nm: Array = D_NM) -> Array:
         """n at a wavelength [nm], of the same type."""
@@ -86,31 +86,39 @@ class Surface:
 
 def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surface, ...]:
     """The surfaces of a prescription, from the sensor to the scene, all lengths times ``scale``, its stop wide open."""
-    in_order = prescription.surfaces
-    return tuple(
-        Surface(
-            curvature=0.0 if surface.radius_mm is None else -1 / (surface.radius_mm * scale),
-            conic=surface.conic,
-            aspheric=tuple(-a / scale ** (2 * k + 3) for k, a in enumerate(surface.aspheric)),
-            semi_diameter=surface.semi_diameter_mm * scale,
-            gap=before.thickness_mm * scale if before else 0.0,
-            beyond=glass_behind(before) if before else AIR,
-            stop=surface.stop,
+    surfaces: list[Surface] = []
+    gap, beyond = 0.0, AIR  # between a surface and the one before it, towards the scene
+    for section in prescription.surfaces:
+        curvature = 0.0
+        if section.radius_mm is not None:
+            curvature = -1 / (section.radius_mm * scale)
+        surface = Surface(
+            curvature=curvature,
+            conic=section.conic,
+            aspheric=tuple(-a / scale ** (2 * k + 3) for k, a in enumerate(section.aspheric)),
+            semi_diameter=section.semi_diameter_mm * scale,
+            gap=gap,
+            beyond=beyond,
+            stop=section.stop,
         )
-        for surface, before in zip(reversed(in_order), (*in_order[-2::-1], None), strict=True)
-    )
+        surfaces.append(surface)
+        gap, beyond = section.thickness_mm * scale, glass_behind(section)
+    return tuple(reversed(surfaces))
 
 
 def surfaces_to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
     """The surfaces from the sensor up to and including the stop."""
-    return surfaces[
-        : next(number for number, surface in enumerate(surfaces) if surface.stop) + 1
-    ]
+    stop = next(number for number, surface in enumerate(surfaces) if surface.stop)
+    return surfaces[: stop + 1]
 
 
 def stopped_down(surfaces: tuple[Surface, ...], stop_radius: Array) -> tuple[Surface, ...]:
     """The same surfaces with another radius of the stop [mm]."""
-    return tuple(replace(s, semi_diameter=stop_radius) if s.stop else s for s in surfaces)
+    changed = list(surfaces)
+    for number, surface in enumerate(surfaces):
+        if surface.stop:
+            changed[number] = replace(surface, semi_diameter=stop_radius)
+    return tuple(changed)
 
 
 def trace(surfaces: tuple[Surface, ...], ray: Ray, wavelength_nm: Array = D_NM) -> Ray:
@@ -139,7 +147,8 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
     if surface.curvature:
         c = surface.curvature
         f, g = c * (x * x + y * y), dz - c * (x * dx + y * dy)
-        root = g * g - c * f * (1.0 + surface.conic * dz * dz if surface.conic else 1.0)
+        bulge = 1.0 + surface.conic * dz * dz if surface.conic else 1.0
+        root = g * g - c * f * bulge
         unvignetted = unvignetted & (root > 0.0)
         away = f / (g + _root(root))
         x, y, z = x + away * dx, y + away * dy, away * dz
@@ -147,23 +156,15 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
         sag, slope = _sag(surface, x * x + y * y)
         away = (sag - z) / (dz - 2.0 * slope * (x * dx + y * dy))
         x, y, z = x + away * dx, y + away * dy, z + away * dz
-    return Ray(
-        x,
-        y,
-        z,
-        dx,
-        dy,
-        dz,
-        unvignetted & (x * x + y * y <= surface.semi_diameter * surface.semi_diameter),
-    )
+    inside = x * x + y * y <= surface.semi_diameter * surface.semi_diameter
+    return Ray(x, y, z, dx, dy, dz, unvignetted & inside)
 
 
 def _sag(surface: Surface, square: Array) -> tuple[Array, Array]:
     """z of the surface at r², and its derivative by r²."""
     c = surface.curvature
-    root = (
-        _root(1.0 - (1.0 + surface.conic) * c * c * square) + 1e-9
-    )  # beyond the edge of a conic rays are vignetted
+    # Beyond the edge of a conic rays are vignetted.
+    root = _root(1.0 - (1.0 + surface.conic) * c * c * square) + 1e-9
     sag, slope, power = c * square / (1.0 + root), 0.5 * c / root, square
     for k, a in enumerate(surface.aspheric):
         slope, power = slope + (k + 2) * a * power, power * square
@@ -175,13 +176,10 @@ def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
     """Snell's law, ratio = n/n′: d′ = ratio·d + (cos θ′ − ratio·cos θ)·normal."""
     x, y, z, dx, dy, dz, unvignetted = ray
     c, conic = surface.curvature, surface.conic
-    nx, ny, nz = (
-        -c * x,
-        -c * y,
-        1.0 - c * (1.0 + conic) * z,
-    )  # towards the scene; a unit vector of a sphere
+    # The normal towards the scene; a unit vector of a sphere.
+    nx, ny, nz = -c * x, -c * y, 1.0 - c * (1.0 + conic) * z
     if surface.aspheric:
-        slope = _sag(surface, x * x + y * y)[1]
+        _, slope = _sag(surface, x * x + y * y)
         nx, ny, nz = -2.0 * slope * x, -2.0 * slope * y, 1.0
     if surface.aspheric or conic:
         size = 1.0 / _root(nx * nx + ny * ny + nz * nz)
@@ -189,17 +187,16 @@ def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
     cosine = dx * nx + dy * ny + dz * nz
     square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
     bend = _root(square) - ratio * cosine
-    return Ray(
-        x,
-        y,
-        z,
-        ratio * dx + bend * nx,
-        ratio * dy + bend * ny,
-        ratio * dz + bend * nz,
-        unvignetted & (square > 0.0),
+    return ray._replace(
+        dx=ratio * dx + bend * nx,
+        dy=ratio * dy + bend * ny,
+        dz=ratio * dz + bend * nz,
+        unvignetted=unvignetted & (square > 0.0),
     )
 
 
 def _root(x: Array) -> Array:
     """√x, and 0 below 0; of a float in scalar variants, which trace single rays."""
-    return math.sqrt(max(x, 0.0)) if isinstance(x, float) else sqrt(maximum(x, 0.0))
+    if isinstance(x, float):
+        return math.sqrt(max(x, 0.0))
+    return sqrt(maximum(x, 0.0))

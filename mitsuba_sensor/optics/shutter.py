@@ -56,9 +56,9 @@ class Shutter:
         those that open within the time in which it moves by STEP_PX, at most all of them.
         """
         first, last = self.span_s(rows)
-        shared = (
-            min(STEP_PX / speed_px_per_s, last - first) if speed_px_per_s > 0 else last - first
-        )
+        shared = last - first
+        if speed_px_per_s > 0:
+            shared = min(STEP_PX / speed_px_per_s, last - first)
         return max(self.open_s, shared, self.row_time_s) / count
 
 
@@ -79,8 +79,10 @@ def subframes(
     phase : u, from 0 to 1. Averaged over u, a row weights the time ``count``·Δ about the middle of its exposure evenly.
     """
     starts = shutter.start_s(np.arange(*rows)) + (shutter.open_s - count * step_s) / 2
-    at = (starts - starts[0]) / step_s if step_s else np.zeros(len(starts))
-    first = np.ceil(at - phase).astype(np.intp)
+    steps_later = np.zeros(len(starts))
+    if step_s:
+        steps_later = (starts - starts[0]) / step_s
+    first = np.ceil(steps_later - phase).astype(np.intp)
     numbers = np.arange(first[0], first[-1] + count)
     offset = numbers - first[:, None]
     weights = np.where((offset >= 0) & (offset < count), 1 / count, 0.0)
@@ -89,5 +91,7 @@ def subframes(
 
 def shutter_of(camera: Camera, exposure: Exposure) -> Shutter:
     """The shutter that the datasheet describes, open for this exposure."""
-    row_time_us = camera.sensor.row_time_us if camera.sensor.shutter == "rolling" else None
-    return Shutter(exposure.time_s, (row_time_us or 0.0) * 1e-6)
+    row_time_us = 0.0
+    if camera.sensor.shutter == "rolling":
+        row_time_us = camera.sensor.row_time_us or 0.0
+    return Shutter(exposure.time_s, row_time_us * 1e-6)

@@ -19,19 +19,20 @@ VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers
 DAYLIGHT = "D65"
 ILLUMINANTS = ("A", DAYLIGHT)  # the columns of their table
 TABLES = resources.files(__package__) / "tables"
-D65_XY, D50_XY = (
-    (0.3127, 0.3290),
-    (0.3457, 0.3585),
-)  # chromaticity of the whites of sRGB and of ICC profiles, CIE 1931
+D65_XY, D50_XY = (0.3127, 0.3290), (0.3457, 0.3585)
+"""Chromaticity of the whites of sRGB and of ICC profiles, CIE 1931."""
 BRADFORD: Float64Array = np.array(
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
-)  # from XYZ to sharpened cones: ICC.1, annex E
+)
+"""From XYZ to sharpened cones: ICC.1, annex E."""
 CAT02: Float64Array = np.array(
     [[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]]
-)  # the same of CIECAM02: CIE 159:2004
+)
+"""From XYZ to the sharpened cones of CIECAM02: CIE 159:2004."""
 XYZ_TO_SRGB: Float64Array = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
-)  # IEC 61966-2-1, rounded there
+)
+"""IEC 61966-2-1, rounded there."""
 
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
@@ -42,10 +43,8 @@ def d65(wavelengths_nm: ArrayLike) -> Float64Array:
 def standard_illuminant(name: str, wavelengths_nm: ArrayLike) -> Float64Array:
     """A CIE illuminant by its name ("D65", "A"), relative (100 at 560 nm), 0 outside its table."""
     table_nm, power = _table("illuminants")
-    values = power[:, ILLUMINANTS.index(name)]
-    return np.asarray(
-        np.interp(np.asarray(wavelengths_nm, float), table_nm, values, left=0.0, right=0.0)
-    )
+    asked_nm, values = np.asarray(wavelengths_nm, float), power[:, ILLUMINANTS.index(name)]
+    return np.asarray(np.interp(asked_nm, table_nm, values, left=0.0, right=0.0))
 
 
 def observer(wavelengths_nm: ArrayLike) -> Float64Array:
@@ -59,17 +58,14 @@ def observer(wavelengths_nm: ArrayLike) -> Float64Array:
 
 def photopic(wavelengths_nm: ArrayLike) -> Float64Array:
     """Luminous efficiency V(λ): CIE 1931 ȳ, 1 at 555 nm, 0 outside 360 to 830 nm."""
-    return np.asarray(
-        observer(np.atleast_1d(wavelengths_nm))[1].reshape(np.shape(wavelengths_nm))
-    )
+    _, y, _ = observer(np.atleast_1d(wavelengths_nm))
+    return np.asarray(y.reshape(np.shape(wavelengths_nm)))
 
 
 def luminous(wavelengths_nm: Float64Array, radiometric: Float64Array) -> float:
     """Photometric value of a spectrum: W m⁻² nm⁻¹ → lux, W m⁻² sr⁻¹ nm⁻¹ → cd/m²."""
-    return float(
-        LUMENS_PER_WATT
-        * scipy.integrate.trapezoid(radiometric * photopic(wavelengths_nm), wavelengths_nm)
-    )
+    seen = radiometric * photopic(wavelengths_nm)
+    return float(LUMENS_PER_WATT * scipy.integrate.trapezoid(seen, wavelengths_nm))
 
 
 def d65_radiance(luminance_cd_per_m2: float, wavelengths_nm: ArrayLike) -> Float64Array:
@@ -108,9 +104,8 @@ def adapted_to_daylight(xyz: Float64Array, white: Float64Array) -> Float64Array:
 def lab(xyz: Float64Array) -> Float64Array:
     """CIELAB of colours (N, 3) in daylight (CIE 15:2004, 8.2.1)."""
     relative = np.maximum(xyz, 0.0) / daylight_xyz()
-    x, y, z = np.where(
-        relative > (24 / 116) ** 3, np.cbrt(relative), 841 / 108 * relative + 16 / 116
-    ).T
+    straight = 841 / 108 * relative + 16 / 116
+    x, y, z = np.where(relative > (24 / 116) ** 3, np.cbrt(relative), straight).T
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
@@ -140,18 +135,13 @@ def _adaptation(cones: Float64Array, white: Float64Array, other: Float64Array) -
 
 def srgb_curve(linear: Float64Array) -> Float64Array:
     """IEC 61966-2-1 transfer curve, [0, 1] → [0, 1]."""
-    return np.where(
-        linear <= 0.0031308,
-        12.92 * linear,
-        1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055,
-    )
+    power = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, power)
 
 
 def inverse_srgb_curve(encoded: Float32Array) -> Float32Array:
     """Inverse transfer curve of IEC 61966-2-1, [0, 1] → [0, 1]."""
-    curved = (
-        (np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)
-    ) ** np.float32(2.4)
-    return np.asarray(
-        np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32
-    )
+    base = (np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)
+    power = base ** np.float32(2.4)
+    linear = encoded / np.float32(12.92)
+    return np.asarray(np.where(encoded <= 0.04045, linear, power), np.float32)

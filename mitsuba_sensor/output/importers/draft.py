@@ -19,6 +19,7 @@ from ...stages.gains import volts_per_electron
 USER = "set by the user"
 MOST = 1e12
 """No gain, noise or number of electrons of a camera is larger."""
+MAY_BE_NUMBERS = (str, int, float, np.integer, np.floating)
 
 
 @dataclass
@@ -143,8 +144,7 @@ class Draft:
 
 def number_of(value: object) -> float | None:
     """The number that a value or a text of a file is; None for booleans, and for what is no finite number."""
-    may_be_number = isinstance(value, str | int | float | np.integer | np.floating)
-    if isinstance(value, bool) or not may_be_number:
+    if isinstance(value, bool) or not isinstance(value, MAY_BE_NUMBERS):
         return None
     try:
         number = float(value)
