@@ -106,7 +106,12 @@ class _Cells(NamedTuple):
 
     def every_second(self, first: int) -> _Cells:
         """Cells of every second height, those of the table (first = 0) or between its entries (first = 1)."""
-        return _Cells(*(values[first::2] for values in self))
+        return _Cells(
+            self.passes[first::2],
+            self.radial[first::2],
+            self.half[first::2],
+            self.tangential[first::2],
+        )
 
 
 def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
@@ -122,7 +127,7 @@ def _ellipses(
 
     What passes half-way between two entries of the table must be inside the mean of their ellipses: both are enlarged.
     """
-    lit = cells.passes.any(axis=(1, 2))
+    lit = np.asarray(cells.passes.any(axis=(1, 2)))
     lit_rows = np.flatnonzero(lit)
     nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
     centre = ((low + high) / 2)[lit_rows[nearest]][::2]

@@ -52,20 +52,27 @@ def demosaic_bayer(mosaic: Picture, red: Mask, blue: Mask) -> Picture:
         np.any(red, axis=1, keepdims=True),
         np.any(blue, axis=1, keepdims=True),
     )
-    r, b = np.where(red, mosaic, 0.0), np.where(blue, mosaic, 0.0)
-    r_at_green = g + _choose(red_rows, r, BOTH_SIDES) - _choose(red_rows, g, BOTH_SIDES)
-    b_at_green = g + _choose(blue_rows, b, BOTH_SIDES) - _choose(blue_rows, g, BOTH_SIDES)
-    r, b = np.where(green, r_at_green, r), np.where(green, b_at_green, b)
+    r = _fill_at_green(np.where(red, mosaic, 0.0), g, green, red_rows)
+    b = _fill_at_green(np.where(blue, mosaic, 0.0), g, green, blue_rows)
     near_r, near_b = _choose(is_row, r, BOTH_SIDES), _choose(is_row, b, BOTH_SIDES)
     r, b = np.where(blue, b + near_r - near_b, r), np.where(red, r + near_b - near_r, b)
 
-    g_at_blue = np.where(blue, b - _choose(is_row, b - g, THREE), g)
-    g = np.where(red, r - _choose(is_row, r - g, THREE), g_at_blue)
+    g = np.where(
+        red,
+        r - _choose(is_row, r - g, THREE),
+        np.where(blue, b - _choose(is_row, b - g, THREE), g),
+    )
     r = np.where(green, g + _choose(red_rows, r - g, BOTH_SIDES), r)
     b = np.where(green, g + _choose(blue_rows, b - g, BOTH_SIDES), b)
     difference = _choose(is_row, r - b, THREE)
     r, b = np.where(blue, b + difference, r), np.where(red, r - difference, b)
     return np.stack([r, g, b], axis=-1)
+
+
+def _fill_at_green(colour: Picture, g: Picture, green: Mask, rows: Mask) -> Picture:
+    """Red or blue at green pixels, from its differences to green.  rows : those that have pixels of the colour."""
+    near, near_g = _choose(rows, colour, BOTH_SIDES), _choose(rows, g, BOTH_SIDES)
+    return np.where(green, g + near - near_g, colour)
 
 
 def _interpolate_green(mosaic: Picture, green: Mask, axis: int) -> Picture:

@@ -83,7 +83,8 @@ def _develop_strip(
     if colours is not None:
         filters = camera.filter_index(linear.shape, origin)
         balanced = np.minimum(colours.white_balance * demosaic(linear, filters, camera), 1.0)
-        rgb = balanced[..., colour_order(camera.filter_names)]
+        order = colour_order(camera.filter_names)
+        saturated = (balanced[..., order] >= 1).all(axis=-1)
         linear = balanced @ colours.to_srgb.T
-        linear[(rgb >= 1).all(axis=-1)] = 1.0  # saturation is white
+        linear[saturated] = 1.0  # saturation is white
     return np.rint(255.0 * srgb_curve(np.clip(gain * linear, 0.0, 1.0))).astype(np.uint8)

@@ -18,7 +18,7 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.render.denoise.combine import _missing, combine
+from mitsuba_sensor.render.denoise.combine import _missing_light, combine
 from mitsuba_sensor.render.denoise.denoise import is_noisy
 from mitsuba_sensor.render.denoise.filter_bands import bands_of_filters
 from mitsuba_sensor.render.denoise.guides import (
@@ -618,7 +618,7 @@ def test_black_pixels_do_not_change_where_the_others_have_their_sums() -> None:
     chance = np.random.default_rng(4)
     mean, spread = chance.lognormal(0.0, 2.0, (10, 10)), chance.random((10, 10))
     raw = mean * (1 + 0.2 * chance.standard_normal((10, 10)))
-    alone = _missing(raw, mean, spread)
+    alone = _missing_light(raw, mean, spread)
     sky = [np.pad(x, 45) for x in (raw, mean, spread)]
-    np.testing.assert_allclose(_missing(*sky)[45:55, 45:55], alone, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(_missing_light(*sky)[45:55, 45:55], alone, rtol=1e-12, atol=1e-12)
     assert alone.sum() == pytest.approx((raw - mean).sum())

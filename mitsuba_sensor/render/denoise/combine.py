@@ -17,36 +17,25 @@ from ...core import Float64Array
 
 RADIUS_PX = 6  # of the neighbourhood of the weights
 BAR_RADIUS_PX = 12  # of the neighbourhood whose mean squared error an error bar knows
-BAR_APART, BAR_MOVED, BAR_RAW, BAR_TYPICAL = (
-    0.16,
-    0.06,
-    1.1,
-    0.06,
-)  # of the signs of error at the pixel itself
-BAR_POWER, BAR_SCALE = (
-    0.65,
-    1.34,
-)  # with these |z| < 1 holds in 0.67 to 0.75 of the pixels, |z| < 2 in 0.90 to 0.95
-RESIDUAL_RADII_PX = (
-    1,
-    3,
-    8,
-)  # over which a filtered picture gets its mean difference from the raw one back
+BAR_APART, BAR_MOVED, BAR_RAW, BAR_TYPICAL = 0.16, 0.06, 1.1, 0.06
+"""Weights of the signs of error at the pixel itself."""
+BAR_POWER, BAR_SCALE = 0.65, 1.34
+"""With these |z| < 1 holds in 0.67 to 0.75 of the pixels, |z| < 2 in 0.90 to 0.95."""
+RESIDUAL_RADII_PX = (1, 3, 8)
+"""Over which a filtered picture gets its mean difference from the raw one back."""
 MOST_SIGMA = 4.0  # raw standard errors by which the result may differ from the raw pixel
 MOST_BAR_SIGMA = 5.0  # raw standard errors that an error bar may have
 LEAST = 0.02  # of the raw variance: no candidate's squared error is known to be less
-LEAST_BAR = (
-    0.03  # of the raw variance: no neighbourhood's mean squared error is known to be less
-)
+LEAST_BAR = 0.03
+"""Of the raw variance: no neighbourhood's mean squared error is known to be less."""
 TYPICAL_PX = 5  # side of the window whose median variance a pixel has at least
 PIXELS_AT_ONCE = 2**17  # 36 float64 maps of products, and as many means over boxes: 75 MB
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise that could be denoised
 SMALLEST = 1e-150  # its square is a number still
 OCTAVES = 2  # between the levels of brightness whose pixels have the raw sums
 DARKEST_LEVEL = 1 / 16  # of the median of the lit pixels: all that is darker belongs together
-HALO_ROWS = (
-    BAR_RADIUS_PX + RADIUS_PX
-)  # beyond them no pixel matters: of the bars, and of the weights around those
+HALO_ROWS = BAR_RADIUS_PX + RADIUS_PX
+"""Rows beyond which no pixel matters: for the bars, and for the weights around those."""
 
 
 Image: TypeAlias = NDArray[np.floating]  # float64, or float32 of what came out of a filter
@@ -75,9 +64,12 @@ def box(image: Image, radius_px: int) -> Float64Array:
 def with_residuals(raw: Image, filtered: Image, reflectance: Image | float) -> list[Image]:
     """The filtered picture, and the same plus its difference from the raw one averaged over boxes: of what falls on the
     surfaces where their reflectance is known."""
+    candidates = [filtered]
     rest = (raw - filtered) / reflectance
-    lost = (reflectance * box(rest, radius) for radius in RESIDUAL_RADII_PX)
-    return [filtered, *((filtered + one).astype(filtered.dtype, copy=False) for one in lost)]
+    for radius_px in RESIDUAL_RADII_PX:
+        corrected = filtered + reflectance * box(rest, radius_px)
+        candidates.append(corrected.astype(filtered.dtype, copy=False))
+    return candidates
 
 
 def combine(
@@ -96,38 +88,38 @@ def combine(
     bars, first_half, second_half, raw_weight = (
         np.empty(variance.shape, np.float32) for _ in range(4)
     )
-    found: tuple[Image, ...] = mean, bars, spread, first_half, second_half, raw_weight
+    maps: tuple[Image, ...] = mean, bars, spread, first_half, second_half, raw_weight
     for first in range(0, rows, step):
         last, top = min(first + step, rows), max(first - HALO_ROWS, 0)
-        near = slice(top, min(last + HALO_ROWS, rows))
-        here = _combine(
-            [x[near] for x in even], [x[near] for x in odd], variance[near], scale[near], share
-        )
-        for whole, part in zip(found, here, strict=True):
+        strip = slice(top, min(last + HALO_ROWS, rows))
+        strip_even, strip_odd = [x[strip] for x in even], [x[strip] for x in odd]
+        parts = _combine_strip(strip_even, strip_odd, variance[strip], scale[strip], share)
+        for whole, part in zip(maps, parts, strict=True):
             whole[first:last] = part[first - top : last - top]
-    missing = _missing(raw, mean, spread)
+    missing = _missing_light(raw, mean, spread)
     shift = float(np.abs(missing).sum()) / (float(raw.sum()) or 1.0)
     return Combined(
         np.maximum(mean + missing, 0.0), bars, first_half, second_half, raw_weight, shift
     )
 
 
-def _missing(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Float64Array:
+def _missing_light(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Float64Array:
     """(H, W) what the mean lacks of the raw sums over the pixels of each brightness, shared out in proportion to
     ``spread``: what a filter takes from a lamp does not go to the walls. Between the levels of brightness a pixel
     belongs to both neighbours, so that its own noise hardly decides where."""
     lit = mean[mean > 0]
     usual = float(np.median(lit)) if lit.size else 1.0
     level = np.log2(np.maximum(mean / usual, DARKEST_LEVEL)) / OCTAVES
-    found = np.zeros_like(mean)
+    missing = np.zeros_like(mean)
     for k in range(int(np.floor(level.min())), int(level.max()) + 2):
         belongs = np.maximum(1 - np.abs(level - k), 0.0)
-        if (total := float((belongs * spread).sum())) > 0:
-            found += belongs * spread * (float((belongs * (raw - mean)).sum()) / total)
-    return found
+        total = float((belongs * spread).sum())
+        if total > 0:
+            missing += belongs * spread * (float((belongs * (raw - mean)).sum()) / total)
+    return missing
 
 
-def _combine(
+def _combine_strip(
     even: list[Image],
     odd: list[Image],
     variance: Float64Array,
@@ -138,24 +130,29 @@ def _combine(
     raw = share * even[0] + (1 - share) * odd[0]
     errors = _error_products(even, odd, variance, scale, share)
     weights = _least_squares(np.array([[box(x, RADIUS_PX) for x in row] for row in errors]))
-    halves = [sum(w * x for w, x in zip(weights, half, strict=True)) for half in (even, odd)]
+    first, second = _weighted_sum(weights, even), _weighted_sum(weights, odd)
     typical = np.maximum(variance, _median(variance))
     limit = MOST_SIGMA * np.sqrt(typical)
-    mean = np.clip(share * halves[0] + (1 - share) * halves[1], raw - limit, raw + limit)
+    mean = np.clip(share * first + (1 - share) * second, raw - limit, raw + limit)
     own = np.einsum("jhw,jkhw,khw->hw", weights, errors, weights)
-    apart = np.maximum(
-        box((halves[0] - halves[1]) ** 2, 1), 0
-    )  # a box behind a firefly has its rounding, of any sign
+    # A box behind a firefly has its rounding, of any sign.
+    apart = np.maximum(box((first - second) ** 2, 1), 0)
     signs = BAR_APART * apart + BAR_MOVED * (mean - raw) ** 2
     signs += BAR_RAW * weights[0] ** 2 * variance + BAR_TYPICAL * typical
     near = np.maximum(scale * box(variance / scale, RADIUS_PX), ROUNDING * typical + SMALLEST)
     most = MOST_BAR_SIGMA**2 * typical
-    bars = np.minimum(
-        _bars(signs, np.clip(scale * box(own, BAR_RADIUS_PX), LEAST_BAR * near, most), near),
-        most,
-    )
+    neighbourhood = np.clip(scale * box(own, BAR_RADIUS_PX), LEAST_BAR * near, most)
+    bars = np.minimum(_bars(signs, neighbourhood, near), most)
     spread = np.clip(scale * box(own, RADIUS_PX), LEAST_BAR * near, typical)
-    return mean, bars, spread, *map(np.asarray, halves), weights[0]
+    return mean, bars, spread, first, second, weights[0]
+
+
+def _weighted_sum(weights: Float64Array, images: list[Image]) -> Float64Array:
+    """Sum over the candidates, (J, H, W) weights and J images."""
+    total: Float64Array = weights[0] * images[0]
+    for weight, image in zip(weights[1:], images[1:], strict=True):
+        total += weight * image
+    return total
 
 
 def _bars(signs: Float64Array, neighbourhood: Float64Array, raw: Float64Array) -> Float64Array:
@@ -185,23 +182,21 @@ def _error_products(
     share: float,
 ) -> Float64Array:
     """(J, J, H, W) unbiased estimates of the products of the errors of the candidates' means, over ``scale``."""
-    count, noise = (
-        len(even),
-        variance * (0.5 / share + 0.5 / (1 - share)),
-    )  # of a half, on average
-    found = np.empty((count, count, *variance.shape))
-    crossed = [(e - odd[0], o - even[0]) for e, o in zip(even, odd, strict=True)]
-    apart = [e - o for e, o in zip(even, odd, strict=True)]
+    count = len(even)
+    noise = variance * (0.5 / share + 0.5 / (1 - share))  # of a half, on average
+    products = np.empty((count, count, *variance.shape))
+    pairs = list(zip(even, odd, strict=True))
+    crossed = [(e - odd[0], o - even[0]) for e, o in pairs]
+    apart = [e - o for e, o in pairs]
     for j in range(count):
         for k in range(j, count):
-            product = (
-                0.5 * (crossed[j][0] * crossed[k][0] + crossed[j][1] * crossed[k][1]) - noise
-            )
-            found[j, k] = found[k, j] = (
-                product - 0.25 * apart[j] * apart[k]
-            ) / scale  # two halves: half the noise
-    found[0, 0] = variance / scale
-    return found
+            (even_j, odd_j), (even_k, odd_k) = crossed[j], crossed[k]
+            product = 0.5 * (even_j * even_k + odd_j * odd_k) - noise
+            # Two halves have half the noise.
+            product = (product - 0.25 * apart[j] * apart[k]) / scale
+            products[j, k] = products[k, j] = product
+    products[0, 0] = variance / scale
+    return products
 
 
 def _least_squares(matrix: Float64Array, sweeps: int = 3) -> Float64Array:

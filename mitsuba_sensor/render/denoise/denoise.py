@@ -48,7 +48,7 @@ class Denoised(NamedTuple):
     record: Mapping[str, object]
 
     def without_halves(self) -> Denoised:
-        """The same for who needs mean and variance only."""
+        """Mean and variance, without the halves, whose memory is given back."""
         nothing = np.empty(0, np.float32)
         return self._replace(even=nothing, odd=nothing)
 
@@ -57,34 +57,31 @@ def is_noisy(mean: Float64Array, variance: Float64Array) -> bool:
     """Whether a camera may see this noise in more than a hundredth of the lit pixels. Elsewhere a filter adds about as
     much error as it removes.  mean, variance : (H, W) photoelectrons, and the variance of that mean."""
     lit = mean > 0
-    return bool(
-        np.count_nonzero(variance[lit] > LEAST_NOISE * mean[lit] ** 2)
-        > LEAST_NOISY * np.count_nonzero(lit)
-    )
+    noisy = np.count_nonzero(variance[lit] > LEAST_NOISE * mean[lit] ** 2)
+    return bool(noisy > LEAST_NOISY * np.count_nonzero(lit))
 
 
 def denoise(halves: Halves, guides: Guides | None) -> Denoised:
-    """guides : None where no rays were traced for them; the network then sees the photoelectrons alone."""
+    """Mean and variance of the photoelectrons, denoised where that is better.
+
+    guides : None where no rays were traced for them; the network then sees the photoelectrons alone.
+    """
     normal = None if guides is None else guides.normal
     with Network(halves.variance(0).shape, normal) as network:
-        filtered = [
-            _filtered_half(network, half, guides, 2 * k)
-            for k, half in enumerate((halves.even, halves.odd))
-        ]
-    shape = filtered[0][0].shape
+        filtered_even = _filter_half(network, halves.even, guides, 0)
+        filtered_odd = _filter_half(network, halves.odd, guides, 2)
+    shape = filtered_even[0].shape
     mean, variance, first, second = (np.empty(shape, np.float32) for _ in range(4))
     raw_weights, shifts = [], []
     for number in range(shape[2]):
-        even, odd = (
-            _candidates(half, images, guides, number)
-            for half, images in zip((halves.even, halves.odd), filtered, strict=True)
-        )
-        found = combine(even, odd, halves.variance(number), halves.share)
-        mean[..., number], variance[..., number] = found.mean, found.variance
-        first[..., number], second[..., number] = found.even, found.odd
-        raw_weights.append(found.raw_weight.mean(dtype=np.float64))
-        shifts.append(abs(found.shift))
-        del even, odd, found  # they need not wait for those of the next filter
+        even = _candidates(halves.even, filtered_even, guides, number)
+        odd = _candidates(halves.odd, filtered_odd, guides, number)
+        combined = combine(even, odd, halves.variance(number), halves.share)
+        mean[..., number], variance[..., number] = combined.mean, combined.variance
+        first[..., number], second[..., number] = combined.even, combined.odd
+        raw_weights.append(combined.raw_weight.mean(dtype=np.float64))
+        shifts.append(abs(combined.shift))
+        del even, odd, combined  # they need not wait for those of the next filter
     record = {
         "by": name(),
         "guided": guides is not None,
@@ -94,7 +91,7 @@ def denoise(halves: Halves, guides: Guides | None) -> Denoised:
     return Denoised(mean, variance, first, second, record)
 
 
-def _filtered_half(
+def _filter_half(
     network: Network, half: Callable[[], Image], guides: Guides | None, turn: int
 ) -> list[NDArray[np.float32]]:
     """(H, W, F) each: a half denoised, and where there are guides denoised without its reflectance, too.  turn : of the
@@ -103,25 +100,28 @@ def _filtered_half(
         return [smoothed(network, half(), 1.0, turn)]
     divided = _divisor(guides)
     np.divide(half(), divided, out=divided)
-    found = smoothed(network, divided, 1.0, turn + 1)
+    without_reflectance = smoothed(network, divided, 1.0, turn + 1)
     del divided
-    found *= _divisor(guides)
-    return [smoothed(network, half(), guides.reflectance.mean(axis=-1), turn), found]
+    without_reflectance *= _divisor(guides)
+    whole = smoothed(network, half(), guides.reflectance.mean(axis=-1), turn)
+    return [whole, without_reflectance]
 
 
 def _divisor(guides: Guides) -> NDArray[np.float32]:
+    """The reflectance that light is divided by, (H, W, F)."""
     return np.maximum(guides.reflectance, DARKEST_REFLECTANCE)
 
 
 def _candidates(
-    half: Callable[[], Image], filtered: list[Image], guides: Guides | None, number: int
+    half: Callable[[], Image],
+    filtered: list[NDArray[np.float32]],
+    guides: Guides | None,
+    number: int,
 ) -> list[Image]:
-    """Of one filter, (H, W) each: the raw half, the filtered ones, and these with what the last one lost."""
-    reflectance = (
-        1.0
-        if guides is None
-        else np.maximum(guides.reflectance[..., number], DARKEST_REFLECTANCE)
-    )
+    """Candidates of one filter, (H, W) each: the raw half, the filtered ones, and these with what the last one lost."""
+    reflectance: Image | float = 1.0
+    if guides is not None:
+        reflectance = np.maximum(guides.reflectance[..., number], DARKEST_REFLECTANCE)
     raw = half()[..., number].astype(np.float64)
     *others, last = (image[..., number] for image in filtered)
     return [raw, *others, *with_residuals(raw, last, reflectance)]
@@ -133,14 +133,13 @@ def smoothed(
     """The denoised image (H, W, F), never negative: three channels at a time, over their mean.  albedo, turn : see
     :meth:`network.Network.filtered`."""
     count, scale = image.shape[2], np.float32(image.mean(dtype=np.float64) or 1.0)
-    found, colours = (
-        np.empty(image.shape, np.float32),
-        np.empty((*image.shape[:2], COLOURS), np.float32),
-    )
+    smooth = np.empty(image.shape, np.float32)
+    colours = np.empty((*image.shape[:2], COLOURS), np.float32)
     for k in range(0, count, COLOURS):
         for c in range(COLOURS):
             np.divide(image[..., min(k + c, count - 1)], scale, out=colours[..., c])
-        found[..., k : k + COLOURS] = network.filtered(colours, albedo, turn)[..., : count - k]
-    np.maximum(found, 0.0, out=found)
-    found *= scale
-    return found
+        filtered = network.filtered(colours, albedo, turn)
+        smooth[..., k : k + COLOURS] = filtered[..., : count - k]
+    np.maximum(smooth, 0.0, out=smooth)
+    smooth *= scale
+    return smooth

@@ -27,7 +27,8 @@ def bands_of_filters(
     the factor 1 + Σ λ_g s_g, s_g the filter's own response with a peak of 1; never negative.
     """
     before = (bands @ weights.T).sum(axis=-1)
-    if (dark := ~(before > 0)).any():
+    dark = ~(before > 0)
+    if dark.any():
         bands = np.where(dark[..., None], spectrum, bands)
         before = (bands @ weights.T).sum(axis=-1)
     bands = bands * (electrons.sum(axis=-1) / np.maximum(before, SMALLEST))[..., None]
@@ -46,11 +47,11 @@ def band_errors(
 ) -> NDArray[np.float32]:
     """Standard errors of bands, (H, W, B), from the difference of two halves of equal weight with an error of their
     own, and the relative standard error (H, W) of the electrons, which they have in common at least."""
-    found = np.empty(mean.shape, np.float32)
+    errors = np.empty(mean.shape, np.float32)
     for k in range(mean.shape[-1]):
         own = box(0.25 * apart[..., k].astype(np.float64) ** 2, OWN_RADIUS_PX)
-        found[..., k] = np.sqrt(np.maximum(own, (relative * mean[..., k]) ** 2))
-    return found
+        errors[..., k] = np.sqrt(np.maximum(own, (relative * mean[..., k]) ** 2))
+    return errors
 
 
 def denoised_bands(
@@ -63,32 +64,31 @@ def denoised_bands(
 
     electrons : mean, even and odd half, (H, W, F) each.  relative : (H, W) standard error.
     """
-    bands, apart = (np.empty(strip.bands.mean.shape, np.float32) for _ in range(2))
+    bands = np.empty(strip.bands.mean.shape, np.float32)
+    apart = np.empty(strip.bands.mean.shape, np.float32)
     spectra, step = strip.spectra(), max(VALUES_AT_ONCE // max(bands[0].size, 1), 1)
     for first in range(0, len(bands), step):
         rows = slice(first, first + step)
         mean = strip.bands.mean[rows].astype(np.float64)
         flat = in_band_factor(mean @ weights.T, strip.electrons.mean[rows])
-        parts = zip(
-            (mean, strip.half(False, rows), strip.half(True, rows)),
-            electrons,
-            spectra,
-            strict=True,
+        images = mean, strip.half(False, rows), strip.half(True, rows)
+        whole, even, odd = (
+            bands_of_filters(image, weights, wanted[rows] * flat, spectrum)
+            for image, wanted, spectrum in zip(images, electrons, spectra, strict=True)
         )
-        all_of_it, even, odd = (
-            bands_of_filters(x, weights, e[rows] * flat, usual) for x, e, usual in parts
-        )
-        bands[rows], apart[rows] = all_of_it, even - odd
-    return bands, band_errors(
-        apart, bands, np.nan_to_num(relative.astype(np.float64), posinf=0.0)
-    )
+        bands[rows], apart[rows] = whole, even - odd
+    relative_errors = np.nan_to_num(relative.astype(np.float64), posinf=0.0)
+    return bands, band_errors(apart, bands, relative_errors)
 
 
 def raw_bands(strip: RowStrip) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
     """Bands of a strip as the passes have them, and their standard errors."""
-    bands, variance = strip.bands.mean, strip.variance_of_bands()
+    bands, variances = strip.bands.mean, strip.variance_of_bands()
     sigma = np.empty(bands.shape, np.float32)
     for k in range(bands.shape[2]):
-        one = bands[..., k].astype(np.float64), variance[..., k].astype(np.float64)
-        sigma[..., k] = np.sqrt(pooled(*one, strip.bands.count))
+        mean, variance = bands[..., k], variances[..., k]
+        pooled_variance = pooled(
+            mean.astype(np.float64), variance.astype(np.float64), strip.bands.count
+        )
+        sigma[..., k] = np.sqrt(pooled_variance)
     return bands, sigma

@@ -25,25 +25,17 @@ if TYPE_CHECKING:
 MOST_BOUNCES = 6  # at mirrors and clear glass
 FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel
 MOST_NOISE = 0.05  # of the render's, of which the denoiser removes nine tenths
-RAYS_PER_SAMPLE, RAYS_OF_FEW = (
-    4,
-    256,
-)  # at most so many for a light path, of few paths; else one
+RAYS_PER_SAMPLE, RAYS_OF_FEW = 4, 256
+"""At most so many for a light path, of few paths; else one."""
 DARKEST_REFLECTANCE = 0.02  # what is darker is not divided by its own
 RAYS_IN_FLIGHT = 2**21
-SOBOL = (
-    (0, (1,) * 32),
-    (0, (1,)),
-    (1, (1, 3)),
-    (1, (1, 3, 1)),
-)  # of each dimension: polynomial, first direction numbers
+SOBOL = ((0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1)))
+"""Polynomial and first direction numbers of each dimension."""
 LAINE_KARRAS = 0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6
 QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 
-
-Trace: TypeAlias = Callable[
-    [int, int], NDArray[np.float32]
-]  # so many rays of a set with this number, (H, W, F + 3)
+Trace: TypeAlias = Callable[[int, int], NDArray[np.float32]]
+"""Traces so many rays of a set with this number, (H, W, F + 3)."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +48,19 @@ class Guides:
     noise: NDArray[np.float32]
 
     @classmethod
-    def joined(cls, one: NDArray[np.float32], other: NDArray[np.float32], rays: int) -> Guides:
-        """Of two independent sets of rays, the first of which is written over; rays : of both."""
-        noise = one[..., :-3] - other[..., :-3]
-        one += other
-        one *= 0.5
-        noise /= 2 * np.maximum(one[..., :-3], DARKEST_REFLECTANCE)
+    def joined(
+        cls, first: NDArray[np.float32], second: NDArray[np.float32], rays: int
+    ) -> Guides:
+        """Guides of two independent sets of rays, the first of which is written over; rays : of both."""
+        noise = first[..., :-3] - second[..., :-3]
+        first += second
+        first *= 0.5
+        noise /= 2 * np.maximum(first[..., :-3], DARKEST_REFLECTANCE)
         noise *= noise
-        return cls(one, rays, noise)
+        return cls(first, rays, noise)
 
     def without_noise(self) -> Guides:
-        """The same for who traces no more rays."""
+        """The same values and rays, for who traces no more rays."""
         return replace(self, noise=np.empty(0, np.float32))
 
     @property
@@ -87,15 +81,16 @@ def traced(
     """Guides of so many rays that their noise is MOST_NOISE of the render's, or of ``most``; each time as many more as
     there were.
 
-    share : of a noise (H, W, F) in the render's.  known : what rays before have found.
+    share : of a noise (H, W, F) in the render's.  known : guides of the rays before.
     """
-    half = FEWEST_RAYS // 2
-    found = known or Guides.joined(trace(half, 0), trace(half, 1), FEWEST_RAYS)
-    while found.rays < most and share(found.noise) > MOST_NOISE:
-        found = Guides.joined(
-            found.values, trace(found.rays, found.rays.bit_length()), 2 * found.rays
-        )
-    return found
+    guides = known
+    if guides is None:
+        half = FEWEST_RAYS // 2
+        guides = Guides.joined(trace(half, 0), trace(half, 1), FEWEST_RAYS)
+    while guides.rays < most and share(guides.noise) > MOST_NOISE:
+        rays = guides.rays
+        guides = Guides.joined(guides.values, trace(rays, rays.bit_length()), 2 * rays)
+    return guides
 
 
 def noise_share(
@@ -106,8 +101,10 @@ def noise_share(
     mean, variance : of the light and of its mean.
     """
     noisy = variance > 0
-    found = np.minimum(noise[noisy] * mean[noisy] ** 2 / variance[noisy], 1.0)
-    return float(found.mean()) if found.size else 0.0
+    if not noisy.any():
+        return 0.0
+    share = noise[noisy] * mean[noisy] ** 2 / variance[noisy]
+    return float(np.minimum(share, 1.0).mean())
 
 
 def render_guides(
@@ -117,18 +114,17 @@ def render_guides(
 
     wavelengths_nm : (F, 4) where each filter's reflectance is averaged.  rays : per pixel.  Not for scalar variants.
     """
-    (columns, _), per_launch = (
-        scene.view.crop_size,
-        max(RAYS_IN_FLIGHT // (rays * scene.view.crop_size[0]), 1),
-    )
-    found = np.empty((rows[1] - rows[0], columns, len(wavelengths_nm) + 3), np.float32)
-    for first in range(rows[0], rows[1], per_launch):
-        strip = first, min(first + per_launch, rows[1])
-        here = slice(first - rows[0], strip[1] - rows[0])
-        found[here] = _strip(
-            scene, wavelengths_nm, hashed_seed(seed, 2, first), rays, strip, columns
+    begin, end = rows
+    columns, _ = scene.view.crop_size
+    per_launch = max(RAYS_IN_FLIGHT // (rays * columns), 1)
+    guides = np.empty((end - begin, columns, len(wavelengths_nm) + 3), np.float32)
+    for first in range(begin, end, per_launch):
+        last = min(first + per_launch, end)
+        strip_seed = hashed_seed(seed, 2, first)
+        guides[first - begin : last - begin] = _trace_strip(
+            scene, wavelengths_nm, strip_seed, rays, (first, last), columns
         )
-    return found
+    return guides
 
 
 def detected_quarters(
@@ -141,22 +137,24 @@ def detected_quarters(
     detected = np.cumsum(weights * spectrum + np.finfo(float).tiny, axis=1)
     middles = (detected - 0.5 * np.diff(detected, axis=1, prepend=0.0)) / detected[:, -1:]
     quarters = (np.arange(QUARTERS) + 0.5) / QUARTERS
-    return np.array([np.interp(quarters, one, wavelengths_nm) for one in middles])
+    return np.array([np.interp(quarters, shares, wavelengths_nm) for shares in middles])
 
 
 def most_rays(samples: float) -> int:
-    """Of a pixel with so many light paths: a power of two, 64 … 1024. A ray takes a tenth of the time of a path, or as
-    long where paths are very short."""
+    """Most rays of a pixel with so many light paths: a power of two, 64 … 1024.
+
+    A ray takes a tenth of the time of a path, or as long where paths are very short.
+    """
     of_few = min(RAYS_PER_SAMPLE * samples, RAYS_OF_FEW)
     return power_of_two(min(max(samples, of_few, FEWEST_RAYS), MOST_RAYS))
 
 
 def power_of_two(count: float) -> int:
-    """The one at or below, at least 1."""
+    """The power of two at or below a number, at least 1."""
     return 1 << (int(max(count, 1)).bit_length() - 1)
 
 
-def _strip(
+def _trace_strip(
     scene: Scene,
     wavelengths_nm: Float64Array,
     seed: int,
@@ -164,6 +162,7 @@ def _strip(
     rows: tuple[int, int],
     columns: int,
 ) -> NDArray[np.float32]:
+    """Guides of rows that are traced in one launch."""
     mi, dr = mitsuba(), drjit()
     pixels = (rows[1] - rows[0]) * columns
     pixel, points = scrambled_points(pixels, rays, seed)
@@ -176,8 +175,9 @@ def _strip(
     values = [mi.Float(x) for x in (*channels, normal.x, normal.y, normal.z)]
     dr.eval(values)  # all in one kernel; a sum alone would trace the rays for itself
     sums = [dr.block_reduce(dr.ReduceOp.Add, x, rays) for x in values]
-    found = np.stack([np.array(x, dtype=np.float32) for x in sums], axis=-1) / np.float32(rays)
-    return np.asarray(found.reshape(rows[1] - rows[0], columns, -1))
+    images = [np.array(x, dtype=np.float32) for x in sums]
+    means = np.stack(images, axis=-1) / np.float32(rays)
+    return np.asarray(means.reshape(rows[1] - rows[0], columns, -1))
 
 
 def sobol_points(count: int) -> NDArray[np.uint32]:
@@ -185,17 +185,17 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
 
     Direction numbers of Joe and Kuo 2008, doi 10.1137/070709359.
     """
-    number, found = np.arange(count, dtype=np.uint32), np.zeros((len(SOBOL), count), np.uint32)
+    number, points = np.arange(count, dtype=np.uint32), np.zeros((len(SOBOL), count), np.uint32)
     for axis, (polynomial, start) in enumerate(SOBOL):
         directions, degree = [m << (31 - k) for k, m in enumerate(start)], len(start)
         for k in range(degree, 32):
-            one = directions[k - degree] ^ (directions[k - degree] >> degree)
+            direction = directions[k - degree] ^ (directions[k - degree] >> degree)
             for lag in range(1, degree):
-                one ^= directions[k - lag] * (polynomial >> (degree - 1 - lag) & 1)
-            directions.append(one)
+                direction ^= directions[k - lag] * (polynomial >> (degree - 1 - lag) & 1)
+            directions.append(direction)
         for k, direction in enumerate(directions):
-            found[axis] ^= (number >> k & 1) * np.uint32(direction)
-    return found
+            points[axis] ^= (number >> k & 1) * np.uint32(direction)
+    return points
 
 
 def scrambled_points(pixels: int, rays: int, seed: int) -> tuple[Array, list[Array]]:
@@ -206,24 +206,20 @@ def scrambled_points(pixels: int, rays: int, seed: int) -> tuple[Array, list[Arr
     rays : a power of two; data of the kernel, so that it serves all of them.
     """
     mi, dr = mitsuba(), drjit()
-    index, random = (
-        dr.arange(mi.UInt32, pixels * rays),
-        mi.PCG32(pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32)),
-    )
-    pixel, number = (
-        index >> dr.opaque(mi.UInt32, rays.bit_length() - 1),
-        index & dr.opaque(mi.UInt32, rays - 1),
-    )
-    found, shifts = [], [random.next_uint32() for _ in SOBOL]
+    index = dr.arange(mi.UInt32, pixels * rays)
+    random = mi.PCG32(pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32))
+    pixel = index >> dr.opaque(mi.UInt32, rays.bit_length() - 1)
+    number = index & dr.opaque(mi.UInt32, rays - 1)
+    points, shifts = [], [random.next_uint32() for _ in SOBOL]
     dr.eval(shifts)
     for column, shift in zip(sobol_points(rays), shifts, strict=True):
-        bits = dr.gather(mi.UInt32, dr.brev(mi.UInt32(column)), number) + dr.gather(
-            mi.UInt32, shift, pixel
-        )
+        reversed_digits = dr.brev(mi.UInt32(column))
+        bits = dr.gather(mi.UInt32, reversed_digits, number)
+        bits = bits + dr.gather(mi.UInt32, shift, pixel)
         for factor in LAINE_KARRAS:
             bits ^= bits * factor
-        found.append(mi.Float(dr.brev(bits) >> 8) * 2.0**-24)
-    return pixel, found
+        points.append(mi.Float(dr.brev(bits) >> 8) * 2.0**-24)
+    return pixel, points
 
 
 def _camera_rays(
@@ -236,17 +232,14 @@ def _camera_rays(
 ) -> MitsubaObject:
     """Rays through points (u, v) of each pixel and of the pupil; rows of the picture from ``first_row`` on."""
     mi, film = mitsuba(), scene.sensor.film()
-    height, offset = (
-        float(film.crop_size()[1]),
-        float(film.crop_offset()[1]) - scene.view.crop_offset[1],
-    )
+    height = float(film.crop_size()[1])
+    offset = float(film.crop_offset()[1]) - scene.view.crop_offset[1]
     row = mi.Float(pixel // columns) + drjit().opaque(mi.Float, first_row - offset)
-    place = mi.Point2f(
-        (mi.Float(pixel % columns) + points[0]) / columns, (row + points[1]) / height
-    )
-    return mi.Ray3f(
-        scene.sensor.sample_ray(0.0, wavelength, place, mi.Point2f(points[2], points[3]))[0]
-    )
+    column = mi.Float(pixel % columns)
+    place = mi.Point2f((column + points[0]) / columns, (row + points[1]) / height)
+    pupil = mi.Point2f(points[2], points[3])
+    ray, _ = scene.sensor.sample_ray(0.0, wavelength, place, pupil)
+    return mi.Ray3f(ray)
 
 
 def _first_scattering(
@@ -271,18 +264,16 @@ def _first_scattering(
         bsdf = found.bsdf()
         clear = active & found.is_valid() & ~mi.has_flag(bsdf.flags(), flags.Smooth)
         clear &= mi.has_flag(bsdf.flags(), flags.Delta) & (bounce < MOST_BOUNCES)
-        choice, direction = (
-            random.next_float32(),
-            mi.Point2f(random.next_float32(), random.next_float32()),
-        )
+        choice = random.next_float32()
+        direction = mi.Point2f(random.next_float32(), random.next_float32())
         sample, _ = bsdf.sample(context, found, choice, direction, clear)
         ray = dr.select(clear, found.spawn_ray(found.to_world(sample.wo)), ray)
         return clear, bounce + 1, ray, random, hit
 
     start = (mi.Bool(True), mi.UInt32(0), ray, random, dr.zeros(mi.SurfaceInteraction3f))
-    return dr.while_loop(
-        start, again, follow, labels=("active", "bounce", "ray", "random", "hit")
-    )[-1]
+    labels = ("active", "bounce", "ray", "random", "hit")
+    *_, hit = dr.while_loop(start, again, follow, labels=labels)
+    return hit
 
 
 def _reflectances(
@@ -303,15 +294,14 @@ def _reflectances(
         return number < count
 
     def evaluate(number: Array, *channels: Array) -> tuple[Array, ...]:
-        there = mi.SurfaceInteraction3f(hit)
-        there.wavelengths = mi.Spectrum(
-            *[dr.gather(mi.Float, table, QUARTERS * number + k) for k in range(QUARTERS)]
-        )
-        values = bsdf.eval_diffuse_reflectance(there, diffuse)
+        interaction = mi.SurfaceInteraction3f(hit)
+        quarters = [dr.gather(mi.Float, table, QUARTERS * number + k) for k in range(QUARTERS)]
+        interaction.wavelengths = mi.Spectrum(*quarters)
+        values = bsdf.eval_diffuse_reflectance(interaction, diffuse)
         mean = dr.clip((values[0] + values[1] + values[2] + values[3]) / QUARTERS, 0.0, 1.0)
-        changed = [
-            dr.select(diffuse & (number == k), mean, value) for k, value in enumerate(channels)
-        ]
+        changed = []
+        for k, value in enumerate(channels):
+            changed.append(dr.select(diffuse & (number == k), mean, value))
         return (number + 1, *changed)
 
     start = (mi.UInt32(0), *(mi.Float(1.0) for _ in range(count)))

@@ -15,9 +15,8 @@ from ...core import InputError
 from ..options import RenderOptions
 
 COLOURS = 3  # channels of a picture
-MOST_MEMORY_MB = (
-    400  # of the network, about: it goes through larger pictures in tiles, which takes longer
-)
+MOST_MEMORY_MB = 400
+"""Memory of the network, about: it goes through larger pictures in tiles, which takes longer."""
 TURNS = (1, 1), (-1, -1), (1, -1), (-1, 1)  # steps along rows and columns
 
 
@@ -42,17 +41,15 @@ def is_installed() -> bool:
 
 
 def name() -> str:
-    """Of the library, with its version."""
+    """Name of the library, with its version."""
     return f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})"
 
 
 def denoised_if_possible(options: RenderOptions) -> RenderOptions:
     """The options with ``denoise`` where it is not decided and Open Image Denoise is installed."""
-    return (
-        {**options, "denoise": True}
-        if options["denoise"] is None and is_installed()
-        else options
-    )
+    if options["denoise"] is None and is_installed():
+        return {**options, "denoise": True}
+    return options
 
 
 class Network:
@@ -63,9 +60,9 @@ class Network:
     """
 
     def __init__(self, shape: tuple[int, int], normal: NDArray[np.float32] | None) -> None:
-        names = (
-            ("color", "output") if normal is None else ("color", "albedo", "normal", "output")
-        )
+        names = ["color", "output"]
+        if normal is not None:
+            names = ["color", "albedo", "normal", "output"]
         self._images = {name: np.zeros((*shape, COLOURS), np.float32) for name in names}
         self._normal = normal
 
@@ -102,6 +99,7 @@ class Network:
             self._images["albedo"][::rows, ::columns] = np.asarray(albedo)[..., None]
             self._images["normal"][::rows, ::columns] = self._normal
         self._filter.execute()
-        if (problem := self._processor.get_error()) is not None:
+        problem = self._processor.get_error()
+        if problem is not None:
             raise RuntimeError(f"Open Image Denoise: {problem}")
         return self._images["output"][::rows, ::columns]
