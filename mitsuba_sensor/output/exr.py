@@ -245,7 +245,7 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
 
     wrong = "without the AOVs that `render --aovs` writes"
     with whole_exr(Path(path), wrong) as (header, pixels):
-        arrays: dict[str, Any] = {}
+        arrays: dict[str, np.ndarray] = {}
         for name, (axes, _) in AOV_LAYERS.items():
             images = [pixels[layer] for layer in _layers(name, axes)]
             arrays[name] = images[0]

@@ -132,7 +132,7 @@ def _plain(value: object, arrays: list[np.ndarray]) -> object:
 def _value(plain: object, arrays: Mapping[str, np.ndarray], classes: Classes) -> object:
     """The value that :func:`_plain` made this of."""
 
-    def inner(part: object) -> Any:
+    def inner(part: object) -> object:
         return _value(part, arrays, classes)
 
     if isinstance(plain, list):

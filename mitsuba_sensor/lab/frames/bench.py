@@ -134,11 +134,11 @@ def read_bench(
         raise InputError(
             f"there is no {asked}; give a folder of raw frames, or a manifest in it."
         )
-    facts: dict[str, Any] = {}
     if manifest.exists():
         facts = read_manifest(manifest)
         file_groups = groups(facts, manifest)
     else:
+        facts = {}
         file_groups = groups_of_names(asked)
     total = sum(len(group.files) for group in file_groups)
     frame_files: list[_FrameFile] = []

@@ -93,7 +93,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return facts
 
 
-def _check_table(path: Path, table: Mapping[str, Any], checks: Mapping[str, Check]) -> None:
+def _check_table(path: Path, table: Mapping[str, object], checks: Mapping[str, Check]) -> None:
     """Raises InputError for a key that a table of the manifest cannot have, and for a value that it cannot have."""
     for key, value in table.items():
         if key not in checks:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -69,11 +69,13 @@ class Nonuniformity:
 
     def per_gain(self, gain: Quantity | float) -> Nonuniformity:
         """DSNU in electrons.  gain : K [DN/e-]; the interval of a measured one widens those of DSNU."""
-        in_electrons: dict[str, Any] = {}
-        for part in PARTS:
-            name = f"dsnu{part}"
-            in_electrons[name] = getattr(self, name).divided(gain, "e-")
-        return replace(self, **in_electrons)
+        return replace(
+            self,
+            dsnu=self.dsnu.divided(gain, "e-"),
+            dsnu_row=self.dsnu_row.divided(gain, "e-"),
+            dsnu_col=self.dsnu_col.divided(gain, "e-"),
+            dsnu_pixel=self.dsnu_pixel.divided(gain, "e-"),
+        )
 
     def plot(self, ax: Axes) -> None:
         """Density of the pixels' deviation from the mean signal, and the normal law of the same standard deviation."""

@@ -109,7 +109,7 @@ def read_transforms(data: dict[str, Any], file: str, like: Camera) -> Draft:
     return _fill_draft(draft, lens)
 
 
-def _differs(frame: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
+def _differs(frame: Mapping[str, object], said: Mapping[str, object]) -> bool:
     """Whether a frame has other intrinsics than those that are read."""
     return any(
         frame.get(name, said.get(name)) != said.get(name) for name in ("fl_x", "fl_y", "w")
@@ -255,7 +255,7 @@ def _series(coefficients: tuple[float, ...], radius: Float64Array) -> Float64Arr
 def _read_xml(text: str, file: str) -> dict[str, Any]:
     """Tables of an XML file: each element is a text, or a table of its children's texts."""
     root = xml_tree(text, file, "Give the file that cv2.FileStorage writes")
-    entries: dict[str, Any] = {}
+    entries: dict[str, object] = {}
     for element in root:
         entries[element.tag] = element.text
         if len(element):

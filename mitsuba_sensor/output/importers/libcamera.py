@@ -31,7 +31,7 @@ def is_tuning(data: object) -> bool:
 def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     """The draft of a camera. Raises InputError for a file without noise or black level."""
     draft = Draft(file, like)
-    algorithms: dict[str, Any] = {}
+    algorithms: dict[str, object] = {}
     for table in draft.tables("algorithms", data["algorithms"]):
         algorithms |= table
     noise = draft.table("rpi.noise", algorithms.get("rpi.noise") or {})

@@ -81,11 +81,11 @@ def read_table(data: Any, file: str, like: Camera) -> Draft:
 
 def _row(name: str, values: Mapping[str, Any], draft: Draft) -> dict[str, Any]:
     """A row under our names for its columns; the ISO may stand in the row's own name ("SonyA7S2_1600")."""
-    plain: dict[str, Any] = {}
+    plain: dict[str, object] = {}
     for key, value in values.items():
         if key is not None and value not in (None, ""):
             plain[key.strip().lower()] = value
-    row: dict[str, Any] = {}
+    row: dict[str, object] = {}
     for ours, theirs in NAMES.items():
         for their in theirs:
             if their in plain:
