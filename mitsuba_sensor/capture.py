@@ -52,6 +52,11 @@ Light: TypeAlias = str | os.PathLike[str] | Irradiance
 class Capture:
     """Frames of a camera, and what they were made from.
 
+    ::
+
+        captured = ms.capture("out/irradiance.exr", frames=4)
+        print(captured.frames.digital.mean(), captured.metadata["seeds"])
+
     frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
     light, photons : irradiance at the focal plane, mean photons per pixel; of the first frame where each has its own.
     aovs : depth, normals, … of the same pixels, if asked for.
@@ -105,6 +110,11 @@ def capture(
     **options: Unpack[CaptureOptions],
 ) -> Capture:
     """Render a scene and expose a camera to it; ``capture("scene.xml").save("out/")``.
+
+    ::
+
+        captured = ms.capture("scenes/cornell_box.xml", "bayer_2mp", ms.Exposure(0.1), width=64)
+        captured.save("out/")
 
     source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was

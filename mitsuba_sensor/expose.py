@@ -36,6 +36,12 @@ def expose(
 ) -> Frames:
     """Raw frames that ``camera`` delivers for these mean photons per pixel.
 
+    ::
+
+        photons = np.full((48, 64), 20_000.0)
+        frames = ms.expose(photons, "konnik_table1", ms.Exposure(0.01), frames=2)
+        frames.digital.shape  # (2, 48, 64)
+
     photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
         ``wavelengths_nm`` of length B. Or the Irradiance itself, which is collected: then camera, exposure and serial
         number are by default those that it was rendered for, and the exposure may be "auto" (metered).
@@ -72,6 +78,11 @@ def stream(
     **options: Unpack[ExposeOptions],
 ) -> Iterator[NDArray[np.unsignedinteger]]:
     """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
+
+    ::
+
+        for number, frame in enumerate(ms.stream(photons, camera, exposure, frames=3)):
+            print(number, frame.mean())
 
     Everything is checked at once; light and maps are made with the first frame that is asked for.
     """

@@ -49,6 +49,11 @@ def render_frames(
 ) -> Iterator[RenderedFrame]:
     """Frames of a scene, each from a render with a seed of its own; one at a time, all checked before the first.
 
+    ::
+
+        for rendered in ms.render_frames("scenes/cornell_box.xml", camera, exposure, frames=8, width=64):
+            print(rendered.frames.digital.mean())
+
     render_noise : "compensated" counts the render's noise as part of the shot noise, so that 16 times fewer samples are
         enough than for a noise ratio of 0.01; "per-frame" adds it to the shot noise.
     progress : called with a :class:`render.passes.stop_criterion.RenderProgress` of each frame's render.

@@ -84,7 +84,14 @@ def _known_field(name: str) -> str:
 
 
 class Camera(FileTable):
-    """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again."""
+    """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again.
+
+    ::
+
+        camera = ms.load_camera("bayer_2mp").replace(**{"adc.bits": 10, "pixel.prnu": 0.005})
+        quiet = camera.without("temporal_row_noise")
+        print(camera.system_gain_dn_per_e)
+    """
 
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])
     description: str = Field(

@@ -50,6 +50,11 @@ class CameraFinding:
 def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, ...]:
     """All errors of a camera file at once, then its warnings; nothing for a file that is right. Renders nothing.
 
+    ::
+
+        for finding in ms.check_camera("my.toml"):
+            print(finding.line, finding.level, finding.text)
+
     name : path of a camera file, a shipped camera, a text or a dict, as for :func:`load_camera`. A misspelt field is
         read as the one that was meant, so that its value is checked too. Fields of one table are compared with each
         other once each of them is right by itself.

@@ -45,6 +45,11 @@ def _shipped_camera(name: str) -> Camera:
 def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:
     """A shipped camera by name (``konnik_table1``), any camera file by path (``my.toml``), or a camera that is no file.
 
+    ::
+
+        camera = ms.load_camera("konnik_table1").replace(**{"adc.bits": 14})
+        print(camera.emva1288())
+
     name : also the text of a camera file, which has line breaks, or its tables as a dict,
         ``{"name": "mine", "sensor": {"columns": 640, …}, …}``. Files that these name are sought in the working folder.
     Raises InputError when there is no such camera or a field is wrong; :func:`check_camera` finds all that is wrong.

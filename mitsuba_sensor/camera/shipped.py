@@ -6,7 +6,13 @@ SHIPPED = resources.files(__package__) / "cameras"
 
 
 def list_cameras() -> list[str]:
-    """Names of the cameras that ship with the package."""
+    """Names of the cameras that ship with the package.
+
+    ::
+
+        for name in ms.list_cameras():
+            print(name)
+    """
     return sorted(
         file.name.removesuffix(".toml")
         for file in SHIPPED.iterdir()

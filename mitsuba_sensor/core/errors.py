@@ -21,6 +21,13 @@ LONGEST_HEAD, LONGEST_END = (
 class InputError(ValueError):
     """Wrong input: the message says what was given, why it cannot be computed, and what to pass instead.
 
+    ::
+
+        try:
+            ms.load_camera("bayer_2pm")
+        except ms.InputError as error:
+            print(error)
+
     It is one line of printable text, whatever is quoted in it, and cut in the middle where that has no end.
     """
 

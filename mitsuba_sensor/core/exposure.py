@@ -14,6 +14,11 @@ LONGEST_S, HOTTEST_K = (
 class Exposure:
     """Exposure time and sensor temperature.
 
+    ::
+
+        night = ms.Exposure(0.02, temperature_k=273.15)
+        frames = ms.expose(photons, camera, night)
+
     time_s : 0 … 1e12 [s].  temperature_k : 0 … 1e4 [K]; 298.15 K (+25 °C) as in Konnik & Welsh 2014.
     Raises InputError otherwise.
     """

@@ -23,6 +23,11 @@ from .types import Array, RandomBits
 class Frame:
     """Frame ``index`` of ``window`` under ``exposure``.
 
+    ::
+
+        def sample(self, swing, frame):  # a method of a Stage
+            return swing + frame.number(self.sigma_v) * frame.row_normal("hum")
+
     seed : of all temporal noise.
     """
 

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 class Moments:
     """Mean, temporal and spatial variance of a signal, in the unit of its domain.
 
+    ::
+
+        def moments(self, m):  # a method of a Stage
+            return m.add(temporal=self.sigma_v**2)
+
     mean : what enters the first stage (:class:`Photons`), then the mean signal, scalar or (H, W).
     temporal : variance from frame to frame at one pixel, averaged over cameras.
     spatial : variance from pixel to pixel (camera to camera) of the mean over frames.

@@ -19,7 +19,12 @@ PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
 
 class SensorWarning(UserWarning):
-    """A result that is probably not the one that was wanted; the text says why, and the way out."""
+    """A result that is probably not the one that was wanted; the text says why, and the way out.
+
+    ::
+
+        warnings.filterwarnings("error", category=ms.SensorWarning)
+    """
 
 
 class Doubt(str):

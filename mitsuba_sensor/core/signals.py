@@ -22,6 +22,11 @@ VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
 class Photons:
     """Mean photons per pixel in one exposure; mean values, not integers.
 
+    ::
+
+        ms.Photons(np.full((48, 64, 2), 500.0), wavelengths_nm=np.array([500.0, 600.0]))
+        ms.Photons(np.full((48, 64), 300.0), detected=True)  # photoelectrons
+
     mean : (H, W), or (H, W, B) with one layer per band; never negative, never NaN; +inf saturates the pixel.
     wavelengths_nm : (B,) centre of each band, or None when ``mean`` is (H, W) at the camera's own wavelength.
     detected : whether ``mean`` is in photoelectrons, with the QE applied already: (H, W) of each pixel behind its own
@@ -189,7 +194,13 @@ class Filters(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Electrons:
-    """Electrons per pixel, (H, W) or one for all: means before the shot noise, counts after."""
+    """Electrons per pixel, (H, W) or one for all: means before the shot noise, counts after.
+
+    ::
+
+        electrons = ms.Electrons(light=np.full((2, 3), 100.0), dark=2.0)
+        electrons.total  # 102 in every pixel
+    """
 
     light: Array  # photoelectrons
     dark: Array = 0.0  # dark electrons

@@ -88,6 +88,11 @@ class Sample:
 class Dataset(Sequence[Sample]):
     """The samples of a dataset folder, in the order of its file.
 
+    ::
+
+        for sample in ms.Dataset("pairs/", split="train"):
+            noisy, clean = sample.read("raw")[0], sample.read("clean")
+
     folder : as ``mitsuba-sensor dataset run`` made it.  split : only those of this split.
     Raises InputError where there is no dataset, or no such split.
     """

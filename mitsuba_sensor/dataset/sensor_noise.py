@@ -81,6 +81,11 @@ class NoisyImage:
 class SensorNoise:
     """What a camera makes of an image: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
 
+    ::
+
+        noise = ms.SensorNoise("sony_imx174", white_e=(50, 2000), seed=1)
+        noisy = noise(np.full((48, 64), 0.5)).image
+
     camera : a :class:`Camera`, or what :func:`load_camera` takes.
     exposure : time and temperature, for the dark current.
     gain : setting, or several, of which one is drawn for every image; without it the camera's own numbers.

@@ -40,6 +40,11 @@ def write_tiff(
 ) -> None:
     """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
 
+    ::
+
+        frames = ms.expose(photons, camera, exposure)
+        ms.write_tiff("frame.tiff", frames.digital)
+
     Raises InputError for any other array, and for what the disk refuses.
     facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
         green and blue filters in the tags of TIFF/EP and DNG too.

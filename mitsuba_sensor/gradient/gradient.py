@@ -219,6 +219,12 @@ def differentiable(
 ) -> DifferentiableFrames:
     """Frames of :func:`expose` with the derivatives of their digital numbers by some parameters.
 
+    ::
+
+        frames = ms.differentiable(photons, camera, exposure, ("photons", "pixel.prnu"))
+        frame = frames.frame()
+        gradients = frame.backward(frame.digital**2)  # name → derivative of the sum
+
     parameters : names of fields of the camera (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
         ``"exposure.temperature_k"`` at the same photons, and ``"photons"`` for the mean photons of every pixel.
     The rest as for :func:`expose`. The mean of a derivative over frames is the derivative of the expected code, to 1 %,

@@ -22,6 +22,11 @@ TWO_SIDED = NormalDist().inv_cdf((1 + LEVEL) / 2)
 class Quantity:
     """What an instrument measured.
 
+    ::
+
+        gain = ms.lab.Quantity("K", "gain", 0.25, 0.24, 0.26, "DN/e-", "EMVA 1288 R4 6.6")
+        print(gain, gain.covers(0.245))
+
     symbol, name : those of EMVA 1288 R4 or of the source (``K``, ``overall system gain``).
     value, low, high : in ``unit``, low and high the ends of the 95 % interval; NaN where nothing could be measured.
     section : where the definition stands (``EMVA 1288 R4 6.6``).

@@ -28,6 +28,13 @@ from .frame_files import frames_html, preview_of, save_frames
 class Frames(RawFrames):
     """Raw frames of one camera, which know what is expected of them and can be saved.
 
+    ::
+
+        frames = ms.expose(photons, camera, exposure, frames=2)
+        difference = frames.digital[0] - frames.clean  # temporal noise alone [DN]
+        print(frames.noise_budget().explain())
+        frames.save("frames/")
+
     digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
     plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
     detected : mean photoelectrons of the light.  backend : what computed the frames.

@@ -58,6 +58,11 @@ def read_irradiance(
 ) -> Irradiance:
     """Irradiance at the focal plane from an EXR: of our own, or of another program with its unit.
 
+    ::
+
+        light = ms.read_irradiance("out/irradiance.exr")
+        frames = ms.expose(light, exposure=ms.Exposure(0.001))
+
     unit : of another program's: one of UNITS; of our own irradiance.exr it is known.
     wavelength_nm : of a single channel.  camera : whose lens the light of a radiance passes.
     fov_deg : horizontal field of view of the radiance, for the cos⁴ of the lens; without it there is none.

@@ -25,6 +25,11 @@ def fpn_maps(
 ) -> dict[str, NDArray[np.float64]]:
     """Every FPN map of one chip, by name: gains (1 on average), dark current factors (1), offsets in electrons (0).
 
+    ::
+
+        maps = ms.fpn_maps("bayer_2mp", (48, 64), serial=7)
+        frames = ms.expose(photons, "bayer_2mp", ms.Exposure(0.01), maps=maps)
+
     shape : (rows, columns) of the window; the whole sensor by default. The result fits ``expose(maps=…)``.
     precision : of :func:`expose`, so that these are the very maps that it uses.
     """

@@ -44,6 +44,11 @@ DIGITS = 3  # of the time, so that it can be typed
 class Metering:
     """An exposure whose time follows from the light.
 
+    ::
+
+        median = ms.Metering(percentile=50.0, share=0.3)
+        captured = ms.capture("scenes/cornell_box.xml", camera, median, width=64)
+
     temperature_k : of the sensor [K].  percentile : of the lit pixels that is to reach ``share`` of saturation, light
         and dark current together.  Raises InputError for numbers out of range.
     """

@@ -49,6 +49,21 @@ class Line(NamedTuple):
 class Stage(ABC):
     """One effect of the signal chain; subclasses are frozen dataclasses of its parameters.
 
+    ::
+
+        @dataclass(frozen=True)
+        class Hum(ms.Stage):
+            sigma_v: float
+            domain = "volts"
+
+            def sample(self, swing, frame):
+                return swing + frame.number(self.sigma_v) * frame.row_normal("hum")
+
+            def moments(self, m):
+                return m.add(temporal=self.sigma_v**2)
+
+        noisier = camera.with_stage(Hum(1e-4), after="reset_noise")
+
     domain : what leaves the stage.  paper : equations of Konnik & Welsh 2014.
     table, fields : the table of the camera file and the fields there that belong to this effect.
     required : whether the stage changes the unit of the signal, so that no plan can leave it out.

@@ -50,7 +50,13 @@ NEEDED = "changes the unit; always needed"
 
 @dataclass(frozen=True)
 class Plan:
-    """The stages of an exposure with their effects. ``print(plan.explain())``; ``expose(..., plan=plan)``."""
+    """The stages of an exposure with their effects. ``print(plan.explain())``; ``expose(..., plan=plan)``.
+
+    ::
+
+        plan = ms.plan(camera, exposure, photons, tolerance_dn=0.2)
+        print(plan.left_out, plan.explain())
+    """
 
     camera: str
     tolerance_dn: float
@@ -159,6 +165,11 @@ def plan(
     maps: Mapping[str, ArrayLike] | None = None,
 ) -> Plan:
     """Which stages this exposure needs, from the theory of the codes over the range of light of the scene.
+
+    ::
+
+        plan = ms.plan(camera, exposure, photons, tolerance_dn=0.2)
+        frames = ms.expose(photons, camera, exposure, plan=plan)
 
     photons, wavelengths_nm, maps : as for :func:`expose`.
     tolerance_dn : how far the stages left out may together move the mean, the temporal σ, the spatial σ or the mean of

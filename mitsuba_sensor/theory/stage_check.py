@@ -133,6 +133,11 @@ def check_stage(
 ) -> StageCheck:
     """Compare the ``moments`` of a stage with its ``sample`` on windows at random places of the sensor.
 
+    ::
+
+        prnu = next(stage for stage in camera.stages if stage.label == "PRNU")
+        print(ms.check_stage(prnu, camera=camera).explain())
+
     stage : one of yours, or one of the camera's own.  after : key of the stage in front of it, as for
         ``camera.with_stage``; None for a stage that is in the chain of this camera.
     exposure : time and temperature; None: 0.1 s.

@@ -49,6 +49,11 @@ from .stack import Stack
 class Bench:
     """The stacks of a camera by what is in front of it.
 
+    ::
+
+        bench = ms.lab.read_bench("bench/")
+        print(len(bench.darks), bench.gains)
+
     biases, darks, flats, scenes : stacks, each in the order of gain, exposure and temperature.
     wavelength_nm : of the light [nm], or None.
     """
@@ -123,6 +128,11 @@ def read_bench(
     path: str | os.PathLike[str], report: Callable[[int, int], None] | None = None
 ) -> Bench:
     """The bench of a folder, or of a manifest of another name.
+
+    ::
+
+        bench = ms.lab.read_bench("bench/")
+        twin = ms.lab.fit(bench)
 
     report : called with the files that are read, and all of them, after each.
     Raises InputError for what cannot be read or told apart, with the file and the way out.

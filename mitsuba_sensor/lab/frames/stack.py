@@ -23,6 +23,12 @@ STRIP_VALUES = 2**22
 class Stack:
     """N frames of one scene with one setting, and what is known about them.
 
+    ::
+
+        dark = ms.expose(np.zeros((48, 64)), camera, exposure, frames=4).digital
+        stack = ms.lab.Stack(dark, exposure.time_s, photons=0, bits=12)
+        print(stack.mean.mean())
+
     frames : (N, H, W) digital numbers, integers or floats [DN]; they are not copied.
     exposure_s : exposure time [s], at least 0.
     photons : mean photons per pixel and exposure: a number for a flat field, 0 in the dark, (H, W) for another scene;

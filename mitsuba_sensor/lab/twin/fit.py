@@ -50,6 +50,11 @@ SHARE, FEWEST = 0.25, 8
 class Twin:
     """Fitted from the frames of one camera.
 
+    ::
+
+        twin = ms.lab.fit("bench/")
+        print(twin.figures(), twin.notes)
+
     settings : what was measured at each gain setting, lowest K first; the first one's numbers are those of the file.
     wavelength_nm : of the light, or None.
     """
@@ -207,6 +212,11 @@ def fit(
     frames: str | os.PathLike[str] | Bench, report: Callable[[int, int], None] | None = None
 ) -> Twin:
     """The twin of the camera that took these bias, dark and flat frames.
+
+    ::
+
+        twin = ms.lab.fit("bench/")
+        camera = ms.load_camera(twin.tables())
 
     frames : a folder with a bench.toml or with names that tell bias, dark and flat frames apart; or a bench.
     report : called with the files that are read, and all of them, after each.

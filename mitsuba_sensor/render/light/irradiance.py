@@ -76,6 +76,11 @@ class RenderedFor:
 class Irradiance:
     """Spectral irradiance at the focal plane, and its standard errors.
 
+    ::
+
+        light = ms.render("scenes/cornell_box.xml", camera, exposure, width=64)
+        print(light.data.shape, light.wavelengths_nm, light.notes)
+
     data : (H, W, B) mean over pixel and band [W m⁻² nm⁻¹]; float32, as in a file.
     wavelengths_nm, bandwidths_nm : (B,) centres and widths of the bands.
     standard_error : (H, W, B) of the Monte Carlo mean, same unit.

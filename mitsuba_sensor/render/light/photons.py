@@ -75,6 +75,11 @@ def collect(
 ) -> Photons:
     """Mean photons per pixel and band, (H, W, B); not rounded, because they are means.
 
+    ::
+
+        irradiance = np.full((48, 64), 1e-3)  # W/m²
+        photons = ms.collect(irradiance, camera, ms.Exposure(0.01), wavelengths_nm=[550.0])
+
     light : the result of :func:`render`; or an irradiance map (H, W) [W m⁻²] at one wavelength; or a complex field U
         (H, W) with |U|² in W m⁻² (wavefront sensing); or a cube (H, W, B) [W m⁻² nm⁻¹] with ``wavelengths_nm``.
     Photons of a render are made, in float64, when they are asked for: ``light.data`` is to stay as it is until then.
@@ -198,7 +203,13 @@ def _irradiance_values(light: object) -> Float64Array:
 
 
 def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64Array:
-    """The same irradiance everywhere, (H, W) [W m⁻²]: a flat field for :func:`collect`."""
+    """The same irradiance everywhere, (H, W) [W m⁻²]: a flat field for :func:`collect`.
+
+    ::
+
+        flat = ms.uniform_light(1e-3, (48, 64))
+        photons = ms.collect(flat, camera, ms.Exposure(0.01))
+    """
     level = require("irradiance_w_per_m2", irradiance_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.01")
     return np.full(_shape(shape), level)
 
@@ -206,7 +217,13 @@ def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64
 def gradient_light(
     low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]
 ) -> Float64Array:
-    """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: scene of the paper's PTC."""
+    """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: scene of the paper's PTC.
+
+    ::
+
+        ramp = ms.gradient_light(0.0, 1e-2, (48, 64))
+        photons = ms.collect(ramp, camera, ms.Exposure(0.01))
+    """
     low = require("low_w_per_m2", low_w_per_m2, 0.0, np.inf, "W/m², e.g. 0")
     high = require("high_w_per_m2", high_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.012")
     size = _shape(shape)

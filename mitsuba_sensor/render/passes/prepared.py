@@ -65,6 +65,11 @@ def render(
 ) -> Irradiance:
     """Render a scene file into the irradiance on this camera's focal plane.
 
+    ::
+
+        light = ms.render("scenes/cornell_box.xml", "konnik_table1", ms.Exposure(0.1), width=64)
+        frames = ms.expose(light, frames=16)
+
     camera, exposure, seed : what is not given is read from the scene's <film type="photosensor">, and so are the
         options wavelength_nm, bandwidth_nm and spectral. A camera that is given brings its own lens; a note says so
         where the scene's <sensor type="camera"> has another. An exposure of "auto", or none anywhere, is metered:

@@ -78,6 +78,12 @@ def _register(_before: str | None, _now: str | None) -> None:
 def register_plugins() -> None:
     """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
 
+    ::
+
+        ms.register_plugins()
+        mi.set_variant("llvm_ad_spectral")
+        scene = mi.load_file("photosensor.xml")
+
     Importing this package does it, where Python finds Mitsuba by itself.
     """
     from ..variants import mitsuba
