@@ -250,8 +250,8 @@ class Splits(FileTable):
     )
     by: tuple[str, ...] = Field(
         ("scene",),
-        description="what makes another scene of it",
-        examples=[["scene", "parameters.seed"]],
+        description="what makes another scene of it; view is a pose",
+        examples=[["scene", "view"]],
         min_length=1,
     )
     chips: Count | None = optional(
@@ -263,9 +263,11 @@ class Splits(FileTable):
         if abs(sum(self.shares.values()) - 1) > 1e-9:
             raise ValueError(f"shares sum to {sum(self.shares.values()):g}; let them sum to 1")
         for name in self.by:
-            if name != "scene" and not name.startswith(("parameters.", "traverse.")):
+            if name not in ("scene", "view") and not name.startswith(
+                ("parameters.", "traverse.")
+            ):
                 raise ValueError(
-                    f"by has {name!r}; give scene, parameters.NAME or traverse.NAME"
+                    f"by has {name!r}; give scene, view, parameters.NAME or traverse.NAME"
                 )
         return self
 

@@ -128,7 +128,7 @@ class DatasetPlan:
         twice = next((one for one in samples if times[one.key] > 1 or known in lights), None)
         if twice is not None:
             said = ", ".join(
-                f"{name} {value}" for name, value in twice.values.items() if name != "view"
+                f"{name} {value}" for name, value in twice.values.items() if name != "pose"
             )
             raise InputError(
                 f"two scenes, poses, cameras, rows or values are the same ({said}); leave one of them out, or vary "
@@ -164,7 +164,8 @@ class DatasetPlan:
             "camera": self.cameras.name(one.camera),
             **values,
         }
-        said |= {} if one.view is None else {"view": one.view.model_dump()}
+        if one.pose is not None:
+            said |= {"view": one.view, "pose": one.pose.model_dump()}
         return (light, key), PlannedSample(
             own, {**config, "outputs": outputs}, said, self.splits.of(one)
         )
@@ -180,7 +181,7 @@ class DatasetPlan:
             else ()
         )
         varied = tuple((name, x) for name, x in one.values.items() if changes_light(name))
-        known = one.scene, one.view, one.camera, varied, timed
+        known = one.scene, one.pose, one.camera, varied, timed
         if known not in self._lights:
             light = self._described(one, camera, exposure)
             if len(self._lights) > MOST_LIGHTS:
@@ -218,7 +219,7 @@ class DatasetPlan:
             "scene": scene_digest(self._place(entry), parameters, self.roots),
             "parameters": parameters,
             "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
-            "look_at": None if one.view is None else one.view.model_dump(),
+            "look_at": None if one.pose is None else one.pose.model_dump(),
             **{
                 name: getattr(entry, name)
                 for name in ("scene_unit", "integrator", "ignore_polarization")

@@ -31,7 +31,8 @@ class SplitOf:
             scenes[self._scene(one)] = None
             chips[self._chip(one)] = None
         remedy = (
-            'name in by what makes another scene of it, e.g. by = ["scene", "parameters.seed"]'
+            'give more scenes, or name in by what else makes another scene: by = ["scene", "view"] deals '
+            'out the poses of a scene, by = ["scene", "parameters.NAME"] the values of a parameter'
         )
         self._scenes = assigned(scenes, self.splits, file.seed, "scenes", remedy)
         if "serial" in file.varied:
@@ -74,7 +75,7 @@ class SplitOf:
             for kind in ("parameters", "traverse")
             for name, x in getattr(entry, kind).items()
         }
-        values: Facts = {"scene": entry.name, **fixed, **one.values}
+        values: Facts = {"scene": entry.name, "view": one.view, **fixed, **one.values}
         return json.dumps([values.get(name) for name in self.splits.by])
 
 

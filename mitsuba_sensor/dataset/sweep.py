@@ -28,13 +28,15 @@ DIGITS = 6  # of a random number, so that it can be typed
 class Combination(NamedTuple):
     """What one sample is made of.
 
-    scene, camera : numbers of the entries of the dataset file.  view : pose of the camera, if any.
+    scene, camera : numbers of the entries of the dataset file.  view : number of the pose in the scene, from 0.
+    pose : of the camera; None is that of the scene file.
     values : name of what varies → its value.  draw : number of the random draw, −1 where there is none.
     """
 
     scene: int
     camera: int
-    view: View | None
+    view: int
+    pose: View | None
     values: Values
     draw: int
 
@@ -48,9 +50,13 @@ def combinations(file: DatasetFile) -> Iterator[list[Combination]]:
     rows: Sequence[Values] = file.list or ({},)
     for number, scene in enumerate(file.scenes):
         draws = _draws(file.random, file.seed, scene.name)
-        for view, of_light, alike in product(poses(scene), _grid(outer), draws):
+        for (view, pose), of_light, alike in product(
+            enumerate(poses(scene)), _grid(outer), draws
+        ):
             yield [
-                Combination(number, camera, view, {**of_light, **row, **cell, **drawn}, draw)
+                Combination(
+                    number, camera, view, pose, {**of_light, **row, **cell, **drawn}, draw
+                )
                 for (draw, drawn), row, camera, cell in product(
                     alike, rows, range(len(file.cameras)), _grid(inner)
                 )

@@ -189,7 +189,7 @@ def test_poses_of_one_world_are_together_with_their_pictures_and_depths(
             depth_m = np.nan_to_num(sample.read("depth_m"), posinf=0)
             np.testing.assert_allclose(depth_mm / 1000, depth_m, atol=0.0005 + 1e-6)
             origin = (
-                [0, 1, 4] if "view" not in sample.values else sample.values["view"]["origin_m"]
+                [0, 1, 4] if "pose" not in sample.values else sample.values["pose"]["origin_m"]
             )
             np.testing.assert_allclose(
                 np.array(frame["transform_matrix"])[:3, 3], origin, atol=1e-6

@@ -106,9 +106,35 @@ def test_the_shares_are_those_asked_for(scenes: int) -> None:
 
 def test_splits_need_something_to_share_out() -> None:
     shares = {"train": 0.5, "test": 0.5}
-    with pytest.raises(InputError, match=r"1 scenes for 2 splits .*name in by"):
+    with pytest.raises(InputError, match=r"1 scenes for 2 splits .*deals out the poses"):
         DatasetPlan(read_dataset({**TABLES, "splits": {"shares": shares}}), [SCENES])
+    with pytest.raises(InputError, match=r"by has 'pose'; give scene, view, parameters\.NAME"):
+        read_dataset({**TABLES, "splits": {"shares": shares, "by": ["pose"]}})
     with pytest.raises(InputError, match="chips is given and serial is varied"):
         read_dataset(
             {**TABLES, "grid": {"serial": [1]}, "splits": {"shares": shares, "chips": 1}}
         )
+
+
+def test_poses_of_one_scene_are_dealt_out_to_splits() -> None:
+    """By the shares; a pose is in one split with all its exposures, and its number is that in the file."""
+    keys = [
+        {"time_s": time_s, "origin_m": [time_s, 0, 2], "target_m": [0, 0, 0]}
+        for time_s in (0, 1)
+    ]
+    tables = {
+        **TABLES,
+        "scenes": [{**TABLES["scenes"][0], "path": {"views": 11, "keys": keys}}],
+        "grid": {"exposure_s": [0.1, 0.2]},
+        "splits": {"shares": {"train": 0.8, "test": 0.2}, "by": ["scene", "view"]},
+    }
+    plan = DatasetPlan(read_dataset(tables), [SCENES])
+    sizes = {split: len(scenes) for split, (scenes, _) in sets_of(plan).items()}
+    assert sizes == {"train": 9, "test": 2}
+    samples = [sample for view in plan.views() for sample in view.samples]
+    assert [one.values["view"] for one in samples] == [k for k in range(11) for _ in range(2)]
+    assert [one.values["pose"]["origin_m"][0] for one in samples[::2]] == [
+        pytest.approx(k / 10) for k in range(11)
+    ]
+    for first, second in zip(samples[::2], samples[1::2], strict=True):
+        assert first.split == second.split
