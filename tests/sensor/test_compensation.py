@@ -34,7 +34,7 @@ from mitsuba_sensor.theory.frame_theory import FrameTheory
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
 
-BACKENDS = (exhaustive("float64"), "numpy", "drjit")
+BACKENDS = (exhaustive("float64"), "numpy", exhaustive("drjit"))
 BENCHMARK = BENCHMARKS / "compensation.py"
 EXPOSURE = ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")

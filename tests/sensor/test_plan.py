@@ -101,8 +101,7 @@ def test_two_noises_that_may_each_go_may_not_both_go() -> None:
 
 def test_a_larger_tolerance_never_keeps_more() -> None:
     plans = [
-        kept(ms.plan(CAMERA, EXPOSURE, SCENE, tolerance))
-        for tolerance in (0.0, 0.1, 1.0, 5.0, 30.0, 1e9)
+        kept(ms.plan(CAMERA, EXPOSURE, SCENE, tolerance)) for tolerance in (0.0, 0.1, 5.0, 1e9)
     ]
     assert all(more >= fewer for more, fewer in itertools.pairwise(plans))
     assert plans[-1] == UNITS
