@@ -1,6 +1,10 @@
-"""The parts of the documentation that are made of the package: command line, API, stages, plugin parameters.
+"""The parts of the documentation that are made of the package: command line, API, stages, camera files, glossary.
 
-A page holds ``<!-- generated: NAME -->`` where a part belongs; conf.py puts it there when the site is built.
+    python docs/generated.py
+
+writes the tables that GitHub shows, too, between two comments of their page: ``<!-- table: NAME, … -->`` and
+``<!-- end of NAME -->``. What only the site has stands in a page as ``<!-- generated: NAME -->``; conf.py puts it
+there when the site is built.
 """
 
 from __future__ import annotations
@@ -9,23 +13,30 @@ import inspect
 import re
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.field_catalogue import markdown_rows, tables
+from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,
     SENSOR_PARAMETERS,
     PluginParameter,
 )
-from mitsuba_sensor.stages.chain import ORDER
+from mitsuba_sensor.stages.chain import ORDER, stage_table
 from mitsuba_sensor.stages.stage import UNITS, Stage
 
 MARK = re.compile(r"^<!-- generated: (\w+) -->$", re.M)
+TABLE = re.compile(
+    r"(?<=^<!-- table: )(\w+)(.*? -->\n).*?(?=^<!-- end of \1 -->$)", re.M | re.S
+)
 NAMES = r"\w+(?:, \w+)*"
 DESCRIBED = re.compile(rf"(?=(?:^|  ){NAMES} : )")
 """Where the description of a parameter begins, as ``name : meaning`` or ``one, other : meaning``."""
@@ -42,6 +53,16 @@ TABLES = tuple(tables(Camera))
 def with_generated_parts(page: str) -> str:
     """A page with each of its marks replaced."""
     return MARK.sub(lambda mark: PARTS[mark.group(1)](), page)
+
+
+def with_tables(page: str) -> str:
+    """A page with the tables between its comments as the package has them now."""
+
+    def written(table: re.Match[str]) -> str:
+        name, rest_of_comment = table.groups()
+        return f"{name}{rest_of_comment}\n{IN_PAGES[name]()}\n\n"
+
+    return TABLE.sub(written, page)
 
 
 def pages_of(index: str) -> dict[str, list[str]]:
@@ -106,7 +127,59 @@ def sensor() -> str:
     return _parameters((*SENSOR_PARAMETERS, *PASSED_ON_PARAMETERS))
 
 
-PARTS = {one.__name__: one for one in (command_line, api, stages, film, sensor)}
+def camera_file() -> str:
+    """The tables of all keys of a camera file."""
+    return markdown(Camera)
+
+
+def noise_sources() -> str:
+    """The stages that can be switched off, by their keys."""
+    lines = ["| name | noise source |", "|---|---|"]
+    for stage in ORDER:
+        if not stage.no_noise:
+            lines.append(f"| `{stage.key()}` | {stage.terms}: {stage.what_it_does()} |")
+    return "\n".join(lines)
+
+
+def glossary_of_stages() -> str:
+    """Every stage, and each of its keys that has a name in the literature, in the order of the chain."""
+    rows = []
+    for stage in ORDER:
+        fields = stage.fields.model_fields if stage.fields else {}
+        where = _file_of(stage)
+        untitled = [f"{stage.table}.{name}" for name, info in fields.items() if not info.title]
+        names = (*untitled, stage.__name__)
+        rows.append(
+            _glossary_row(stage.terms or stage.label, stage.what_it_does(), names, where)
+        )
+        rows += _titled(stage.table, fields, where)
+    return _glossary(rows)
+
+
+def glossary_of_chip_and_lens() -> str:
+    """The keys of a camera file that belong to no stage: those of the chip, the pixel's geometry and the lens."""
+    rows = []
+    for one in TABLES:
+        if one.path and "." not in one.path and not one.of_list:
+            rows += _keys_of_no_stage(one)
+    return _glossary(rows)
+
+
+PARTS = {one.__name__: one for one in (command_line, api, stages)}
+"""What only the site has."""
+IN_PAGES = {
+    one.__name__: one
+    for one in (
+        stage_table,
+        camera_file,
+        noise_sources,
+        glossary_of_stages,
+        glossary_of_chip_and_lens,
+        film,
+        sensor,
+    )
+}
+"""What the pages themselves have."""
 
 
 def documented(module: ModuleType, name: str) -> str:
@@ -180,9 +253,9 @@ def with_bullets(docstring: Iterable[str]) -> list[str]:
 
 
 def _stage(stage: type[Stage]) -> str:
-    where = f"`{stage.__module__.removeprefix('mitsuba_sensor.').replace('.', '/')}.py`"
     domain: Any = stage.domain
-    facts = f"Behind it: {domain} [{UNITS[domain]}]. Paper: {stage.paper}. Source: {where}."
+    unit, file = UNITS[domain], _file_of(stage)
+    facts = f"Behind it: {domain} [{unit}]. Paper: {stage.paper}. Source: `{file}`."
     described = documented(sys.modules[stage.__module__], stage.__name__)
     names = set(stage.fields.model_fields) if stage.fields else set()
     entries = [
@@ -197,6 +270,44 @@ def _stage(stage: type[Stage]) -> str:
     return f"## {title}\n\n{facts}\n\n{described}{keys}"
 
 
+def _keys_of_no_stage(table: Table) -> Iterator[str]:
+    of_stages: set[str] = set()
+    for stage in ORDER:
+        if stage.table == table.path and stage.fields:
+            of_stages |= set(stage.fields.model_fields)
+    own = {key: x for key, x in table.model.model_fields.items() if key not in of_stages}
+    untitled = [f"{table.path}.{key}" for key, info in own.items() if not info.title]
+    where = _file_of(_declaring(table.model, next(iter(own)))) if own else ""
+    if untitled:
+        yield _glossary_row(f"table `{table.header}`", table.meaning, untitled, where)
+    yield from _titled(table.path, own, where)
+
+
+def _declaring(model: type[BaseModel], key: str) -> type:
+    """The class that a key is declared in: tables of a camera file are put together from several."""
+    return next(kind for kind in model.__mro__ if key in vars(kind).get("__annotations__", ()))
+
+
+def _titled(table: str, fields: dict[str, FieldInfo], where: str) -> Iterator[str]:
+    for key, info in fields.items():
+        if info.title:
+            yield _glossary_row(info.title, info.description or "", (f"{table}.{key}",), where)
+
+
+def _glossary(rows: Iterable[str]) -> str:
+    head = ("| symbol or term | meaning | name | file |", "|---|---|---|---|")
+    return "\n".join((*head, *rows))
+
+
+def _glossary_row(term: str, meaning: str, names: Iterable[str], file: str) -> str:
+    quoted = ", ".join(f"`{name}`" for name in names)
+    return f"| {term} | {meaning} | {quoted} | `{file}` |"
+
+
+def _file_of(kind: type) -> str:
+    return f"{kind.__module__.removeprefix('mitsuba_sensor.').replace('.', '/')}.py"
+
+
 def _parameters(parameters: Iterable[PluginParameter]) -> str:
     lines = ["| parameter | unit | default | what it is | XML |", "|---|---|---|---|---|"]
     for one in parameters:
@@ -204,3 +315,17 @@ def _parameters(parameters: Iterable[PluginParameter]) -> str:
             f"| `{one.name}` | {one.unit or '–'} | {one.default} | {one.meaning} | `{one.xml}` |"
         )
     return "\n".join(lines)
+
+
+def main() -> None:
+    """Write the tables into the pages, and name each page that changed."""
+    for path in sorted(Path(__file__).parent.glob("*.md")):
+        page = path.read_text(encoding="utf-8")
+        written = with_tables(page)
+        if written != page:
+            path.write_text(written, encoding="utf-8")
+            print(path.name)
+
+
+if __name__ == "__main__":
+    main()

@@ -142,7 +142,21 @@ def test_start_begins_with_the_first_command_of_the_readme() -> None:
 def test_every_mark_of_a_page_is_replaced() -> None:
     marks = re.findall(r"<!-- generated: (\w+) -->", "".join(PAGES.values()))
     assert sorted(marks) == sorted(GENERATED.PARTS)
-    assert "<!--" not in GENERATED.with_generated_parts(PAGES["plugins"])
+    assert "<!--" not in GENERATED.with_generated_parts(PAGES["api"])
+
+
+def test_the_pages_have_the_tables_that_the_package_makes_now() -> None:
+    changed = [name for name, text in PAGES.items() if GENERATED.with_tables(text) != text]
+    assert not changed, "`python docs/generated.py` writes the tables of these pages"
+    begun = re.findall(r"^<!-- table: (\w+), ", "".join(PAGES.values()), re.M)
+    assert sorted(begun) == sorted(GENERATED.IN_PAGES)
+
+
+def test_a_table_is_written_between_its_comments_and_nowhere_else() -> None:
+    page = "a\n\n<!-- table: film, x -->\n\nold\n\n<!-- end of film -->\n\nb\n"
+    written = GENERATED.with_tables(page)
+    assert written == page.replace("old", GENERATED.film())
+    assert GENERATED.with_tables(written) == written
 
 
 def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:

@@ -1,4 +1,4 @@
-"""The names and files of docs/glossary.md: every file, datasheet key, function and class exists where it says."""
+"""The names and files of docs/glossary.md: every file, key of a camera, function and class exists where it says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of stages in docs is the one that the chain makes of its effects, and names every field of the sensor."""
+"""The table of stages, which docs and the command line show, names every field of the sensor."""
 
 from __future__ import annotations
 
@@ -7,11 +7,6 @@ from helpers import ROOT
 from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.stages.chain import ORDER, stage_table
-
-
-def test_the_page_of_the_stages_has_the_table_that_is_made_of_the_effects() -> None:
-    """`mitsuba-sensor cameras stages` prints it."""
-    assert stage_table() in (ROOT / "docs" / "stages.md").read_text("utf-8"), stage_table()
 
 
 def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_the_chip() -> (

@@ -110,10 +110,10 @@ class LensSection(FileTable):
     """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
 
     f_number: Annotated[Positive, Usual(0.5, 130)] = optional(
-        "focal length over pupil diameter N", 2.8, 2.8
+        "focal length over pupil diameter N", 2.8, 2.8, title="f-number f/#, N"
     )
     transmission: Annotated[Fraction, Usual.of(0.01, 1, PERCENT)] = optional(
-        "fraction of the light that passes", 0.95, 1.0
+        "fraction of the light that passes", 0.95, 1.0, title="transmission T(λ)"
     )
     transmission_curve: Annotated[Chances, Usual.of(0, 1, PERCENT)] = optional(
         "factor on transmission at each wavelength", [0.8, 1.0, 0.9]
@@ -121,18 +121,27 @@ class LensSection(FileTable):
     transmission_wavelengths_nm: Annotated[Positives, Nanometres] = optional(
         "wavelengths of transmission_curve, increasing [nm]", [400, 550, 700]
     )
-    pupil_magnification: Positive = optional("exit over entrance pupil diameter P", 1.0, 1.0)
+    pupil_magnification: Positive = optional(
+        "exit over entrance pupil diameter P", 1.0, 1.0, title="pupil magnification P"
+    )
     convention: Literal["working", "planar"] = optional(
-        "πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴", "working", "working"
+        "πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴",
+        "working",
+        "working",
+        title="f-number law, cos⁴ law",
     )
     relative_illumination: Annotated[Chances, Usual.of(0, 1, PERCENT)] = optional(
-        "measured fall-off instead of cos⁴, 1 on the axis", [1.0, 0.8, 0.5]
+        "measured fall-off instead of cos⁴, 1 on the axis",
+        [1.0, 0.8, 0.5],
+        title="relative illumination, vignetting",
     )
     relative_illumination_heights_mm: Heights = optional(
         "image heights of relative_illumination, from 0 [mm]", [0.0, 2.0, 4.0]
     )
     distortion: Coefficients = optional(
-        "k1, k2, p1, p2, k3 of Brown and Conrady, in OpenCV's order", [-0.2, 0, 0, 0, 0]
+        "k1, k2, p1, p2, k3 of Brown and Conrady, in OpenCV's order",
+        [-0.2, 0, 0, 0, 0],
+        title="lens distortion k1, k2, p1, p2, k3 (OpenCV)",
     )
     distortion_percent: tuple[Percent, ...] | None = optional(
         "distortion as a table: 100·(real/ideal image height − 1)", [0, -1, -3]
@@ -143,6 +152,7 @@ class LensSection(FileTable):
     prescription: PrescriptionSection | None = optional(
         "sequential lens: name of a built-in one, path of a .json or .dat file, or its table",
         "double_gauss",
+        title="sequential lens, lens prescription",
     )
     focal_length_mm: Annotated[Positive | None, Usual.of(0.3, 1e4, METRES_TO_MM)] = optional(
         "scale the prescription to this focal length [mm]", 25.0
@@ -150,7 +160,9 @@ class LensSection(FileTable):
     focus_m: Positive | None = optional(
         "focus distance of the prescription, instead of the scene's [m]", 2.0
     )
-    dispersion: Flag = optional("trace every wavelength with its own index", True, False)
+    dispersion: Flag = optional(
+        "trace every wavelength with its own index", True, False, title="chromatic aberration"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -1,6 +1,5 @@
 """The order of the signal chain, from photons to digital numbers, and the check of a stage that a user adds to it."""
 
-import re
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
@@ -127,11 +126,9 @@ def stage_table() -> str:
         "|---|---|---|---|---|",
     ]
     for effect in ORDER:
-        what = re.split(r" \(paper|\. |\.$|  ", (effect.__doc__ or "").partition("\n")[0])[
-            0
-        ].rstrip(".")
         names = effect.fields.model_fields if effect.fields else ()
         fields = ", ".join(f"`{effect.table}.{name}`" for name in names)
         file = f"effects/{effect.__module__.rpartition('.')[2]}.py"
-        lines.append(f"| `{effect.__name__}` | {what} | {effect.paper} | {fields} | `{file}` |")
+        cells = f"`{effect.__name__}`", effect.what_it_does(), effect.paper, fields, f"`{file}`"
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)

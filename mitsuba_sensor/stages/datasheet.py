@@ -60,9 +60,11 @@ def _hashable(value: object) -> object:
     return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
 
 
-def optional(description: str, example: object, default: Any = None) -> Any:
-    """A field that a camera file may leave out."""
-    return Field(default, description=description, examples=[example])
+def optional(
+    description: str, example: object, default: Any = None, title: str | None = None
+) -> Any:
+    """A field that a camera file may leave out.  title : its name in the literature, for the glossary."""
+    return Field(default, title=title, description=description, examples=[example])
 
 
 class CameraTable(FileTable):
@@ -77,12 +79,13 @@ class SensorSection(FileTable):
     """The chip."""
 
     technology: Literal["cmos", "ccd"] = Field(
-        description="chooses the stages of the chain", examples=["cmos"]
+        title="CCD, CMOS", description="chooses the stages of the chain", examples=["cmos"]
     )
     columns: Count = Field(description="pixels in a row", examples=[1900])
     rows: Count = Field(description="pixels in a column", examples=[1300])
     shutter: Literal["global", "rolling"] = Field(
         "global",
+        title="global shutter, rolling shutter",
         description="all rows open at once, or one after the other from the top",
         examples=["rolling"],
     )
@@ -90,11 +93,13 @@ class SensorSection(FileTable):
         Positive | None, Usual.of(0.5, 1e4, SECONDS_TO_US, MS_TO_US, NS_TO_US)
     ] = Field(
         None,
+        title="row time, line time",
         description="time from the start of a row to that of the next, of a rolling shutter [µs]",
         examples=[15.0],
     )
     without: tuple[str, ...] = Field(
         (),
+        title="noise source switched off",
         description="noise sources that are switched off, by the keys of their stages",
         examples=[["shot_noise"]],
     )
@@ -111,8 +116,12 @@ class SensorSection(FileTable):
 class PixelGeometry(CameraTable):
     """One pixel."""
 
-    pitch_x_um: Pitch = Field(description="width of a pixel [µm]", examples=[5.7])
-    pitch_y_um: Pitch = Field(description="height of a pixel [µm]", examples=[5.7])
+    pitch_x_um: Pitch = Field(
+        title="pixel pitch, pixel width", description="width of a pixel [µm]", examples=[5.7]
+    )
+    pitch_y_um: Pitch = Field(
+        title="pixel height", description="height of a pixel [µm]", examples=[5.7]
+    )
     fill_factor: Annotated[Fraction, Usual.of(0.05, 1, PERCENT)] = Field(
-        description="share of the pixel that sees light", examples=[0.5]
+        title="fill factor", description="share of the pixel that sees light", examples=[0.5]
     )

@@ -65,6 +65,7 @@ class Stage(ABC):
         noisier = camera.with_stage(Hum(1e-4), after="reset_noise")
 
     domain : what leaves the stage.  paper : equations of Konnik & Welsh 2014.
+    terms : its names and symbols in EMVA 1288 (E), Janesick (J) and Konnik & Welsh (K), for the glossary.
     table, fields : the table of the camera file and the fields there that belong to this effect.
     required : whether the stage changes the unit of the signal, so that no plan can leave it out.
     counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
@@ -80,6 +81,7 @@ class Stage(ABC):
     table: ClassVar[str] = ""
     fields: ClassVar[type[FileTable] | None] = None
     paper: ClassVar[str] = "–"
+    terms: ClassVar[str] = ""
     required: ClassVar[bool] = False
     counts_electrons: ClassVar[bool] = False
     frees_electrons: ClassVar[bool] = False
@@ -143,6 +145,12 @@ class Stage(ABC):
     def key(cls) -> str:
         """``LineDrift`` → ``line_drift``: the name by which ``Camera.with_stage(after=…)`` finds the stage."""
         return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+    @classmethod
+    def what_it_does(cls) -> str:
+        """The first sentence of the docstring, without equation numbers and parameters."""
+        first_line = (cls.__doc__ or "").partition("\n")[0]
+        return re.split(r" \(paper|\. |\.$|  ", first_line)[0].rstrip(".")
 
     @property
     def nominal_gain(self) -> float:

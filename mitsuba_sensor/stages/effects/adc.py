@@ -40,16 +40,19 @@ class AdcFields(FileTable):
     )
     full_scale_v: Annotated[Positive | None, Usual.of(1e-3, 30, MV_TO_V)] = Field(
         None,
+        title="full scale V_FS",
         description="swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
         examples=[0.165],
     )
     black_level_dn: NotNegative | None = Field(
         None,
+        title="black level, offset μ_y.dark (E)",
         description="the code of darkness [DN]; default: 4σ of the noise of a zero exposure",
         examples=[64],
     )
     dnl_lsb: dict[str, Annotated[float, Field(ge=-1, strict=True)]] = Field(
         default_factory=dict,
+        title="differential non-linearity DNL, missing codes",
         description="code → its step's width less one [LSB]; -1 is a missing code",
         examples=[{"7": -1.0}],
     )
@@ -78,6 +81,7 @@ class Adc(Converter):
     table = "adc"
     fields = AdcFields
     paper = "eq. 10, 11, 35; §ADC"
+    terms = "A/D converter ADC, A_ADC (J)"
     no_noise = "set adc.bits to 24 for the finest steps"
     label = "ADC"
 

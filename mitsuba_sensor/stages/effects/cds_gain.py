@@ -25,6 +25,7 @@ class CdsGain(LinearGain):
     table = "readout"
     fields = CdsGainFields
     paper = "§CDS"
+    terms = "gain of the CDS stage A_CDS (J)"
     label = "CDS gain"
     no_noise = "set readout.cds_gain to 1"
 

@@ -53,11 +53,13 @@ class DarkCurrentFields(FileTable):
         NotNegative | None, Usual.of(1e-5, 1e3, AMPERES_TO_NA, PA_TO_NA)
     ] = Field(
         None,
+        title="dark-current figure of merit D_FM (J)",
         description="figure of merit at 300 K, instead of rate_e_per_s [nA/cm²]",
         examples=[1.0],
     )
     diffusion_fom_na_per_cm2: NotNegative | None = Field(
         None,
+        title="MPP dark current: diffusion part",
         description="figure of merit of the diffusion part of an MPP pixel at 300 K [nA/cm²]",
         examples=[0.01],
     )
@@ -71,11 +73,15 @@ class DarkCurrentFields(FileTable):
     )
     doubling_k: Annotated[Positive | None, Usual(2, 30)] = Field(
         None,
+        title="doubling temperature T_d (E)",
         description="warming that doubles the rate [K]; without it the rate follows silicon",
         examples=[7.0],
     )
     cv: Annotated[NotNegative, Usual.of(0, 10, PERCENT)] = Field(
-        0.0, description="non-uniformity D_N of the dark current: σ over mean", examples=[0.1]
+        0.0,
+        title="dark-current FPN D_N (J), DCNU",
+        description="non-uniformity D_N of the dark current: σ over mean",
+        examples=[0.1],
     )
     distribution: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = Field(
         "lognormal",
@@ -87,6 +93,7 @@ class DarkCurrentFields(FileTable):
     )
     components: tuple[DarkComponentSection, ...] = Field(
         (),
+        title="hot pixels, superimposed distributions",
         description="superimposed components of the distribution, each with a temperature and activation energy",
         examples=[
             [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}]
@@ -142,6 +149,7 @@ class DarkCurrent(Stage):
     table = "dark_current"
     fields = DarkCurrentFields
     paper = "eq. 1–6, 16, 18"
+    terms = "dark current μ_I (E), D_R (J), dark electrons"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DarkCurrent:

@@ -29,6 +29,7 @@ class DsnuColumnFields(FileTable):
     )
     dsnu_residual: Chance = Field(
         1.0,
+        title="DSNU, DSNU1288 (E), behind an analogue CDS",
         description="share of column and pixel offsets that the analogue CDS leaves",
         examples=[1.0],
     )
@@ -132,6 +133,7 @@ class DsnuColumn(FixedOffset):
     table = "readout"
     fields = DsnuColumnFields
     paper = "eq. 28, 32"
+    terms = "DSNU1288_col (E), column FPN, offset FPN"
     label = "DSNU column"
 
     @classmethod
@@ -159,6 +161,7 @@ class DsnuRow(FixedOffset):
     table = "readout"
     fields = DsnuRowFields
     paper = "eq. 28"
+    terms = "DSNU1288_row (E), row FPN"
     label = "DSNU row"
 
     @classmethod
@@ -183,6 +186,7 @@ class DsnuPixel(FixedOffset):
     table = "pixel"
     fields = DsnuPixelFields
     paper = "eq. 28"
+    terms = "DSNU1288_pixel (E), pixel FPN"
     label = "DSNU pixel"
 
     @classmethod

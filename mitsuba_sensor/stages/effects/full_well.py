@@ -31,6 +31,7 @@ class FullWell(Stage):
     table = "pixel"
     fields = FullWellFields
     paper = "text after eq. 26"
+    terms = "full well, saturation capacity μ_e.sat (E), S_FW (J), clipping"
     no_noise = "set pixel.full_well_e to a larger value"
 
     @classmethod

@@ -70,6 +70,7 @@ class Prnu(Stage):
     table = "pixel"
     fields = PrnuFields
     paper = "eq. 15"
+    terms = "photo response non-uniformity PRNU, PRNU1288_pixel (E), P_N (J)"
     label = "PRNU"
 
     @classmethod
@@ -130,6 +131,7 @@ class PrnuColumn(Stage):
     table = "readout"
     fields = PrnuColumnFields
     paper = "eq. 28"
+    terms = "PRNU1288_col (E), gain differences of columns"
     label = "PRNU column"
 
     @classmethod

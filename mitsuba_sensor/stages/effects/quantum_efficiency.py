@@ -61,6 +61,7 @@ class QuantumEfficiencyFields(FileTable):
     )
     tile: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] | None = Field(
         None,
+        title="colour filter array CFA, Bayer pattern",
         description="rows of filter names that repeat over the sensor",
         examples=[[["R", "G"], ["G", "B"]]],
     )
@@ -190,6 +191,7 @@ class QuantumEfficiency(Stage):
     table = "quantum_efficiency"
     fields = QuantumEfficiencyFields
     paper = "eq. 12, 14"
+    terms = "quantum efficiency η (E), QE, QE_I (J)"
     no_noise = "set quantum_efficiency.value to 1 to detect every photon"
     required: ClassVar[bool] = True
 

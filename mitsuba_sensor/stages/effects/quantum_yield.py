@@ -22,7 +22,10 @@ class QuantumYieldFields(FileTable):
         examples=[[2.0, 1.0]],
     )
     fano_factor: Chance = Field(
-        0.1, description="Fano factor where the yield is above 1", examples=[0.1]
+        0.1,
+        title="Fano factor F_F",
+        description="Fano factor where the yield is above 1",
+        examples=[0.1],
     )
 
     @model_validator(mode="after")
@@ -46,6 +49,7 @@ class QuantumYield(Stage):
     domain = "electrons"
     table = "quantum_efficiency"
     fields = QuantumYieldFields
+    terms = "quantum yield η_i (J)"
     frees_electrons: ClassVar[bool] = True
     no_noise = (
         "set quantum_efficiency.fano_factor to 0, or unset quantum_efficiency.quantum_yield"

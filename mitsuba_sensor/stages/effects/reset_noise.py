@@ -32,6 +32,7 @@ class ResetNoiseFields(FileTable):
     )
     ktc_residual: Annotated[float, Field(ge=0, le=UNCORRELATED, strict=True)] | None = Field(
         None,
+        title="CDS residue of the reset noise",
         description="share of the kTC noise left, instead of what reset implies; √2 after uncorrelated 3T sampling",
         examples=[0.05],
     )
@@ -51,6 +52,7 @@ class ResetNoise(Stage):
     table = "readout"
     fields = ResetNoiseFields
     paper = "eq. 7, 27, 30"
+    terms = "reset noise, kTC noise"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ResetNoise | None:

@@ -60,6 +60,7 @@ class RtnPixels(Stage):
     domain = "volts"
     table = "source_follower"
     fields = RtnPixelsFields
+    terms = "RTN pixels, three-level CDS noise"
     label = "RTN pixels"
 
     @classmethod

@@ -58,7 +58,10 @@ class RtsFields(FileTable):
         examples=[298.15],
     )
     rts_activation_ev: Activation = Field(
-        AMPLITUDE_EV, description="activation energy of the amplitude [eV]", examples=[0.57]
+        AMPLITUDE_EV,
+        title="activation energy E_a, Arrhenius law",
+        description="activation energy of the amplitude [eV]",
+        examples=[0.57],
     )
     rts_switching_activation_ev: Activation = Field(
         SWITCHING_EV, description="activation energy of the switching rate [eV]", examples=[0.9]
@@ -86,6 +89,7 @@ class RtsPixels(Stage):
     domain = "electrons"
     table = "dark_current"
     fields = RtsFields
+    terms = "RTS pixels, random telegraph signal of the dark current"
     label = "RTS pixels"
 
     @classmethod

@@ -21,13 +21,20 @@ class SenseNodeFields(FileTable):
         None, description="sense node conversion gain A_SN, or ve_k1_c [µV/e-]", examples=[5.0]
     )
     v_ref_v: Annotated[Positive, Usual.of(0.3, 30, MV_TO_V)] = Field(
-        3.1, description="reference voltage of the sense node V_REF [V]", examples=[3.1]
+        3.1,
+        title="reference voltage V_REF",
+        description="reference voltage of the sense node V_REF [V]",
+        examples=[3.1],
     )
     ve_nonlinearity: Chance = Field(
-        0.0, description="V/e- non-linearity α of the sense node, 0 is linear", examples=[1.0]
+        0.0,
+        title="V/e- non-linearity α",
+        description="V/e- non-linearity α of the sense node, 0 is linear",
+        examples=[1.0],
     )
     ve_k1_c: Positive | None = Field(
         None,
+        title="k₁ (K)",
         description="k₁ of the V/e- law of the paper's eq. 8 [C], instead of A_SN",
         examples=[10.909e-15],
     )
@@ -54,6 +61,7 @@ class SenseNode(Stage):
     table = "readout"
     fields = SenseNodeFields
     paper = "eq. 29; 8, 33"
+    terms = "conversion gain A_SN (J), CVF, C_SN = q/A_SN"
     no_noise = "set readout.sense_gain_uv_per_e and readout.ve_nonlinearity"
     required: ClassVar[bool] = True
 

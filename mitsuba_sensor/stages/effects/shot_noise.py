@@ -27,6 +27,7 @@ class ShotNoise(Stage):
 
     domain = "electrons"
     paper = "eq. 13, 17"
+    terms = "photon shot noise, dark shot noise, Poisson noise"
     counts_electrons: ClassVar[bool] = True
 
     @classmethod

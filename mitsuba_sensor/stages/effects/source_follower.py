@@ -21,6 +21,7 @@ class SourceFollowerFields(FileTable):
     )
     vv_nonlinearity: Annotated[float, Field(gt=0.5, strict=True)] = Field(
         1.0,
+        title="V/V non-linearity γ",
         description="V/V non-linearity γ: gain at full well over gain at zero",
         examples=[1.05],
     )
@@ -33,6 +34,7 @@ class SourceFollower(LinearGain):
     table = "source_follower"
     fields = SourceFollowerFields
     paper = "eq. 31; 9, 34"
+    terms = "source follower, A_SF (J)"
     no_noise = "set source_follower.gain and source_follower.vv_nonlinearity"
 
     @classmethod

@@ -61,6 +61,7 @@ class SourceFollowerNoiseFields(FileTable):
     )
     read_noise_distribution: Literal["normal", "tukey_lambda", "student"] = Field(
         "normal",
+        title="heavy tails, Tukey-lambda distribution λ, Student's t distribution ν",
         description="distribution of the read noise; its σ stays as given",
         examples=["tukey_lambda"],
     )
@@ -73,20 +74,33 @@ class SourceFollowerNoiseFields(FileTable):
     )
     white_nv_per_rthz: Annotated[NotNegative | None, Usual.of(0.1, 1e3, VOLTS_TO_NV)] = Field(
         None,
+        title="white noise density W(f)",
         description="white noise density W_f, instead of read_noise_e [nV/√Hz]",
         examples=[15],
     )
     corner_hz: NotNegative = Field(
-        0.0, description="flicker corner frequency f_c [Hz]", examples=[1e6]
+        0.0,
+        title="1/f noise, flicker noise, f_c",
+        description="flicker corner frequency f_c [Hz]",
+        examples=[1e6],
     )
     cds_sample_s: CdsTime = Field(
-        1e-6, description="time between the two CDS samples t_s [s]", examples=[1e-6]
+        1e-6,
+        title="correlated double sampling CDS, t_s",
+        description="time between the two CDS samples t_s [s]",
+        examples=[1e-6],
     )
     cds_dominant_s: CdsTime = Field(
-        0.5e-6, description="dominant time constant of the CDS τ_D [s]", examples=[0.5e-6]
+        0.5e-6,
+        title="CDS time constant τ_D",
+        description="dominant time constant of the CDS τ_D [s]",
+        examples=[0.5e-6],
     )
     rtn_uv: NotNegative = Field(
-        0.0, description="random telegraph step ΔV [µV]", examples=[0.0]
+        0.0,
+        title="random telegraph noise RTN of the source follower, ΔV",
+        description="random telegraph step ΔV [µV]",
+        examples=[0.0],
     )
     rtn_s: Positive = Field(
         1e-6, description="random telegraph time constant [s]", examples=[1e-6]
@@ -150,6 +164,7 @@ class SourceFollowerNoise(Stage):
     table = "source_follower"
     fields = SourceFollowerNoiseFields
     paper = "eq. 19–24"
+    terms = "read noise σ_R (J), σ_d (E)"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> SourceFollowerNoise:

@@ -14,12 +14,17 @@ from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
 
-class TemporalLineNoiseFields(FileTable):
-    """Noise that the pixels of a row or of a column share."""
+class TemporalRowNoiseFields(FileTable):
+    """Noise that the pixels of a row share."""
 
     row_noise_e: NotNegative = Field(
         0.0, description="temporal row noise σ_row [e- rms]", examples=[0.3]
     )
+
+
+class TemporalColumnNoiseFields(FileTable):
+    """Noise that the pixels of a column share."""
+
     column_noise_e: NotNegative = Field(
         0.0, description="temporal column noise σ_col [e- rms]", examples=[0.2]
     )
@@ -36,7 +41,6 @@ class TemporalLineNoise(Stage):
     gain_v_per_e: float
     domain = "volts"
     table = "readout"
-    fields = TemporalLineNoiseFields
 
     @abstractmethod
     def line(self, frame: Frame) -> Array:
@@ -67,6 +71,8 @@ class TemporalRowNoise(TemporalLineNoise):
     """Every row has an offset, new in each frame: horizontal stripes that move."""
 
     shared_by = "row"
+    fields = TemporalRowNoiseFields
+    terms = "temporal row noise σ_row (E)"
 
     @classmethod
     def from_camera(
@@ -85,6 +91,8 @@ class TemporalColumnNoise(TemporalLineNoise):
     """Every column has an offset, new in each frame: vertical stripes that move."""
 
     shared_by = "column"
+    fields = TemporalColumnNoiseFields
+    terms = "temporal column noise σ_col (E)"
 
     @classmethod
     def from_camera(
