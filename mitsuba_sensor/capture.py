@@ -36,6 +36,7 @@ from .render.options import FrameSeriesOptions, RenderOptions
 from .render.passes.per_frame import FrameSeries
 from .render.passes.prepared import PreparedRender, prepare
 from .render.passes.stop_criterion import Progress, RenderProgress
+from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput
 from .render.scene.scene_settings import ParsedScene
 from .render.variants import restores_variant
@@ -106,7 +107,7 @@ def capture(
     camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
     *,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     **options: Unpack[CaptureOptions],
 ) -> Capture:
     """Render a scene and expose a camera to it; ``capture("scene.xml").save("out/")``.
@@ -119,18 +120,21 @@ def capture(
     source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
         rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered.
-    progress : called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
+    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
+        function is called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
     Everything is checked before the first ray is traced. Raises InputError.
     """
     chosen = camera_of(camera)
-    request = Request(
-        source,
-        chosen,
-        checked_exposure(chosen, exposure),
-        complete(CaptureOptions, options),
-        progress,
-    )
-    check_asked_files(request.options)
+    asked = complete(CaptureOptions, options)
+    check_asked_files(asked)
+    when = checked_exposure(chosen, exposure)
+    with told_progress(progress, "capture", asked) as tell:
+        return _captured(Request(source, chosen, when, asked, tell))
+
+
+def _captured(request: Request) -> Capture:
+    """The light, the frames and the files that are asked for."""
+    source = request.source
     if isinstance(source, Irradiance) or (
         isinstance(source, str | os.PathLike) and is_exr(source)
     ):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import atexit
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
@@ -13,6 +15,7 @@ from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .core import Exposure, Photons, check_types, warn_of
 from .core.options import documents
+from .core.progress import automatic_progress, is_asked
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.light.photons import collected
@@ -32,6 +35,8 @@ def expose(
     photons: Photons | ArrayLike | Irradiance,
     camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
+    *,
+    progress: bool | None = None,
     **options: Unpack[ExposeOptions],
 ) -> Frames:
     """Raw frames that ``camera`` delivers for these mean photons per pixel.
@@ -45,20 +50,41 @@ def expose(
     photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
         ``wavelengths_nm`` of length B. Or the Irradiance itself, which is collected: then camera, exposure and serial
         number are by default those that it was rendered for, and the exposure may be "auto" (metered).
+    progress : None says every ten seconds on stderr how many frames are done, in a notebook by a bar; False does not.
     A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
     given = camera_of(camera)
     prepared = prepare_light(photons, given, exposure, options)
     asked = _asked_camera(photons, given)
+    lent = RECENT.lend(prepared, asked, options.get("chain") or "physical")
     try:
-        frames = Frames.exposed(
-            RECENT.lend(prepared, asked, options.get("chain") or "physical")
-        )
+        with told_frames(lent, "expose", progress) as sensor:
+            frames = Frames.exposed(sensor)
     finally:
         RECENT.drop()
     warn_of(frames.exposure_notes)
     return frames
+
+
+@contextmanager
+def told_frames(
+    sensor: PreparedExposure, name: str, progress: bool | None
+) -> Iterator[PreparedExposure]:
+    """The exposure; of several frames it says how many are done.  name : of the function that the user called."""
+    if not is_asked(progress) or sensor.count == 1:
+        yield sensor
+        return
+    with automatic_progress(name, f"exposing {sensor.count} frames", thread=False) as teller:
+
+        def told(done: int) -> None:
+            if teller is not None:
+                share = done / sensor.count
+                left_s = teller.seconds / share - teller.seconds
+                teller.tell(f"{done} of {sensor.count} frames", left_s, share)
+                teller.tick()
+
+        yield replace(sensor, told=told)
 
 
 def _asked_camera(photons: Photons | ArrayLike | Irradiance, camera: Camera | None) -> Camera:

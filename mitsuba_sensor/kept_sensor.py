@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .camera.camera_file import AnyCamera, camera_of
 from .core import Exposure, InputError, Photons, check_types, require, warn_of
 from .core.options import documents
-from .expose import prepare_light
+from .expose import prepare_light, told_frames
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .sensor.expose import PreparedExposure
@@ -83,10 +83,12 @@ class Sensor:
         self,
         photons: Photons | ArrayLike | Irradiance,
         exposure: Exposure,
+        *,
+        progress: bool | None = None,
         **options: Unpack[ExposeOptions],
     ) -> Frames:
         """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
-        frames = self.frames(photons, exposure, options)
+        frames = self.frames(photons, exposure, options, progress)
         warn_of(frames.exposure_notes)
         return frames
 
@@ -95,11 +97,13 @@ class Sensor:
         photons: Photons | ArrayLike | Irradiance,
         exposure: Exposure,
         options: ExposeOptions,
+        progress: bool | None = False,
     ) -> Frames:
         """What :meth:`expose` returns, without a warning."""
         made, before = self._counted(photons, exposure, options)
         try:
-            return Frames.exposed(made)
+            with told_frames(made, "Sensor.expose", progress) as sensor:
+                return Frames.exposed(sensor)
         except Exception:
             with (
                 COUNTING

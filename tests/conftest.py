@@ -77,6 +77,14 @@ def _theory_of_few_pixels(request: pytest.FixtureRequest) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _slow_tests_say_no_progress() -> Iterator[None]:
+    """What is written to stderr must not depend on how fast this machine is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mitsuba_sensor.core.progress.TICK_S", 1e6)
+        yield
+
+
 @pytest.fixture
 def checkout_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What a checkout has, without what a command writes."""

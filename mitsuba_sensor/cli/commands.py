@@ -12,7 +12,6 @@ import mitsuba_sensor as ms
 from ..capture_options import CaptureOptions, LightOptions, refuse_render_options
 from ..core.options import complete
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
-from ..stopping import undone_if_stopped
 from . import arguments, options
 from .app import app, err, show
 from .help import Command
@@ -244,11 +243,11 @@ def fpn_maps(
 def doctor(as_json: arguments.Json = False) -> None:
     """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
     from ..render.doctor import examine
+    from .progress import steps_bar
     from .terminal import diagnosis
 
-    status = err.status("rendering a small scene with every variant")
-    with status, undone_if_stopped(status.stop):
-        findings = examine()
+    with steps_bar(err, "rendering a small scene with every variant") as tell:
+        findings = examine(tell)
     show(findings if as_json else diagnosis(findings), as_json)
     if not findings["works"]:
         raise typer.Exit(1)

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Group as Lines
 from rich.console import RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
+from ..core.progress import duration
 from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
-from ..stopping import remark_if_stopped, undone_if_stopped
 from . import arguments, options
 from .app import app, err, show
 from .completion import one_of, shell_files
 from .help import Command, Group
-from .progress import minutes, steps_bar
+from .progress import samples_bar, steps_bar
 from .tables import FittedTable, rough
 from .values import Flag
 
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
     from ..dataset.faults import Fault
     from ..dataset.forecast import Counts, Forecast
     from ..dataset.planned import DatasetPlan
-    from ..dataset.run import RunProgress, Show
+    from ..dataset.run import RunProgress
 
 MOST_SHOWN = 50  # faults
 
@@ -93,7 +90,7 @@ def run_command(
     from ..dataset.run import run
 
     plan = load_plan(file, flags.pop("roots") or ["."])
-    with samples_bar() as progress:
+    with samples_bar(err) as progress:
         found = run(plan, Path(out_dir), show=progress, **flags)
     show(_summary(found) if as_json else run_sheet(plan, found, out_dir), as_json)
     if found.failed:
@@ -187,7 +184,7 @@ def repair_command(
     with steps_bar(err) as now:
         faults = list(verify(place, lambda done, total: now(done, total, "verified")))
     broken = discard(place, faults)
-    with samples_bar() as progress:
+    with samples_bar(err) as progress:
         found = run(plan, place, show=progress, **flags)
     head = f"entries that were not as they were written: {len(broken)}; samples made again: {found.made}"
     head += "".join(f"\n{remark}" for remark in found.remarks)
@@ -234,44 +231,6 @@ def export_command(
     show(found if as_json else said, as_json)
 
 
-@contextmanager
-def samples_bar() -> Iterator[Show]:
-    """A bar over samples, with the rate, a forecast and failures. Yields what :func:`dataset.run.run` shows to."""
-    texts = (
-        MofNCompleteColumn(),
-        TextColumn("{task.description}", markup=False),
-        TimeElapsedColumn(),
-    )
-    bar = Progress(
-        BarColumn(), *texts, console=err, transient=True, disable=not err.is_terminal
-    )
-    last: list[RunProgress] = []
-    remark_if_stopped(partial(_kept, last))
-    with bar as shown, undone_if_stopped(bar.stop):
-        task = shown.add_task("starting", total=None)
-
-        def tell(progress: RunProgress) -> None:
-            last[:] = [progress]
-            speed = shown.tasks[task].speed if progress.made else None
-            rate = f"{speed:.2g} samples/s, " if speed else ""
-            failed = f", {len(progress.failed)} views failed" if progress.failed else ""
-            done = progress.there + progress.made
-            shown.update(
-                task,
-                total=progress.samples,
-                completed=done,
-                description=f"{rate}{progress.now}{failed}",
-            )
-
-        yield tell
-
-
-def _kept(last: list[RunProgress]) -> str | None:
-    """What a stopped run leaves."""
-    done = last[0].there + last[0].made if last else 0
-    return f"{done} samples are complete; the same command goes on from there"
-
-
 def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:
     """What a run made, and what it could not."""
     head = Text.assemble(
@@ -303,7 +262,7 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
     takes = (
         []
         if found is None
-        else [f"about {minutes(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
+        else [f"about {duration(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
     )
     return Lines(Text(head, style="bold"), table, *map(Text, takes))
 

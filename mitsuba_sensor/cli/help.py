@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, ClassVar, TypeAlias
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from .lines import lines_while_working
 
 Click: TypeAlias = (
     Any  # contexts, parameters and formatters of click, which new versions of typer bring along
@@ -71,9 +74,10 @@ class Command(TyperCommand):
             raise
 
     def invoke(self, ctx: Click) -> object:
-        """Run it."""
+        """Run it; on the way it says how far it is."""
         Command.running = ctx
-        return super().invoke(ctx)
+        with lines_while_working(sys.stderr.isatty()):
+            return super().invoke(ctx)
 
     def format_help(self, ctx: Click, formatter: Click) -> None:
         """The first options, and how many more there are; all of them where no first ones are named."""

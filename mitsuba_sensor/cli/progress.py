@@ -1,25 +1,33 @@
-"""Progress on the terminal while a command works."""
+"""How far a command is: bars where stderr is a terminal, else a line every ten seconds."""
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
 
-from ..stopping import undone_if_stopped
+from ..core.progress import duration
+from ..stopping import remark_if_stopped, undone_if_stopped
+from .lines import WORKING, CommandLines
 from .tables import number
 
 if TYPE_CHECKING:
+    from ..dataset.run import RunProgress, Show
     from ..render.passes.stop_criterion import RenderProgress
     from ..study.kit import Forecast
 
-FILES = "report and files"  # the last step of a capture
 SAID_AGAIN = (
     1.5  # a study says again how long it takes where that is so many times what it said before
 )
@@ -36,23 +44,38 @@ class MovingBar(Progress):
             else:
                 task.completed = min(time.monotonic() - task.fields["began"], task.total)
                 task.fields["share"] = f"{task.percentage:3.0f} %"
-                task.fields["left"] = f"about {minutes(task.total - task.completed)} left"
+                task.fields["left"] = f"about {duration(task.total - task.completed)} left"
         return super().get_renderables()
+
+
+@contextmanager
+def shown_bar(bar: Progress, doing: str = "", **fields: Any) -> Iterator[TaskID]:
+    """While the block runs, the bar is drawn, where a terminal shows it; otherwise lines say what is done."""
+    lines = CommandLines.running or CommandLines(lambda line: None, doing)
+    with lines.step(doing or WORKING), bar, undone_if_stopped(bar.stop):
+        yield bar.add_task(doing, total=None, **fields)
+
+
+def _tell(doing: str, left_s: float = float("nan"), share: float = float("nan")) -> None:
+    """To the lines, if there are any."""
+    if CommandLines.running is not None:
+        CommandLines.running.tell(doing, left_s, share)
 
 
 @contextmanager
 def render_progress(
     console: Console, options: Mapping[str, object], now: str = "loading the scene"
 ) -> Iterator[Callable[[RenderProgress], None]]:
-    """A bar over the seconds of a render and of its frames, or over frames with a render each; nothing where nobody
-    watches. While nothing is known of the end, it moves all the same.
+    """A bar over the seconds of a render and of its frames, or over frames with a render each.
+
+    While nothing is known of the end, it moves all the same.
 
     now : what is done at first.  Beside the bar the noise ratio as it falls, and a forecast. Yields what ``capture``
     takes as its progress.
     """
-    frames, first = options.get("frames", 1), options.get("first_frame", 0)
-    assert isinstance(frames, int) and isinstance(first, int)
-    count = 1 if options.get("render_noise", "shared") == "shared" else frames
+    from ..render.passes.told import FILES, Series
+
+    series = Series(options)
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -62,43 +85,22 @@ def render_progress(
         TextColumn("{task.fields[left]}"),
     )
     bar = MovingBar(*columns, console=console, transient=True, disable=not console.is_terminal)
-    with bar as progress, undone_if_stopped(bar.stop):
-        task = progress.add_task(
-            now, total=None, share="", ratio="", left="", began=time.monotonic()
-        )
+    with shown_bar(bar, now, share="", ratio="", left="", began=time.monotonic()) as task:
 
         def show(step: RenderProgress) -> None:
-            name, over = (
-                step_name(step, count),
-                step.doing != "rendering" and math.isnan(step.seconds_left),
-            )
-            if over or name == FILES:  # another step begins, of which nothing is known
-                progress.tasks[task].total = None
-            ratio = (
-                ""
-                if math.isnan(step.noise_ratio)
-                else f"render noise {number(step.noise_ratio)} × the sensor's"
-            )
-            progress.update(task, description=name, ratio=ratio)
-            if not math.isnan(step.seconds_left) and name != FILES:
-                others = (
-                    0 if count == 1 else first + count - 1 - step.frame
-                )  # frames after this one
-                left_s = step.seconds_left + others * (step.seconds + step.seconds_left)
-                progress.update(
-                    task, total=time.monotonic() - progress.tasks[task].fields["began"] + left_s
-                )
+            standing, shown = series.standing(step), bar.tasks[task]
+            _tell(*standing)
+            known = standing.left_s == standing.left_s  # not NaN
+            if known:
+                shown.total = time.monotonic() - shown.fields["began"] + standing.left_s
+            elif step.doing != "rendering" or standing.doing == FILES:
+                shown.total = None  # another step begins, of which nothing is known
+            ratio = ""
+            if step.noise_ratio == step.noise_ratio:
+                ratio = f"render noise {number(step.noise_ratio)} × the sensor's"
+            bar.update(task, description=standing.doing, ratio=ratio)
 
         yield show
-
-
-def step_name(step: RenderProgress, renders: int) -> str:
-    """What is done now.  renders : how many there are."""
-    if step.doing == "exposing":
-        return (
-            FILES if step.done == step.expected else f"frame {step.done + 1} of {step.expected}"
-        )
-    return step.doing if renders == 1 else f"{step.doing} frame {step.frame}"
 
 
 @contextmanager
@@ -116,35 +118,37 @@ def seconds_bar(console: Console) -> Iterator[Callable[[Forecast], None]]:
         BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
     )
     said_s = 0.0
-    with bar as progress, undone_if_stopped(bar.stop):
-        task = progress.add_task("", total=None)
+    with shown_bar(bar) as task:
 
         def tell(forecast: Forecast) -> None:
             nonlocal said_s
-            left = f"about {minutes(max(forecast.total_s - forecast.done_s, 0.0))} left"
+            left_s = max(forecast.total_s - forecast.done_s, 0.0)
             if forecast.done_s and forecast.total_s > SAID_AGAIN * said_s:
                 said_s = forecast.total_s
-                longest = (
-                    f", {minutes(forecast.longest_s)} of it for {forecast.longest}"
-                    if forecast.longest
-                    else ""
-                )
-                console.print(
-                    f"this takes about {minutes(said_s)}{longest}",
-                    highlight=False,
-                    markup=False,
-                )
-            description = f"{left} [dim]{escape(forecast.now)}"
-            progress.update(
-                task, completed=forecast.done_s, total=forecast.total_s, description=description
+                longest = ""
+                if forecast.longest:
+                    longest = f", {duration(forecast.longest_s)} of it for {forecast.longest}"
+                text = f"this takes about {duration(said_s)}{longest}"
+                console.print(text, highlight=False, markup=False)
+            share = forecast.done_s / forecast.total_s if forecast.total_s else 0.0
+            _tell(forecast.now, left_s, share)
+            description = f"about {duration(left_s)} left [dim]{escape(forecast.now)}"
+            bar.update(
+                task,
+                completed=forecast.done_s,
+                total=forecast.total_s,
+                description=description,
             )
 
         yield tell
 
 
 @contextmanager
-def steps_bar(console: Console) -> Iterator[Callable[[int, int, str], None]]:
-    """A bar over steps. Yields what is told how many are done, how many there are, and what is done now."""
+def steps_bar(console: Console, now: str = "") -> Iterator[Callable[[int, int, str], None]]:
+    """A bar over steps. Yields what is told how many are done, how many there are, and what is done now.
+
+    now : what is done at first.
+    """
     texts = (
         TextColumn("{task.completed:.0f} of {task.total:.0f}"),
         TextColumn("{task.description}", markup=False),
@@ -153,15 +157,44 @@ def steps_bar(console: Console) -> Iterator[Callable[[int, int, str], None]]:
     bar = Progress(
         BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
     )
-    with bar as progress, undone_if_stopped(bar.stop):
-        task = progress.add_task("", total=1)
-        yield lambda done, total, now: progress.update(
-            task, completed=done, total=total, description=now
-        )
+    with shown_bar(bar, now) as task:
+        bar.update(task, total=1)
+
+        def tell(done: int, total: int, doing: str) -> None:
+            share = done / total if total else 0.0
+            _tell(f"{doing}, {done} of {total}" if total > 1 else doing, share=share)
+            bar.update(task, completed=done, total=total, description=doing)
+
+        yield tell
 
 
-def minutes(seconds: float) -> str:
-    """A time that is still to pass, in a unit that suits it."""
-    if seconds > 5400:
-        return f"{seconds / 3600:.1f} h"
-    return f"{seconds / 60:.0f} min" if seconds > 90 else f"{seconds:.0f} s"
+@contextmanager
+def samples_bar(console: Console) -> Iterator[Show]:
+    """A bar over samples, with the rate, a forecast and failures. Yields what :func:`dataset.run.run` shows to."""
+    texts = (
+        MofNCompleteColumn(),
+        TextColumn("{task.description}", markup=False),
+        TimeElapsedColumn(),
+    )
+    bar = Progress(
+        BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
+    )
+    done, began = 0, time.monotonic()
+    remark_if_stopped(
+        lambda: f"{done} samples are complete; the same command goes on from there"
+    )
+    with shown_bar(bar, "starting") as task:
+
+        def tell(progress: RunProgress) -> None:
+            nonlocal done
+            done, seconds = progress.there + progress.made, time.monotonic() - began
+            rate = progress.made / seconds if seconds else 0.0
+            speed = f"{rate:.2g} samples/s, " if rate else ""
+            failed = f", {len(progress.failed)} views failed" if progress.failed else ""
+            left_s = (progress.samples - done) / rate if rate else float("nan")
+            share = done / progress.samples if progress.samples else float("nan")
+            doing = f"{speed}{progress.now}{failed}"
+            _tell(f"{done} of {progress.samples} samples, {doing}", left_s, share)
+            bar.update(task, total=progress.samples, completed=done, description=doing)
+
+        yield tell

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from ..core.progress import duration
 from ..theory.plan import IDLE, NEEDED, Plan
-from .progress import minutes
 from .sentences import said_here
 from .tables import FittedTable, number, rough
 
@@ -191,7 +191,7 @@ def _facts(report: Report) -> Iterator[Text]:
         ratios = (
             f"× {number(noise['most_samples_median'])} and {number(noise['most_samples_p95'])}"
         )
-        more_s = minutes(noise["most_samples_more_s"])
+        more_s = duration(noise["most_samples_more_s"])
         yield _fact(
             "with more samples",
             f"--spp {most:.0f} would have {ratios} and take {more_s} longer",

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from importlib import resources
@@ -24,10 +25,17 @@ LIMIT_S = 300
 Finding: TypeAlias = dict[str, Any]  # ready for JSON
 
 
-def examine() -> Finding:
-    """Variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands)."""
+def examine(tell: Callable[[int, int, str], object] = lambda done, total, now: None) -> Finding:
+    """Variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands).
+
+    tell : called with the renders that are done, all of them, and the one that begins.
+    """
+    tell(0, len(VARIANTS), "rendering a small scene")
     chosen = _try(None)
-    variants = [chosen if chosen["name"] == name else _try(name) for name in VARIANTS]
+    variants = []
+    for number, name in enumerate(VARIANTS):
+        tell(number, len(VARIANTS), f"rendering a small scene with {name}")
+        variants.append(chosen if chosen["name"] == name else _try(name))
     findings = {
         "works": chosen["works"],
         "variant": chosen["name"],

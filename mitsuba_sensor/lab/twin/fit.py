@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import InputError
+from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
 from ..frames.bench import Bench, read_bench
 from ..frames.stack import Stack
@@ -208,9 +209,7 @@ def _show_tile(tile: tuple[tuple[str, ...], ...]) -> str:
     return " / ".join("".join(row) for row in tile)
 
 
-def fit(
-    frames: str | os.PathLike[str] | Bench, report: Callable[[int, int], None] | None = None
-) -> Twin:
+def fit(frames: str | os.PathLike[str] | Bench, *, progress: bool | None = None) -> Twin:
     """The twin of the camera that took these bias, dark and flat frames.
 
     ::
@@ -219,15 +218,34 @@ def fit(
         camera = ms.load_camera(twin.tables())
 
     frames : a folder with a bench.toml or with names that tell bias, dark and flat frames apart; or a bench.
-    report : called with the files that are read, and all of them, after each.
+    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing.
 
     At least one dark stack and flat fields of several levels with 2 frames each are needed; at each gain setting.
     Raises InputError where frames cannot be read or do not show K or the dark level.
     """
-    bench = frames if isinstance(frames, Bench) else read_bench(frames, report)
+    if not is_asked(progress):
+        return _fitted(frames, lambda doing, share: None)
+    with automatic_progress("fit", "reading frames") as teller:
+
+        def tell(doing: str, share: float) -> None:
+            if teller is not None:
+                teller.tell(doing, share=share)
+
+        return _fitted(frames, tell)
+
+
+def _fitted(frames: str | os.PathLike[str] | Bench, tell: Callable[[str, float], None]) -> Twin:
+    """The twin.  tell : called with what is done and the share of it that is done."""
+    if isinstance(frames, Bench):
+        bench = frames
+    else:
+        bench = read_bench(frames, lambda done, all: tell("reading frames", done / all))
     if not bench.stacks:
         raise InputError("the bench has no stacks; a twin needs dark frames and flat fields.")
-    settings = [fit_setting(bench.at_gain(gain)) for gain in bench.gains]
+    settings = []
+    for number, gain in enumerate(bench.gains):
+        tell("fitting", number / len(bench.gains))
+        settings.append(fit_setting(bench.at_gain(gain)))
     settings.sort(key=lambda setting: setting.gain.quantity.value)
     laws = of_one_family([setting.noise.law for setting in settings])
     for setting, law in zip(settings, laws, strict=True):

@@ -48,6 +48,7 @@ from .statistics import (
     why_not_trusted,
 )
 from .stop_criterion import End, Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .told import told_progress
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
 
@@ -60,7 +61,7 @@ def render(
     exposure: AskedExposure | None = None,
     *,
     seed: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     **options: Unpack[RenderOptions],
 ) -> Irradiance:
     """Render a scene file into the irradiance on this camera's focal plane.
@@ -74,14 +75,16 @@ def render(
         options wavelength_nm, bandwidth_nm and spectral. A camera that is given brings its own lens; a note says so
         where the scene's <sensor type="camera"> has another. An exposure of "auto", or none anywhere, is metered:
         ``statistics.metering`` has what was found.
-    progress : called with a :class:`render.passes.stop_criterion.RenderProgress`, also once before the first pass.
+    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
+        function is called with a :class:`render.passes.stop_criterion.RenderProgress`, also before the first pass.
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
     started, chosen = time.monotonic(), denoised_if_possible(complete(RenderOptions, options))
-    prepared = prepare(scene, camera_of(camera), exposure, **chosen)
-    light = prepared.render(
-        prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started
-    )
+    with told_progress(progress, "render", {}) as tell:
+        prepared = prepare(scene, camera_of(camera), exposure, **chosen)
+        light = prepared.render(
+            prepared.seed(seed), prepared.stop_criterion(chosen), tell, started=started
+        )
     warn_of(light.notes)
     return light
 

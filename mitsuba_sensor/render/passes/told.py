@@ -1,0 +1,77 @@
+"""What a render tells of how far it is, in one sentence, whoever shows it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from ...core.progress import Teller, automatic_progress, is_asked
+from .stop_criterion import Progress, RenderProgress
+
+FILES = "report and files"
+"""The last step of a capture."""
+
+
+class Standing(NamedTuple):
+    """What is done now, and seconds until all of it ends; NaN where nobody knows."""
+
+    doing: str
+    left_s: float
+
+
+class Series:
+    """How many renders there are, and the number of the first frame.  options : of a capture."""
+
+    def __init__(self, options: Mapping[str, object]) -> None:
+        frames, first = options.get("frames", 1), options.get("first_frame", 0)
+        assert isinstance(frames, int) and isinstance(first, int)
+        self.first = first
+        self.renders = 1 if options.get("render_noise", "shared") == "shared" else frames
+
+    def standing(self, step: RenderProgress) -> Standing:
+        """Of all renders."""
+        doing = self._doing(step)
+        if doing == FILES or math.isnan(step.seconds_left):
+            return Standing(doing, math.nan)
+        behind = 0 if self.renders == 1 else self.first + self.renders - 1 - step.frame
+        left_s = step.seconds_left + behind * (step.seconds + step.seconds_left)
+        return Standing(doing, left_s)
+
+    def _doing(self, step: RenderProgress) -> str:
+        if step.doing == "exposing":
+            last = step.done == step.expected
+            return FILES if last else f"exposing frame {step.done + 1} of {step.expected}"
+        if self.renders == 1:
+            return step.doing
+        return f"{step.doing} frame {step.frame - self.first + 1} of {self.renders}"
+
+
+@contextmanager
+def told_progress(
+    progress: Progress | bool | None,
+    name: str,
+    options: Mapping[str, object],
+    thread: bool = True,
+) -> Iterator[Progress | None]:
+    """What a render reports to: the given function, nothing for False, and for None a bar in a notebook or lines.
+
+    name : of the function that the user called.  options : its options.  Raises InputError.
+    """
+    if callable(progress):
+        yield progress
+        return
+    if not is_asked(progress):
+        yield None
+        return
+    with automatic_progress(name, "loading the scene", thread) as teller:
+        yield None if teller is None else _teller_of(teller, Series(options))
+
+
+def _teller_of(teller: Teller, series: Series) -> Callable[[RenderProgress], None]:
+    def tell(step: RenderProgress) -> None:
+        teller.tell(*series.standing(step))
+        teller.tick()
+
+    return tell

@@ -1,0 +1,305 @@
+"""core/progress.py: how far long work is, on a clock of the test's own."""
+
+from __future__ import annotations
+
+import io
+import math
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.cli import lines as lines_module
+from mitsuba_sensor.cli import progress as bars
+from mitsuba_sensor.cli.lines import CommandLines, lines_while_working
+from mitsuba_sensor.core import progress as progress_module
+from mitsuba_sensor.core.progress import (
+    EVERY_S,
+    NotebookBar,
+    ProgressLines,
+    automatic_progress,
+    told_outside,
+)
+from mitsuba_sensor.dataset.run import RunProgress
+from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
+from mitsuba_sensor.render.passes.told import FILES, Series, told_progress
+from mitsuba_sensor.study.kit import Forecast
+
+
+class Clock:
+    """Stands still until it is told to go on."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def written(monkeypatch: pytest.MonkeyPatch, clock: Clock) -> list[str]:
+    """What goes to stderr line by line, of progress on the test's clock, without a thread of its own."""
+    said: list[str] = []
+    monkeypatch.setattr(progress_module, "write_line", said.append)
+    monkeypatch.setattr(lines_module, "write_line", said.append)
+    monkeypatch.setattr(progress_module.time, "monotonic", clock)
+    monkeypatch.setattr(ProgressLines.__init__, "__defaults__", (clock,))
+    return said
+
+
+def test_a_line_is_written_every_ten_seconds_and_none_before(clock: Clock) -> None:
+    said: list[str] = []
+    lines = ProgressLines(said.append, "loading the scene", clock)
+    for _ in range(35):
+        clock.now += 1
+        lines.tick()
+    assert len(said) == 3 and EVERY_S == 10
+    assert said[0] == "loading the scene: 10 s so far"
+
+
+def test_a_line_says_what_is_done_the_share_and_the_time_left(clock: Clock) -> None:
+    said: list[str] = []
+    lines = ProgressLines(said.append, "loading the scene", clock)
+    clock.now += 4
+    lines.tell("rendering", left_s=36.0)
+    clock.now += 16
+    lines.tick()
+    assert said == ["rendering: 50 %, 20 s so far, about 20 s left"]
+    lines.tell("verified", share=0.25)
+    clock.now += 10
+    lines.tick()
+    assert said[1] == "verified: 25 %, 30 s so far"
+    clock.now += 7200
+    lines.tick()
+    assert said[2] == "verified: 25 %, 2.0 h so far"
+
+
+def test_what_is_left_never_falls_below_nothing(clock: Clock) -> None:
+    lines = ProgressLines(lambda line: None, "rendering", clock)
+    lines.tell("rendering", left_s=5.0)
+    clock.now += 50
+    assert lines.left_s == 0 and lines.share == 1 and "100 %" in lines.text()
+
+
+def test_a_series_of_renders_counts_those_that_follow() -> None:
+    series = Series({"frames": 3, "first_frame": 5, "render_noise": "per-frame"})
+    step = RenderProgress(1, 10, seconds=20.0, seconds_left=80.0, frame=5)
+    assert series.standing(step) == ("rendering frame 1 of 3", 280.0)
+    once = Series({"frames": 3})
+    assert once.standing(step) == ("rendering", 80.0)
+    exposing = RenderProgress(1, 3, seconds=1.0, seconds_left=2.0, doing="exposing")
+    assert once.standing(exposing) == ("exposing frame 2 of 3", 2.0)
+    last = once.standing(RenderProgress(3, 3, seconds_left=0.0, doing="exposing"))
+    assert last.doing == FILES and math.isnan(last.left_s)
+
+
+def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str]) -> None:
+    with told_progress(None, "capture", {}) as tell:
+        assert tell is not None
+        clock.now += 9
+        tell(RenderProgress(1, 10, seconds=9.0, seconds_left=81.0))
+        assert not written
+        clock.now += 1
+        tell(RenderProgress(2, 10, seconds=10.0, seconds_left=30.0))
+    assert written == ["capture: rendering: 25 %, 10 s so far, about 30 s left"]
+
+
+def test_false_is_silent_and_a_function_is_called_itself(written: list[str]) -> None:
+    with told_progress(False, "capture", {}) as tell:
+        assert tell is None
+    told: list[RenderProgress] = []
+    with told_progress(told.append, "capture", {}) as tell:
+        assert tell == told.append
+
+
+def test_anything_else_is_refused() -> None:
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.01)
+    for call in (
+        lambda: ms.render("no.xml", camera, exposure, progress="yes"),  # type: ignore[arg-type]
+        lambda: ms.capture("no.xml", camera, exposure, progress=1),  # type: ignore[arg-type]
+        lambda: ms.render_frames("no.xml", camera, exposure, progress=1),  # type: ignore[arg-type]
+        lambda: ms.expose(np.ones((2, 2)), camera, exposure, progress=1),  # type: ignore[arg-type]
+        lambda: ms.lab.fit("no", progress=1),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(ms.InputError, match=r"progress is .* must be None .* False"):
+            call()
+
+
+def test_many_frames_say_how_many_are_done(
+    clock: Clock, written: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each frame takes 6 s on the test's clock."""
+    from mitsuba_sensor.sensor.expose import PreparedExposure
+
+    exposed = PreparedExposure.frames
+
+    def slowly(self: Any, observer: Any = None) -> Any:
+        told = self.told
+
+        def later(number: int) -> None:
+            clock.now += 6
+            told(number)
+
+        object.__setattr__(self, "told", later if told else None)
+        return exposed(self, observer)
+
+    monkeypatch.setattr(PreparedExposure, "frames", slowly)
+    camera, exposure, light = (
+        ms.load_camera("konnik_table1"),
+        ms.Exposure(0.01),
+        np.ones((2, 2)),
+    )
+    ms.expose(light, camera, exposure, frames=4)
+    assert written == [
+        "expose: 2 of 4 frames: 50 %, 12 s so far, about 12 s left",
+        "expose: 4 of 4 frames: 100 %, 24 s so far, about 0 s left",
+    ]
+    ms.Sensor(camera).expose(light, exposure, frames=2)
+    assert written[2].startswith("Sensor.expose: 2 of 2 frames")
+    written.clear()
+    ms.expose(light, camera, exposure, frames=4, progress=False)
+    ms.expose(light, camera, exposure)
+    assert not written
+
+
+def test_work_inside_other_work_says_nothing_of_its_own(
+    clock: Clock, written: list[str]
+) -> None:
+    with told_outside(), automatic_progress("render", "rendering") as teller:
+        assert teller is None
+    with automatic_progress("fit", "fitting"), automatic_progress("expose", "x") as inner:
+        assert inner is None
+    with automatic_progress("fit", "fitting") as teller:
+        assert teller is not None
+
+
+def test_a_notebook_has_a_bar_that_goes_when_the_work_ends(clock: Clock) -> None:
+    shown: list[Any] = []
+
+    class Handle:
+        def update(self, what: str) -> None:
+            shown.append(what)
+
+    def display(what: str, display_id: bool) -> Handle:
+        assert display_id
+        shown.append(what)
+        return Handle()
+
+    bar = NotebookBar(SimpleNamespace(HTML=str, display=display), "rendering <b>", clock)
+    clock.now += 1
+    bar.tick()
+    assert not shown, "short work has no bar"
+    clock.now += 4
+    bar.tell("rendering <b>", left_s=15.0)
+    bar.tick()
+    assert shown[-1].startswith('<progress value="0.250"></progress> rendering &lt;b&gt;: 25 %')
+    bar.tell("denoising")
+    bar.tick()
+    assert shown[-1].startswith("<progress></progress> denoising")
+    bar.close()
+    assert shown[-1] == ""
+
+
+def test_a_notebook_is_told_by_its_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    display = SimpleNamespace()
+    shell = SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    assert progress_module.notebook_display() is display
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: None))
+    assert progress_module.notebook_display() is None
+
+
+def test_every_command_says_how_far_it_is_where_no_terminal_is(
+    clock: Clock, written: list[str]
+) -> None:
+    console = Console(file=io.StringIO())
+    with lines_while_working(False, clock):
+        lines = CommandLines.running
+        assert lines is not None
+
+        def line() -> str:
+            clock.now += 10
+            lines.tick()
+            return written[-1]
+
+        assert line() == "working: 10 s so far"
+        with bars.render_progress(console, {}, "reading the light") as render:
+            assert line() == "reading the light: 20 s so far"
+            render(RenderProgress(1, 10, seconds=20.0, seconds_left=40.0))
+            assert line() == "rendering: 50 %, 30 s so far, about 30 s left"
+        with bars.seconds_bar(console) as study:
+            study(Forecast(30.0, 120.0, "case 3", "", 0.0))
+            assert line() == "case 3: 25 %, 40 s so far, about 80 s left"
+        with bars.steps_bar(console) as steps:
+            steps(3, 12, "reading frames")
+            assert line() == "reading frames, 3 of 12: 25 %, 50 s so far"
+            steps(0, 1, "fitting")
+            assert line() == "fitting: 0 %, 60 s so far"
+        with bars.samples_bar(console) as samples:
+            clock.now += 10
+            samples(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
+            said = line()
+            assert said.startswith("25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %")
+            assert said.endswith("about 2 min left")
+        assert line().startswith("working")
+    assert CommandLines.running is None
+
+
+def test_a_terminal_has_bars_and_no_lines(clock: Clock, written: list[str]) -> None:
+    with lines_while_working(True, clock):
+        assert CommandLines.running is None
+        with automatic_progress("render", "rendering") as teller:
+            assert teller is None, "the bar of the command is enough"
+
+
+def test_lines_go_on_while_nothing_is_told(
+    clock: Clock, written: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread asks; here it is called by hand."""
+    asked: list[Any] = []
+
+    class Thread:
+        def __init__(self, target: Any, **options: Any) -> None:
+            asked.append(target)
+
+        def start(self) -> None:
+            """Nothing runs."""
+
+        def join(self) -> None:
+            """Nothing has run."""
+
+    monkeypatch.setattr(progress_module.threading, "Thread", Thread)
+    waits = iter([False, False, True])
+
+    class Event:
+        def wait(self, seconds: float) -> bool:
+            clock.now += 5
+            return next(waits)
+
+        def set(self) -> None:
+            """Nobody waits."""
+
+    monkeypatch.setattr(progress_module.threading, "Event", Event)
+    with automatic_progress("capture", "loading the scene"):
+        asked[0]()
+    assert written == ["capture: loading the scene: 10 s so far"]
+
+
+@pytest.mark.parametrize("stream", [None, io.StringIO()])
+def test_nobody_s_stderr_is_no_failure(
+    stream: io.StringIO | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if stream is not None:
+        stream.close()
+    monkeypatch.setattr(sys, "stderr", stream)
+    progress_module.write_line("rendering")
