@@ -127,11 +127,13 @@ def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
     return plan
 
 
-def write_index(plan: DatasetPlan, store: Store) -> None:
-    """index.jsonl: a line for each sample that is there, in the order of the dataset."""
+def write_index(plan: DatasetPlan, store: Store) -> Index:
+    """index.jsonl: a line for each sample that is there, in the order of the dataset; returns what it says."""
     lines = [line for line in plan_lines(plan) if store.exists("samples", line["key"])]
     made_from = durable.sha256_of(store.folder / RECORD)
-    write_drawing(store.folder / INDEX, index_text(Index(lines, made_from)))
+    index = Index(lines, made_from)
+    write_drawing(store.folder / INDEX, index_text(index))
+    return index
 
 
 def origin_faults(folder: Path) -> Iterator[Fault]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +32,7 @@ IMAGES = {
     "electrons": "electrons.tiff",
     "electrons_error": "electrons_error.tiff",
 }
+MOST_SAID = 20  # values, in the sentence on one that no sample has
 AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 
 
@@ -106,15 +109,7 @@ class Dataset(Sequence[Sample]):
                 f"split is {split!r}; {self.folder} has {', '.join(filter(None, splits)) or 'none'}."
             )
         self.samples = [
-            Sample(
-                line["key"],
-                line["split"],
-                line["values"],
-                store.folder_of("samples", line["key"]),
-                store.folder_of("views", line["view"]),
-            )
-            for line in lines
-            if split in (None, line["split"])
+            sample_of(store, line) for line in lines if split in (None, line["split"])
         ]
 
     def __len__(self) -> int:
@@ -145,6 +140,62 @@ class Dataset(Sequence[Sample]):
     def splits(self) -> list[str]:
         """Names of the splits, in alphabetical order."""
         return sorted({one.split for one in self.samples})
+
+    def where(self, **values: object) -> Dataset:
+        """The samples that have all of these values, which may be none.
+
+        values : by the names of :attr:`Sample.values`, and split, as ``where(scene="still_life", view=3)``;
+            names with dots as ``where(**{"parameters.height": 0.5})``.
+        Raises InputError for a name or a value that no sample has.
+        """
+        chosen = copy(self)
+        for name, value in values.items():
+            chosen.samples = [one for one in chosen.samples if has_value(one, name, value)]
+            if not chosen.samples:
+                require_known(name, value, self.samples)
+        return chosen
+
+
+def sample_of(store: Store, line: Config) -> Sample:
+    """The sample of a line of the index."""
+    return Sample(
+        line["key"],
+        line["split"],
+        line["values"],
+        store.folder_of("samples", line["key"]),
+        store.folder_of("views", line["view"]),
+    )
+
+
+def has_value(sample: Sample, name: str, value: object) -> bool:
+    """Whether a sample has this value; numbers are equal to nine digits."""
+    own = sample.split if name == "split" else sample.values.get(name)
+    if own is None:
+        return False
+    if isinstance(value, float) and isinstance(own, int | float):
+        return math.isclose(value, own, rel_tol=1e-9)
+    if isinstance(value, tuple):
+        return bool(own == [*value])
+    return bool(own == value)
+
+
+def require_known(name: str, value: object, samples: Sequence[Sample]) -> None:
+    """Raise InputError, with what there is, for a name or a value that none of the samples has."""
+    if any(has_value(one, name, value) for one in samples):
+        return
+    texts: dict[str, dict[str, None]] = {}  # name → its values, each once
+    for one in samples:
+        for known, own in [*one.values.items(), ("split", one.split or "none")]:
+            texts.setdefault(known, {})[str(own)] = None
+    if name not in texts:
+        raise InputError(
+            f"no sample has {name!r}; what they have: {', '.join(texts)}.{nearest(name, texts)}"
+        )
+    shown = [*texts[name]][:MOST_SAID]
+    if len(texts[name]) > MOST_SAID:
+        shown.append(f"… ({len(texts[name])} values)")
+    remedy = nearest(str(value), texts[name])
+    raise InputError(f"{name} is {value!r}; the samples have {', '.join(shown)}.{remedy}")
 
 
 class Index(NamedTuple):

@@ -16,6 +16,7 @@ from .engine import outcomes, usual_workers
 from .file import read_dataset
 from .options import RunOptions
 from .origin import origin_in, require_same_versions, write_index, write_origin
+from .overview import write_overview
 from .planned import DatasetPlan, PlannedView
 from .record import FILE
 from .store import Store
@@ -94,7 +95,8 @@ def run(
             store.release(one.view)
         count(0, one.samples)
         show(progress)
-    write_index(plan, store)
+    index = write_index(plan, store)
+    progress.remarks += write_overview(store, index)
     return progress
 
 

@@ -31,6 +31,7 @@ from .record import (
     KINDS,
     MOST_BYTES,
     RECORD,
+    TABLE,
     Kind,
     Record,
     is_name,
@@ -41,7 +42,7 @@ from .record import (
 )
 
 QUARANTINE = "quarantine"
-UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, INDEX))
+UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, INDEX, TABLE))
 """Beginnings of the names of pages until they are whole (files/appearing.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows

@@ -1,0 +1,64 @@
+"""samples.csv: a row for each sample of a dataset, for spreadsheets and pandas."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ..files.texts import read_json, write_page
+from .keys import Config, Facts
+from .reader import CHANGED
+from .record import TABLE
+from .store import Store
+from .values import text_of
+
+COLUMNS = ("key", "folder", "split", "scene", "view", "camera", "serial", "exposure_s")
+"""Of every table; then all others that vary, in the order in which the samples have them."""
+
+
+def write_samples_table(store: Store, lines: Sequence[Facts]) -> None:
+    """Write samples.csv.  lines : of the index. Raises InputError for a sample that is not as it was written."""
+    names = dict.fromkeys(COLUMNS)
+    for line in lines:
+        names.update(dict.fromkeys(_cells(line["values"])))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
+    writer.writeheader()
+    for line in lines:
+        writer.writerow(_row(store, line))
+    write_page(store.folder / TABLE, text.getvalue())
+
+
+def _row(store: Store, line: Config) -> dict[str, str]:
+    """Column → text of one sample."""
+    folder, values = store.folder_of("samples", line["key"]), line["values"]
+    return {
+        "key": line["key"],
+        "folder": folder.relative_to(store.folder).as_posix(),
+        "split": line["split"],
+        **_cells(values),
+        "exposure_s": repr(_exposed_s(folder, values)),
+    }
+
+
+def _cells(values: Config) -> dict[str, str]:
+    """Name → text of each value; the parts of a pose have columns of their own."""
+    cells: dict[str, str] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            cells |= _cells({f"{name}.{part}": one for part, one in value.items()})
+        elif isinstance(value, list | tuple):
+            cells[name] = " ".join(map(text_of, value))
+        else:
+            cells[name] = text_of(value)
+    return cells
+
+
+def _exposed_s(folder: Path, values: Config) -> float:
+    """Time for which a sample was exposed, stops included [s]: one that was metered stands in sample.json."""
+    asked_s = values.get("exposure_s")
+    if isinstance(asked_s, int | float):
+        return float(asked_s * 2.0 ** values.get("exposure_ev", 0))
+    return float(read_json(folder / "sample.json", CHANGED)["image"]["exposure_s"])
