@@ -42,6 +42,9 @@ SMALL = {
 }
 """What the commands of the pages get in addition here."""
 
+LONG_PAGES = {"exposure-and-colour", "lab", "plugins", "rendering"}
+"""Their commands and calls are those of other pages, with other options."""
+
 LONG = r"\bstudy\b|\bcharacterize\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"
 """What only the command line's parser sees here: it takes long, and has tests of its own."""
 
@@ -92,7 +95,7 @@ def run_python(text: str, names: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [exhaustive(name) if name == "lab" else name for name in WITH_CODE]
+    "name", [exhaustive(name) if name in LONG_PAGES else name for name in WITH_CODE]
 )
 def test_the_code_of_a_page_runs_in_its_order(
     name: str, checkout_folder: Path, cli: Callable[..., Any]

@@ -620,5 +620,7 @@ def test_black_pixels_do_not_change_where_the_others_have_their_sums() -> None:
     raw = mean * (1 + 0.2 * chance.standard_normal((10, 10)))
     alone = _missing_light(raw, mean, spread)
     sky = [np.pad(x, 45) for x in (raw, mean, spread)]
-    np.testing.assert_allclose(_missing_light(*sky)[45:55, 45:55], alone, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        _missing_light(*sky)[45:55, 45:55], alone, rtol=1e-12, atol=1e-12
+    )
     assert alone.sum() == pytest.approx((raw - mean).sum())

@@ -103,6 +103,7 @@ def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_state
         assert_step_agrees(step, engine)
 
 
+@pytest.mark.exhaustive
 def test_report_plan_and_noise_budget_name_every_stage_of_a_camera_with_every_effect() -> None:
     """By its label, or by the labels of its sources."""
     light = dark_to_saturation(EVERYTHING, PART)

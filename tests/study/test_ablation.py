@@ -12,6 +12,7 @@ from helpers.study_pages import faults, through_files
 import mitsuba_sensor as ms
 from mitsuba_sensor.pages.page import Study, Table
 from mitsuba_sensor.study.ablation import RECORDS, ablation
+from mitsuba_sensor.study.ablation import sensor as of_sensor
 from mitsuba_sensor.study.ablation.render import Rendered, change_of, shared_rms
 from mitsuba_sensor.study.ablation.sensor import SENSORS, Moments, compare
 from mitsuba_sensor.study.kit import Kit, Subject
@@ -37,7 +38,11 @@ def subject(tmp_path_factory: pytest.TempPathFactory) -> Subject:
 
 @pytest.fixture(scope="module")
 def study(kit: Kit, subject: Subject) -> Study:
-    return ablation(kit, subject, frames=4)
+    """Its seconds, which no test reads, are those of small frames."""
+    with pytest.MonkeyPatch.context() as small:
+        small.setattr(of_sensor, "TIMED_SHAPE", (32, 64))
+        small.setattr(of_sensor, "TURNS", 3)
+        return ablation(kit, subject, frames=4)
 
 
 def rows(study: Study, title: str) -> dict[str, dict[str, object]]:

@@ -103,7 +103,7 @@ def measured(subject: Subject) -> tuple[Kit, Study]:
     small = pytest.MonkeyPatch()
     for name, value in {"REFERENCE_S": 0.2, "RUN_S": 0.02}.items():
         small.setattr(of_render, name, value)
-    for name, value in {"LARGE": (64, 64), "SMALL": (32, 32), "TURNS": 3, "SENSORS": 6}.items():
+    for name, value in {"LARGE": (64, 64), "SMALL": (32, 32), "TURNS": 2, "SENSORS": 5}.items():
         small.setattr(of_sensor, name, value)
     with small.context():
         kit = Kit()
