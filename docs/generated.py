@@ -5,11 +5,13 @@
 writes the tables that GitHub shows, too, between two comments of their page: ``<!-- table: NAME, … -->`` and
 ``<!-- end of NAME -->``. What only the site has stands in a page as ``<!-- generated: NAME -->``; conf.py puts it
 there when the site is built.
+It also writes examples/tutorial.ipynb from tutorial.md.
 """
 
 from __future__ import annotations
 
 import inspect
+import json
 import re
 import subprocess
 import sys
@@ -47,6 +49,8 @@ MODULES = re.compile(r"\b(?!np\.)(?:\w+\.)+(?=\w)")
 ANNOTATIONS = {
     "Array": "Annotation of pixel values (H, W): an array of NumPy or Dr.Jit, or a number."
 }
+LINK = re.compile(r"\]\((?!\w+:|\.\./|#)")
+"""Where a link to another page or picture of docs begins."""
 TABLES = tuple(tables(Camera))
 
 
@@ -252,6 +256,29 @@ def with_bullets(docstring: Iterable[str]) -> list[str]:
     return [re.sub(r"(?<!\\)\|", r"\\|", line) for line in made]
 
 
+def notebook(page: str) -> str:
+    """A page as a notebook beside it, in examples/: Python blocks are cells of code, what is between them is text."""
+    cells: list[dict[str, Any]] = []
+    for text, code in re.findall(r"(.*?)(?:^```python\n(.*?)^```\n|\Z)", page, re.M | re.S):
+        linked = LINK.sub("](../docs/", text).strip("\n")
+        if linked:
+            cells.append({"cell_type": "markdown", "metadata": {}, "source": linked})
+        if code:
+            cell = {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": []}
+            cells.append({**cell, "source": code.rstrip("\n")})
+    for number, cell in enumerate(cells):
+        cell["id"] = f"cell-{number}"
+        cell["source"] = cell["source"].splitlines(keepends=True)
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    made = {
+        "cells": cells,
+        "metadata": {"kernelspec": kernel, "language_info": {"name": "python"}},
+        "nbformat": 4,
+        "nbformat_minor": 5,
+    }
+    return json.dumps(made, ensure_ascii=False, indent=1) + "\n"
+
+
 def _stage(stage: type[Stage]) -> str:
     domain: Any = stage.domain
     unit, file = UNITS[domain], _file_of(stage)
@@ -318,13 +345,17 @@ def _parameters(parameters: Iterable[PluginParameter]) -> str:
 
 
 def main() -> None:
-    """Write the tables into the pages, and name each page that changed."""
-    for path in sorted(Path(__file__).parent.glob("*.md")):
+    """Write the tables into the pages, name each page that changed, and write the notebook."""
+    docs = Path(__file__).parent
+    for path in sorted(docs.glob("*.md")):
         page = path.read_text(encoding="utf-8")
         written = with_tables(page)
         if written != page:
             path.write_text(written, encoding="utf-8")
             print(path.name)
+    page = (docs / "tutorial.md").read_text(encoding="utf-8")
+    path = docs.parent / "examples/tutorial.ipynb"
+    path.write_text(notebook(page), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import json
 import re
 import shlex
 import subprocess
@@ -135,6 +136,17 @@ def test_all_code_has_a_language_that_the_tests_know() -> None:
 def test_every_page_is_in_the_index_once() -> None:
     listed = [page for pages in GENERATED.pages_of(PAGES["index"]).values() for page in pages]
     assert sorted(listed) == sorted({*PAGES, "studies/README"} - {"index"})
+
+
+def test_the_notebook_is_the_tutorial() -> None:
+    """Its cells of code are the Python blocks of the page. `python docs/generated.py` writes it."""
+    text = (ROOT / "examples/tutorial.ipynb").read_text("utf-8")
+    code = ["".join(c["source"]) for c in json.loads(text)["cells"] if c["cell_type"] == "code"]
+    python = [one.text for one in blocks(PAGES["tutorial"]) if one.language == "python"]
+    assert [f"{one}\n" for one in code] == python
+    assert text == GENERATED.notebook(PAGES["tutorial"])
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)", text):
+        assert (ROOT / "examples" / link).exists(), link
 
 
 def test_start_begins_with_the_first_command_of_the_readme() -> None:
