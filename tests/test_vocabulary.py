@@ -111,8 +111,6 @@ def faults(text: str, name: str) -> list[str]:
     """What a text says that it must not, as "name:line: 'word': use …"."""
     found = []
     for number, line in enumerate(text.splitlines(), 1):
-        if name == "CHANGELOG.md" and line.startswith("|"):
-            continue  # the tables of old and new names
         apart = re.sub(r"[_-]+", " ", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", line)).lower()
         for word in WORDS:
             match = re.search(rf"\b({word.pattern})\b", apart)
@@ -159,8 +157,9 @@ def helps(command: Any, name: str = "mitsuba-sensor") -> dict[str, str]:
         for option in command.params
     ]
     found = {name: "\n".join((name, command.help or "", command.epilog or "", *options))}
-    for inner_name, inner in getattr(command, "commands", {}).items():
-        found |= helps(inner, f"{name} {inner_name}")
+    if hasattr(command, "list_commands"):
+        for inner_name in command.list_commands(None):
+            found |= helps(command.get_command(None, inner_name), f"{name} {inner_name}")
     return found
 
 
