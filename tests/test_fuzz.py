@@ -9,9 +9,8 @@ import fuzz_types
 import pytest
 from fuzz_files import report
 
-from mitsuba_sensor.camera.camera_file import load_camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.dataset.planned import load_plan
 from mitsuba_sensor.render.motion.motion import read_motion
 
@@ -87,16 +86,16 @@ def test_the_files_that_are_damaged_are_right(kind: str, tmp_path: Path) -> None
 
 
 def test_a_camera_of_a_name_that_is_too_long_is_not_there() -> None:
-    with pytest.raises(InputError, match="is no camera that ships"):
-        load_camera("9" * 5000)
+    with pytest.raises(ms.InputError, match="is no camera that ships"):
+        ms.load_camera("9" * 5000)
 
 
 def test_a_number_that_no_float_holds_is_one_sentence(tmp_path: Path) -> None:
     text = (
         (SHIPPED / "bayer_2mp.toml").read_text("utf-8").replace("cv = 0.4", f"cv = {'9' * 400}")
     )
-    with pytest.raises(InputError, match=r"dark_current.cv is 9999"):
-        load_camera(text)
+    with pytest.raises(ms.InputError, match=r"dark_current.cv is 9999"):
+        ms.load_camera(text)
 
 
 @pytest.mark.parametrize("field", ["rotate_deg_per_s", "velocity_m_per_s"])
@@ -104,7 +103,7 @@ def test_a_motion_has_no_number_whose_square_is_none(field: str) -> None:
     value = {"rotate_deg_per_s": {"rotate_deg_per_s": 1e308, "axis": [0, 0, 1]}}.get(
         field, {field: [1e308, 0, 0]}
     )
-    with pytest.raises(InputError, match=f"{field}.* is 1e.308"):
+    with pytest.raises(ms.InputError, match=f"{field}.* is 1e.308"):
         read_motion({"camera": value})
 
 
@@ -117,7 +116,7 @@ def test_a_serial_number_of_a_dataset_is_whole(serial: str, tmp_path: Path) -> N
     (tmp_path / "d.toml").write_text(
         text.replace("[splits]\nshares = {train = 0.5, test = 0.5}\n", "")
     )
-    with pytest.raises(InputError, match="serial is"):
+    with pytest.raises(ms.InputError, match="serial is"):
         list(load_plan(tmp_path / "d.toml", [fuzz_cases.ROOT]).views())
 
 
@@ -125,7 +124,7 @@ def test_a_file_of_a_name_that_is_too_long_is_not_there(tmp_path: Path) -> None:
     (tmp_path / "d.toml").write_text(
         fuzz_cases.DATASET.replace("konnik_table1", "a" * 5000 + ".toml")
     )
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(ms.InputError, match="no such file"):
         load_plan(tmp_path / "d.toml", [fuzz_cases.ROOT]).cameras.as_given  # noqa: B018
 
 

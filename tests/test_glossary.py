@@ -8,7 +8,7 @@ import pytest
 from helpers import ROOT
 
 import mitsuba_sensor
-from mitsuba_sensor.camera.camera import Camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 
 PAGE = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
@@ -27,7 +27,7 @@ def test_a_row_names_files_and_names_that_exist(row: tuple[str, str, str, str]) 
     assert files and not missing
     text, known = (
         "\n".join(path.read_text(encoding="utf-8") for path in files),
-        fields_of(Camera),
+        fields_of(ms.Camera),
     )
     names = re.findall(r"`([^`]+)`", row[2])
     assert names
@@ -48,7 +48,7 @@ def test_every_effect_and_every_key_of_a_camera_file_is_in_the_glossary() -> Non
     assert effects == {name for name in effects if f"`stages/effects/{name}`" in PAGE}
     keys = {
         key
-        for key in fields_of(Camera)
+        for key in fields_of(ms.Camera)
         if "." in key and not key.startswith("lens.prescription.")
     }
     assert keys == {key for key in keys if f"`{key}`" in PAGE}

@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.output import exr
-from mitsuba_sensor.stages.stage import Stage
 
 BAYER = ms.load_camera("bayer_2mp")
 SCENE = str(SCENES / "color_checker.xml")
@@ -139,7 +138,7 @@ def test_the_command_line_says_which_camera_it_takes_where_none_is_known(
 
 
 def test_an_added_stage_is_not_kept() -> None:
-    class Hum(Stage):
+    class Hum(ms.Stage):
         """Nothing."""
 
         domain = "volts"

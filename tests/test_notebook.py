@@ -19,7 +19,6 @@ from helpers.scenes import SCENES
 from PIL import Image
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.light.irradiance import RenderedFor
 
 MONO, BAYER, RGBIR = (
@@ -227,7 +226,7 @@ def test_no_clean_frame_of_an_older_capture_stays_beside_frames_that_are_saved(
 
 def test_frames_are_saved_all_or_none(tmp_path: Path) -> None:
     (tmp_path / "frame.json").mkdir()
-    with pytest.raises(InputError, match=r"frame\.json is a folder"):
+    with pytest.raises(ms.InputError, match=r"frame\.json is a folder"):
         noisy(MONO, (4, 4)).save(tmp_path)
     assert [one.name for one in tmp_path.iterdir()] == ["frame.json"]
 
@@ -246,7 +245,7 @@ def test_an_exposure_of_light_is_that_of_its_photons(taken: ms.Capture) -> None:
 
 
 def test_light_that_remembers_nothing_needs_a_camera_and_is_metered(light: Any) -> None:
-    with pytest.raises(InputError, match="no camera is given and the irradiance names none"):
+    with pytest.raises(ms.InputError, match="no camera is given and the irradiance names none"):
         ms.expose(light)
     frames = ms.expose(light, MONO)
     known = replace(light, rendered_for=RenderedFor(MONO, frames.first.exposure, 1))
@@ -256,10 +255,11 @@ def test_light_that_remembers_nothing_needs_a_camera_and_is_metered(light: Any) 
 
 def test_light_in_place_of_photons_is_one_sentence(light: Any) -> None:
     with pytest.raises(
-        InputError, match=r"photons is not numeric; pass .* collect\(light, camera, exposure\)"
+        ms.InputError,
+        match=r"photons is not numeric; pass .* collect\(light, camera, exposure\)",
     ):
         ms.plan(MONO, EXPOSURE, light)
-    with pytest.raises(InputError, match="camera is None; pass a Camera"):
+    with pytest.raises(ms.InputError, match="camera is None; pass a Camera"):
         ms.expose(np.ones((2, 2)))
 
 
@@ -273,7 +273,7 @@ def test_a_tiff_of_raw_frames_comes_back(tmp_path: Path) -> None:
         np.empty((0, 3), np.uint16),
         frames.digital[0, 0],
     ):
-        with pytest.raises(InputError, match="frames"):
+        with pytest.raises(ms.InputError, match="frames"):
             ms.write_tiff(tmp_path / "b.tiff", wrong)  # type: ignore[arg-type]
     assert not (tmp_path / "b.tiff").exists()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from helpers import ROOT
 
-from mitsuba_sensor.camera.camera import Camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.stages.chain import ORDER, stage_table
 
@@ -18,7 +18,7 @@ def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_t
     )
     fields = {
         name
-        for name in fields_of(Camera)
+        for name in fields_of(ms.Camera)
         if "." in name and name.split(".")[0] not in ("lens", "sensor")
     }
     assert {

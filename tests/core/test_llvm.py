@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from helpers.waiting import WAIT_S
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.core import llvm
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.llvm import LLVM_PATH, find_llvm, inspect_llvm
 from mitsuba_sensor.render import variants
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -227,7 +227,7 @@ assert ctypes.CDLL({str(library)!r}).b() == 42
 
 def test_unknown_and_non_spectral_variants_name_the_call_to_make() -> None:
     for name in ("llvm_ad_rgb", "llvm_spectrl"):
-        with pytest.raises(InputError, match=r"mitsuba.set_variant\('scalar_spectral'\)"):
+        with pytest.raises(ms.InputError, match=r"mitsuba.set_variant\('scalar_spectral'\)"):
             choose_variant(name)
 
 
@@ -240,7 +240,7 @@ def test_an_rgb_variant_already_set_is_refused() -> None:
     mi = variants.mitsuba()
     mi.set_variant("scalar_rgb")
     try:
-        with pytest.raises(InputError, match="already set is 'scalar_rgb'"):
+        with pytest.raises(ms.InputError, match="already set is 'scalar_rgb'"):
             choose_variant()
     finally:
         mi.set_variant("scalar_spectral")

@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments, rectified_normal
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.moments import rectified_normal
 from mitsuba_sensor.core.sensor_window import SensorWindow
 
-FRAME = Frame(Exposure(0.1), SensorWindow(1, (1, 1)))
+FRAME = ms.Frame(ms.Exposure(0.1), SensorWindow(1, (1, 1)))
 
 
-def of(mean: float, temporal: float, fixed: float) -> Moments:
-    return Moments(mean, temporal, fixed, FRAME)
+def of(mean: float, temporal: float, fixed: float) -> ms.Moments:
+    return ms.Moments(mean, temporal, fixed, FRAME)
 
 
-def cut_moments(m: Moments, low: float, high: float) -> tuple[float, float, float]:
+def cut_moments(m: ms.Moments, low: float, high: float) -> tuple[float, float, float]:
     """Mean, temporal and fixed variance by brute force: a sum over the fixed part of exact normal moments."""
     z = np.linspace(-8, 8, 4001)
     weight = stats.norm.pdf(z)

@@ -10,9 +10,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.cli.options import flags
-from mitsuba_sensor.core.errors import InputError, require_seed
+from mitsuba_sensor.core.errors import require_seed
 from mitsuba_sensor.core.options import Option, complete, declared, documents, part_of, used
 
 
@@ -60,7 +61,7 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
 
 @pytest.mark.parametrize(("given", "said"), REFUSED.values(), ids=REFUSED)
 def test_a_wrong_option_is_one_sentence(given: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(ms.InputError, match=said):
         complete(Picture, given)
 
 

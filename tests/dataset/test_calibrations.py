@@ -18,10 +18,7 @@ from helpers.marks import one_in
 from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.capture import capture
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.dataset.exports.colmap import colmap_model
 from mitsuba_sensor.dataset.exports.nerfstudio import transforms
@@ -66,10 +63,10 @@ def seen(folder: Path, lens: dict[str, Any]) -> tuple[dict[str, Any], Floats, Fl
     """Intrinsics of the picture; surface points of its pixels and (column, row) of their middles."""
     use(choose_variant(skip_unless_usable("scalar_spectral")))
     pixels = {"pixel.pitch_x_um": PITCH_UM, "pixel.pitch_y_um": PITCH_UM}
-    camera = load_camera("konnik_table1").replace(**pixels, **lens)
+    camera = ms.load_camera("konnik_table1").replace(**pixels, **lens)
     path = write_scene(folder, scene_text(SKY, BALL, WALL, sensor=SENSOR))
     loaded = load_for_rays(parse(path, complete(SceneOptions, {})).file, camera, None, None)
-    found = aovs_of(loaded, Motion(), 1.0, shutter_of(camera, Exposure(0.01)))
+    found = aovs_of(loaded, Motion(), 1.0, shutter_of(camera, ms.Exposure(0.01)))
     rows, columns = found.depth_m.shape
     middles = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     points, lit = (
@@ -198,17 +195,17 @@ def test_the_statistics_of_a_render_have_the_pose_at_the_start_in_metres(
         ]
         motion = {"camera": {"keys": keys}}
     path = write_scene(tmp_path, scene_text(SKY, BALL, WALL, sensor=SENSOR))
-    camera = load_camera("konnik_table1")
+    camera = ms.load_camera("konnik_table1")
     options: dict[str, Any] = {
         "scene_unit": "cm",
         "motion": motion,
         "spp": 4,
         "wavelength_nm": 550,
     }
-    shot = capture(
+    shot = ms.capture(
         path,
         camera,
-        Exposure(0.01),
+        ms.Exposure(0.01),
         variant="scalar_spectral",
         aovs=True,
         denoise=False,
@@ -339,12 +336,12 @@ def test_a_scale_in_a_pose_is_left_out_and_a_mirror_is_refused() -> None:
         np.full((4, 4), np.nan),
         np.eye(3),
     ):
-        with pytest.raises(InputError):
+        with pytest.raises(ms.InputError):
             rigid_pose(wrong)
 
 
 def test_what_no_format_can_say_is_refused() -> None:
-    with pytest.raises(InputError, match="space"):
+    with pytest.raises(ms.InputError, match="space"):
         colmap_model([IMAGE])
-    with pytest.raises(InputError, match="orthographic"):
+    with pytest.raises(ms.InputError, match="orthographic"):
         calibration_of({"matrix": None, "image_size": [4, 3]}, PITCH_UM)

@@ -25,7 +25,7 @@ import yaml
 from helpers.marks import one_in
 from PIL import Image
 
-from mitsuba_sensor.core.errors import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.exports.batches import batches
 from mitsuba_sensor.dataset.exports.card import CameraNumbers, CardFacts, card_text
 from mitsuba_sensor.dataset.exports.export import WRITERS, export
@@ -33,7 +33,7 @@ from mitsuba_sensor.dataset.exports.job import worlds
 from mitsuba_sensor.dataset.exports.torch_dataset import TorchDataset
 from mitsuba_sensor.dataset.options import EXPORT_FORMATS
 from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.reader import Dataset, Index, index_text, read_index
+from mitsuba_sensor.dataset.reader import Index, index_text, read_index
 from mitsuba_sensor.dataset.record import INDEX, Record, text_of
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.files.durable import size_and_hash
@@ -116,7 +116,7 @@ def test_an_export_is_the_same_each_time_and_lists_its_files(
 def test_shards_hold_the_arrays_of_every_sample_by_split(made: Path, tmp_path: Path) -> None:
     export(made, "webdataset", tmp_path / "out", arrays=["raw", "clean", "depth_m"])
     for split in ("train", "test"):
-        samples = {one.key: one for one in Dataset(made, split)}
+        samples = {one.key: one for one in ms.Dataset(made, split)}
         with tarfile.open(tmp_path / f"out/{split}-000000.tar") as tar:
             members = {one.name: tar.extractfile(one).read() for one in tar}  # type: ignore[union-attr]
         assert [name.partition(".")[0] for name in members][::5] == sorted(samples)
@@ -136,8 +136,8 @@ def test_webdataset_decodes_the_shards(made: Path, tmp_path: Path) -> None:
         "rgb8"
     )
     found = {one["__key__"]: one for one in stream}
-    assert set(found) == {one.key for one in Dataset(made, "train")}
-    for sample in Dataset(made, "train"):
+    assert set(found) == {one.key for one in ms.Dataset(made, "train")}
+    for sample in ms.Dataset(made, "train"):
         np.testing.assert_array_equal(found[sample.key]["clean.npy"], sample.read("clean"))
         assert found[sample.key]["png"].shape == (14, 20, 3)
 
@@ -148,7 +148,7 @@ def test_masks_of_coco_are_the_shapes_of_the_aovs(made: Path, tmp_path: Path) ->
     for split in ("train", "test"):
         data, samples = (
             library.COCO(str(tmp_path / f"out/annotations/instances_{split}.json")),
-            Dataset(made, split),
+            ms.Dataset(made, split),
         )
         assert [one["name"] for one in data.loadCats(data.getCatIds())] == ["ball", "floor"]
         pictures = data.loadImgs(data.getImgIds())
@@ -173,7 +173,7 @@ def test_poses_of_one_world_are_together_with_their_pictures_and_depths(
     export(made, "nerfstudio", tmp_path / "out")
     names = [f"{scene}-00{number}" for scene in ("first", "second") for number in (1, 2)]
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.is_dir()) == names
-    for world, samples in worlds(Dataset(made).samples).items():
+    for world, samples in worlds(ms.Dataset(made).samples).items():
         data = json.loads((tmp_path / f"out/{world}/transforms.json").read_text("utf-8"))
         assert {one.values["parameters.height"] for one in samples} == {
             0.5 if world.endswith("2") else 0
@@ -204,7 +204,7 @@ def test_pycolmap_and_opencv_see_the_same_cameras(made: Path, tmp_path: Path) ->
     cv2, pycolmap = pytest.importorskip("cv2"), pytest.importorskip("pycolmap")
     export(made, "colmap", tmp_path / "colmap")
     export(made, "opencv", tmp_path / "opencv")
-    for world, samples in worlds(Dataset(made).samples).items():
+    for world, samples in worlds(ms.Dataset(made).samples).items():
         model = pycolmap.Reconstruction(str(tmp_path / "colmap" / world / "sparse/0"))
         images = {one.name.removesuffix(".png"): one for one in model.images.values()}
         poses = {}
@@ -235,7 +235,7 @@ def test_ros_has_one_file_for_each_camera_and_says_whose_it_is(
 ) -> None:
     export(made, "ros", tmp_path / "out")
     keys = json.loads((tmp_path / "out/samples.json").read_text("utf-8"))
-    cameras = {one.key: one.values["camera"] for one in Dataset(made)}
+    cameras = {one.key: one.values["camera"] for one in ms.Dataset(made)}
     assert len(keys) == 2 and sorted(key for mine in keys.values() for key in mine) == sorted(
         cameras
     )
@@ -250,7 +250,7 @@ def test_ros_has_one_file_for_each_camera_and_says_whose_it_is(
 def test_the_card_says_what_is_in_the_dataset(made: Path, tmp_path: Path) -> None:
     export(made, "card", tmp_path / "out", licence="CC-BY-4.0")
     text = (tmp_path / "out/README.md").read_text("utf-8")
-    samples = Dataset(made).samples
+    samples = ms.Dataset(made).samples
     assert (
         "| samples | 24 |" in text
         and "| renders | 12 |" in text
@@ -295,7 +295,7 @@ def test_a_card_without_pictures_or_numbers_has_no_empty_parts() -> None:
 
 
 def test_batches_are_every_sample_once_in_an_order_of_each_epoch(made: Path) -> None:
-    samples = Dataset(made, "train")
+    samples = ms.Dataset(made, "train")
     means = sorted(one.read("clean").mean() for one in samples)
     orders = []
     for epoch in (0, 1, 0):
@@ -318,13 +318,13 @@ def test_arrays_of_different_shapes_are_no_batch(made: Path) -> None:
         def read(self, name: str) -> np.ndarray:
             return np.zeros((self.rows, 2))
 
-    with pytest.raises(InputError, match=r"shapes \[\(2, 2\), \(3, 2\)\]; take size=1"):
+    with pytest.raises(ms.InputError, match=r"shapes \[\(2, 2\), \(3, 2\)\]; take size=1"):
         list(batches([Odd(2), Odd(3)], ("clean",)))  # type: ignore[list-item]
 
 
 def test_pytorch_loads_samples_in_workers(made: Path) -> None:
     torch = pytest.importorskip("torch")
-    samples = Dataset(made, "test")
+    samples = ms.Dataset(made, "test")
     data = TorchDataset(
         samples, ("raw", "clean", "shape_index"), transform=lambda found: found[:2]
     )
@@ -355,7 +355,7 @@ def test_a_wrong_export_is_refused_and_leaves_nothing(
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "a").write_text("a", "utf-8")
     place = made.parent / "pairs" / "x" if out.startswith("..") else tmp_path / out
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(ms.InputError) as caught:
         export(made, format, place, **options)
     assert message in str(caught.value) and "\n" not in str(caught.value)
     assert (
@@ -394,9 +394,9 @@ def test_what_is_not_as_it_was_written_is_not_exported(
     made: Path, tmp_path: Path, name: str, format: str, spoil: Callable[[Path], object]
 ) -> None:
     shutil.copytree(made, tmp_path / "copy")
-    sample = Dataset(tmp_path / "copy")[3]
+    sample = ms.Dataset(tmp_path / "copy")[3]
     spoil((sample.view_folder if name == "aovs.exr" else sample.folder) / name)
-    with pytest.raises(InputError, match=r"dataset (verify|repair)|make it again"):
+    with pytest.raises(ms.InputError, match=r"dataset (verify|repair)|make it again"):
         export(tmp_path / "copy", format, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -412,7 +412,7 @@ def test_a_picture_that_is_none_or_too_large_is_one_sentence(tmp_path: Path) -> 
     ):
         path.write_bytes(content)
         with pytest.raises(
-            InputError, match=f"is no picture that can be read: .*{why}"
+            ms.InputError, match=f"is no picture that can be read: .*{why}"
         ) as caught:
             contact_sheet([[path]])
         assert "\n" not in str(caught.value)
@@ -448,7 +448,7 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
     ]
     (copy / INDEX).write_bytes(index_text(Index(lines, "")))
     if field == "scene":
-        for sample in Dataset(copy):
+        for sample in ms.Dataset(copy):
             facts = json.loads(json.dumps(sample.facts))
             facts["view"]["scene"] = name
             (sample.folder / "sample.json").write_text(json.dumps(facts), "utf-8")
@@ -461,7 +461,7 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
                 text_of(Record("samples", sample.key, files))
             )
     before = tree(tmp_path)
-    with suppress(InputError):
+    with suppress(ms.InputError):
         export(copy, format, tmp_path / "deep" / "out")
     assert {
         one: digest for one, digest in tree(tmp_path).items() if not one.startswith("deep/out/")

@@ -14,7 +14,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera_file import camera_from
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.reader import Dataset
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.files.raw_files import read_raw
 
@@ -32,11 +31,11 @@ EVERYTHING = [
 CORNELL = {"name": "cornell", "file": "cornell_box.xml"}
 
 
-def made(folder: Path, **changes: Any) -> Dataset:
+def made(folder: Path, **changes: Any) -> ms.Dataset:
     tables = {**TABLES, "scenes": [CORNELL], "cameras": [{"camera": "bayer_2mp"}], **changes}
     plan = DatasetPlan(read_dataset(tables), [SCENES], text=as_toml(tables))
     assert not run(plan, folder, workers=0).failed
-    return Dataset(folder)
+    return ms.Dataset(folder)
 
 
 def as_toml(tables: dict[str, Any]) -> str:
@@ -48,7 +47,7 @@ def as_toml(tables: dict[str, Any]) -> str:
 
 
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+def everything(tmp_path_factory: pytest.TempPathFactory) -> ms.Dataset:
     grid = {"exposure_s": ["auto"], "exposure_ev": [0, -3], "serial": [4, 5]}
     random = {"draws": 1, "values": {"temperature_k": {"uniform": [280, 300]}}}
     where = tmp_path_factory.mktemp("everything") / "out"
@@ -57,7 +56,7 @@ def everything(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     )
 
 
-def test_a_sample_is_made_again_from_its_own_facts(everything: Dataset) -> None:
+def test_a_sample_is_made_again_from_its_own_facts(everything: ms.Dataset) -> None:
     """From the light in irradiance.exr and sample.json, by ms.expose: every pixel."""
     assert len(everything) == 4
     for sample in everything:
@@ -72,7 +71,7 @@ def test_a_sample_is_made_again_from_its_own_facts(everything: Dataset) -> None:
         np.testing.assert_array_equal(sample.read("variance"), frames.temporal_variance)
 
 
-def test_stops_multiply_the_metered_time(everything: Dataset) -> None:
+def test_stops_multiply_the_metered_time(everything: ms.Dataset) -> None:
     times = {one.values["exposure_ev"]: one.facts["image"]["exposure_s"] for one in everything}
     assert times[-3] == times[0] / 8
     bright, dark = (
@@ -86,14 +85,14 @@ def test_stops_multiply_the_metered_time(everything: Dataset) -> None:
     )
 
 
-def test_chips_share_the_light_and_not_the_fixed_pattern(everything: Dataset) -> None:
+def test_chips_share_the_light_and_not_the_fixed_pattern(everything: ms.Dataset) -> None:
     four, five = (next(s for s in everything if s.values["serial"] == n) for n in (4, 5))
     np.testing.assert_array_equal(four.read("electrons"), five.read("electrons"))
     assert (four.read("clean") != five.read("clean")).mean() > 0.5
     assert len({one.facts["seeds"]["seed"] for one in everything}) == 4
 
 
-def test_all_that_is_asked_for_is_there_and_opens(everything: Dataset) -> None:
+def test_all_that_is_asked_for_is_there_and_opens(everything: ms.Dataset) -> None:
     names = {
         "frame.tiff",
         "frame.dng",
@@ -119,7 +118,7 @@ def test_all_that_is_asked_for_is_there_and_opens(everything: Dataset) -> None:
     assert total == pytest.approx(float(sample.read("variance").mean()), rel=0.02)
 
 
-def test_more_outputs_change_no_pixel(everything: Dataset, tmp_path: Path) -> None:
+def test_more_outputs_change_no_pixel(everything: ms.Dataset, tmp_path: Path) -> None:
     grid = {"exposure_s": ["auto"], "exposure_ev": [0, -3], "serial": [4, 5]}
     random = {"draws": 1, "values": {"temperature_k": {"uniform": [280, 300]}}}
     fewer = made(

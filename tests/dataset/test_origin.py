@@ -13,9 +13,10 @@ import pytest
 from helpers.datasets import SCENES
 from helpers.marks import one_in
 
+import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset import keys
-from mitsuba_sensor.dataset.reader import Dataset, Index, index_text, read_index
+from mitsuba_sensor.dataset.reader import Index, index_text, read_index
 from mitsuba_sensor.dataset.record import FILE, INDEX, RECORD, sealed, unsealed
 from mitsuba_sensor.dataset.repair import verify
 
@@ -184,7 +185,7 @@ def test_an_index_with_a_line_that_no_run_writes_is_a_sentence(
     line = {**index.lines[0], **changes}
     (here / "out" / INDEX).write_bytes(index_text(Index([line], index.made_from)))
     with pytest.raises(InputError, match=r"index\.jsonl was changed"):
-        Dataset(here / "out")
+        ms.Dataset(here / "out")
 
 
 def test_a_separator_of_lines_in_a_text_is_no_end_of_a_line(tmp_path: Path) -> None:
@@ -204,7 +205,7 @@ def test_a_scene_that_was_changed_since_is_not_rendered_in_place_of_the_one_that
 ) -> None:
     scene = here / "mine" / "flat.xml"
     scene.write_text(scene.read_text("utf-8").replace("</scene>", " </scene>"), "utf-8")
-    next(iter(Dataset(here / "out"))).folder.joinpath("frame.tiff").unlink()
+    next(iter(ms.Dataset(here / "out"))).folder.joinpath("frame.tiff").unlink()
     before = contents(here)
     done = cli("dataset", "repair", "out", "--workers", "0")
     assert done.exit_code == 2 and "a scene, camera or motion was changed" in done.stderr
@@ -225,7 +226,7 @@ def test_which_folders_are_read_is_for_the_user_to_say_and_not_for_the_data(
 def test_another_version_neither_goes_on_with_a_dataset_nor_repairs_it(
     here: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
-    frames = [one.read("raw") for one in Dataset(here / "out")]
+    frames = [one.read("raw") for one in ms.Dataset(here / "out")]
     before, version = contents(here / "out"), keys.__version__
     monkeypatch.setattr(keys, "__version__", "9.9.9")
     for command in (["run", "tiny.toml", "-o", "out"], ["repair", "out"]):
@@ -237,7 +238,7 @@ def test_another_version_neither_goes_on_with_a_dataset_nor_repairs_it(
     assert contents(here / "out") == before
 
     assert cli("dataset", "run", "tiny.toml", "-o", "new", "--workers", "0").exit_code == 0
-    old, new = Dataset(here / "out"), Dataset(here / "new")
+    old, new = ms.Dataset(here / "out"), ms.Dataset(here / "new")
     assert not {one.key for one in old} & {one.key for one in new}, "they could never be mixed"
     assert [one.facts["versions"]["mitsuba-sensor"] for one in new] == ["9.9.9", "9.9.9"]
     for frame, sample in zip(frames, new, strict=True):

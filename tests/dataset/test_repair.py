@@ -12,8 +12,8 @@ import pytest
 from helpers.datasets import SCENES
 from typer.testing import CliRunner
 
+import mitsuba_sensor as ms
 from mitsuba_sensor import cli
-from mitsuba_sensor.dataset.reader import Dataset
 from mitsuba_sensor.dataset.record import INDEX
 
 TEXT = """
@@ -69,7 +69,7 @@ def test_nothing_is_found_in_what_was_just_made(made: Path) -> None:
 
 
 def test_what_is_found_is_made_again_and_nothing_else(made: Path, broken: Path) -> None:
-    first, second, third, _ = Dataset(broken)
+    first, second, third, _ = ms.Dataset(broken)
     pixel = first.folder / "frame.tiff"
     content = bytearray(pixel.read_bytes())
     content[-1] ^= 1
@@ -125,7 +125,7 @@ def test_nobody_waits_for_a_pipe_in_place_of_the_index(made: Path, broken: Path)
 
 
 def test_other_entries_are_read_where_the_index_was_changed(broken: Path) -> None:
-    pixel = next(iter(Dataset(broken))).folder / "frame.tiff"
+    pixel = next(iter(ms.Dataset(broken))).folder / "frame.tiff"
     pixel.write_bytes(pixel.read_bytes()[:-1])
     (broken / INDEX).write_text("{}\n")
     _, found = dataset("verify", str(broken))

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from helpers.scenes import SKY, scene_text
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.dataset.planned import load_plan
 
 FILE = """name = "test"
@@ -49,7 +49,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_mesh_of_a_scene_is_below_the_roots(folder: Path) -> None:
     assert planned(folder) == 1
     (folder / "scene.xml").write_text(scene_text(SKY, SECRET.format("../out/qe.csv")))
-    with pytest.raises(InputError, match=r"outside of the folders.*--root"):
+    with pytest.raises(ms.InputError, match=r"outside of the folders.*--root"):
         planned(folder)
     assert planned(folder, folder.parent / "out") == 1
 
@@ -59,7 +59,7 @@ def test_the_value_of_a_parameter_that_varies_is_below_the_roots(folder: Path) -
         scene_text('<default name="mesh" value="scene.xml"/>', SKY, SECRET.format("$mesh"))
     )
     assert planned(folder) == 1
-    with pytest.raises(InputError, match="outside of the folders"):
+    with pytest.raises(ms.InputError, match="outside of the folders"):
         planned(folder, scene='parameters = {mesh = "../out/qe.csv"}')
 
 
@@ -75,5 +75,5 @@ def test_the_curves_of_a_camera_are_below_the_roots(how: str, folder: Path) -> N
     else:
         key = '"quantum_efficiency.file"' if how == "by name" else "quantum_efficiency.file"
         more = f'set = {{{key} = "../out/qe.csv"}}'
-    with pytest.raises(InputError, match="--root"):
+    with pytest.raises(ms.InputError, match="--root"):
         planned(folder, camera=camera, more=more)

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core import DiskFull, InputError
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import DiskFull
 from mitsuba_sensor.dataset.record import Record, record_of, text_of
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files import durable, tiff
@@ -151,7 +152,9 @@ def test_a_file_that_reads_back_changed_is_no_entry(
             os.pwrite(file, b"!", 7)
 
     monkeypatch.setattr(os, "fsync", spoil)
-    with pytest.raises(InputError, match=r"frame\.tiff: it reads back changed; check the disk"):
+    with pytest.raises(
+        ms.InputError, match=r"frame\.tiff: it reads back changed; check the disk"
+    ):
         store.commit("samples", KEY, writer())
     assert not store.exists("samples", KEY) and not list(store.folder.rglob(".unfinished*"))
 
@@ -191,7 +194,7 @@ def test_a_program_that_was_taken_for_dead_publishes_nothing(store: Store) -> No
         writer()(folder)
         assert store.clean(older_s=-60) == 1
 
-    with pytest.raises(InputError, match="another program has removed its unfinished files"):
+    with pytest.raises(ms.InputError, match="another program has removed its unfinished files"):
         store.commit("samples", KEY, slow)
     assert not tree(store.folder)
 

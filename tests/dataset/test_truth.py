@@ -16,7 +16,6 @@ from mitsuba_sensor.dataset.forecast import counts_of
 from mitsuba_sensor.dataset.keys import key_of, seed_of
 from mitsuba_sensor.dataset.make import camera_of
 from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample
-from mitsuba_sensor.dataset.reader import Dataset
 from mitsuba_sensor.dataset.repair import holdings
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
@@ -47,10 +46,10 @@ def keys(**changes: Any) -> list[str]:
     return [one.key for one in samples(**changes)]
 
 
-def made(folder: Path, roots: Path = SCENES, **changes: Any) -> Dataset:
+def made(folder: Path, roots: Path = SCENES, **changes: Any) -> ms.Dataset:
     found = run(plan_of(roots, **changes), folder, workers=0)
     assert not found.failed, found.failed
-    return Dataset(folder)
+    return ms.Dataset(folder)
 
 
 @pytest.fixture
@@ -328,7 +327,7 @@ def test_what_another_file_left_in_the_folder_is_told_apart(tmp_path: Path) -> N
         (1, 1, True),
         (0, 2, False),
     ]
-    assert (held.samples, held.there, held.others) == (2, 2, 1) and len(Dataset(folder)) == 2
+    assert (held.samples, held.there, held.others) == (2, 2, 1) and len(ms.Dataset(folder)) == 2
     assert held.bytes > held.others_bytes > 0
 
 

@@ -20,9 +20,7 @@ import tifffile
 from helpers.scenes import SKY, scene_text, write_scene
 from PIL import Image
 
-from mitsuba_sensor.camera.camera_check import check_camera
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.small_files import toml_tables
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.files.npz import read_fpn_maps, write_fpn_maps
@@ -30,7 +28,6 @@ from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.frames.manifest import read_manifest
 from mitsuba_sensor.output.importers.import_camera import import_camera
-from mitsuba_sensor.output.light_files import read_irradiance
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.scene.parse_scene import parse_scene
@@ -136,7 +133,7 @@ def test_frames_that_announce_more_pixels_than_the_file_can_have_are_refused(
         pytest.importorskip("astropy")
     make(tmp_path / name)
     assert (tmp_path / name).stat().st_size < 10_000
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(ms.InputError) as caught:
         read_raw(tmp_path / name)
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
@@ -145,8 +142,8 @@ def test_light_that_announces_more_pixels_than_the_file_can_have_is_refused(
     tmp_path: Path,
 ) -> None:
     exr(tmp_path / "light.exr")
-    with pytest.raises(InputError) as caught:
-        read_irradiance(tmp_path / "light.exr", unit="w_per_m2", wavelength_nm=550)
+    with pytest.raises(ms.InputError) as caught:
+        ms.read_irradiance(tmp_path / "light.exr", unit="w_per_m2", wavelength_nm=550)
     assert "40000000000 come out of them" in str(caught.value)
 
 
@@ -165,15 +162,15 @@ def test_maps_that_unpack_to_far_more_than_their_file_are_refused(tmp_path: Path
     """300 MB of zeros in 300 kB; and a header of 80 GB before a thousand bytes."""
     zipped(tmp_path / "zeros.npz", "prnu.npy", array_header((40_000_000,)), 300 * 2**20)
     zipped(tmp_path / "header.npz", "prnu.npy", array_header((SIDE, SIDE)))
-    with pytest.raises(InputError, match="made to fill the memory"):
+    with pytest.raises(ms.InputError, match="made to fill the memory"):
         read_fpn_maps(tmp_path / "zeros.npz")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(ms.InputError, match="cannot be read"):
         read_fpn_maps(tmp_path / "header.npz")
 
 
 def test_an_archive_of_very_many_arrays_is_refused(tmp_path: Path) -> None:
     write_fpn_maps(tmp_path / "maps.npz", {f"m{k}": np.zeros(1) for k in range(1001)})
-    with pytest.raises(InputError, match="has 1001 arrays"):
+    with pytest.raises(ms.InputError, match="has 1001 arrays"):
         read_fpn_maps(tmp_path / "maps.npz")
 
 
@@ -194,7 +191,7 @@ def test_no_pickle_is_loaded(tmp_path: Path) -> None:
         ("plain.npz", read_fpn_maps),
         ("maps.npz", read_fpn_maps),
     ):
-        with pytest.raises(InputError, match="cannot be read") as caught:
+        with pytest.raises(ms.InputError, match="cannot be read") as caught:
             read(tmp_path / name)
         assert "nowhere" not in str(caught.value)
 
@@ -220,20 +217,20 @@ def test_text_files_have_a_largest_size_and_a_depth(tmp_path: Path) -> None:
         "x = " + "9" * 5000,
     ):
         deep.write_text(text)
-        for read in (load_camera, read_motion):
-            with pytest.raises(InputError, match="is not valid TOML") as caught:
+        for read in (ms.load_camera, read_motion):
+            with pytest.raises(ms.InputError, match="is not valid TOML") as caught:
                 read(deep)
             assert len(str(caught.value)) < 300
     for path, said in ((large, "has 4194305 bytes"), (pipe, "no regular file")):
-        for read in (load_camera, read_motion):
-            with pytest.raises(InputError, match=said):
+        for read in (ms.load_camera, read_motion):
+            with pytest.raises(ms.InputError, match=said):
                 read(path)
         for field in ("quantum_efficiency.file", "lens.prescription"):
             path.rename(tmp_path / "x.json")
-            with pytest.raises(InputError, match=said):
-                load_camera("konnik_table1").replace(**{field: str(tmp_path / "x.json")})
+            with pytest.raises(ms.InputError, match=said):
+                ms.load_camera("konnik_table1").replace(**{field: str(tmp_path / "x.json")})
             (tmp_path / "x.json").rename(path)
-    with pytest.raises(InputError, match="is not a file"):
+    with pytest.raises(ms.InputError, match="is not a file"):
         parse_scene(pipe, {})
 
 
@@ -299,19 +296,19 @@ def test_texts_that_expand_or_nest_without_end_are_refused(name: str, tmp_path: 
     """The aliases asked for 12 GB, the long key for minutes."""
     file, text, said = TEXT_BOMBS[name]
     (tmp_path / file).write_text(text)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(ms.InputError, match=said) as caught:
         import_camera(tmp_path / file)
     assert len(str(caught.value)) < 400 and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    "read", [load_camera, read_motion, read_dataset, read_manifest, check_camera]
+    "read", [ms.load_camera, read_motion, read_dataset, read_manifest, ms.check_camera]
 )
 def test_every_toml_is_read_within_limits(read: Callable[[Path], Any], tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(f"[{'.'.join('a' * 1_000_000)}]\n")
     try:
         said = " ".join(map(str, read(tmp_path / "a.toml")))
-    except InputError as error:
+    except ms.InputError as error:
         said = str(error)
     assert "a key has more than 32 parts" in said
 
@@ -341,7 +338,7 @@ def test_a_check_of_a_camera_file_ends_however_it_is_broken(
     ):
         (tmp_path / f"{name}.toml").write_text(text)
         parsed[0] = 0
-        found = check_camera(tmp_path / f"{name}.toml")
+        found = ms.check_camera(tmp_path / f"{name}.toml")
         assert parsed[0] < most_times * len(text)
         if name == "broken":
             assert len(found) == 21
@@ -357,9 +354,11 @@ def test_a_film_of_more_pixels_than_can_be_rendered_is_refused(tmp_path: Path) -
         .replace('value="12"', 'value="100000"')
         .replace('value="8"', 'value="100000"')
     )
-    with pytest.raises(InputError, match="has a film of 100000 × 100000 pixels"):
+    with pytest.raises(ms.InputError, match="has a film of 100000 × 100000 pixels"):
         render_aovs(
-            write_scene(tmp_path, text), load_camera("konnik_table1"), variant="scalar_spectral"
+            write_scene(tmp_path, text),
+            ms.load_camera("konnik_table1"),
+            variant="scalar_spectral",
         )
 
 
@@ -370,9 +369,9 @@ def test_textures_that_announce_more_pixels_than_the_file_can_have_are_refused(
     """Mitsuba takes the memory before it reads."""
     make(tmp_path / "sky")
     sky = '<emitter type="envmap"><string name="filename" value="sky"/></emitter>'
-    with pytest.raises(InputError, match=r"says that \d+ come out of them"):
+    with pytest.raises(ms.InputError, match=r"says that \d+ come out of them"):
         render_aovs(
             write_scene(tmp_path, scene_text(sky)),
-            load_camera("konnik_table1"),
+            ms.load_camera("konnik_table1"),
             variant="scalar_spectral",
         )

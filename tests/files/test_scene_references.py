@@ -8,16 +8,13 @@ from pathlib import Path
 import pytest
 from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.files.scene_references import (
     camera_references,
     check_below,
     scene_digest,
     scene_references,
 )
-from mitsuba_sensor.render.passes.prepared import render
 
 CAMERA = """name = "mine"
 [quantum_efficiency]
@@ -69,7 +66,7 @@ def test_every_kind_of_file_is_found(tmp_path: Path) -> None:
         tmp_path / "curves/qe.csv",
         tmp_path / "lens.dat",
     ]
-    with pytest.raises(InputError, match=r"line 2: there is no file 'none.obj' in .*assets"):
+    with pytest.raises(ms.InputError, match=r"line 2: there is no file 'none.obj' in .*assets"):
         names(tmp_path)
 
 
@@ -144,7 +141,7 @@ def test_files_outside_of_the_roots_are_refused_and_their_folder_can_be_named(
     )
     parameters = {"n": "../out"} if how == "parameter" else {}
     with pytest.raises(
-        InputError, match=r"outside of the folders that may be read.*--root"
+        ms.InputError, match=r"outside of the folders that may be read.*--root"
     ) as caught:
         scene_digest(root / "scene.xml", parameters, [root])
     assert "secret.xml" in str(caught.value) and "\n" not in str(caught.value)
@@ -207,7 +204,7 @@ def test_scenes_that_would_keep_a_reader_busy_or_run_code_are_refused(
         },
     )
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(ms.InputError, match=said) as caught:
         names(tmp_path)
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 700
 
@@ -215,13 +212,13 @@ def test_scenes_that_would_keep_a_reader_busy_or_run_code_are_refused(
 def test_no_native_code_beside_a_scene_is_run(tmp_path: Path) -> None:
     """Mitsuba looks for plugins/TYPE.so beside the scene; a file that is none would be an error if it were loaded."""
     camera, options = (
-        load_camera("konnik_table1"),
+        ms.load_camera("konnik_table1"),
         {"spp": 4, "wavelength_nm": 550, "variant": "scalar_spectral"},
     )
     scene = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf='<bsdf type="diffuse"/>')))
     written(tmp_path, {"plugins/diffuse.so": "", "plugins/evil.so": "", "evil.so": ""})
-    assert render(scene, camera, Exposure(0.01), **options).data.any()
-    with pytest.raises(InputError, match="native code"):
+    assert ms.render(scene, camera, ms.Exposure(0.01), **options).data.any()
+    with pytest.raises(ms.InputError, match="native code"):
         scene_references(scene, {})
     for kind, said in (
         ("evil", "native code that would be run"),
@@ -230,18 +227,18 @@ def test_no_native_code_beside_a_scene_is_run(tmp_path: Path) -> None:
         scene = write_scene(
             tmp_path, scene_text(SKY, BALL.format(bsdf=f'<bsdf type="{kind}"/>'))
         )
-        with pytest.raises(InputError, match=said):
-            render(scene, camera, Exposure(0.01), **options)
+        with pytest.raises(ms.InputError, match=said):
+            ms.render(scene, camera, ms.Exposure(0.01), **options)
 
 
 def test_deep_nesting_is_refused_before_mitsuba_reads_it(tmp_path: Path) -> None:
     """Mitsuba 3.9.1 ends the process at ten thousand."""
     deep = '<bsdf type="twosided">' * 10_000 + "</bsdf>" * 10_000
-    with pytest.raises(InputError, match="more than 24 deep"):
-        render(
+    with pytest.raises(ms.InputError, match="more than 24 deep"):
+        ms.render(
             write_scene(tmp_path, scene_text(SKY, deep)),
-            load_camera("konnik_table1"),
-            Exposure(0.01),
+            ms.load_camera("konnik_table1"),
+            ms.Exposure(0.01),
         )
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core.errors import DiskFull, InputError
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.errors import DiskFull
 from mitsuba_sensor.files.tar_shards import TarShards, npy
 
 RAW = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
@@ -101,7 +102,7 @@ def test_a_large_sample_has_a_shard_of_its_own_and_files_are_copied_in_pieces(
 def test_a_key_or_an_extension_that_webdataset_would_split_is_refused(
     tmp_path: Path, key: str, end: str
 ) -> None:
-    with TarShards(tmp_path, "shard") as shards, pytest.raises(InputError):
+    with TarShards(tmp_path, "shard") as shards, pytest.raises(ms.InputError):
         shards.add(key, {end: b""})
     assert not list(tmp_path.iterdir())
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mitsuba_sensor.core.errors import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.files.whole_folder import LISTING, appearing_folder, inside
 
 
@@ -48,12 +48,12 @@ def test_force_replaces_only_what_was_exported(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     write(out, "old")  # an empty folder is as good as none
-    with pytest.raises(InputError, match="--force replaces it"):
+    with pytest.raises(ms.InputError, match="--force replaces it"):
         write(out, "new")
     write(out, "new", force=True, name="b.txt")
     assert set(tree(tmp_path)) == {"out/b.txt", f"out/{LISTING}"}
     (out / "mine.txt").write_text("precious", "utf-8")
-    with pytest.raises(InputError, match=r"has mine.txt, which was not exported"):
+    with pytest.raises(ms.InputError, match=r"has mine.txt, which was not exported"):
         write(out, "newer", force=True)
     assert (out / "b.txt").read_text("utf-8") == "new"
 
@@ -82,7 +82,9 @@ def test_what_is_no_export_is_never_replaced(
     make(tmp_path / "out")
     before = tree(tmp_path)
     for force in (False, True):
-        with pytest.raises(InputError, match=r"out exists and (is no folder|was not exported)"):
+        with pytest.raises(
+            ms.InputError, match=r"out exists and (is no folder|was not exported)"
+        ):
             write(tmp_path / "out", force=force)
     assert tree(tmp_path) == before
 
@@ -91,6 +93,6 @@ def test_what_is_no_export_is_never_replaced(
     "name", ["../a", "a/../../b", "/etc/a", "", ".", "a\\b", "c:a", ".hidden", "a/.b", "a\n"]
 )
 def test_a_name_that_leads_out_of_the_folder_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="no name of a file in an export"):
+    with pytest.raises(ms.InputError, match="no name of a file in an export"):
         write(tmp_path / "out", name=name)
     assert not list(tmp_path.iterdir())

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import mitsuba_sensor as ms
 from helpers import ROOT
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene_settings import SceneSettings, settings_of
 from mitsuba_sensor.render.variants import choose_variant
@@ -49,7 +49,7 @@ def skip_unless_usable(variant: str) -> str:
     """The variant, or a skip with the reason why this machine cannot run it; LLVM goes through the guard."""
     try:
         return choose_variant(variant).name
-    except InputError as error:
+    except ms.InputError as error:
         pytest.skip(str(error))
 
 

@@ -27,11 +27,8 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from helpers.marks import exhaustive
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.run import choose_backend
 from mitsuba_sensor.stages.chain import chain
 
@@ -66,29 +63,29 @@ def backend_of(name: str) -> Backend:
     )
 
 
-def photons(camera: ms.Camera, level: float, shape: tuple[int, int]) -> Photons:
+def photons(camera: ms.Camera, level: float, shape: tuple[int, int]) -> ms.Photons:
     """Uniform light that fills ``level`` of the well of the most sensitive filter, at the camera's own wavelength."""
     section = camera.quantum_efficiency
     electrons_per_photon = (
         camera.qe([section.reference_nm]).max() * (section.quantum_yield or (1.0,))[0]
     )
-    return Photons(np.full(shape, level * camera.pixel.full_well_e / electrons_per_photon))
+    return ms.Photons(np.full(shape, level * camera.pixel.full_well_e / electrons_per_photon))
 
 
-def dark_to_saturation(camera: ms.Camera, shape: tuple[int, int]) -> Photons:
+def dark_to_saturation(camera: ms.Camera, shape: tuple[int, int]) -> ms.Photons:
     """Light from 0 to 1.1 full wells: half of the pixels below 1/8 of the well."""
     ramp = np.linspace(0.0, 1.1, shape[0] * shape[1]).reshape(shape) ** 3
-    return Photons(photons(camera, 1.0, shape).mean * ramp)
+    return ms.Photons(photons(camera, 1.0, shape).mean * ramp)
 
 
-def apply(stage: Any, signal: Signal, frame: Frame) -> Signal:
+def apply(stage: Any, signal: Signal, frame: ms.Frame) -> Signal:
     """The signal behind the stage."""
     return stage.sample(signal, frame)
 
 
-def arrays_of(signal: Signal, frame: Frame) -> Sampled:
+def arrays_of(signal: Signal, frame: ms.Frame) -> Sampled:
     """What the stage hands on, as NumPy arrays (H, W): light and dark electrons apart."""
-    parts = (signal.light, signal.dark) if isinstance(signal, Electrons) else (signal,)
+    parts = (signal.light, signal.dark) if isinstance(signal, ms.Electrons) else (signal,)
     return tuple(np.array(frame.window.backend.to_numpy(part, frame.window)) for part in parts)
 
 
@@ -98,22 +95,22 @@ class Step:
 
     stage: Any
     samples: NDArray[np.float64]
-    theory: Moments
+    theory: ms.Moments
 
 
 @functools.cache
-def frames_of(name: str, shape: tuple[int, int]) -> tuple[Frame, ...]:
+def frames_of(name: str, shape: tuple[int, int]) -> tuple[ms.Frame, ...]:
     """The same three frames of one camera for every case: they remember their random bits, half of the time."""
     window = SensorWindow(7, shape, backend=backend_of(name))
-    return tuple(Frame(EXPOSURE, window, 5, index) for index in FRAMES)
+    return tuple(ms.Frame(EXPOSURE, window, 5, index) for index in FRAMES)
 
 
-def steps(camera: ms.Camera, light: Photons, engine: str) -> Iterator[Step]:
+def steps(camera: ms.Camera, light: ms.Photons, engine: str) -> Iterator[Step]:
     """Every stage of the chain that does something; one that hands on what it got must state the moments it got."""
     shape = light.mean.shape[:2]
     frames = frames_of(engine, shape)
     signals: list[Signal] = [light] * len(frames)
-    moments = Moments(light, 0.0, 0.0, frames_of("float64", shape)[0])
+    moments = ms.Moments(light, 0.0, 0.0, frames_of("float64", shape)[0])
     for stage in chain(camera):
         before, signals = (
             signals,
@@ -132,7 +129,7 @@ def steps(camera: ms.Camera, light: Photons, engine: str) -> Iterator[Step]:
         yield Step(stage, np.array(samples, np.float64), moments)
 
 
-def same(a: Moments, b: Moments) -> bool:
+def same(a: ms.Moments, b: ms.Moments) -> bool:
     """Whether mean and both variances are equal to the last bit."""
     pairs = [(getattr(a, part), getattr(b, part)) for part in ("mean", "temporal", "spatial")]
     return all(
@@ -183,7 +180,9 @@ def assert_step_agrees(step: Step, engine: str) -> None:
     )
 
 
-def behind_every_stage(camera: ms.Camera, light: Photons, frame: Frame) -> dict[str, Sampled]:
+def behind_every_stage(
+    camera: ms.Camera, light: ms.Photons, frame: ms.Frame
+) -> dict[str, Sampled]:
     """What each stage hands on in one frame, by the name of its class."""
     signal: Signal = light
     out = {}
@@ -255,10 +254,10 @@ class StageTests:
         )
         window = SensorWindow(7, self.to_saturation, (100, 40), backend=backend)
         for index in (1, 3):
-            whole = behind_every_stage(self.camera, light, Frame(EXPOSURE, window, 5, index))
+            whole = behind_every_stage(self.camera, light, ms.Frame(EXPOSURE, window, 5, index))
         part = SensorWindow(7, PART, (100 + CORNER[0], 40 + CORNER[1]), backend=backend)
         cropped = behind_every_stage(
-            self.camera, Photons(light.mean[rows, columns]), Frame(EXPOSURE, part, 5, 3)
+            self.camera, ms.Photons(light.mean[rows, columns]), ms.Frame(EXPOSURE, part, 5, 3)
         )
         name = self.stage.__name__
         assert_equal(cropped[name], tuple(values[rows, columns] for values in whole[name]))
@@ -290,7 +289,7 @@ class StageTests:
         position = [isinstance(stage, self.stage) for stage in chain(self.camera)].index(True)
         signal: Signal = dark_to_saturation(self.camera, self.to_saturation)
         frame = self.frame_on(NUMPY_FLOAT64, 0)
-        moments = Moments(signal, 0.0, 0.0, frame)
+        moments = ms.Moments(signal, 0.0, 0.0, frame)
         for stage in chain(self.camera)[:position]:
             signal, moments = apply(stage, signal, frame), stage.moments(moments)
         for stage in self.neutral:
@@ -310,8 +309,8 @@ class StageTests:
         with pytest.raises(AttributeError):
             one.a_new_attribute = 1
 
-    def frame_on(self, backend: Backend, index: int) -> Frame:
+    def frame_on(self, backend: Backend, index: int) -> ms.Frame:
         """A new frame of a new window, which remembers nothing."""
-        return Frame(
+        return ms.Frame(
             EXPOSURE, SensorWindow(7, self.to_saturation, (100, 40), backend=backend), 5, index
         )

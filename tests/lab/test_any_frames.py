@@ -13,7 +13,7 @@ import pytest
 from helpers.marks import one_in
 from numpy.typing import NDArray
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.correlation import correlation
 from mitsuba_sensor.lab.measure.dark_current import dark_current
@@ -93,7 +93,7 @@ def test_no_frames_give_a_number_without_a_mark_or_an_error_without_a_sentence(
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for instrument in instruments:
-            with contextlib.suppress(InputError):
+            with contextlib.suppress(ms.InputError):
                 for one in quantities(instrument()):
                     assert one.note or not math.isnan(one.value), one
                     assert math.isnan(one.value) or one.low <= one.value <= one.high, one

@@ -12,7 +12,6 @@ from astropy.io import fits
 from PIL import Image, TiffImagePlugin
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import InputError
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.frames.bench import read_bench
 
@@ -191,7 +190,7 @@ WRONG = {
 @pytest.mark.parametrize("text", WRONG)
 def test_a_wrong_manifest_is_one_sentence(tmp_path: Path, text: str) -> None:
     (_folder(tmp_path) / "bench.toml").write_text(text)
-    with pytest.raises(InputError) as error:
+    with pytest.raises(ms.InputError) as error:
         read_bench(tmp_path)
     assert WRONG[text] in str(error.value) and "bench.toml" in str(error.value)
 
@@ -202,13 +201,13 @@ def test_files_that_are_not_alike_or_broken_are_named(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(manifest)
     np.save(tmp_path / "dark_b.npy", FRAMES[0][:4])
     with pytest.raises(
-        InputError,
+        ms.InputError,
         match=r"shape of dark_a.npy is \(6, 8\) and of dark_b.npy \(4, 8\); frames of one",
     ):
         read_bench(tmp_path)
     np.save(tmp_path / "dark_b.npy", FRAMES[0].astype(float))
     with pytest.raises(
-        InputError, match=r"type of dark_a.npy is uint16 and of dark_b.npy float64"
+        ms.InputError, match=r"type of dark_a.npy is uint16 and of dark_b.npy float64"
     ):
         read_bench(tmp_path)
     for name, content in (
@@ -220,27 +219,30 @@ def test_files_that_are_not_alike_or_broken_are_named(tmp_path: Path) -> None:
         (tmp_path / f"dark_{name}").write_bytes(content)
         (tmp_path / "bench.toml").write_text(manifest.replace("dark_*", f"dark_{name}"))
         with pytest.raises(
-            InputError, match=rf"dark_{name} cannot be read: .*; leave it out, or copy it again"
+            ms.InputError,
+            match=rf"dark_{name} cannot be read: .*; leave it out, or copy it again",
         ):
             read_bench(tmp_path)
 
 
 def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no raw frames"):
+    with pytest.raises(ms.InputError, match="holds no raw frames"):
         read_bench(tmp_path)
     np.save(tmp_path / "x.npy", FRAMES[0])
     with pytest.raises(
-        InputError, match=r"x.npy: is it one of bias, dark, flat, scene\? Begin its name"
+        ms.InputError, match=r"x.npy: is it one of bias, dark, flat, scene\? Begin its name"
     ):
         read_bench(tmp_path)
-    with pytest.raises(InputError, match=r"there is no .*nowhere; give a folder of raw frames"):
+    with pytest.raises(
+        ms.InputError, match=r"there is no .*nowhere; give a folder of raw frames"
+    ):
         read_bench(tmp_path / "nowhere")
     Image.new("RGB", (4, 4)).save(tmp_path / "y.png")
     with pytest.raises(
-        InputError, match=r"y.png has 3 values per pixel \(RGB\); raw frames have one"
+        ms.InputError, match=r"y.png has 3 values per pixel \(RGB\); raw frames have one"
     ):
         read_raw(tmp_path / "y.png")
     with pytest.raises(
-        InputError, match=r"z.jpg is of a format that is not read; give one of .tif"
+        ms.InputError, match=r"z.jpg is of a format that is not read; give one of .tif"
     ):
         read_raw(tmp_path / "z.jpg")

@@ -18,7 +18,6 @@ from mitsuba_sensor.bench.figures_page import characterized, figures_of
 from mitsuba_sensor.bench.rendered_field import rendered_field
 from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
 from mitsuba_sensor.cli import app
-from mitsuba_sensor.core import Exposure, InputError
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure
 from mitsuba_sensor.pages.drawing import png
@@ -53,7 +52,7 @@ def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
     assert (
         asked == [(number, INSTRUMENTS) for number in range(INSTRUMENTS)] and not found.refused
     )
-    sheet = expected(CAMERA, Exposure(FLAT_S), 0.6, 128 * 160)
+    sheet = expected(CAMERA, ms.Exposure(FLAT_S), 0.6, 128 * 160)
     study = characterized(CAMERA.name, [found], {"": sheet})
     assert study.passed, study.findings
     beside = {
@@ -174,7 +173,7 @@ def test_several_gain_settings_are_measured_one_at_a_time(small: Bench) -> None:
     two = Bench((), small.darks, tuple(one for one in small.flats), wavelength_nm=550)
     two = Bench((), (*two.darks, *two.given(bits=12).darks), two.flats)
     assert measure(two)[0].figures["K"].value > 0
-    with pytest.raises(InputError, match="no frames"):
+    with pytest.raises(ms.InputError, match="no frames"):
         measure(Bench((), (), ()))
 
 

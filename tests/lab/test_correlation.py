@@ -8,7 +8,7 @@ import matplotlib.figure
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames import stack
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.correlation import correlation
@@ -75,9 +75,9 @@ def test_what_has_no_correlation_says_why() -> None:
         and "nothing to compare" in row.vertical.note
         and not math.isnan(row.horizontal.value)
     )
-    with pytest.raises(InputError, match="lags is 0"):
+    with pytest.raises(ms.InputError, match="lags is 0"):
         correlation(Stack(rng.normal(size=(9, 4, 4)), 0.1), lags=0)
-    with pytest.raises(InputError, match=r"Stack\.of_filters"):
+    with pytest.raises(ms.InputError, match=r"Stack\.of_filters"):
         correlation(Stack(rng.normal(size=(9, 4, 4)), 0.1, tile=(("R", "G"), ("G", "B"))))
 
 

@@ -11,7 +11,6 @@ from helpers.lab_frames import Sigmas, frames
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_current import dark_current, dark_temperature
 from mitsuba_sensor.lab.quantity import Quantity
@@ -104,7 +103,7 @@ def test_clipped_exposures_are_left_out_with_a_note() -> None:
         and found.from_mean.covers(100)
     )
     with pytest.raises(
-        InputError, match="2 exposure times without clipped values; there are 1"
+        ms.InputError, match="2 exposure times without clipped values; there are 1"
     ):
         dark_current([stacks[0], full])
 
@@ -116,9 +115,9 @@ def test_stacks_of_different_settings_are_refused() -> None:
         Stack(other.frames, 0.5, gain="ISO 200"),
         other.window(slice(0, 4), slice(0, 4)),
     ):
-        with pytest.raises(InputError, match="Pass those of one temperature and gain"):
+        with pytest.raises(ms.InputError, match="Pass those of one temperature and gain"):
             dark_current([one, wrong])
-    with pytest.raises(InputError, match="there are 1"):
+    with pytest.raises(ms.InputError, match="there are 1"):
         dark_current([one, one])
 
 
@@ -175,9 +174,9 @@ def test_currents_at_zero_are_left_out_and_one_temperature_is_too_few() -> None:
     nothing = Quantity("µ_I.mean", "", 0.0, -1.0, 1.0, "e-/s", "")
     found = dark_temperature({280.0: nothing, 300.0: measured(10.0), 310.0: measured(20.0)})
     assert found.doubling.covers(10) and "280 K left out" in found.doubling.note
-    with pytest.raises(InputError, match="at 1 temperatures of 2"):
+    with pytest.raises(ms.InputError, match="at 1 temperatures of 2"):
         dark_temperature({280.0: nothing, 300.0: measured(10.0)})
-    with pytest.raises(InputError, match="temperatures are above 0"):
+    with pytest.raises(ms.InputError, match="temperatures are above 0"):
         dark_temperature({-5.0: measured(5.0), 300.0: measured(10.0)})
     falling = dark_temperature({300.0: measured(20.0), 310.0: measured(10.0)}).doubling
     assert math.isnan(falling.value)

@@ -10,7 +10,7 @@ import pytest
 import scipy.stats
 from numpy.typing import NDArray
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_signal import DarkSignal, Fit, dark_signal
 from mitsuba_sensor.lab.statistics.families import FAMILIES
@@ -149,9 +149,9 @@ def test_frames_without_a_distribution_are_marked() -> None:
         {"superimposed": (("gamma", "gamma"),)},
         {"families": ()},
     ):
-        with pytest.raises(InputError, match="is no distribution"):
+        with pytest.raises(ms.InputError, match="is no distribution"):
             measured(np.arange(50.0), **options)
-    with pytest.raises(InputError, match="it must be finite, of 16 or more"):
+    with pytest.raises(ms.InputError, match="it must be finite, of 16 or more"):
         measured(np.arange(5.0))
 
 

@@ -10,7 +10,6 @@ import pytest
 from helpers.lab_frames import Sigmas, frames, noise, rounded, stack
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.defects import defects
 from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
@@ -63,9 +62,9 @@ def test_quantised_saturated_and_unfit_frames_are_marked_or_refused() -> None:
         ((dark, dark.window(slice(0, 20), slice(0, 20))), 0.1),
         ((dark,), 0.0),
     ):
-        with pytest.raises(InputError, match="a probability between 0 and 1"):
+        with pytest.raises(ms.InputError, match="a probability between 0 and 1"):
             defects(*given, false_alarm=false_alarm)
-    with pytest.raises(InputError, match=r"Stack\.of_filters"):
+    with pytest.raises(ms.InputError, match=r"Stack\.of_filters"):
         defects(Stack(quiet, 0.1, tile=(("R", "G"), ("G", "B"))))
 
 
@@ -161,7 +160,7 @@ def test_no_rts_pixels_and_too_few_frames_are_said() -> None:
         found.step.value
     )
     assert math.isnan(rts_pixels(Stack(np.zeros((9, 5, 5), np.uint8), 0.1)).fraction.value)
-    with pytest.raises(InputError, match="need at least 8 frames"):
+    with pytest.raises(ms.InputError, match="need at least 8 frames"):
         rts_pixels(Stack(dark.frames[:7], 0.1))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.distance import (
     FigureDistance,
@@ -77,6 +77,6 @@ def test_figures_differ_by_standard_errors_of_both() -> None:
 
 def test_stacks_that_are_not_alike_are_refused() -> None:
     with pytest.raises(
-        InputError, match="compare frames of one size, mosaic and exposure time"
+        ms.InputError, match="compare frames of one size, mosaic and exposure time"
     ):
         frame_distances(_stack(), Stack(np.zeros((2, 3, 3), np.uint8), 0.1))

@@ -13,7 +13,6 @@ from helpers.small_cameras import SmallCamera
 from matplotlib.figure import Figure
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.emva_linear import EmvaLinear, emva_linear
 
@@ -177,7 +176,7 @@ def test_each_filter_of_a_mosaic_is_measured_apart() -> None:
         [replace(one, tile=(("R", "G"), ("G", "B"))) for one in part]
         for part in bench(9, shape=(64, 64))
     )
-    with pytest.raises(InputError, match=r"of Stack.of_filters\(\)"):
+    with pytest.raises(ms.InputError, match=r"of Stack.of_filters\(\)"):
         emva_linear(darks, flats)
     of = [[one.of_filters()["G (2)"] for one in part] for part in (darks, flats)]
     assert_marked_or_right(emva_linear(*of))
@@ -216,7 +215,7 @@ def test_each_filter_of_a_mosaic_is_measured_apart() -> None:
     ],
 )
 def test_stacks_that_do_not_belong_together_are_refused(change: Any, said: str) -> None:
-    with pytest.raises(InputError) as error:
+    with pytest.raises(ms.InputError) as error:
         emva_linear(*change(*bench(10)))
     assert said in str(error.value)
 

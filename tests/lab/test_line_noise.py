@@ -10,7 +10,6 @@ import pytest
 from helpers.lab_frames import Sigmas, frames, noise, stack
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.line_noise import line_noise
 
@@ -72,7 +71,7 @@ def test_what_cannot_be_measured_has_no_value_and_a_reason() -> None:
     assert math.isnan(line.row.value) and "a single line" in line.row.note
     coarse = line_noise(stack(frames(rng, np.full((12, 16), 100.3), 4, Sigmas(0, 0, 0.3)))).row
     assert "rounding hides" in coarse.note
-    with pytest.raises(InputError, match=r"Stack\.of_filters"):
+    with pytest.raises(ms.InputError, match=r"Stack\.of_filters"):
         line_noise(Stack(values, 0.1, tile=(("R", "G"), ("G", "B"))))
 
 

@@ -10,7 +10,6 @@ import pytest
 from helpers.lab_frames import Sigmas, frames, noise, stack
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.nonuniformity import highpass, highpass_power, nonuniformity
 from mitsuba_sensor.lab.quantity import Quantity, variance_interval
@@ -186,7 +185,7 @@ def test_the_share_that_the_filter_leaves_is_that_of_white_noise() -> None:
     assert highpass(image).var() / image.var() == pytest.approx(pixel, rel=0.01)
     columns = np.repeat(rng.normal(size=(1, 40_000)), 40, axis=0)
     assert highpass(columns).var() / columns.var() == pytest.approx(line, rel=0.02)
-    with pytest.raises(InputError, match="at least 38 rows"):
+    with pytest.raises(ms.InputError, match="at least 38 rows"):
         highpass(np.zeros((37, 100)))
 
 
@@ -234,7 +233,7 @@ def test_stacks_that_do_not_fit_are_refused() -> None:
             "one pixel has no",
         ),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(ms.InputError, match=said):
             nonuniformity(*given)
 
 

@@ -7,7 +7,7 @@ import pytest
 from helpers.small_cameras import SmallCamera
 from matplotlib.figure import Figure
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.series import series
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.photon_transfer import (
@@ -97,7 +97,7 @@ def test_a_curve_that_noise_hides_is_inside_the_interval_more_often_than_the_lin
 @pytest.mark.parametrize("level", [0.0, 64.0, 4095.0])
 def test_a_scene_of_one_level_is_refused(level: float) -> None:
     with pytest.raises(
-        InputError, match=r"1 levels of 30 pixels or more .* from darkness to saturation"
+        ms.InputError, match=r"1 levels of 30 pixels or more .* from darkness to saturation"
     ):
         photon_transfer_of_scene(Stack(np.full((4, 20, 20), level), 0.1, bits=12))
 
@@ -113,7 +113,7 @@ def test_a_scene_below_saturation_says_so_and_dark_frames_of_another_size_are_re
     )
     assert found.gain.covers(0.12)
     with pytest.raises(
-        InputError, match=r"the scene has \(60, 100\) pixels, the dark frames \(30, 40\)"
+        ms.InputError, match=r"the scene has \(60, 100\) pixels, the dark frames \(30, 40\)"
     ):
         photon_transfer_of_scene(scene, LINEAR.stack(rng, 0.0, 8, (30, 40)))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.marks import one_in
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.profiles import profiles
 from mitsuba_sensor.lab.measure.spectrogram import spectrograms
@@ -79,7 +79,7 @@ def test_what_has_no_spectrum_has_no_f() -> None:
     assert (
         math.isnan(vertical.non_whiteness.value) and "at least 8" in vertical.non_whiteness.note
     )
-    with pytest.raises(InputError, match=r"Stack\.of_filters"):
+    with pytest.raises(ms.InputError, match=r"Stack\.of_filters"):
         spectrograms(Stack(np.zeros((1, 4, 4)), 0.1, tile=(("R", "G"), ("G", "B"))))
 
 
@@ -99,7 +99,7 @@ def test_profiles_are_those_of_the_mean_image_less_the_dark() -> None:
     np.testing.assert_allclose(vertical.largest, image.max(axis=1))
     np.testing.assert_allclose(vertical.smallest, image.min(axis=1))
     np.testing.assert_allclose(vertical.middle, image[:, 7])
-    with pytest.raises(InputError, match="pass the same size"):
+    with pytest.raises(ms.InputError, match="pass the same size"):
         profiles(Stack(frames, 0.1), Stack(dark[:, :3], 0.1))
 
 

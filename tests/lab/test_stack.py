@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames import stack
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.quantity import (
@@ -74,7 +74,7 @@ def test_each_place_of_a_mosaic_is_a_stack_of_its_own_pixels() -> None:
 def test_what_is_no_stack_is_refused_with_the_value(
     frames: np.ndarray, exposure_s: float, said: str
 ) -> None:
-    with pytest.raises(InputError) as error:
+    with pytest.raises(ms.InputError) as error:
         Stack(frames, exposure_s, source="dark.tiff")
     assert said in str(error.value) and str(error.value).startswith("dark.tiff: ")
 
@@ -88,7 +88,7 @@ def test_a_quantity_reads_as_a_sentence_and_scales_with_its_interval() -> None:
     assert gain.scaled(10, "%").low == pytest.approx(1.239) and "8 bit" in str(
         gain.noted("8 bit")
     )
-    with pytest.raises(InputError, match="outside of its interval"):
+    with pytest.raises(ms.InputError, match="outside of its interval"):
         Quantity("K", "", 1, 2, 3, "", "")
 
 

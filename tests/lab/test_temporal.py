@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.frames.temporal import temporal
 
@@ -77,6 +77,6 @@ def test_noise_that_rows_share_is_noise_and_no_drift_and_widens_the_error() -> N
     ],
 )
 def test_what_has_no_temporal_variance_is_refused(stack: Stack, said: str) -> None:
-    with pytest.raises(InputError, match="the frames: ") as error:
+    with pytest.raises(ms.InputError, match="the frames: ") as error:
         temporal(stack)
     assert said in str(error.value)

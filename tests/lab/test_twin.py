@@ -16,7 +16,6 @@ from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera_file import camera_from
-from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.quantity import Quantity
@@ -208,7 +207,7 @@ def test_what_frames_do_not_show_is_taken_from_another_camera(bench: Bench) -> N
 
 
 def test_a_camera_of_another_mosaic_is_refused(bench: Bench) -> None:
-    with pytest.raises(InputError, match="RG / GB, the frames have none"):
+    with pytest.raises(ms.InputError, match="RG / GB, the frames have none"):
         fit(bench).tables(ms.load_camera("bayer_2mp").model_dump())
 
 
@@ -313,13 +312,13 @@ def test_gain_settings_become_a_ladder_and_a_change_of_the_conversion_gain_is_fo
 def test_frames_that_show_no_camera_are_refused(
     bench: Bench, change: Change, kinds: str, sentence: str
 ) -> None:
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(ms.InputError, match=sentence):
         fit(changed(bench, change, kinds))
 
 
 @pytest.mark.parametrize("kind", ["darks", "flats"])
 def test_a_bench_without_dark_or_flat_frames_is_refused(bench: Bench, kind: str) -> None:
-    with pytest.raises(InputError, match="there are no"):
+    with pytest.raises(ms.InputError, match="there are no"):
         fit(replace(bench, biases=(), **{kind: ()}))
 
 
@@ -424,5 +423,5 @@ def test_codes_in_the_upper_bits_are_noted(bench: Bench) -> None:
 def test_a_black_level_that_cuts_the_noise_gives_no_twin(bench: Bench) -> None:
     below = int(bench.biases[0].frames.mean())
     cut = changed(bench, lambda s: replace(s, frames=(s.frames.astype(int) - below).clip(0)))
-    with pytest.raises(InputError, match="the black level is too low"):
+    with pytest.raises(ms.InputError, match="the black level is too low"):
         fit(cut)

@@ -13,18 +13,14 @@ import pytest
 from helpers.marks import one_in
 from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import cos4, solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View, aperture_f_number, intrinsics, magnification
 from mitsuba_sensor.render.light.bands import box_bands
-from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
-CAMERA = load_camera("konnik_table1")
+CAMERA = ms.load_camera("konnik_table1")
 CROP = "".join(
     f'<integer name="crop_{k}" value="{v}"/>'
     for k, v in (("width", 5), ("height", 3), ("offset_x", 6), ("offset_y", 1))
@@ -149,8 +145,8 @@ def test_light_through_a_thin_lens_follows_cos4_and_the_f_number(
         tmp_path, scene_text(SKY, sensor=sensor("thinlens", axis_fov("x") + LENS))
     )
     skip_unless_usable(variant)
-    light = render(
-        scene, camera, Exposure(0.1), wavelength_nm=550, spp=16, variant=variant
+    light = ms.render(
+        scene, camera, ms.Exposure(0.1), wavelength_nm=550, spp=16, variant=variant
     ).data[..., 0]
     half = math.tan(math.radians(30)) / 6
     x, y = np.meshgrid(half * (np.arange(12) - 5.5), half * (np.arange(8) - 3.5))
@@ -173,7 +169,7 @@ def test_transmission_is_one_number_times_a_curve_that_must_reach() -> None:
         transmittance(camera, [400, 425, 500, 600]), [0.0, 0.2, 0.8, 0.6], rtol=1e-12
     )
     with pytest.raises(
-        InputError, match=r"is given from 400 to 700 nm and needed at 705 nm; extend it"
+        ms.InputError, match=r"is given from 400 to 700 nm and needed at 705 nm; extend it"
     ):
         transmittance(camera, [500.0, 705.0])
 
@@ -197,7 +193,7 @@ def test_measured_illumination_must_reach_the_corner() -> None:
         "lens.relative_illumination": [1.0, 0.5],
     }
     with pytest.raises(
-        InputError,
+        ms.InputError,
         match=r"ends at 0.039 mm, and the sensor reaches 0.03943 mm from the axis; extend",
     ):
         solid_angle_sr(
@@ -225,7 +221,7 @@ def opencv(point: np.ndarray, matrix: Any, k: Any) -> np.ndarray:
 
 def loaded(
     tmp_path: Path,
-    camera: Camera,
+    camera: ms.Camera,
     variant: str,
     sensor_xml: str,
     film: str = "",
@@ -332,7 +328,7 @@ def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kin
 def test_a_distortion_that_does_not_reach_the_corner_is_refused(
     tmp_path: Path, fields: dict[str, Any], says: str
 ) -> None:
-    with pytest.raises(InputError, match=says) as caught:
+    with pytest.raises(ms.InputError, match=says) as caught:
         loaded(
             tmp_path,
             CAMERA.replace(**fields),

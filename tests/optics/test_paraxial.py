@@ -16,9 +16,8 @@ from helpers.lens_oracle import (
     vertices,
 )
 
-from mitsuba_sensor.camera.camera_file import load_camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.camera.lens_datasheet import LensSection
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.paraxial import CardinalPoints, cardinal_points
 from mitsuba_sensor.optics.ray_trace import C_NM, D_NM, F_NM, Glass, glass_behind
 
@@ -29,7 +28,9 @@ ALONG = np.array([0.0, 0.0, 1.0])
 def lens(**fields: Any) -> LensSection:
     fields = {"prescription": "double_gauss", **fields}
     return (
-        load_camera("konnik_table1").replace(**{f"lens.{k}": v for k, v in fields.items()}).lens
+        ms.load_camera("konnik_table1")
+        .replace(**{f"lens.{k}": v for k, v in fields.items()})
+        .lens
     )
 
 
@@ -166,7 +167,7 @@ def test_scaling_scales_every_length_and_no_f_number() -> None:
     ],
 )
 def test_a_lens_that_cannot_be_is_refused(fields: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(ms.InputError, match=says):
         cardinal_points(lens(**fields))
 
 
@@ -177,7 +178,7 @@ def test_it_opens_as_far_as_it_says() -> None:
 def test_nothing_nearer_than_the_front_focal_point_can_be_in_focus() -> None:
     found: CardinalPoints = cardinal_points(lens())
     with pytest.raises(
-        InputError,
+        ms.InputError,
         match=r"focus distance is 0.04 m, and the lens has no real image of objects nearer than 0.0471 m",
     ):
         found.image_distance(0.04)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS, backward, vertices
 
-from mitsuba_sensor.camera.camera_file import load_camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.camera.lens_datasheet import LensSection
 from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds, ray_to
 from mitsuba_sensor.optics.intrinsics import chief_ray_heights
@@ -20,7 +20,9 @@ from mitsuba_sensor.optics.ray_trace import Ray, trace
 def lens(**fields: Any) -> LensSection:
     fields = {"prescription": "double_gauss", **fields}
     return (
-        load_camera("konnik_table1").replace(**{f"lens.{k}": v for k, v in fields.items()}).lens
+        ms.load_camera("konnik_table1")
+        .replace(**{f"lens.{k}": v for k, v in fields.items()})
+        .lens
     )
 
 

@@ -13,7 +13,6 @@ import pytest
 from helpers.scenes import PERSPECTIVE, SKY, scene_text
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.units import LIGHT_SPEED_M_PER_S, PLANCK_J_S
 from mitsuba_sensor.render.variants import choose_variant, use
 
@@ -175,7 +174,7 @@ def test_our_own_file_needs_no_unit_and_refuses_one(light_file: Path, light: Any
     np.testing.assert_array_equal(ms.read_irradiance(light_file).data, light.data)
     for asked in ({"unit": "w_per_m2_nm"}, {"wavelength_nm": 550}):
         with pytest.raises(
-            InputError, match=r"is an irradiance\.exr, whose unit and wavelengths are known"
+            ms.InputError, match=r"is an irradiance\.exr, whose unit and wavelengths are known"
         ):
             ms.read_irradiance(light_file, **asked)  # type: ignore[arg-type]
 
@@ -224,7 +223,7 @@ def test_what_cannot_be_read_is_one_sentence(
     tmp_path: Path, channels: str, options: Any, said: str
 ) -> None:
     file = write(tmp_path / "x.exr", {name: np.ones((2, 2)) for name in channels})
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(ms.InputError, match=said):
         ms.read_irradiance(file, **options)
 
 

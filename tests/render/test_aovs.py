@@ -24,9 +24,7 @@ from helpers.scenes import (
 )
 from numpy.typing import NDArray
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr, write_aovs_exr
 from mitsuba_sensor.render.light.bands import choose_bands
@@ -36,7 +34,7 @@ from mitsuba_sensor.render.passes.passes import hashed_seed
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
-CAMERA = load_camera("konnik_table1")
+CAMERA = ms.load_camera("konnik_table1")
 ROLLING = CAMERA.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 1000.0})
 COLUMNS, ROWS, FOCAL_PX = 30, 20, 15 / math.tan(math.radians(30))
 POSE = '<transform name="to_world"><lookat origin="1, 2, -3" target="0, 0.5, 4" up="0, 1, 0.3"/></transform>'
@@ -149,7 +147,7 @@ def test_scalar_and_llvm_agree(tmp_path: Path) -> None:
     cube = f'<shape type="cube" id="cube">{place.format(2.6, 0)}{RED}</shape>'
     moves = {"cube": {"velocity_m_per_s": [1, 0, 0]}}
     motion = read_motion({"camera": {"velocity_m_per_s": [1, 0.2, -0.4]}, "objects": moves})
-    how: dict[str, Any] = {"more": POSE, "motion": motion, "exposure": Exposure(0.05)}
+    how: dict[str, Any] = {"more": POSE, "motion": motion, "exposure": ms.Exposure(0.05)}
     both = ("scalar_spectral", "llvm_ad_spectral")
     one, other = (
         aovs_of(tmp_path, instance, BALL, cube, variant=variant, **how) for variant in both
@@ -187,14 +185,14 @@ def test_flow_of_a_camera_that_shifts_is_v_t_f_over_z(tmp_path: Path, variant: s
     _, depth = ball_and_wall(np.zeros(3), tangents(*centres()))
     side = {
         "motion": read_motion({"camera": {"velocity_m_per_s": [3, 0, 0]}}),
-        "exposure": Exposure(0.02),
+        "exposure": ms.Exposure(0.02),
     }
     flow = aovs_of(tmp_path, BALL, WALL, variant=variant, **side).flow_px
     np.testing.assert_allclose(flow[..., 0], 0.06 * FOCAL_PX / depth, atol=1e-3)
     np.testing.assert_allclose(flow[..., 1], 0, atol=1e-3)
     ahead = {
         "motion": read_motion({"camera": {"velocity_m_per_s": [0, 0, 10]}}),
-        "exposure": Exposure(0.02),
+        "exposure": ms.Exposure(0.02),
     }
     flow = aovs_of(tmp_path, BALL, WALL, variant=variant, **ahead).flow_px
     away = np.stack(centres(), axis=-1) - [COLUMNS / 2, ROWS / 2]
@@ -206,7 +204,7 @@ def test_flow_of_a_camera_that_turns_is_that_of_directions_and_the_background_is
 ) -> None:
     """A turn by 3° about the vertical moves every picture point alike, whatever its depth."""
     turn = read_motion({"camera": {"rotate_deg_per_s": 30, "axis": [0, 1, 0]}})
-    flow = aovs_of(tmp_path, BALL, motion=turn, exposure=Exposure(0.1)).flow_px
+    flow = aovs_of(tmp_path, BALL, motion=turn, exposure=ms.Exposure(0.1)).flow_px
     a, ray = math.radians(3), tangents(*centres())
     back = (
         ray
@@ -214,14 +212,14 @@ def test_flow_of_a_camera_that_turns_is_that_of_directions_and_the_background_is
     )
     np.testing.assert_allclose(flow, image_of(back) - np.stack(centres(), axis=-1), atol=1e-3)
     side = read_motion({"camera": {"velocity_m_per_s": [3, 0, 0]}})
-    shifted = aovs_of(tmp_path, BALL, motion=side, exposure=Exposure(0.1))
+    shifted = aovs_of(tmp_path, BALL, motion=side, exposure=ms.Exposure(0.1))
     np.testing.assert_allclose(shifted.flow_px[shifted.shape_index < 0], 0, atol=1e-3)
 
 
 def test_flow_of_a_moving_object_is_its_own(tmp_path: Path) -> None:
     """The ball rises by 0.1 m: 0.1·f/Z pixels up; the wall stays."""
     up = read_motion({"objects": {"ball": {"velocity_m_per_s": [0, 1, 0]}}})
-    aovs = aovs_of(tmp_path, BALL, WALL, motion=up, exposure=Exposure(0.1))
+    aovs = aovs_of(tmp_path, BALL, WALL, motion=up, exposure=ms.Exposure(0.1))
     ball, depth = ball_and_wall(np.zeros(3), tangents(*centres()))
     np.testing.assert_allclose(
         aovs.flow_px[..., 1], np.where(ball, -0.1 * FOCAL_PX / depth, 0), atol=1e-3
@@ -236,7 +234,7 @@ def test_normals_of_a_mesh_turn_with_it(tmp_path: Path, variant: str) -> None:
     key = {"time_s": 0, "turn_deg": 30, "axis": [0, 1, 0]}
     turn = read_motion({"objects": {"it": {"pivot_m": [0, 0, 5], "keys": [key]}}})
     normal = aovs_of(
-        tmp_path, cube, motion=turn, exposure=Exposure(0.1), variant=variant
+        tmp_path, cube, motion=turn, exposure=ms.Exposure(0.1), variant=variant
     ).normal[ROWS // 2]
     faces = {tuple(n) for n in np.round(normal.astype(float), 3).tolist()} - {(0.0, 0.0, 0.0)}
     assert faces == {(-0.5, 0.0, -0.866), (0.866, 0.0, -0.5)}
@@ -245,7 +243,7 @@ def test_normals_of_a_mesh_turn_with_it(tmp_path: Path, variant: str) -> None:
 def test_what_passes_behind_the_camera_has_no_flow(tmp_path: Path) -> None:
     through = read_motion({"camera": {"velocity_m_per_s": [0, 0, 100]}})
     assert np.isnan(
-        aovs_of(tmp_path, WALL, motion=through, exposure=Exposure(0.1)).flow_px
+        aovs_of(tmp_path, WALL, motion=through, exposure=ms.Exposure(0.1)).flow_px
     ).all()
 
 
@@ -258,7 +256,7 @@ def test_flow_goes_through_a_distorting_lens(tmp_path: Path) -> None:
     camera = CAMERA.replace(**{"lens.distortion": [k1, 0.0, 0.0, 0.0, 0.0]})
     side = {
         "motion": read_motion({"camera": {"velocity_m_per_s": [3, 1, 0]}}),
-        "exposure": Exposure(0.1),
+        "exposure": ms.Exposure(0.1),
     }
     aovs = aovs_of(tmp_path, BALL, WALL, variant="llvm_ad_spectral", camera=camera, **side)
 
@@ -283,7 +281,7 @@ def test_rows_of_a_rolling_shutter_are_seen_when_they_open(
     """Camera 2 m/s to the left, ball 5 m/s up, 1 ms a row: row r is the still scene at r ms."""
     moves = {"ball": {"velocity_m_per_s": [0, 5, 0]}}
     motion = read_motion({"camera": {"velocity_m_per_s": [2, 0, 0]}, "objects": moves})
-    how: dict[str, Any] = {"motion": motion, "exposure": Exposure(0.002), "variant": variant}
+    how: dict[str, Any] = {"motion": motion, "exposure": ms.Exposure(0.002), "variant": variant}
     rolling = aovs_of(tmp_path, BALL, WALL, camera=ROLLING, **how)
     ray, when = tangents(*centres()), np.arange(ROWS) * 1e-3
     for row in range(ROWS):
@@ -319,7 +317,7 @@ def test_all_rows_of_a_rolling_shutter_run_the_kernels_of_the_first(tmp_path: Pa
     try:
         how: dict[str, Any] = {
             "motion": motion,
-            "exposure": Exposure(0.01),
+            "exposure": ms.Exposure(0.01),
             "variant": "llvm_ad_spectral",
         }
         aovs_of(tmp_path, BALL, WALL, camera=ROLLING, progress=row, **how)
@@ -336,7 +334,7 @@ def test_a_crop_is_that_part_of_the_full_picture(tmp_path: Path, variant: str) -
     )
     how: dict[str, Any] = {
         "motion": read_motion({"camera": {"velocity_m_per_s": [2, 0, 1]}}),
-        "exposure": Exposure(0.01),
+        "exposure": ms.Exposure(0.01),
         "camera": ROLLING,
     }
     whole = aovs_of(tmp_path, BALL, WALL, variant=variant, **how)
@@ -391,7 +389,7 @@ def test_a_telecentric_sensor_sees_and_moves_without_perspective(tmp_path: Path)
     sensor = SENSOR.format(kind="orthographic", fields=zoom)
     side = {
         "motion": read_motion({"camera": {"velocity_m_per_s": [2, 0, 0]}}),
-        "exposure": Exposure(0.1),
+        "exposure": ms.Exposure(0.1),
     }
     aovs = aovs_of(tmp_path, BALL, WALL, sensor=sensor, **side)
     np.testing.assert_allclose(aovs.depth_m, aovs.position_m[..., 2], atol=1e-5)
@@ -405,7 +403,7 @@ def test_lengths_are_metres_whatever_the_unit_of_the_scene(tmp_path: Path) -> No
     """A scene in millimetres with the same motion in metres: depth, position and flow are those of the metre scene."""
     turn = {"rotate_deg_per_s": 9, "axis": [0, 1, 0], "pivot_m": [0, 0, 1]}
     motion = read_motion({"camera": {"velocity_m_per_s": [1, 0, 0], **turn}})
-    how: dict[str, Any] = {"motion": motion, "exposure": Exposure(0.1)}
+    how: dict[str, Any] = {"motion": motion, "exposure": ms.Exposure(0.1)}
     metres = aovs_of(tmp_path, BALL, WALL, **how)
     big = BALL.replace("0.3, 0.1, 4", "300, 100, 4000").replace(
         "/>", '/><float name="radius" value="1000"/>', 1
@@ -422,7 +420,7 @@ def test_lengths_are_metres_whatever_the_unit_of_the_scene(tmp_path: Path) -> No
 def test_written_and_read_aovs_are_the_same(tmp_path: Path) -> None:
     """Float32 to the bit, NaN and infinity too; the header says the units and the shapes; others' files are refused."""
     turn = read_motion({"camera": {"rotate_deg_per_s": 30, "axis": [0, 1, 0]}})
-    aovs = aovs_of(tmp_path, BALL, motion=turn, exposure=Exposure(0.1))
+    aovs = aovs_of(tmp_path, BALL, motion=turn, exposure=ms.Exposure(0.1))
     write_aovs_exr(tmp_path / "aovs.exr", aovs)
     back = read_aovs_exr(tmp_path / "aovs.exr")
     for field in fields(Aovs):
@@ -442,13 +440,13 @@ def test_written_and_read_aovs_are_the_same(tmp_path: Path) -> None:
     assert json.loads(header["shapes"]) == ["ball"] and json.loads(header["units"])[
         "depth_m"
     ].startswith("m along")
-    with pytest.raises(InputError, match=r"cannot read .*none\.exr"):
+    with pytest.raises(ms.InputError, match=r"cannot read .*none\.exr"):
         read_aovs_exr(tmp_path / "none.exr")
-    with pytest.raises(InputError, match="not the focal-plane irradiance"):
+    with pytest.raises(ms.InputError, match="not the focal-plane irradiance"):
         read_irradiance_exr(tmp_path / "aovs.exr")
     cut = tmp_path / "cut.exr"
     cut.write_bytes((tmp_path / "aovs.exr").read_bytes()[:500])
-    with pytest.raises(InputError, match="cannot be read as an OpenEXR file"):
+    with pytest.raises(ms.InputError, match="cannot be read as an OpenEXR file"):
         read_aovs_exr(cut)
 
 
@@ -456,7 +454,7 @@ def test_a_motion_needs_an_exposure_and_progress_is_told_in_rows(tmp_path: Path)
     told: list[tuple[int, int]] = []
     aovs_of(tmp_path, BALL, progress=lambda done, total: told.append((done, total)))
     assert told[0] == (0, ROWS) and told[-1] == (ROWS, ROWS)
-    with pytest.raises(InputError, match="a motion is given and no exposure"):
+    with pytest.raises(ms.InputError, match="a motion is given and no exposure"):
         aovs_of(tmp_path, BALL, motion=Motion())
 
 

@@ -22,7 +22,6 @@ from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.band_error import band_error, band_note
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.light.film_channels import with_filters
-from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
 
 prepared = importlib.import_module("mitsuba_sensor.render.passes.prepared")
@@ -80,7 +79,7 @@ def expected_e(
 
 def rendered(
     path: Path, camera: ms.Camera, width_nm: float, spp: int, spectral: str = "auto"
-) -> tuple[Irradiance, View]:
+) -> tuple[ms.Irradiance, View]:
     variant = skip_unless_usable("llvm_ad_spectral")
     job = prepared.prepare(
         path, camera, EXPOSURE, bandwidth_nm=width_nm, variant=variant, spectral=spectral
@@ -88,14 +87,14 @@ def rendered(
     return job.render(1, job.stop_criterion({"spp": spp})), job.scene.view
 
 
-def electrons_of(light: Irradiance, camera: ms.Camera) -> np.ndarray:
+def electrons_of(light: ms.Irradiance, camera: ms.Camera) -> np.ndarray:
     """Mean photoelectrons, (H, W)."""
     return np.asarray(
         ms.expose(ms.collect(light, camera, EXPOSURE), camera, EXPOSURE).detected.mean_e
     )
 
 
-def means_per_sr(light: Irradiance, camera: ms.Camera, view: View) -> np.ndarray:
+def means_per_sr(light: ms.Irradiance, camera: ms.Camera, view: View) -> np.ndarray:
     """Mean photoelectrons per steradian of the pixels of each filter."""
     index, found = (
         camera.filter_index(SHAPE),

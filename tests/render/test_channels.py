@@ -16,23 +16,19 @@ from helpers.scenes import (
     write_scene,
 )
 
+import mitsuba_sensor as ms
 from mitsuba_sensor import expose
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.bands import channel_bands, choose_bands, response_fingerprint
-from mitsuba_sensor.render.light.photons import collect
-from mitsuba_sensor.render.passes.prepared import render
 
-BAYER, EXPOSURE = load_camera("bayer_2mp"), Exposure(0.02)
+BAYER, EXPOSURE = ms.load_camera("bayer_2mp"), ms.Exposure(0.02)
 LAMP = '<emitter type="constant"><spectrum name="radiance" value="360:1e-4, 560:2e-4, 830:4e-4"/></emitter>'
 
 
 def electrons(light: object, camera: object = BAYER) -> np.ndarray:
     """Mean photoelectrons, before any noise."""
     found = expose(
-        collect(light, camera, EXPOSURE),
+        ms.collect(light, camera, EXPOSURE),
         camera,
         EXPOSURE,
         keep="photoelectrons",
@@ -50,8 +46,8 @@ def test_channels_free_the_electrons_that_the_cube_frees(tmp_path: Path, variant
     expected electrons of a frame, whose shot noise adds 0.1 %.
     """
     path, variant = write_scene(tmp_path, scene_text(LAMP)), skip_unless_usable(variant)
-    channels = render(path, BAYER, EXPOSURE, spectral="channels", spp=1024, variant=variant)
-    cube = render(path, BAYER, EXPOSURE, bandwidth_nm=10, spp=4096, variant=variant)
+    channels = ms.render(path, BAYER, EXPOSURE, spectral="channels", spp=1024, variant=variant)
+    cube = ms.render(path, BAYER, EXPOSURE, bandwidth_nm=10, spp=4096, variant=variant)
     assert channels.filters == tuple(BAYER.quantum_efficiency.curves)
     assert channels.data.shape == (8, 12, 3) and channels.statistics.spectral == "channels"
     index = BAYER.filter_index((8, 12))
@@ -64,7 +60,7 @@ def test_channels_free_the_electrons_that_the_cube_frees(tmp_path: Path, variant
 
 def test_channels_are_the_integral_of_qe_over_the_spectrum(tmp_path: Path) -> None:
     """data·λ_ref/(hc) = ∫E·QE·λ/(hc) dλ: against the trapezium rule at 0.25 nm, to 0.3 % (four standard errors)."""
-    light = render(
+    light = ms.render(
         write_scene(tmp_path, scene_text(LAMP)), BAYER, EXPOSURE, spectral="channels", spp=4096,
         variant="scalar_spectral",
     )  # fmt: skip
@@ -83,24 +79,24 @@ def test_the_bands_of_a_camera_know_their_response() -> None:
     assert (
         bands.response
         == response_fingerprint(BAYER)
-        != response_fingerprint(load_camera("rgbir_2mp"))
+        != response_fingerprint(ms.load_camera("rgbir_2mp"))
     )
     assert choose_bands(BAYER, None, 10.0, "cube").response is None
 
 
 def test_light_in_channels_is_refused_by_another_camera(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf="")))
-    light = render(
+    light = ms.render(
         path, BAYER, EXPOSURE, spectral="channels", spp=16, variant="scalar_spectral"
     )
-    assert collect(light, BAYER.replace(**{"adc.bits": 8}), EXPOSURE).detected
-    with pytest.raises(InputError, match="another quantum efficiency"):
-        collect(light, load_camera("rgbir_2mp"), EXPOSURE)
+    assert ms.collect(light, BAYER.replace(**{"adc.bits": 8}), EXPOSURE).detected
+    with pytest.raises(ms.InputError, match="another quantum efficiency"):
+        ms.collect(light, ms.load_camera("rgbir_2mp"), EXPOSURE)
 
 
 def test_channels_survive_the_file(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf="")))
-    light = render(
+    light = ms.render(
         path, BAYER, EXPOSURE, spectral="channels", spp=16, variant="scalar_spectral"
     )
     write_irradiance_exr(tmp_path / "light.exr", light)
@@ -118,8 +114,8 @@ def test_a_camera_with_a_quantum_yield_needs_bands() -> None:
             * len(BAYER.quantum_efficiency.wavelengths_nm)
         }
     )
-    with pytest.raises(InputError, match="quantum_yield"):
-        render(
+    with pytest.raises(ms.InputError, match="quantum_yield"):
+        ms.render(
             SCENES / "flat_field.xml",
             camera,
             EXPOSURE,
@@ -138,9 +134,9 @@ def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(
     """
     path, variant = write_scene(tmp_path, scene_text(SKY)), skip_unless_usable(variant)
     options = {"spp": 192, "variant": variant}
-    table1 = load_camera("konnik_table1")
-    grouped = render(path, table1, EXPOSURE, spectral="cube", **options)
-    together = render(path, table1, EXPOSURE, **options)
+    table1 = ms.load_camera("konnik_table1")
+    grouped = ms.render(path, table1, EXPOSURE, spectral="cube", **options)
+    together = ms.render(path, table1, EXPOSURE, **options)
     assert grouped.statistics.samples_per_pixel == together.statistics.samples_per_pixel == 192
     lens = together.data.mean(
         axis=2, keepdims=True
@@ -152,17 +148,17 @@ def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(
 
 def test_few_samples_are_not_spread_over_groups(tmp_path: Path) -> None:
     """Twelve bands are three groups of at least 8 passes: 24 samples are the least that stand grouped."""
-    path, table1 = write_scene(tmp_path, scene_text(SKY)), load_camera("konnik_table1")
+    path, table1 = write_scene(tmp_path, scene_text(SKY)), ms.load_camera("konnik_table1")
     options = {"bandwidth_nm": 25, "spectral": "cube", "variant": "scalar_spectral"}
     found = [
-        render(path, table1, EXPOSURE, spp=spp, **options).statistics.samples_per_pixel
+        ms.render(path, table1, EXPOSURE, spp=spp, **options).statistics.samples_per_pixel
         for spp in (1, 16, 24, 96)
     ]
     assert found == [2, 16, 24, 96]
 
 
 def test_groups_are_four_neighbours_of_a_cube_only() -> None:
-    table1 = load_camera("konnik_table1")
+    table1 = ms.load_camera("konnik_table1")
     assert [
         len(range(*g.indices(99))) for g in choose_bands(table1, None, 30.0, "cube").groups
     ] == [4, 4, 2]

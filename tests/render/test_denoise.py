@@ -13,9 +13,6 @@ from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 from scipy.stats import qmc
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.denoise.combine import _missing_light, combine
@@ -31,12 +28,12 @@ from mitsuba_sensor.render.denoise.guides import (
 from mitsuba_sensor.render.denoise.network import TURNS, Network
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
-from mitsuba_sensor.render.passes.prepared import prepare, render
+from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import stop_criterion_of
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
-CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 BOX = {"parameters": {"width": 48, "height": 48}, "bandwidth_nm": 100}
 pytest.importorskip("pyoidn", reason="Open Image Denoise has no wheel for this machine")
 
@@ -223,7 +220,7 @@ def test_the_cornell_box_is_four_times_nearer_to_its_reference_and_its_error_bar
     of_sums, in_quadrature = [], []
     for seed in range(1, 5):
         raw, smooth = (
-            render(
+            ms.render(
                 SCENES / "cornell_box.xml", CAMERA, EXPOSURE, denoise=d, seed=seed, **options
             )
             for d in (False, True)
@@ -264,11 +261,11 @@ def test_a_textured_floor_is_denoised_without_its_texture() -> None:
     """Still life, chequered cloth, 96 × 64, 64 samples against 1024: squared errors ÷ 2.5 in the median."""
     scene, options = SCENES / "still_life.xml", {"width": 96, "wavelength_nm": 550}
     options["variant"] = skip_unless_usable("llvm_ad_spectral")
-    truth = render(
+    truth = ms.render(
         scene, CAMERA, EXPOSURE, spp=1024, seed=3, denoise=False, **options
     ).data.astype(float)
     raw, smooth = (
-        render(scene, CAMERA, EXPOSURE, spp=64, denoise=d, **options).data
+        ms.render(scene, CAMERA, EXPOSURE, spp=64, denoise=d, **options).data
         for d in (False, True)
     )
     before, after = ((x - truth) ** 2 / truth for x in (raw, smooth))
@@ -282,7 +279,7 @@ def test_scalar_variants_denoise_without_guides() -> None:
         "parameters": {"width": 24, "height": 16},
         "variant": "scalar_spectral",
     }
-    smooth = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, denoise=True, **options)
+    smooth = ms.render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, denoise=True, **options)
     assert (
         smooth.statistics.denoised is not None and smooth.statistics.denoised["guided"] is False
     )
@@ -298,7 +295,7 @@ def test_light_whose_noise_no_camera_sees_is_left_alone() -> None:
         "variant": "scalar_spectral",
     }
     plain, smooth = (
-        render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, denoise=d, **options)
+        ms.render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, denoise=d, **options)
         for d in (False, True)
     )
     np.testing.assert_array_equal(smooth.data, plain.data)
@@ -321,7 +318,7 @@ def test_noise_counts_where_a_hundredth_of_the_lit_pixels_has_a_thousandth_of_th
 
 def test_bands_of_a_mosaic_give_the_electrons_of_its_filters() -> None:
     """Collected with the camera's own QE the bands are the denoised photoelectrons, and their error bars are finite."""
-    camera = load_camera("bayer_2mp")
+    camera = ms.load_camera("bayer_2mp")
     options = {
         **BOX,
         "spp": 32,
@@ -513,16 +510,18 @@ def test_without_the_library_the_render_is_raw_and_asked_for_it_is_refused(
         "parameters": {"width": 12, "height": 8},
         "variant": "scalar_spectral",
     }
-    found = render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, spp=16, **options).statistics
+    found = ms.render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, spp=16, **options).statistics
     assert found.denoised is None and any("not denoised" in note for note in found.notes)
-    plain = render(
+    plain = ms.render(
         SCENES / "flat_field.xml", CAMERA, EXPOSURE, spp=16, denoise=False, **options
     ).statistics
     assert not any("not denoised" in note for note in plain.notes)
     series = ms.render_frames(SCENES / "flat_field.xml", CAMERA, EXPOSURE, spp=16, **options)
     assert not any("not denoised" in note for note in next(series).light.statistics.notes)
-    with pytest.raises(InputError, match="pip install pyoidn"):
-        render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, denoise=True, spp=10**6, **options)
+    with pytest.raises(ms.InputError, match="pip install pyoidn"):
+        ms.render(
+            SCENES / "flat_field.xml", CAMERA, EXPOSURE, denoise=True, spp=10**6, **options
+        )
 
 
 @pytest.mark.parametrize(("width", "height", "spp"), [(1, 1, 16), (12, 14, 16), (24, 24, 3)])
@@ -536,7 +535,7 @@ def test_few_pixels_or_passes_stay_raw_and_claim_no_gain(
         "variant": "scalar_spectral",
     }
     plain, smooth = (
-        render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, spp=spp, denoise=d, **options)
+        ms.render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, spp=spp, denoise=d, **options)
         for d in (False, True)
     )
     assert smooth.statistics.denoised is None
@@ -553,9 +552,9 @@ def test_raw_light_beside_the_denoised_one_is_the_render_without_denoising(camer
         "spp": 16,
         "variant": "scalar_spectral",
     }
-    scene = SCENES / "cornell_box.xml", load_camera(camera), EXPOSURE
-    both, smooth = (render(*scene, raw_light=kept, **options) for kept in (True, False))
-    plain = render(*scene, denoise=False, raw_light=True, **options)
+    scene = SCENES / "cornell_box.xml", ms.load_camera(camera), EXPOSURE
+    both, smooth = (ms.render(*scene, raw_light=kept, **options) for kept in (True, False))
+    plain = ms.render(*scene, denoise=False, raw_light=True, **options)
     assert (
         both.raw is not None
         and smooth.raw is None
@@ -578,7 +577,7 @@ def test_an_exposure_takes_raw_light_where_it_is_asked_for() -> None:
         "spp": 16,
         "variant": "scalar_spectral",
     }
-    both = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, raw_light=True, **options)
+    both = ms.render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, raw_light=True, **options)
     smooth, raw = (
         ms.capture(both, CAMERA, EXPOSURE, raw_light=asked) for asked in (False, True)
     )
@@ -588,7 +587,7 @@ def test_an_exposure_takes_raw_light_where_it_is_asked_for() -> None:
         raw.metadata["render"]["denoised"] is None
         and raw.metadata["options"]["raw_light"] is True
     )
-    with pytest.raises(InputError, match="render it again with --raw-light"):
+    with pytest.raises(ms.InputError, match="render it again with --raw-light"):
         ms.capture(replace(both, raw=None), CAMERA, EXPOSURE, raw_light=True)
 
 

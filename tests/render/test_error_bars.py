@@ -11,12 +11,9 @@ from helpers import DATA
 from helpers.marks import exhaustive, one_in
 from helpers.scenes import SCENES, both_variants, skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.light.bands import choose_bands
-from mitsuba_sensor.render.light.irradiance import Irradiance
-from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.passes.statistics import (
     firefly_fraction,
     summary_of,
@@ -24,7 +21,7 @@ from mitsuba_sensor.render.passes.statistics import (
 )
 from mitsuba_sensor.render.scene.scene import load_scene
 
-CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 REFERENCE = DATA / "cornell_box_64.npz"
 GLASS = '<bsdf type="dielectric"/>'
 
@@ -34,13 +31,13 @@ def ball(centre: str, radius: float, made_of: str) -> str:
     return f'<shape type="sphere">{place}{made_of}</shape>'
 
 
-def at_550(scene: str, size: int, **options: object) -> Irradiance:
+def at_550(scene: str, size: int, **options: object) -> ms.Irradiance:
     options |= {
         "wavelength_nm": 550,
         "parameters": {"width": size, "height": size},
         "denoise": False,
     }
-    return render(SCENES / f"{scene}.xml", CAMERA, EXPOSURE, **options)
+    return ms.render(SCENES / f"{scene}.xml", CAMERA, EXPOSURE, **options)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +128,7 @@ def test_glass_in_the_cornell_box_raises_it(tmp_path: Path, bulb: bool, spp: int
         "denoise": False,
         "variant": skip_unless_usable("llvm_ad_spectral"),
     }
-    found = render(scene, CAMERA, EXPOSURE, spp=spp, **options).statistics
+    found = ms.render(scene, CAMERA, EXPOSURE, spp=spp, **options).statistics
     assert not found.reliable and found.firefly_fraction > 0.12
 
 
@@ -139,7 +136,7 @@ def test_a_larger_lamp_makes_the_caustic_reliable() -> None:
     """What the note advises helps: a lamp of the ball's size."""
     size = {"width": 24, "height": 24, "lamp_radius": 4}
     options = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral", "denoise": False}
-    large = render(
+    large = ms.render(
         SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **options
     ).statistics
     assert large.reliable and large.firefly_fraction < 0.01

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from helpers.scenes import skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera_file import load_camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.scene.scene_file import POLARISING
 from mitsuba_sensor.render.variants import choose_variant, use
 
-CAMERA = load_camera("konnik_table1")
+CAMERA = ms.load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 500.0, 600.0, 700.0]))
 FILM = """<film type="specfilm"><integer name="width" value="12"/><integer name="height" value="8"/>
 <rfilter type="box"/><string name="component_format" value="float32"/><spectrum name="b1" value="400:1, 500:1"/>

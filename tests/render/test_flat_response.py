@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.light.bands import (
     box_bands,
@@ -19,10 +17,9 @@ from mitsuba_sensor.render.light.bands import (
     round_wavelength_density,
 )
 from mitsuba_sensor.render.light.film_channels import with_filters
-from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.variants import choose_variant, use
 
-BAYER = load_camera("bayer_2mp")
+BAYER = ms.load_camera("bayer_2mp")
 COLOURED = {
     "lens.transmission_curve": (0.5, 0.9),
     "lens.transmission_wavelengths_nm": (300.0, 1100.0),
@@ -39,7 +36,7 @@ EDGES = {
 )
 @pytest.mark.parametrize("edges", EDGES.values(), ids=EDGES)
 def test_a_film_of_boxes_measures_what_one_of_mitsubas_own_does(
-    edges: list[float], camera: Camera
+    edges: list[float], camera: ms.Camera
 ) -> None:
     """At random wavelengths, at all edges, next to them and beyond; of light that is 0, tiny, huge, infinite and no
     number: the same values to 1e-6. The density of wavelengths is the same."""
@@ -101,10 +98,10 @@ def test_another_render_of_bands_compiles_no_kernel(tmp_path: Path) -> None:
     for seed in (1, 2):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            render(
+            ms.render(
                 path,
                 BAYER,
-                Exposure(0.02),
+                ms.Exposure(0.02),
                 bandwidth_nm=20,
                 spp=128,
                 seed=seed,

@@ -21,8 +21,7 @@ from helpers.scenes import (
     write_scene,
 )
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, magnification
 from mitsuba_sensor.render.light.bands import box_bands
@@ -30,7 +29,7 @@ from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
-CAMERA = load_camera("konnik_table1")
+CAMERA = ms.load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 500.0, 600.0, 700.0]))
 RGB_SKY = '<emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>'
 WALL = """<shape type="rectangle">{bsdf}<transform name="to_world">
@@ -126,7 +125,7 @@ def test_a_scene_in_millimetres_gives_the_light_of_the_same_scene_in_metres(
 
 def test_a_scene_without_a_sensor_is_told_one_that_works_when_pasted(tmp_path: Path) -> None:
     ready()
-    with pytest.raises(InputError, match="has no sensor; add one") as caught:
+    with pytest.raises(ms.InputError, match="has no sensor; add one") as caught:
         load_scene(write_scene(tmp_path, scene_text(SKY, sensor="")), BANDS, {})
     element = re.search(r"<sensor.*</sensor>", str(caught.value))
     assert element
@@ -161,7 +160,7 @@ def test_gradient_integrators_render_where_they_exist(tmp_path: Path) -> None:
     """prb is there in llvm variants; a scalar one says what to take instead."""
     text = scene_text(SKY, '<integrator type="prb"/>')
     ready()
-    with pytest.raises(InputError, match="'path' gives the same image"):
+    with pytest.raises(ms.InputError, match="'path' gives the same image"):
         load_scene(write_scene(tmp_path, text), BANDS, {})
     ready("llvm_ad_spectral")
     np.testing.assert_allclose(render_frames(tmp_path, text).mean(), 2e-4, rtol=0.05)
@@ -227,7 +226,7 @@ def test_all_missing_files_are_named_at_once(tmp_path: Path) -> None:
     ]
     text = scene_text(SKY, mesh.format("a.ply"), mesh.format("b.ply"), *pictures)
     with pytest.raises(
-        InputError, match=r"lacks 3 files: a\.ply \(line 3\), b\.ply \(line 4\), wood\.png"
+        ms.InputError, match=r"lacks 3 files: a\.ply \(line 3\), b\.ply \(line 4\), wood\.png"
     ) as caught:
         load_scene(write_scene(tmp_path, text), BANDS, {})
     assert "here.exr" not in str(caught.value)
@@ -315,7 +314,7 @@ def test_path_elements_work_beside_nested_includes_defaults_and_instances(
     found = load_scene(path, BANDS, {"folder": "meshes"}).render(1, 16, (0, 8))
     empty = load_scene(write_scene(tmp_path, scene_text(SKY)), BANDS, {}).render(1, 16, (0, 8))
     assert found.mean() < 0.99 * empty.mean()
-    with pytest.raises(InputError, match="nowhere"):
+    with pytest.raises(ms.InputError, match="nowhere"):
         load_scene(
             write_scene(tmp_path, text.replace('3.0.0">', f'3.0.0">{paths}', 1)), BANDS, {}
         )

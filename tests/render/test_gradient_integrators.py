@@ -12,7 +12,6 @@ from helpers.marks import one_in
 from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.scene.plugin_names import gradient_integrators, plugin_names
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -104,7 +103,8 @@ def test_the_command_line_renders_it(tmp_path: Path, cli: Callable[..., Any]) ->
 def test_one_for_red_green_and_blue_alone_is_one_sentence() -> None:
     ready()
     with pytest.raises(
-        InputError, match="renders radiance fields of red, green and blue and no spectra; take"
+        ms.InputError,
+        match="renders radiance fields of red, green and blue and no spectra; take",
     ):
         ms.render(
             text_of(RGB_ONLY).replace('<integer name="max_depth" value="3"/>', ""),
@@ -119,7 +119,7 @@ def test_a_misspelt_one_is_told_what_is_near() -> None:
     for variant in ("llvm_ad_spectral", "scalar_spectral"):
         ready(variant)
         with pytest.raises(
-            InputError, match=r"there is no plugin 'prbvol'\. Did you mean 'prbvolpath'"
+            ms.InputError, match=r"there is no plugin 'prbvol'\. Did you mean 'prbvolpath'"
         ):
             ms.render(dict_of({"type": "prbvol"}), CAMERA, EXPOSURE)
 
@@ -128,7 +128,7 @@ def test_a_scalar_variant_says_which_variants_have_it() -> None:
     ready("scalar_spectral")
     for scene in (dict_of({"type": "prb"}), text_of("prb")):
         with pytest.raises(
-            InputError, match="needs an llvm or cuda variant: 'path' gives the same image"
+            ms.InputError, match="needs an llvm or cuda variant: 'path' gives the same image"
         ):
             ms.render(scene, CAMERA, EXPOSURE)
 
@@ -152,7 +152,7 @@ def test_native_code_beside_a_dict_is_refused_before_anything_is_built(
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "user_s_code.so").write_bytes(b"no code")
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="native code that would be run"):
+    with pytest.raises(ms.InputError, match="native code that would be run"):
         ms.render(dict_of({"type": "user_s_code"}), CAMERA, EXPOSURE)
 
 
@@ -218,7 +218,7 @@ def test_a_raw_frame_has_the_light_of_its_integrator_and_no_derivative() -> None
     dr.enable_grad(parameters[name])
     parameters.update()
     with pytest.raises(
-        InputError,
+        ms.InputError,
         match="the digital numbers of a raw frame have no derivative; render the light",
     ):
         dr.backward(dr.sum(mi.render(scene, parameters, spp=4), axis=None))

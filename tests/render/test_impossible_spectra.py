@@ -11,7 +11,6 @@ import pytest
 from helpers.scenes import BALL, both_variants, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.files.ply_colours import largest_colour
 from mitsuba_sensor.render.lint.finding import Finding
 from mitsuba_sensor.render.lint.metal_tables import metal_table
@@ -113,7 +112,7 @@ def test_the_sky_is_lit_from_320_to_720_nm(tmp_path: Path) -> None:
         path, INFRARED, EXPOSURE, width=8, spp=8, variant="scalar_spectral", wavelength_nm=340
     )
     assert light.data.mean() > 0
-    with pytest.raises(InputError, match="black outside 320 to 720 nm"):
+    with pytest.raises(ms.InputError, match="black outside 320 to 720 nm"):
         ms.render(
             path,
             INFRARED,
@@ -296,14 +295,16 @@ def test_an_attribute_that_the_mesh_does_not_have_is_refused(
     tmp_path: Path, variant: str
 ) -> None:
     use(choose_variant(skip_unless_usable(variant)))
-    with pytest.raises(InputError, match=r"no attribute 'vertex_albedo'.*it has vertex_color"):
+    with pytest.raises(
+        ms.InputError, match=r"no attribute 'vertex_albedo'.*it has vertex_color"
+    ):
         serious(tmp_path, SKY, mesh(tmp_path, "vertex_albedo", "0.8 0.2 0.1"))
     assert serious(tmp_path, SKY, mesh(tmp_path, "vertex_color", "0.8 0.2 0.1")) == []
 
 
 def test_an_attribute_of_a_shape_in_a_group_is_looked_for(tmp_path: Path) -> None:
     group = f'<shape type="shapegroup" id="group">{mesh(tmp_path, "vertex_albedo", "0.8 0.2 0.1")}</shape>'
-    with pytest.raises(InputError, match="no attribute 'vertex_albedo'"):
+    with pytest.raises(ms.InputError, match="no attribute 'vertex_albedo'"):
         serious(tmp_path, SKY, group, '<shape type="instance"><ref id="group"/></shape>')
 
 
@@ -422,7 +423,7 @@ def test_a_metal_within_its_table_stays_as_it_is(tmp_path: Path) -> None:
 
 
 def test_a_metal_with_a_name_and_indices_stays_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not both"):
+    with pytest.raises(ms.InputError, match="not both"):
         serious(tmp_path, SKY, ball(NAMED + grey("1.5", "eta"), "conductor"), camera=INFRARED)
 
 
@@ -513,7 +514,8 @@ def test_nan_in_an_environment_map_makes_a_render_unreliable(
 def test_a_picture_of_nan_alone_is_not_said_to_lack_an_emitter() -> None:
     own = grey("300:1, 386:1", "eta") + grey("300:3, 386:3", "k")
     with pytest.raises(
-        InputError, match=r"values of its light were NaN.*perhaps because 'eta' in 1 place is 0"
+        ms.InputError,
+        match=r"values of its light were NaN.*perhaps because 'eta' in 1 place is 0",
     ) as error:
         render(scene_text(SKY, WALL.format(own), film=SQUARE, sensor=HEAD_ON))
     assert "emitter" not in str(error.value)

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.passes import interleaved
 from mitsuba_sensor.render.passes.prepared import PreparedRender, prepare
 from mitsuba_sensor.render.passes.stop_criterion import StopCriterion, stop_criterion_of
 
-CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 RENDERS = 20
 
 

@@ -26,24 +26,22 @@ from helpers.scenes import (
     write_scene,
 )
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.render.light import bands as film
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
 from mitsuba_sensor.render.passes import passes
-from mitsuba_sensor.render.passes.prepared import prepare, render
+from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
-CAMERA = load_camera("konnik_table1")
-EXPOSURE = Exposure(0.1)
+CAMERA = ms.load_camera("konnik_table1")
+EXPOSURE = ms.Exposure(0.1)
 SMALL = {"width": 16, "height": 16}
 
 
@@ -55,12 +53,12 @@ def test_flat_field_equals_closed_form(variant: str) -> None:
     """
     expected = math.pi * 2e-4 / (4 * 2.8**2)
     options = {"parameters": SMALL, "variant": skip_unless_usable(variant)}
-    single = render(
+    single = ms.render(
         SCENES / "flat_field.xml", CAMERA, EXPOSURE, wavelength_nm=550, spp=16, **options
     )
     assert single.data.shape == (16, 16, 1)
     np.testing.assert_allclose(single.data, expected, rtol=1e-4)
-    cube = render(
+    cube = ms.render(
         SCENES / "flat_field.xml", CAMERA, EXPOSURE, bandwidth_nm=50, spp=1024, **options
     )
     np.testing.assert_allclose(cube.data.mean(axis=(0, 1)), expected, rtol=1e-3)
@@ -80,7 +78,7 @@ def test_perspective_uniform_scene_falls_off_with_cos4(tmp_path: Path, variant: 
         / (4 * 2.8**2)
         * np.average(fine, axis=0, weights=np.outer(edge, edge).ravel())
     )
-    light = render(
+    light = ms.render(
         write_scene(tmp_path, scene_text(SKY)),
         CAMERA,
         EXPOSURE,
@@ -98,7 +96,7 @@ def test_each_color_checker_patch_has_the_photons_of_its_integral(variant: str) 
 
     24 × 16 pixels: each patch has four pixels wholly inside. One patch has 0.06 % of standard error.
     """
-    light = render(
+    light = ms.render(
         SCENES / "color_checker.xml",
         CAMERA,
         EXPOSURE,
@@ -200,7 +198,7 @@ def test_same_seed_same_bits_and_another_seed_another_noise(tmp_path: Path) -> N
     """One seed gives identical arrays; another moves every lit pixel by no more than six standard errors."""
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf="")))
     a, b, c = (
-        render(
+        ms.render(
             path, CAMERA, EXPOSURE, bandwidth_nm=100, spp=64, seed=s, variant="scalar_spectral"
         )
         for s in (1, 1, 2)
@@ -217,7 +215,7 @@ def test_error_bars_cover_the_reference() -> None:
 
     576 pixels: the fraction has a standard deviation of 2 %, so the bounds are 3.5 away.
     """
-    light = render(
+    light = ms.render(
         SCENES / "flat_field.xml",
         CAMERA,
         EXPOSURE,
@@ -276,16 +274,16 @@ def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> Non
 def test_a_saturated_pixel_shows_no_render_noise() -> None:
     """Ten times the full well: whatever the render's error, the frame reads the same."""
     options = {"spp": 64, "bandwidth_nm": 60, "parameters": SMALL, "variant": "scalar_spectral"}
-    light = render(SCENES / "flat_field.xml", CAMERA, Exposure(10.0), **options)
+    light = ms.render(SCENES / "flat_field.xml", CAMERA, ms.Exposure(10.0), **options)
     assert light.statistics.noise_ratio_max == 0
     assert light.relative_error.min() > 0
 
 
 def test_dark_exposure_has_no_noise_ratio() -> None:
-    light = render(
+    light = ms.render(
         SCENES / "flat_field.xml",
         CAMERA,
-        Exposure(0.0),
+        ms.Exposure(0.0),
         spp=8,
         bandwidth_nm=100,
         parameters=SMALL,
@@ -300,9 +298,9 @@ def test_strips_of_rows_see_what_the_whole_film_sees(
     """Cut into strips of one and two rows, a single-band uniform scene keeps its cos⁴ in every pixel."""
     path, reports = write_scene(tmp_path, scene_text(SKY)), []
     options = {"wavelength_nm": 550, "spp": 16, "variant": "scalar_spectral"}
-    whole = render(path, CAMERA, EXPOSURE, **options)
+    whole = ms.render(path, CAMERA, EXPOSURE, **options)
     monkeypatch.setattr(passes, "MOST_VALUES", 12 * 2)
-    cut = render(path, CAMERA, EXPOSURE, **options, progress=reports.append)
+    cut = ms.render(path, CAMERA, EXPOSURE, **options, progress=reports.append)
     np.testing.assert_allclose(cut.data, whole.data, rtol=1e-5)
     rendering = [(step.done, step.expected) for step in reports if step.doing == "rendering"]
     assert rendering == [(k, 32) for k in range(33)] and reports[-1].doing == "denoising"
@@ -311,12 +309,12 @@ def test_strips_of_rows_see_what_the_whole_film_sees(
 def test_crop_of_the_film_is_the_crop_of_the_picture(tmp_path: Path) -> None:
     """A crop window of the film gives those pixels of the full film, with their own cos⁴."""
     options = {"wavelength_nm": 550, "spp": 16, "variant": "scalar_spectral"}
-    full = render(write_scene(tmp_path, scene_text(SKY)), CAMERA, EXPOSURE, **options)
+    full = ms.render(write_scene(tmp_path, scene_text(SKY)), CAMERA, EXPOSURE, **options)
     crop = "".join(
         f'<integer name="crop_{k}" value="{v}"/>'
         for k, v in (("width", 3), ("height", 2), ("offset_x", 9), ("offset_y", 1))
     )
-    part = render(
+    part = ms.render(
         write_scene(tmp_path, scene_text(SKY, film=crop)), CAMERA, EXPOSURE, **options
     )
     np.testing.assert_allclose(part.data, full.data[1:3, 9:12], rtol=1e-5)
@@ -335,7 +333,7 @@ def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(
         return image
 
     monkeypatch.setattr(Scene, "render", spoilt)
-    light = render(
+    light = ms.render(
         SCENES / "flat_field.xml",
         CAMERA,
         EXPOSURE,
@@ -352,7 +350,7 @@ def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(
 
 
 def test_cube_covers_the_band_of_the_camera_and_clips_its_last_band() -> None:
-    light = render(
+    light = ms.render(
         SCENES / "flat_field.xml",
         CAMERA,
         EXPOSURE,
@@ -366,7 +364,7 @@ def test_cube_covers_the_band_of_the_camera_and_clips_its_last_band() -> None:
 
 
 def test_one_sample_still_makes_two_passes_and_says_so() -> None:
-    light = render(
+    light = ms.render(
         SCENES / "flat_field.xml",
         CAMERA,
         EXPOSURE,
@@ -383,8 +381,8 @@ def test_one_sample_still_makes_two_passes_and_says_so() -> None:
 
 def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
     """relative_error of a Bayer camera has the period of its mosaic: a red pixel sees other bands than a blue one."""
-    camera = load_camera("bayer_2mp")
-    light = render(
+    camera = ms.load_camera("bayer_2mp")
+    light = ms.render(
         SCENES / "flat_field.xml",
         camera,
         EXPOSURE,
@@ -416,8 +414,8 @@ def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
     ],
 )
 def test_nonsense_is_refused_in_one_sentence(options: dict[str, object], sentence: str) -> None:
-    with pytest.raises(InputError) as caught:
-        render(
+    with pytest.raises(ms.InputError) as caught:
+        ms.render(
             SCENES / "flat_field.xml",
             CAMERA,
             EXPOSURE,
@@ -459,10 +457,10 @@ def test_infinite_and_black_pixels_have_no_part_in_the_error_of_a_sum(light: Any
     ids=["empty window", "mask of another size", "number", "pixel", "text", "empty mask"],
 )
 def test_a_region_that_is_none_is_refused(light: Any, region: Any) -> None:
-    with pytest.raises(InputError, match="it must be two slices"):
+    with pytest.raises(ms.InputError, match="it must be two slices"):
         replace(light, pass_error=light.relative_error).error_of_sum(region)
 
 
 def test_light_from_elsewhere_has_no_error_of_a_sum(light: Any) -> None:
-    with pytest.raises(InputError, match="which this light does not hold"):
+    with pytest.raises(ms.InputError, match="which this light does not hold"):
         light.error_of_sum()

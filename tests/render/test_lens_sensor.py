@@ -15,9 +15,7 @@ import pytest
 from helpers.lens_oracle import AXIAL_IRRADIANCE, DOUBLE_GAUSS, irradiance
 from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, chief_ray_heights, intrinsics
 from mitsuba_sensor.optics.paraxial import cardinal_points
@@ -30,10 +28,10 @@ RADIANCE = 2e-4  # of SKY [W m⁻² sr⁻¹ nm⁻¹]
 BAND = np.array([545.0, 555.0])
 
 
-def camera(pitch_mm: float, **lens: Any) -> Camera:
+def camera(pitch_mm: float, **lens: Any) -> ms.Camera:
     lens = {"prescription": "double_gauss", **lens}
     pitch = {"pixel.pitch_x_um": pitch_mm * 1e3, "pixel.pitch_y_um": pitch_mm * 1e3}
-    return load_camera("konnik_table1").replace(
+    return ms.load_camera("konnik_table1").replace(
         **pitch, **{f"lens.{k}": v for k, v in lens.items()}
     )
 
@@ -46,7 +44,11 @@ def sensor(kind: str = "perspective", more: str = "", size: tuple[int, int] = (1
 
 
 def load(
-    tmp_path: Path, cam: Camera, variant: str = LLVM, edges_nm: np.ndarray = BAND, **fields: Any
+    tmp_path: Path,
+    cam: ms.Camera,
+    variant: str = LLVM,
+    edges_nm: np.ndarray = BAND,
+    **fields: Any,
 ) -> Scene:
     use(choose_variant(skip_unless_usable(variant)))
     path = write_scene(tmp_path, scene_text(SKY, sensor=sensor(**fields)))
@@ -302,6 +304,6 @@ def test_an_orthographic_sensor_has_no_lens(tmp_path: Path, lens: dict[str, Any]
         SKY, sensor=sensor("orthographic").replace('<float name="fov" value="60"/>', "")
     )
     cam = camera(3.0, **lens)
-    with pytest.raises(InputError, match="orthographic") as caught:
+    with pytest.raises(ms.InputError, match="orthographic") as caught:
         load_scene(write_scene(tmp_path, text), box_bands(cam, BAND), {}, cam)
     assert "\n" not in str(caught.value)

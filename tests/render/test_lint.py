@@ -19,13 +19,12 @@ from helpers.scenes import (
     write_scene,
 )
 
-from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_file import load_camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.render.lint.lint import Finding
 from mitsuba_sensor.render.scene.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
-VISIBLE = load_camera("konnik_table1")
+VISIBLE = ms.load_camera("konnik_table1")
 INFRARED = VISIBLE.replace(
     **{
         "quantum_efficiency.curves": {"mono": (0.6, 0.3)},
@@ -69,7 +68,7 @@ def clean(*elements: str, more: str = "") -> str:
 
 
 def findings(
-    folder: Path, text: str, camera: Camera = VISIBLE, scene_unit: str | None = None
+    folder: Path, text: str, camera: ms.Camera = VISIBLE, scene_unit: str | None = None
 ) -> tuple[Finding, ...]:
     return inspect_scene(write_scene(folder, text), camera, {}, scene_unit)
 
@@ -79,7 +78,7 @@ def light(value: str) -> str:
 
 
 @pytest.mark.parametrize("camera", [VISIBLE, INFRARED], ids=["visible", "infrared"])
-def test_a_clean_scene_has_no_finding(tmp_path: Path, camera: Camera) -> None:
+def test_a_clean_scene_has_no_finding(tmp_path: Path, camera: ms.Camera) -> None:
     """A uniform light and a uniform grey reach everywhere."""
     assert findings(tmp_path, clean(), camera) == ()
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.scenes import scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera_file import load_camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.motion.moving_scene import AnimatedTransforms
@@ -86,7 +86,7 @@ def test_a_mesh_moves_alike_under_either_pair_of_names(
     """A cube that is shifted and turned: the same picture, bit for bit, and not the picture at rest."""
     mi = use(choose_variant(skip_unless_usable(variant)))
     cube = f'<shape type="cube" id="it"><transform name="to_world"><translate z="5"/></transform>{GLOW}</shape>'
-    bands = choose_bands(load_camera("konnik_table1"), 550.0, 10.0, "auto")
+    bands = choose_bands(ms.load_camera("konnik_table1"), 550.0, 10.0, "auto")
     scene = load_scene(write_scene(tmp_path, scene_text(cube)), bands, {})
     with AnimatedTransforms(scene, TURNED) as transforms:
         at_rest = scene.render(1, 4, (0, 8))

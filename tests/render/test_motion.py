@@ -26,9 +26,6 @@ from helpers.scenes import (
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, phase_of_pass, shutter_of, subframes
@@ -45,7 +42,7 @@ from mitsuba_sensor.render.passes.passes import hashed_seed
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
-GLOBAL = load_camera("konnik_table1")
+GLOBAL = ms.load_camera("konnik_table1")
 ROLLING = GLOBAL.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 1000.0})
 COLUMNS, ROWS, FOCAL_PX = 24, 16, 12 / math.tan(math.radians(30))
 SENSOR = f"""<sensor type="perspective"><float name="fov" value="60"/>{{more}}<film type="hdrfilm">
@@ -104,7 +101,7 @@ def test_a_moving_edge_blurs_by_speed_times_time(
 ) -> None:
     """10 m/s at 4 m in 0.1 s: 5.2 px, within 0.25 px, and every pixel of the ramp within 0.05 of the closed form."""
     moving = MovingScene(
-        loaded(tmp_path, EDGE, variant=variant), RIGHT[who], GLOBAL, Exposure(0.1)
+        loaded(tmp_path, EDGE, variant=variant), RIGHT[who], GLOBAL, ms.Exposure(0.1)
     )
     mean = picture(moving).mean(axis=0)
     blur = SPEED_PX_PER_S * 0.1
@@ -120,7 +117,7 @@ def test_a_rolling_shutter_skews_by_speed_times_row_time_times_rows(
     fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
     speed = 60 * FOCAL_PX / 4
     moving = MovingScene(
-        loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, Exposure(0.008)
+        loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, ms.Exposure(0.008)
     )
     frame = picture(moving)
     edges = frame.sum(axis=1)
@@ -143,7 +140,7 @@ def test_sub_frames_leave_no_ghosts_in_the_mean_of_the_passes(tmp_path: Path) ->
     """Two sub-frames 6.5 px apart, 64 passes: the smooth ramp to 0.15 (4.8 standard errors); ghosts are 0.25 off."""
     scene = loaded(tmp_path, EDGE)
     before = picture(scene, 1, 4)
-    moving = MovingScene(scene, RIGHT["camera"], GLOBAL, Exposure(0.25), subframes=2)
+    moving = MovingScene(scene, RIGHT["camera"], GLOBAL, ms.Exposure(0.25), subframes=2)
     blur = SPEED_PX_PER_S * 0.25
     mean = np.mean([picture_of(moving, k) for k in range(64)], axis=(0, 1))
     np.testing.assert_allclose(
@@ -162,12 +159,12 @@ def test_an_exposure_shorter_than_a_row_is_skewed_as_much_and_hardly_blurred(
     tmp_path: Path,
 ) -> None:
     """Rows share the sub-frames within half a pixel of motion: each edge to 0.25 px, in at most three per pixel."""
-    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], ROLLING, Exposure(1e-5))
+    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], ROLLING, ms.Exposure(1e-5))
     edges = picture(moving).sum(axis=1)
     np.testing.assert_allclose(
         edges, COLUMNS / 2 + SPEED_PX_PER_S * np.arange(ROWS) * 1e-3, atol=0.25
     )
-    frozen = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], GLOBAL, Exposure(0.0))
+    frozen = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], GLOBAL, ms.Exposure(0.0))
     np.testing.assert_allclose(picture(frozen), picture(loaded(tmp_path, EDGE)), atol=1e-6)
 
 
@@ -178,7 +175,7 @@ def test_a_crop_sees_the_rows_of_the_full_frame_at_their_own_times(tmp_path: Pat
         for k, v in (("width", COLUMNS), ("height", 4), ("offset_x", 0), ("offset_y", 10))
     )
     fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
-    moving = MovingScene(loaded(tmp_path, EDGE, film=crop), fast, ROLLING, Exposure(0.004))
+    moving = MovingScene(loaded(tmp_path, EDGE, film=crop), fast, ROLLING, ms.Exposure(0.004))
     middle_s = np.arange(10, 14) * 1e-3 + 0.002
     np.testing.assert_allclose(
         picture(moving).sum(axis=1), COLUMNS / 2 + 60 * FOCAL_PX / 4 * middle_s, atol=0.25
@@ -195,13 +192,13 @@ def test_motion_through_even_light_changes_nothing(
     motion = read_motion(
         {"camera": {"velocity_m_per_s": [3, 2, 1], "rotate_deg_per_s": 900, "axis": [1, 1, 0]}}
     )
-    moving = MovingScene(still, motion, camera, Exposure(0.02))
+    moving = MovingScene(still, motion, camera, ms.Exposure(0.02))
     np.testing.assert_allclose(picture(moving, 1, 9), picture(still, 1, 9), rtol=1e-6)
 
 
 def test_an_infinite_value_saturates_its_own_rows_only(tmp_path: Path) -> None:
     """Rows 8 and on are infinite whenever they are looked at; the rows above, closed or open, are not touched."""
-    moving = MovingScene(loaded(tmp_path, SKY), RIGHT["camera"], ROLLING, Exposure(0.02))
+    moving = MovingScene(loaded(tmp_path, SKY), RIGHT["camera"], ROLLING, ms.Exposure(0.02))
     render = moving.scene.render
 
     class Glaring:
@@ -301,7 +298,7 @@ def test_every_pass_of_a_render_has_its_own_phase(
     ms.render(
         scene,
         GLOBAL,
-        Exposure(0.01),
+        ms.Exposure(0.01),
         motion=motion,
         spp=8,
         denoise=False,
@@ -346,27 +343,27 @@ def test_sub_frames_share_the_samples_of_a_pass_evenly() -> None:
 
 
 def test_the_camera_says_how_it_opens() -> None:
-    assert shutter_of(GLOBAL, Exposure(0.1)) == Shutter(0.1, 0.0)
-    assert shutter_of(ROLLING, Exposure(0.1)) == Shutter(0.1, 1e-3)
+    assert shutter_of(GLOBAL, ms.Exposure(0.1)) == Shutter(0.1, 0.0)
+    assert shutter_of(ROLLING, ms.Exposure(0.1)) == Shutter(0.1, 1e-3)
     within_float32 = ROLLING.replace(**{"sensor.shutter": "global"})
     assert (
         within_float32.sensor.row_time_us == 1000
-        and shutter_of(within_float32, Exposure(0.1)).row_time_s == 0
+        and shutter_of(within_float32, ms.Exposure(0.1)).row_time_s == 0
     )
-    with pytest.raises(InputError, match="a rolling shutter needs row_time_us"):
+    with pytest.raises(ms.InputError, match="a rolling shutter needs row_time_us"):
         GLOBAL.replace(**{"sensor.shutter": "rolling"})
 
 
 @pytest.mark.parametrize("who", ["camera", "object"])
 def test_the_fastest_thing_decides_how_many_sub_frames(tmp_path: Path, who: str) -> None:
     """52 px/s: in 0.1 s 5.2 px, 11 sub-frames of half a pixel, 16 of the 16 samples; the notes tell."""
-    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1))
+    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, ms.Exposure(0.1))
     assert moving.speed_px_per_s == pytest.approx(SPEED_PX_PER_S, rel=0.01)
     moving.render(1, 16, (0, 2))
     assert moving.notes[-1] == (
         "16 sub-frames per exposure and pass; the image moves up to 5.2 px while a row is open"
     )
-    few = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1), subframes=3)
+    few = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, ms.Exposure(0.1), subframes=3)
     few.render(1, 16, (0, 2))
     assert few.notes[-1].startswith("4 sub-frames") and "11 would be smooth" in few.notes[-1]
 
@@ -376,7 +373,7 @@ def test_a_thing_too_small_for_the_probing_rays_is_still_seen_to_move(tmp_path: 
     dot = f'<shape type="sphere" id="dot">{place}{GLOW}</shape>'
     motion = read_motion({"objects": {"dot": {"velocity_m_per_s": [10, 0, 0]}}})
     assert MovingScene(
-        loaded(tmp_path, dot), motion, GLOBAL, Exposure(0.01)
+        loaded(tmp_path, dot), motion, GLOBAL, ms.Exposure(0.01)
     ).speed_px_per_s == pytest.approx(52, rel=0.02)
 
 
@@ -438,7 +435,7 @@ def test_all_poses_share_one_kernel(tmp_path: Path) -> None:
         scene,
         read_motion({"camera": {"velocity_m_per_s": [1, 0, 0]}, "objects": both}),
         GLOBAL,
-        Exposure(0.1),
+        ms.Exposure(0.1),
     )
     dr = drjit()
 
@@ -616,7 +613,7 @@ MISTAKES: dict[str, tuple[Any, str]] = {
 @pytest.mark.parametrize("name", MISTAKES)
 def test_every_mistake_in_a_motion_has_its_sentence(name: str) -> None:
     data, sentence = MISTAKES[name]
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(ms.InputError, match=sentence):
         read_motion(data)
     assert read_motion(RIGHT["camera"]) is RIGHT["camera"]
 
@@ -625,20 +622,20 @@ def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_sai
     tmp_path: Path,
 ) -> None:
     with pytest.raises(
-        InputError, match=r"motion file '.*none\.toml' cannot be read: No such file"
+        ms.InputError, match=r"motion file '.*none\.toml' cannot be read: No such file"
     ):
         read_motion(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("camera = [", encoding="utf-8")
-    with pytest.raises(InputError, match="is not valid TOML"):
+    with pytest.raises(ms.InputError, match="is not valid TOML"):
         read_motion(tmp_path / "bad.toml")
     wrong = read_motion({"objects": {"edg": {"velocity_m_per_s": [1, 0, 0]}}})
     with pytest.raises(
-        InputError,
+        ms.InputError,
         match=r"'edg', which is no shape of the scene; the ids .* edge\. Did you mean 'edge'",
     ):
-        MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, Exposure(0.1))
+        MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, ms.Exposure(0.1))
     for bad in (0, 2.5, "many"):
-        with pytest.raises(InputError, match="subframes is"):
+        with pytest.raises(ms.InputError, match="subframes is"):
             complete(RenderOptions, {"subframes": bad})
 
 
@@ -652,7 +649,7 @@ def test_the_shipped_example_is_a_fan_that_turns(tmp_path: Path) -> None:
     )
     frame = picture(
         MovingScene(
-            small, motion, ROLLING.replace(**{"sensor.row_time_us": 15.0}), Exposure(0.002)
+            small, motion, ROLLING.replace(**{"sensor.row_time_us": 15.0}), ms.Exposure(0.002)
         ),
         1,
         4,

@@ -20,7 +20,6 @@ from mitsuba_sensor.render.passes.noisy_pixels import (
 )
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.scene.scene import Scene
-from mitsuba_sensor.render_frames import render_frames
 
 CAMERA = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
@@ -142,7 +141,7 @@ def test_edges_of_a_lamp_are_compensated_too() -> None:
         "variant": skip_unless_usable("llvm_ad_spectral"),
     }
     frames = list(
-        render_frames(CORNELL, CAMERA, ms.Exposure(2e-3), frames=2, seed=2, **options)
+        ms.render_frames(CORNELL, CAMERA, ms.Exposure(2e-3), frames=2, seed=2, **options)
     )
     for frame in frames:
         assert frame.uncompensated < 0.015
@@ -156,7 +155,9 @@ def test_a_picture_beyond_the_full_well_has_no_noisy_pixels() -> None:
         "parameters": {"width": 6, "height": 6},
         "variant": skip_unless_usable("llvm_ad_spectral"),
     }
-    (frame,) = render_frames(CORNELL, CAMERA, ms.Exposure(1e4), frames=1, max_spp=64, **options)
+    (frame,) = ms.render_frames(
+        CORNELL, CAMERA, ms.Exposure(1e4), frames=1, max_spp=64, **options
+    )
     assert frame.uncompensated == 0 and not any(
         "noisiest" in one for one in frame.light.statistics.notes
     )

@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, PERSPECTIVE, SKY, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
+import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.old_text import upgraded_text, version_of
 from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
-CAMERA = load_camera("konnik_table1")
+CAMERA = ms.load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 500.0, 600.0, 700.0]))
 PICTURE = '<texture type="bitmap" name="reflectance"><string name="filename" value="a.exr"/>{}</texture>'
 
@@ -216,7 +215,7 @@ def test_line_numbers_stay_and_comments_are_no_elements() -> None:
 def test_an_error_names_the_line_in_the_file_that_was_converted(tmp_path: Path) -> None:
     film = PERSPECTIVE.format(film="", more="")
     text = f'<scene version="0.5.0">\n{film}\n{SKY}\n{PAIRS["srgb"][0]}\n<shape type="hair"/></scene>'
-    with pytest.raises(InputError, match=r"line 6.*hair.*format of Mitsuba 0\.5\.0"):
+    with pytest.raises(ms.InputError, match=r"line 6.*hair.*format of Mitsuba 0\.5\.0"):
         load_scene(write_scene(tmp_path, text), BANDS, {})
 
 
@@ -250,14 +249,14 @@ UNREADABLE += [
 
 @pytest.mark.parametrize("element", UNREADABLE)
 def test_what_cannot_be_read_is_refused_with_the_format(tmp_path: Path, element: str) -> None:
-    with pytest.raises(InputError, match=r"The file has the format of Mitsuba 0\.6\.0"):
+    with pytest.raises(ms.InputError, match=r"The file has the format of Mitsuba 0\.6\.0"):
         loaded(tmp_path, SKY, diffuse(element))
 
 
 def test_new_files_are_left_as_they_are(tmp_path: Path) -> None:
     """An <srgb> or bdpt in a file of version 3 is an error there, as in Mitsuba."""
     assert version_of(scene_text()) == (3, 0, 0)
-    with pytest.raises(InputError, match="unsupported XML element: <srgb>"):
+    with pytest.raises(ms.InputError, match="unsupported XML element: <srgb>"):
         loaded(tmp_path, SKY, PAIRS["srgb"][0], version="3.0.0")
     assert not parse_scene(write_scene(tmp_path, scene_text(SKY)), {}).changes
 

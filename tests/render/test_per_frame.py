@@ -21,11 +21,10 @@ from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
 from mitsuba_sensor.render.passes.passes import FEWEST, hashed_seed
 from mitsuba_sensor.render.scene.scene import Scene
-from mitsuba_sensor.render_frames import RenderedFrame, render_frames
+from mitsuba_sensor.render_frames import RenderedFrame
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 
 REFLECTANCE, SKY = 0.5, 2.5e-3
@@ -73,7 +72,7 @@ class Series:
 
 
 def series(scene: Path, render_noise: Any, spp: int, frames: int) -> Series:
-    frames = render_frames(
+    frames = ms.render_frames(
         scene, CAMERA, EXPOSURE, frames=frames, render_noise=render_noise, spp=spp,
         keep=("electrons",), **OPTIONS,
     )  # fmt: skip
@@ -142,7 +141,7 @@ def test_a_frame_says_in_how_many_pixels_its_render_has_more_noise_than_shot_noi
         "variant": "scalar_spectral",
     }
     scene, exposure = SCENES / "cornell_box.xml", ms.Exposure(0.02)
-    frame = next(render_frames(scene, CAMERA, exposure, spp=16, **options))
+    frame = next(ms.render_frames(scene, CAMERA, exposure, spp=16, **options))
     variance, mean = (
         frame.photons.variance_e2,
         frame.frames.detected.mean_e + mean_dark_e(CAMERA, exposure),
@@ -163,7 +162,7 @@ def test_what_a_render_has_beyond_the_limit_stays_in_the_frame_uncompensated(
 
 def three(scene: Path, **options: Any) -> list[RenderedFrame]:
     return list(
-        render_frames(
+        ms.render_frames(
             scene, CAMERA, EXPOSURE, **{"frames": 3, "spp": SPP, **OPTIONS, **options}
         )
     )
@@ -213,7 +212,7 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
         lambda self, seed, n, *rows: sizes.append(n) or render(self, seed, n, *rows),
     )
     sensor = TELECENTRIC.replace('"32"', '"8"').replace('"24"', '"6"')
-    frames = render_frames(
+    frames = ms.render_frames(
         write_scene(tmp_path, scene_text(FLOOR, sensor=sensor)),
         CAMERA,
         ms.Exposure(0.5),
@@ -241,16 +240,16 @@ def test_a_frame_made_alone_gets_the_samples_of_the_series() -> None:
         "seed": 5,
     }
     scene, exposure = SCENES / "cornell_box.xml", ms.Exposure(1e-4)
-    whole = list(render_frames(scene, CAMERA, exposure, frames=3, **options))
-    (alone,) = render_frames(scene, CAMERA, exposure, first_frame=2, frames=1, **options)
+    whole = list(ms.render_frames(scene, CAMERA, exposure, frames=3, **options))
+    (alone,) = ms.render_frames(scene, CAMERA, exposure, first_frame=2, frames=1, **options)
     assert alone.light.statistics.notes == whole[2].light.statistics.notes
     np.testing.assert_allclose(alone.light.data, whole[2].light.data, rtol=1e-4)
 
 
 def test_the_colour_channels_are_rendered_unless_bands_are_asked_for(floor: Path) -> None:
     options = {"frames": 1, "spp": SPP, "variant": "scalar_spectral"}
-    (usual,) = render_frames(floor, CAMERA, EXPOSURE, **options)
-    (cube,) = render_frames(
+    (usual,) = ms.render_frames(floor, CAMERA, EXPOSURE, **options)
+    (cube,) = ms.render_frames(
         floor, CAMERA, EXPOSURE, spectral="cube", bandwidth_nm=100, **options
     )
     assert usual.light.statistics.spectral == "channels" and usual.light.filters == ("mono",)
@@ -259,7 +258,7 @@ def test_the_colour_channels_are_rendered_unless_bands_are_asked_for(floor: Path
 
 def test_progress_names_the_frame(floor: Path) -> None:
     told: list[tuple[int, int]] = []
-    list(render_frames(floor, CAMERA, EXPOSURE, first_frame=5, frames=2, spp=SPP, **OPTIONS,
+    list(ms.render_frames(floor, CAMERA, EXPOSURE, first_frame=5, frames=2, spp=SPP, **OPTIONS,
                progress=lambda step: told.append((step.frame, step.done))))  # fmt: skip
     assert told == [(frame, done) for frame in (5, 6) for done in range(SPP + 1)]
 
@@ -291,12 +290,12 @@ def test_what_cannot_be_compensated_is_refused_before_any_render(
     """By the call itself, before the first frame is asked for."""
     monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("it was rendered first"))
     given = {"camera": CAMERA, "exposure": EXPOSURE, **OPTIONS, **options}
-    with pytest.raises(InputError, match=says):
-        render_frames(floor, **given)
+    with pytest.raises(ms.InputError, match=says):
+        ms.render_frames(floor, **given)
 
 
 def test_a_quantum_yield_has_frames_without_compensation(floor: Path) -> None:
-    (frame,) = render_frames(
+    (frame,) = ms.render_frames(
         floor, YIELDING, EXPOSURE, render_noise="per-frame", spp=SPP, **OPTIONS
     )
     assert frame.photons.variance_e2 is None and frame.frames.digital.any()
@@ -325,7 +324,7 @@ def test_the_command_line_compensates(
     )
     assert done.exit_code == 0, done.stderr
     camera = ms.load_camera("konnik_table1")
-    frames = render_frames(floor, camera, EXPOSURE, frames=3, spp=SPP, **OPTIONS)
+    frames = ms.render_frames(floor, camera, EXPOSURE, frames=3, spp=SPP, **OPTIONS)
     for page, frame in zip(pages(tmp_path / "out"), frames, strict=True):
         np.testing.assert_array_equal(page, frame.frames.digital[0])
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))

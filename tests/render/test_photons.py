@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
 
@@ -127,7 +126,7 @@ def test_float32_light_is_collected_in_float64() -> None:
 
 
 def test_photons_are_an_array_for_numpy() -> None:
-    photons = Photons(np.arange(6.0).reshape(2, 3))
+    photons = ms.Photons(np.arange(6.0).reshape(2, 3))
     assert np.asarray(photons).sum() == 15
     assert np.asarray(photons, dtype=np.float32).dtype == np.float32
     assert photons.total is photons.mean
@@ -142,7 +141,7 @@ def test_photons_of_a_render_are_the_same_whole_in_strips_and_by_pixel(
     data[2, 3, 1] = np.inf
     lazy = ms.collect(light(data, (450.0, 550.0, 650.0), (10.0, 10.0, 10.0)), CAMERA, EXPOSURE)
     factor = photons_per_irradiance(CAMERA, EXPOSURE, [450.0, 550.0, 650.0], [10.0, 10.0, 10.0])
-    whole = Photons(data.astype(np.float64) * factor, lazy.wavelengths_nm)
+    whole = ms.Photons(data.astype(np.float64) * factor, lazy.wavelengths_nm)
     pixels = np.array([30, 0, 13, 13])
     assert lazy.shape == whole.shape and len(list(lazy.strips())) == 4
     for name, values in {"total": whole.total, "mean": whole.mean}.items():

@@ -11,7 +11,6 @@ import pytest
 from helpers.scenes import BALL, SKY, both_variants, skip_unless_usable
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.variants import choose_variant, use
 
 RAW = '<string name="output" value="raw"/>'
@@ -43,7 +42,7 @@ def test_mitsuba_renders_the_raw_frame_of_capture(tmp_path: Path, variant: str) 
     mi = ready(variant)
     loaded = mi.load_string(scene())
     film = loaded.sensors()[0].film()
-    with pytest.raises(InputError, match="holds no raw frame yet"):
+    with pytest.raises(ms.InputError, match="holds no raw frame yet"):
         film.develop()
     rendered = np.array(mi.render(loaded, spp=16, seed=3))
     wanted = ms.capture(scene(), seed=3, spp=16).frames
@@ -77,10 +76,10 @@ def test_a_raw_film_and_another_integrator_are_one_sentence() -> None:
     """And the integrator with another film; and an output that there is not."""
     mi = ready("scalar_spectral")
     with pytest.raises(
-        InputError, match='output "raw" needs <integrator type="raw_frame">; put the'
+        ms.InputError, match='output "raw" needs <integrator type="raw_frame">; put the'
     ):
         mi.render(mi.load_string(scene('<integrator type="path"/>')), spp=1)
-    with pytest.raises(InputError, match="raw_frame renders a sensor with"):
+    with pytest.raises(ms.InputError, match="raw_frame renders a sensor with"):
         mi.render(mi.load_string(scene(film="")), spp=1)
     with pytest.raises(RuntimeError, match="output is 'dn'; it must be bands or raw"):
         mi.load_string(scene(film='<string name="output" value="dn"/>'))

@@ -20,17 +20,16 @@ from helpers.scenes import (
     write_scene,
 )
 
+import mitsuba_sensor as ms
 from mitsuba_sensor import expose
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.render.light.photons import collect
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.passes.prepared import render
-from mitsuba_sensor.render_frames import render_frames
 
-TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)
+TABLE1, BAYER, EXPOSURE = (
+    ms.load_camera("konnik_table1"),
+    ms.load_camera("bayer_2mp"),
+    ms.Exposure(0.02),
+)
 ONE_FILE = SCENES / "one_file.xml"
 SMALL = {"width": 16, "height": 12}
 Cli = Callable[..., Any]
@@ -51,11 +50,11 @@ def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: 
     render is cut by hand and both are exposed; the film's window only has to say where it lies.
     """
     options = {"spectral": spectral, "spp": 16, "variant": "scalar_spectral"}
-    part = render(
+    part = ms.render(
         write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1))), BAYER, EXPOSURE, **options
     )
     assert part.origin == (1, 3)
-    photons = collect(part, BAYER, EXPOSURE)
+    photons = ms.collect(part, BAYER, EXPOSURE)
     whole, in_band = np.zeros((8, 12, photons.mean.shape[2])), np.ones((8, 12))
     whole[1:5, 3:9] = photons.mean
     in_band[1:5, 3:9] = 1.0 if photons.in_band is None else photons.in_band
@@ -67,7 +66,9 @@ def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: 
 
 def test_where_a_crop_lies_survives_the_file(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1)))
-    light = render(path, BAYER, EXPOSURE, bandwidth_nm=100, spp=16, variant="scalar_spectral")
+    light = ms.render(
+        path, BAYER, EXPOSURE, bandwidth_nm=100, spp=16, variant="scalar_spectral"
+    )
     write_irradiance_exr(tmp_path / "light.exr", light)
     assert read_irradiance_exr(tmp_path / "light.exr").origin == (1, 3)
 
@@ -81,7 +82,7 @@ def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> No
         "variant": "scalar_spectral",
     }
     for unit in (None, "cm", "m"):
-        found = render(ONE_FILE, scene_unit=unit, **options).statistics
+        found = ms.render(ONE_FILE, scene_unit=unit, **options).statistics
         assert found.intrinsics is not None
         assert found.intrinsics["focal_length_mm"] == pytest.approx(2.5, rel=1e-3)
         assert found.aperture_f_number == pytest.approx(2.8, rel=1e-3)
@@ -108,9 +109,11 @@ def test_a_camera_that_overrules_the_lens_of_the_file_is_told(tmp_path: Path) ->
         "wavelength_nm": 550,
         "variant": "scalar_spectral",
     }
-    given = render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **options).statistics
+    given = ms.render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **options).statistics
     assert any("overruled" in note and "lens.f_number" in note for note in given.notes)
-    assert not any("overruled" in note for note in render(ONE_FILE, **options).statistics.notes)
+    assert not any(
+        "overruled" in note for note in ms.render(ONE_FILE, **options).statistics.notes
+    )
 
 
 def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> None:
@@ -122,12 +125,12 @@ def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> No
     }
     scene = SCENES / "cornell_box.xml"
     assert (
-        next(render_frames(scene, TABLE1, EXPOSURE, **options)).light.statistics.spectral
+        next(ms.render_frames(scene, TABLE1, EXPOSURE, **options)).light.statistics.spectral
         == "channels"
     )
     assert (
         next(
-            render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **options)
+            ms.render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **options)
         ).light.statistics.spectral
         == "cube"
     )
@@ -137,13 +140,13 @@ def test_a_quantum_yield_has_bands_with_a_render_for_every_frame() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
     options = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
     frame = next(
-        render_frames(
+        ms.render_frames(
             SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **options
         )
     )
     assert frame.light.statistics.spectral == "cube"
-    with pytest.raises(InputError, match="take render_noise 'per-frame'"):
-        render_frames(
+    with pytest.raises(ms.InputError, match="take render_noise 'per-frame'"):
+        ms.render_frames(
             SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **options
         )
 
@@ -154,7 +157,7 @@ def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
     area += '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter></shape>'
     ball = '<shape type="sphere"><point name="center" value="0, 0, 9"/></shape>'
     path = write_scene(tmp_path, scene_text(area, ball))
-    light = render(
+    light = ms.render(
         path, TABLE1, EXPOSURE, wavelength_nm=550, noise_ratio=0.5, variant="scalar_spectral"
     )
     lit = light.data[..., 0] > 0
@@ -171,8 +174,8 @@ def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
     ],
 )
 def test_options_without_an_effect_are_refused(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, **options)
+    with pytest.raises(ms.InputError, match=said):
+        ms.render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, **options)
 
 
 @pytest.mark.parametrize("size", ["width", "height"])

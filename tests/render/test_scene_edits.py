@@ -20,18 +20,18 @@ from helpers.scenes import (
     write_scene,
 )
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.passes.passes import FEWEST, pass_plan, whole_grid
-from mitsuba_sensor.render.passes.prepared import METERING_SPP, render
+from mitsuba_sensor.render.passes.prepared import METERING_SPP
 from mitsuba_sensor.render.variants import mitsuba
-from mitsuba_sensor.render_frames import render_frames
 
-TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)
+TABLE1, BAYER, EXPOSURE = (
+    ms.load_camera("konnik_table1"),
+    ms.load_camera("bayer_2mp"),
+    ms.Exposure(0.02),
+)
 LAMP = """<emitter type="constant" id="lamp"><spectrum name="radiance" type="uniform"><float name="value" value="{}"/>
 </spectrum></emitter>"""
 VALUE = "lamp.radiance.value"
@@ -50,12 +50,12 @@ def test_a_parameter_that_is_set_is_the_one_that_the_file_could_have(
     one = write_scene(tmp_path, scene_text(LAMP.format(1), WALL))
     (tmp_path / "two").mkdir()
     two = write_scene(tmp_path / "two", scene_text(LAMP.format(2), WALL))
-    found = render(one, TABLE1, EXPOSURE, traverse={VALUE: 2}, **options)
-    np.testing.assert_array_equal(found.data, render(two, TABLE1, EXPOSURE, **options).data)
-    plain = render(one, TABLE1, EXPOSURE, **options)
+    found = ms.render(one, TABLE1, EXPOSURE, traverse={VALUE: 2}, **options)
+    np.testing.assert_array_equal(found.data, ms.render(two, TABLE1, EXPOSURE, **options).data)
+    plain = ms.render(one, TABLE1, EXPOSURE, **options)
     np.testing.assert_allclose(found.data, 2 * plain.data, rtol=1e-5)
     digests = [
-        render(one, TABLE1, EXPOSURE, traverse=x, **options).statistics.scene_sha256
+        ms.render(one, TABLE1, EXPOSURE, traverse=x, **options).statistics.scene_sha256
         for x in ({}, {VALUE: 3})
     ]
     assert digests[0] == plain.statistics.scene_sha256
@@ -88,10 +88,10 @@ def test_light_that_only_a_parameter_brings_into_the_bands_is_light(tmp_path: Pa
         write_scene(tmp_path, scene_text(lamp)),
         {**ONE_BAND, "variant": "scalar_spectral"},
     )
-    with pytest.raises(InputError, match="no light in the bands"):
-        render(scene, TABLE1, EXPOSURE, **options)
+    with pytest.raises(ms.InputError, match="no light in the bands"):
+        ms.render(scene, TABLE1, EXPOSURE, **options)
     assert (
-        render(
+        ms.render(
             scene, TABLE1, EXPOSURE, traverse={"lamp.radiance.range": [300, 1000]}, **options
         ).data.min()
         > 0
@@ -125,8 +125,8 @@ def test_parameters_that_cannot_be_set_are_refused(
     sensor = PERSPECTIVE.replace("<sensor", '<sensor id="eye"')
     cube = '<shape type="cube" id="mesh"/>'
     scene = write_scene(tmp_path, scene_text(LAMP.format(1), WALL, cube, sensor=sensor))
-    with pytest.raises(InputError, match=said) as caught:
-        render(
+    with pytest.raises(ms.InputError, match=said) as caught:
+        ms.render(
             scene, TABLE1, EXPOSURE, traverse=traverse, variant="scalar_spectral", **ONE_BAND
         )
     assert "\n" not in str(caught.value)
@@ -137,8 +137,8 @@ def test_a_loaded_scene_is_changed_by_its_owner(tmp_path: Path) -> None:
     mi.set_variant("scalar_spectral")
     loaded = mi.load_string(scene_text(LAMP.format(1)))
     for options in ({"traverse": {VALUE: 2}}, {"look_at": "0,0,0 0,0,1"}, {"repeatable": True}):
-        with pytest.raises(InputError, match="which it cannot change"):
-            render(loaded, TABLE1, EXPOSURE, **options, **ONE_BAND)
+        with pytest.raises(ms.InputError, match="which it cannot change"):
+            ms.render(loaded, TABLE1, EXPOSURE, **options, **ONE_BAND)
 
 
 @both_variants
@@ -205,8 +205,8 @@ def test_a_scale_and_a_mirror_of_the_camera_stay(tmp_path: Path) -> None:
     ],
 )
 def test_a_pose_that_is_none_is_refused(look_at: Any, said: str) -> None:
-    with pytest.raises(InputError, match=said) as caught:
-        render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, look_at=look_at)
+    with pytest.raises(ms.InputError, match=said) as caught:
+        ms.render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, look_at=look_at)
     assert "\n" not in str(caught.value)
 
 
@@ -215,7 +215,7 @@ def test_the_pose_of_the_camera_is_given_once(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, scene_text(SKY, WALL, sensor=sensor))
     matrix = {"eye.to_world": np.eye(4).tolist()}
     render_aovs(scene, TABLE1, traverse=matrix, variant="scalar_spectral")
-    with pytest.raises(InputError, match="leave one of them out"):
+    with pytest.raises(ms.InputError, match="leave one of them out"):
         render_aovs(
             scene, TABLE1, traverse=matrix, look_at="0,0,0 0,0,1", variant="scalar_spectral"
         )
@@ -265,7 +265,7 @@ def test_a_repeatable_plan_has_passes_of_a_power_of_two_up_to_8(spp: int) -> Non
     assert pass_plan(METERING_SPP) == pass_plan(METERING_SPP, repeatable=True)
 
 
-def bits(light: Irradiance) -> str:
+def bits(light: ms.Irradiance) -> str:
     arrays = [light.data, light.standard_error, light.relative_error, light.in_band]
     return hashlib.sha256(
         b"".join(array.tobytes() for array in arrays if array is not None)
@@ -279,7 +279,7 @@ def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) 
     try:
         for count in threads:
             dr.set_thread_count(count)
-            made = render(
+            made = ms.render(
                 SCENES / "cornell_box.xml",
                 BAYER,
                 EXPOSURE,
@@ -344,11 +344,11 @@ def test_frames_of_their_own_repeat(tmp_path: Path) -> None:
         "max_spp": 2000,
     }
     scene = write_scene(tmp_path, scene_text(LAMP.format(1e-4), WALL))
-    frames = list(render_frames(scene, TABLE1, Exposure(1e-3), **options))
+    frames = list(ms.render_frames(scene, TABLE1, ms.Exposure(1e-3), **options))
     found = [frame.light.statistics for frame in frames]
     assert all(one.samples_per_pixel / one.passes in (1, 2, 4, 8) for one in found)
 
 
 def test_time_is_not_repeatable() -> None:
-    with pytest.raises(InputError, match="take max_spp instead"):
-        render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, repeatable=True, max_seconds=3)
+    with pytest.raises(ms.InputError, match="take max_spp instead"):
+        ms.render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, repeatable=True, max_seconds=3)

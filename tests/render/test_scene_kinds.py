@@ -10,7 +10,6 @@ import pytest
 from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.plugins import plugin_hook
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
@@ -222,7 +221,7 @@ def test_what_a_loaded_scene_cannot_do_is_one_sentence(
     options: dict[str, Any], said: str
 ) -> None:
     mi = ready("llvm_ad_spectral")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(ms.InputError, match=said):
         ms.render(mi.load_dict(room(mi)), CAMERA, EXPOSURE, **options)
 
 
@@ -234,17 +233,17 @@ def test_a_scene_of_another_variant_is_one_sentence() -> None:
     coloured, given = mi.load_dict(room(mi)), room(mi)
     try:
         with pytest.raises(
-            InputError, match="loaded in variant 'scalar_rgb', which keeps no spectra; call"
+            ms.InputError, match="loaded in variant 'scalar_rgb', which keeps no spectra; call"
         ):
             ms.render(coloured, CAMERA, EXPOSURE)
         mi.set_variant("scalar_spectral")
         with pytest.raises(
-            InputError,
+            ms.InputError,
             match="loaded in variant 'llvm_ad_spectral', and 'scalar_spectral' is to",
         ):
             ms.render(scene, CAMERA, EXPOSURE)
         with pytest.raises(
-            InputError, match="'white' of the dict was made in variant 'llvm_ad_spectral'"
+            ms.InputError, match="'white' of the dict was made in variant 'llvm_ad_spectral'"
         ):
             ms.render({**given, "white": bsdf}, CAMERA, EXPOSURE)
     finally:
@@ -323,16 +322,16 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         ),
     ]
     for scene, said in wrong:
-        with pytest.raises(InputError, match=said) as error:
+        with pytest.raises(ms.InputError, match=said) as error:
             ms.render(scene, CAMERA, EXPOSURE)
         assert "\n" not in str(error.value)
     with pytest.raises(
-        InputError, match="parameters are for the <default> names of a scene in XML"
+        ms.InputError, match="parameters are for the <default> names of a scene in XML"
     ):
         ms.render(room(mi), CAMERA, EXPOSURE, parameters={"a": 1})
     given = {**room(mi), "integrator": mi.load_dict({"type": "path"})}
     with pytest.raises(
-        InputError, match="integrator is given and 'integrator' of the dict is one already"
+        ms.InputError, match="integrator is given and 'integrator' of the dict is one already"
     ):
         ms.render(given, CAMERA, EXPOSURE, integrator="direct")
 
@@ -340,7 +339,7 @@ def test_what_is_no_scene_is_one_sentence() -> None:
 def test_polarising_materials_of_a_loaded_scene_are_refused() -> None:
     mi = ready("scalar_spectral")
     scene = mi.load_string(scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')))
-    with pytest.raises(InputError, match="polarises light"):
+    with pytest.raises(ms.InputError, match="polarises light"):
         ms.render(scene, CAMERA, EXPOSURE)
 
 
@@ -351,7 +350,7 @@ def test_relative_files_of_text_are_looked_for_in_the_working_folder(
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
     bsdf = '<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string name="filename" value="grey.exr"/>'
     text = scene_text(SKY, BALL.format(bsdf=f"{bsdf}</texture></bsdf>"))
-    with pytest.raises(InputError, match=r"scene 'XML text' lacks a file: grey\.exr"):
+    with pytest.raises(ms.InputError, match=r"scene 'XML text' lacks a file: grey\.exr"):
         ms.render(text, CAMERA, EXPOSURE, spp=1)
     monkeypatch.chdir(tmp_path)
     assert ms.render(text, CAMERA, EXPOSURE, spp=1).data.any()

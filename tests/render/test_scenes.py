@@ -10,23 +10,18 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, SCENES, SHIPPED, SKY, read_settings, scene_text, write_scene
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
+import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands
-from mitsuba_sensor.render.light.irradiance import Irradiance
-from mitsuba_sensor.render.light.photons import collect
-from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
-CAMERA = load_camera("konnik_table1")
+CAMERA = ms.load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 550.0, 700.0]))
 
 
-def fill(light: Irradiance) -> np.ndarray:
+def fill(light: ms.Irradiance) -> np.ndarray:
     """Detected electrons over full well, at 0.1 s, (H, W)."""
-    photons = collect(light, CAMERA, Exposure(0.1))
+    photons = ms.collect(light, CAMERA, ms.Exposure(0.1))
     return (photons.mean * CAMERA.qe(light.wavelengths_nm)[0]).sum(
         axis=-1
     ) / CAMERA.pixel.full_well_e
@@ -37,10 +32,10 @@ def render_frames(
 ) -> np.ndarray:
     options = {"width": size[0], "height": size[1], **parameters}
     return fill(
-        render(
+        ms.render(
             SCENES / f"{name}.xml",
             CAMERA,
-            Exposure(0.1),
+            ms.Exposure(0.1),
             spp=spp,
             bandwidth_nm=50,
             parameters=options,
@@ -109,7 +104,7 @@ def test_one_file_is_well_exposed_by_its_own_camera() -> None:
     """The median pixel stands between a tenth and a half of full well, nothing saturates."""
     settings = read_settings(SCENES / "one_file.xml", {})
     assert settings.camera is not None and settings.exposure is not None
-    light = render(
+    light = ms.render(
         SCENES / "one_file.xml",
         settings.camera,
         settings.exposure,
@@ -117,7 +112,7 @@ def test_one_file_is_well_exposed_by_its_own_camera() -> None:
         bandwidth_nm=50,
         variant="scalar_spectral",
     )
-    photons = collect(light, settings.camera, settings.exposure)
+    photons = ms.collect(light, settings.camera, settings.exposure)
     well = (photons.mean * settings.camera.qe(light.wavelengths_nm)[0]).sum(
         axis=-1
     ) / settings.camera.pixel.full_well_e
@@ -150,10 +145,10 @@ def test_foreign_rgb_scene_renders_and_the_user_is_told(tmp_path: Path) -> None:
         film='<rfilter type="gaussian"/>',
         more='<sampler type="independent"/>',
     )
-    light = render(
+    light = ms.render(
         write_scene(tmp_path, text),
         CAMERA,
-        Exposure(0.1),
+        ms.Exposure(0.1),
         spp=16,
         bandwidth_nm=100,
         variant="scalar_spectral",
@@ -210,7 +205,7 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(
     text = scene_text(SKY, BALL.format(bsdf=texture))
     assert load_scene(write_scene(tmp_path, text), BANDS, {})
     (tmp_path / "elsewhere").mkdir()
-    with pytest.raises(InputError, match=r"grey\.png"):
+    with pytest.raises(ms.InputError, match=r"grey\.png"):
         load_scene(write_scene(tmp_path / "elsewhere", text), BANDS, {})
 
 
@@ -230,7 +225,7 @@ def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(
         write_scene(tmp_path, scene_text('<path value="pictures"/>', SKY, ball)), BANDS, {}
     )
     assert str(mi.file_resolver()) == before
-    with pytest.raises(InputError, match=r"grey\.png"):
+    with pytest.raises(ms.InputError, match=r"grey\.png"):
         load_scene(write_scene(tmp_path, scene_text(SKY, ball)), BANDS, {})
 
 
@@ -278,7 +273,7 @@ def test_broken_scenes_are_refused_in_one_sentence(
     tmp_path: Path, text: str, sentence: str
 ) -> None:
     use(choose_variant("scalar_spectral"))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(ms.InputError) as caught:
         load_scene(write_scene(tmp_path, text), BANDS, {})
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
@@ -286,11 +281,11 @@ def test_broken_scenes_are_refused_in_one_sentence(
 def test_black_picture_is_refused(tmp_path: Path) -> None:
     """A light that nothing in view receives: known only after rendering, but still one sentence."""
     dark = '<emitter type="constant"><spectrum name="radiance" value="0"/></emitter>'
-    with pytest.raises(InputError, match="is black from 400 to 700 nm"):
-        render(
+    with pytest.raises(ms.InputError, match="is black from 400 to 700 nm"):
+        ms.render(
             write_scene(tmp_path, scene_text(dark)),
             CAMERA,
-            Exposure(0.1),
+            ms.Exposure(0.1),
             spp=8,
             bandwidth_nm=100,
             variant="scalar_spectral",
@@ -300,7 +295,7 @@ def test_black_picture_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", ["no_such_scene.xml", ".", ""])
 def test_missing_scene_is_refused(path: str) -> None:
     use(choose_variant("scalar_spectral"))
-    with pytest.raises(InputError, match="is not a file"):
+    with pytest.raises(ms.InputError, match="is not a file"):
         load_scene(path, BANDS, {})
 
 
@@ -308,9 +303,9 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
     """A ball in the sky: half the columns show the mean of two by two pixels, rows and the crop in proportion."""
     use(choose_variant("scalar_spectral"))
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf='<bsdf type="diffuse"/>')))
-    exposure = Exposure(0.1)
+    exposure = ms.Exposure(0.1)
     wide, narrow = (
-        render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, width=c).data[..., 0]
+        ms.render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, width=c).data[..., 0]
         for c in (12, 6)
     )
     binned = wide.reshape(4, 2, 6, 2).mean(axis=(1, 3))
@@ -335,5 +330,5 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
 def test_columns_are_at_most_those_of_the_film(tmp_path: Path, columns: object) -> None:
     use(choose_variant("scalar_spectral"))
     path = write_scene(tmp_path, scene_text(SKY))
-    with pytest.raises(InputError, match=r"width is .*whole number"):
-        render(path, CAMERA, Exposure(0.1), width=columns)
+    with pytest.raises(ms.InputError, match=r"width is .*whole number"):
+        ms.render(path, CAMERA, ms.Exposure(0.1), width=columns)

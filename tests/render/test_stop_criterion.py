@@ -12,13 +12,10 @@ import pytest
 from helpers.marks import one_in
 from helpers.scenes import SCENES
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.render.light.irradiance import Irradiance
+import mitsuba_sensor as ms
 from mitsuba_sensor.render.passes import stop_criterion
 from mitsuba_sensor.render.passes.passes import FEWEST, MOST_SPP, whole_grid
-from mitsuba_sensor.render.passes.prepared import prepare, render
+from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import (
     FIRST_LOOK,
     PASS_SPP,
@@ -27,7 +24,7 @@ from mitsuba_sensor.render.passes.stop_criterion import (
 )
 from mitsuba_sensor.render.scene.scene import Scene
 
-CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 BOX = SCENES / "cornell_box.xml"  # noise in every pixel
 SMALL = {"width": 16, "height": 12}  # large enough to be denoised
 FAST = {
@@ -38,7 +35,7 @@ FAST = {
 
 
 def test_a_noise_ratio_is_reached_and_the_statistics_say_so() -> None:
-    light = render(BOX, CAMERA, EXPOSURE, noise_ratio=3.0, **FAST)
+    light = ms.render(BOX, CAMERA, EXPOSURE, noise_ratio=3.0, **FAST)
     found = light.statistics
     assert (found.ended_by, found.noise_ratio_asked) == ("noise_ratio", 3.0)
     assert found.noise_ratio_median <= 3.0 and found.passes >= FEWEST
@@ -52,7 +49,7 @@ def test_the_ratio_that_is_reached_is_true() -> None:
     """
     options = {**FAST, "parameters": {"width": 48, "height": 32}, "denoise": False}
     one, two = (
-        render(BOX, CAMERA, EXPOSURE, noise_ratio=2.0, seed=s, **options) for s in (1, 2)
+        ms.render(BOX, CAMERA, EXPOSURE, noise_ratio=2.0, seed=s, **options) for s in (1, 2)
     )
     claimed = one.standard_error.astype(float) ** 2 + two.standard_error.astype(float) ** 2
     z = (one.data - two.data).astype(float) ** 2 / claimed
@@ -63,7 +60,7 @@ def test_the_ratio_that_is_reached_is_true() -> None:
 
 
 def test_a_render_ends_at_its_most_samples_and_says_that_the_ratio_was_missed() -> None:
-    light = render(BOX, CAMERA, EXPOSURE, noise_ratio=1e-6, max_spp=512, **FAST)
+    light = ms.render(BOX, CAMERA, EXPOSURE, noise_ratio=1e-6, max_spp=512, **FAST)
     assert light.statistics.ended_by == "max_spp"
     assert light.statistics.samples_per_pixel <= 512
     assert light.statistics.noise_ratio_median > 1e-6
@@ -90,7 +87,7 @@ def test_a_render_ends_when_its_time_is_up(
     options: dict[str, Any], clock: SimpleNamespace
 ) -> None:
     """No pass is begun that would end later; two passes are always made, behind a trial of a few samples."""
-    light = render(BOX, CAMERA, EXPOSURE, max_seconds=2000, **options, **FAST)
+    light = ms.render(BOX, CAMERA, EXPOSURE, max_seconds=2000, **options, **FAST)
     assert light.statistics.ended_by == "max_seconds"
     assert light.statistics.passes >= 2
     pass_s = light.statistics.samples_per_pixel / light.statistics.passes * len(light.data)
@@ -98,7 +95,7 @@ def test_a_render_ends_when_its_time_is_up(
 
 
 def test_no_time_at_all_still_gives_two_passes_and_no_trust() -> None:
-    light = render(BOX, CAMERA, EXPOSURE, max_seconds=0.0, **FAST)
+    light = ms.render(BOX, CAMERA, EXPOSURE, max_seconds=0.0, **FAST)
     assert light.statistics.passes == 2 and not light.statistics.reliable
     assert any("error bars are guesses" in note for note in light.statistics.notes)
 
@@ -106,7 +103,7 @@ def test_no_time_at_all_still_gives_two_passes_and_no_trust() -> None:
 def test_progress_tells_the_falling_ratio_and_a_forecast_from_the_first_pass_on() -> None:
     """The forecast after the first pass is within a factor of four of what it took, the last one exact."""
     steps: list[Any] = []
-    light = render(BOX, CAMERA, EXPOSURE, noise_ratio=1.0, progress=steps.append, **FAST)
+    light = ms.render(BOX, CAMERA, EXPOSURE, noise_ratio=1.0, progress=steps.append, **FAST)
     assert steps.pop().doing == "denoising"
     assert steps[0].done == 0 and math.isnan(steps[0].noise_ratio)
     first = next(step for step in steps if step.done == 1)
@@ -123,10 +120,10 @@ def test_a_long_render_is_forecast_before_its_first_strip_ends_and_has_the_same_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Tried out with a few samples."""
-    whole = render(BOX, CAMERA, EXPOSURE, spp=2048, **FAST)
+    whole = ms.render(BOX, CAMERA, EXPOSURE, spp=2048, **FAST)
     monkeypatch.setattr(stop_criterion, "LONG", 1)
     steps: list[Any] = []
-    light = render(BOX, CAMERA, EXPOSURE, spp=2048, progress=steps.append, **FAST)
+    light = ms.render(BOX, CAMERA, EXPOSURE, spp=2048, progress=steps.append, **FAST)
     assert light.data.tobytes() == whole.data.tobytes()
     first = next(step for step in steps if not math.isnan(step.seconds_left))
     assert first.done == 0
@@ -137,7 +134,7 @@ def test_a_long_render_is_forecast_before_its_first_strip_ends_and_has_the_same_
 @pytest.mark.usefixtures("clock")
 def test_a_render_with_a_time_is_forecast_from_its_beginning() -> None:
     steps: list[Any] = []
-    render(
+    ms.render(
         BOX, CAMERA, EXPOSURE, noise_ratio=1e-6, max_seconds=2000, progress=steps.append, **FAST
     )
     assert steps[0].done == 0 and steps[0].seconds_left == 2000
@@ -157,10 +154,12 @@ def test_a_render_without_a_number_of_samples_stops_where_the_sensor_is_noisier_
 ):
     """95 % of the lit pixels; the same bytes as of so many samples that were asked for. Much light has little shot
     noise beside it, so that all samples are taken."""
-    dim = render(BOX, CAMERA, Exposure(0.0005), **FAST)
+    dim = ms.render(BOX, CAMERA, ms.Exposure(0.0005), **FAST)
     assert dim.statistics.ended_by == "sensor_noise"
     assert dim.statistics.samples_per_pixel < stop_criterion.DEFAULT_SPP
-    asked = render(BOX, CAMERA, Exposure(0.0005), spp=dim.statistics.samples_per_pixel, **FAST)
+    asked = ms.render(
+        BOX, CAMERA, ms.Exposure(0.0005), spp=dim.statistics.samples_per_pixel, **FAST
+    )
     assert asked.statistics.ended_by == "spp"
     assert asked.data.tobytes() == dim.data.tobytes()
 
@@ -168,14 +167,14 @@ def test_a_render_without_a_number_of_samples_stops_where_the_sensor_is_noisier_
 @pytest.mark.parametrize("time_s", one_in(2, [0.0005, 0.005, 0.01, 0.02, 0.05]))
 def test_a_render_that_stopped_at_the_sensor_s_noise_has_less(time_s: float) -> None:
     """Denoised error bars can be larger than those of the passes, and they count."""
-    light = render(BOX, CAMERA, Exposure(time_s), **{**FAST, "parameters": SMALL})
+    light = ms.render(BOX, CAMERA, ms.Exposure(time_s), **{**FAST, "parameters": SMALL})
     stopped = light.statistics.ended_by == "sensor_noise"
     assert stopped == (light.statistics.samples_per_pixel < stop_criterion.DEFAULT_SPP)
     assert not stopped or light.statistics.noise_ratio_p95 <= 1
 
 
 def test_all_samples_are_taken_where_much_light_shows_the_render_s_noise() -> None:
-    bright = render(BOX, CAMERA, Exposure(0.05), **{**FAST, "parameters": SMALL})
+    bright = ms.render(BOX, CAMERA, ms.Exposure(0.05), **{**FAST, "parameters": SMALL})
     assert bright.statistics.ended_by == "spp"
     assert bright.statistics.samples_per_pixel == stop_criterion.DEFAULT_SPP
 
@@ -184,7 +183,7 @@ def test_all_samples_are_taken_where_much_light_shows_the_render_s_noise() -> No
 def test_a_look_at_the_noise_leaves_the_rest_of_the_render_as_it_is(denoise: bool) -> None:
     """Compared with a render that is never looked at."""
     prepared = prepare(
-        BOX, CAMERA, Exposure(0.05), **{**FAST, "parameters": SMALL}, denoise=denoise
+        BOX, CAMERA, ms.Exposure(0.05), **{**FAST, "parameters": SMALL}, denoise=denoise
     )
     looked_at = stop_criterion_of({})
     light = prepared.render(1, looked_at)
@@ -201,7 +200,7 @@ def test_a_look_at_the_noise_leaves_the_rest_of_the_render_as_it_is(denoise: boo
 
 
 def test_a_metered_render_stops_by_the_noise_of_the_exposure_that_is_found() -> None:
-    light = render(BOX, CAMERA.replace(**{"pixel.full_well_e": 400}), "auto", **FAST)
+    light = ms.render(BOX, CAMERA.replace(**{"pixel.full_well_e": 400}), "auto", **FAST)
     assert light.statistics.ended_by == "sensor_noise"
     assert light.statistics.noise_ratio_p95 <= 1
 
@@ -244,17 +243,17 @@ def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() 
 def test_contradictory_budgets_are_refused_in_one_sentence(
     options: dict[str, Any], said: str
 ) -> None:
-    with pytest.raises(InputError) as caught:
-        render(
+    with pytest.raises(ms.InputError) as caught:
+        ms.render(
             SCENES / "flat_field.xml", CAMERA, EXPOSURE, variant="scalar_spectral", **options
         )
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_fixed_number_of_samples_is_the_same_render_with_or_without_time_to_spare() -> None:
-    def bits(light: Irradiance) -> bytes:
+    def bits(light: ms.Irradiance) -> bytes:
         return light.data.tobytes()
 
-    assert bits(render(BOX, CAMERA, EXPOSURE, spp=32, **FAST)) == bits(
-        render(BOX, CAMERA, EXPOSURE, spp=32, max_seconds=1e6, **FAST)
+    assert bits(ms.render(BOX, CAMERA, EXPOSURE, spp=32, **FAST)) == bits(
+        ms.render(BOX, CAMERA, EXPOSURE, spp=32, max_seconds=1e6, **FAST)
     )

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.variants import mitsuba, variant_restored
 
@@ -83,7 +82,7 @@ def test_it_comes_back_after_an_error_too() -> None:
     mi = user_has("llvm_ad_rgb")
     black = scene_text(SKY.replace("360:2e-4, 830:2e-4", "1500:1, 1600:1"))
     for scene in (black, "no_such.xml"):
-        with pytest.raises(InputError):
+        with pytest.raises(ms.InputError):
             ms.render(scene, CAMERA, EXPOSURE, variant="llvm_ad_spectral", **FAST)
         assert mi.variant() == "llvm_ad_rgb"
 
@@ -147,7 +146,7 @@ def test_a_polarised_variant_is_refused_for_what_it_is(call: str) -> None:
         mi.set_variant(polarised)
     scene = mi.load_string(SCENE) if call == "loaded" else SCENE
     with pytest.raises(
-        InputError,
+        ms.InputError,
         match="follows the polarisation of light, and that is not simulated here; take 'sc",
     ):
         ms.render(scene, CAMERA, EXPOSURE, **options, **FAST)

@@ -13,7 +13,6 @@ from helpers.marks import one_in
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem, drjit
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor import run
@@ -245,7 +244,7 @@ def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel
     dr, window = drjit(), SensorWindow(7, (40, 64), (5, 9))
     kernel = DrJitBackend()
 
-    def sum_of_lines(frame: Frame) -> Any:
+    def sum_of_lines(frame: ms.Frame) -> Any:
         spectrum = frame.row_normal("banding", np.arange(5 - 2, 45))
         filtered = spectrum[2:] + 0.5 * spectrum[1:-1] + 0.25 * spectrum[:-2]
         backend = frame.window.backend
@@ -258,7 +257,7 @@ def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel
 
     compiled_kernels = []
     for index in range(4):
-        frame = Frame(EXPOSURE, window, 3, index)
+        frame = ms.Frame(EXPOSURE, window, 3, index)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
             fast = sum_of_lines(frame.on(kernel))

@@ -17,7 +17,6 @@ import pytest
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.camera_file import camera_schema
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.camera.shipped import SHIPPED
@@ -51,7 +50,7 @@ def required() -> list[str]:
     return found
 
 
-FIELDS = tuple(fields_of(Camera))
+FIELDS = tuple(fields_of(ms.Camera))
 NUMBERS = tuple(name for name in FIELDS if schema_of(name).get("type") in ("number", "integer"))
 CHOICES = tuple(name for name in FIELDS if "enum" in schema_of(name))
 WRONG_TYPES: dict[str, tuple[Any, ...]] = {
@@ -224,7 +223,7 @@ def test_every_field_has_a_description_an_example_and_the_example_is_right(dotte
     if "properties" in schema:
         assert schema["description"]
         return
-    info = fields_of(Camera)[dotted]
+    info = fields_of(ms.Camera)[dotted]
     assert info.description and info.examples
     if schema["type"] == "number" and not dotted.startswith(NOT_ALONE):
         assert ms.load_camera("konnik_table1").replace(**{dotted: info.examples[0]})
@@ -467,7 +466,7 @@ def test_a_camera_survives_its_own_dump() -> None:
     """model_dump is what frame.json holds: the camera can be made again from it, through JSON."""
     for name in ms.list_cameras():
         camera = ms.load_camera(name)
-        again = Camera.model_validate(
+        again = ms.Camera.model_validate(
             json.loads(json.dumps(camera.model_dump(), allow_nan=False))
         )
         assert again == camera and chain(again) == chain(camera)

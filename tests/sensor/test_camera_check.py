@@ -11,8 +11,7 @@ from helpers import CAMERAS
 from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_check import CameraFinding, TomlLines, check_camera
+from mitsuba_sensor.camera.camera_check import CameraFinding, TomlLines
 from mitsuba_sensor.camera.datasheet_errors import fields_of, usual_of
 
 TABLE1 = (CAMERAS / "konnik_table1.toml").read_text(encoding="utf-8").split("[sources]")[0]
@@ -91,7 +90,7 @@ ERRORS = {  # line → field, and what is said
 def checked(text: str, folder: Path) -> tuple[CameraFinding, ...]:
     path = folder / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    return check_camera(path)
+    return ms.check_camera(path)
 
 
 def test_all_errors_of_a_file_are_found_at_once_with_their_lines(tmp_path: Path) -> None:
@@ -194,17 +193,17 @@ def test_a_full_scale_in_another_unit_leaves_the_codes_unused(tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", ms.list_cameras())
 def test_a_shipped_camera_has_no_finding(name: str) -> None:
-    assert not check_camera(name) and not ms.load_camera(name).notes
+    assert not ms.check_camera(name) and not ms.load_camera(name).notes
 
 
 def test_the_example_of_a_field_is_usual() -> None:
     """So that a sentence with the example does not lead into a warning."""
     ranges = {
-        name: usual for name, info in fields_of(Camera).items() if (usual := usual_of(info))
+        name: usual for name, info in fields_of(ms.Camera).items() if (usual := usual_of(info))
     }
     assert len(ranges) > 25
     for name, usual in ranges.items():
-        example = fields_of(Camera)[name].examples[0]  # type: ignore[index]
+        example = fields_of(ms.Camera)[name].examples[0]  # type: ignore[index]
         inner = next(iter(example.values())) if isinstance(example, dict) else example
         for number in inner if isinstance(inner, list) else [inner]:
             assert usual.includes(number) and usual.low < usual.high, name
@@ -257,7 +256,7 @@ def test_a_file_whose_lines_cannot_be_told_apart_has_one_error(
     assert one.text.endswith("; the rest is checked when this is right.")
     assert one.to_dict()["line"] == line
     with pytest.raises(ms.InputError, match="cannot be read"):
-        check_camera(tmp_path / "none.toml")
+        ms.check_camera(tmp_path / "none.toml")
 
 
 def test_an_unknown_key_that_looks_like_no_other_is_named_alone(tmp_path: Path) -> None:

@@ -13,10 +13,7 @@ import pytest
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.field_catalogue import assignment, markdown, tables, toml_of
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 
 TABLE1 = ms.load_camera("konnik_table1")
 COMPONENT = {"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
@@ -100,7 +97,7 @@ def test_every_key_that_there_is_stands_in_the_file_below_its_explanation(name: 
     """With its description, its unit and, where it is declared, its usual range; tables of a list have headers."""
     text = CAMERAS[name].to_toml()
     keys, prose = keys_of(text), " ".join(text.replace("\n#  ", "").split())
-    for table in tables(Camera):
+    for table in tables(ms.Camera):
         if table.path in keys:
             entries = [
                 one
@@ -114,7 +111,7 @@ def test_every_key_that_there_is_stands_in_the_file_below_its_explanation(name: 
                 )
                 assert f"# {said}" in prose, said
                 assert f"usual {one.usual}" in prose or not one.usual
-    assert {table.path for table in tables(Camera)} >= set(keys) - {"sources"}
+    assert {table.path for table in tables(ms.Camera)} >= set(keys) - {"sources"}
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
@@ -140,10 +137,10 @@ def test_a_camera_with_a_stage_of_ones_own_is_in_no_file() -> None:
     class Hum(ms.Stage):
         domain = "volts"
 
-        def sample(self, signal: Any, frame: Frame) -> Any:
+        def sample(self, signal: Any, frame: ms.Frame) -> Any:
             return signal
 
-        def moments(self, m: Moments) -> Moments:
+        def moments(self, m: ms.Moments) -> ms.Moments:
             return m
 
     with pytest.raises(ms.InputError, match="stage Hum; call with_stage again"):
@@ -173,7 +170,7 @@ def test_values_as_toml_read_again_as_the_same() -> None:
 
 
 def test_the_tables_of_the_docs_name_every_key_with_its_unit() -> None:
-    page = markdown(Camera)
+    page = markdown(ms.Camera)
     assert (
         "| `full_well_e` | e- | 1 or more | 200 to 1e8 | required | saturation capacity |"
         in page

@@ -11,7 +11,6 @@ import scipy
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import Array, Electrons, Frame, Moments
 from mitsuba_sensor.core.rounding import rounded_poisson
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.pixel_codes import PixelCodes
@@ -232,13 +231,13 @@ class Ramp(ms.Stage):
 
     domain = "electrons"
 
-    def sample(self, signal: Electrons, frame: Frame) -> Array:
-        return Electrons(signal.light * self.gain(frame), signal.dark)
+    def sample(self, signal: ms.Electrons, frame: ms.Frame) -> ms.Array:
+        return ms.Electrons(signal.light * self.gain(frame), signal.dark)
 
-    def moments(self, m: Moments) -> Moments:
+    def moments(self, m: ms.Moments) -> ms.Moments:
         return m
 
-    def gain(self, frame: Frame) -> Array:
+    def gain(self, frame: ms.Frame) -> ms.Array:
         return frame.window.backend.from_numpy(
             1 + 0.01 * frame.window.columns[None, :], frame.window
         )
@@ -250,12 +249,12 @@ class Jitter(ms.Stage):
 
     domain = "electrons"
 
-    def sample(self, signal: Electrons, frame: Frame) -> Array:
-        return Electrons(
+    def sample(self, signal: ms.Electrons, frame: ms.Frame) -> ms.Array:
+        return ms.Electrons(
             signal.light + frame.number(100.0) * frame.normal("jitter"), signal.dark
         )
 
-    def moments(self, m: Moments) -> Moments:
+    def moments(self, m: ms.Moments) -> ms.Moments:
         return m.add(temporal=1e4)
 
 

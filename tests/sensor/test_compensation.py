@@ -16,11 +16,8 @@ from scipy import stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64, Backend
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor import expose, run
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.compensation import LIMIT, compensable, largest_e2, reserved
@@ -50,13 +47,15 @@ NOISE_E2 = LIGHT_E * np.random.default_rng(3).uniform(0.0, 0.6, SHAPE)
 """From nothing to more than can be compensated."""
 
 
-def rendered(light_e: Any, noise_e2: Any = None) -> Photons:
+def rendered(light_e: Any, noise_e2: Any = None) -> ms.Photons:
     """Photons that free so many electrons on average."""
-    return Photons(np.asarray(light_e) / QE, variance_e2=noise_e2)
+    return ms.Photons(np.asarray(light_e) / QE, variance_e2=noise_e2)
 
 
-def frame_of(shape: tuple[int, int], backend: Backend = NUMPY_FLOAT64, seed: int = 5) -> Frame:
-    return Frame(EXPOSURE, SensorWindow(7, shape, backend=backend), seed)
+def frame_of(
+    shape: tuple[int, int], backend: Backend = NUMPY_FLOAT64, seed: int = 5
+) -> ms.Frame:
+    return ms.Frame(EXPOSURE, SensorWindow(7, shape, backend=backend), seed)
 
 
 class Parts:
@@ -144,7 +143,7 @@ def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(
     frame = frame_of(mean.shape, backend)
     light, variance = (backend.from_numpy(x, frame.window) for x in (mean, noise))
     dark = frame.number(dark_e) if dark_e else 0.0
-    after = ShotNoise().sample(Electrons(light, dark, variance_e2=variance), frame)
+    after = ShotNoise().sample(ms.Electrons(light, dark, variance_e2=variance), frame)
     for drawn, about, compensated in (
         (after.light, mean, noise),
         (after.dark, np.full_like(mean, dark_e), 0 * noise),
@@ -175,13 +174,13 @@ def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_com
     gain = Prnu(Rectified(0.2))
     frame = frame_of(shape)
     before = gain.sample(
-        Electrons(np.full(shape, mean), variance_e2=np.full(shape, noise)), frame
+        ms.Electrons(np.full(shape, mean), variance_e2=np.full(shape, noise)), frame
     )
     np.testing.assert_allclose(
         before.variance_e2, noise * (before.light / mean) ** 2, rtol=1e-12
     )
     after = ShotNoise().sample(before, frame)
-    m = ShotNoise().moments(gain.moments(Moments(mean, 0.0, 0.0, frame, variance_e2=noise)))
+    m = ShotNoise().moments(gain.moments(ms.Moments(mean, 0.0, 0.0, frame, variance_e2=noise)))
     assert (
         float(m.temporal) == pytest.approx(mean - noise * 1.04, rel=1e-6)
         and m.variance_e2 is None
@@ -300,7 +299,8 @@ def test_dark_current_compensates_what_the_light_cannot() -> None:
     np.testing.assert_array_equal(by_dark, [[3.0, 0.0]])
     shape = (1, 2**19)
     after = ShotNoise().sample(
-        Electrons(np.full(shape, 2.0), 30.0, variance_e2=np.full(shape, 3.0)), frame_of(shape)
+        ms.Electrons(np.full(shape, 2.0), 30.0, variance_e2=np.full(shape, 3.0)),
+        frame_of(shape),
     )
     size = shape[1] ** 0.5
     for n, mean, variance in ((after.light, 2, 2), (after.dark, 30, 27), (after.total, 32, 29)):

@@ -8,10 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.core.frame import Frame
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.stages.dark_current_models import Doubling, FigureOfMerit, band_gap_ev
 from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
@@ -93,8 +91,8 @@ def test_dark_current_fpn_keeps_the_mean_and_has_its_cv_at_every_time(
     family is cut at 0 in 0.6 % of the pixels and loses 0.6 % of its σ: the theory knows.)
     """
     size = 400_000
-    frame = Frame(Exposure(time_s, 300.0), SensorWindow(11, (1, size)))
-    dark = DarkCurrent(TABLE1, pattern).sample(Electrons(np.zeros((1, size))), frame).dark  # type: ignore[arg-type]
+    frame = ms.Frame(ms.Exposure(time_s, 300.0), SensorWindow(11, (1, size)))
+    dark = DarkCurrent(TABLE1, pattern).sample(ms.Electrons(np.zeros((1, size))), frame).dark  # type: ignore[arg-type]
     mean, cv = time_s * 2027.8665, math.sqrt(pattern.variance)  # type: ignore[attr-defined]
     x = dark / mean
     assert x.min() >= 0
@@ -110,8 +108,10 @@ def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_patter
     family: type, cv: float
 ) -> None:
     """250 000 pixels; a log-normal of cv 10 converges slowly: its logarithm is looked at elsewhere (test_draws)."""
-    frame = Frame(Exposure(0.1, 300.0), SensorWindow(2, (500, 500)))
-    dark = DarkCurrent(TABLE1, family(cv)).sample(Electrons(np.zeros((500, 500))), frame).dark
+    frame = ms.Frame(ms.Exposure(0.1, 300.0), SensorWindow(2, (500, 500)))
+    dark = (
+        DarkCurrent(TABLE1, family(cv)).sample(ms.Electrons(np.zeros((500, 500))), frame).dark
+    )
     assert np.min(dark) >= 0 and np.isfinite(dark).all()
     tolerance = 5 * math.sqrt(family(cv).variance) / 500 + 1e-9
     assert np.mean(dark) == pytest.approx(202.78665, rel=tolerance + 1e-6)

@@ -13,8 +13,6 @@ from helpers import EACH_KIND
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.core.signals import Photons
-from mitsuba_sensor.output.frames import Frames
 from mitsuba_sensor.sensor.choices import KEEP, KEPT_BY_PUBLISHED
 from mitsuba_sensor.sensor.expose import prepare_exposure
 from mitsuba_sensor.stages.chain import chain
@@ -344,8 +342,10 @@ def test_the_frames_with_their_report_are_the_frames(chain: Any, frames: int) ->
     keep = KEEP if chain == "physical" else KEPT_BY_PUBLISHED
     options: Any = {"frames": frames, "keep": keep, "chain": chain, "first_frame": 5}
     cold = ms.Exposure(0.1, 0.0)
-    prepared = prepare_exposure(CAMERA, cold, LIGHT.shape, (0, 0), options).of(Photons(LIGHT))
-    one, other = Frames.exposed(prepared), Frames.exposed_with_report(prepared)
+    prepared = prepare_exposure(CAMERA, cold, LIGHT.shape, (0, 0), options).of(
+        ms.Photons(LIGHT)
+    )
+    one, other = ms.Frames.exposed(prepared), ms.Frames.exposed_with_report(prepared)
     for name in (*keep, "digital"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert getattr(other, name).shape == (frames, *LIGHT.shape)

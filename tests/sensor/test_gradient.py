@@ -24,9 +24,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
 from mitsuba_sensor.core import arrays
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import chain
 
@@ -114,7 +112,9 @@ def changed(
 def theory(photons: Any, camera: ms.Camera, exposure: ms.Exposure) -> np.ndarray:
     """Closed-form mean and variance of the digital numbers at every light level, (2, L)."""
     levels = np.atleast_1d(np.asarray(photons, dtype=float))[None, :]
-    m = Moments(ms.Photons(levels), 0.0, 0.0, Frame(exposure, SensorWindow(0, levels.shape)))
+    m = ms.Moments(
+        ms.Photons(levels), 0.0, 0.0, ms.Frame(exposure, SensorWindow(0, levels.shape))
+    )
     for stage in chain(camera):
         m = stage.moments(m)
     return np.array(

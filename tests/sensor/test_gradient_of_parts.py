@@ -9,9 +9,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
-from mitsuba_sensor.core import Array, Electrons
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 problem = backend_problem("llvm")
@@ -38,10 +36,10 @@ class Weighted(ms.Stage):
     dark: float
     domain = "electrons"
 
-    def sample(self, signal: Electrons, frame: ms.core.Frame) -> Array:
-        return Electrons(signal.light * self.light, signal.dark * self.dark)
+    def sample(self, signal: ms.Electrons, frame: ms.core.Frame) -> ms.Array:
+        return ms.Electrons(signal.light * self.light, signal.dark * self.dark)
 
-    def moments(self, m: Moments) -> Moments:
+    def moments(self, m: ms.Moments) -> ms.Moments:
         return m
 
 

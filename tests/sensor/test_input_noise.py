@@ -7,24 +7,22 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import Array, Moments
-from mitsuba_sensor.stages.stage import Stage
 from mitsuba_sensor.theory.input_noise import input_noise
 
 EXPOSURE = ms.Exposure(0.01)
 
 
 @dataclass(frozen=True)
-class Tabulated(Stage):
+class Tabulated(ms.Stage):
     """Changes nothing; holds an array, so that it cannot be hashed."""
 
     domain = "volts"
-    table_v: Array = field(default_factory=lambda: np.zeros(3))
+    table_v: ms.Array = field(default_factory=lambda: np.zeros(3))
 
-    def sample(self, signal: Array, frame: object) -> Array:
+    def sample(self, signal: ms.Array, frame: object) -> ms.Array:
         return signal
 
-    def moments(self, m: Moments) -> Moments:
+    def moments(self, m: ms.Moments) -> ms.Moments:
         return m
 
 

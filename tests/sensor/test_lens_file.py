@@ -9,20 +9,18 @@ from typing import Any
 import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS
 
-from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_file import load_camera
+import mitsuba_sensor as ms
 from mitsuba_sensor.camera.lens_file import list_lenses
-from mitsuba_sensor.core.errors import InputError
 
-CAMERA = load_camera("konnik_table1")
+CAMERA = ms.load_camera("konnik_table1")
 TABLE = "\n".join(f"{r}\t{t}\t{0 if r == 0 else n}\t{d}" for r, t, n, d in DOUBLE_GAUSS)
 
 
-def with_lens(**fields: Any) -> Camera:
+def with_lens(**fields: Any) -> ms.Camera:
     return CAMERA.replace(**{f"lens.{name}": value for name, value in fields.items()})
 
 
-def surfaces(camera: Camera) -> Any:
+def surfaces(camera: ms.Camera) -> Any:
     assert camera.lens.prescription is not None
     return camera.lens.prescription.surfaces
 
@@ -96,7 +94,7 @@ def test_a_camera_file_finds_its_lens_beside_it_and_keeps_it(tmp_path: Path) -> 
     )
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     (tmp_path / "mine.dat").write_text(TABLE, encoding="utf-8")
-    camera = load_camera(tmp_path / "mine.toml")
+    camera = ms.load_camera(tmp_path / "mine.toml")
     (tmp_path / "mine.dat").unlink()
     changed = camera.replace(**{"adc.bits": 10})
     assert changed.lens == camera.lens and len(surfaces(changed)) == 11
@@ -157,7 +155,7 @@ def test_a_wrong_lens_file_is_one_sentence(name: str, tmp_path: Path) -> None:
     text, says = FILES[name]
     if text is not None:
         (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(ms.InputError) as caught:
         with_lens(prescription=str(tmp_path / name))
     message = str(caught.value)
     assert (
@@ -232,6 +230,6 @@ CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", CONTRADICTIONS)
 def test_fields_that_contradict_each_other_are_refused(name: str) -> None:
     fields, says = CONTRADICTIONS[name]
-    with pytest.raises(InputError, match=says) as caught:
+    with pytest.raises(ms.InputError, match=says) as caught:
         with_lens(**fields)
     assert "\n" not in str(caught.value)

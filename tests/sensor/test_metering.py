@@ -14,9 +14,8 @@ from helpers.scenes import SCENES, SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.figures import saturation_e
-from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.light.photons import metered
-from mitsuba_sensor.sensor.metering import PERCENTILE, SHARE, Metering
+from mitsuba_sensor.sensor.metering import PERCENTILE, SHARE
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 
 CAMERA = ms.load_camera("konnik_table1")
@@ -43,7 +42,7 @@ def test_the_percentile_of_the_pixels_stands_at_the_share_of_saturation(
     light: Any, percentile: float, share: float
 ) -> None:
     """Times have three digits: within 0.5 %."""
-    exposure = metered(light, CAMERA, Metering(percentile=percentile, share=share))
+    exposure = metered(light, CAMERA, ms.Metering(percentile=percentile, share=share))
     level = np.percentile(electrons(light, CAMERA, exposure), percentile)
     assert level == pytest.approx(share * saturation_e(CAMERA), rel=0.005)
     assert float(f"{exposure.time_s:.3g}") == exposure.time_s
@@ -51,7 +50,7 @@ def test_the_percentile_of_the_pixels_stands_at_the_share_of_saturation(
 
 def test_twice_the_light_takes_half_the_time(light: Any) -> None:
     once, twice = (
-        metered(replace(light, data=factor * light.data), CAMERA, Metering()).time_s
+        metered(replace(light, data=factor * light.data), CAMERA, ms.Metering()).time_s
         for factor in (1, 2)
     )
     assert once == pytest.approx(
@@ -61,13 +60,16 @@ def test_twice_the_light_takes_half_the_time(light: Any) -> None:
 
 def test_dark_pixels_and_infinite_ones_do_not_count(light: Any) -> None:
     data = np.concatenate([light.data, 0 * light.data, np.full_like(light.data, np.inf)])
-    whole = metered(replace(light, data=data), CAMERA, Metering())
-    assert whole == metered(light, CAMERA, Metering())
+    whole = metered(replace(light, data=data), CAMERA, ms.Metering())
+    assert whole == metered(light, CAMERA, ms.Metering())
 
 
 def test_dark_current_fills_the_well_too(light: Any) -> None:
     """At 400 K, in light a million times weaker: what light and dark current make together is at the share."""
-    dim, hot = replace(light, data=light.data * np.float32(1e-6)), Metering(temperature_k=400.0)
+    dim, hot = (
+        replace(light, data=light.data * np.float32(1e-6)),
+        ms.Metering(temperature_k=400.0),
+    )
     exposure = metered(dim, CAMERA, hot)
     frames = ms.expose(
         ms.collect(dim, CAMERA, exposure),
@@ -127,7 +129,7 @@ def test_dark_frames_that_dark_current_fills_are_saved_with_the_reason(
     infinite = replace(
         light, data=np.where(np.arange(16)[:, None] % 2, light.data, np.inf).astype(np.float32)
     )
-    metered_s = metered(infinite, CAMERA, Metering()).time_s
+    metered_s = metered(infinite, CAMERA, ms.Metering()).time_s
     way_out = f"; {metered_s:g} s is metered (--exposure-s {metered_s:g})"
     for exposure, said in ((ms.Exposure(0.01), ""), (ms.Exposure(10.0), way_out)):
         notes = ms.capture(infinite, CAMERA, exposure).metadata["notes"]
@@ -138,14 +140,14 @@ def test_dark_frames_that_dark_current_fills_are_saved_with_the_reason(
 
 
 def test_black_light_and_numbers_out_of_range_are_refused(light: Any) -> None:
-    with pytest.raises(InputError, match="darkness is at the highest code of konnik_table1"):
-        metered(light, CAMERA.replace(**{"adc.black_level_dn": 4095}), Metering())
-    with pytest.raises(InputError, match="no pixel has any light"):
-        metered(replace(light, data=0 * light.data), CAMERA, Metering())
+    with pytest.raises(ms.InputError, match="darkness is at the highest code of konnik_table1"):
+        metered(light, CAMERA.replace(**{"adc.black_level_dn": 4095}), ms.Metering())
+    with pytest.raises(ms.InputError, match="no pixel has any light"):
+        metered(replace(light, data=0 * light.data), CAMERA, ms.Metering())
     for wrong in ({"percentile": 101.0}, {"share": 0.0}, {"temperature_k": -1.0}):
-        with pytest.raises(InputError, match="it must be"):
-            Metering(**wrong)
-    with pytest.raises(InputError, match="exposure is 'bright'"):
+        with pytest.raises(ms.InputError, match="it must be"):
+            ms.Metering(**wrong)
+    with pytest.raises(ms.InputError, match="exposure is 'bright'"):
         ms.capture(light, CAMERA, "bright")  # type: ignore[arg-type]
 
 

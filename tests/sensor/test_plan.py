@@ -14,10 +14,10 @@ from helpers import EACH_KIND
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import Electrons, SensorWindow
+from mitsuba_sensor.core import SensorWindow
 from mitsuba_sensor.sensor.detection import Detected
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.stage import Stage, without
+from mitsuba_sensor.stages.stage import without
 from mitsuba_sensor.theory.frame_theory import Averages, FrameTheory
 from mitsuba_sensor.theory.plan_effects import Effect
 
@@ -35,10 +35,12 @@ def effects_of(plan: ms.Plan) -> dict[str, Effect]:
     return {effect.stage: effect for effect in plan.effects}
 
 
-def averages(plan: ms.Plan, out: list[Stage], level_e: float) -> Averages:
+def averages(plan: ms.Plan, out: list[ms.Stage], level_e: float) -> Averages:
     """Averages of the codes without some stages in so much light."""
     stages = without(plan.whole, out)
-    light = Detected(ms.Photons(np.full((1, 1), level_e)), Electrons(np.full((1, 1), level_e)))
+    light = Detected(
+        ms.Photons(np.full((1, 1), level_e)), ms.Electrons(np.full((1, 1), level_e))
+    )
     window = SensorWindow(1, (1, 1))
     return FrameTheory(stages, light, replace(plan.frame, window=window)).averages(stages[-1])
 

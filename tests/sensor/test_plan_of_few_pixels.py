@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from scipy.stats import poisson
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import Frame, SensorWindow
+from mitsuba_sensor.core import SensorWindow
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.stages.stage import sample
 from mitsuba_sensor.theory.frame_theory import FrameTheory
@@ -252,7 +252,7 @@ def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) 
     stages = tuple(stage for stage in plan.whole if not stage.counts_electrons)
     frames = np.stack(
         [
-            sample(stages, ms.Photons(light), Frame(EXPOSURE, SensorWindow(n, (24, 200)), n))
+            sample(stages, ms.Photons(light), ms.Frame(EXPOSURE, SensorWindow(n, (24, 200)), n))
             for n in range(24)
         ]
     )
@@ -277,7 +277,7 @@ def test_electrons_that_photons_free_vary_without_shot_noise(photons: float) -> 
     stages = tuple(stage for stage in plan.whole if not stage.counts_electrons)
     windows = [SensorWindow(n, (24, 200)) for n in range(24)]
     frames = [
-        [sample(stages, light, Frame(EXPOSURE, window, n, k)) for k in range(2)]
+        [sample(stages, light, ms.Frame(EXPOSURE, window, n, k)) for k in range(2)]
         for n, window in enumerate(windows)
     ]
     found = 0.5 * np.diff(np.array(frames), axis=1)[:, 0] ** 2

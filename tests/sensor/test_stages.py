@@ -30,7 +30,6 @@ from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.adc import AdcWithDnl
 from mitsuba_sensor.stages.effects.dsnu import DsnuColumn
 from mitsuba_sensor.stages.effects.reset_noise import ResetNoise
-from mitsuba_sensor.stages.stage import Stage
 
 BASE = ms.load_camera("konnik_table1")
 UNIFORM = [{"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]
@@ -136,7 +135,7 @@ def test_stages_are_frozen_equal_by_value_hashable_and_say_what_they_do(name: st
     domains = [stage.domain for stage in one]
     assert domains == sorted(domains, key=["electrons", "volts", "DN"].index)
     for stage in one:
-        face: Stage = stage
+        face: ms.Stage = stage
         assert face.__doc__ and face.sample.__doc__ and face.moments.__doc__
         with pytest.raises(AttributeError):
             stage.a_new_attribute = 1

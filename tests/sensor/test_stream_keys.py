@@ -14,7 +14,6 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, key_of
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.sensor_window import SensorWindow
 
@@ -84,7 +83,7 @@ CONDITIONS: tuple[tuple[str, Any], ...] = (
     "source", [one for one in STREAMS if not STREAMS[one][0] & FIXED_PATTERN]
 )
 def test_no_source_has_the_same_numbers_under_other_conditions(source: str) -> None:
-    frame = Frame(EXPOSURE, SensorWindow(4, SHAPE, camera="a"), seed=4)
+    frame = ms.Frame(EXPOSURE, SensorWindow(4, SHAPE, camera="a"), seed=4)
     for name, value in CONDITIONS:
         assert (
             abs(
@@ -183,7 +182,7 @@ def test_a_key_is_of_values_and_not_of_how_they_are_written() -> None:
     """Whole numbers, NumPy's, −0, and the last bits of an exposure make no other frame."""
 
     def key(time_s: Any, kelvin: Any = 298.15, seed: Any = 1, serial: Any = 1) -> int:
-        return Frame(
+        return ms.Frame(
             ms.Exposure(time_s, kelvin), SensorWindow(serial, (1, 1), camera="a"), seed
         ).key
 

@@ -16,9 +16,7 @@ from mitsuba_sensor.core import counter_rng, distributions
 from mitsuba_sensor.core.backend import normals as normals_of
 from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, stream_of
 from mitsuba_sensor.core.distributions import AR_BLOCK
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Photons
 
 CAMERA = ms.load_camera("konnik_table1").replace(
     **{
@@ -52,13 +50,13 @@ def bits_used(
     """The random bits of each source in one frame, before any arithmetic."""
     drawn: dict[str, NDArray[Any]] = {}
     temporal, fixed, line, at = (
-        Frame.random_bits,
+        ms.Frame.random_bits,
         SensorWindow.fixed_map,
         SensorWindow.line_map,
-        Frame.random_bits_at,
+        ms.Frame.random_bits_at,
     )
 
-    def temporal_bits(self: Frame, source: str) -> Any:
+    def temporal_bits(self: ms.Frame, source: str) -> Any:
         drawn[source] = temporal(self, source)
         return drawn[source]
 
@@ -70,14 +68,14 @@ def bits_used(
         drawn[source] = line(self, source, coupling, axis)
         return drawn[source]
 
-    def bits_at(self: Frame, source: str, *place: Any) -> Any:
+    def bits_at(self: ms.Frame, source: str, *place: Any) -> Any:
         drawn.setdefault(source, at(self, source, *place))
         return at(self, source, *place)
 
-    monkey.setattr(Frame, "random_bits", temporal_bits)
+    monkey.setattr(ms.Frame, "random_bits", temporal_bits)
     monkey.setattr(SensorWindow, "fixed_map", pattern)
     monkey.setattr(SensorWindow, "line_map", line_pattern)
-    monkey.setattr(Frame, "random_bits_at", bits_at)
+    monkey.setattr(ms.Frame, "random_bits_at", bits_at)
     ms.expose(light, camera, EXPOSURE, seed=4, serial=9)
     monkey.undo()
     return drawn
@@ -106,14 +104,16 @@ def test_the_chain_draws_from_every_listed_stream(monkeypatch: pytest.MonkeyPatc
         }
     )
     asked = set(bits_used(everything, monkey=monkeypatch))
-    compensated = bits_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
+    compensated = bits_used(
+        CAMERA, ms.Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch
+    )
     assert asked | set(compensated) == set(STREAMS) and "compensation" not in asked
 
 
 def test_compensating_render_noise_leaves_every_bit_of_the_others(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    whole = bits_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
+    whole = bits_used(CAMERA, ms.Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
     rest = bits_used(CAMERA, monkey=monkeypatch)
     assert set(whole) == set(rest) | {"compensation"}
     for name, drawn in rest.items():
@@ -214,7 +214,7 @@ def normals(source: str, window: SensorWindow, seed: int = 4, index: int = 0) ->
         return window.line_map(source, 0.0, LINES[source])
     if STREAMS[source][0] & FIXED_PATTERN:
         return window.fixed_map(source, lambda backend, bits: backend.normal(bits))
-    return Frame(EXPOSURE, window, seed, index).normal(source)
+    return ms.Frame(EXPOSURE, window, seed, index).normal(source)
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,7 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     assert stream_of("banding", fixed=True) == (block | FIXED_PATTERN, 0)
     assert len({stream_of(f"source {i}") for i in range(1000)}) == 1000
     window = SensorWindow(4, (64, 64))
-    frame = Frame(EXPOSURE, window, 4)
+    frame = ms.Frame(EXPOSURE, window, 4)
     own, fixed = frame.normal("banding"), window.fixed_map("banding", normals_of)
     correlated = window.correlated("banding of pixels", 0.2)
     for a, b in itertools.combinations(
@@ -294,16 +294,16 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
         assert abs(np.mean(a * b)) < 5 / 64
 
 
-@pytest.mark.parametrize("lines", [Frame.row_normal, Frame.column_normal])
+@pytest.mark.parametrize("lines", [ms.Frame.row_normal, ms.Frame.column_normal])
 def test_temporal_lines_belong_to_their_row_or_column_and_frame(lines: Any) -> None:
     """One standard normal per line: |mean| < 5/√n and |variance − 1| < 5·√(2/n); independent of window and crop."""
-    n, by_row = 2**16, lines is Frame.row_normal
+    n, by_row = 2**16, lines is ms.Frame.row_normal
     window = SensorWindow(1, (n, 1) if by_row else (1, n))
-    line = lines(Frame(EXPOSURE, window, 4, 3), "line_noise")
+    line = lines(ms.Frame(EXPOSURE, window, 4, 3), "line_noise")
     assert line.shape == window.shape
     assert abs(line.mean()) < 5 / 2**8 and abs(line.var() - 1) < 5 * np.sqrt(2 / n)
     crop = SensorWindow(1, (50, 60), (1000, 1000))
-    part = lines(Frame(EXPOSURE, crop, 4, 3), "line_noise")
+    part = lines(ms.Frame(EXPOSURE, crop, 4, 3), "line_noise")
     assert part.shape == ((50, 1) if by_row else (1, 60))
     np.testing.assert_array_equal(part.ravel(), line.ravel()[1000 : 1000 + part.size])
     for seed, index, name in (
@@ -311,8 +311,10 @@ def test_temporal_lines_belong_to_their_row_or_column_and_frame(lines: Any) -> N
         (5, 3, "line_noise"),
         (4, 3, "other_noise"),
     ):
-        assert abs(np.mean(line * lines(Frame(EXPOSURE, window, seed, index), name))) < 5 / 2**8
-    explicit = lines(Frame(EXPOSURE, crop, 4, 3), "line_noise", np.arange(-3, n))
+        assert (
+            abs(np.mean(line * lines(ms.Frame(EXPOSURE, window, seed, index), name))) < 5 / 2**8
+        )
+    explicit = lines(ms.Frame(EXPOSURE, crop, 4, 3), "line_noise", np.arange(-3, n))
     assert explicit.dtype == np.float64 and np.isfinite(explicit).all()
     np.testing.assert_array_equal(explicit[3:], line.ravel())
 
@@ -340,10 +342,10 @@ def test_lines_and_pixels_of_one_source_are_uncorrelated(axis: int) -> None:
     """Row y is not pixel (y, 0), column x is not pixel (0, x), and the first row not the first column; |r| < 5/√n."""
     n = 100_000
     shape = (n, 1) if axis == 0 else (1, n)
-    frame = Frame(EXPOSURE, SensorWindow(1, shape))
+    frame = ms.Frame(EXPOSURE, SensorWindow(1, shape))
     line = (frame.row_normal if axis == 0 else frame.column_normal)("amplifier").ravel()
     assert abs(np.corrcoef(line, frame.normal("amplifier").ravel())[0, 1]) < 5 / np.sqrt(n)
-    other = Frame(EXPOSURE, SensorWindow(1, shape[::-1]))
+    other = ms.Frame(EXPOSURE, SensorWindow(1, shape[::-1]))
     across = (other.column_normal if axis == 0 else other.row_normal)("amplifier").ravel()
     assert abs(np.corrcoef(line, across)[0, 1]) < 5 / np.sqrt(n)
     assert line[0] != across[0]

@@ -12,7 +12,6 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, Backend
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor import expose, run
 from mitsuba_sensor.stages.chain import chain
@@ -111,7 +110,7 @@ def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
     monkeypatch.setattr(Backend, "strip_pixels", 1)
     digital = ms.expose(light, camera, ms.Exposure(0.3), serial=7, origin=TILE_EDGE).digital[0]
     window = SensorWindow(7, SHAPE, TILE_EDGE, camera=camera.name)
-    whole = sample(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), window))
+    whole = sample(chain(camera), ms.Photons(light), ms.Frame(ms.Exposure(0.3), window))
     np.testing.assert_array_equal(digital, whole)
     below = ms.expose(
         light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])

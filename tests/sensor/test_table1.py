@@ -16,10 +16,7 @@ import pytest
 from helpers import DATA
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.stages.chain import black_level_dn, chain
 from mitsuba_sensor.stages.effects.adc import Adc
 from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
@@ -49,12 +46,12 @@ ALONE = {
 """Term of the expectations → the stage that adds it."""
 
 
-def photons(row: dict[str, Any], shape: tuple[int, int] = (1, 1)) -> Photons:
-    return Photons(np.full(shape, row["light_e"] / QE))
+def photons(row: dict[str, Any], shape: tuple[int, int] = (1, 1)) -> ms.Photons:
+    return ms.Photons(np.full(shape, row["light_e"] / QE))
 
 
-def theory(camera: ms.Camera, row: dict[str, Any]) -> Moments:
-    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, SensorWindow(1, (1, 1))))
+def theory(camera: ms.Camera, row: dict[str, Any]) -> ms.Moments:
+    m = ms.Moments(photons(row), 0.0, 0.0, ms.Frame(EXPOSURE, SensorWindow(1, (1, 1))))
     for stage in chain(camera):
         m = stage.moments(m)
     return m
@@ -134,7 +131,7 @@ def test_hard_reset_adds_the_whole_ktc_noise_to_the_temporal_sigma(row: dict[str
 @pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
 def test_every_term_of_the_error_budget_has_its_size(row: dict[str, Any]) -> None:
     """Each stage's own contribution in electrons², one by one, so that no two errors can cancel in a sum."""
-    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, SensorWindow(1, (1, 1))))
+    m = ms.Moments(photons(row), 0.0, 0.0, ms.Frame(EXPOSURE, SensorWindow(1, (1, 1))))
     added = {}
     for stage in chain(HARD):
         before, m = m, stage.moments(m)
@@ -157,18 +154,18 @@ def test_the_conversion_gain_is_that_of_table_1() -> None:
 def test_the_dark_rate_is_that_of_table_1() -> None:
     row = EXPECTED[0]
     dark = next(stage for stage in chain(CAMERA) if isinstance(stage, DarkCurrent))
-    assert dark.mean_e(Frame(EXPOSURE, SensorWindow(1, (1, 1)))) == pytest.approx(
+    assert dark.mean_e(ms.Frame(EXPOSURE, SensorWindow(1, (1, 1)))) == pytest.approx(
         row["dark_e"], rel=1e-6
     )
 
 
 def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons() -> None:
     """σ = √16500 = 128.45; Poisson before QE would give 99.5. 10⁶ draws: mean ± 0.13, σ ± 0.09, tested at 5 of them."""
-    frame = Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
-    signal: Any = Photons(np.full((1000, 1000), 27_500.0))
+    frame = ms.Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
+    signal: Any = ms.Photons(np.full((1000, 1000), 27_500.0))
     for stage in (CAMERA.stages[0], ShotNoise(), FullWell(33_000.0)):
         signal = stage.sample(signal, frame)
-    assert isinstance(signal, Electrons)
+    assert isinstance(signal, ms.Electrons)
     assert signal.total.mean() == pytest.approx(16_500, abs=0.65)
     assert signal.total.std() == pytest.approx(128.45, abs=0.46)
     assert signal.total.var() / signal.total.mean() == pytest.approx(1, abs=0.0071)

@@ -19,9 +19,8 @@ from helpers.marks import one_in
 from scipy import special, stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import Electrons, Frame, Moments
 from mitsuba_sensor.core.code_law import code_moments
-from mitsuba_sensor.core.types import Array, Float64Array
+from mitsuba_sensor.core.types import Float64Array
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.frame_theory import Averages
 
@@ -117,7 +116,7 @@ class AmpGlow(ms.Stage):
     rate_e_per_s: float = 20_000.0
     domain = "electrons"
 
-    def glow_e(self, frame: Frame) -> Float64Array:
+    def glow_e(self, frame: ms.Frame) -> Float64Array:
         rows, columns = np.asarray(frame.window.rows), np.asarray(frame.window.columns)
         return (
             self.rate_e_per_s
@@ -125,14 +124,14 @@ class AmpGlow(ms.Stage):
             * np.exp(-(rows[:, None] + columns[None, :]) / 40.0)
         )
 
-    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
         return replace(
             electrons,
             dark=electrons.dark
             + frame.window.backend.from_numpy(self.glow_e(frame), frame.window),
         )
 
-    def moments(self, m: Moments) -> Moments:
+    def moments(self, m: ms.Moments) -> ms.Moments:
         glow = self.glow_e(m.frame)
         return m.add(mean=glow.mean(), spatial=glow.var())
 
@@ -143,16 +142,16 @@ class Vignetting(ms.Stage):
 
     domain = "electrons"
 
-    def share(self, frame: Frame) -> Float64Array:
+    def share(self, frame: ms.Frame) -> Float64Array:
         return 1 - 0.4 * np.asarray(frame.window.columns)[None, :] / 127.0
 
-    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
         share = frame.window.backend.from_numpy(
             self.share(frame) + np.zeros(frame.window.shape), frame.window
         )
         return replace(electrons, light=electrons.light * share)
 
-    def moments(self, m: Moments) -> Moments:
+    def moments(self, m: ms.Moments) -> ms.Moments:
         share = self.share(m.frame)
         return replace(
             m, mean=m.mean * share.mean(), spatial=m.spatial + m.mean**2 * share.var()
@@ -165,13 +164,13 @@ class BrightColumn(ms.Stage):
 
     domain = "volts"
 
-    def sample(self, swing: Array, frame: Frame) -> Array:
+    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
         bright = 2e-3 * (np.asarray(frame.window.columns) == 17)[None, :]
         return swing + frame.window.backend.from_numpy(
             bright + np.zeros(frame.window.shape), frame.window
         )
 
-    def moments(self, m: Moments) -> Moments:
+    def moments(self, m: ms.Moments) -> ms.Moments:
         bright = 2e-3 * (np.asarray(m.frame.window.columns) == 17)
         return m.add(mean=bright.mean(), spatial=bright.var())
 

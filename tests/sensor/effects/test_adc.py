@@ -10,8 +10,6 @@ import pytest
 from helpers.stage_tests import StageTests, backend_of
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.choices import precision_of
 from mitsuba_sensor.stages.chain import black_level_dn, chain
@@ -20,7 +18,7 @@ from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 DARKNESS = {"dark_current.fom_na_per_cm2": 0.0}
-HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 1)))
+HERE = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 1)))
 PER_CODE = 1000
 WITHOUT_BLACK_LEVEL = [
     name for name in ms.list_cameras() if ms.load_camera(name).adc.black_level_dn is None
@@ -132,7 +130,7 @@ def test_24_bits_deliver_every_code_even_and_odd_in_everyprecision_of(engine: st
     backend = backend_of(engine)
     starts = (2**22 - 500, 2**23 - 500, 3 * 2**22, 2**24 - 1000)
     codes = np.concatenate([np.arange(start, start + 1000.0) for start in starts])[None]
-    frame = Frame(ms.Exposure(0.1), SensorWindow(3, codes.shape, backend=backend))
+    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, codes.shape, backend=backend))
     swing = backend.from_numpy(codes, frame.window)
     np.testing.assert_array_equal(
         backend.to_numpy(Adc(24, 1.0, 0.0).sample(swing, frame), frame.window), codes
@@ -185,7 +183,7 @@ def test_unequal_steps_keep_the_moments_that_they_say(level: float) -> None:
     dnl = tuple(float(x) for x in np.random.default_rng(2).normal(0, 0.02, 1024))
     adc, mean, sigma = AdcWithDnl(10, 1.0, 0.0, dnl), 1024 * level, 10.0
     x = mean + sigma * np.random.default_rng(3).standard_normal(200_000)
-    m = adc.moments(Moments(mean, sigma**2, 0.0, HERE))
+    m = adc.moments(ms.Moments(mean, sigma**2, 0.0, HERE))
     codes = adc.sample(x, HERE)
     assert codes.mean() == pytest.approx(
         float(m.mean), abs=0.15 + 5 * sigma / math.sqrt(x.size)

@@ -11,10 +11,7 @@ from helpers.stage_tests import SQUARE, StageTests
 from scipy import stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.dark_components import DarkComponent, mixture_moments
@@ -47,15 +44,15 @@ def dark_stage(camera: ms.Camera) -> DarkCurrent:
 
 def dark_map(camera: ms.Camera, time_s: float, shape: tuple[int, int] = SHAPE) -> Any:
     """Mean dark electrons of every pixel."""
-    frame = Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, shape))
+    frame = ms.Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, shape))
     return np.broadcast_to(
-        dark_stage(camera).sample(Electrons(np.zeros(shape)), frame).dark, shape
+        dark_stage(camera).sample(ms.Electrons(np.zeros(shape)), frame).dark, shape
     )
 
 
-def dark_moments(camera: ms.Camera, time_s: float) -> Moments:
-    frame = Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, (1, 1)))
-    return dark_stage(camera).moments(Moments(0.0, 0.0, 0.0, frame))
+def dark_moments(camera: ms.Camera, time_s: float) -> ms.Moments:
+    frame = ms.Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, (1, 1)))
+    return dark_stage(camera).moments(ms.Moments(0.0, 0.0, 0.0, frame))
 
 
 @pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
@@ -173,10 +170,10 @@ def test_components_in_every_unit_have_the_moments_of_the_mixture(
 def test_a_normal_component_is_cut_at_zero_and_its_moments_know() -> None:
     """N(18, 40) cut at 0, the whole sensor: no negative rate, and the mean rises from 18 to 26.0 (5 se: 1.3 %)."""
     part = DarkComponent(1.0, "normal", 18.0, 40.0)
-    frame = Frame(ms.Exposure(1.0), SensorWindow(3, SHAPE))
+    frame = ms.Frame(ms.Exposure(1.0), SensorWindow(3, SHAPE))
     x = (
         DarkCurrent(Measured(5.0, 300.0), TABLE1_PATTERN, (part,))
-        .sample(Electrons(np.zeros(SHAPE)), frame)
+        .sample(ms.Electrons(np.zeros(SHAPE)), frame)
         .dark
     )
     mean, variance = mixture_moments((part,), 5.0, 0.0, frame)
@@ -297,8 +294,8 @@ def test_hot_pixels_cool_with_their_activation_energy_in_every_unit(unit: str) -
         hot = HOT | {"unit": unit, "activation_ev": energy, "low": 5e3, "high": 3e4}
         stage = dark_stage(TABLE1.replace(**{"dark_current.components": [hot]}))
         for kelvin in (300.0, 200.0, 120.0, 0.0):
-            frame = Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (200, 500)))
-            dark = stage.sample(Electrons(np.zeros((200, 500))), frame).dark
+            frame = ms.Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (200, 500)))
+            dark = stage.sample(ms.Electrons(np.zeros((200, 500))), frame).dark
             count[energy, kelvin] = int(np.sum(dark > 400))
             factor = (
                 math.exp(energy / BOLTZMANN_EV_PER_K * (1 / 300 - 1 / kelvin))
@@ -324,11 +321,11 @@ def test_two_components_have_each_an_activation_energy_of_its_own() -> None:
         TABLE1.replace(**{"dark_current.components": parts, "dark_current.fom_na_per_cm2": 0.0})
     )
     for kelvin in (230.0, 273.15, 293.15, 330.0):
-        frame = Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (1, 1)))
+        frame = ms.Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (1, 1)))
         one, other = (part.moments(frame.exposure)[0] for part in stage.components)
         expected = math.exp(-0.15 / BOLTZMANN_EV_PER_K * (1 / 293.15 - 1 / kelvin))
         assert one / other == pytest.approx(expected, rel=1e-9)
-        assert stage.moments(Moments(0.0, 0.0, 0.0, frame)).mean == pytest.approx(
+        assert stage.moments(ms.Moments(0.0, 0.0, 0.0, frame)).mean == pytest.approx(
             0.2 * (one + other), rel=1e-12
         )
 
@@ -424,7 +421,7 @@ class TestDarkCurrentOfAnMppSensor(TestGaussianDarkCurrentFpn):
 @pytest.mark.parametrize("family", [Gaussian, LogNormal])
 def test_dark_current_fpn_of_no_width_is_one_number(family: Any) -> None:
     dark = DarkCurrent(FigureOfMerit(1.0, 5.7e-4**2), family(0.0))
-    frame = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
-    after = dark.sample(Electrons(np.zeros((4, 50))), frame)
+    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+    after = dark.sample(ms.Electrons(np.zeros((4, 50))), frame)
     np.testing.assert_array_equal(after.dark, dark.mean_e(frame))
-    assert float(np.mean(dark.moments(Moments(0.0, 0.0, 0.0, frame)).spatial)) == 0.0
+    assert float(np.mean(dark.moments(ms.Moments(0.0, 0.0, 0.0, frame)).spatial)) == 0.0

@@ -10,7 +10,6 @@ import pytest
 from helpers.stage_tests import SQUARE, TALL, StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
@@ -155,7 +154,7 @@ def test_the_analogue_cds_leaves_its_share_of_dsnu_col_and_dsnu_pixel_and_all_of
 
 def test_prnu_col_multiplies_the_swing_and_leaves_darkness_alone() -> None:
     """The ratio of two levels less darkness is the gain, per column, whatever the light."""
-    frame = Frame(EXPOSURE, SensorWindow(3, SHAPE))
+    frame = ms.Frame(EXPOSURE, SensorWindow(3, SHAPE))
     stage = PrnuColumn(0.01)
     gain = stage.fpn_maps(frame.window)["prnu_col"]
     swing = np.linspace(0, 0.165, SHAPE[0] * SHAPE[1]).reshape(SHAPE)

@@ -7,12 +7,10 @@ import pytest
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.stages.effects.full_well import FullWell
 
-SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
 
 
 class TestFullWell(StageTests):
@@ -39,6 +37,6 @@ def test_the_full_well_is_cut_exactly_and_conserves_what_fits(full_well_e: float
         [[0.0, 1.0, full_well_e - 1, full_well_e, full_well_e + 1, 1e12, np.inf, 0.0, 5.0]]
     )
     dark = np.array([[0.0, 1.0, 1.0, 0.0, 3.0, 1e12, 7.0, full_well_e + 5, full_well_e]])
-    after = FullWell(full_well_e).sample(Electrons(light, dark), SMALL)
+    after = FullWell(full_well_e).sample(ms.Electrons(light, dark), SMALL)
     np.testing.assert_array_equal(after.total, np.minimum(light + dark, full_well_e))
     assert (after.light >= 0).all() and (after.dark >= 0).all()

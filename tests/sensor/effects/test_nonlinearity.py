@@ -14,10 +14,7 @@ from helpers.marks import one_in
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.stages.chain import black_level_dn, chain
 from mitsuba_sensor.stages.effects.adc import Adc
 from mitsuba_sensor.stages.effects.full_well import FullWell
@@ -34,13 +31,13 @@ from mitsuba_sensor.stages.effects.source_follower import (
 from mitsuba_sensor.stages.gains import full_scale_v, gain_dn_per_e, sense_gain_v_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
-HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))
+HERE = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))
 A_SN, V_REF = 5e-6, 3.1
 
 
 def swing_of(stage: Any, electrons: Any) -> Any:
     return np.ravel(
-        stage.sample(Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE)
+        stage.sample(ms.Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE)
     )
 
 
@@ -189,8 +186,8 @@ def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_
     k = gain_dn_per_e(camera)
 
     def digital(electrons: float) -> Any:
-        signal: Any = Photons(np.full((400, 1000), electrons / 0.6))
-        frame = Frame(ms.Exposure(0.1), SensorWindow(3, (400, 1000)))
+        signal: Any = ms.Photons(np.full((400, 1000), electrons / 0.6))
+        frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (400, 1000)))
         for stage in stages:
             signal = stage.sample(signal, frame)
         return signal
@@ -220,7 +217,7 @@ def swings_of(camera: ms.Camera, electrons: Any) -> Any:
         for x in stages[first:-1]
         if type(x).__name__.endswith(("SenseNode", "Follower", "Gain"))
     ]
-    signal: Any = Electrons(np.atleast_2d(electrons))
+    signal: Any = ms.Electrons(np.atleast_2d(electrons))
     for stage in quiet:
         signal = stage.sample(signal, HERE)
     return np.ravel(signal)
@@ -374,8 +371,8 @@ def test_a_curve_has_the_moments_that_it_says_at_every_level(stage: Any, level: 
     sigma_t, sigma_f = math.sqrt(mean + 100), 0.01 * mean + 5
     random = np.random.default_rng(11)
     x = mean + sigma_f * random.standard_normal(n) + sigma_t * random.standard_normal((3, n))
-    y = stage.sample(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
-    m = stage.moments(Moments(mean, sigma_t**2, sigma_f**2, HERE))
+    y = stage.sample(ms.Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
+    m = stage.moments(ms.Moments(mean, sigma_t**2, sigma_f**2, HERE))
     temporal = y.var(axis=0, ddof=1)
     fixed = (y.mean(axis=0) - m.mean) ** 2 - temporal / 3
     for seen, expected in (
@@ -402,16 +399,16 @@ def test_the_second_order_of_a_curve_is_the_integral_over_a_normal_law(
     nodes, weights = np.polynomial.hermite_e.hermegauss(20)
     weights = weights / weights.sum()
     x = level + 0.05 * nodes[:, None] + 0.08 * nodes
-    y = stage.sample(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
+    y = stage.sample(ms.Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
     of_pixel = y @ weights
     mean, fixed = weights @ of_pixel, weights @ of_pixel**2 - (weights @ of_pixel) ** 2
     temporal = weights @ (y**2 @ weights) - weights @ of_pixel**2
-    m = stage.moments(Moments(level, 0.08**2, 0.05**2, HERE))
+    m = stage.moments(ms.Moments(level, 0.08**2, 0.05**2, HERE))
     assert (m.mean, m.temporal, m.spatial) == pytest.approx(
         (mean, temporal, fixed), rel=accuracy
     )
     slope_only = stage.sample(
-        Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE
+        ms.Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE
     )
     assert m.mean - slope_only == pytest.approx(mean - slope_only, rel=max(accuracy, 0.02))
 

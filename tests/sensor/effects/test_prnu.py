@@ -7,15 +7,13 @@ import pytest
 from helpers.stage_tests import SQUARE, StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.stages.effects.prnu import Prnu
 from mitsuba_sensor.stages.fpn_distributions import Rectified
 
 BASE = ms.load_camera("konnik_table1")
-SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
-CHARGE = Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
+SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+CHARGE = ms.Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
 
 
 class TestPrnu(StageTests):
@@ -53,6 +51,6 @@ def test_prnu_multiplies_light_and_leaves_the_dark_alone() -> None:
 def test_no_pixel_has_negative_gain_however_strong_the_prnu() -> None:
     window = SensorWindow(3, (100, 100))
     after = Prnu(Rectified(10.0)).sample(
-        Electrons(np.ones((100, 100))), Frame(ms.Exposure(0.1), window)
+        ms.Electrons(np.ones((100, 100))), ms.Frame(ms.Exposure(0.1), window)
     )
     assert after.light.min() == 0.0 and np.isfinite(after.light).all()

@@ -12,10 +12,7 @@ from helpers import CAMERAS
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.stages.effects.quantum_efficiency import QuantumEfficiency
 from mitsuba_sensor.stages.effects.quantum_yield import QuantumYield
 from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
@@ -45,8 +42,8 @@ def detected(
     """Mean photoelectrons (H, W)."""
     mean = np.asarray(photons, dtype=float)
     lengths = None if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float)
-    frame = Frame(EXPOSURE, SensorWindow(1, mean.shape[:2], origin))
-    return camera.stages[0].sample(Photons(mean, lengths), frame).light
+    frame = ms.Frame(EXPOSURE, SensorWindow(1, mean.shape[:2], origin))
+    return camera.stages[0].sample(ms.Photons(mean, lengths), frame).light
 
 
 def test_one_value_holds_over_the_whole_band_and_nowhere_else() -> None:
@@ -322,12 +319,12 @@ def yielding(eta: float, fano: float = 0.1, qe: float = 0.5) -> ms.Camera:
 
 
 def counted(
-    camera: ms.Camera, photons: Photons, shape: tuple[int, int] = (400, 500)
-) -> tuple[Any, Moments]:
+    camera: ms.Camera, photons: ms.Photons, shape: tuple[int, int] = (400, 500)
+) -> tuple[Any, ms.Moments]:
     """Electrons of one frame and their theory; detection, shot noise and yield alone."""
-    frame = Frame(EXPOSURE, SensorWindow(3, shape))
+    frame = ms.Frame(EXPOSURE, SensorWindow(3, shape))
     signal: Any = photons
-    m = Moments(photons, 0.0, 0.0, frame)
+    m = ms.Moments(photons, 0.0, 0.0, frame)
     for stage in camera.stages[:6]:
         if isinstance(stage, QuantumEfficiency | ShotNoise | QuantumYield):
             signal, m = stage.sample(signal, frame), stage.moments(m)
@@ -344,7 +341,7 @@ def test_a_yield_multiplies_the_mean_and_has_the_variance_of_a_compound_law(
     200 000 pixels: 5 se are 0.04 % of the mean and 1.6 % of the variance (0.8 % of σ).
     """
     camera = yielding(eta, fano)
-    electrons, m = counted(camera, Photons(np.full((400, 500), LAM / 0.5)))
+    electrons, m = counted(camera, ms.Photons(np.full((400, 500), LAM / 0.5)))
     variance = LAM if eta == 1 else LAM * (eta**2 + fano * eta) + 1 / 12
     assert float(np.mean(m.mean)) == pytest.approx(eta * LAM, rel=1e-12)
     assert float(np.mean(m.temporal)) == pytest.approx(variance, rel=1e-12)
@@ -363,7 +360,7 @@ def test_two_bands_of_different_yield_add_their_spread() -> None:
     """
     camera = yielding(1.0).replace(**{"quantum_efficiency.quantum_yield": [3.0, 1.0]})
     light = np.broadcast_to([1200.0, 800.0], (400, 500, 2))
-    electrons, m = counted(camera, Photons(light, np.array([400.0, 700.0])))
+    electrons, m = counted(camera, ms.Photons(light, np.array([400.0, 700.0])))
     assert float(np.mean(m.mean)) == pytest.approx(2200)
     assert float(np.mean(m.temporal)) == pytest.approx(1000 * (2.2**2 + 0.22 + 0.96) + 1 / 12)
     assert electrons.mean() == pytest.approx(2200, abs=5 * math.sqrt(6020 / electrons.size))
@@ -391,8 +388,8 @@ def test_prnu_acts_on_the_interactions_and_the_yield_multiplies_its_pattern() ->
         .replace(**{"pixel.prnu": 0.01, "dark_current.fom_na_per_cm2": 0.0})
         .stages[:5]
     )
-    frame = Frame(EXPOSURE, SensorWindow(3, (1, 1)))
-    m = Moments(Photons(np.full((1, 1), 2000.0)), 0.0, 0.0, frame)
+    frame = ms.Frame(EXPOSURE, SensorWindow(3, (1, 1)))
+    m = ms.Moments(ms.Photons(np.full((1, 1), 2000.0)), 0.0, 0.0, frame)
     for stage in stages:
         m = stage.moments(m)
     assert float(np.mean(m.spatial)) == pytest.approx((2 * 0.01 * 1000) ** 2, rel=1e-9)
@@ -400,8 +397,8 @@ def test_prnu_acts_on_the_interactions_and_the_yield_multiplies_its_pattern() ->
 
 def test_few_interactions_never_give_a_negative_number_of_electrons() -> None:
     """λ = 0.5, η = 1.2, F = 1: the normal spread of a single burst is cut at 0, and no interaction frees nothing."""
-    n = Electrons(np.array([[0.0, 1.0, 2.0] * 1000]), yield_mean=1.2, yield_variance=0.0)
-    after = QuantumYield(1.0).sample(n, Frame(EXPOSURE, SensorWindow(3, (1, 3000)))).light
+    n = ms.Electrons(np.array([[0.0, 1.0, 2.0] * 1000]), yield_mean=1.2, yield_variance=0.0)
+    after = QuantumYield(1.0).sample(n, ms.Frame(EXPOSURE, SensorWindow(3, (1, 3000)))).light
     assert after.min() >= 0
     np.testing.assert_array_equal(after[0, ::3], 0.0)
 

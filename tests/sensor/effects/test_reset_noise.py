@@ -9,13 +9,12 @@ import pytest
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.reset_noise import ResetNoise
 
 BASE = ms.load_camera("konnik_table1")
-SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
 
 
 class TestResetNoise(StageTests):
@@ -69,5 +68,5 @@ def test_reset_noise_is_ktc_or_what_the_reset_leaves_of_it(
         ms.load_camera("konnik_table1").replace(**{"readout.reset": reset}), ResetNoise
     )
     assert stage.sigma_v(SMALL) / 5e-6 == pytest.approx(electrons, rel=1e-5)
-    cold = Frame(ms.Exposure(0.1, 298.15 / 4), SensorWindow(3, (1, 1)))
+    cold = ms.Frame(ms.Exposure(0.1, 298.15 / 4), SensorWindow(3, (1, 1)))
     assert stage.sigma_v(cold) == pytest.approx(stage.sigma_v(SMALL) / 2, rel=1e-12)

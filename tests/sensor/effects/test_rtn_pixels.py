@@ -10,8 +10,6 @@ import pytest
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.rtn_pixels import RtnPixels
@@ -45,7 +43,7 @@ class TestRtnPixelsInTheLight(TestRtnPixels):
 def steps(fraction: float, duty: float, switching: float) -> Any:
     """(N, H, W) steps over A of all frames."""
     stage, window = RtnPixels(fraction, 40.0, duty, switching, 5e-6), SensorWindow(7, SHAPE)
-    frames = [Frame(ms.Exposure(0.1), window, 5, index) for index in range(FRAMES)]
+    frames = [ms.Frame(ms.Exposure(0.1), window, 5, index) for index in range(FRAMES)]
     return np.array([stage.sample(np.zeros(SHAPE), frame) for frame in frames]) / 200e-6
 
 
@@ -71,9 +69,9 @@ def test_the_variance_is_that_of_the_difference_of_two_samples_of_a_two_state_pr
     """2·A²·duty·(1 − duty)·(1 − e^(−t_s/τ)): twice the variance less twice the covariance of the samples."""
     switching, duty, amplitude = -math.expm1(-1 / tau_over_ts), 0.2, 7.0
     stage = RtnPixels(1.0, amplitude, duty, switching, 1.0)
-    frame = Frame(ms.Exposure(0.1), SensorWindow(7, (1, 1)))
+    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(7, (1, 1)))
     one, covariance = duty * (1 - duty), duty * (1 - duty) * math.exp(-1 / tau_over_ts)
-    found = stage.moments(Moments(0.0, 0.0, 0.0, frame))
+    found = stage.moments(ms.Moments(0.0, 0.0, 0.0, frame))
     assert found.temporal == pytest.approx(amplitude**2 * (2 * one - 2 * covariance), rel=1e-12)
     assert (found.mean, found.spatial) == (0.0, 0.0)
 

@@ -10,10 +10,7 @@ import pytest
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.rts_pixels import RtsPixels, TwoStates
 
@@ -58,10 +55,10 @@ def states(
 ) -> Any:
     """(N, H, W) electrons of the traps in some frames."""
     stage, window = RtsPixels(share, STEP / 2, switching, DUTY), SensorWindow(7, shape)
-    frames = [Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
+    frames = [ms.Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
     return np.array(
         [
-            np.broadcast_to(stage.sample(Electrons(np.zeros(shape)), frame).dark, shape)
+            np.broadcast_to(stage.sample(ms.Electrons(np.zeros(shape)), frame).dark, shape)
             for frame in frames
         ]
     )
@@ -74,7 +71,9 @@ def test_a_trap_has_two_states_and_the_moments_of_their_distribution() -> None:
     """
     x = states(0.5, 0.1, range(0, 1200, 100))
     stage = RtsPixels(0.5, STEP / 2, 0.1, DUTY)
-    m = stage.moments(Moments(0.0, 0.0, 0.0, Frame(ms.Exposure(2.0), SensorWindow(7, (1, 1)))))
+    m = stage.moments(
+        ms.Moments(0.0, 0.0, 0.0, ms.Frame(ms.Exposure(2.0), SensorWindow(7, (1, 1))))
+    )
     assert (m.mean, m.temporal, m.spatial) == pytest.approx(
         (30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12
     )
@@ -184,27 +183,29 @@ def test_amplitude_and_switching_cool_each_with_its_activation_energy(
     kelvin: float, amplitude: float, rate: float
 ) -> None:
     """exp(E_a/k·(1/300 − 1/T)), written out for 0.57 and 0.9 eV; darkness at 0 K, and hardly anything at 120 K."""
-    frame = Frame(ms.Exposure(2.0, kelvin), SensorWindow(7, (1, 1)))
+    frame = ms.Frame(ms.Exposure(2.0, kelvin), SensorWindow(7, (1, 1)))
     for energy, factor in ((0.57, amplitude), (0.9, rate)):
         assert math.exp(energy / 8.617333262e-5 * (1 / 300 - 1 / kelvin)) == pytest.approx(
             factor, rel=1e-6, abs=0
         )
     assert COOLED.step_e(frame) == pytest.approx(STEP * amplitude, rel=1e-6, abs=0)
     assert COOLED.traps(frame).rate == pytest.approx(-math.log(0.9) * rate, rel=1e-6, abs=0)
-    m = COOLED.moments(Moments(0.0, 0.0, 0.0, frame))
+    m = COOLED.moments(ms.Moments(0.0, 0.0, 0.0, frame))
     assert (m.mean, m.temporal) == pytest.approx(
         (DUTY * COOLED.step_e(frame), 0.21 * COOLED.step_e(frame) ** 2)
     )
-    cold = Frame(ms.Exposure(2.0, 0.0), SensorWindow(7, (3, 4)), 5, 9)
+    cold = ms.Frame(ms.Exposure(2.0, 0.0), SensorWindow(7, (3, 4)), 5, 9)
     assert COOLED.step_e(cold) == 0.0 and not np.any(
-        COOLED.sample(Electrons(np.zeros((3, 4))), cold).dark
+        COOLED.sample(ms.Electrons(np.zeros((3, 4))), cold).dark
     )
 
 
 def test_traps_of_a_cooled_sensor_switch_more_slowly() -> None:
     """At 280 K the rate is 0.0831 of that at 300 K: states 40 frames apart still correlate by 0.704, not by 0.015."""
     window, warm = SensorWindow(7, (100, 200)), -math.log(0.9)
-    on = [COOLED.states(Frame(ms.Exposure(2.0, 280.0), window, 5, index)) for index in (5, 45)]
+    on = [
+        COOLED.states(ms.Frame(ms.Exposure(2.0, 280.0), window, 5, index)) for index in (5, 45)
+    ]
     product = (on[0] - DUTY) * (on[1] - DUTY) / (DUTY * (1 - DUTY))
     expected = math.exp(-40 * warm * math.exp(0.9 / 8.617333262e-5 * (1 / 300 - 1 / 280)))
     assert expected == pytest.approx(0.704, abs=1e-3)
@@ -238,7 +239,9 @@ def test_the_temperature_of_the_traps_is_their_own_else_that_of_the_dark_current
 def test_no_rts_pixels_are_no_stage_and_traps_that_are_always_on_are_a_fixed_pattern() -> None:
     assert not any(isinstance(stage, RtsPixels) for stage in chain(BASE))
     stage = RtsPixels(1.0, 10.0, 0.1, 1.0)
-    frame = Frame(ms.Exposure(2.0), SensorWindow(7, (4, 5)), 5, 3)
-    np.testing.assert_array_equal(stage.sample(Electrons(np.zeros((4, 5))), frame).dark, 20.0)
-    m = stage.moments(Moments(0.0, 0.0, 0.0, frame))
+    frame = ms.Frame(ms.Exposure(2.0), SensorWindow(7, (4, 5)), 5, 3)
+    np.testing.assert_array_equal(
+        stage.sample(ms.Electrons(np.zeros((4, 5))), frame).dark, 20.0
+    )
+    m = stage.moments(ms.Moments(0.0, 0.0, 0.0, frame))
     assert (m.mean, m.temporal, m.spatial) == (20.0, 0.0, 0.0)

@@ -11,15 +11,13 @@ from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
 
 compiled = pytest.mark.skipif(backend_problem("llvm") is not None, reason="needs LLVM")
-SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
-CHARGE = Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
+SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+CHARGE = ms.Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
 
 
 class TestShotNoise(StageTests):
@@ -63,9 +61,9 @@ def test_both_parts_of_a_count_are_poisson_and_independent(
     60 comparisons at P(|z| > 5) = 6e-7: one other seed in 30 000 would fail.
     """
     draws, (light, dark) = 2**18, means_e
-    frame = Frame(ms.Exposure(0.1), SensorWindow(3, (1, draws), backend=backend))
+    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, draws), backend=backend))
     after = ShotNoise().sample(
-        Electrons(
+        ms.Electrons(
             backend.from_numpy(np.full((1, draws), light), frame.window), frame.number(dark)
         ),
         frame,
@@ -106,7 +104,7 @@ def test_the_count_is_the_same_whether_its_parts_are_asked_for_or_not(engine: st
 
 
 def test_a_frame_is_not_split_unless_somebody_asks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Frame, "split", None)
+    monkeypatch.setattr(ms.Frame, "split", None)
     camera = ms.load_camera("konnik_table1")
     assert ms.expose(
         np.full((8, 9), 1e3), camera, ms.Exposure(0.1), keep=("electrons", "volts")
@@ -124,7 +122,7 @@ def test_electrons_with_other_photoelectrons_are_the_sum_of_both() -> None:
 
 def test_a_pixel_twice_as_hot_has_twice_the_dark_shot_variance() -> None:
     """X = 2: temporal var/mean stays 1, because the map multiplies the mean before Poisson. 2e5 draws, 5 se = 1.6 %."""
-    frame = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 200_000)))
-    dark = ShotNoise().sample(Electrons(np.zeros((1, 200_000)), 2 * 174.158), frame).dark
+    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 200_000)))
+    dark = ShotNoise().sample(ms.Electrons(np.zeros((1, 200_000)), 2 * 174.158), frame).dark
     assert dark.mean() == pytest.approx(2 * 174.158, rel=5e-4)
     assert dark.var() / dark.mean() == pytest.approx(1, abs=0.016)

@@ -16,7 +16,6 @@ import pytest
 import tifffile
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
@@ -47,7 +46,7 @@ def test_expose_gives_the_numbers_of_the_published_chain(changes: dict[str, Any]
     stages = chain_of(Konnik2014Settings.from_camera(camera))
     window = SensorWindow(9, LIGHT.shape, (7, 11), camera=camera.name)
     for index in range(2):
-        expected = sample(stages, ms.Photons(LIGHT), Frame(EXPOSURE, window, 5, 3 + index))
+        expected = sample(stages, ms.Photons(LIGHT), ms.Frame(EXPOSURE, window, 5, 3 + index))
         np.testing.assert_array_equal(frames.digital[index], expected)
     assert frames.stages == stages
 

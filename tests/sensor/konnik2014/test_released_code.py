@@ -19,13 +19,8 @@ import pytest
 from helpers import DATA, ROOT
 from helpers.marks import one_in
 
-from mitsuba_sensor.camera.camera_file import load_camera
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
 from mitsuba_sensor.sensor.konnik2014.electrons import (
     PublishedDarkMean,
@@ -47,7 +42,7 @@ from mitsuba_sensor.stages.effects.reset_noise import ResetNoise as SignedResetN
 
 REFERENCE = json.loads((DATA / "released_code.json").read_text("utf-8"))
 RECORDS = REFERENCE["full_chain"] + REFERENCE["single_source"]
-EXPOSURE = Exposure(0.1, 298.15)
+EXPOSURE = ms.Exposure(0.1, 298.15)
 ROWS, COLUMNS, RECORD_ROWS = 130, 1900, 1300
 LIMIT = 4.0
 ROUNDING = 1e-10
@@ -157,7 +152,7 @@ def settings_of(record: dict[str, Any]) -> Konnik2014Settings:
     return replace(SETTINGS[record["config"]], **changes)
 
 
-def photons_of(record: dict[str, Any], shape: tuple[int, int]) -> Photons:
+def photons_of(record: dict[str, Any], shape: tuple[int, int]) -> ms.Photons:
     """The records' CCD has a fill factor of 1: at the same level its irradiance is half that of the CMOS sensor."""
     fill = (
         1.0 if record["sensor"] == "CCD" else REFERENCE["parameters"]["table1"]["fill_factor"]
@@ -166,7 +161,7 @@ def photons_of(record: dict[str, Any], shape: tuple[int, int]) -> Photons:
         REFERENCE["derived"]["photons_per_W_m2_table1"]
         / REFERENCE["parameters"]["table1"]["fill_factor"]
     )
-    return Photons(np.full(shape, record["irradiance_W_m2"] * per_irradiance * fill))
+    return ms.Photons(np.full(shape, record["irradiance_W_m2"] * per_irradiance * fill))
 
 
 @cache
@@ -175,7 +170,7 @@ def window_of(config: str, rows: int, serial: int) -> SensorWindow:
     return SensorWindow(serial + 1000 * list(SETTINGS).index(config), (rows, COLUMNS))
 
 
-def trace(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, Any]:
+def trace(stages: tuple[Any, ...], photons: ms.Photons, frame: ms.Frame) -> dict[str, Any]:
     """Every intermediate signal of one frame under the names of the records."""
     seen: dict[str, Any] = {}
     signal: Any = photons
@@ -241,7 +236,7 @@ def deviations(
     """All comparisons of all records; with rows=1300 the frames are as large as the records'."""
     for number, record in enumerate(records):
         stages = chain_of(settings_of(record))
-        frame = Frame(
+        frame = ms.Frame(
             EXPOSURE, window_of(record["config"], rows, seed), seed=seed + 1000 * number
         )
         seen = trace(stages, photons_of(record, (rows, COLUMNS)), frame)
@@ -311,12 +306,14 @@ def test_an_error_of_1_percent_is_seen(what: str, changes: dict[str, Any], recor
     assert found[what] > LIMIT
 
 
-def theory(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, Moments]:
+def theory(
+    stages: tuple[Any, ...], photons: ms.Photons, frame: ms.Frame
+) -> dict[str, ms.Moments]:
     """Moments of every intermediate signal under the names of the records."""
-    m, seen = Moments(photons, 0.0, 0.0, frame), {}
+    m, seen = ms.Moments(photons, 0.0, 0.0, frame), {}
     for stage in stages:
         if isinstance(stage, PublishedDarkSignal):
-            part = Moments(0.0, 0.0, 0.0, frame)
+            part = ms.Moments(0.0, 0.0, 0.0, frame)
             for step in stage.steps:
                 part = step.moments(part)
                 seen |= dict.fromkeys(LEAVES[type(step).__name__], part)
@@ -332,7 +329,7 @@ UNSATURATED = [record for record in REFERENCE["full_chain"] if record["level"] <
 def test_the_theory_meets_the_records() -> None:
     """Moments against 2.47 million pixels, before the columns: 592 comparisons without any random number of ours."""
     frame, n, count, worst = (
-        Frame(EXPOSURE, SensorWindow(1, (1, 1))),
+        ms.Frame(EXPOSURE, SensorWindow(1, (1, 1))),
         RECORD_ROWS * COLUMNS,
         0,
         0.0,
@@ -366,12 +363,12 @@ def test_the_theory_meets_the_records() -> None:
 def test_the_theory_is_what_two_frames_show(name: str, level: float) -> None:
     """Mean, temporal σ and fixed σ of every stage; chance fails one of the 12 cases in about 1 of 100 seeds."""
     stages, shape = chain_of(SETTINGS[name]), (100, COLUMNS)
-    photons, window = Photons(np.full(shape, level * 55000)), SensorWindow(5, shape)
+    photons, window = ms.Photons(np.full(shape, level * 55000)), SensorWindow(5, shape)
     first, second = (
-        trace(stages, photons, Frame(EXPOSURE, window, seed=5, index=i)) for i in (0, 1)
+        trace(stages, photons, ms.Frame(EXPOSURE, window, seed=5, index=i)) for i in (0, 1)
     )
     n = first["DN"].size
-    for what, m in theory(stages, photons, Frame(EXPOSURE, window)).items():
+    for what, m in theory(stages, photons, ms.Frame(EXPOSURE, window)).items():
         x, y = first[what], second[what]
         temporal, fixed_part, total = (
             float(np.mean(m.temporal)),
@@ -393,7 +390,7 @@ def test_the_theory_is_what_two_frames_show(name: str, level: float) -> None:
 
 def test_the_temporal_noise_of_the_records_is_ours_with_the_columns_drawn_anew() -> None:
     """The released code draws its columns in every frame; ours keep them, so here they count as temporal."""
-    frame, n = Frame(EXPOSURE, SensorWindow(1, (1, 1))), RECORD_ROWS * COLUMNS
+    frame, n = ms.Frame(EXPOSURE, SensorWindow(1, (1, 1))), RECORD_ROWS * COLUMNS
     names = {
         "light_e": "light_e_prnu",
         "dark_e": "dark_total",
@@ -437,7 +434,7 @@ def test_the_temporal_noise_of_the_records_is_ours_with_the_columns_drawn_anew()
 
 def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
     derived, parameters = REFERENCE["derived"], REFERENCE["parameters"]["chosen_not_in_table1"]
-    frame = Frame(EXPOSURE, SensorWindow(1, (1, 1)))
+    frame = ms.Frame(EXPOSURE, SensorWindow(1, (1, 1)))
     assert SIMPLE.full_well_v == pytest.approx(derived["V_FW"], rel=1e-14)
     assert SIMPLE.adc_gain_dn_per_v == pytest.approx(REFERENCE["A_ADC_DN_per_V"], rel=1e-14)
     assert SIMPLE.reference_v == parameters["V_REF"]
@@ -456,7 +453,7 @@ def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
 
 def test_a_published_camera_is_the_advanced_parameter_set() -> None:
     """konnik_table1 says that true CDS removes the reset noise; the released parameters leave 0.8 of it."""
-    settings = Konnik2014Settings.from_camera(load_camera("konnik_table1"), reset_factor=0.8)
+    settings = Konnik2014Settings.from_camera(ms.load_camera("konnik_table1"), reset_factor=0.8)
     assert settings.source_follower_e == pytest.approx(
         ADVANCED.source_follower_e, rel=1e-8
     )  # no RTN in the camera
@@ -489,13 +486,13 @@ def test_a_published_camera_is_the_advanced_parameter_set() -> None:
 def test_what_the_published_chain_cannot_express_is_refused(
     changes: dict[str, Any], overrides: dict[str, Any], message: str
 ) -> None:
-    camera = load_camera("konnik_table1").replace(**changes)
-    with pytest.raises(InputError, match=message):
+    camera = ms.load_camera("konnik_table1").replace(**changes)
+    with pytest.raises(ms.InputError, match=message):
         Konnik2014Settings.from_camera(camera, **overrides)
 
 
 def test_an_override_replaces_what_the_camera_does_not_have() -> None:
-    camera = load_camera("konnik_table1").replace(**{"readout.dsnu_col_coupling": 0.25})
+    camera = ms.load_camera("konnik_table1").replace(**{"readout.dsnu_col_coupling": 0.25})
     settings = Konnik2014Settings.from_camera(camera, column_fpn="ar", column_fpn_parameter=0.5)
     assert settings.column_fpn == "ar"
 
@@ -516,15 +513,15 @@ def test_an_override_replaces_what_the_camera_does_not_have() -> None:
 def test_a_wrong_setting_is_refused_with_a_remedy(
     changes: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(ms.InputError, match=message):
         replace(SIMPLE, **changes)
 
 
 def test_colours_are_refused() -> None:
-    frame = Frame(EXPOSURE, SensorWindow(1, (2, 2)))
-    with pytest.raises(InputError, match="has one wavelength"):
+    frame = ms.Frame(EXPOSURE, SensorWindow(1, (2, 2)))
+    with pytest.raises(ms.InputError, match="has one wavelength"):
         chain_of(SIMPLE)[0].sample(
-            Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame
+            ms.Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame
         )
 
 
@@ -549,9 +546,9 @@ def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
     crop = SensorWindow(7, (12, 30), (20, 4090))
 
     def render_frames(window: SensorWindow, stage_count: int) -> Any:
-        signal: Any = Photons(np.full(window.shape, 27500.0))
+        signal: Any = ms.Photons(np.full(window.shape, 27500.0))
         for stage in chain_of(settings)[:stage_count]:
-            signal = stage.sample(signal, Frame(EXPOSURE, window, seed=3))
+            signal = stage.sample(signal, ms.Frame(EXPOSURE, window, seed=3))
         return signal
 
     count = len(chain_of(settings))
@@ -583,7 +580,7 @@ def test_a_pattern_has_its_mean_and_variance(distribution: Any) -> None:
     ) < LIMIT * correlated * squares.std() / math.sqrt(x.size)
 
 
-FRAME = Frame(EXPOSURE, SensorWindow(1, (1, 1)))
+FRAME = ms.Frame(EXPOSURE, SensorWindow(1, (1, 1)))
 FULL_SWING = PublishedFollower(3.1, 0.165, 1.05)
 DARK_MEAN = PublishedDarkMean(1.0, 3.249e-7).mean_e(FRAME)
 OURS_DARK = FigureOfMerit(1.0, 3.249e-7)
@@ -596,7 +593,7 @@ def physical_dark_e(kelvin: float) -> float:
 
 def published_dark_e(kelvin: float) -> float:
     return PublishedDarkMean(1.0, 3.249e-7).mean_e(
-        Frame(Exposure(1.0, kelvin), SensorWindow(1, (1, 1)))
+        ms.Frame(ms.Exposure(1.0, kelvin), SensorWindow(1, (1, 1)))
     )
 
 
