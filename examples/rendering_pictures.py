@@ -1,4 +1,4 @@
-"""Make the pictures of docs/rendering.md: two shutters, denoised and raw light, colours, AOVs.
+"""Make the pictures of docs/rendering.md: shutters, denoised and raw light, poses, colours, AOVs.
 
 python examples/rendering_pictures.py                                    # small, into rendering_pictures/
 python examples/rendering_pictures.py docs/images --size 256 --spp 128   # the pictures of docs/rendering.md
@@ -18,6 +18,8 @@ from mitsuba_sensor.render.motion.aovs import render_aovs
 
 SCENES = Path(__file__).parent.parent / "scenes"
 EXPOSURE = ms.Exposure(0.0005)
+LOOK_AT = "0.05,0.04,0.09 0,0.01,0"
+ROUGHER_GOLD = {"gold.alpha.value": 0.3}
 ROW_TIME_US = 40.0  # 256 rows in 10 ms, while the fan turns by a quarter
 
 
@@ -63,6 +65,19 @@ def color_checker(size: int, spp: int) -> np.ndarray:
     )
 
 
+def still_life(
+    look_at: str | None, traverse: dict[str, float], size: int, spp: int
+) -> np.ndarray:
+    """A preview of the still life from a pose, the file's own if there is none, with values of its parameters."""
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
+    irradiance = ms.render(
+        SCENES / "still_life.xml", camera, exposure, spp=spp, look_at=look_at, traverse=traverse,
+        parameters={"width": size * 3 // 2, "height": size},
+    )  # fmt: skip
+    frame = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
+    return preview(frame.digital[0], camera)
+
+
 def aovs(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth (near is bright) and normals (x, y, z as red, green, blue) of the still life."""
     aov = render_aovs(
@@ -90,6 +105,10 @@ def main() -> None:
     pictures |= {
         name: box(denoise, options.size, options.spp) for name, denoise in boxes.items()
     }
+    pictures["still_life"] = still_life(None, {}, options.size, options.spp)
+    pictures["still_life_look_at"] = still_life(
+        LOOK_AT, ROUGHER_GOLD, options.size, options.spp
+    )
     pictures["color_checker"] = color_checker(options.size, options.spp)
     for name, picture in {
         **pictures,

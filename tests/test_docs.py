@@ -9,6 +9,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from operator import attrgetter
 from pathlib import Path
@@ -24,6 +25,7 @@ from helpers.pages import blocks, fenced, lines
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,
@@ -243,6 +245,11 @@ def test_the_page_of_the_stages_has_them_in_the_order_of_the_chain_with_their_ke
     for part, stage in zip(page.split("\n## "), ORDER, strict=True):
         keys = set(stage.fields.model_fields) if stage.fields else set()
         assert set(re.findall(r"^\| `(\w+)` \|", part, re.M)) == keys
+
+
+def test_the_motion_of_the_rendering_page_is_one() -> None:
+    motion = read_motion(tomllib.loads(fenced(PAGES["rendering"], "toml")))
+    assert motion.camera is not None and set(motion.objects) == {"fan", "ball"}
 
 
 SCENE = """<scene version="3.0.0"><sensor type="camera">{sensor}

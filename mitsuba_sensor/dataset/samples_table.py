@@ -1,4 +1,4 @@
-"""samples.csv: a row for each sample of a dataset, for spreadsheets and pandas."""
+"""The table samples.csv of a dataset: a row for each sample, for spreadsheets and pandas."""
 
 from __future__ import annotations
 
