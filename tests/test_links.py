@@ -9,6 +9,7 @@ import inspect
 import io
 import re
 import tokenize
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -115,14 +116,34 @@ def test_files_and_tests_that_a_page_names_exist(page: Path) -> None:
 def prose(path: Path) -> list[tuple[int, str]]:
     """Line and text of every docstring and comment of a Python file."""
     source, found = path.read_text(encoding="utf-8"), []
-    for node in ast.walk(ast.parse(source)):
-        inner = getattr(node, "value", None) if isinstance(node, ast.Expr) else None
+    for node in statements(ast.parse(source)):
+        inner = node.value if isinstance(node, ast.Expr) else None
         if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
             found.append((node.lineno, inner.value))
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            found.append((token.start[0], token.string))
+    if names_something(after_hashes(source)):  # a comment may; finding the tokens takes long
+        for token in tokenize.generate_tokens(io.StringIO(source).readline):
+            if token.type == tokenize.COMMENT:
+                found.append((token.start[0], token.string))
     return found
+
+
+def statements(node: ast.AST) -> Iterator[ast.stmt]:
+    """Every statement below a node; expressions, which hold no docstrings, are not gone through."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt):
+            yield child
+        if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from statements(child)
+
+
+def after_hashes(source: str) -> str:
+    """Whatever stands behind a # in a line, comments among it."""
+    return "\n".join(re.findall("#.*", source))
+
+
+def names_something(text: str) -> bool:
+    """Whether a text names a file that nobody has, or has a role of Sphinx."""
+    return bool(missing_files(text)) or ":`" in text
 
 
 def test_files_that_docstrings_and_comments_name_exist() -> None:
