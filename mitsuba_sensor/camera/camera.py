@@ -26,18 +26,21 @@ from ..stages.stage import Chain, Stage
 from .camera_toml import camera_file
 from .datasheet_checks import (
     check_gains,
+    check_one_gain,
     check_technology,
     checked_source,
     noise_sources,
     with_checked_sources,
 )
 from .datasheet_errors import doubts, faults, fields_of
+from .field_terms import did_you_mean
 from .figures import EmvaFigures, emva_figures
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
 from .lens_datasheet import LensSection
 from .notebook import camera_html
 
 QE_WAYS = ("value", "file", "curves")
+GAIN_WAYS = ("readout.gain_dn_per_e", "adc.full_scale_v")
 SHORT = Exposure(0.0)
 UNSET = " None unsets a field; on the command line: --set FIELD=none."
 
@@ -76,7 +79,7 @@ def _known_field(name: str) -> str:
     """The key of a source, which must be a field of a camera."""
     if name not in fields_of(Camera):
         raise ValueError(
-            f"{name!r} is no field of a camera.{nearest(name, fields_of(Camera))}".removesuffix(
+            f"{name!r} is no field of a camera.{did_you_mean(name, fields_of(Camera))}".removesuffix(
                 "."
             )
         )
@@ -125,6 +128,7 @@ class Camera(FileTable):
     @model_validator(mode="after")
     def _tables_fit(self) -> Camera:
         check_technology(self)
+        check_one_gain(self)
         check_gains(self)
         check_gain(self)
         return self
@@ -157,7 +161,7 @@ class Camera(FileTable):
                 )
             if dotted not in known:
                 raise InputError(
-                    f"{dotted} is not a field of a camera.{nearest(dotted, known)}"
+                    f"{dotted} is not a field of a camera.{did_you_mean(dotted, known)}"
                 )
             *path, last = dotted.split(".")
             table = data
@@ -170,6 +174,12 @@ class Camera(FileTable):
                 for other in QE_WAYS:  # the new way of giving the QE stands in for the old one
                     if other != last and f"quantum_efficiency.{other}" not in changes:
                         table.pop(other, None)
+            if dotted in GAIN_WAYS and value is not None:
+                for other in GAIN_WAYS:
+                    if other != dotted and other not in changes:
+                        other_table, key = other.split(".")
+                        data[other_table].pop(key, None)
+                        data["sources"].pop(other, None)
             sources = data["sources"]
             data["sources"] = {
                 key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")

@@ -18,6 +18,7 @@ from ..core.small_files import toml_tables, without_strings
 from .camera import Camera
 from .camera_file import CameraText, camera_text, plain_tables
 from .datasheet_errors import Fault, Loc, doubts, faults, fields_of
+from .field_terms import key_of_term
 
 AT_LINE = "(at line "  # in the parser's messages
 MOST_BROKEN = 20  # lines that are no TOML; the text is parsed again for each
@@ -174,7 +175,9 @@ def _renamed(
         if one.unknown:
             changed = True
             value = _table(data, one.loc[:-1]).pop(one.loc[-1])
-            meant = one.meant or _beside(one.loc)
+            meant = (
+                one.meant or key_of_term(_field(one.loc), fields_of(Camera)) or _beside(one.loc)
+            )
             *path, last = meant.split(".") if meant else [""]
             table = _table(data, tuple(path)) if meant else None
             if isinstance(table, dict) and last not in table:

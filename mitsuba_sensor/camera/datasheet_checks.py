@@ -10,6 +10,14 @@ from ..stages.datasheet import SensorSection
 from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import Datasheet
 
+IN_VOLTS = "white_nv_per_rthz", "rtn_uv"
+"""Noise of the source follower in volts, which are so many electrons by the conversion gain."""
+
+ADD_SENSE_GAIN = (
+    "a voltage, which readout.gain_dn_per_e alone does not make electrons; "
+    "add readout.sense_gain_uv_per_e, e.g. 50"
+)
+
 LARGEST = 1e30
 """Of a product of gains: squares of larger ones leave the range of numbers on the way to a variance."""
 
@@ -30,6 +38,28 @@ def check_technology(camera: Datasheet) -> None:
             f"{' and '.join(given)}, and sensor.technology is 'ccd': all pixels of a CCD have one amplifier and true "
             "CDS, so they have no offsets, gains, reset or telegraph noise of their own; "
             f"set {' and '.join(neutral)}, or sensor.technology to 'cmos'"
+        )
+
+
+def check_one_gain(camera: Datasheet) -> None:
+    """Raise ValueError where the gain is given twice, and where K alone does not say what the datasheet needs."""
+    readout = camera.readout
+    if readout.gain_dn_per_e is None:
+        return
+    if camera.adc.full_scale_v is not None:
+        raise ValueError(
+            f"readout.gain_dn_per_e is {readout.gain_dn_per_e:g} and adc.full_scale_v is {camera.adc.full_scale_v:g}, "
+            "and each makes the gain; give either readout.gain_dn_per_e or adc.full_scale_v, and not both"
+        )
+    if readout.sense_gain_uv_per_e is not None or readout.ve_k1_c is not None:
+        return
+    for name in IN_VOLTS:
+        if getattr(camera.source_follower, name):
+            raise ValueError(f"source_follower.{name} is {ADD_SENSE_GAIN}")
+    share = readout.ktc_residual
+    if share if share is not None else readout.reset != "true_cds":
+        raise ValueError(
+            f"the kTC noise of readout.reset is {ADD_SENSE_GAIN}, or set readout.reset to 'true_cds'"
         )
 
 

@@ -10,8 +10,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ..core import closest, nearest
+from ..core import closest
 from ..stages.usual_range import Usual
+from .field_terms import MEANT, did_you_mean, key_of_term
 
 Loc: TypeAlias = tuple[str | int, ...]
 
@@ -98,12 +99,16 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
         known = [
             name for name in (*fields_of(model), *names) if not path.startswith(f"{name}.")
         ]
-        return f"{path} is not a field of a {kind} file.{nearest(path, known)}"
+        return f"{path} is not a field of a {kind} file.{did_you_mean(path, known)}"
     if what == "missing":
         return f"{path} is missing; {_way_out(path, field)}"
     if what == "value_error":
         said = str(one["ctx"]["error"]).removesuffix(".")
         return f"{path or f'the {kind}'}: {said}{'' if said.endswith('?') else '.'}"
+    if what in ("model_type", "dict_type") and path in MEANT:
+        return f"{path} is {value}; add the table [{path}]. Did you mean {MEANT[path]!r}?"
+    if what == "string_type" and path in MEANT:
+        return f"{path} is {value}, and it is a text. Did you mean {MEANT[path]!r}?"
     rule = PLAIN.get(what) or one["msg"].removeprefix("Input should be ").removeprefix("Input ")
     if what in ("too_short", "too_long"):
         least, most = (one["ctx"].get(f"{end}_length") for end in ("min", "max"))
@@ -120,7 +125,7 @@ def _meant(loc: Loc, missing: Collection[str]) -> str:
     """The missing field of which this one is a misspelling, or an empty text."""
     alike = {name.rpartition(".")[2]: name for name in missing}
     name = closest(str(loc[-1]), alike, cutoff=0.6)
-    return alike[name] if name else ""
+    return key_of_term(_dotted(loc), missing) or (alike[name] if name else "")
 
 
 def _other_unit(value: object, field: FieldInfo | None) -> str:

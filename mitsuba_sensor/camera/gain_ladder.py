@@ -74,8 +74,10 @@ class GainSetting(FileTable):
 
     @model_validator(mode="after")
     def _one_label(self) -> Self:
-        if (self.iso is None) == (self.name is None):
+        if self.iso is not None and self.name is not None:
             raise ValueError("give a gain setting either an iso or a name, and not both")
+        if self.iso is None and self.name is None:
+            raise ValueError("a gain setting needs an iso, e.g. 800, or a name")
         return self
 
     @property
@@ -174,7 +176,10 @@ def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
         sense_v if setting.sense_gain_uv_per_e is None else setting.sense_gain_uv_per_e * 1e-6
     )
     per_e_v = new_sense_v * camera.source_follower.gain * camera.readout.cds_gain
-    given["adc.full_scale_v"] = per_e_v * 2.0**camera.adc.bits / setting.gain_dn_per_e
+    if camera.readout.gain_dn_per_e is not None:
+        given["readout.gain_dn_per_e"] = setting.gain_dn_per_e
+    else:
+        given["adc.full_scale_v"] = per_e_v * 2.0**camera.adc.bits / setting.gain_dn_per_e
     if camera.source_follower.white_nv_per_rthz is not None:
         given["source_follower.white_nv_per_rthz"] = (
             None  # the read noise is given in electrons now

@@ -51,25 +51,28 @@ def list_command(as_json: arguments.Json = False) -> None:
     epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14",
 )
 @options.flags(options.NewCameraFlags)
-def new_camera(name: arguments.NewFile, **flags: Flag) -> None:
+def new_camera(new_file: arguments.NewFile, **flags: Flag) -> None:
     """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
 
-    It loads as the camera that it is like; `cameras check FILE` says what is wrong after a change.
+    It loads as the camera that it is like, or, with --emva, as the camera of an EMVA 1288 sheet, whose rows it asks
+    for. `cameras check FILE` says what is wrong after a change.
     """
     from ..files.texts import write_page
-    from .inputs import changes_of
+    from .new_camera import new_camera_of
 
-    file = _camera_file(name, flags["force"])
-    camera = (
-        ms.load_camera(flags["like"])
-        .replace(**changes_of(flags))
-        .without(*flags["without"] or ())
-    )
+    file = _camera_file(new_file, flags["force"])
+    camera, notes = new_camera_of(flags, file)
     write_page(file, camera.to_toml())
-    show(
-        f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}",
-        False,
+    of = (
+        "of an EMVA 1288 sheet"
+        if flags["emva"]
+        else f"like {flags['like'] or options.DEFAULT_CAMERA}"
     )
+    show(
+        f"{file} is a camera {of}; change it, then: mitsuba-sensor cameras check {file}", False
+    )
+    for note in notes:
+        show(f"note: {note}", False)
 
 
 @cameras.command(

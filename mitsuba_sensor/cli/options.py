@@ -91,12 +91,23 @@ class NewCameraFlags(TypedDict, total=False):
     """What a new camera file begins with."""
 
     like: Annotated[
-        str,
+        str | None,
         Option(
-            "Camera to start from: a name from `cameras list`, or a .toml.",
-            DEFAULT_CAMERA,
+            f"Camera to start from: a name from `cameras list`, or a .toml. Default: {DEFAULT_CAMERA}.",
             metavar="NAME",
         ),
+    ]
+    emva: Annotated[
+        bool,
+        Option("Ask for the rows of an EMVA 1288 sheet, in its order, instead.", False),
+    ]
+    name: Annotated[
+        str | None,
+        Option("Name of the camera. Default: asked at a terminal, else that of the file."),
+    ]
+    description: Annotated[
+        str | None,
+        Option("One line about the camera. Default: asked at a terminal, else derived."),
     ]
     settings: Settings
     without: Without

@@ -5,15 +5,20 @@ import math
 from ..core.units import ELEMENTARY_CHARGE_C
 from .stage import Datasheet
 
+ANY_SENSE_GAIN_V_PER_E = 50e-6
+"""A_SN of a camera whose datasheet has K alone. Its full scale makes up for it, so that no frame depends on it."""
+
 LINEAR_BELOW = 1e-12
 """A V/e non-linearity α·A_SN·N/V_REF below this at full well is none: the node is linear to that share."""
 
 
 def sense_gain_v_per_e(camera: Datasheet) -> float:
-    """A_SN [V/e-]: as given, or V_REF·q/k₁."""
+    """A_SN [V/e-]: as given, or V_REF·q/k₁; any where the overall system gain K alone is given."""
     readout = camera.readout
     if readout.sense_gain_uv_per_e is not None:
         return float(readout.sense_gain_uv_per_e * 1e-6)
+    if readout.ve_k1_c is None:
+        return ANY_SENSE_GAIN_V_PER_E
     return float(readout.v_ref_v * ELEMENTARY_CHARGE_C / readout.ve_k1_c)
 
 
@@ -48,8 +53,13 @@ def full_well_swing_v(camera: Datasheet) -> float:
 
 
 def full_scale_v(camera: Datasheet) -> float:
-    """V_FS, the swing that fills the code range [V]; the swing of a full well unless the datasheet says otherwise."""
-    given = camera.adc.full_scale_v
+    """V_FS, the swing that fills the code range [V]: as given, or what makes the given overall system gain K.
+
+    Where the datasheet has neither, it is the swing of a full well.
+    """
+    given, gain = camera.adc.full_scale_v, camera.readout.gain_dn_per_e
+    if gain is not None:
+        return float(volts_per_electron(camera) * 2.0**camera.adc.bits / gain)
     return full_well_swing_v(camera) if given is None else float(given)
 
 
@@ -60,4 +70,7 @@ def adc_gain_dn_per_v(camera: Datasheet) -> float:
 
 def gain_dn_per_e(camera: Datasheet) -> float:
     """EMVA 1288's overall system gain K = A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-], of small signals."""
+    given = camera.readout.gain_dn_per_e
+    if given is not None:
+        return float(given)
     return volts_per_electron(camera) * adc_gain_dn_per_v(camera)

@@ -22,7 +22,11 @@ def test_a_new_file_is_the_camera_that_it_is_like(
     assert done.exit_code == 0 and f"cameras check {file}" in done.stdout.replace("\n", ""), (
         done.stderr
     )
-    assert ms.load_camera(file) == ms.load_camera(name)
+    like = ms.load_camera(name)
+    own = like.replace(name="my", description=f"a camera like {name}")
+    assert ms.load_camera(file) == own and file.read_text("utf-8") == own.to_toml()
+    named = ("--name", like.name, "--description", like.description, "--force")
+    assert cli("cameras", "new", file, "--like", name, *named).exit_code == 0
     assert file.read_text("utf-8") == cli("cameras", "show", name, "--toml").stdout
     checked = cli("cameras", "check", file)
     assert checked.exit_code == 0 and checked.stdout == f"{file}: nothing is wrong\n"
@@ -38,7 +42,10 @@ def test_an_existing_file_is_written_over_only_by_force(
     assert done.exit_code == 2 and "exists already; --force writes over it" in done.stderr
     assert file.read_text("utf-8") == "mine" and done.stdout == ""
     assert cli("cameras", "new", file, "--force", "--set", "adc.bits=14").exit_code == 0
-    assert ms.load_camera(file) == ms.load_camera("konnik_table1").replace(**{"adc.bits": 14})
+    made = ms.load_camera(file)
+    assert made == ms.load_camera("konnik_table1").replace(
+        name="my", description=made.description, **{"adc.bits": 14}
+    )
 
 
 def test_a_place_that_takes_no_camera_file_is_one_sentence(

@@ -236,7 +236,7 @@ CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no dark-current model": (
         {"dark_current.fom_na_per_cm2": None},
-        "either fom_na_per_cm2 or rate_e_per_s",
+        "the dark current is missing",
     ),
     "half a dark-current model": (
         {
@@ -244,12 +244,12 @@ CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
             "dark_current.rate_e_per_s": 5.0,
             "dark_current.doubling_k": 7.0,
         },
-        "go together",
+        "its temperature is missing",
     ),
     "two read noises": ({"source_follower.read_noise_e": 3.0}, "and not both"),
     "no read noise": (
         {"source_follower.white_nv_per_rthz": None},
-        "either read_noise_e or white_nv_per_rthz",
+        "the read noise is missing",
     ),
     "falling wavelengths": ({"quantum_efficiency.wavelengths_nm": [700, 400]}, "must increase"),
     "equal wavelengths": ({"quantum_efficiency.wavelengths_nm": [500, 500]}, "must increase"),

@@ -80,7 +80,7 @@ ERRORS = {  # line → field, and what is said
     22: ("dark_current.cvs", "Did you mean 'dark_current.cv'?"),
     32: ("dark_current.components.1.weight", "is 2.0; it must be less than or equal to 1"),
     38: ("source_follower", "give either read_noise_e or white_nv_per_rthz"),
-    42: ("readout", "give either sense_gain_uv_per_e or ve_k1_c"),  # once `reset` is understood
+    42: ("readout", "the gain is missing; give gain_dn_per_e"),  # once `reset` is understood
     43: ("readout.rest", "Did you mean 'readout.reset'?"),
     49: ("lens.xyzzy", "is not a field"),
     52: ("sources.pixel.prnuu", "Did you mean 'pixel.prnu'?"),

@@ -29,7 +29,7 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "neither k1 nor A_SN": (
         {"readout.sense_gain_uv_per_e": None},
         "readout",
-        "give either sense_gain_uv_per_e or ve_k1_c",
+        "the gain is missing",
     ),
     "k1 of a linear node": (
         {"readout.sense_gain_uv_per_e": None, "readout.ve_k1_c": 1e-14},
@@ -103,17 +103,17 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "no dark-current model": (
         {"dark_current.fom_na_per_cm2": None},
         "dark_current",
-        "give either fom_na_per_cm2 or rate_e_per_s",
+        "the dark current is missing",
     ),
     "a rate of no temperature": (
         {"dark_current.fom_na_per_cm2": None, "dark_current.rate_e_per_s": 5.0},
         "dark_current",
-        "rate_e_per_s and at_temperature_k go together; one of them is missing",
+        "its temperature is missing; give at_temperature_k",
     ),
     "a temperature of no rate": (
         {"dark_current.at_temperature_k": 300.0},
         "dark_current",
-        "go together",
+        "Leave it out",
     ),
     "a rate measured at 4 K": (
         {
@@ -187,7 +187,7 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "no read noise": (
         {"source_follower.white_nv_per_rthz": None},
         "source_follower",
-        "give either read_noise_e or white",
+        "the read noise is missing",
     ),
     "a band upside down": (
         {"source_follower.band_hz": [1e6, 10.0]},

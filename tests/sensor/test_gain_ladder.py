@@ -298,11 +298,11 @@ def test_a_camera_without_a_ladder_says_so() -> None:
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no name": (
         {"gains": [{"gain_dn_per_e": 1.0, "read_noise_e": 1.0}]},
-        "either an iso or a name",
+        "needs an iso",
     ),
     "two names": (
         {"gains": [{"iso": 100, "name": "a", "gain_dn_per_e": 1.0, "read_noise_e": 1.0}]},
-        "either an iso or a name",
+        "needs an iso",
     ),
     "twice": ({"gains": [LADDER[0], LADDER[0]]}, "2 gain settings are called '100'"),
     "number and text": (

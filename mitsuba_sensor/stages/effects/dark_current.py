@@ -103,13 +103,23 @@ class DarkCurrentFields(FileTable):
     @model_validator(mode="after")
     def _one_model(self) -> Self:
         figure, rate = self.fom_na_per_cm2 is not None, self.rate_e_per_s is not None
-        if figure == rate:
+        if figure and rate:
             raise ValueError(
                 "give either fom_na_per_cm2 or rate_e_per_s (with at_temperature_k), and not both"
             )
-        if rate != (self.at_temperature_k is not None):
+        if not figure and not rate:
             raise ValueError(
-                "rate_e_per_s and at_temperature_k go together; one of them is missing"
+                "the dark current is missing; give rate_e_per_s [e-/s] with at_temperature_k [K], or fom_na_per_cm2 "
+                "[nA/cm²]; rate_e_per_s = 0 is none"
+            )
+        if self.rate_e_per_s and self.at_temperature_k is None:
+            raise ValueError(
+                f"rate_e_per_s is {self.rate_e_per_s:g}, and its temperature is missing; give at_temperature_k [K], "
+                "e.g. 298.15 for 25 °C"
+            )
+        if self.at_temperature_k is not None and not rate:
+            raise ValueError(
+                "at_temperature_k is the temperature of rate_e_per_s; figures of merit are of 300 K. Leave it out"
             )
         if self.doubling_k is not None and not rate:
             raise ValueError(

@@ -13,12 +13,25 @@ from ..gains import sense_gain_v_per_e, ve_nonlinearity_at_full_well
 from ..stage import Datasheet, Stage
 from ..usual_range import MV_TO_V, VOLTS_TO_UV, Usual
 
+OF_VOLTS = (
+    "is about volts, which gain_dn_per_e alone does not say; add sense_gain_uv_per_e, e.g. 50"
+)
+
 
 class SenseNodeFields(FileTable):
-    """Conversion gain of the sense node."""
+    """The overall system gain, and the conversion gain of the sense node."""
+
+    gain_dn_per_e: Annotated[Positive | None, Usual.of(1e-4, 1e3)] = Field(
+        None,
+        title="overall system gain K (E), as given",
+        description="overall system gain K, instead of adc.full_scale_v; one over e- per DN of a data sheet [DN/e-]",
+        examples=[0.1225],
+    )
 
     sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = Field(
-        None, description="sense node conversion gain A_SN, or ve_k1_c [µV/e-]", examples=[5.0]
+        None,
+        description="sense node conversion gain A_SN, or ve_k1_c; any if gain_dn_per_e is given [µV/e-]",
+        examples=[5.0],
     )
     v_ref_v: Annotated[Positive, Usual.of(0.3, 30, MV_TO_V)] = Field(
         3.1,
@@ -41,10 +54,18 @@ class SenseNodeFields(FileTable):
 
     @model_validator(mode="after")
     def _one_sense_gain(self) -> Self:
-        if (self.sense_gain_uv_per_e is None) == (self.ve_k1_c is None):
+        if self.sense_gain_uv_per_e is not None and self.ve_k1_c is not None:
             raise ValueError(
                 "give either sense_gain_uv_per_e or ve_k1_c, which implies it, and not both"
             )
+        if self.sense_gain_uv_per_e is None and self.ve_k1_c is None:
+            if self.gain_dn_per_e is None:
+                raise ValueError(
+                    "the gain is missing; give gain_dn_per_e, the overall system gain K [DN/e-] (1/8.16 where the "
+                    "data sheet has 8.16 e- per DN), or sense_gain_uv_per_e, the conversion gain [µV/e-]"
+                )
+            if self.ve_nonlinearity:
+                raise ValueError(f"ve_nonlinearity {OF_VOLTS}")
         if self.ve_k1_c is not None and not self.ve_nonlinearity:
             raise ValueError(
                 "ve_k1_c belongs to the V/e- non-linearity; set ve_nonlinearity, e.g. 1.0"

@@ -113,9 +113,14 @@ class SourceFollowerNoiseFields(FileTable):
 
     @model_validator(mode="after")
     def _one_read_noise(self) -> Self:
-        if (self.read_noise_e is None) == (self.white_nv_per_rthz is None):
+        if self.read_noise_e is not None and self.white_nv_per_rthz is not None:
             raise ValueError(
                 "give either read_noise_e or white_nv_per_rthz (with corner_hz, …), and not both"
+            )
+        if self.read_noise_e is None and self.white_nv_per_rthz is None:
+            raise ValueError(
+                "the read noise is missing; give read_noise_e, EMVA's temporal dark noise [e- rms], or "
+                "white_nv_per_rthz [nV/√Hz] with corner_hz, …"
             )
         if self.band_hz is not None and self.band_hz[1] <= self.band_hz[0]:
             raise ValueError(

@@ -1,0 +1,94 @@
+"""What ``cameras new`` asks for: the rows of an EMVA 1288 sheet, and a name and description of one's own."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import typer
+
+import mitsuba_sensor as ms
+
+from ..camera.emva_sheet import ROWS, Row, Value, camera_of_sheet, comparisons, is_asked
+from ..core import InputError
+from .app import err
+from .inputs import changes_of
+from .options import DEFAULT_CAMERA as DEFAULT
+from .values import Flag
+
+OF_SHEET = "by its EMVA 1288 sheet"
+
+
+def new_camera_of(flags: Mapping[str, Flag], file: Path) -> tuple[ms.Camera, list[str]]:
+    """The camera to write, and what is to be said of it. Raises InputError."""
+    if flags["emva"] and flags["like"] is not None:
+        raise InputError(
+            "--emva asks for all numbers, and --like takes those of a camera; give one of both."
+        )
+    if flags["emva"]:
+        values = asked_rows()
+        name, description, notes = asked_names(flags, file, OF_SHEET)
+        camera = camera_of_sheet(values, name, description)
+        notes += comparisons(values, camera)
+    else:
+        like = ms.load_camera(flags["like"] or DEFAULT)
+        name, description, notes = asked_names(flags, file, f"a camera like {like.name}")
+        camera = like.replace(name=name, description=description)
+    changed = camera.replace(**changes_of(flags)).without(*flags["without"] or ())
+    return changed, notes
+
+
+def asked_names(
+    flags: Mapping[str, Flag], file: Path, description: str
+) -> tuple[str, str, list[str]]:
+    """Name and description as given, else as typed at a terminal, else derived from the file, which a note says.
+
+    description : that is proposed.
+    """
+    name, notes, at_terminal = flags["name"], [], is_terminal()
+    if name is None:
+        name = file.stem
+        if at_terminal:
+            name = typer.prompt("name of the camera", default=name, err=True)
+        else:
+            notes.append(
+                f"the camera is called {name!r}, as its file; --name gives another name"
+            )
+    given = flags["description"]
+    if given is None and at_terminal:
+        given = typer.prompt("description, one line", default=description, err=True)
+    return str(name), str(given if given is not None else description), notes
+
+
+def is_terminal() -> bool:
+    """Whether somebody can type answers."""
+    return sys.stdin.isatty()
+
+
+def asked_rows() -> dict[str, Value]:
+    """The values of a sheet, each asked until it can be used. Raises InputError where the answers end before."""
+    err.print(
+        "The rows of the EMVA 1288 summary sheet, from top to bottom; an optional one may stay empty.",
+        highlight=False,
+    )
+    values: dict[str, Value] = {}
+    for row in ROWS:
+        if is_asked(row, values):
+            values[row.key] = _asked(row)
+    return values
+
+
+def _asked(row: Row) -> Value:
+    question = f"{row.question} (optional)" if row.optional else row.question
+    while True:
+        try:
+            text = typer.prompt(question, default="", show_default=False, err=True)
+        except typer.Abort:
+            raise InputError(
+                f"the answers end before the row {row.question!r} of the sheet."
+            ) from None
+        try:
+            return row.value(str(text))
+        except InputError as error:
+            err.print(str(error), markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,176 @@
+"""cameras new --emva: the rows of a sheet, in its order and in one round, make a camera with the sheet's figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.camera.emva_sheet import ROWS
+from mitsuba_sensor.cli import app
+
+SHEETS: dict[str, dict[str, str]] = {
+    # EMVA 1288 figures of an IMX174 camera, as in camera/cameras/sony_imx174.toml
+    "sony_imx174": {
+        "pitch_um": "5.86",
+        "size": "1920 x 1200",
+        "bits": "12",
+        "wavelength_nm": "525",
+        "qe": "77",
+        "gain_dn_per_e": "1/8.16",
+        "read_noise_e": "6.83",
+        "saturation_e": "32691",
+        "dsnu_e": "0",
+        "prnu": "1",
+        "dark_e_per_s": "5",
+        "dark_temperature_k": "25",
+    },
+    # the data sheet of the ams CMV4000, as in examples/cmv4000.toml
+    "cmv4000": {
+        "pitch_um": "5.5 x 5.5",
+        "size": "2048x2048",
+        "bits": "10",
+        "wavelength_nm": "550",
+        "qe": "60",
+        "gain_dn_per_e": "0.075",
+        "read_noise_e": "13",
+        "snr_max_db": "41.3",
+        "saturation_e": "13500",
+        "dsnu_e": "13,5",
+        "prnu": "1",
+        "linearity_percent": "0.5",
+        "dark_e_per_s": "125",
+        "dark_temperature_k": "25",
+    },
+    # Photometrics Prime 95B, as in camera/cameras/photometrics_prime_95b.toml
+    "prime_95b": {
+        "pitch_um": "11",
+        "size": "1200 × 1200",
+        "bits": "16",
+        "wavelength_nm": "540",
+        "qe": "94",
+        "gain_dn_per_e": "1.3024",
+        "read_noise_e": "1.4658",
+        "absolute_sensitivity_e": "2.1",
+        "saturation_e": "50200",
+        "dynamic_range_db": "87.6",
+        "dsnu_e": "0.3",
+        "prnu": "0.5",
+        "dark_e_per_s": "0.413",
+        "dark_temperature_k": "-20",
+    },
+}
+
+
+def typed(sheet: dict[str, str]) -> str:
+    """What a user types: a line for each row that is asked."""
+    asked = [
+        row for row in ROWS if row.key != "dark_temperature_k" or sheet["dark_e_per_s"] != "0"
+    ]
+    return "".join(f"{sheet.get(row.key, '')}\n" for row in asked)
+
+
+def new(folder: Path, sheet: dict[str, str], *more: str) -> Any:
+    arguments = ["cameras", "new", str(folder / "my.toml"), "--emva", *more]
+    return CliRunner().invoke(app, arguments, input=typed(sheet))
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_a_sheet_in_one_round_is_a_camera_with_its_figures(name: str, tmp_path: Path) -> None:
+    sheet = SHEETS[name]
+    done = new(tmp_path, sheet, "--name", name)
+    assert done.exit_code == 0, done.stderr
+    checked = CliRunner().invoke(app, ["cameras", "check", str(tmp_path / "my.toml")])
+    assert checked.exit_code == 0 and "nothing is wrong" in checked.stdout
+    camera = ms.load_camera(tmp_path / "my.toml")
+    figures = camera.emva1288()
+    gain = 1 / 8.16 if name == "sony_imx174" else float(sheet["gain_dn_per_e"])
+    assert camera.name == name
+    assert figures.system_gain_dn_per_e == pytest.approx(gain, rel=1e-9)
+    assert figures.temporal_dark_noise_e == pytest.approx(
+        float(sheet["read_noise_e"]), rel=1e-9
+    )
+    assert figures.saturation_e == pytest.approx(float(sheet["saturation_e"]), rel=1e-4)
+    qe = camera.qe([float(sheet["wavelength_nm"])])[0, 0]
+    assert qe == pytest.approx(float(sheet["qe"]) / 100)
+    assert camera.pixel.prnu == pytest.approx(float(sheet["prnu"]) / 100)
+    assert camera.pixel.dsnu_e == pytest.approx(float(sheet["dsnu_e"].replace(",", ".")))
+    kelvin = float(sheet["dark_temperature_k"]) + 273.15
+    assert camera.dark_current.at_temperature_k == pytest.approx(kelvin)
+    in_dark = camera.emva1288(ms.Exposure(1.0, kelvin))
+    dark_e = figures.saturation_e - in_dark.saturation_e
+    assert dark_e == pytest.approx(float(sheet["dark_e_per_s"]), rel=1e-3)
+    assert all(text for text in camera.sources.values())
+
+
+def test_the_rows_stand_in_the_order_of_the_sheet() -> None:
+    order = ["pixel size", "resolution", "bit depth", "QE", "K ", "σ_d", "maximum SNR"]
+    order += ["sensitivity threshold", "saturation", "dynamic range", "DSNU", "PRNU", "LE"]
+    order += ["dark current [", "temperature of the dark"]
+    questions = "\n".join(row.question for row in ROWS)
+    places = [questions.index(name) for name in order]
+    assert places == sorted(places)
+
+
+def test_what_cannot_be_is_said_and_asked_again(tmp_path: Path) -> None:
+    text = typed(SHEETS["sony_imx174"]).replace("1/8.16\n", "a lot\n0\n1/8.16\n")
+    arguments = ["cameras", "new", str(tmp_path / "my.toml"), "--emva"]
+    done = CliRunner().invoke(app, arguments, input=text)
+    assert done.exit_code == 0
+    assert "K [DN/e-]" in done.stderr and "is 'a lot'; it must be a number" in done.stderr
+    assert "is 0.0; it must be from 1e-06 to 10000" in done.stderr
+
+
+def test_no_dark_current_has_no_temperature(tmp_path: Path) -> None:
+    sheet = {**SHEETS["sony_imx174"], "dark_e_per_s": "0"}
+    done = new(tmp_path, sheet)
+    assert done.exit_code == 0, done.stderr
+    assert "temperature" not in done.stderr
+    assert ms.load_camera(tmp_path / "my.toml").dark_current.at_temperature_k is None
+
+
+def test_answers_that_end_too_early_write_nothing(tmp_path: Path) -> None:
+    arguments = ["cameras", "new", str(tmp_path / "my.toml"), "--emva"]
+    done = CliRunner().invoke(app, arguments, input="5.86\n")
+    assert done.exit_code == 2 and "end before the row 'resolution" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_rows_that_follow_from_others_are_compared(tmp_path: Path) -> None:
+    done = new(tmp_path, SHEETS["cmv4000"])
+    assert "SNR_max: 41.3 dB on the sheet, 41.3 dB of this camera" in done.stdout
+    assert "the camera is linear" in done.stdout
+    wrong = new(tmp_path, {**SHEETS["cmv4000"], "bits": "8"}, "--force")
+    assert "the 8 bits end" in wrong.stdout
+
+
+def test_a_name_of_one_s_own(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    like = ["cameras", "new", str(file), "--like", "bayer_2mp", "--force"]
+    done = CliRunner().invoke(app, like)
+    assert ms.load_camera(file).name == "mine"
+    assert ms.load_camera(file).description == "a camera like bayer_2mp"
+    assert "note: the camera is called 'mine', as its file" in done.stdout
+    done = CliRunner().invoke(app, [*like, "--name", "A 1", "--description", "of my own"])
+    assert "note" not in done.stdout
+    camera = ms.load_camera(file)
+    assert (camera.name, camera.description) == ("A 1", "of my own")
+
+
+def test_a_terminal_is_asked_for_name_and_description(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mitsuba_sensor.cli.new_camera.is_terminal", lambda: True)
+    file = tmp_path / "mine.toml"
+    done = CliRunner().invoke(app, ["cameras", "new", str(file)], input="A 2\n\n")
+    assert done.exit_code == 0 and "note" not in done.stdout
+    camera = ms.load_camera(file)
+    assert (camera.name, camera.description) == ("A 2", "a camera like konnik_table1")
+
+
+def test_a_sheet_and_a_camera_are_two_ways(tmp_path: Path) -> None:
+    done = new(tmp_path, SHEETS["cmv4000"], "--like", "bayer_2mp")
+    assert done.exit_code == 2 and "give one of both" in done.stderr

@@ -1,0 +1,190 @@
+"""readout.gain_dn_per_e: the overall system gain K of a sheet, in place of volts; and the terms of sheets for keys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.datasheet_errors import fields_of
+from mitsuba_sensor.camera.field_terms import MEANT, ONE_OVER, TERMS, did_you_mean
+
+TABLES: dict[str, Any] = {
+    "name": "mine",
+    "sensor": {"technology": "cmos", "columns": 16, "rows": 12},
+    "pixel": {
+        "pitch_x_um": 5.86,
+        "pitch_y_um": 5.86,
+        "fill_factor": 1.0,
+        "full_well_e": 32691.0,
+    },
+    "quantum_efficiency": {"value": 0.77, "wavelengths_nm": [400.0, 1000.0], "reference_nm": 525.0},
+    "dark_current": {"rate_e_per_s": 0.0},
+    "source_follower": {"read_noise_e": 6.83},
+    "readout": {"gain_dn_per_e": 0.1225, "reset": "true_cds"},
+    "adc": {"bits": 12},
+}
+
+
+def changed(**tables: dict[str, Any]) -> dict[str, Any]:
+    """The tables with others in their place."""
+    return TABLES | tables
+
+
+def test_k_is_the_gain_of_the_frames() -> None:
+    camera = ms.load_camera(TABLES)
+    assert camera.system_gain_dn_per_e == 0.1225
+    light = np.array([[2000.0, 12000.0]])
+    exposure = ms.Exposure(0.0)
+    codes = ms.expose(light / 0.77, camera.without("shot_noise"), exposure)
+    step_dn = float(np.diff(codes.digital[0].astype(float))[0, 0])
+    assert step_dn == pytest.approx(1225, abs=6 * 6.83 * 0.1225 * 2**0.5)
+
+
+@pytest.mark.parametrize("sense_uv", [5.0, 50.0, 120.0])
+def test_k_alone_makes_the_frames_that_volts_make(sense_uv: float) -> None:
+    """V_FS = A_SN·2^bits/K, whatever A_SN is."""
+    of_k = ms.load_camera(TABLES)
+    volts = {"sense_gain_uv_per_e": sense_uv, "reset": "true_cds"}
+    full_scale_v = sense_uv * 1e-6 * 2**12 / 0.1225
+    of_volts = ms.load_camera(
+        changed(readout=volts, adc={"bits": 12, "full_scale_v": full_scale_v})
+    )
+    assert of_volts.system_gain_dn_per_e == pytest.approx(0.1225, rel=1e-12)
+    frames = [
+        ms.expose(np.full((12, 16), 9000.0), camera, ms.Exposure(0.01), frames=3).digital
+        for camera in (of_k, of_volts)
+    ]
+    assert np.array_equal(*frames)
+    assert of_k.emva1288().saturation_e == pytest.approx(of_volts.emva1288().saturation_e)
+
+
+def said(data: dict[str, Any]) -> str:
+    return "\n".join(str(one) for one in ms.check_camera(data))
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "both gains": (
+        changed(adc={"bits": 12, "full_scale_v": 1.0}),
+        "give either readout.gain_dn_per_e or adc.full_scale_v, and not both",
+    ),
+    "no gain": (
+        changed(readout={"reset": "true_cds"}),
+        "the gain is missing; give gain_dn_per_e, the overall system gain K [DN/e-]",
+    ),
+    "kTC noise of unknown volts": (
+        changed(readout={"gain_dn_per_e": 0.1225, "reset": "hard"}),
+        "add readout.sense_gain_uv_per_e, e.g. 50",
+    ),
+    "densities of unknown volts": (
+        changed(source_follower={"white_nv_per_rthz": 15.0}),
+        "source_follower.white_nv_per_rthz is a voltage",
+    ),
+    "a curve of unknown volts": (
+        changed(readout={"gain_dn_per_e": 0.1225, "reset": "true_cds", "ve_nonlinearity": 0.5}),
+        "add sense_gain_uv_per_e, e.g. 50",
+    ),
+    "no dark current": (changed(dark_current={}), "the dark current is missing"),
+    "both dark currents": (
+        changed(dark_current={"rate_e_per_s": 5.0, "fom_na_per_cm2": 1.0}),
+        "and not both",
+    ),
+    "a rate without its temperature": (
+        changed(dark_current={"rate_e_per_s": 5.0}),
+        "its temperature is missing; give at_temperature_k [K], e.g. 298.15",
+    ),
+    "no read noise": (changed(source_follower={}), "the read noise is missing"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_sentences_say_what_is_missing_or_given_twice(name: str) -> None:
+    data, sentence = REFUSED[name]
+    text = said(data)
+    assert sentence in text
+    assert ("not both" in text) == name.startswith("both")
+
+
+def test_a_rate_of_zero_needs_no_temperature() -> None:
+    camera = ms.load_camera(TABLES)
+    assert camera.emva1288(ms.Exposure(1000.0)).saturation_e == camera.emva1288().saturation_e
+    assert not said(TABLES)
+
+
+def test_one_gain_takes_the_place_of_the_other() -> None:
+    camera = ms.load_camera("sony_imx174").replace(**{"readout.gain_dn_per_e": 0.2})
+    assert camera.system_gain_dn_per_e == 0.2 and camera.adc.full_scale_v is None
+    back = camera.replace(**{"adc.full_scale_v": 1.67117})
+    assert back.readout.gain_dn_per_e is None
+    assert back.system_gain_dn_per_e == ms.load_camera("sony_imx174").system_gain_dn_per_e
+    with pytest.raises(ms.InputError, match="and not both"):
+        camera.replace(**{"adc.full_scale_v": 1.0, "readout.gain_dn_per_e": 0.1})
+
+
+def test_a_gain_setting_takes_the_place_of_k() -> None:
+    gains = [
+        {"name": name, "gain_dn_per_e": k, "read_noise_e": 3.0}
+        for name, k in (("a", 0.1), ("b", 1.0))
+    ]
+    camera = ms.load_camera(TABLES | {"gains": gains}).at_gain("b")
+    assert camera.system_gain_dn_per_e == pytest.approx(1.0) and not camera.notes
+
+
+def test_a_camera_of_k_is_written_and_read_again() -> None:
+    camera = ms.load_camera(TABLES)
+    assert ms.load_camera(camera.to_toml()) == camera
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    {
+        "K": "readout.gain_dn_per_e",
+        "readout.K": "readout.gain_dn_per_e",
+        "adc.gain": "readout.gain_dn_per_e",
+        "overall_system_gain": "readout.gain_dn_per_e",
+        "readout.conversion_gain": "readout.sense_gain_uv_per_e",
+        "source_follower.read_noise": "source_follower.read_noise_e",
+        "temporal_dark_noise": "source_follower.read_noise_e",
+        "pixel.full_well": "pixel.full_well_e",
+        "saturation capacity": "pixel.full_well_e",
+        "quantum_efficiency.QE": "quantum_efficiency.value",
+        "dark_current.dark_current": "dark_current.rate_e_per_s",
+        "sensor.bit_depth": "adc.bits",
+        "sensor.pixel_pitch": "pixel.pitch_x_um",
+        "pixel.pixel_size_um": "pixel.pitch_x_um",
+        "sensor.width": "sensor.columns",
+        "pixel.width": "pixel.pitch_x_um",
+        "sensor.height": "sensor.rows",
+        "readout.DSNU": "pixel.dsnu_e",
+        "sensor.prnu_percent": "pixel.prnu",
+        "adc.black_level": "adc.black_level_dn",
+        "pixel.full_wel_e": "pixel.full_well_e",
+    }.items(),
+)
+def test_words_of_the_field_lead_to_the_key(written: str, meant: str) -> None:
+    assert did_you_mean(written, fields_of(Camera)) == f" Did you mean {meant!r}?"
+    with pytest.raises(ms.InputError, match=rf"Did you mean '{meant}'"):
+        ms.load_camera(TABLES).replace(**{written: 1.0})
+
+
+def test_electrons_per_dn_are_one_over_the_gain() -> None:
+    for term in ONE_OVER:
+        assert "which is one over the electrons per DN" in did_you_mean(term, fields_of(Camera))
+
+
+def test_every_word_means_one_key_that_there_is() -> None:
+    assert set(TERMS) <= set(fields_of(Camera))
+    terms = [term for text in TERMS.values() for term in text.split()]
+    assert len(terms) == len(set(terms)) and not set(terms) & ONE_OVER
+    assert not set(MEANT) & {name for name in fields_of(Camera) if "." in name}
+
+
+def test_a_number_where_a_table_or_a_text_is_leads_to_the_key() -> None:
+    assert "Did you mean 'dark_current.rate_e_per_s'" in said(TABLES | {"dark_current": 5.0})
+    assert "Did you mean 'quantum_efficiency.value'" in said(
+        TABLES | {"quantum_efficiency": 0.6}
+    )
+    assert "Did you mean 'readout.gain_dn_per_e'" in said(TABLES | {"gain": 0.12})
