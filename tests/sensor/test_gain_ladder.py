@@ -302,7 +302,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "two names": (
         {"gains": [{"iso": 100, "name": "a", "gain_dn_per_e": 1.0, "read_noise_e": 1.0}]},
-        "needs an iso",
+        "either an iso or a name",
     ),
     "twice": ({"gains": [LADDER[0], LADDER[0]]}, "2 gain settings are called '100'"),
     "number and text": (
