@@ -1,17 +1,67 @@
-"""What people read of a dataset: samples.csv in its folder, made at the end of each run."""
+"""What people read of a dataset: README.md, contact_sheet.png and samples.csv in its folder, after each run."""
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
+
+from ..core import InputError
+from ..files import durable
+from ..files.texts import text_of_file
+from .exports.card import CardFacts, write_card
+from .exports.summary import summary
+from .planned import DatasetPlan
 from .reader import Index
-from .record import TABLE
-from .samples_table import write_samples_table
+from .record import CARD, INDEX, SHEET, TABLE
+from .samples_table import exposures_of_table, write_samples_table
 from .store import Store
 
+MOST_READ = 200
+"""Samples that are read for the card of a dataset, however many it has."""
+AGAIN = (
+    f"`{TABLE}` lists all samples. `mitsuba-sensor dataset run` writes it, this page and the contact sheet again when "
+    "the dataset changes: keep notes of your own in another file."
+)
 
-def write_overview(store: Store, index: Index) -> list[str]:
-    """Write it; remarks on what could not be written."""
+
+def write_overview(plan: DatasetPlan, store: Store, index: Index) -> list[str]:
+    """Write all three where the index is another one than theirs; remarks on what could not be written."""
     try:
-        write_samples_table(store, index.lines)
+        card = _card_text(store)
+        table_is_whole = _is_in_card(store, TABLE, card)
+        sheet_is_there = f"({SHEET})" not in card or (store.folder / SHEET).is_file()
+        if table_is_whole and sheet_is_there and _is_in_card(store, INDEX, card):
+            return []
+        known_s = exposures_of_table(store) if table_is_whole else {}
+        write_samples_table(store, index.lines, known_s)
+        write_card(store.folder, card_facts(plan, store, index))
     except Exception as error:  # all samples are there: the run has not failed
-        return [f"{store.folder / TABLE} was not written: {error}"]
+        return [f"{CARD}, {SHEET} or {TABLE} in {store.folder} was not written: {error}"]
     return []
+
+
+def _card_text(store: Store) -> str:
+    """The card that is there, which is written last; an empty text where there is none."""
+    with suppress(InputError):
+        return text_of_file(store.folder / CARD, "a run writes it again")
+    return ""
+
+
+def _is_in_card(store: Store, name: str, card: str) -> bool:
+    """Whether a file is there and the card has its hash."""
+    path = store.folder / name
+    return path.is_file() and durable.sha256_of(path) in card
+
+
+def card_facts(plan: DatasetPlan, store: Store, index: Index) -> CardFacts:
+    """What the card of a dataset says in its own folder. Raises InputError."""
+    facts = summary(store.folder, index.lines, plan.file, most=MOST_READ)
+    notes = [*facts.notes, AGAIN]
+    if missing := plan.samples - len(index.lines):
+        views = len(store.quarantined())
+        why = f", and {views} views are in quarantine" if views else ""
+        notes = [f"{missing} of {plan.samples} samples are not there{why}.", *notes]
+    hashes = {**facts.hashes}
+    for name in (INDEX, TABLE):
+        hashes[f"`{name}`"] = durable.sha256_of(store.folder / name)
+    return replace(facts, notes=notes, hashes=hashes)

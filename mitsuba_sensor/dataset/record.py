@@ -15,7 +15,7 @@ Kind: TypeAlias = Literal["samples", "views"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 FILE, INDEX, RECORD = "dataset.toml", "index.jsonl", "record.json"
 """What a folder of a dataset has beside its entries; each entry has a record too."""
-TABLE = "samples.csv"
+FOR_PEOPLE = TABLE, CARD, SHEET = "samples.csv", "README.md", "contact_sheet.png"
 """For people: made from the index whenever it changes, part of nothing that is verified."""
 MOST_BYTES = 2**20
 """Of a record; one of 8 files has 0.9 kB."""

@@ -96,7 +96,7 @@ def run(
         count(0, one.samples)
         show(progress)
     index = write_index(plan, store)
-    progress.remarks += write_overview(store, index)
+    progress.remarks += write_overview(plan, store, index)
     return progress
 
 

@@ -7,19 +7,26 @@ import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..files.texts import read_json, write_page
+from ..files.texts import read_json, text_of_file, write_page
 from .keys import Config, Facts
 from .reader import CHANGED
 from .record import TABLE
 from .store import Store
 from .values import text_of
 
+NOTHING: Mapping[str, str] = {}
 COLUMNS = ("key", "folder", "split", "scene", "view", "camera", "serial", "exposure_s")
 """Of every table; then all others that vary, in the order in which the samples have them."""
 
 
-def write_samples_table(store: Store, lines: Sequence[Facts]) -> None:
-    """Write samples.csv.  lines : of the index. Raises InputError for a sample that is not as it was written."""
+def write_samples_table(
+    store: Store, lines: Sequence[Facts], known_s: Mapping[str, str] = NOTHING
+) -> None:
+    """Write samples.csv.
+
+    lines : of the index.  known_s : key → exposure time of samples that an earlier table had, which are not read.
+    Raises InputError for a sample that is not as it was written.
+    """
     names = dict.fromkeys(COLUMNS)
     for line in lines:
         names.update(dict.fromkeys(_cells(line["values"])))
@@ -27,11 +34,17 @@ def write_samples_table(store: Store, lines: Sequence[Facts]) -> None:
     writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
     writer.writeheader()
     for line in lines:
-        writer.writerow(_row(store, line))
+        writer.writerow(_row(store, line, known_s))
     write_page(store.folder / TABLE, text.getvalue())
 
 
-def _row(store: Store, line: Config) -> dict[str, str]:
+def exposures_of_table(store: Store) -> dict[str, str]:
+    """Key → exposure time in samples.csv. Raises InputError where it cannot be read."""
+    text = text_of_file(store.folder / TABLE, "a run writes it again")
+    return {row["key"]: row["exposure_s"] for row in csv.DictReader(io.StringIO(text))}
+
+
+def _row(store: Store, line: Config, known_s: Mapping[str, str]) -> dict[str, str]:
     """Column → text of one sample."""
     folder, values = store.folder_of("samples", line["key"]), line["values"]
     return {
@@ -39,7 +52,7 @@ def _row(store: Store, line: Config) -> dict[str, str]:
         "folder": folder.relative_to(store.folder).as_posix(),
         "split": line["split"],
         **_cells(values),
-        "exposure_s": repr(_exposed_s(folder, values)),
+        "exposure_s": known_s.get(line["key"]) or repr(_exposed_s(folder, values)),
     }
 
 

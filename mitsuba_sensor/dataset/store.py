@@ -26,12 +26,12 @@ from .faults import Fault
 from .keys import Config, Facts
 from .record import (
     FILE,
+    FOR_PEOPLE,
     INDEX,
     KEY,
     KINDS,
     MOST_BYTES,
     RECORD,
-    TABLE,
     Kind,
     Record,
     is_name,
@@ -42,7 +42,7 @@ from .record import (
 )
 
 QUARANTINE = "quarantine"
-UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, INDEX, TABLE))
+UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, INDEX, *FOR_PEOPLE))
 """Beginnings of the names of pages until they are whole (files/appearing.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows

@@ -1,34 +1,96 @@
-"""Contact sheets: small versions of pictures side by side, in one picture."""
+"""Contact sheets: small versions of pictures in rows, with what each row and each picture is, in one picture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.printable import printable
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 SIDE, GAP = 160, 4  # longer side of a picture, and the space between two [pixels]
-WHITE = 255
+LINE_HEIGHT, MOST_LETTERS = 13, 28  # of a line of text; so many are about as wide as a picture
+WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 
 
-def contact_sheet(rows: Sequence[Sequence[Path]]) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB of rows of PNG files, none larger than it is; each row is as high as its highest picture."""
-    thumbnails = [[thumbnail(path) for path in row] for row in rows]
-    most_in_a_row = max(map(len, thumbnails))
-    heights = [max(picture.shape[0] for picture in row) + GAP for row in thumbnails]
-    width = GAP + max(max(picture.shape[1] for picture in row) for row in thumbnails)
-    shape = (sum(heights) + GAP, most_in_a_row * width + GAP, 3)
-    sheet = np.full(shape, WHITE, np.uint8)
+class Captioned(NamedTuple):
+    """A PNG file, and the lines of text above it."""
+
+    path: Path
+    caption: Sequence[str] = ()
+
+
+class SheetRow(NamedTuple):
+    """Pictures side by side, and the lines of text left of them."""
+
+    label: Sequence[str]
+    pictures: Sequence[Captioned]
+
+
+def contact_sheet(rows: Sequence[SheetRow]) -> NDArray[np.uint8]:
+    """(H, W, 3) sRGB of rows of PNG files, none larger than it is. Raises InputError.
+
+    Each row is as high as its highest picture, each column as wide as the widest picture or caption.
+    """
+    from PIL import Image
+
+    labels = [text_picture(row.label) for row in rows]
+    cells = [[_cell(picture) for picture in row.pictures] for row in rows]
+    margin = max(label.width for label in labels) + 2 * GAP
+    column = max(cell.width for row in cells for cell in row) + GAP
+    heights = [
+        max(picture.height for picture in (label, *row)) + GAP
+        for label, row in zip(labels, cells, strict=True)
+    ]
+    width = margin + max(map(len, cells)) * column
+    sheet = Image.new("RGB", (width, sum(heights) + GAP), WHITE)
     top = GAP
-    for row, height in zip(thumbnails, heights, strict=True):
-        for number, picture in enumerate(row):
-            left = number * width + GAP
-            sheet[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
+    for label, row, height in zip(labels, cells, heights, strict=True):
+        sheet.paste(label, (GAP, top))
+        for number, cell in enumerate(row):
+            sheet.paste(cell, (margin + number * column, top))
         top += height
-    return sheet
+    return np.asarray(sheet, dtype=np.uint8)
+
+
+def _cell(picture: Captioned) -> Image.Image:
+    """A small version of a picture below its caption."""
+    from PIL import Image
+
+    text, small = text_picture(picture.caption), Image.fromarray(thumbnail(picture.path))
+    size = (max(text.width, small.width), text.height + small.height)
+    cell = Image.new("RGB", size, WHITE)
+    cell.paste(text, (0, 0))
+    cell.paste(small, (0, text.height))
+    return cell
+
+
+def text_picture(lines: Sequence[str]) -> Image.Image:
+    """Black lines on a white picture of their size; long ones are cut."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    font, shown = ImageFont.load_default(), [_cut(line) for line in lines]
+    widths = [int(font.getlength(line)) + 1 for line in shown]
+    picture = Image.new(
+        "RGB", (max(widths, default=1), max(LINE_HEIGHT * len(shown), 1)), WHITE
+    )
+    draw = ImageDraw.Draw(picture)
+    for number, line in enumerate(shown):
+        draw.text((0, number * LINE_HEIGHT), line, BLACK, font)
+    return picture
+
+
+def _cut(line: str) -> str:
+    """At most so many letters, of those that every version of the font has."""
+    text = printable(" ".join(line.split())).encode("latin-1", "replace").decode("latin-1")
+    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 3]}..."
 
 
 def thumbnail(path: Path) -> NDArray[np.uint8]:

@@ -38,7 +38,7 @@ from mitsuba_sensor.dataset.record import INDEX, Record, text_of
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.files.durable import size_and_hash
 from mitsuba_sensor.files.whole_folder import LISTING
-from mitsuba_sensor.output.contact_sheet import contact_sheet
+from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 from mitsuba_sensor.output.exr import read_aovs_exr
 
 SCENE = """<scene version="3.0.0"><default name="height" value="0"/><integrator type="direct"/>
@@ -277,10 +277,10 @@ def test_the_card_says_what_is_in_the_dataset(made: Path, tmp_path: Path) -> Non
     )
     assert row.split(" | ")[3] == lowest and row.split(" | ")[-1].rstrip(" |") == highest
     sheet = Image.open(tmp_path / "out/contact_sheet.png")
-    assert sheet.size == (
-        10 * 24 + 4,
-        2 * 18 + 4,
-    )  # a row for each scene, ten of its twelve samples
+    columns, rows = sheet.size
+    picture, text, gap = (20, 14), 3 * 13, 4  # ev, camera and height above each
+    assert rows == 3 * (picture[1] + text + gap) + gap  # scene first has two views
+    assert columns > 8 * (picture[0] + gap)  # of each of which there are eight samples
 
 
 def test_a_card_without_pictures_or_numbers_has_no_empty_parts() -> None:
@@ -414,7 +414,7 @@ def test_a_picture_that_is_none_or_too_large_is_one_sentence(tmp_path: Path) -> 
         with pytest.raises(
             ms.InputError, match=f"is no picture that can be read: .*{why}"
         ) as caught:
-            contact_sheet([[path]])
+            contact_sheet([SheetRow(["a"], [Captioned(path, ["b"])])])
         assert "\n" not in str(caught.value)
 
 

@@ -1,20 +1,31 @@
-"""What people read of a dataset: its table of samples, and samples found by their values."""
+"""What people read of a dataset: its card, contact sheet and table, and samples found by their values."""
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.datasets import SCENES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset import overview, samples_table
+from mitsuba_sensor.dataset.exports import summary
+from mitsuba_sensor.dataset.exports.job import facts_of
+from mitsuba_sensor.dataset.exports.sheet import caption, names_that_vary, sheet_rows
+from mitsuba_sensor.dataset.keys import Facts
 from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
+from mitsuba_sensor.dataset.reader import Sample, read_index
+from mitsuba_sensor.dataset.record import FOR_PEOPLE
 from mitsuba_sensor.dataset.repair import holdings, verify
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.files.texts import read_json
+from mitsuba_sensor.output.contact_sheet import GAP, MOST_LETTERS, text_picture
 
 FILE = """
 name = "views"
@@ -110,20 +121,154 @@ def test_what_no_sample_has_is_a_sentence_with_what_there_is(
     assert str(caught.value).startswith(sentence)
 
 
-def test_the_table_is_no_part_of_what_is_verified_and_comes_back(copy: Path) -> None:
-    plan, table = plan_in(copy.parent), copy / "samples.csv"
-    before, size = table.read_bytes(), holdings(Store(copy), plan).bytes
-    table.write_text("edited")
-    assert not list(verify(copy)) and holdings(Store(copy), plan).bytes == size
-    assert run(plan, copy, workers=0).made == 0
-    assert table.read_bytes() == before
+def for_people(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in FOR_PEOPLE}
 
 
-def test_a_table_that_cannot_be_written_is_a_remark(copy: Path) -> None:
+def test_they_are_no_part_of_what_is_verified_and_come_back(copy: Path) -> None:
+    plan, before = plan_in(copy.parent), for_people(copy)
+    size = holdings(Store(copy), plan).bytes
+    for name in (*FOR_PEOPLE, "samples.csv"):
+        (copy / name).unlink()
+        if name == "samples.csv":
+            (copy / name).write_text("edited")
+        assert not list(verify(copy)) and holdings(Store(copy), plan).bytes == size
+        assert run(plan, copy, workers=0).made == 0
+        assert for_people(copy) == before
+
+
+def test_a_run_that_changes_nothing_reads_no_sample_again(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(overview, "summary", None)
+    assert not run(plan_in(copy.parent), copy, workers=0).remarks
+
+
+def test_a_run_that_goes_on_ends_with_the_same_as_one(made: Path, tmp_path: Path) -> None:
+    """Two shards; after the first one the card says what is not there."""
+    plan, out = plan_in(tmp_path), tmp_path / "out"
+    first = run(plan, out, shard=(1, 2)).made
+    text = (out / "README.md").read_text("utf-8")
+    assert 0 < first < 12 and f"\n{12 - first} of 12 samples are not there.\n" in text
+    assert f"| samples | {first} |" in text and len(rows_of(out)) == first
+    run(plan, out, shard=(2, 2))
+    assert for_people(out) == for_people(made)
+
+
+def test_the_table_of_a_run_that_goes_on_reads_new_samples_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, out = plan_in(tmp_path), tmp_path / "out"
+    run(plan, out, shard=(1, 2))
+    before = {row["key"] for row in rows_of(out)}
+    read = list[str]()
+
+    def noted(path: Path, remedy: str) -> Facts:
+        read.append(path.parent.name)
+        return read_json(path, remedy)
+
+    monkeypatch.setattr(samples_table, "read_json", noted)
+    run(plan, out, shard=(2, 2))
+    metered = ms.Dataset(out).where(exposure_s="auto")
+    assert {*read} == {one.key for one in metered} - before and len(read) < len(metered)
+
+
+def test_the_card_is_of_what_is_there_where_views_are_in_quarantine(tmp_path: Path) -> None:
+    wrong = 'file = "cornell_box.xml"\ntraverse = { "no.such.name" = 1.0 }'
+    text = FILE.replace('file = "cornell_box.xml"', wrong)
+    found = run(plan_in(tmp_path, text), tmp_path / "out", workers=0)
+    assert len(found.failed) == 2 and not found.remarks
+    card = (tmp_path / "out" / "README.md").read_text("utf-8")
+    assert "8 of 12 samples are not there, and 2 views are in quarantine." in card
+    assert "| samples | 4 |" in card and (tmp_path / "out" / "contact_sheet.png").exists()
+
+
+def test_the_card_of_a_big_dataset_reads_some_of_its_samples(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Counts are of all, from the index; the card says how many were read for the rest."""
+    read = list[str]()
+
+    def noted(sample: Sample) -> Facts:
+        read.append(sample.key)
+        return facts_of(sample)
+
+    monkeypatch.setattr(overview, "MOST_READ", 3)
+    monkeypatch.setattr(summary, "facts_of", noted)
+    (copy / "README.md").unlink()
+    run(plan_in(copy.parent), copy, workers=0)
+    text = (copy / "README.md").read_text("utf-8")
+    assert len(read) == 3 and "| samples | 12 |" in text and "| renders | 3 |" in text
+    assert "\n3 of the 12 samples, evenly chosen, were read" in text
+    index = hashlib.sha256((copy / "index.jsonl").read_bytes()).hexdigest()
+    assert f"| `index.jsonl` | {index} |" in text and "record.json" not in text
+
+
+def test_without_previews_the_card_says_why_there_is_no_sheet(tmp_path: Path) -> None:
+    text = FILE.replace(', "preview"', "").replace("[0, -2]", "[0]")
+    run(plan_in(tmp_path, text), tmp_path / "out", workers=0)
+    card = (tmp_path / "out" / "README.md").read_text("utf-8")
+    assert "no contact sheet: `preview` is not among the outputs" in card
+    assert not (tmp_path / "out" / "contact_sheet.png").exists() and "![" not in card
+
+
+@pytest.mark.parametrize("name", FOR_PEOPLE)
+def test_what_cannot_be_written_is_a_remark_and_the_run_has_not_failed(
+    copy: Path, name: str
+) -> None:
     """A folder stands in its place."""
-    (copy / "samples.csv").unlink()
-    (copy / "samples.csv").mkdir()
+    (copy / name).unlink()
+    (copy / name).mkdir()
     found = run(plan_in(copy.parent), copy, workers=0)
     assert found.there == 12 and not found.failed
-    assert len(found.remarks) == 1 and "samples.csv was not written: " in found.remarks[0]
-    assert not list(verify(copy))
+    assert (
+        len(found.remarks) == 1
+        and f"was not written: cannot write {copy / name}" in found.remarks[0]
+    )
+    assert not list(verify(copy)) and not list(copy.glob(".*"))
+
+
+def test_a_preview_that_was_changed_is_a_remark_that_says_what_to_do(copy: Path) -> None:
+    picture = ms.Dataset(copy)[0].folder / "frame.png"
+    picture.write_bytes(picture.read_bytes()[:-1] + b"x")
+    (copy / "README.md").unlink()
+    found = run(plan_in(copy.parent), copy, workers=0)
+    assert (
+        f"{picture} is not as it was written; `mitsuba-sensor dataset repair`"
+        in found.remarks[0]
+    )
+
+
+def test_a_row_of_the_sheet_is_a_scene_and_view_and_says_the_exposures(made: Path) -> None:
+    rows = sheet_rows(Store(made), read_index(made).lines)
+    assert [row.label for row in rows] == [["flat"], ["box", "view 0"], ["box", "view 1"]]
+    exposures = ["0.01 s", "0.01 s, -2 EV", "auto", "auto, -2 EV"]
+    for row in rows:
+        assert sorted(line for one in row.pictures for line in one.caption) == exposures
+
+
+@pytest.mark.parametrize(
+    ("values", "lines"),
+    [
+        ({"exposure_s": 0.025, "gain": 100}, ["0.025 s"]),
+        ({"exposure_ev": -1.5, "camera.adc.bits": 10}, ["-1.5 EV", "bits 10"]),
+        ({"exposure_ev": 0, "camera": "bayer"}, ["0 EV", "bayer"]),
+        ({"traverse.lamp.value": [0.5, 1.0, 2.0], "view": 3}, ["value 0.5 1 2"]),
+    ],
+)
+def test_a_caption_is_the_exposure_and_what_varies(
+    values: dict[str, object], lines: list[str]
+) -> None:
+    other = dict.fromkeys(values, "other")
+    varied = names_that_vary([{"values": values}, {"values": other}])
+    assert varied == [*values]
+    assert caption(values, [name for name in varied if name != "gain"]) == lines
+
+
+def test_a_text_is_as_wide_as_it_is_and_cut_where_it_has_no_end() -> None:
+    lines = ["one", "a b", "i" * 1000, "\n\x1b"]
+    widths = [text_picture([line]).width for line in lines]
+    picture = np.asarray(text_picture(lines))
+    assert picture.shape[1] == max(widths) and picture.min() < 100
+    assert text_picture(["i" * MOST_LETTERS]).width < widths[2] + 10 * GAP < 200
+    assert text_picture([]).size == (1, 1)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from ...files.png import write_png
 from ...files.texts import write_page
-from ...output.contact_sheet import contact_sheet
+from ...output.contact_sheet import SheetRow, contact_sheet
+from ..record import CARD, SHEET
 
 QUANTILES = ("lowest", "1 %", "median", "99 %", "highest")
-SHEET = "contact_sheet.png"
 UNITS = (
     "K [DN/e-]",
     "temporal dark noise [e-]",
@@ -42,8 +42,8 @@ class CameraNumbers:
 class CardFacts:
     """What a card says.
 
-    figures : what → how many.  splits : split → samples, scenes and chips.  hashes : what → SHA-256.
-    how_to_read : code.  pictures : rows of PNG files for the contact sheet.
+    figures : what → how many.  splits : split → samples, scenes, renders and chips.  hashes : what → SHA-256.
+    how_to_read : code.  pictures : rows of the contact sheet.  notes : sentences on the figures.
     """
 
     name: str
@@ -52,27 +52,30 @@ class CardFacts:
     figures: Mapping[str, str | int]
     cameras: Sequence[CameraNumbers]
     hashes: Mapping[str, str]
-    splits: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
+    splits: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     how_to_read: str = ""
-    pictures: Sequence[Sequence[Path]] = ()
+    pictures: Sequence[SheetRow] = ()
     versions: Mapping[str, str | None] = field(default_factory=dict)
+    notes: Sequence[str] = ()
 
 
 def write_card(folder: Path, facts: CardFacts) -> None:
     """Write README.md, and contact_sheet.png where there are pictures. Raises InputError."""
     if facts.pictures:
         write_png(folder / SHEET, contact_sheet(facts.pictures))
-    write_page(folder / "README.md", card_text(facts))
+    write_page(folder / CARD, card_text(facts))
 
 
 def card_text(facts: CardFacts) -> str:
     """The Markdown of the card."""
     sheet = (
-        f"![Some of the frames, as the camera's preview, a row for each scene]({SHEET})"
+        f"![Some of the frames, as the camera's preview: a row for each scene and view]({SHEET})"
         if facts.pictures
         else ""
     )
-    splits = [(name or "–", *numbers) for name, numbers in facts.splits.items()]
+    splits: list[tuple[str | int, ...]] = [
+        (name or "–", *numbers) for name, numbers in facts.splits.items()
+    ]
     noise = [(x.name, x.gain, x.samples, *x.noise) for x in facts.cameras]
     versions = ", ".join(
         f"{name} {version}" for name, version in facts.versions.items() if version
@@ -82,14 +85,15 @@ def card_text(facts: CardFacts) -> str:
         facts.description,
         sheet,
         _table(("", ""), list(facts.figures.items())),
+        *facts.notes,
         "## Splits" if splits else "",
-        _table(("split", "samples", "scenes", "chips"), splits),
+        _table(("split", "samples", "scenes", "renders", "chips"), splits),
         "## Noise of the cameras",
         "EMVA 1288 figures of the datasheets: overall system gain K, temporal dark noise and saturation.",
         _table(("camera", "gain setting", "samples", *UNITS), noise),
         "## Values",
         "Digital numbers of the raw frames, and photoelectrons that the light makes on average: lowest and highest of "
-        "all samples; between them the median over the samples of each quantile.",
+        "the samples; between them the median over the samples of each quantile.",
         _table(
             ("camera", "gain setting", "", *QUANTILES),
             [row for x in facts.cameras for row in _values(x)],

@@ -14,7 +14,7 @@ from ...files.whole_folder import appearing_folder
 from ..file import read_dataset
 from ..options import ExportOptions
 from ..origin import require_origin
-from ..reader import Dataset
+from ..reader import Dataset, read_index
 from ..record import FILE
 from .card import write_card
 from .coco import write_coco
@@ -26,18 +26,12 @@ from .ros import write_ros
 from .summary import summary
 from .webdataset import write_shards
 
-HOW = """from mitsuba_sensor.dataset.reader import Dataset
-
-for sample in Dataset("DIR"):
-    print(sample.key, sample.split, sample.values, sample.read("raw").shape)
-"""
-
 
 def write_nothing(job: Job) -> str:
-    """No files beside the card. Returns how to read the dataset itself."""
+    """No files beside the card, which says how to read the dataset itself."""
     for _ in job.samples:
         job.step()
-    return HOW
+    return ""
 
 
 WRITERS: Mapping[str, Callable[[Job], str]] = {
@@ -85,12 +79,14 @@ def export(
         done += 1
         progress(done, total)
 
+    lines = read_index(dataset.folder).lines
+    lines = [line for line in lines if chosen["split"] in (None, line["split"])]
     title = f"{file.name}: {file.description}" if file.description else file.name
     with appearing_folder(
         Path(out), chosen["force"], {"dataset": file.name, "format": format}
     ) as scratch:
-        known = summary(dataset, dataset.samples, file, step)
+        known = summary(dataset.folder, lines, file, step)
         known = replace(known, licence=chosen["licence"] or known.licence)
         how = WRITERS[format](Job(dataset.samples, scratch, chosen, step, title, known.licence))
-        write_card(scratch, replace(known, how_to_read=how))
+        write_card(scratch, replace(known, how_to_read=how or known.how_to_read))
     return len(dataset)

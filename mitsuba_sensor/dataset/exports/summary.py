@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -16,16 +16,19 @@ from ...core import InputError
 from ...files import durable
 from ..file import DatasetFile
 from ..keys import Facts
-from ..reader import Dataset, Sample, read_index
+from ..reader import IMAGES, sample_of
 from ..record import FILE, RECORD, Kind, Record, text_of
 from ..store import Store
 from .card import CameraNumbers, CardFacts
-from .job import PICTURE, checked, facts_of
+from .job import facts_of
+from .sheet import evenly_chosen, sheet_rows
 
-MOST_ROWS, MOST_COLUMNS = 8, 10  # of the contact sheet: scenes, and samples of each
+HOW = """import mitsuba_sensor as ms
 
-
-Thing = TypeVar("Thing")
+for sample in ms.Dataset("DIR"):
+    print(sample.key, sample.split, sample.values, sample.read("{array}").shape)
+"""
+NO_SHEET = "There is no contact sheet: `preview` is not among the outputs of the dataset."
 
 
 @dataclass
@@ -38,82 +41,103 @@ class _Group:
 
 
 @dataclass
-class _Counts:
-    """Of the samples so far."""
+class _Read:
+    """What is known of the samples that were read so far.  models : entry of the dataset file → camera's own name."""
 
     groups: dict[tuple[str, str], _Group] = field(default_factory=dict)
-    splits: dict[str, tuple[list[str], set[str], set[tuple[str, int]]]] = field(
-        default_factory=dict
-    )
-    views: dict[str, None] = field(default_factory=dict)
-    bytes: int = 0
-    frames: int = 0
+    models: dict[str, str] = field(default_factory=dict)
     sizes: set[str] = field(default_factory=set)
     versions: dict[str, str | None] = field(default_factory=dict)
+    bytes: int = 0
 
 
 def summary(
-    dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step: Callable[[], object]
+    folder: Path,
+    lines: Sequence[Facts],
+    file: DatasetFile,
+    step: Callable[[], object] = lambda: None,
+    most: int | None = None,
 ) -> CardFacts:
     """What the card of these samples says.
 
-    step : called after each sample.  Raises InputError for a sample that is not as it was written.
+    lines : of the index.  step : called after each sample that was read.
+    most : samples that are read, and then no hashes of records; all by default.
+    Raises InputError for a sample that is not as it was written.
     """
-    store, counts, digest = Store(dataset.folder), _Counts(), hashlib.sha256()
-    for sample in samples:
-        _add(counts, sample, facts_of(sample))
-        _add_record(counts, store, ("samples", sample.key), digest)
+    store, read, digest = Store(folder), _Read(), hashlib.sha256()
+    chosen = evenly_chosen(lines, most or len(lines))
+    for line in chosen:
+        _add(read, line, facts_of(sample_of(store, line)))
+        _add_record(read, store, ("samples", line["key"]), digest)
         step()
-    with_files = {
-        line["view"] for line in read_index(dataset.folder).lines if line["view_files"]
-    }
-    for key in (one for one in counts.views if one in with_files):
-        _add_record(counts, store, ("views", key), digest)
+    for key in dict.fromkeys(line["view"] for line in chosen if line["view_files"]):
+        _add_record(read, store, ("views", key), digest)
+    hashes = {f"`{FILE}`": durable.sha256_of(folder / FILE)}
+    if most is None:
+        records = f"every `{RECORD}` in the order of the samples, then of the renders"
+        hashes[records] = digest.hexdigest()
+    notes = [] if "preview" in file.outputs else [NO_SHEET]
+    bytes_of = "bytes of the dataset"
+    if len(chosen) < len(lines):
+        bytes_of = f"bytes of {len(chosen)} samples"
+        notes.append(
+            f"{len(chosen)} of the {len(lines)} samples, evenly chosen, were read for pixels, bytes, noise and values."
+        )
+    arrays = [name for name in file.outputs if name in IMAGES]
+    scenes = sorted({str(line["values"].get("scene")) for line in lines})
     return CardFacts(
         file.name,
         file.description,
         file.licence,
         {
-            "samples": len(samples),
-            "raw frames": counts.frames,
-            "scenes": ", ".join(
-                sorted(set[str]().union(*(scenes for _, scenes, _ in counts.splits.values())))
-            ),
-            "renders": len(counts.views),
-            "pixels": ", ".join(sorted(counts.sizes)),
-            "bytes of the dataset": counts.bytes,
+            "samples": len(lines),
+            "raw frames": sum(line["values"].get("frames", 1) for line in lines),
+            "scenes": ", ".join(scenes),
+            "renders": len({line["view"] for line in lines}),
+            "pixels": ", ".join(sorted(read.sizes)),
+            bytes_of: read.bytes,
         },
-        [_numbers(*key, group) for key, group in counts.groups.items()],
-        {
-            f"`{FILE}`": durable.sha256_of(dataset.folder / FILE),
-            f"every `{RECORD}` in the order of the samples, then of the renders": digest.hexdigest(),
-        },
-        {
-            split: (len(keys), len(scenes), len(chips))
-            for split, (keys, scenes, chips) in counts.splits.items()
-        },
-        "",
-        _pictures(samples),
-        counts.versions,
+        [_numbers(*key, group) for key, group in read.groups.items()],
+        hashes,
+        _splits(lines, read.models),
+        HOW.format(array=arrays[0]) if arrays else "",
+        sheet_rows(store, lines),
+        read.versions,
+        notes,
     )
 
 
-def _add(counts: _Counts, sample: Sample, facts: Facts) -> None:
+def _splits(
+    lines: Sequence[Facts], models: Mapping[str, str]
+) -> dict[str, tuple[int, int, int, int]]:
+    """Split → samples, scenes, renders and chips."""
+    samples: dict[str, int] = {}
+    sets: dict[str, tuple[set[object], set[object], set[object]]] = {}
+    for line in lines:
+        split, values = line["split"], line["values"]
+        camera = values.get("camera")
+        samples[split] = samples.get(split, 0) + 1
+        scenes, renders, chips = sets.setdefault(split, (set(), set(), set()))
+        scenes.add(values.get("scene"))
+        renders.add(line["view"])
+        chips.add((models.get(camera, camera), values.get("serial")))
+    return {
+        split: (samples[split], len(scenes), len(renders), len(chips))
+        for split, (scenes, renders, chips) in sets.items()
+    }
+
+
+def _add(read: _Read, line: Facts, facts: Facts) -> None:
     """Count one sample."""
     config, image = facts["config"], facts["image"]
     key = facts["camera"], str(config["gain"] or "–")
-    if key not in counts.groups:
-        counts.groups[key] = _Group(_noise(facts))
-    counts.groups[key].digital.append(facts["digital_quantiles_dn"])
-    counts.groups[key].electrons.append(facts["electrons_quantiles_e"])
-    keys, scenes, chips = counts.splits.setdefault(sample.split, ([], set(), set()))
-    keys.append(sample.key)
-    scenes.add(facts["view"]["scene"])
-    chips.add((facts["camera"], config["serial"]))
-    counts.views[sample.view_folder.name] = None
-    counts.frames += image["frames"]
-    counts.sizes.add(f"{image['columns']} × {image['rows']}")
-    counts.versions = facts["versions"]
+    if key not in read.groups:
+        read.groups[key] = _Group(_noise(facts))
+    read.groups[key].digital.append(facts["digital_quantiles_dn"])
+    read.groups[key].electrons.append(facts["electrons_quantiles_e"])
+    read.models[str(line["values"].get("camera"))] = facts["camera"]
+    read.sizes.add(f"{image['columns']} × {image['rows']}")
+    read.versions = facts["versions"]
 
 
 def _noise(facts: Facts) -> tuple[float | None, ...]:
@@ -135,14 +159,14 @@ def _noise(facts: Facts) -> tuple[float | None, ...]:
     )
 
 
-def _add_record(counts: _Counts, store: Store, entry: tuple[Kind, str], digest: Any) -> None:
+def _add_record(read: _Read, store: Store, entry: tuple[Kind, str], digest: Any) -> None:
     """Bytes of an entry, and its record, which has the hashes of its files."""
     found: Record | None = store.record(*entry)
     if found is None:
         raise InputError(
             f"{store.folder_of(*entry)} is not as it was written; `mitsuba-sensor dataset repair` makes it again."
         )
-    counts.bytes += sum(size for size, _ in found.files.values())
+    read.bytes += sum(size for size, _ in found.files.values())
     digest.update(text_of(found))
 
 
@@ -165,21 +189,3 @@ def _over(quantiles: list[list[float]]) -> list[float]:
         *np.median(found[:, 1:-1], axis=0).tolist(),
         float(found[:, -1].max()),
     ]
-
-
-def _pictures(samples: Sequence[Sample]) -> list[list[Path]]:
-    """Previews for the contact sheet: of scenes, and of the samples of each, evenly chosen."""
-    rows: dict[str, list[Path]] = {}
-    for one in samples:
-        if (one.folder / PICTURE).exists():
-            rows.setdefault(str(one.values["scene"]), []).append(one.folder / PICTURE)
-    return [
-        [checked(path) for path in _some(rows[name], MOST_COLUMNS)]
-        for name in _some(list(rows), MOST_ROWS)
-    ]
-
-
-def _some(things: Sequence[Thing], most: int) -> list[Thing]:
-    """At most so many of them, evenly chosen."""
-    chosen = np.unique(np.linspace(0, len(things) - 1, min(most, len(things))).astype(int))
-    return [things[k] for k in chosen]

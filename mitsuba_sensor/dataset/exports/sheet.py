@@ -1,0 +1,93 @@
+"""Rows of the contact sheet of a dataset: a row for each scene and view, what varies above each picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from ...output.contact_sheet import Captioned, SheetRow
+from ..keys import Config, Facts
+from ..store import Store
+from ..values import text_of
+from .job import PICTURE, checked
+
+MOST_ROWS, MOST_COLUMNS = 8, 10
+MOST_LINES = 3  # of the caption of a picture
+OF_ROW = ("scene", "view", "pose")
+OF_EXPOSURE = ("exposure_s", "exposure_ev")
+
+Thing = TypeVar("Thing")
+
+
+def sheet_rows(store: Store, lines: Sequence[Facts]) -> list[SheetRow]:
+    """Rows for samples with previews, evenly chosen of all scenes, views and samples.
+
+    lines : of the index.  Raises InputError for a preview that is not as it was written.
+    """
+    scenes: dict[str, dict[object, list[Facts]]] = {}  # scene → view → lines
+    for line in lines:
+        views = scenes.setdefault(str(line["values"].get("scene")), {})
+        views.setdefault(line["values"].get("view"), []).append(line)
+    varied, rows = names_that_vary(lines), []
+    shown = evenly_chosen([*scenes], MOST_ROWS)
+    for scene in shown:
+        for view in evenly_chosen([*scenes[scene]], MOST_ROWS // len(shown)):
+            label = [scene] if view is None else [scene, f"view {view}"]
+            chosen = evenly_chosen(scenes[scene][view], MOST_COLUMNS)
+            rows.append(SheetRow(label, _pictures(store, chosen, varied)))
+    return [row for row in rows if row.pictures]
+
+
+def _pictures(store: Store, lines: Sequence[Facts], varied: Sequence[str]) -> list[Captioned]:
+    """The previews of these samples, of those that have one."""
+    pictures = []
+    for line in lines:
+        path = store.folder_of("samples", line["key"]) / PICTURE
+        if path.exists():
+            pictures.append(Captioned(checked(path), caption(line["values"], varied)))
+    return pictures
+
+
+def names_that_vary(lines: Sequence[Facts]) -> list[str]:
+    """Names that have several values, in the order in which the samples have them."""
+    first: dict[str, object] = {}
+    varied: dict[str, None] = {}
+    for line in lines:
+        for name, value in line["values"].items():
+            if first.setdefault(name, value) != value:
+                varied[name] = None
+    return [name for name in first if name in varied]
+
+
+def caption(values: Config, varied: Sequence[str]) -> list[str]:
+    """The exposure, and what else varies and is not said left of the row: one line for each."""
+    lines = [_exposure(values)] if any(name in values for name in OF_EXPOSURE) else []
+    for name in varied:
+        if name in values and name not in (*OF_ROW, *OF_EXPOSURE):
+            short = "" if name == "camera" else f"{name.rpartition('.')[2]} "
+            lines.append(f"{short}{_text(values[name])}")
+    return lines[:MOST_LINES]
+
+
+def _exposure(values: Config) -> str:
+    """``0.01 s``, ``auto, -2 EV`` or ``-2 EV``."""
+    asked = values.get("exposure_s", "")
+    time = asked if isinstance(asked, str) else f"{asked:g} s"
+    stops = values.get("exposure_ev")
+    if not stops:
+        return time or "0 EV"
+    return f"{time}, {stops:+g} EV".removeprefix(", ")
+
+
+def _text(value: object) -> str:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return " ".join(map(_text, value))
+    return f"{value:g}" if isinstance(value, float) else text_of(value)
+
+
+def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:
+    """At most so many of them, evenly chosen, in their order."""
+    places = np.linspace(0, len(things) - 1, min(most, len(things)))
+    return [things[place] for place in np.unique(places.astype(int))]
