@@ -1,4 +1,4 @@
-"""What people read of a dataset: README.md, contact_sheet.png and samples.csv in its folder, after each run."""
+"""Writes what people read of a dataset, README.md, contact_sheet.png and samples.csv, at the end of a run."""
 
 from __future__ import annotations
 
