@@ -32,7 +32,7 @@ study = typer.Typer(
     no_args_is_help=True,
     help="How good the numbers are, what they cost, and what could be left out: tables, plots and a page.\n\n"
     "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. One that was "
-    "stopped goes on where it was when the same command is given again. Exit code 1: something that must hold fails.",
+    "stopped goes on where it was when the same command is given again. Exit code 1: a check failed.",
 )
 app.add_typer(study, name="study")
 

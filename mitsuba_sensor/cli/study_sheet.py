@@ -28,9 +28,9 @@ NOTHING = 1e-30  # what is smaller is printed as 0
 def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
     """A study in the terminal of so many characters: findings, then the tables that fit, first those with faults."""
     verdict = (
-        ("everything that must hold does", "bold green")
+        ("all checks passed", "bold green")
         if found.passed
-        else ("not all holds", "bold red")
+        else ("some checks failed, see the tables", "bold red")
     )
     lines: list[RenderableType] = [
         Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))
@@ -86,7 +86,7 @@ def _table(table: page.Table, width: int) -> RenderableType:
     Of a long one the rows that are not as they must be, or that are to be taken.
     """
     if set(table.marks) == {"good"}:
-        return Text(f"{table.title}: all {len(table.rows)} rows as they must be")
+        return Text(f"{table.title}: all {len(table.rows)} rows passed")
     rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
     shown = (
         rows

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from ..core.progress import duration
 from ..theory.plan import IDLE, NEEDED, Plan
+from .counted import counted
 from .sentences import said_here
 from .tables import FittedTable, number, rough
 
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     from ..render.passes.requirements import RenderRequirement
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
+OF_STAGES = (
+    "the signal behind each stage: mean and standard deviation σ over the pixels of this frame, and as theory expects "
+    "them. At the sense node the charge becomes a voltage"
+)
+"""Below the table of a frame."""
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 SIGNAL = (
     "mean_frame",
@@ -51,7 +57,10 @@ def summary(report: Report, folder: str) -> RenderableType:
 def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
     held, whole_s, planned_s = plan.range, *plan.seconds
-    head = f"{plan.camera}: what is left out moves no light level by more than {plan.tolerance_dn:g} DN in all"
+    head = (
+        f"{plan.camera}: without the stages that are not needed, mean and σ of a pixel change by at most "
+        f"{plan.tolerance_dn:g} DN"
+    )
     light = (
         f"{number(held.darkest_e)} … {number(held.brightest_e)} mean photoelectrons per pixel"
     )
@@ -82,7 +91,7 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
 def _effects(plan: Plan) -> FittedTable:
     """One row per stage that does something and can be left out."""
     table = FittedTable(
-        ("stage", "kept", "mean", "temporal", "spatial", "lines", "pixels"),
+        ("stage", "needed", "mean", "temporal", "spatial", "lines", "pixels"),
         keys=2,
         caption="what each changes by itself at most on this scene [DN]; lines: what a row or column shares, times "
         "√length; pixels that it moves beyond the tolerance",
@@ -96,7 +105,10 @@ def _effects(plan: Plan) -> FittedTable:
 
 def _needs(needs: Sequence[RenderRequirement]) -> FittedTable:
     """One row per option of the render."""
-    table = FittedTable(("render", "kept", "DN", "why"))
+    table = FittedTable(
+        ("of the render", "needed", "changes by", "why"),
+        caption="what the render has, and by how much a pixel changes without it [DN]",
+    )
     for need in needs:
         table.add_row(
             need.what, KEPT[need.kept], number(need.effect_dn), said_here(need.reason)
@@ -144,11 +156,11 @@ def _stages(report: Report) -> FittedTable:
     far it changes the noise of the raw frame."""
     effects = {effect["stage"]: effect for effect in report["effects"]}
     of_plan = ("temporal", "spatial") if effects else ()
-    caption = (
-        "temporal, spatial: how far this stage changes the noise of the raw frame [DN]"
-        if effects
-        else ""
-    )
+    caption = OF_STAGES
+    if effects:
+        caption += (
+            "; temporal, spatial: how far this stage changes the noise of the raw frame [DN]"
+        )
     table = FittedTable(
         ("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption
     )
@@ -197,11 +209,11 @@ def _facts(report: Report) -> Iterator[Text]:
             f"--spp {most:.0f} would have {ratios} and take {more_s} longer",
         )
     if "uncompensated" in report["origin"]:
-        left, above = (
-            f"{100 * report['origin'][name]:.2g} %"
-            for name in ("uncompensated", "above_shot_noise")
+        left, above = (report["origin"][name] for name in ("uncompensated", "above_shot_noise"))
+        left = (
+            f"render noise makes the variance {number(left)} × the shot noise's larger, on average over the pixels; "
+            f"in {100 * above:.2g} % of the pixels it is more than the shot noise"
         )
-        left = f"{left} of the shot noise's variance is left on top of it; {above} of the pixels have more render noise"
         yield _fact("a render for every frame", left)
     if done := render["denoised"]:
         before = f"× {number(done['raw_noise_ratio_median'])} median, {number(done['raw_noise_ratio_p95'])}"
@@ -212,11 +224,10 @@ def _facts(report: Report) -> Iterator[Text]:
         yield _fact(
             "denoised", f"by {done['by']}{before if known else ''}"
         )  # before: of the exposure of the render
-    seen = {name.replace("_", " "): number for name, number in counts.items() if number}
+    seen = [f"{n} {counted(name)}" for name, n in counts.items() if n]
     yield _fact(
         "pixels",
-        ", ".join(f"{name} {number}" for name, number in seen.items())
-        or "none clipped, none bad",
+        ", ".join(seen) or "none clipped, none bad",
     )
     if (factor := report["summary"]["brightened"]) > 1:
         yield _fact(

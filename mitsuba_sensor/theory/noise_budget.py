@@ -17,7 +17,7 @@ from ..sensor.run import row_strips_of
 from ..sensor.threads import processors
 from ..stages.stage import Chain, total
 from .frame_theory import FrameTheory
-from .notebook import budget_html
+from .notebook import LESS_NOISE, budget_html
 
 Contributions = list[dict[str, tuple[Float64Array, Array]]]
 """By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""
@@ -121,6 +121,8 @@ class NoiseBudget:
         for e in self.entries:
             numbers = (e.mean_dn, e.rms_dn, e.temporal_dn2, e.spatial_dn2)
             lines.append(f"{e.source:<26}" + "".join(f"{x:>12.5g}" for x in numbers))
+        if any(min(e.temporal_dn2, e.spatial_dn2) < 0 for e in self.entries):
+            lines.append(LESS_NOISE)
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

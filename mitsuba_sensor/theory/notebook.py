@@ -52,6 +52,10 @@ def plan_html(plan: Plan) -> str:
     return fragment("Plan of an exposure", facts(head), table(names, rows))
 
 
+LESS_NOISE = "negative variances: where a stage clips, as a full well does, it takes noise away"
+"""Below a noise budget that has some."""
+
+
 def budget_html(budget: NoiseBudget) -> str:
     """The contributions of all sources; bars show how much each adds to the two variances."""
     entries = budget.entries
@@ -74,4 +78,6 @@ def budget_html(budget: NoiseBudget) -> str:
         )
         for one in entries
     ]
-    return fragment("Noise budget of one frame", table(names, rows))
+    less = any(min(one.temporal_dn2, one.spatial_dn2) < 0 for one in entries)
+    title = f"Noise budget of one frame ({LESS_NOISE})" if less else "Noise budget of one frame"
+    return fragment(title, table(names, rows))

@@ -89,7 +89,8 @@ class Plan:
         if planned_s > (1 - WORTH_SAVING) * whole_s:
             times += ": no stage left out is worth a tenth of that"
         lines = [
-            f"Plan for {self.camera}: all that is left out moves no level by more than {self.tolerance_dn:g} DN.",
+            f"Plan for {self.camera}: without what is left out, mean and σ of a pixel change by at most "
+            f"{self.tolerance_dn:g} DN.",
             f"It holds for {held.darkest_e:.4g} … {held.brightest_e:.4g} mean photoelectrons per pixel, "
             f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels.",
             f"{times}.",

@@ -21,7 +21,11 @@ TABLES: dict[str, Any] = {
         "fill_factor": 1.0,
         "full_well_e": 32691.0,
     },
-    "quantum_efficiency": {"value": 0.77, "wavelengths_nm": [400.0, 1000.0], "reference_nm": 525.0},
+    "quantum_efficiency": {
+        "value": 0.77,
+        "wavelengths_nm": [400.0, 1000.0],
+        "reference_nm": 525.0,
+    },
     "dark_current": {"rate_e_per_s": 0.0},
     "source_follower": {"read_noise_e": 6.83},
     "readout": {"gain_dn_per_e": 0.1225, "reset": "true_cds"},

@@ -244,7 +244,7 @@ def shown(found: Study, width: int = 140) -> str:
 def test_the_terminal_shows_verdict_findings_and_tables() -> None:
     said = shown(study(TABLE, *PICTURES, passed=False))
     for label in (
-        "not all holds",
+        "some checks failed",
         "here/study.html",
         "1 < 2",
         "Series <all>",
@@ -259,7 +259,7 @@ def test_of_a_table_where_all_holds_the_terminal_says_so_and_no_more() -> None:
     said = shown(
         study(Table("whole", ("case", "n"), (("one", 1), ("two", 2)), ("good", "good")))
     )
-    assert "whole: all 2 rows as they must be" in said and "two" not in said
+    assert "whole: all 2 rows passed" in said and "two" not in said
 
 
 def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:

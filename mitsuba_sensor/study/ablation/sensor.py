@@ -244,7 +244,7 @@ def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterato
         f"saves {saved.median:.0%} of the sensor's time ({saved.low:.0%} to {saved.high:.0%})"
     )
     if saved.low <= 0 <= saved.high:
-        saves = f"saves no time that shows ({saved.low:.0%} to {saved.high:.0%})"
+        saves = f"saves no time beyond the scatter of the measurement ({saved.low:.0%} to {saved.high:.0%})"
     yield (
         f"The plan at {ablation.tolerance_dn:g} DN leaves out {len(left_out)} of {len(results.verdicts['stages'])} "
         f"stages ({', '.join(left_out) or 'none'}), {saves}, and moves no pixel's mean over {SENSORS} cameras by more "

@@ -41,9 +41,7 @@ def sensor_section(sensor: Sensor) -> Section:
             missed.append(f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}.")
         shown.append(("bad" if found > limit else "good", (what, unit, found, limit)))
     note = f"Of changes {SIGNIFICANT:g} standard errors are taken off."
-    must_hold = table(
-        "What must hold on the sensor side", "what | unit | found | limit", shown, note
-    )
+    must_hold = table("Checks on the sensor side", "what | unit | found | limit", shown, note)
     parts: tuple[Part, ...] = error_plot(rows), settings_table(rows, sensor.problems), must_hold
     return Section((*missed, *sensor_findings(rows, sensor.problems)), not missed, parts)
 
