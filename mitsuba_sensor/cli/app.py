@@ -140,7 +140,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="From a 3D scene to the raw frames of a camera, with the noise of every physical source.\n\n"
-    "Start here: [bold]mitsuba-sensor render first_frame -o out/[/]",
+    "Start here: [bold]mitsuba-sensor render scenes/first_frame.xml -o out/[/]",
 )
 
 
