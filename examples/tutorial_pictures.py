@@ -14,7 +14,7 @@ from typing import Any
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.png import write_png
-from mitsuba_sensor.output.contact_sheet import contact_sheet
+from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 
 NOTEBOOK = Path(__file__).with_name("tutorial.ipynb")
 SIZE = "width, spp = 48, 64"
@@ -51,7 +51,9 @@ def main() -> None:
     options.folder.mkdir(parents=True, exist_ok=True)
     frame = names["metered"].preview()
     write_png(options.folder / "tutorial_frame.png", frame)
-    sheet = contact_sheet(pictures_of_rows(ms.Dataset(names["out"] / "pairs")))
+    pictures = pictures_of_rows(ms.Dataset(names["out"] / "pairs"))
+    rows = [SheetRow((), [Captioned(path) for path in row]) for row in pictures]
+    sheet = contact_sheet(rows)
     write_png(options.folder / "tutorial_dataset.png", sheet)
 
 

@@ -26,7 +26,7 @@ from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 SCHEMA = camera_schema()
-REMEDY = r"(e\.g\. .+|add the table \[\w+\])"
+REMEDY = r"(e\.g\. .+|add the table \[\w+\]|Did you mean '.+')"
 
 
 @functools.cache
