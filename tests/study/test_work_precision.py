@@ -116,7 +116,9 @@ def test_frames_of_every_engine_are_what_the_package_says_of_itself(
     measured: tuple[Kit, Study],
 ) -> None:
     tables = [part for part in measured[1].parts if isinstance(part, Table)]
-    must_hold = next(part for part in tables if part.title.startswith("What must hold"))
+    must_hold = next(
+        part for part in tables if part.title.startswith("Checks on the sensor side")
+    )
     assert must_hold.rows and set(must_hold.marks) == {"good"}
 
 
