@@ -60,7 +60,9 @@ def main() -> None:
     print(ms.check_stage(glow, camera=camera, after="dark_current").explain())
 
     glowing = camera.with_stage(glow, after="dark_current")
-    frames = ms.expose(np.zeros((256, 256)), glowing, ms.Exposure(time_s=0.1))
+    exposure, darkness = ms.Exposure(time_s=0.1), np.zeros((256, 256))
+    print(ms.plan(glowing, exposure, darkness, tolerance_dn=0.1).explain())
+    frames = ms.expose(darkness, glowing, exposure)
     last = frames.report["stages"][-1]
     print(
         f"mean: {last['mean_frame']:.2f} DN in the frame, {last['mean_expected']:.2f} DN in theory"

@@ -35,12 +35,15 @@ from .light_levels import WIDTH, light_levels
 from .notebook import plan_html
 from .plan_effects import Effect, PlanRange, Trial
 
-RUNS = (
-    5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
-)
-LEVELS = (
-    65  # pixels of the scene, from dark to bright, on which float32 is compared with float64
-)
+RUNS = 5
+"""Timed runs of each chain; they take turns, so that a machine that slows down slows both."""
+
+SMALLEST_DN = 1e-6
+"""Changes below this are shown as 0 [DN]."""
+
+LEVELS = 65
+"""Pixels of the scene, from dark to bright, on which float32 is compared with float64."""
+
 WORTH_SAVING = 0.1
 """Share of the time of a frame from which on a plan is said to save time."""
 
@@ -102,7 +105,7 @@ class Plan:
             kept = "kept" if e.kept else "left out"
             row = (
                 f"{e.stage:<26}{kept:<9}"
-                + "".join(f"{x:>10.4g}" for x in numbers)
+                + "".join(f"{_number(x):>10}" for x in numbers)
                 + f"  {e.reason}"
             )
             lines.append(row.rstrip())
@@ -155,6 +158,11 @@ class Plan:
             "stages": [asdict(effect) for effect in self.effects],
             "float32": {**asdict(self.float32), "precision": self.precision},
         }
+
+
+def _number(value: float) -> str:
+    """A number of the table; 0 where it is too small to be of use."""
+    return f"{value:.4g}" if value >= SMALLEST_DN else "0"
 
 
 def plan(

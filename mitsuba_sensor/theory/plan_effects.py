@@ -10,13 +10,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Array, Electrons, Exposure, Frame, InputError, Moments, SensorWindow
+from ..core import Array, Electrons, Exposure, Frame, InputError, Moments
 from ..core.types import Float64Array
 from ..stages.stage import Chain, Stage, converter_of, place_of, propagate, without
 from .light_levels import LightLevels
 from .pixel_moments import PixelStrip
 from .pixel_swing import Codes
 from .plan_chances import PlanChances
+from .plan_places import Places, places_of_extremes
 from .plan_sample import PlanSample
 from .response import Response
 from .steps_shown import rounding_error_dn
@@ -28,6 +29,8 @@ MOST_LEVELS, FEWEST_LEVELS, WORK = 13, 3, 2**18
 """Levels of light at which the chains are compared. WORK normals may be added up for all of them: of a chain that takes
 more, fewer levels are looked at."""
 
+INSIDE = 0.5
+"""Share of the pixels that the converter must not clip where changes in front of it count."""
 
 OF_SATURATION = (0.5, 0.9, 0.97, 1.0)
 """Shares of the light that saturates a pixel at which the chains are compared, too."""
@@ -190,8 +193,8 @@ class Trial:
         )
         where_curved_e = _evenly(response.light_e, MOST_LEVELS - len(OF_SATURATION))
         levels_e = np.union1d(where_curved_e, self._levels_up_to_saturation_e)
-        sample = PlanSample.of(self.whole, self.frame, levels_e, self.yields)
-        pixels = sample.frame.window.shape[0] * levels_e.size
+        sample = self._sample_at(levels_e)
+        pixels = math.prod(sample.frame.window.shape)
         work = pixels * PixelStrip(self.whole, sample.light, sample.frame).work()
         return _evenly(levels_e, max(int(levels_e.size * WORK / work), FEWEST_LEVELS))
 
@@ -212,9 +215,7 @@ class Trial:
     def _dark_electrons_e(self) -> float:
         """Mean electrons of a pixel that gets no light [e-]."""
         fixed = [stage for stage in self.whole[1:] if stage.domain == "electrons"]
-        window = SensorWindow(0, (1, 1), given=self.frame.window.given)
-        plain = replace(self.frame, window=window, _blocks={})
-        mean = propagate(fixed, Moments(np.zeros(1), 0.0, 0.0, plain)).mean
+        mean = propagate(fixed, Moments(0.0, 0.0, 0.0, replace(self.frame, _blocks={}))).mean
         return float(np.max(np.asarray(mean, np.float64)))
 
     @property
@@ -226,7 +227,18 @@ class Trial:
     @cached_property
     def sample(self) -> PlanSample:
         """The pixels that are compared."""
-        return PlanSample.of(self.whole, self.frame, self.levels_e, self.yields)
+        return self._sample_at(self.levels_e)
+
+    def _sample_at(self, levels_e: Float64Array) -> PlanSample:
+        return PlanSample.of(
+            self.whole, self.frame, levels_e, self.yields, self._extreme_places
+        )
+
+    @cached_property
+    def _extreme_places(self) -> Places:
+        """Where the stages that depend on the place do most and least."""
+        levels_e = (self.range.darkest_e, self.range.brightest_e)
+        return places_of_extremes(self.whole[1:-1], self.frame, levels_e)
 
     @cached_property
     def full(self) -> PlanChances:
@@ -287,17 +299,17 @@ class Trial:
         )
 
     def _spread_in_lines_dn2(self, stages: Chain) -> Float64Array:
-        """Spatial variance inside of a line at every level of light, (L,), by the moments of the stages."""
+        """Spatial variance inside of a line at every level of light, (L,), by the moments of the stages: of the
+        pixels where it is the least."""
         inside = [stage for stage in stages[1:-1] if stage.shared_by is None]
-        plain = replace(
-            self.frame,
-            window=SensorWindow(0, (1, 1), given=self.frame.window.given),
-            _blocks={},
+        pixels = self.sample.frame.window
+        window = replace(pixels, given=self.frame.window.given)
+        light_e = self.sample.light.light
+        m = propagate(
+            inside, Moments(light_e, 0.0, 0.0, replace(self.frame, window=window, _blocks={}))
         )
-        m = propagate(inside, Moments(self.levels_e, 0.0, 0.0, plain))
-        return np.broadcast_to(
-            converter_of(stages).gain_dn_per_v ** 2 * np.asarray(m.spatial), self.levels_e.shape
-        )
+        spatial_v2 = np.broadcast_to(np.asarray(m.spatial, np.float64), window.shape)
+        return np.asarray(converter_of(stages).gain_dn_per_v ** 2 * spatial_v2.min(axis=0))
 
     def _moved(self, rest: PlanChances) -> tuple[Float64Array, Float64Array]:
         """How far the stages move mean and σ of every pixel, of codes or swing, (P, L) each [DN]."""
@@ -318,12 +330,13 @@ class Trial:
 
     @cached_property
     def _inside(self) -> NDArray[np.bool_]:
-        """Where the converter clips nothing, (L,)."""
+        """Where the converter clips nothing of most pixels, (L,)."""
         middle, converter = slice(self.sample.middle), converter_of(self.whole)
-        mean, variance = self.full.swing[0][middle], self.full.swing[1][middle]
-        reach = 4 * np.sqrt(variance.mean(axis=0) + mean.var(axis=0)) + 0.5
-        centre = converter.black_level_dn + mean.mean(axis=0)
-        return np.asarray((centre - reach > 0) & (centre + reach < converter.highest))
+        mean_dn, variance_dn2 = (x[middle] for x in self.full.swing)
+        reach_dn = 4 * np.sqrt(variance_dn2) + 0.5
+        centre_dn = converter.black_level_dn + mean_dn
+        inside = (centre_dn - reach_dn > 0) & (centre_dn + reach_dn < converter.highest)
+        return np.asarray(inside.mean(axis=0) >= INSIDE)
 
     @property
     def _pixels(self) -> int:

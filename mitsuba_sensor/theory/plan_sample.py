@@ -13,6 +13,7 @@ from ..core import Electrons, Frame, SensorWindow
 from ..core.counter_rng import key_of
 from ..core.types import Array, Float64Array, RandomBits
 from ..stages.stage import Chain, Stage
+from .plan_places import Places
 from .sampled_pixels import SampledWindow, sampled_window
 
 MIDDLE = 512
@@ -39,7 +40,7 @@ class PlanSample(NamedTuple):
     """Pixels of a plan at some levels of light.
 
     frame : exposure, and their window, (P, L).
-    light : mean photoelectrons, (P, L).
+    light : mean photoelectrons, (P, L); a level comes once for each column of the sensor that is looked at.
     middle : number of pixels whose average is that of the frame; each of those behind is at a far end of one law.
     shares : (P,) share of the frame's pixels that each of them stands for.
     """
@@ -51,12 +52,18 @@ class PlanSample(NamedTuple):
 
     @classmethod
     def of(
-        cls, stages: Chain, frame: Frame, light_e: Float64Array, yields: tuple[float, float]
+        cls,
+        stages: Chain,
+        frame: Frame,
+        light_e: Float64Array,
+        yields: tuple[float, float],
+        extremes: Places,
     ) -> Self:
         """For these levels of light.
 
         frame : exposure, and the window whose places and measured maps count.
         yields : mean and variance of the electrons that a photon frees.
+        extremes : rows and columns that must be among the pixels.
         """
         height, width = frame.window.shape
         sources = _sources(stages, frame)
@@ -78,8 +85,13 @@ class PlanSample(NamedTuple):
             maps[name] = values[
                 np.minimum((quantiles * values.size).astype(int), values.size - 1)
             ][:, None]
-        rows = _places(height, count)
+        rows = _places(height, MIDDLE)
+        rows[_places(MIDDLE, extremes.rows.size)] = extremes.rows
+        rows = np.concatenate([rows, np.full(count - MIDDLE, height // 2)])
         columns = _places(width, light_e.size)
+        if extremes.columns.size:
+            columns = np.tile(extremes.columns, light_e.size)
+            light_e = np.repeat(light_e, extremes.columns.size)
         places = sampled_window(replace(frame.window, given={}), rows, columns, "sampled")
         window = PlanWindow(
             **{name: getattr(places, name) for name in _FIELDS}, given=maps, _bits=bits

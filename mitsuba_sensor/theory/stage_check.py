@@ -120,7 +120,8 @@ class StageCheck:
             worst[row.signal, row.quantity] = row
         for row in sorted(worst.values()):
             numbers = f"{row.expected:>12.5g}{row.sampled:>12.5g}{row.error:>10.2g}{row.standard_errors:>6.1f}"
-            lines.append(f"{row.signal:<8}{row.quantity:<19}{numbers}  {row.where}")
+            place = row.where if row.standard_errors else "nowhere"
+            lines.append(f"{row.signal:<8}{row.quantity:<19}{numbers}  {place}")
         return "\n".join(lines)
 
 
