@@ -244,3 +244,9 @@ def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(
     monkeypatch.setattr(planned_exposure, "plan_for", forbidden)
     made = ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS)
     assert len(made.notes) == 1
+
+
+def test_an_exposure_of_no_time_to_light_is_called_a_bias_frame(of_bayer: Any) -> None:
+    said = "the exposure time is 0 s, so that no light is collected: this is a bias frame"
+    assert said in ms.expose(of_bayer, BAYER, ms.Exposure(0.0)).notes
+    assert said not in ms.expose(of_bayer, BAYER, ms.Exposure(0.01)).notes

@@ -1,5 +1,6 @@
 """Checks of the arguments of public functions that both rendering and the sensor use."""
 
+import os
 from typing import TypeVar, overload
 
 import numpy as np
@@ -9,6 +10,8 @@ from .exposure import Exposure
 from .types import Float64Array
 
 Value = TypeVar("Value")
+LIGHT_FILE = "read the file first, an irradiance.exr by read_irradiance"
+PICTURE_FILE = "read the picture first, e.g. np.asarray(PIL.Image.open(path))"
 
 
 def check_types(camera: object, exposure: object, optional: bool = False) -> None:
@@ -44,12 +47,22 @@ def refuse_masked(name: str, values: object) -> None:
         )
 
 
+def refuse_path(name: str, values: object, remedy: str) -> None:
+    """Raise InputError for the name of a file in place of an array.  remedy : how the file is read."""
+    is_path = isinstance(values, os.PathLike)
+    if isinstance(values, str):
+        is_path = os.path.splitext(values)[1][1:2].isalpha()
+    if is_path:
+        raise InputError(f"{name} is the name of a file, {str(values)[:200]!r}; {remedy}.")
+
+
 def numbers(name: str, values: object, remedy: str) -> Float64Array:
     """``values`` as float64; InputError for text, booleans, complex numbers, ragged lists, masked values and None.
 
     remedy : what to pass.
     """
     refuse_masked(name, values)
+    refuse_path(name, values, f"{LIGHT_FILE}; pass {remedy}")
     try:
         array = np.asarray(values)
     except ValueError:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from .errors import require
+from .field_names import tells_of_names
 
 LONGEST_S, HOTTEST_K = (
     1e12,
@@ -10,6 +11,7 @@ LONGEST_S, HOTTEST_K = (
 )  # beyond any camera: 30 000 years, and six times the melting point of silicon
 
 
+@tells_of_names
 @dataclass(frozen=True)
 class Exposure:
     """Exposure time and sensor temperature.

@@ -21,22 +21,12 @@ from pathlib import PurePath
 from typing import Any, ForwardRef, Literal, TypeVar, Union, cast, get_args, get_origin
 
 from .errors import InputError, nearest, require
+from .field_names import IN_EXPOSURE
 
 Options = TypeVar("Options")
 Function = TypeVar("Function", bound=Callable[..., object])
 NAMES = {bool: "True or False", str: "a text"}
 KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
-IN_EXPOSURE = {
-    "exposure_s": "time_s",
-    "exposure_time": "time_s",
-    "exposure_time_s": "time_s",
-    "integration_time": "time_s",
-    "time_s": "time_s",
-    "temperature_k": "temperature_k",
-    "temperature": "temperature_k",
-}
-"""What is part of an exposure: as users and the command line call it, and its fields."""
-
 CALLED_OTHERWISE = {
     "iso": "gain",
     "samples": "spp",

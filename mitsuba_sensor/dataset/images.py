@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, refuse_masked
+from ..core.checks import PICTURE_FILE, refuse_path
 from ..core.types import Float32Array
 from ..optics.spectra import inverse_srgb_curve
 
@@ -21,7 +22,12 @@ MOST_SRGB = 2.0
 
 
 def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Array:
-    """Proportional to light, times a factor."""
+    """Proportional to light, times a factor. Raises InputError for values that are not of this kind."""
+    if kind == "linear" and values.dtype.kind in "iu":
+        raise InputError(
+            f"image is {values.dtype}, as a picture has it, and values 'linear', of which 1 is white; pass "
+            'values="srgb" for a picture, or floats whose white is 1.'
+        )
     if kind != "srgb":
         return np.asarray(
             np.multiply(values, factor, dtype=np.float32, casting="unsafe"), np.float32
@@ -48,6 +54,7 @@ def as_array(image: Image) -> NDArray[Any]:
             image.float() if image.is_floating_point() else image
         ).numpy()  # NumPy has no bfloat16
     refuse_masked("image", image)
+    refuse_path("image", image, PICTURE_FILE)
     array = np.asarray(image)
     if array.dtype.kind not in "iuf":
         raise InputError(f"image is {array.dtype}; pass integers or floats.")

@@ -204,6 +204,10 @@ class SensorNoise:
     def _is_colour(self, given: NDArray[Any]) -> bool:
         """Whether the last dimension is red, green and blue."""
         colour = given.ndim == 4 or (given.ndim == 3 and given.shape[2] == 3)
+        if given.ndim in (3, 4) and given.shape[-1] == 4 and given.shape[-2] > 4:
+            raise InputError(
+                f"image has shape {given.shape}, with transparency; pass image[..., :3]."
+            )
         layers = given.ndim == 3 and given.shape[1] > given.shape[2] in (
             1,
             2,

@@ -40,6 +40,11 @@ def d65(wavelengths_nm: ArrayLike) -> Float64Array:
     return standard_illuminant(DAYLIGHT, wavelengths_nm)
 
 
+def daylight_nm() -> Float64Array:
+    """Wavelengths between which D65 is linear."""
+    return _table("illuminants")[0]
+
+
 def standard_illuminant(name: str, wavelengths_nm: ArrayLike) -> Float64Array:
     """A CIE illuminant by its name ("D65", "A"), relative (100 at 560 nm), 0 outside its table."""
     table_nm, power = _table("illuminants")

@@ -32,9 +32,16 @@ def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, 
         *size_note(first.window.shape, first.window.origin, camera),
         *_outside_note(light.photons, camera),
         *clipped_note(light, camera, first),
+        *_bias_note(light.photons, first),
         *temperature_note(first.exposure.temperature_k),
         *(() if source is None else source.notes_for(camera)),
     )
+
+
+def _bias_note(photons: Photons, first: Frame) -> Iterator[str]:
+    """Where the light of a scene is collected for no time."""
+    if photons.source is not None and first.exposure.time_s == 0:
+        yield "the exposure time is 0 s, so that no light is collected: this is a bias frame"
 
 
 def _outside_note(photons: Photons, camera: Camera) -> Iterator[str]:

@@ -26,6 +26,7 @@ from ..core import (
 )
 from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
+from ..core.field_names import tells_of_names
 from ..stages.effects.dark_current import mean_dark_e
 from .detection import Detected, detect
 from .options import PERCENTILE, SHARE
@@ -40,6 +41,7 @@ PIXELS_AT_ONCE = 2**18
 DIGITS = 3  # of the time, so that it can be typed
 
 
+@tells_of_names
 @dataclass(frozen=True)
 class Metering:
     """An exposure whose time follows from the light.

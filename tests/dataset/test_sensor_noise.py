@@ -170,8 +170,8 @@ def test_a_tensor_comes_back_as_a_tensor() -> None:
 @pytest.mark.parametrize("kind", [np.uint8, np.int64, np.float16])
 def test_numbers_of_a_tensor_are_not_those_of_its_own_few_bits(kind: type) -> None:
     """Codes of 12 bits do not fit into 8, nor above 2048 into a float of 16."""
-    image = (GREY / 20).astype(kind)
-    noise = ms.SensorNoise(MONO, white_e=50.0)
+    image = (GREY * 2.5).astype(kind)
+    noise = ms.SensorNoise(MONO, values="electrons")
     found, expected = noise(Tensor(image)), noise(image)
     np.testing.assert_array_equal(found.image.array, expected.image)
     np.testing.assert_array_equal(
@@ -240,7 +240,10 @@ def test_an_image_may_be_larger_than_the_sensor() -> None:
             "1e+38; mean light is finite and at least 0, in float32",
         ),
         ({"white_e": 9.0}, GREY[..., None], "image has shape (20, 31, 1)"),
-        ({"white_e": 9.0}, np.ones((8, 9, 4)), "image has shape (8, 9, 4)"),
+        ({"white_e": 9.0}, np.ones((8, 9, 4)), "with transparency; pass image[..., :3]"),
+        ({"white_e": 9.0}, np.ones((2, 8, 9, 4)), "with transparency; pass image[..., :3]"),
+        ({"white_e": 9.0}, "a.png", "is the name of a file, 'a.png'; read the picture"),
+        ({"white_e": 9.0}, GREY.astype(np.uint8), 'of which 1 is white; pass values="srgb"'),
         ({"white_e": 9.0, "gain": []}, GREY, "gain is []; pass one setting or several"),
         ({"white_e": 9.0, "serial": 1.5}, GREY, "serial is 1.5; it must be a whole number"),
     ],

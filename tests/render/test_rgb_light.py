@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.render.light import foreign_light
 
 BAYER = ms.load_camera("bayer_2mp")
 PICTURE = np.random.default_rng(20261126).integers(0, 256, (6, 8, 3), np.uint8)
@@ -70,10 +71,45 @@ def test_black_is_dark_and_a_capture_takes_the_light() -> None:
     np.testing.assert_array_equal(captured.frames.digital, exposed.digital)
 
 
+@pytest.mark.parametrize("name", ["bayer_2mp", "rgbir_2mp"])
+def test_the_camera_that_a_picture_is_for_has_the_electrons_of_its_whole_spectrum(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against bands of 0.5 nm, in which no spectrum changes. Flat bands of 10 nm would be off by up to 1 %."""
+    camera, exposure = ms.load_camera(name).without("shot_noise"), ms.Exposure(1e-5)
+    picture = np.random.default_rng(7).integers(0, 2, (8, 8, 3)).astype(float)
+    known = ms.collect(ms.light_from_rgb(picture, camera), camera, exposure)
+    monkeypatch.setattr(foreign_light, "BANDWIDTH_NM", 0.5)
+    fine = ms.collect(ms.light_from_rgb(picture, camera), camera, exposure)
+    own = camera.filter_index((8, 8))
+    electrons, wanted = (
+        (x.mean * camera.qe(x.wavelengths_nm, x.bandwidths_nm)[own]).sum(axis=-1)
+        for x in (known, fine)
+    )
+    assert known.in_band is not None
+    np.testing.assert_allclose(electrons * known.in_band, wanted, rtol=1e-4)
+
+
+def test_of_the_camera_that_a_picture_is_for_no_note_says_that_it_is_another() -> None:
+    light = ms.light_from_rgb(PICTURE, BAYER, unit="srgb", white_cd_per_m2=200)
+    said = " ".join(ms.expose(light, BAYER, ms.Exposure(0.001)).notes)
+    assert "not rendered" not in said and "in bands of" not in said
+    other = ms.expose(light, ms.load_camera("rgbir_2mp"), ms.Exposure(0.001))
+    assert "give narrower bands" in " ".join(other.notes)
+
+
+def test_a_picture_for_a_camera_that_sees_infrared_says_that_it_has_none() -> None:
+    light = ms.light_from_rgb(PICTURE, "sony_imx174", unit="srgb", white_cd_per_m2=200)
+    frames = ms.expose(light, "sony_imx174", ms.Exposure(0.001))
+    assert any("this light has nothing beyond" in note for note in frames.notes)
+
+
 @pytest.mark.parametrize(
     ("rgb", "options", "sentence"),
     [
         (np.moveaxis(PICTURE, -1, 0), {"unit": "srgb"}, "colour planes first; give"),
+        ("picture.png", {}, r"is the name of a file, 'picture.png'; .*PIL\.Image\.open"),
+        (np.ones((6, 8, 4)), {}, r"with transparency; pass rgb\[\.\.\., :3\]"),
         (PICTURE[..., 0], {}, r"shape \(6, 8\); pass \(H, W, 3\)"),
         (PICTURE, {}, 'pass unit="srgb" and white_cd_per_m2'),
         (PICTURE, {"unit": "srgb"}, "say how bright its white is"),

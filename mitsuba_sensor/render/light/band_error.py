@@ -70,9 +70,11 @@ def band_error(light: Irradiance, camera: Camera) -> BandError:
 
 
 def notes_of_bands(light: Irradiance, camera: Camera, error: BandError) -> Iterator[str]:
-    """What light that was rendered for another camera lacks for this one."""
-    if not is_exact(light, camera):
+    """What light that was rendered for another camera, or by another program, lacks for this one."""
+    exact = is_exact(light, camera)
+    if not exact:
         yield from band_note(light, error)
+    if not exact or light.rendered_for is None:
         yield from unseen_note(light, camera)
 
 
@@ -85,11 +87,18 @@ def band_note(light: Irradiance, error: BandError) -> Iterator[str]:
         width_nm * (TOLERATED / error.error_estimate) ** 0.5
     )  # the error goes with the square of the width
     enough = next((nm for nm in WIDTHS_NM if nm <= narrow), None)
-    remedy = "" if enough is None else f", or with --bandwidth-nm {enough:g}"
+    why, remedy = "this light was not rendered for this camera", "render it for this camera"
+    narrower = f", or with --bandwidth-nm {enough:g}"
+    if light.rendered_for is None:
+        why, remedy = (
+            "the spectrum within the bands of this light is not known",
+            "give narrower bands",
+        )
+        narrower = f", e.g. of {enough:g} nm"
     said = (
-        f"this light was not rendered for this camera: in bands of {width_nm:g} nm the {error.worst_filter} electrons "
-        f"are off by about {error.error_estimate:.1%}, by at most {error.largest_error:.0%}; render it for this "
-        f"camera{remedy}"
+        f"{why}: in bands of {width_nm:g} nm the {error.worst_filter} electrons are off by about "
+        f"{error.error_estimate:.1%}, by at most {error.largest_error:.0%}; "
+        f"{remedy}{narrower if enough is not None else ''}"
     )
     yield Doubt(said) if error.error_estimate > DOUBTFUL else said
 
@@ -115,10 +124,12 @@ def unseen_note(light: Irradiance, camera: Camera) -> Iterator[str]:
     ):  # one band is as it was asked for
         return
     name, share = camera.filter_names[int(np.argmax(unseen))], float(unseen.max())
-    said = (
-        f"nothing was rendered beyond {low.min():g} to {high.max():g} nm, where the {name} pixels of this camera "
-        f"detect {share:.1%} of a flat spectrum; render it for this camera"
-    )
+    beyond = f"beyond {low.min():g} to {high.max():g} nm"
+    detects = f"where the {name} pixels of this camera detect {share:.1%} of a flat spectrum"
+    if light.rendered_for is None:
+        said = f"this light has nothing {beyond}, {detects}"
+    else:
+        said = f"nothing was rendered {beyond}, {detects}; render it for this camera"
     yield Doubt(said) if share > DOUBTFUL else said
 
 

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...camera.camera import Camera
+from ...camera.fingerprint import pixel_fingerprint
 from ...core import Float64Array, InputError, require
+from ...core.band_average import NODES, Curves, band_integrals
 from ...optics import spectra
 from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
@@ -24,38 +26,94 @@ from ..passes.passes import clean
 from ..passes.statistics import RenderStatistics
 from ..variants import any_spectral_variant, mitsuba, restores_variant, use
 from .bands import BANDWIDTH_NM
+from .film_channels import in_band_factor
 from .irradiance import Irradiance
 
 D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION
 
 
 class Bands(NamedTuple):
-    """values : (H, W, B) per nm.  wavelengths_nm, bandwidths_nm : (B,) centres and widths."""
+    """values : (H, W, B) per nm.  wavelengths_nm, bandwidths_nm : (B,) centres and widths.
+
+    in_band, response : as :class:`Irradiance` has them, where the spectrum within each band is known.
+    """
 
     values: NDArray[np.float32]
     wavelengths_nm: Float64Array
     bandwidths_nm: Float64Array
+    in_band: NDArray[np.float32] | None = None
+    response: str | None = None
 
 
 def upsampled(rgb: NDArray[np.floating[Any]], camera: Camera) -> Bands:
-    """Spectral radiance [W m⁻² sr⁻¹ nm⁻¹] of linear sRGB (H, W, 3), in bands of 10 nm that the camera detects."""
+    """Spectral radiance [W m⁻² sr⁻¹ nm⁻¹] of linear sRGB (H, W, 3), in bands of 10 nm that the camera detects.
+
+    The spectrum is known at all wavelengths, and so are the photoelectrons of this camera behind its lens: ``in_band``.
+    """
     low_nm, high_nm = (float(np.clip(end, *MITSUBA_NM)) for end in camera.band_nm)
     count = max(math.ceil((high_nm - low_nm) / BANDWIDTH_NM), 1)
     edges_nm = np.linspace(low_nm, high_nm, count + 1)
     centres_nm, widths_nm = 0.5 * (edges_nm[1:] + edges_nm[:-1]), np.diff(edges_nm)
     largest = 2 * rgb.max(axis=-1, keepdims=True)
     colours = np.divide(rgb, largest, out=np.zeros(rgb.shape, np.float32), where=largest > 0)
-    a, b, c = np.moveaxis(_coefficients(colours.astype(np.float32)), -1, 0)
-    daylight, values = (
-        spectra.d65(centres_nm) / D65_OF_WHITE,
-        np.empty((*rgb.shape[:2], count), np.float32),
-    )
-    for band, nm in enumerate(centres_nm):
-        slope = (a * nm + b) * nm + c
-        with np.errstate(invalid="ignore"):
-            share = np.where(np.isinf(slope), np.sign(slope), slope / np.sqrt(1 + slope**2))
-        values[..., band] = largest[..., 0] * daylight[band] * (0.5 + 0.5 * share)
-    return Bands(values, centres_nm, widths_nm)
+    coefficients = np.moveaxis(_coefficients(colours.astype(np.float32)), -1, 0)
+    brightness, shape = largest[..., 0], rgb.shape[:2]
+    weights, flat_weights = _electrons_per_radiance(camera, centres_nm, widths_nm)
+    own = camera.filter_index((shape[0], shape[1]))
+    values = np.empty((*shape, count), np.float32)
+    electrons, flat = np.zeros(shape), np.zeros(shape)
+    daylight = spectra.d65(centres_nm) / D65_OF_WHITE
+    for band, centre_nm in enumerate(centres_nm):
+        for node, place in enumerate(NODES - 0.5):
+            smooth = brightness * _smooth(coefficients, centre_nm + place * widths_nm[band])
+            electrons += weights[band, node][own] * smooth
+            if place == 0:
+                values[..., band] = daylight[band] * smooth
+        flat += flat_weights[:, band][own] * values[..., band]
+    in_band = in_band_factor(electrons, flat)
+    return Bands(values, centres_nm, widths_nm, in_band, pixel_fingerprint(camera))
+
+
+def _smooth(coefficients: Float64Array, nm: float) -> Float64Array:
+    """The spectrum of Jakob & Hanika 2019 at a wavelength, (H, W), from 0 to 1.  coefficients : (3, H, W)."""
+    a, b, c = coefficients
+    slope = (a * nm + b) * nm + c
+    with np.errstate(invalid="ignore"):
+        share = np.where(np.isinf(slope), np.sign(slope), slope / np.sqrt(1 + slope**2))
+    return np.asarray(0.5 + 0.5 * share)
+
+
+def _detected_of_node(camera: Camera, node: int, centre_nm: float, width_nm: float) -> Curves:
+    """T·QE·λ·D65·ℓ of (N,) wavelengths, (F, N), ℓ the parabola of one of Gauss's nodes in this band."""
+    places = NODES - 0.5
+    others = np.delete(places, node)
+
+    def detected(nm: Float64Array) -> Float64Array:
+        x = (nm - centre_nm) / width_nm
+        parabola = np.prod((x[:, None] - others) / (places[node] - others), axis=1)
+        light = transmittance(camera, nm) * spectra.d65(nm) / D65_OF_WHITE
+        return np.asarray(camera.qe(nm) * nm * light * parabola)
+
+    return detected
+
+
+def _electrons_per_radiance(
+    camera: Camera, centres_nm: Float64Array, widths_nm: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """∫ T·QE·λ·D65·ℓ dλ over each band for the parabolas ℓ that are 1 at one of Gauss's nodes and 0 at the others,
+    (B, 3, F), and T(λ_c)·∫ QE·λ dλ, (F, B): in the same unit, the photoelectrons of a flat spectrum."""
+    section, lens_nm = camera.quantum_efficiency, camera.lens.transmission_wavelengths_nm
+    points_nm = np.unique([*section.wavelengths_nm, *(lens_nm or ()), *spectra.daylight_nm()])
+    low_nm, high_nm = centres_nm - widths_nm / 2, centres_nm + widths_nm / 2
+    weights = np.empty((centres_nm.size, NODES.size, len(camera.filter_names)))
+    for band, node in np.ndindex(weights.shape[:2]):
+        detected = _detected_of_node(
+            camera, node, float(centres_nm[band]), float(widths_nm[band])
+        )
+        limits_nm = low_nm[[band]], high_nm[[band]]
+        weights[band, node] = band_integrals(detected, points_nm, *limits_nm)[:, 0]
+    detected_nm = band_integrals(lambda nm: camera.qe(nm) * nm, points_nm, low_nm, high_nm)
+    return weights, transmittance(camera, centres_nm) * detected_nm
 
 
 @restores_variant
@@ -126,4 +184,12 @@ def irradiance_of(bands: Bands, notes: tuple[str, ...], sha256: str) -> Irradian
         aperture_f_number=None,
     )
     errors = np.zeros_like(data), np.zeros(data.shape[:2], np.float32)
-    return Irradiance(data, bands.wavelengths_nm, bands.bandwidths_nm, *errors, statistics)
+    return Irradiance(
+        data,
+        bands.wavelengths_nm,
+        bands.bandwidths_nm,
+        *errors,
+        statistics,
+        in_band=bands.in_band,
+        response=bands.response,
+    )

@@ -18,7 +18,7 @@ from ...core import (
     nearest,
     require,
 )
-from ...core.checks import refuse_masked
+from ...core.checks import PICTURE_FILE, refuse_masked, refuse_path
 from ...optics import spectra
 from .foreign_light import D65_OF_WHITE, behind_lens, irradiance_of, upsampled
 from .irradiance import Irradiance
@@ -63,6 +63,7 @@ def light_from_rgb(
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
     refuse_masked("rgb", rgb)
+    refuse_path("rgb", rgb, PICTURE_FILE)
     values = np.asarray(rgb)
     _check_shape(values)
     linear = _linear(values, unit, white_cd_per_m2)
@@ -93,6 +94,8 @@ def _check_shape(values: NumpyArray) -> None:
     shape = values.shape
     if len(shape) == 3 and shape[0] == 3 and shape[2] != 3:
         raise InputError(f"rgb has shape {shape}, colour planes first; {SURE}.")
+    if len(shape) == 3 and shape[2] == 4:
+        raise InputError(f"rgb has shape {shape}, with transparency; pass rgb[..., :3].")
     if len(shape) != 3 or shape[2] != 3 or 0 in shape:
         raise InputError(f"rgb has shape {shape}; pass (H, W, 3): red, green and blue.")
     if values.dtype.kind not in "iuf":
