@@ -114,10 +114,11 @@ def capture(
 
     ::
 
-        captured = ms.capture("scenes/cornell_box.xml", "bayer_2mp", ms.Exposure(0.1), width=64)
+        captured = ms.capture("cornell_box", "bayer_2mp", ms.Exposure(0.1), width=64)
         captured.save("out/")
 
-    source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
+    source : a scene (a file, or a name from ``mitsuba-sensor scenes list``), or light that is there already: an
+        irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
         rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered.
     progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a

@@ -54,7 +54,7 @@ def render_frames(
 
     ::
 
-        for rendered in ms.render_frames("scenes/cornell_box.xml", camera, exposure, frames=8, width=64):
+        for rendered in ms.render_frames("cornell_box", camera, exposure, frames=8, width=64):
             print(rendered.frames.digital.mean())
 
     render_noise : "compensated" counts the render's noise as part of the shot noise, so that 16 times fewer samples are

@@ -55,6 +55,7 @@ COMMANDS = {
     ),
     "plan": Listed("commands", PICTURES, "Which noise sources matter here, and which do not."),
     "cameras": Listed("catalogue", THINGS, "Cameras by name, and camera files of your own."),
+    "scenes": Listed("scenes", THINGS, "Scenes by name, and copies of them to change."),
     "fpn-maps": Listed("commands", THINGS, "Write the fixed-pattern noise maps of one camera."),
     "lint": Listed("commands", THINGS, "Say what in a scene is black or wrong for a camera."),
     "dataset": Listed("datasets", THINGS, "Raw frames by the thousand, from one TOML file."),
@@ -140,7 +141,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="From a 3D scene to the raw frames of a camera, with the noise of every physical source.\n\n"
-    "Start here: [bold]mitsuba-sensor render scenes/first_frame.xml -o out/[/]",
+    "Start here: [bold]mitsuba-sensor render first_frame -o out/[/]",
 )
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .completion import camera_names, shell_files
+from .completion import camera_names, scene_names, scenes_and_files, shell_files
 
 OUTPUT = "Output"
 
@@ -15,8 +15,8 @@ Scene = Annotated[
     str,
     typer.Argument(
         metavar="SCENE",
-        help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's.",
-        autocompletion=shell_files,
+        help="A Mitsuba 3 scene file (.xml), or a name from `scenes list`; its film becomes the sensor's.",
+        autocompletion=scenes_and_files,
     ),
 ]
 IrradianceFile = Annotated[
@@ -31,8 +31,8 @@ SceneOrIrradiance = Annotated[
     str,
     typer.Argument(
         metavar="SCENE_OR_EXR",
-        help="A scene file, which is rendered first, or an irradiance.exr.",
-        autocompletion=shell_files,
+        help="A scene (a file, or a name from `scenes list`), which is rendered first, or an irradiance.exr.",
+        autocompletion=scenes_and_files,
     ),
 ]
 Out = Annotated[
@@ -61,6 +61,24 @@ ImportedFiles = Annotated[
         "(.yml, .xml), ROS (.yaml) or nerfstudio (transforms.json).",
         autocompletion=shell_files,
     ),
+]
+SceneName = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME", help="A name from `scenes list`.", autocompletion=scene_names
+    ),
+]
+CopyFolder = Annotated[
+    str,
+    typer.Argument(
+        metavar="DIR",
+        help="Folder for the copy; made if need be.",
+        autocompletion=shell_files,
+    ),
+]
+Force = Annotated[
+    bool,
+    typer.Option("--force", help="Write over files that are there.", rich_help_panel=OUTPUT),
 ]
 CameraFile = Annotated[
     str,

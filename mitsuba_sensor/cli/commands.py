@@ -32,7 +32,7 @@ FIRST_OF_PLAN = ("as_json", *FIRST_OF_CAMERA, "width", "spp", "tolerance_dn")
 
 @app.command(
     cls=Command,
-    epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14",
+    epilog="Example: mitsuba-sensor render cornell_box -o out/ --exposure-s 0.01 --set adc.bits=14",
 )
 @options.flags(options.CameraFlags, CaptureOptions, first=FIRST_OF_RENDER)
 def render(
@@ -255,7 +255,7 @@ def doctor(as_json: arguments.Json = False) -> None:
 
 @app.command(
     cls=Command,
-    epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp",
+    epilog="Example: mitsuba-sensor lint cornell_box --camera rgbir_2mp",
 )
 @options.flags(
     options.CameraFlags,

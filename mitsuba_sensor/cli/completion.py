@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 
 Proposals = Callable[[str], list[str]]
@@ -18,6 +19,22 @@ def camera_names(incomplete: str) -> list[str]:
     from ..camera.shipped import list_cameras
 
     return one_of(list_cameras())(incomplete)
+
+
+def scene_names(incomplete: str) -> list[str]:
+    """Scenes that ship with the package."""
+    from ..files.shipped_scenes import list_scenes
+
+    return one_of(list_scenes())(incomplete)
+
+
+def scenes_and_files(incomplete: str) -> list[str]:
+    """Scenes that ship with the package, and what begins in the same way in the current folder.
+
+    Nothing where only files begin so: the shell itself knows best how to go on in a folder.
+    """
+    names = scene_names(incomplete)
+    return names + one_of(sorted(os.listdir()))(incomplete) if names else []
 
 
 def camera_fields(incomplete: str) -> list[str]:

@@ -40,7 +40,7 @@ app.add_typer(study, name="study")
 @study.command(
     "work-precision",
     cls=Command,
-    epilog="Example: mitsuba-sensor study work-precision scenes/step_wedge.xml --side sensor",
+    epilog="Example: mitsuba-sensor study work-precision step_wedge --side sensor",
 )
 @options.flags(
     options.CameraFlags,
@@ -75,7 +75,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
 @study.command(
     "ablation",
     cls=Command,
-    epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001",
+    epilog="Example: mitsuba-sensor study ablation still_life --exposure-s 0.001",
 )
 @options.flags(
     options.CameraFlags,

@@ -131,7 +131,9 @@ class SceneEntry(FileTable):
 
     name: Name = Field(description="how the scene is called", examples=["cornell"])
     file: str = Field(
-        description="a Mitsuba 3 scene file", examples=["scenes/cornell_box.xml"], min_length=1
+        description="a Mitsuba 3 scene file, or a name from `scenes list`",
+        examples=["cornell_box"],
+        min_length=1,
     )
     parameters: dict[str, Plain] = Field(
         {}, description="values of its <default> names", examples=[{"width": 128}]
@@ -295,7 +297,7 @@ class DatasetFile(FileTable):
     )
     scenes: Annotated[tuple[SceneEntry, ...], Field(min_length=1)] = Field(
         description="tables with name and file",
-        examples=[[{"name": "cornell", "file": "scenes/cornell_box.xml"}]],
+        examples=[[{"name": "cornell", "file": "cornell_box"}]],
     )
     cameras: Annotated[tuple[CameraEntry, ...], Field(min_length=1)] = Field(
         description="tables with camera", examples=[[{"camera": "bayer_2mp"}]]

@@ -12,6 +12,14 @@ from ..core import InputError
 from ..core.options import used
 from ..files.appearing import refuse_empty
 from ..files.scene_references import scene_digest
+from ..files.shipped_scenes import (
+    MOTION,
+    NAME,
+    SCENE,
+    names_of_scenes,
+    scenes_folder,
+    shipped_file,
+)
 from ..files.texts import text_of_file
 from ..render.motion.motion import Motion, read_motion
 from ..render.options import RenderOptions
@@ -216,7 +224,7 @@ class DatasetPlan:
         )  # metered for this camera
         return {
             "format": FORMAT,
-            "scene": scene_digest(self._place(entry), parameters, self.roots),
+            "scene": scene_digest(self._place(entry), parameters, self._roots_of(entry)),
             "parameters": parameters,
             "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
             "look_at": None if one.pose is None else one.pose.model_dump(),
@@ -239,14 +247,30 @@ class DatasetPlan:
         return entry.motion is not None or "noise_ratio" in self.file.render
 
     def _place(self, entry: SceneEntry) -> Path:
-        return find_below(entry.file, self.roots, f"the file of scene {entry.name}")
+        try:
+            return self._find(entry.file, SCENE, f"the file of scene {entry.name}")
+        except InputError as error:
+            if not NAME.fullmatch(entry.file):
+                raise
+            also = f"or give {names_of_scenes(entry.file)}"
+            raise InputError(f"{str(error).removesuffix('.')}; {also}") from None
 
     def _motion(self, entry: SceneEntry) -> Motion:
         if isinstance(entry.motion, str):
             return read_motion(
-                find_below(entry.motion, self.roots, f"the motion of scene {entry.name}")
+                self._find(entry.motion, MOTION, f"the motion of scene {entry.name}")
             )
         return read_motion(entry.motion)
+
+    def _roots_of(self, entry: SceneEntry) -> Sequence[Path]:
+        """The folders below which a scene may read files."""
+        if shipped_file(entry.file, SCENE, self.roots):
+            return [scenes_folder(), *self.roots]
+        return self.roots
+
+    def _find(self, name: str, end: str, what: str) -> Path:
+        """A file below the roots, else one that ships with the package."""
+        return shipped_file(name, end, self.roots) or find_below(name, self.roots, what)
 
 
 def of_lens(field: str, cube: bool) -> bool:

@@ -9,6 +9,7 @@ from xml.parsers import expat
 
 from ..core import InputError
 from ..core.small_files import require_small
+from .shipped_scenes import names_of_scenes
 
 MOST_BYTES = 2**27  # of a scene file
 DEEPEST = 24  # elements inside of one another: each `twosided` in another doubles the memory
@@ -49,7 +50,7 @@ def require_scene_file(name: str) -> None:
     path = Path(name)
     if not path.is_file():
         raise InputError(
-            f"scene {name!r} is not a file; give the path of a Mitsuba 3 scene in XML."
+            f"scene {name!r} is not a file; give the path of a Mitsuba 3 scene in XML, or {names_of_scenes(name)}"
         )
     try:
         str(path.absolute()).encode()

@@ -49,7 +49,7 @@ class Metering:
     ::
 
         median = ms.Metering(percentile=50.0, share=0.3)
-        captured = ms.capture("scenes/cornell_box.xml", camera, median, width=64)
+        captured = ms.capture("cornell_box", camera, median, width=64)
 
     temperature_k : of the sensor [K].  percentile : of the lit pixels that is to reach ``share`` of saturation, light
         and dark current together.  Raises InputError for numbers out of range.

@@ -395,7 +395,7 @@ def test_the_schema_knows_every_table_of_a_camera_file(cli: Callable[..., Any]) 
 def test_help_shows_an_example_for_every_command_that_needs_one(
     cli: Callable[..., Any],
 ) -> None:
-    assert "mitsuba-sensor render scenes/first_frame.xml -o out/" in cli("--help").stdout
+    assert "mitsuba-sensor render first_frame -o out/" in cli("--help").stdout
     for command in ("render", "expose", "plan"):
         assert f"Example: mitsuba-sensor {command}" in cli(command, "--help").stdout
 

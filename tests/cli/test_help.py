@@ -63,8 +63,8 @@ def test_h_is_help_and_every_flag_stands_in_a_panel(path: tuple[str, ...]) -> No
 
 
 def test_commands_stand_in_the_order_of_use() -> None:
-    names = ["render", "expose", "plan", "cameras", "fpn-maps", "lint", "dataset"]
-    names += ["characterize", "fit", "study", "doctor"]
+    names = ["render", "expose", "plan", "cameras", "scenes", "fpn-maps", "lint"]
+    names += ["dataset", "characterize", "fit", "study", "doctor"]
     assert re.findall(r"^│ ([a-z][a-z-]+) ", said("--help"), flags=re.M) == names
     assert {path[0] for path in COMMANDS if path} == set(names)
 
@@ -169,6 +169,8 @@ CASES = {
     "mitsuba-sensor render scene.xml --spectral c": ["cube", "channels"],
     "mitsuba-sensor expose light.exr --set adc.b": ["adc.bits=", "adc.black_level_dn="],
     "mitsuba-sensor render scene.xml --variant ll": ["llvm_ad_spectral"],
+    "mitsuba-sensor render fir": ["first_frame"],
+    "mitsuba-sensor scenes copy still": ["still_life"],
     "mitsuba-sensor render sce": [],  # the shell's own files
     "mitsuba-sensor render scene.xml -o ou": [],
     "mitsuba-sensor render scene.xml --fpn-maps ca": [],

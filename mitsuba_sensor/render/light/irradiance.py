@@ -78,7 +78,7 @@ class Irradiance:
 
     ::
 
-        light = ms.render("scenes/cornell_box.xml", camera, exposure, width=64)
+        light = ms.render("cornell_box", camera, exposure, width=64)
         print(light.data.shape, light.wavelengths_nm, light.notes)
 
     data : (H, W, B) mean over pixel and band [W m⁻² nm⁻¹]; float32, as in a file.

@@ -42,6 +42,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from ...camera.datasheet_errors import sentence
 from ...core import Float64Array, InputError
 from ...core.small_files import require_small, toml_tables
+from ...files.shipped_scenes import MOTION, shipped_file
 from ...stages.datasheet import FileTable
 
 LARGEST = 1e30  # the square of it is a number
@@ -262,9 +263,10 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
                 f"motion is {source!r}; pass a TOML file, a mapping of its fields, or a Motion."
             )
         where = f"motion file {os.fspath(source)!r}"
+        file = Path(shipped_file(source, MOTION) or source)
         try:
-            require_small(Path(source), "motion file")
-            data = toml_tables(Path(source).read_text(encoding="utf-8"))
+            require_small(file, "motion file")
+            data = toml_tables(file.read_text(encoding="utf-8"))
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"{where} is not valid TOML: {error}.") from None
         except (OSError, UnicodeDecodeError) as error:

@@ -68,7 +68,7 @@ def render(
 
     ::
 
-        light = ms.render("scenes/cornell_box.xml", "konnik_table1", ms.Exposure(0.1), width=64)
+        light = ms.render("cornell_box", "konnik_table1", ms.Exposure(0.1), width=64)
         frames = ms.expose(light, frames=16)
 
     camera, exposure, seed : what is not given is read from the scene's <film type="photosensor">, and so are the

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from ...core import InputError, nearest
 from ...files.scene_xml import require_scene_file, require_shallow
+from ...files.shipped_scenes import SCENE, shipped_file
 from ..variants import MitsubaObject, mitsuba, own_folder_first, parser_config
 from . import old_formats, old_text
 from .plugin_names import refuse_foreign_plugins
@@ -61,7 +62,7 @@ def parse_scene(
     integrator: str | None = None,
     ignore_polarization: bool = False,
 ) -> SceneFile:
-    """Parse a scene file, or its text. Raises InputError.
+    """Parse a scene file, one that ships with the package by its name, or the text of one. Raises InputError.
 
     No variant need be set, except to read colours and transforms.
     integrator, ignore_polarization : see :class:`render.options.SceneOptions`.
@@ -97,8 +98,9 @@ def read_scene_text(path: str | os.PathLike[str]) -> SceneText:
     if is_text(path):
         source = SceneText(Path(NAME_OF_TEXT), str(path), is_file=False)
     else:
-        require_scene_file(os.fspath(path))
-        file = Path(path)
+        place = shipped_file(path, SCENE) or path
+        require_scene_file(os.fspath(place))
+        file = Path(place)
         text = file.read_text(encoding="utf-8", errors="replace")
         source = SceneText(file, text, is_file=True)
     require_shallow(source.text, source.file)

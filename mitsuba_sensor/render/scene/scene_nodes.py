@@ -131,11 +131,11 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
         _check_dict(tree, options)
         digest = json.dumps(list(_described(tree)))
     else:
-        kinds = "a path, XML text, a dict as for mi.load_dict, or a mi.Scene"
+        kinds = "a path, a name from `mitsuba-sensor scenes list`, XML text, a dict as for mi.load_dict, or a mi.Scene"
         given = " ".join(repr(scene).split())
         if shape := getattr(scene, "shape", None):
             given = f"an array of shape {tuple(shape)}, of which light_from_rgb or collect makes light"
-        raise InputError(f"scene is {given}; pass {kinds}, e.g. 'scenes/cornell_box.xml'.")
+        raise InputError(f"scene is {given}; pass {kinds}, e.g. 'cornell_box'.")
     config = parser_config()
     resolver = type(mi.file_resolver())(mi.file_resolver())
     tree, fields = _fields_apart(tree)

@@ -1,0 +1,41 @@
+"""Copies of the scenes that ship with the package, to be changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..core import InputError
+from .appearing import refuse_empty, require_folder
+from .disk_errors import disk_sentences
+from .scene_references import scene_references
+from .shipped_scenes import MOTION, scene_file
+from .texts import write_page
+
+
+def copy_scene(name: str, folder: str | Path, force: bool = False) -> list[Path]:
+    """Copy a scene, the files that it reads, and the motion of the same name; the copies, the scene first.
+
+    force : write over files that are there and differ.  Raises InputError.
+    """
+    refuse_empty(folder, "the folder", "give the name of a folder, e.g. my_scene")
+    require_folder(folder)
+    scene = scene_file(name)
+    motion = scene.with_suffix(MOTION)
+    read = [file for file in scene_references(scene, {}) if file != scene]
+    files = [scene, *read, *([motion] if motion.is_file() else [])]
+    texts = {
+        Path(folder, file.relative_to(scene.parent)): file.read_text("utf-8") for file in files
+    }
+    for copy, text in texts.items():
+        if copy.is_dir() or (
+            copy.exists() and not force and copy.read_bytes() != text.encode()
+        ):
+            raise InputError(
+                f"{copy} exists already and is not the same; --force writes over it, or give another folder."
+            )
+    with disk_sentences(Path(folder)):
+        for copy in texts:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+    for copy, text in reversed(texts.items()):
+        write_page(copy, text)
+    return list(texts)
