@@ -43,6 +43,7 @@ from .render.variants import restores_variant
 from .sensor.expose import PreparedExposure
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
+from .theory.pixel_moments import check_clean_is_known
 from .theory.planned_exposure import prepare_planned_exposure
 
 Scene: TypeAlias = SceneInput | ParsedScene
@@ -297,7 +298,9 @@ def exposed_of_scene(
 
 
 def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None:
-    """Raise InputError for frames of which a file is asked for that cannot hold them."""
+    """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known."""
+    if options["clean"]:
+        check_clean_is_known(sensor.stages)
     if options["dng"]:
         check_dng(sensor.camera, sensor.first.window.shape)
 

@@ -13,7 +13,8 @@ from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_typ
 from ..core.special import root
 from ..stages.effects.adc import BLACK_LEVEL_AT
 from ..stages.gains import gain_dn_per_e, volts_per_electron
-from ..stages.stage import converter_of, propagate
+from ..stages.propagate import propagate
+from ..stages.stage import converter_of
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -163,7 +164,7 @@ def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     )
     for stage in camera.stages:
         if stage.domain == "volts":
-            level = replace(stage.moments(level), temporal=0.0, spatial=0.0)
+            level = replace(propagate((stage,), level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)
     beyond_dn = float(
         converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core.progress import duration
-from ..theory.plan import IDLE, NEEDED, Plan
+from ..theory.plan import IDLE, NEEDED, NO_LAW, Plan
 from .counted import counted
 from .sentences import said_here
 from .tables import FittedTable, number, rough
@@ -75,6 +75,9 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
         "changes nothing": stages[IDLE],
         "left out beside that": below,
     }
+    unknown = [e.stage for e in plan.effects if e.reason == NO_LAW]
+    if unknown:
+        names["kept, law not written"] = unknown
     saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
     lists = {name: ", ".join(found) or "–" for name, found in names.items()}
     facts = {"holds for": f"{light}, {conditions}", **lists, "time": saved}
@@ -97,7 +100,7 @@ def _effects(plan: Plan) -> FittedTable:
         "√length; pixels that it moves beyond the tolerance",
     )
     for e in plan.effects:
-        if e.reason not in (IDLE, NEEDED):
+        if e.reason not in (IDLE, NEEDED, NO_LAW):
             numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
             table.add_row(e.stage, KEPT[e.kept], *map(rough, numbers))
     return table
@@ -161,6 +164,8 @@ def _stages(report: Report) -> FittedTable:
         caption += (
             "; temporal, spatial: how far this stage changes the noise of the raw frame [DN]"
         )
+    if report["theory"]["measured"]:
+        caption += f"; theory is measured by {report['theory']['samples']} pixels, not derived"
     table = FittedTable(
         ("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption
     )

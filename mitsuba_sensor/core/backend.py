@@ -67,6 +67,12 @@ class Backend:
         """An array of this backend as a NumPy array (H, W)."""
         return np.broadcast_to(np.asarray(signal), window.shape)
 
+    def neighbour(self, signal: Array, window: SensorWindow, rows: int, columns: int) -> Array:
+        """What the pixels so many rows below and columns to the right have, or the last pixel of the window there."""
+        below = np.clip(np.arange(window.shape[0]) + rows, 0, window.shape[0] - 1)
+        right = np.clip(np.arange(window.shape[1]) + columns, 0, window.shape[1] - 1)
+        return np.broadcast_to(signal, window.shape)[np.ix_(below, right)]
+
     def pending(
         self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]
     ) -> PendingStrip:

@@ -111,6 +111,20 @@ class DrJitBackend(NumpyFloat32):
             else found.reshape(window.shape)
         )
 
+    def neighbour(self, signal: Array, window: SensorWindow, rows: int, columns: int) -> Array:
+        """What the pixels so many rows below and columns to the right have, or the last pixel of the window there."""
+        if isinstance(signal, float | int | np.ndarray) or len(signal) == 1:
+            return signal
+        (height, width), (column, row) = window.shape, self._coordinates(window)
+        below, right = self._moved(row, rows, height), self._moved(column, columns, width)
+        return self.dr.gather(self.float, signal, below * self._opaque(width) + right)
+
+    def _moved(self, number: Array, by: int, length: int) -> Array:
+        """Numbers of rows or columns, moved and kept on the window."""
+        if by < 0:
+            return self.dr.select(number >= -by, number - (-by), self.uint(0))
+        return self.dr.minimum(number + by, self._opaque(length - 1))
+
     def pending(
         self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]
     ) -> PendingStrip:

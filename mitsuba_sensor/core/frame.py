@@ -63,6 +63,13 @@ class Frame:
         """A parameter of the camera in the precision of the backend."""
         return self.window.number(value)
 
+    def neighbour(self, signal: Array, rows: int, columns: int) -> Array:
+        """What the pixels so many rows below and columns to the right have of this signal, (H, W).
+
+        At the edge of the window it is what the last pixel there has. A stage that asks for it has a ``reach_px``.
+        """
+        return self.window.backend.neighbour(signal, self.window, rows, columns)
+
     def random_bits(self, source: str) -> Array:
         """The random bits of ``source`` in this frame, (H, W)."""
         block, slot = stream_of(source)

@@ -29,6 +29,7 @@ from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.options import complete, documents
 from ..sensor.checks import as_photons, check_numbers, checked_maps, placed
+from ..sensor.choices import check_law
 from ..sensor.detection import Detected, detect, uploaded
 from ..sensor.options import GradientOptions
 from ..sensor.run import begin, choose_backend, row_strips_of
@@ -238,6 +239,7 @@ def differentiable(
     names = (parameters,) if isinstance(parameters, str) else tuple(dict.fromkeys(parameters))
     light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
     _check(names, light, camera)
+    check_law(stages, "derivatives of the expected code are", "compute differences of frames")
     choose_backend(chosen["engine"], "float32", 0)  # refuses one that is not on this machine
     check_numbers(1, 0, seed)
     light = placed(light, chosen["origin"], camera)

@@ -16,6 +16,7 @@ from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import RawFrames
 from ..theory.frame_theory import FrameTheory
+from ..theory.measured_theory import theory_of
 from ..theory.noise_budget import NoiseBudget
 from ..theory.pixel_moments import PixelMoments, pixel_moments
 from ..theory.plan import Plan
@@ -62,7 +63,7 @@ class Frames(RawFrames):
     @classmethod
     def exposed_with_report(cls, sensor: PreparedExposure) -> Frames:
         """All frames of an exposure, with the report of the first made along with it: each frame is computed once."""
-        theory = FrameTheory(sensor.stages, sensor.detected, sensor.first_on_numpy)
+        theory = theory_of(sensor.stages, sensor.detected, sensor.first_on_numpy)
         observer = FrameObserver(theory)
         return cls.of(sensor.frames(observer), observer)
 
@@ -86,7 +87,7 @@ class Frames(RawFrames):
         """Theory of every pixel of these frames."""
         if self.observer is not None:
             return self.observer.theory
-        return FrameTheory(self.stages, self.detected, self.first)
+        return theory_of(self.stages, self.detected, self.first)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:

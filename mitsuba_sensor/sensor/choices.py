@@ -6,7 +6,7 @@ from typing import Protocol
 
 from ..camera.camera import Camera
 from ..core import Frame, InputError
-from ..stages.stage import Chain
+from ..stages.stage import Chain, without_law
 from .checks import check_float32, float32_counts
 from .detection import Detected
 from .options import ExposeOptions
@@ -118,4 +118,17 @@ def check_clean(chain: str) -> None:
         raise InputError(
             f"chain is {chain!r}, and the clean frame is of the physical chain; leave one of both out, or average many "
             "frames."
+        )
+
+
+def check_law(stages: Chain, what: str, way_out: str) -> None:
+    """Raise InputError for a chain with a stage whose law nobody has written.
+
+    what : is known only with the law of a pixel.
+    """
+    for stage in without_law(stages):
+        missing = "couples neighbours" if stage.reach_px else "has no moments"
+        raise InputError(
+            f"{type(stage).__name__} {missing}, so that the law of a pixel is not known, and {what} of that law; "
+            f"{way_out}, or take the camera without that stage."
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from ..camera.camera import Camera
 from .expose import PreparedExposure
-from .run import StripWindows
+from .run import StripWindows, strips_of
 
 RECENT_BYTES = 2**28
 """Memory of the maps that calls without a sensor of their own share [byte]."""
@@ -44,7 +44,9 @@ class KeptMaps:
         backend = window.backend
         precision = type(backend), backend.precision, backend.bytes_of_numpy
         key = (chip, window.shape, window.origin, precision)
-        strips = self._sets.pop(key, None) or StripWindows(window)
+        strips = self._sets.pop(key, None)
+        if strips is None:
+            strips = StripWindows(window, strips_of(prepared.stages, window))
         self._sets[key] = strips  # at the end: the one that was used last
         first = replace(prepared.first, window=strips.window, _blocks={})
         return replace(prepared, first=first, strips=strips)

@@ -71,6 +71,15 @@ def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
         yield slice(start, min(start + height, shape[0]))
 
 
+def strips_of(stages: Chain, window: SensorWindow) -> list[slice]:
+    """The row strips in which this chain is computed: one where a stage couples neighbours, which it has to see."""
+    height, width = window.shape
+    coupled = any(stage.reach_px for stage in stages)
+    return list(
+        row_strips_of(window.shape, height * width if coupled else window.backend.strip_pixels)
+    )
+
+
 class Follower(Protocol):
     """Sees a strip of the first frame."""
 
@@ -96,15 +105,14 @@ class StripWindows:
     """The window of a sensor as strips of rows, each with its FPN maps once they are made.
 
     On the host a map of all strips is one array, so that memory does not grow from frame to frame.
+    rows : of each strip.
     """
 
     window: SensorWindow
+    rows: list[slice]
     _strips: dict[int, SensorWindow] = field(default_factory=dict)
     _maps: dict[Hashable, NDArray[Any]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def __post_init__(self) -> None:
-        self.rows = list(row_strips_of(self.window.shape, self.window.backend.strip_pixels))
 
     def strip(self, number: int) -> SensorWindow:
         """A strip, with its maps where they were kept."""
@@ -155,7 +163,7 @@ class FrameRunner:
     def __post_init__(self) -> None:
         self._own, self._kept = (
             self.strips is None,
-            self.strips or StripWindows(self.first.window),
+            self.strips or self._new_strips(),
         )
         workers = (
             1 if self.first.window.backend.compiled else min(processors(), len(self._kept.rows))
@@ -192,9 +200,13 @@ class FrameRunner:
         finally:  # also when nobody asks for the rest: release the threads, the light and the maps of this run
             self._starts.clear()
             if self._own:
-                self._kept = StripWindows(self.first.window)
+                self._kept = self._new_strips()
             if self._pool:
                 self._pool.shutdown()
+
+    def _new_strips(self) -> StripWindows:
+        window = self.first.window
+        return StripWindows(window, strips_of(self.stages, window))
 
     def _copy(self, strip: PendingStrip) -> None:
         strip.copy()

@@ -1,7 +1,8 @@
-"""Stage: the base class of every effect; sample() and propagate() take a signal or its moments through a chain.
+"""Stage: the base class of every effect; sample() takes a signal through a chain.
 
 A stage has two methods: ``sample`` computes one random frame, ``moments`` the mean and the variances that this frame
-must have. Whatever the rest of the package needs to know of a stage, it reads from the attributes declared here.
+must have. What a stage without ``moments`` makes of a frame is measured. Whatever the rest of the package needs to know
+of a stage, it reads from the attributes declared here.
 """
 
 from __future__ import annotations
@@ -73,6 +74,8 @@ class Stage(ABC):
     frees_electrons : whether an interaction frees more than one electron, with a spread of its own.
     shared_by : "row" or "column" where all pixels of one have the same value.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
+    reach_px : how many rows and columns away the neighbours are that change the signal of a pixel behind this stage; 0
+        where each pixel is by itself. A chain with such a stage is computed as one strip and measured by its samples.
     saturation_e : where the stage clips [e-], None where it does not.
     no_noise : of a stage that is no noise, the fields that change it; others can be switched off by their keys.
     """
@@ -116,9 +119,22 @@ class Stage(ABC):
         """Of the first stage: the filters in front of the pixels, where each pixel gets a share of one layer only."""
         return None
 
-    @abstractmethod
     def moments(self, m: Moments) -> Moments:
-        """Mean, temporal and spatial variance of the signal behind this stage."""
+        """Mean, temporal and spatial variance of the signal behind this stage.
+
+        A stage may leave it out: what it does to a frame is then measured by its samples.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no moments")
+
+    @property
+    def reach_px(self) -> int:
+        """How many rows and columns away the neighbours are that change the signal of a pixel."""
+        return 0
+
+    @property
+    def has_law(self) -> bool:
+        """Whether the law of a pixel behind this stage follows from ``moments`` and that pixel alone."""
+        return type(self).moments is not Stage.moments and self.reach_px == 0
 
     def outcomes(
         self, electrons: Electrons, frame: Frame
@@ -283,18 +299,16 @@ def without(stages: Chain, out: Collection[Stage]) -> Chain:
     return tuple(stage for stage in stages if not any(stage is other for other in out))
 
 
+def without_law(stages: Iterable[Stage]) -> Chain:
+    """The stages of a chain whose law nobody has written: what they do is measured."""
+    return tuple(stage for stage in stages if not stage.has_law)
+
+
 def sample(stages: Iterable[Stage], signal: Array, frame: Frame) -> Array:
     """One frame of a signal behind these stages."""
     for stage in stages:
         signal = stage.sample(signal, frame)
     return signal
-
-
-def propagate(stages: Iterable[Stage], m: Moments) -> Moments:
-    """Moments behind these stages, one stage after the other."""
-    for stage in stages:
-        m = stage.moments(m)
-    return m
 
 
 def total(signal: Array) -> Array:

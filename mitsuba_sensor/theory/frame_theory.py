@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,8 @@ from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
 from ..sensor.threads import for_each
-from ..stages.stage import Chain, Stage, place_of, propagate
+from ..stages.propagate import propagate
+from ..stages.stage import Chain, Stage, place_of
 from .light_levels import WIDTH, LightLevels, light_levels
 from .pixel_moments import HIGHEST_E, STRIP, PixelStrip
 from .pixel_swing import Codes
@@ -82,24 +83,20 @@ class FrameTheory:
         if not self._counts_electrons:
             return self._propagated(number)
         mean, temporal = self._sampled(number)
-        levels, response = self._sampled_light, self.response
-        off = np.clip(mean - response.mean(number, levels), -LARGEST, LARGEST)
+        levels, plain = self._sampled_light, self._plain(number, self._sampled_light)
+        off = np.clip(mean - plain[0], -LARGEST, LARGEST)
         shift = self._light_groups.smooth(off)
         residual = off - shift.at(levels)
-        noise = np.clip(temporal - response.temporal(number, levels), -LARGEST, LARGEST)
+        noise = np.clip(temporal - plain[1], -LARGEST, LARGEST)
         noise_shift = self._light_groups.smooth(noise)
-        square = residual**2 * shift.unbiased
+        square = self._squares(residual, temporal) * shift.unbiased
         errors = (residual, noise - noise_shift.at(levels), square - square.mean())
+        plain_mean, plain_temporal = self._plain(number, self.levels.light_e)
         return Averages(
-            self._over_light(
-                response.mean(number, self.levels.light_e) + shift.at(self.levels.light_e)
-            ),
-            self._over_light(
-                response.temporal(number, self.levels.light_e)
-                + noise_shift.at(self.levels.light_e)
-            ),
-            float(square.mean()),
-            tuple(float(x.std() / math.sqrt(x.size)) for x in errors),  # type: ignore[arg-type]
+            self._over_light(plain_mean + shift.at(self.levels.light_e)),
+            self._over_light(plain_temporal + noise_shift.at(self.levels.light_e)),
+            max(float(square.mean()), 0.0),
+            tuple(map(self._standard_error, errors)),  # type: ignore[arg-type]
         )
 
     def means(self, light_e: Float64Array) -> dict[int, Float64Array]:
@@ -109,10 +106,20 @@ class FrameTheory:
         levels, found = self._sampled_light, {}
         self._prepare(range(len(self.stages)))
         for number in range(len(self.stages)):
-            off = self._sampled(number)[0] - self.response.mean(number, levels)
+            off = self._sampled(number)[0] - self._plain(number, levels)[0]
             shift = self._light_groups.smooth(off)
-            found[number] = self.response.mean(number, light_e) + shift.at(light_e)
+            found[number] = self._plain(number, light_e)[0] + shift.at(light_e)
         return found
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """How the averages were found, ready for JSON."""
+        return {"measured": False}
+
+    @property
+    def note(self) -> str:
+        """How the averages were found, for people; empty where they follow from the law of a pixel."""
+        return ""
 
     def digital_mean(self) -> NDArray[np.float32]:
         """Expected digital number of every pixel over frames and serial numbers, (H, W) [DN]."""
@@ -144,6 +151,21 @@ class FrameTheory:
         return Response.of(
             self.stages, self.frame, *(ends if brightest > darkest else (darkest, darkest))
         )
+
+    def _plain(self, number: int, light_e: Float64Array) -> Codes:
+        """Mean and temporal variance behind a stage, of pixels without fixed-pattern noise in so much light."""
+        return self.response.mean(number, light_e), self.response.temporal(number, light_e)
+
+    def _squares(self, residual: Float64Array, temporal: Float64Array) -> Float64Array:
+        """Squares of these residuals without what temporal noise adds: their average is the spatial variance.
+
+        residual : of the mean of every sampled pixel from that of pixels in the same light.
+        """
+        return residual**2
+
+    def _standard_error(self, values: Float64Array) -> float:
+        """Standard error of the average of values of the sampled pixels, whose mean is 0."""
+        return float(values.std() / math.sqrt(values.size))
 
     @property
     def _counts_electrons(self) -> bool:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..camera.camera import Camera
 from ..core import Exposure, Frame, SensorWindow
-from ..stages.stage import Chain, converter_of
+from ..stages.stage import Chain, converter_of, without, without_law
 from .pixel_codes import SHARP_DN
 from .response import behind_stages_at
 
@@ -38,11 +38,15 @@ class InputNoise:
 
 
 def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
-    """From the theory of the codes; far above the read noise the weight is 1/μ: shot noise (EMVA 1288 R4, eq. 11)."""
+    """From the theory of the codes; far above the read noise the weight is 1/μ: shot noise (EMVA 1288 R4, eq. 11).
+
+    Stages whose law nobody has written are left out of it.
+    """
+    stages = without(camera.stages, without_law(camera.stages))
     try:
-        return _of_chain(camera.stages, camera.pixel.full_well_e, exposure)
+        return _of_chain(stages, camera.pixel.full_well_e, exposure)
     except TypeError:  # a stage of the user's that holds arrays has no hash
-        return _of_chain.__wrapped__(camera.stages, camera.pixel.full_well_e, exposure)
+        return _of_chain.__wrapped__(stages, camera.pixel.full_well_e, exposure)
 
 
 @lru_cache(maxsize=8)  # it takes as long as a short render

@@ -13,7 +13,7 @@ import numpy as np
 from ..core import Array, CountedElectrons, Electrons, Frame
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
-from ..sensor.run import row_strips_of
+from ..sensor.run import strips_of
 from ..sensor.threads import processors
 from ..stages.stage import Chain, total
 from .frame_theory import FrameTheory
@@ -123,6 +123,8 @@ class NoiseBudget:
             lines.append(f"{e.source:<26}" + "".join(f"{x:>12.5g}" for x in numbers))
         if any(min(e.temporal_dn2, e.spatial_dn2) < 0 for e in self.entries):
             lines.append(LESS_NOISE)
+        if self.theory.note:
+            lines.append(self.theory.note)
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -130,9 +132,7 @@ class NoiseBudget:
 
     @property
     def _rows(self) -> list[slice]:
-        return list(
-            row_strips_of(self.frame.window.shape, self.frame.window.backend.strip_pixels)
-        )
+        return strips_of(self.stages, self.frame.window)
 
     def _strip(self, rows: slice) -> Contributions:
         window = self.frame.window.crop_rows(rows)

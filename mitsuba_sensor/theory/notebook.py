@@ -79,5 +79,10 @@ def budget_html(budget: NoiseBudget) -> str:
         for one in entries
     ]
     less = any(min(one.temporal_dn2, one.spatial_dn2) < 0 for one in entries)
-    title = f"Noise budget of one frame ({LESS_NOISE})" if less else "Noise budget of one frame"
+    remarks = [LESS_NOISE] if less else []
+    if budget.theory.note:
+        remarks.append(budget.theory.note)
+    title = "Noise budget of one frame"
+    if remarks:
+        title += f" ({'; '.join(remarks)})"
     return fragment(title, table(names, rows))

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from ..core import Array, Electrons, Frame, Moments
 from ..core.types import Float64Array
-from ..sensor.choices import check_clean
+from ..sensor.choices import check_clean, check_law
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
 from ..sensor.threads import for_each
+from ..stages.propagate import propagate
 from ..stages.recorder import has_temporal_noise
-from ..stages.stage import Chain, Line, PixelNoise, Stage, propagate
+from ..stages.stage import Chain, Line, PixelNoise, Stage
 from .pixel_codes import PixelCodes
 from .pixel_counts import CountLaws
 from .pixel_swing import Codes, Part
@@ -58,10 +59,10 @@ class State(NamedTuple):
 def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
     """Mean and temporal variance of the codes of a window, for the maps of its serial, strip by strip.
 
-    Raises InputError for chain konnik2014, which does not count the electrons that are detected.
+    Raises InputError for chain konnik2014, which does not count the electrons that are detected, and for a chain with
+    a stage that has no law.
     """
-    if stages[0].domain == "photons":
-        check_clean("konnik2014")
+    check_clean_is_known(stages)
     shape = frame.window.shape
     found = PixelMoments(np.empty(shape, np.float32), np.empty(shape, np.float32))
 
@@ -74,6 +75,13 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
 
     for_each(write, row_strips_of(shape, STRIP))
     return found
+
+
+def check_clean_is_known(stages: Chain) -> None:
+    """Raise InputError for a chain whose clean frame is not known."""
+    if stages[0].domain == "photons":
+        check_clean("konnik2014")
+    check_law(stages, "the clean frame and its variance are", "average many frames")
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from ..sensor.detection import Detected, detect
 from ..sensor.precision import Float32, float32_effect
 from ..sensor.run import row_strips_of
 from ..stages.chain import whole_chain
-from ..stages.stage import Chain, Stage, sample, without
+from ..stages.stage import Chain, Stage, sample, without, without_law
 from .light_levels import WIDTH, light_levels
 from .notebook import plan_html
 from .plan_effects import Effect, PlanRange, Trial
@@ -47,8 +47,14 @@ LEVELS = 65
 WORTH_SAVING = 0.1
 """Share of the time of a frame from which on a plan is said to save time."""
 
+WITHOUT_THEM = (
+    "What each stage changes is that in the chain without those whose law nobody has written"
+)
+"""Said where there are some: what they do to the effects of the others is not known."""
+
 IDLE = "changes nothing"  # why a neutral stage is left out
 NEEDED = "changes the unit; always needed"
+NO_LAW = "nobody has written its law; kept, with all that changes anything"
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,8 @@ class Plan:
                 + f"  {e.reason}"
             )
             lines.append(row.rstrip())
+        if without_law(self.whole):
+            lines.append(f"{WITHOUT_THEM}.")
         lines.append(self.float32.explain())
         return "\n".join(lines)
 
@@ -212,16 +220,22 @@ def plan(
 def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:
     """The plan of a window in light that is detected already; measured maps are those of the frame's window."""
     whole, window, levels = camera.stages, frame.window, light_levels(light)
+    unknown = without_law(whole)
+    lawful = without(whole, unknown)
     darkest, brightest = float(levels.light_e[0]), float(levels.light_e[-1])
     held = PlanRange(
         frame.exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH)
     )
-    trial = Trial(whole, frame, held, _largest_yield(light.signal), tolerance_dn)
-    alone = {id(stage): trial.effect(stage) for stage in whole}
-    out = trial.chosen([stage for stage in whole if not stage.required], alone)
+    trial = Trial(lawful, frame, held, _largest_yield(light.signal), tolerance_dn)
+    alone = {id(stage): trial.effect(stage) for stage in lawful}
+    if unknown:
+        out = [stage for stage in lawful if not stage.required and trial.hands_on(stage)]
+    else:
+        out = trial.chosen([stage for stage in whole if not stage.required], alone)
     kept = without(whole, out)
     effects = tuple(
-        _verdict(stage, alone[id(stage)], any(stage is one for one in out)) for stage in whole
+        _verdict(stage, alone.get(id(stage)), any(stage is one for one in out))
+        for stage in whole
     )
     single = float32_effect(kept, *_some_pixels(light.photons, camera, frame.exposure))
     return Plan(camera.name, tolerance_dn, effects, kept, whole, single, held, light, frame)
@@ -237,15 +251,16 @@ def _largest_yield(light: Electrons) -> tuple[float, float]:
     return float(mean[brightest]), float(variance[brightest])
 
 
-def _verdict(stage: Stage, alone: Effect, left_out: bool) -> Effect:
+def _verdict(stage: Stage, alone: Effect | None, left_out: bool) -> Effect:
+    """What is said of a stage.  alone : what it does by itself; None where its law is not known."""
+    if alone is None:
+        return Effect(stage.label, True, 0.0, 0.0, 0.0, 0.0, 0.0, NO_LAW)
     if stage.required:
         return replace(alone, reason=NEEDED)
+    if not left_out:
+        return alone
     idle = alone.largest_dn == 0 and alone.pixels_beyond == 0
-    return replace(
-        alone,
-        kept=not left_out,
-        reason=IDLE if idle else "below the tolerance" if left_out else "",
-    )
+    return replace(alone, kept=False, reason=IDLE if idle else "below the tolerance")
 
 
 def _some_pixels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photons, Frame]:

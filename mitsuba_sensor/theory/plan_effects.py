@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..core import Array, Electrons, Exposure, Frame, InputError, Moments
 from ..core.types import Float64Array
-from ..stages.stage import Chain, Stage, converter_of, place_of, propagate, without
+from ..stages.propagate import propagate
+from ..stages.stage import Chain, Stage, converter_of, place_of, without
 from .light_levels import LightLevels
 from .pixel_moments import PixelStrip
 from .pixel_swing import Codes
@@ -289,6 +290,12 @@ class Trial:
         if stage.saturation_e is not None:
             fullest = self.full.count_e + 9 * np.sqrt(self.full.count_e2) + 25
             return bool(fullest.max() < stage.saturation_e)
+        return self.hands_on(stage)
+
+    def hands_on(self, stage: Stage) -> bool:
+        """Whether a stage hands on what it gets, whatever that is."""
+        if stage.saturation_e is not None:
+            return False
         before = self.whole[place_of(stage, self.whole) - 1]
         window = self.sample.frame.window.crop_rows(slice(0, 1))
         swing: Array = np.ones(window.shape)

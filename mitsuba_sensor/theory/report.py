@@ -6,7 +6,7 @@ import threading
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..core import Array, Electrons, Frame, Photons, arrays
 from ..core.backend import NUMPY_FLOAT64, Backend
 from ..core.types import Float64Array
 from ..sensor.frame_notes import outside_qe
-from ..sensor.run import row_strips_of
+from ..sensor.run import row_strips_of, strips_of
 from ..stages.compensation import LIMIT, compensable
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import UNITS, Stage, place_of, total
@@ -48,8 +48,8 @@ class FrameObserver:
 
     def strip(self, rows: slice, frame: Frame) -> StripFollower:
         """Before a strip is computed."""
-        follow = rows in self.rows and not frame.window.backend.compiled
-        return StripFollower(self, frame, self._means(rows) if follow else None)
+        followed = [] if frame.window.backend.compiled else self._followed(rows)
+        return StripFollower(self, frame, followed)
 
     def count(self, counts: Mapping[str, int]) -> None:
         """Pixels of the masks of one strip."""
@@ -57,23 +57,33 @@ class FrameObserver:
 
     def sample(self, backend: Backend) -> None:
         """Follow the sampled strips on the host, if that was not done while the frame was computed."""
-        for rows in self.rows if not self.sums.any() else ():
-            frame = self.theory.frame.on(backend)
+        if self.sums.any():
+            return
+        frame = self.theory.frame.on(backend)
+        for rows in strips_of(self.theory.stages, frame.window):
+            followed = self._followed(rows)
+            if not followed:
+                continue
             part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
             follower, signal = (
-                StripFollower(self, part, self._means(rows)),
+                StripFollower(self, part, followed),
                 self.theory.light.crop_rows(rows).signal,
             )
             for number, stage in enumerate(self.theory.stages):
                 signal = stage.sample(signal, part) if number else signal
                 follower.behind(stage, signal)
 
+    def _followed(self, rows: slice) -> list[FollowedRows]:
+        """Those of a strip."""
+        parts = [part for part in self.rows if rows.start <= part.start < rows.stop]
+        return [FollowedRows(part, rows.start, self._means(part)) for part in parts]
+
     def _means(self, rows: slice) -> dict[int, Float64Array]:
         return self.theory.means(self.theory.light.crop_rows(rows).mean_e)
 
     def add(self, number: int, signal: Array, mean: Float64Array) -> None:
         """The signal behind a stage in some pixels, and its expected value."""
-        values = np.broadcast_to(np.asarray(signal, dtype=np.float64), mean.shape)
+        values = np.asarray(signal, dtype=np.float64)
         with np.errstate(invalid="ignore"):
             residual = np.nan_to_num(values - mean, nan=0.0, posinf=0.0)
             if (
@@ -97,13 +107,29 @@ class FrameObserver:
         return done < mean.variance_e2
 
 
+class FollowedRows(NamedTuple):
+    """Rows of a window whose pixels are followed.
+
+    first : row of the window in which their strip begins.  means : expected behind every stage, by its number.
+    """
+
+    rows: slice
+    first: int
+    means: dict[int, Float64Array]
+
+    def of_strip(self, signal: Array, shape: tuple[int, int]) -> Array:
+        """Their part of the signal of the strip."""
+        here = slice(self.rows.start - self.first, self.rows.stop - self.first)
+        return np.broadcast_to(np.asarray(signal), shape)[here]
+
+
 class StripFollower:
-    """Sees the signals of one strip.  means : expected behind every stage, by its number; None: only masks."""
+    """Sees the signals of one strip.  followed : the rows whose pixels count; of all others only the masks."""
 
     def __init__(
-        self, observer: FrameObserver, frame: Frame, means: dict[int, Float64Array] | None
+        self, observer: FrameObserver, frame: Frame, followed: list[FollowedRows]
     ) -> None:
-        self.observer, self.frame, self.means = observer, frame, means
+        self.observer, self.frame, self.followed = observer, frame, followed
         self.masks: dict[str, Array] = {}
 
     def behind(self, stage: Stage, signal: Array) -> None:
@@ -118,8 +144,9 @@ class StripFollower:
             and signal.variance_e2 is not None
         ):
             self.masks["compensated_short"] = self.observer.add_compensation(signal)
-        if self.means is not None:
-            self.observer.add(number, value, self.means[number])
+        for part in self.followed:
+            values = part.of_strip(value, self.frame.window.shape)
+            self.observer.add(number, values, part.means[number])
 
     def end(self) -> dict[str, Array]:
         """Masks whose pixels are to be counted."""
@@ -131,9 +158,10 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
 
     ``photons`` (min, median, max per pixel; of electrons where they are ``detected``), ``stages`` (below), ``counts``
     of clipped and cut pixels, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ as they must be,
-    averaged over the window (σ total, temporal, spatial), and as ``sampled_pixels`` of this frame have them: σ_frame is
-    the rms distance of the pixels from their own means. Photons with ``variance_e2`` have ``compensation`` too, and the
-    count ``compensated_short``.
+    averaged over the window (σ total, temporal, spatial; the standard errors of mean, temporal and spatial σ), and as
+    ``sampled_pixels`` of this frame have them: σ_frame is the rms distance of the pixels from their own means.
+    ``theory`` says whether what is expected follows from the law of a pixel or was measured, and by how many samples.
+    Photons with ``variance_e2`` have ``compensation`` too, and the count ``compensated_short``.
     """
     theory, photons = observer.theory, observer.theory.light.photons
     seen = theory.light.mean_e if photons.detected else photons.total
@@ -145,6 +173,7 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
             "detected": photons.detected,
         },
         "sampled_pixels": int(observer.sums[0, 2]),
+        "theory": theory.origin,
         "stages": [
             _line(stage, theory, *observer.sums[k]) for k, stage in enumerate(theory.stages)
         ],
@@ -191,6 +220,14 @@ def _line(
         "sigma_expected": expected.sigma,
         "sigma_temporal_expected": float(np.sqrt(expected.temporal)),
         "sigma_spatial_expected": float(np.sqrt(expected.spatial)),
+        "mean_error": expected.errors[0],
+        "sigma_temporal_error": _error_of_root(expected.temporal, expected.errors[1]),
+        "sigma_spatial_error": _error_of_root(expected.spatial, expected.errors[2]),
         "mean_frame": values / pixels,
         "sigma_frame": float(np.sqrt(squares / pixels)),
     }
+
+
+def _error_of_root(variance: float, error: float) -> float:
+    """Standard error of the root of a variance whose standard error may be larger than itself."""
+    return float(error / (np.sqrt(variance) + np.sqrt(variance + error))) if error else 0.0

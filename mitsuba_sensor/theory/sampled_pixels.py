@@ -129,7 +129,7 @@ def sample_pixels(light: Electrons, frame: Frame, pixels: int = PIXELS) -> Sampl
         rows = _spread(height, min(-(-pixels // many_columns), height), "rows")
         columns = _spread(width, many_columns, "columns")
     window = sampled_window(frame.window, rows, columns, "sampled")
-    layers = {name: _at(getattr(light, name), rows, columns) for name in LAYERS}
+    layers = {name: values_at(getattr(light, name), rows, columns) for name in LAYERS}
     return SampledPixels(Electrons(**layers), replace(frame, window=window, _blocks={}), window)
 
 
@@ -141,7 +141,7 @@ def sampled_window(
 ) -> SampledWindow:
     """Pixels of a window by their places in it, with its measured maps, or the middle of each of these."""
     given: Mapping[str, Float64Array] = {
-        name: _at(x, rows, columns) for name, x in window.given.items()
+        name: values_at(x, rows, columns) for name, x in window.given.items()
     }
     if maps == "median":
         given = {
@@ -167,7 +167,7 @@ def _spread(length: int, count: int, name: str) -> NDArray[np.int64]:
     return np.minimum(places.astype(np.int64), length - 1)
 
 
-def _at(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
+def values_at(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
     """Values of pixels, of rows (H, 1), of columns (1, W) or of all, at these places; None stays None."""
     if values is None or np.ndim(values) == 0:
         return values

@@ -15,7 +15,8 @@ import scipy
 from ...core import Array, Float64Array, Frame, InputError, Moments, Photons, SensorWindow
 from ...core.backend import normals
 from ...stages.dark_current_models import band_gap_ev
-from ...stages.stage import Chain, Stage, propagate, sample
+from ...stages.propagate import propagate
+from ...stages.stage import Chain, Stage, sample
 
 # CODATA 2006, as in that code; with the value of SI 2019 its dark signal would be 2.4e-5 lower.
 BOLTZMANN_EV_PER_K = 8.617343e-5

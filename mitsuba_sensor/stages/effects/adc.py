@@ -15,7 +15,8 @@ from ...core import Array, Doubt, Exposure, Frame, Moments, SensorWindow, arrays
 from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative, Positive
 from ..gains import adc_gain_dn_per_v, full_scale_v, full_well_swing_v
-from ..stage import Converter, Datasheet, Stage, propagate
+from ..propagate import propagate
+from ..stage import Converter, Datasheet, Stage
 from ..usual_range import MV_TO_V, Usual
 
 HALVES_END = 2**23

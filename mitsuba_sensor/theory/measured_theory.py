@@ -1,0 +1,212 @@
+"""Theory of chains with a stage whose law nobody has written: averages over samples of the chain itself.
+
+Windows of neighbouring pixels at their real places are sampled, each with a serial number of its own, by two frames.
+The two differ by temporal noise alone; the product of their distances from the mean has that of spatial noise.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Electrons, Frame, SensorWindow
+from ..core.counter_rng import key_of
+from ..core.types import Array, Float64Array
+from ..sensor.detection import LAYERS, Detected
+from ..sensor.threads import for_each
+from ..stages.propagate import FIRST_SERIAL, FRAMES
+from ..stages.stage import Chain, total, without, without_law
+from .frame_theory import FrameTheory
+from .pixel_moments import HIGHEST_E
+from .pixel_swing import Codes
+from .sampled_pixels import values_at
+
+SIDE_PX, SAMPLES, MOST_WINDOWS = 64, 2**18, 256
+"""Side of a window at most, pixels of all windows together, and how many windows there are at most."""
+
+
+class Tile(NamedTuple):
+    """Pixels that are sampled together: their rows and columns in the window of the frame."""
+
+    rows: slice
+    columns: slice
+
+    @property
+    def pixels(self) -> int:
+        """How many there are."""
+        height, width = (part.stop - part.start for part in self)
+        return int(height * width)
+
+    def wider(self, by_px: int, shape: tuple[int, int]) -> Tile:
+        """With so many neighbours on each side, as far as the window has them."""
+        sides = zip(self, shape, strict=True)
+        return Tile(
+            *(
+                slice(max(side.start - by_px, 0), min(side.stop + by_px, length))
+                for side, length in sides
+            )
+        )
+
+    def within(self, other: Tile) -> Tile:
+        """The same pixels counted from the first one of a tile about it."""
+        sides = zip(self, other, strict=True)
+        return Tile(
+            *(slice(mine.start - its.start, mine.stop - its.start) for mine, its in sides)
+        )
+
+
+def theory_of(stages: Chain, light: Detected, frame: Frame) -> FrameTheory:
+    """The theory of a chain, measured where a stage has no law.
+
+    light, frame : of the window, and its exposure, place and measured maps.
+    """
+    if without_law(stages):
+        return MeasuredTheory(stages, light, frame)
+    return FrameTheory(stages, light, frame)
+
+
+class MeasuredTheory(FrameTheory):
+    """Theory of one light on one chain, by samples; what a pixel in so much light is without the stages that have no
+    law is known, and only what they and the fixed patterns change is averaged."""
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """How the averages were found, ready for JSON."""
+        return {
+            "measured": True,
+            "stages_without_law": [stage.label for stage in without_law(self.stages)],
+            "samples": self._sampled_light.size,
+            "serial_numbers": len(self._tiles),
+            "frames_of_each": len(FRAMES),
+        }
+
+    @property
+    def note(self) -> str:
+        """How the averages were found, for people; empty where they follow from the law of a pixel."""
+        measured = self.origin
+        named = ", ".join(measured["stages_without_law"])
+        return (
+            f"temporal and spatial are measured by {measured['samples']} pixels of {measured['serial_numbers']} serial "
+            f"numbers in {measured['frames_of_each']} frames each, not derived: nobody has written the law of {named}"
+        )
+
+    @cached_property
+    def _tiles(self) -> list[Tile]:
+        """Parts of the window: all of them equally often, or some at random where there are too many."""
+        row_parts, column_parts = (_parts(length) for length in self.frame.window.shape)
+        tiles = [Tile(rows, columns) for rows in row_parts for columns in column_parts]
+        pixels = math.prod(self.frame.window.shape) / len(tiles)
+        count = min(max(int(SAMPLES / pixels), 2), MOST_WINDOWS)
+        if count < len(tiles):
+            random = np.random.default_rng(key_of("measured windows"))
+            chosen = random.choice(len(tiles), count, replace=False)
+            return [tiles[number] for number in sorted(chosen)]
+        return tiles * max(count // len(tiles), 2)
+
+    @cached_property
+    def _lawful(self) -> FrameTheory:
+        """Theory of the chain without the stages that have no law."""
+        stages = without(self.stages, without_law(self.stages))
+        return FrameTheory(stages, self.light, self.frame)
+
+    def _plain(self, number: int, light_e: Float64Array) -> Codes:
+        before = sum(stage.has_law for stage in self.stages[: number + 1])
+        return self._lawful._plain(before - 1, light_e)
+
+    def _squares(self, residual: Float64Array, temporal: Float64Array) -> Float64Array:
+        return residual**2 - temporal / len(FRAMES)
+
+    def _standard_error(self, values: Float64Array) -> float:
+        """By the spread of the averages of windows, whose pixels may depend on each other."""
+        pixels = [tile.pixels for tile in self._tiles]
+        sums = np.add.reduceat(values, np.cumsum([0, *pixels[:-1]]))
+        means = sums / pixels
+        repeats = self._tiles.count(self._tiles[0])
+        if repeats == 1:
+            return float(means.std(ddof=1) / math.sqrt(means.size))
+        variance = means.reshape(repeats, -1).var(axis=0, ddof=1).mean()
+        return float(np.sqrt(variance / means.size))
+
+    @cached_property
+    def _sampled_light(self) -> Float64Array:
+        light_e = self.light.mean_e
+        parts = [light_e[tile.rows, tile.columns].ravel() for tile in self._tiles]
+        return np.minimum(np.concatenate(parts), HIGHEST_E)
+
+    def _sampled(self, number: int) -> Codes:
+        """Mean and variance of the two frames of every sampled pixel behind a stage."""
+        first, second = self._frames[:, number]
+        return (first + second) / 2, (first - second) ** 2 / 2
+
+    @cached_property
+    def _frames(self) -> Float64Array:
+        """Two frames of every sampled pixel behind every stage, (2, S, P), in the unit of the stage."""
+        found = np.empty((len(FRAMES), len(self.stages), self._sampled_light.size))
+        ends = np.cumsum([0, *(tile.pixels for tile in self._tiles)])
+
+        def write(number: int) -> None:
+            found[:, :, ends[number] : ends[number + 1]] = self._frames_of_tile(number)
+
+        for_each(write, range(len(self._tiles)))
+        return found
+
+    def _frames_of_tile(self, number: int) -> Float64Array:
+        """Two frames of one window behind every stage, (2, S, P); the neighbours about it are computed too."""
+        tile, shape = self._tiles[number], self.frame.window.shape
+        around = tile.wider(sum(stage.reach_px for stage in self.stages), shape)
+        inside = tile.within(around)
+        rows, columns = (np.arange(part.start, part.stop) for part in around)
+        window = _chip(self.frame.window, rows, columns, FIRST_SERIAL + number)
+        light = {
+            name: values_at(getattr(self.light.signal, name), rows, columns) for name in LAYERS
+        }
+        found = []
+        for index in FRAMES:
+            frame = replace(self.frame, window=window, index=index, _blocks={})
+            signal: Array = Electrons(**light)
+            for place, stage in enumerate(self.stages):
+                signal = stage.sample(signal, frame) if place else signal
+                values = np.broadcast_to(np.asarray(total(signal), np.float64), window.shape)
+                found.append(np.clip(values[inside], -HIGHEST_E, HIGHEST_E).ravel())
+        return np.reshape(found, (len(FRAMES), len(self.stages), tile.pixels))
+
+    @cached_property
+    def _digital(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Mean and variance of every pixel at its level of light."""
+        last, light_e = len(self.stages) - 1, np.minimum(self.light.mean_e, HIGHEST_E)
+        shifts = [
+            self._light_groups.smooth(sampled - plain)
+            for sampled, plain in zip(
+                self._sampled(last), self._plain(last, self._sampled_light), strict=True
+            )
+        ]
+        mean, variance = (
+            np.maximum(plain + shift.at(light_e), 0.0).astype(np.float32)
+            for plain, shift in zip(self._plain(last, light_e), shifts, strict=True)
+        )
+        return mean, variance
+
+
+def _chip(
+    window: SensorWindow, rows: NDArray[np.int64], columns: NDArray[np.int64], serial: int
+) -> SensorWindow:
+    """Neighbouring rows and columns of a window, with the maps of another serial number, and the measured ones."""
+    return SensorWindow(
+        serial,
+        (rows.size, columns.size),
+        (window.origin[0] + int(rows[0]), window.origin[1] + int(columns[0])),
+        given={name: values_at(x, rows, columns) for name, x in window.given.items()},
+        camera=window.camera,
+    )
+
+
+def _parts(length: int) -> list[slice]:
+    """A side of a window in parts of about the same length, none of them longer than SIDE_PX."""
+    edges = np.linspace(0, length, -(-length // SIDE_PX) + 1).astype(int).tolist()
+    return [slice(*pair) for pair in itertools.pairwise(edges)]
