@@ -80,8 +80,7 @@ class Backend:
         out[...] = signal
         done = PendingStrip()
         done.counts = {
-            name: int(np.sum(np.broadcast_to(mask, window.shape)))
-            for name, mask in masks.items()
+            name: int(np.sum(np.broadcast_to(mask, out.shape))) for name, mask in masks.items()
         }
         return done
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Container, Hashable, Iterable, Iterator, M
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,13 +71,34 @@ def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
         yield slice(start, min(start + height, shape[0]))
 
 
-def strips_of(stages: Chain, window: SensorWindow) -> list[slice]:
-    """The row strips in which this chain is computed: one where a stage couples neighbours, which it has to see."""
+class Strip(NamedTuple):
+    """Rows of a window that are computed together.
+
+    rows : what the strip delivers.  around : these and the rows beside them whose pixels change theirs.
+    """
+
+    rows: slice
+    around: slice
+
+    @property
+    def inside(self) -> slice:
+        """What it delivers, counted from the first row that is computed."""
+        return slice(self.rows.start - self.around.start, self.rows.stop - self.around.start)
+
+
+def strips_of(stages: Chain, window: SensorWindow) -> list[Strip]:
+    """The row strips in which this chain is computed; no result depends on how many there are.
+
+    Where stages couple neighbours further away than a strip is high, or a kernel computes them, there is one strip.
+    """
     height, width = window.shape
-    coupled = any(stage.reach_px for stage in stages)
-    return list(
-        row_strips_of(window.shape, height * width if coupled else window.backend.strip_pixels)
-    )
+    reach_px, backend = sum(stage.reach_px for stage in stages), window.backend
+    whole = reach_px and (backend.compiled or reach_px * width > backend.strip_pixels)
+    strips = []
+    for rows in row_strips_of(window.shape, height * width if whole else backend.strip_pixels):
+        around = slice(max(rows.start - reach_px, 0), min(rows.stop + reach_px, height))
+        strips.append(Strip(rows, around))
+    return strips
 
 
 class Follower(Protocol):
@@ -87,14 +108,14 @@ class Follower(Protocol):
         """The signal behind a stage."""
 
     def end(self) -> dict[str, Array]:
-        """Masks whose pixels are to be counted."""
+        """Masks of the rows that the strip delivers, whose pixels are to be counted."""
 
 
 class Observer(Protocol):
     """Sees the first frame while it is computed; on NumPy from several threads."""
 
-    def strip(self, rows: slice, frame: Frame) -> Follower:
-        """Before a strip is computed."""
+    def strip(self, strip: Strip, frame: Frame) -> Follower:
+        """Before a strip is computed.  frame : of all its rows."""
 
     def count(self, counts: Mapping[str, int]) -> None:
         """Pixels of the masks of one strip."""
@@ -105,18 +126,17 @@ class StripWindows:
     """The window of a sensor as strips of rows, each with its FPN maps once they are made.
 
     On the host a map of all strips is one array, so that memory does not grow from frame to frame.
-    rows : of each strip.
     """
 
     window: SensorWindow
-    rows: list[slice]
+    strips: list[Strip]
     _strips: dict[int, SensorWindow] = field(default_factory=dict)
     _maps: dict[Hashable, NDArray[Any]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def strip(self, number: int) -> SensorWindow:
         """A strip, with its maps where they were kept."""
-        return self._strips.get(number) or self.window.crop_rows(self.rows[number])
+        return self._strips.get(number) or self.window.crop_rows(self.strips[number].around)
 
     def keep(self, number: int, strip: SensorWindow) -> None:
         """Keep the maps of a strip for the next frame."""
@@ -129,8 +149,9 @@ class StripWindows:
                     if key not in self._maps:
                         self._maps[key] = np.empty(self.window.shape, values.dtype)
                     whole = self._maps[key]
-                whole[self.rows[number]] = values
-                strip.cached_values[key] = whole[self.rows[number]]
+                rows = self.strips[number].around
+                whole[rows] = values
+                strip.cached_values[key] = whole[rows]
 
     @property
     def bytes(self) -> int:
@@ -166,7 +187,9 @@ class FrameRunner:
             self.strips or self._new_strips(),
         )
         workers = (
-            1 if self.first.window.backend.compiled else min(processors(), len(self._kept.rows))
+            1
+            if self.first.window.backend.compiled
+            else min(processors(), len(self._kept.strips))
         )
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
@@ -215,7 +238,7 @@ class FrameRunner:
 
     def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[PendingStrip]:
         """One job per strip; on the host they are done."""
-        numbers = range(len(self._kept.rows))
+        numbers = range(len(self._kept.strips))
         if self._pool is None:
             yield from (self._strip(number, index, sinks, last) for number in numbers)
         else:
@@ -225,7 +248,8 @@ class FrameRunner:
                 yield done.result()
 
     def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> PendingStrip:
-        rows, window = self._kept.rows[number], self._kept.strip(number)
+        strip, window = self._kept.strips[number], self._kept.strip(number)
+        rows, inside = strip.rows, strip.inside
         frame = replace(self.first, window=window, index=index, _blocks={})
         found = {"photons"}
         if "photons" in sinks:
@@ -233,7 +257,7 @@ class FrameRunner:
         follower = (
             None
             if self.observer is None or index != self.first.index
-            else self.observer.strip(rows, frame)
+            else self.observer.strip(strip, frame)
         )
         for name, signal in signals(
             self.stages, self._start(number, frame, last), frame, follower
@@ -243,22 +267,26 @@ class FrameRunner:
                 require_kept(sinks, found)
                 if not (last and self._own):
                     self._kept.keep(number, window)
-                return window.backend.pending(
-                    signal(), window, sinks[name][rows], follower.end() if follower else {}
-                )
+                delivered, masks = signal(), follower.end() if follower else {}
+                if strip.around != rows:
+                    delivered = window.backend.to_numpy(delivered, window)[inside]
+                return window.backend.pending(delivered, window, sinks[name][rows], masks)
             if name in sinks:
-                sinks[name][rows] = window.backend.to_numpy(signal(), window)
+                sinks[name][rows] = window.backend.to_numpy(signal(), window)[inside]
         raise AssertionError("the last stage of a chain delivers digital numbers")
 
     def _start(self, number: int, frame: Frame, last: bool) -> Array:
         """Mean photoelectrons of a strip; for a compiled backend its own arrays, kept for the next frame."""
         if not frame.window.backend.compiled:
-            return self.light.crop_rows(self._kept.rows[number]).signal
+            return self.light.crop_rows(self._kept.strips[number].around).signal
         if number in self._starts:
             return self._starts.pop(number) if last else self._starts[number]
         kept = bool(frame.window.cached_values)  # by a sensor that was exposed before
         start = begin(
-            self.stages, self.light.on_backend(self._kept.rows[number], frame), frame, kept
+            self.stages,
+            self.light.on_backend(self._kept.strips[number].around, frame),
+            frame,
+            kept,
         )
         if not last:
             self._starts[number] = start

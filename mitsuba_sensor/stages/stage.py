@@ -75,7 +75,7 @@ class Stage(ABC):
     shared_by : "row" or "column" where all pixels of one have the same value.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
     reach_px : how many rows and columns away the neighbours are that change the signal of a pixel behind this stage; 0
-        where each pixel is by itself. A chain with such a stage is computed as one strip and measured by its samples.
+        where each pixel is by itself. A chain with such a stage is measured by its samples.
     saturation_e : where the stage clips [e-], None where it does not.
     no_noise : of a stage that is no noise, the fields that change it; others can be switched off by their keys.
     """

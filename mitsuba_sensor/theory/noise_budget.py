@@ -13,7 +13,7 @@ import numpy as np
 from ..core import Array, CountedElectrons, Electrons, Frame
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
-from ..sensor.run import strips_of
+from ..sensor.run import Strip, strips_of
 from ..sensor.threads import processors
 from ..stages.stage import Chain, total
 from .frame_theory import FrameTheory
@@ -71,7 +71,7 @@ class NoiseBudget:
     def entries(self) -> tuple[Contribution, ...]:
         """One per source, in the order of the chain."""
         with ThreadPoolExecutor(processors()) as pool:
-            strips = list(pool.map(lambda rows: _sums(self._strip(rows)), self._rows))
+            strips = list(pool.map(lambda strip: _sums(self._strip(strip)), self._strips))
         pixels = self.frame.window.shape[0] * self.frame.window.shape[1]
         entries, was = [], (0.0, 0.0)
         for number, (stage, to_dn) in enumerate(zip(self.stages, self._to_dn, strict=True)):
@@ -96,12 +96,12 @@ class NoiseBudget:
 
     def strips(self) -> Iterator[tuple[slice, dict[str, Float64Array]]]:
         """Rows of the window, and the contribution of every source to their pixels [DN]."""
-        for rows in self._rows:
+        for strip in self._strips:
             yield (
-                rows,
+                strip.rows,
                 {
                     source: values
-                    for stage in self._strip(rows)
+                    for stage in self._strip(strip)
                     for source, (values, _) in stage.items()
                 },
             )
@@ -131,14 +131,14 @@ class NoiseBudget:
         return budget_html(self)
 
     @property
-    def _rows(self) -> list[slice]:
+    def _strips(self) -> list[Strip]:
         return strips_of(self.stages, self.frame.window)
 
-    def _strip(self, rows: slice) -> Contributions:
-        window = self.frame.window.crop_rows(rows)
+    def _strip(self, strip: Strip) -> Contributions:
+        window = self.frame.window.crop_rows(strip.around)
         frame = replace(self.frame, window=window, _blocks={})
         found: Contributions = []
-        light = self.light.crop_rows(rows)
+        light = self.light.crop_rows(strip.around)
         signal: Array = light.photons
         before = np.zeros(window.shape)
         for stage, to_dn in zip(self.stages, self._to_dn, strict=True):
@@ -149,7 +149,8 @@ class NoiseBudget:
                 name: (to_dn * np.broadcast_to(x, before.shape), variance)
                 for name, (x, variance) in parts.items()
             }
-            found.append(apart or {stage.label: (after - before, 0.0)})
+            by_source = apart or {stage.label: (after - before, 0.0)}
+            found.append(_inside(strip, by_source, window.shape))
             before = after
         return found
 
@@ -158,6 +159,16 @@ class NoiseBudget:
         """Nominal gain from behind each stage to digital numbers."""
         gains = [stage.nominal_gain for stage in self.stages]
         return [float(np.prod(gains[k + 1 :])) for k in range(len(gains))]
+
+
+def _inside(
+    strip: Strip, by_source: dict[str, tuple[Float64Array, Array]], shape: tuple[int, int]
+) -> dict[str, tuple[Float64Array, Array]]:
+    """Contributions to the pixels that a strip delivers.  shape : of all that it computes."""
+    return {
+        source: (values[strip.inside], np.broadcast_to(variance, shape)[strip.inside])
+        for source, (values, variance) in by_source.items()
+    }
 
 
 def _sums(strip: Contributions) -> list[dict[str, Float64Array]]:

@@ -15,7 +15,7 @@ from ..core import Array, Electrons, Frame, Photons, arrays
 from ..core.backend import NUMPY_FLOAT64, Backend
 from ..core.types import Float64Array
 from ..sensor.frame_notes import outside_qe
-from ..sensor.run import row_strips_of, strips_of
+from ..sensor.run import Strip, row_strips_of, strips_of
 from ..stages.compensation import LIMIT, compensable
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import UNITS, Stage, place_of, total
@@ -46,10 +46,10 @@ class FrameObserver:
         self.compensated: Float64Array = np.zeros(4)
         self._lock = threading.Lock()
 
-    def strip(self, rows: slice, frame: Frame) -> StripFollower:
-        """Before a strip is computed."""
-        followed = [] if frame.window.backend.compiled else self._followed(rows)
-        return StripFollower(self, frame, followed)
+    def strip(self, strip: Strip, frame: Frame) -> StripFollower:
+        """Before a strip is computed.  frame : of all its rows."""
+        followed = [] if frame.window.backend.compiled else self._followed(strip)
+        return StripFollower(self, strip, frame, followed)
 
     def count(self, counts: Mapping[str, int]) -> None:
         """Pixels of the masks of one strip."""
@@ -60,23 +60,23 @@ class FrameObserver:
         if self.sums.any():
             return
         frame = self.theory.frame.on(backend)
-        for rows in strips_of(self.theory.stages, frame.window):
-            followed = self._followed(rows)
+        for strip in strips_of(self.theory.stages, frame.window):
+            followed = self._followed(strip)
             if not followed:
                 continue
-            part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
-            follower, signal = (
-                StripFollower(self, part, followed),
-                self.theory.light.crop_rows(rows).signal,
-            )
+            window = frame.window.crop_rows(strip.around)
+            part = replace(frame, window=window, _blocks={})
+            follower = StripFollower(self, strip, part, followed)
+            signal = self.theory.light.crop_rows(strip.around).signal
             for number, stage in enumerate(self.theory.stages):
                 signal = stage.sample(signal, part) if number else signal
                 follower.behind(stage, signal)
 
-    def _followed(self, rows: slice) -> list[FollowedRows]:
+    def _followed(self, strip: Strip) -> list[FollowedRows]:
         """Those of a strip."""
+        first, rows = strip.around.start, strip.rows
         parts = [part for part in self.rows if rows.start <= part.start < rows.stop]
-        return [FollowedRows(part, rows.start, self._means(part)) for part in parts]
+        return [FollowedRows(part, first, self._means(part)) for part in parts]
 
     def _means(self, rows: slice) -> dict[int, Float64Array]:
         return self.theory.means(self.theory.light.crop_rows(rows).mean_e)
@@ -110,7 +110,8 @@ class FrameObserver:
 class FollowedRows(NamedTuple):
     """Rows of a window whose pixels are followed.
 
-    first : row of the window in which their strip begins.  means : expected behind every stage, by its number.
+    first : row of the window from which on their strip is computed.
+    means : expected behind every stage, by its number.
     """
 
     rows: slice
@@ -127,9 +128,10 @@ class StripFollower:
     """Sees the signals of one strip.  followed : the rows whose pixels count; of all others only the masks."""
 
     def __init__(
-        self, observer: FrameObserver, frame: Frame, followed: list[FollowedRows]
+        self, observer: FrameObserver, strip: Strip, frame: Frame, followed: list[FollowedRows]
     ) -> None:
         self.observer, self.frame, self.followed = observer, frame, followed
+        self.strip = strip
         self.masks: dict[str, Array] = {}
 
     def behind(self, stage: Stage, signal: Array) -> None:
@@ -149,8 +151,11 @@ class StripFollower:
             self.observer.add(number, values, part.means[number])
 
     def end(self) -> dict[str, Array]:
-        """Masks whose pixels are to be counted."""
-        return self.masks
+        """Masks of the rows that the strip delivers, whose pixels are to be counted."""
+        if self.strip.around == self.strip.rows:
+            return self.masks
+        shape, inside = self.frame.window.shape, self.strip.inside
+        return {name: np.broadcast_to(mask, shape)[inside] for name, mask in self.masks.items()}
 
 
 def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:

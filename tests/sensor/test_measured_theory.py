@@ -184,7 +184,17 @@ def test_no_byte_of_coupled_pixels_depends_on_strips_engines_and_streams(
     if engine != "float64":
         numpy = ms.expose(SCENE, COUPLED, SHORT, engine="numpy").digital[0]
         np.testing.assert_array_equal(whole, numpy)
+    report = ms.expose(SCENE, COUPLED, SHORT, **options).report  # type: ignore[arg-type]
+    monkeypatch.setattr(Backend, "strip_pixels", 1)  # less than the neighbours: one strip
+    at_once = ms.expose(SCENE, COUPLED, SHORT, **options).digital[0]  # type: ignore[arg-type]
+    np.testing.assert_array_equal(at_once, whole)
     monkeypatch.setattr(Backend, "strip_pixels", 4 * SCENE.shape[1] + 3)
+    in_strips = ms.expose(SCENE, COUPLED, SHORT, **options)  # type: ignore[arg-type]
+    assert in_strips.report["counts"] == report["counts"]
+    for parts, alone in zip(in_strips.report["stages"], report["stages"], strict=True):
+        for name in ("mean_frame", "sigma_frame", "mean_expected", "sigma_expected"):
+            assert parts[name] == pytest.approx(alone[name], rel=1e-9)
+    np.testing.assert_allclose(in_strips.noise_budget().total, whole, rtol=0, atol=1e-9)
     (streamed,) = ms.stream(SCENE, COUPLED, SHORT, **options)  # type: ignore[arg-type]
     np.testing.assert_array_equal(streamed, whole)
     sensor = ms.Sensor(COUPLED)
