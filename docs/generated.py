@@ -25,6 +25,7 @@ from pydantic.fields import FieldInfo
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, ROWS
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
@@ -52,6 +53,29 @@ ANNOTATIONS = {
 LINK = re.compile(r"\]\((?!\w+:|\.\./|#)")
 """Where a link to another page or picture of docs begins."""
 TABLES = tuple(tables(Camera))
+SHEET_EXAMPLE = {
+    "pitch_um": "5.86",
+    "size": "1920 x 1200",
+    "bits": "12",
+    "wavelength_nm": "525",
+    "qe": "77",
+    "gain_dn_per_e": "1/8.16",
+    "read_noise_e": "6.83",
+    "snr_max_db": "45.1",
+    "absolute_sensitivity_e": "7.7",
+    "saturation_e": "32691",
+    "dynamic_range_db": "72.5",
+    "dsnu_e": "0",
+    "prnu": "1",
+    "linearity_percent": "0.2",
+    "dark_e_per_s": "5",
+    "dark_temperature_k": "25",
+}
+"""What the rows of a sheet can say."""
+WITHOUT_KEY = dict.fromkeys(
+    COMPARED, "none: it follows from the others, and is compared with them"
+)
+WITHOUT_KEY["linearity_percent"] = "none: the camera is linear; `adc.ile` takes a curve"
 
 
 def with_generated_parts(page: str) -> str:
@@ -136,6 +160,28 @@ def camera_file() -> str:
     return markdown(Camera)
 
 
+def emva_sheet() -> str:
+    """The rows of an EMVA 1288 summary sheet, their keys, and an example of each."""
+    lines = [
+        "| EMVA 1288 sheet | example | key of the camera file | value in the file |",
+        "|---|---|---|---|",
+    ]
+    for row in ROWS:
+        example = SHEET_EXAMPLE[row.key]
+        keys = ", ".join(f"`{key}`" for key in KEYS.get(row.key, ()))
+        name, text = row.question.partition(", or")[0], _in_file(row.value(example))
+        if not keys:
+            keys, text = WITHOUT_KEY.get(row.key, "none"), ""
+        lines.append(f"| {name} | {example} | {keys} | {text} |")
+    return "\n".join(lines)
+
+
+def _in_file(value: object) -> str:
+    """A value, or a pair of them, as TOML has it."""
+    values = value if isinstance(value, tuple) else (value,)
+    return ", ".join(f"{one:.6g}" for one in dict.fromkeys(values))
+
+
 def noise_sources() -> str:
     """The stages that can be switched off, by their keys."""
     lines = ["| name | noise source |", "|---|---|"]
@@ -176,6 +222,7 @@ IN_PAGES = {
     for one in (
         stage_table,
         camera_file,
+        emva_sheet,
         noise_sources,
         glossary_of_stages,
         glossary_of_chip_and_lens,

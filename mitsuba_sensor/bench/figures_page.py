@@ -27,8 +27,8 @@ MAIN = (
     "µ_I.mean",
     "T_d",
 )
-MAIN_HEADINGS = "symbol | measured | from | to | unit | datasheet"
-HEADINGS = "symbol | figure | measured | from | to | unit | datasheet | z | section | note"
+MAIN_HEADINGS = "figure | measured | 95 % from | to | unit | datasheet"
+HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | section | note"
 
 
 def figures_of(
@@ -74,7 +74,7 @@ def characterized(
     ]
     return study_of(
         "characterize",
-        f"{name} in the laboratory",
+        f"{name} measured as EMVA 1288 does",
         sections,
         measured=figures,
         z_limit=limit,
@@ -93,24 +93,27 @@ def filter_section(
     findings = []
     if compared:
         findings.append(
-            f"{compared - len(wrong)} of {compared} figures{where} are those of the datasheet within their "
-            f"95 % intervals or by less than {limit:.1f} standard errors"
+            f"{compared - len(wrong)} of {compared} figures{where} agree with the datasheet within {limit:.1f} "
+            "standard errors"
         )
     for symbol, _, value, _, _, unit, said, *_ in wrong:
         findings.append(f"{symbol}{where}: measured {value:.4g}, datasheet {said:.4g} {unit}")
     if measured.hidden:
         findings.append(
-            f"no value{where}, since values of the frames are clipped: {', '.join(measured.hidden)}"
+            f"not measured{where}, because pixels of the frames are at the lowest or highest code: "
+            f"{', '.join(measured.hidden)}"
         )
     findings += [
         f"not measured{where}: {title}: {sentence}"
         for title, sentence in measured.refused.items()
     ]
-    findings += [f"{note}{where}" for note in measured.notes]
+    findings += [f"{where.lstrip()}: {note}" if where else note for note in measured.notes]
     main: list[MarkedRow] = []
     for mark, cells in rows:
         if cells[0] in MAIN:
-            main.append(("" if mark == "good" else mark, (cells[0], *cells[2:7])))
+            main.append(
+                ("" if mark == "good" else mark, (f"{cells[0]} {cells[1]}", *cells[2:7]))
+            )
     parts: tuple[Part, ...] = (
         table(f"Main figures{where}", MAIN_HEADINGS, main),
         *(Drawing(f"{name}{where}", draw) for name, draw in measured.drawings.items()),

@@ -222,7 +222,9 @@ def distances_section(compared: Sequence[Compared]) -> Section:
     tests = [(one.name, distance) for one in compared for distance in one.distances]
     if not tests:
         return Section(
-            ("no stack has 8 frames or more: nothing was held out to compare with",), True, ()
+            ("no set of equal frames has 8 or more: none were left to compare the twin with",),
+            True,
+            (),
         )
     limit = SIGNIFICANCE / len(tests)
     rows: list[MarkedRow] = []
@@ -232,9 +234,14 @@ def distances_section(compared: Sequence[Compared]) -> Section:
         rows.append((mark, (name, test.name, test.statistic, test.probability, test.detail)))
         failed += [f"{name}: {test.name}"] if mark == "bad" else []
     verdict = f"{len(failed)} fail: {'; '.join(failed)}" if failed else "all pass"
-    text = f"{len(tests)} tests of Kolmogorov and Smirnov on held-out frames: {verdict}"
+    text = (
+        f"{len(tests)} Kolmogorov-Smirnov tests of the twin's frames against frames that the fit did not use: "
+        f"{verdict}"
+    )
     shown = table(
-        "Held-out frames beside the twin's", "stack | of | D [1] | p [1] | compared", rows
+        "Frames that the fit did not use beside the twin's",
+        "stack | of | D [1] | p [1] | compared",
+        rows,
     )
     figures = [(one.name, figure) for one in compared for figure in one.figures]
     most = z_limit(max(len(figures), 1))
@@ -256,8 +263,8 @@ def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Se
     most = z_limit(len(residuals))
     worst = max(residuals, key=lambda one: abs(one["z"]))
     text = (
-        f"largest difference of the photon transfer is {worst['z']:.2g} standard errors, at {worst['mean_dn']:.4g} DN "
-        f"({len(residuals)} levels; chance exceeds {most:.2g} once in 100)"
+        f"the photon transfer curves of twin and camera differ by {worst['z']:.2g} standard errors at most, at "
+        f"{worst['mean_dn']:.4g} DN ({len(residuals)} levels; by chance 1 twin in 100 differs by more than {most:.2g})"
     )
     points = [(one["mean_dn"], one["z"]) for one in residuals]
     shown = Plot(

@@ -132,6 +132,22 @@ ROWS = (
 )
 """In the order of the summary sheet of EMVA 1288 Release 4."""
 
+KEYS = {
+    "pitch_um": ("pixel.pitch_x_um", "pixel.pitch_y_um"),
+    "size": ("sensor.columns", "sensor.rows"),
+    "bits": ("adc.bits",),
+    "wavelength_nm": ("quantum_efficiency.reference_nm",),
+    "qe": ("quantum_efficiency.value",),
+    "gain_dn_per_e": ("readout.gain_dn_per_e",),
+    "read_noise_e": ("source_follower.read_noise_e",),
+    "saturation_e": ("pixel.full_well_e",),
+    "dsnu_e": ("pixel.dsnu_e",),
+    "prnu": ("pixel.prnu",),
+    "dark_e_per_s": ("dark_current.rate_e_per_s",),
+    "dark_temperature_k": ("dark_current.at_temperature_k",),
+}
+"""Row → the keys of the camera file that it gives. The others follow from these, or are not used."""
+
 COMPARED = {
     "snr_max_db": ("SNR_max", "dB", "snr_max_db"),
     "absolute_sensitivity_e": ("µ_e.min", "e-", "absolute_sensitivity_e"),

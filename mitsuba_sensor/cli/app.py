@@ -14,6 +14,7 @@ import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
+from rich.text import Text
 
 from .. import __version__, stopping
 from ..core.printable import printable
@@ -176,6 +177,12 @@ def show(what: object, as_json: bool) -> None:
         typer.echo(printable(what, keep="\n\t"))
     else:
         out.print(what, highlight=False)
+
+
+def show_remarks(as_json: bool, remarks: Iterable[str]) -> None:
+    """Lines below a result, which JSON does not have."""
+    for remark in () if as_json else remarks:
+        out.print(Text(remark), highlight=False)
 
 
 def _sentence(error: BaseException) -> str:

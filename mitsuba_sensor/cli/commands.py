@@ -13,7 +13,7 @@ from ..capture_options import CaptureOptions, LightOptions, refuse_render_option
 from ..core.options import complete
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from . import arguments, options
-from .app import app, err, show
+from .app import app, err, show, show_remarks
 from .help import Command
 from .sentences import said_here
 from .values import Flag, number
@@ -50,6 +50,7 @@ def render(
     from ..output.frame_files import CAPTURE_FILES
     from .inputs import render_input
     from .progress import render_progress
+    from .remarks import taken_by_default, written
     from .terminal import summary
 
     given, asked = render_input(scene, flags)
@@ -62,6 +63,8 @@ def render(
         )
         found.save(folder)
     show(found.metadata if as_json else summary(found.metadata, str(out_dir)), as_json)
+    defaults = taken_by_default(flags, given.scene.settings, given.camera)
+    show_remarks(as_json, [*defaults, written(out_dir, CAPTURE_FILES)])
 
 
 @app.command(
@@ -87,12 +90,14 @@ def expose(
     from ..output.frame_files import FRAME_FILES
     from .inputs import camera_and_exposure, other_flags, settings_of
     from .progress import render_progress
+    from .remarks import taken_by_default, written
     from .terminal import summary
 
     refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)
     _refuse_lens(flags, unit)
-    camera, exposure = camera_and_exposure(flags, settings_of(rendered_for(irradiance), flags))
+    settings = settings_of(rendered_for(irradiance), flags)
+    camera, exposure = camera_and_exposure(flags, settings)
     asked = any(
         x is not None for x in (unit, wavelength_nm, fov_deg)
     )  # of another program's light
@@ -106,6 +111,8 @@ def expose(
         found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
         found.save(folder)
     show(found.metadata if as_json else summary(found.metadata, str(out_dir)), as_json)
+    defaults = taken_by_default(flags, settings, camera)
+    show_remarks(as_json, [*defaults, written(out_dir, FRAME_FILES)])
 
 
 @app.command(
@@ -131,6 +138,7 @@ def plan(
     from ..stages.gains import gain_dn_per_e
     from .inputs import camera_and_exposure, render_input, settings_of
     from .progress import render_progress
+    from .remarks import taken_by_default
     from .terminal import plan_sheet
 
     tolerance = require(
@@ -141,7 +149,8 @@ def plan(
         _refuse_lens(flags, unit)
         wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
-        camera, exposure = camera_and_exposure(flags, settings_of(rendered_for(source), flags))
+        settings = settings_of(rendered_for(source), flags)
+        camera, exposure = camera_and_exposure(flags, settings)
         light = ms.read_irradiance(source, unit, wavelength_nm, camera, fov_deg)
         light = light.before_denoising() if flags["raw_light"] else light
     else:
@@ -150,7 +159,7 @@ def plan(
                 f"{source} is a scene, which is rendered; leave --unit and --fov-deg out."
             )
         given, asked = render_input(source, flags)
-        camera, exposure = given.camera, given.exposure
+        settings, camera, exposure = given.scene.settings, given.camera, given.exposure
         with render_progress(err, asked) as progress:
             light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
     if isinstance(exposure, Metering):
@@ -171,6 +180,7 @@ def plan(
         )
     else:
         show(plan_sheet(found, needs), False)
+        show_remarks(False, taken_by_default(flags, settings, camera))
 
 
 def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
@@ -206,7 +216,8 @@ def fpn_maps(
     from ..core import InputError, first_given, require
     from ..files.appearing import refuse_empty
     from ..files.npz import write_fpn_maps
-    from .inputs import camera_and_exposure, other_flags
+    from .inputs import NO_SCENE, camera_and_exposure, other_flags
+    from .remarks import taken_by_default
     from .terminal import map_list
 
     asked = complete(options.MapFlags, other_flags(flags))
@@ -236,7 +247,9 @@ def fpn_maps(
         name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape}
         for name, x in found.items()
     }
-    show(spread if as_json else map_list(spread, str(out_file)), as_json)
+    maps = f"{out_file}: FPN maps of {camera.name}, serial number {asked['serial']}"
+    show(spread if as_json else map_list(spread, maps), as_json)
+    show_remarks(as_json, taken_by_default(flags, NO_SCENE, camera))
 
 
 @app.command(cls=Command)
@@ -283,6 +296,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
 
     from ..render.scene.scene import inspect_scene
     from .inputs import render_input
+    from .remarks import taken_by_default
     from .tables import FittedTable
 
     given, _ = render_input(scene, flags)
@@ -303,5 +317,6 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
             (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm"
         )
         show(Group(head, table if findings else Text("nothing to say", style="green")), False)
+        show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)

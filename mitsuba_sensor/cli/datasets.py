@@ -29,11 +29,17 @@ if TYPE_CHECKING:
     from ..dataset.run import RunProgress
 
 MOST_SHOWN = 50  # faults
+READ_FIRST = {
+    "contact_sheet.png": "some of the frames, to look at",
+    "README.md": "what is in the folder, and how to read it",
+    "samples.csv": "a line for each sample",
+}
+"""Files of a dataset for people."""
 
 dataset = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    help="Raw frames by the thousand, with clean twins, depth and normals, from one TOML file.\n\n"
+    help="Raw frames by the thousand, with the same frames without noise, depth and normals, from one TOML file.\n\n"
     "A run that was stopped, killed or out of disk goes on when the same command is given again. Exit code 1: some "
     "samples could not be made, or are not as they were written; 3: the disk is full.",
 )
@@ -235,9 +241,12 @@ def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableT
     """What a run made, and what it could not."""
     head = Text.assemble(
         (plan.file.name, "bold"),
-        f": {found.made} samples made, {found.there} were there → ",
+        f": {found.made} samples made, {found.there} were there already → ",
         folder,
     )
+    for name, what in READ_FIRST.items():
+        if (Path(folder) / name).is_file():
+            head.append(f"\n{Path(folder) / name}: {what}")
     if found.changed:
         head.append(
             f"\n{folder} was made from another text of the file before; samples that this one does not have stay there "
@@ -257,8 +266,9 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
         costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6) if cost else None
         cells = ["–"] * 3 if costs is None else [rough(x) for x in costs]
         table.add_row(scene, str(views), str(samples), *cells)
+    renders = "1 render" if counts.views == 1 else f"{counts.views} renders"
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
-    head = f"{plan.file.name}: {counts.samples} samples of {counts.views} renders{f' ({splits})' if splits else ''}"
+    head = f"{plan.file.name}: {counts.samples} samples of {renders}{f' ({splits})' if splits else ''}"
     takes = (
         []
         if found is None

@@ -10,13 +10,15 @@ import typer
 from ..core import InputError, require_seed
 from ..core.options import Option, complete, part_of
 from . import options
-from .app import app, err, out, show
+from .app import app, err, out, show, show_remarks
 from .help import Command
 from .options import Flags, StudyFlags
 from .progress import steps_bar
 from .values import Flag
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ..bench.datasheet import Said
     from ..camera.camera import Camera
     from ..core import Float64Array
@@ -104,6 +106,7 @@ def characterize(**flags: Flag) -> None:
     from ..files import texts
     from ..files.appearing import output_folder, require_folder
     from ..pages.html_page import html
+    from .remarks import written
     from .study_sheet import study_sheet
 
     asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
@@ -119,8 +122,27 @@ def characterize(**flags: Flag) -> None:
         else study_sheet(made, str(Path(folder) / PAGE), out.width),
         flags["as_json"],
     )
+    show_remarks(
+        flags["as_json"], [*_what_was_measured(flags, made), written(folder, (PAGE, REPORT))]
+    )
     if not made.passed:
         raise typer.Exit(1)
+
+
+def _what_was_measured(flags: Flags, made: "Study") -> "Iterator[str]":
+    """Where the frames are from, and what of it nobody asked for."""
+    from .inputs import NO_SCENE
+    from .remarks import taken_by_default
+
+    if flags["frames"]:
+        yield f"measured: frames from {flags['frames']}"
+        return
+    camera, temperature_k = _camera(flags)
+    yield (
+        f"measured: simulated frames of {camera.name}, serial number {made.data['serial']}, at {temperature_k:g} K in "
+        f"light of {made.data['wavelength_nm']:g} nm; frames of a real camera: --frames DIR"
+    )
+    yield from taken_by_default({**flags, "exposure_s": 0.0}, NO_SCENE, camera)
 
 
 def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":

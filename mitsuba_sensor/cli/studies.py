@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from ..core.options import complete, part_of
 from ..render.options import SceneOptions
 from ..stopping import remark_if_stopped
 from . import arguments, options
-from .app import app, err, out, show
+from .app import app, err, out, show, show_remarks
 from .help import Command, Group
 from .options import AblationFlags, Flags, StudyFlags, WorkPrecisionFlags
 from .progress import seconds_bar
@@ -59,6 +59,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     from ..study.work_precision import RECORDS, SIDES
     from ..study.work_precision import work_precision as measured
     from .inputs import render_input
+    from .remarks import taken_by_default
 
     asked: dict[str, Flag] = dict(
         complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags))
@@ -69,7 +70,8 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     )
     subject, question = _subject(scene, found, flags)
     measure = partial(measured, subject=subject, sides=sides, **asked)
-    _run("work-precision", flags, {**question, **asked}, measure, RECORDS)
+    defaults = taken_by_default(flags, found.scene.settings, found.camera)
+    _run("work-precision", flags, {**question, **asked}, measure, RECORDS, defaults)
 
 
 @study.command(
@@ -94,6 +96,7 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     from ..study.ablation import RECORDS
     from ..study.ablation import ablation as measured
     from .inputs import render_input
+    from .remarks import taken_by_default
 
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
     require("tolerance_dn", asked["tolerance_dn"], 0.0, 1e9, "digital numbers, e.g. 0.02")
@@ -111,6 +114,7 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
         {**question, **asked},
         partial(measured, subject=subject, **asked),
         RECORDS,
+        taken_by_default(flags, found.scene.settings, found.camera),
     )
 
 
@@ -159,14 +163,17 @@ def _run(
     question: dict[str, Flag],
     measure: "Callable[[Kit], Study]",
     records: tuple[type, ...] = (),
+    defaults: Sequence[str] = (),
 ) -> None:
     """Run a study and show what it found.
 
     question : all that decides what is measured.  records : classes that its measurements consist of.
+    defaults : what is said of values that nobody gave.
     """
     from ..core import first_given
     from ..files.appearing import refuse_empty
     from ..study.running import PAGE, StudyFolder
+    from .remarks import written
     from .study_sheet import study_sheet
 
     refuse_empty(
@@ -189,6 +196,7 @@ def _run(
         show(outcome.to_dict(), True)
     else:
         show(study_sheet(outcome, str(path / PAGE), out.width), False)
+    show_remarks(flags["as_json"], [*defaults, written(path, folder.written)])
     if not outcome.passed:
         raise typer.Exit(1)
 

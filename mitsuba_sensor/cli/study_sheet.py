@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 
 from rich.console import Console, Group, RenderableType
 from rich.text import Text
@@ -53,11 +54,19 @@ def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
                 lines.append(piece)
                 left -= height(piece, width)
             hidden[kind] += not fits
-    if more := " and ".join(
-        f"{number} more {kind}" for kind, number in hidden.items() if number
-    ):
-        lines.append(Text(f"{more} stand in the page", style="dim"))
+    if any(hidden.values()):
+        lines.append(in_the_page(hidden))
     return Group(*lines)
+
+
+def in_the_page(hidden: Mapping[str, int]) -> Text:
+    """What only the page has.  hidden : things, in the plural, and how many of them."""
+    more = [
+        f"{number} more {name if number > 1 else name.removesuffix('s')}"
+        for name, number in hidden.items()
+        if number
+    ]
+    return Text(f"{' and '.join(more)} in the page", style="dim")
 
 
 def height(what: RenderableType, width: int) -> int:
@@ -99,8 +108,9 @@ def _table(table: page.Table, width: int) -> RenderableType:
     columns = range(len(table.columns))
     count = max(sum(drawn.least(columns[: one + 1]) <= width for one in columns), 1)
     hidden = {"rows": len(rows) - len(shown), "columns": len(columns) - count}
-    more = " and ".join(f"{number} more {name}" for name, number in hidden.items() if number)
-    said = [Text(f"{more} stand in the page", style="dim")] if more else []
+    said = [in_the_page(hidden)] if any(hidden.values()) else []
+    if not shown:
+        return Text(f"{table.title}: {len(rows)} rows, in the page", style="dim")
     return Group(
         Text(f"\n{table.title}", style="bold"), drawn.block(columns[:count], width), *said
     )

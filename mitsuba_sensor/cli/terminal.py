@@ -119,15 +119,15 @@ def _needs(needs: Sequence[RenderRequirement]) -> FittedTable:
     return table
 
 
-def map_list(spread: Report, path: str) -> RenderableType:
-    """The FPN maps of a camera: name, shape, mean and spread of each."""
+def map_list(spread: Report, what: str) -> RenderableType:
+    """The FPN maps of a camera: name, shape, mean and spread of each.  what : was written."""
     caption = "gains and dark factors are 1 on average; offsets are in electrons"
     table = FittedTable(("map", "shape", "mean", "σ"), caption=caption)
     for name, x in spread.items():
         table.add_row(
             name, " × ".join(map(str, x["shape"])), number(x["mean"]), number(x["sigma"])
         )
-    return Group(Text(f"wrote {path}", style="bold"), table)
+    return Group(Text(f"wrote {what}", style="bold"), table)
 
 
 def diagnosis(findings: Report) -> RenderableType:
@@ -147,11 +147,13 @@ def diagnosis(findings: Report) -> RenderableType:
         Text.assemble(("do: ", "bold yellow"), command) for command in findings["remedies"]
     ]
     verdict = Text(
-        f"renders with {findings['variant']}" if findings["works"] else "cannot render",
+        f"works: renders with {findings['variant']}"
+        if findings["works"]
+        else "does not work: no variant of Mitsuba renders",
         style="bold",
     )
     verdict.stylize("green" if findings["works"] else "red")
-    return Group(variants, llvm, Text(versions, style="dim"), verdict, *remedies)
+    return Group(verdict, *remedies, variants, llvm, Text(versions, style="dim"))
 
 
 def _stages(report: Report) -> FittedTable:

@@ -12,7 +12,7 @@ import mitsuba_sensor as ms
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
-from .app import app, err, out, show
+from .app import app, err, out, show, show_remarks
 from .help import Command
 from .progress import steps_bar
 from .values import Flag
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..camera.camera import Camera
 
 PANEL = "Laboratory"
+NEXT = "expose as this camera: mitsuba-sensor render SCENE -o out/ --camera {}"
 
 
 class FitFlags(TypedDict, total=False):
@@ -81,6 +82,7 @@ def fit(
     from ..lab.twin.fit import held_out
     from ..lab.twin.maps import maps_of
     from ..pages.html_page import html
+    from .remarks import written
     from .study_sheet import study_sheet
 
     asked = complete(FitFlags, part_of(FitFlags, flags))
@@ -104,13 +106,15 @@ def fit(
         f"{path.stem}{_mark(one.name) if n else ''}.npz": maps_of(one)
         for n, one in enumerate(twin.settings)
     }
-    with output_folder(path.parent, (path.name, f"{path.stem}.html", *maps)) as scratch:
+    files = path.name, f"{path.stem}.html", *maps
+    with output_folder(path.parent, files) as scratch:
         texts.write_page(scratch / path.name, camera.to_toml())
         texts.write_page(scratch / f"{path.stem}.html", html(found))
         for name, some in maps.items():
             npz.write_fpn_maps(scratch / name, some)
     page = str(path.with_suffix(".html"))
     show(found.to_dict() if as_json else study_sheet(found, page, out.width), as_json)
+    show_remarks(as_json, [written(path.parent, files), NEXT.format(path)])
     if not found.passed:
         raise typer.Exit(1)
 

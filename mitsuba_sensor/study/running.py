@@ -60,6 +60,11 @@ class StudyFolder:
         self._write(outcome)
         return outcome
 
+    @property
+    def written(self) -> tuple[str, ...]:
+        """Names of the files that people read; a ``*`` stands for any text."""
+        return PAGE, NUMBERS, f"{self.name}*.png"
+
     def _write(self, outcome: Study) -> None:
         pictures = outcome.pictures if self.every_picture else outcome.pictures[:1]
         names = [f"{self.name}-{number}.png" for number in range(1, len(pictures) + 1)]

@@ -123,7 +123,10 @@ def test_another_valid_dataset_file_is_found_and_nothing_is_rendered_from_it(
     )
     assert cli("dataset", "export", "card", "out", "-o", "card").exit_code == 2
     assert contents(here) == before
-    assert cli("dataset", "run", "tiny.toml", "-o", "out", "--workers", "0").exit_code == 0
+    done = cli("dataset", "run", "tiny.toml", "-o", "out", "--workers", "0")
+    assert done.exit_code == 0
+    for name in ("README.md", "samples.csv"):
+        assert f"{Path('out', name)}: " in done.stdout
     assert contents(here) == contents(made), "the file that it was made from restores it"
 
 

@@ -133,6 +133,9 @@ def test_frames_on_disk_give_the_figures_of_the_same_frames_in_memory(
         app, ["characterize", "--frames", str(tmp_path), "-o", str(tmp_path / "out")]
     )
     assert done.exit_code == 0, done.output
+    said = " ".join(done.stdout.split())
+    assert f"measured: frames from {tmp_path}" in said
+    assert said.endswith("report.html, report.json")
     told = json.loads((tmp_path / "out/report.json").read_text())["measured"]["all pixels"]
     (found,) = measure(small)
     of_memory = {

@@ -57,7 +57,7 @@ def rows(study: Study, title: str) -> dict[str, dict[str, object]]:
 def test_laws_and_frames_agree_and_the_plan_keeps_its_tolerance(study: Study) -> None:
     """|z| beyond the limit is found by chance in 1 % of seeds."""
     assert study.passed and any(
-        "Laws and frames agree" in finding for finding in study.findings
+        "Theory and frames agree" in finding for finding in study.findings
     )
 
 
@@ -89,7 +89,7 @@ def test_a_stage_that_changes_nothing_saves_no_dn(study: Study) -> None:
 def test_a_sky_has_no_indirect_light_and_a_fall_off_of_its_lens(study: Study) -> None:
     shown = rows(study, "What changes when the render")
     assert (
-        shown["indirect light"]["rms [DN]"] < 4 * shown["indirect light"]["± [DN]"]
+        shown["no indirect light"]["rms [DN]"] < 4 * shown["no indirect light"]["± [DN]"]
     )  # of the rms, the last one
     assert {"one band", "channels instead of bands"} <= set(shown)
 

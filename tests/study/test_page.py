@@ -153,7 +153,7 @@ def test_the_terminal_shows_at_most_40_lines_and_says_what_stands_in_the_page() 
         assert (
             len(said.splitlines()) <= 40
             and "wrong" in said
-            and "more tables stand in the page" in said
+            and "more tables in the page" in said
         )
     said = shown(replace(long, findings=("finding " * 30,) * 30), 80)
     assert len(said.splitlines()) <= 40 and "more findings" in said

@@ -123,10 +123,11 @@ def measured() -> tuple[Kit, Study]:
 def test_the_page_names_what_fails_and_counts_what_holds(measured: tuple[Kit, Study]) -> None:
     study = measured[1]
     assert not study.passed and study.findings[0].startswith(
-        "3 of 5 cases hold on NumPy float64, NumPy float32"
+        "3 of 5 cases have the expected result on NumPy float64, NumPy float32"
     )
     assert any(
-        finding.startswith("Fails: made, wrong, NumPy float64") for finding in study.findings
+        finding.startswith("Not as expected: made, wrong, NumPy float64")
+        for finding in study.findings
     )
     grid = next(part for part in study.parts if isinstance(part, Grid))
     assert (

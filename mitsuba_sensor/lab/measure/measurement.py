@@ -245,7 +245,8 @@ def _measure_dark(measurement: Measurement, bench: Bench, gain: Quantity | None)
     if signal is not None and signal.fits:
         exposure_s = longest_dark(bench).exposure_s
         measurement.notes.append(
-            f"dark signal of {exposure_s:g} s: {signal.best.name} fits best (BIC)"
+            f"distribution of the dark signal over the pixels, in {exposure_s:.4g} s: {signal.best.name} (of the "
+            "fitted ones that with the lowest BIC)"
         )
         measurement.drawings["Dark signal"] = signal.plot
         measurement.drawings["Dark signal, logarithmic"] = partial(signal.plot, log_counts=True)

@@ -50,5 +50,5 @@ def ablation(
     sections = sensor_section(SensorResults(sensor), sensor), render_section(render.changes())
     scene, camera, exposure = kit["loading the scene"], subject.camera, subject.exposure
     about = f"{scene['columns']} × {scene['rows']} pixels, {exposure.time_s:g} s, {exposure.temperature_k:g} K"
-    title = f"What {Path(subject.scene).stem} and {camera.name} can do without ({about})"
+    title = f"What can be left out: {Path(subject.scene).stem}, {camera.name} ({about})"
     return study_of("ablation", title, sections)

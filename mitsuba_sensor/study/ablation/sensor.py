@@ -238,7 +238,7 @@ def sensor_section(results: SensorResults, ablation: SensorAblation) -> Section:
 
 
 def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterator[str]:
-    """What the plan leaves out, whether laws and frames agree, what is needed and what costs most."""
+    """What the plan leaves out, whether theory and frames agree, what is needed and what costs most."""
     left_out, saved = results.verdicts["left_out"], results.saved_share(PLAN)
     saves = (
         f"saves {saved.median:.0%} of the sensor's time ({saved.low:.0%} to {saved.high:.0%})"
@@ -247,23 +247,24 @@ def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterato
         saves = f"saves no time beyond the scatter of the measurement ({saved.low:.0%} to {saved.high:.0%})"
     yield (
         f"The plan at {ablation.tolerance_dn:g} DN leaves out {len(left_out)} of {len(results.verdicts['stages'])} "
-        f"stages ({', '.join(left_out) or 'none'}), {saves}, and moves no pixel's mean over {SENSORS} cameras by more "
-        f"than {results.worst_pixel_dn[PLAN]:.2g} DN."
+        f"stages ({', '.join(left_out) or 'none'}), {saves}, and changes the mean of no pixel, over {SENSORS} chips, "
+        f"by more than {results.worst_pixel_dn[PLAN]:.2g} DN."
     )
     if results.compared:
         furthest = max(abs(one.z) for one in results.compared)
         verdict = "agree" if results.agree else "do not agree"
         yield (
-            f"Laws and frames {verdict} in {len(results.compared)} comparisons: the largest |z| is {furthest:.2f}; by "
-            f"chance one above {results.limit:.2f} is found in 1 % of such studies."
+            f"Theory and frames {verdict} in {len(results.compared)} comparisons: they differ by {furthest:.2f} "
+            f"standard errors at most; by chance 1 % of such studies have more than {results.limit:.2f}."
         )
     sources = [case for case in results.changes if case not in (WHOLE, PLAN)]
     if sources:
         needed = max(sources, key=lambda case: largest_change(results.changes[case]))
         dear = max(sources, key=lambda case: results.saved_share(case).median)
         yield (
-            f"Most depends on {needed}: without it mean or σ change by {largest_change(results.changes[needed]):.3g} "
-            f"DN; most time goes into {dear}, {results.saved_share(dear).median:.0%} on NumPy."
+            f"What matters most is {needed}: without it a mean or σ changes by "
+            f"{largest_change(results.changes[needed]):.3g} DN. What takes most time is {dear}: "
+            f"{results.saved_share(dear).median:.0%} of a frame's on NumPy."
         )
 
 
@@ -297,7 +298,7 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
         "What changes when a noise source is left out",
         f"left out | {headings} | largest abs(z) [1] | worst pixel's mean [DN] | saved [%] | plan",
         rows,
-        f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the exact law "
+        f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the theory "
         f"of every pixel; measured on {ablation.frames} frames of each of {SENSORS} sensors, with equal random bits; ± "
         f"is the standard error from sensor to sensor. Seconds are those of NumPy on "
         f"{math.prod(TIMED_SHAPE)} pixels, medians of interleaved runs; the whole chain takes {whole_ns:.4g} ns/pixel.",

@@ -103,21 +103,22 @@ def verdicts(theme: Theme, engine: Engine) -> list[Row]:
 
 
 def verdict_section(answers: dict[str, list[tuple[str, Row]]], kit: Kit) -> Section:
-    """How many cases hold, which do not, and which engines are not here."""
+    """How many cases have the expected result, which do not, and which engines are not here."""
     every = [(theme, engine, row) for theme, told in answers.items() for engine, row in told]
     failed = [one for one in every if not one[2].got.passed]
     engines = ", ".join(
         dict.fromkeys(engine for _, engine, _ in every if engine != NO_ENGINE.name)
     )
     findings = [
-        f"{len(every) - len(failed)} of {len(every)} cases hold on {engines}, in {kit.seconds:.0f} s."
+        f"{len(every) - len(failed)} of {len(every)} cases have the expected result on {engines}, "
+        f"in {kit.seconds:.0f} s."
     ]
     for theme, engine, row in failed[:5]:
         findings.append(
-            f"Fails: {theme}, {row.given}, {engine}: {row.got.text}; expected {row.expected}."
+            f"Not as expected: {theme}, {row.given}, {engine}: {row.got.text}; expected {row.expected}."
         )
     findings += [
-        f"Not here: {engine.name} ({problem_of(engine)})."
+        f"Not tested on this machine: {engine.name} ({str(problem_of(engine)).removesuffix('.')})."
         for engine in COLUMNS
         if problem_of(engine)
     ]
@@ -133,7 +134,14 @@ def verdict_grid(answers: dict[str, list[tuple[str, Row]]]) -> Grid:
         texts.append(tuple(text for _, text in cells))
     names = tuple(engine.name.replace(" ", "\n") for engine in COLUMNS)
     note = "No engine: what is refused before any pixel. Not here: an engine that this machine does not have."
-    return Grid("How many cases hold", tuple(answers), names, tuple(marks), tuple(texts), note)
+    return Grid(
+        "How many cases have the expected result",
+        tuple(answers),
+        names,
+        tuple(marks),
+        tuple(texts),
+        note,
+    )
 
 
 def verdict_cell(

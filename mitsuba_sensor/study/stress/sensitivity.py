@@ -123,16 +123,16 @@ def condition_section(found: Sequence[Sensitivity]) -> Section:
     """The inputs that move each camera's output most: in a sentence and in a table."""
     strongest = max(found, key=lambda one: one.largest_dn)
     finding = (
-        f"One float32 step of an input moves a mean or σ by {strongest.largest_dn:.2g} DN at most: {strongest.field} "
-        f"of {strongest.camera}, {EXPOSURE.time_s:g} s, light {strongest.level} of the full well."
+        f"The last bit of an input in float32 changes a mean or σ by {strongest.largest_dn:.2g} DN at most: "
+        f"{strongest.field} of {strongest.camera}, {EXPOSURE.time_s:g} s, light {strongest.level} of the full well."
     )
     rows = []
     for camera in dict.fromkeys(one.camera for one in found):
         rows += [one for one in found if one.camera == camera][:5]
     numbers = table(
-        "Condition numbers: what one float32 step of an input does",
-        "camera | light, share of well | input | value [as in a camera file] | mean [DN] | mean moves [DN] | "
-        "temporal σ moves [DN] | condition number of the mean [1]",
+        "Condition numbers: what the last bit of an input in float32 changes",
+        "camera | light, share of well | input | value [as in a camera file] | mean [DN] | mean changes by [DN] | "
+        "temporal σ changes by [DN] | condition number of the mean [1]",
         (
             (
                 "",

@@ -26,11 +26,11 @@ def render_section(render: Render) -> Section:
 
 def advice(reaching: Sequence[Choice], tolerance: float) -> str:
     """The options to take for the tolerance."""
-    goal = f"For a relative error of {tolerance:.3g} of the light of a pixel"
+    goal = f"For a relative error of {tolerance:.3g} in the light of a pixel"
     if not reaching:
         return f"{goal} any number of samples does: all errors are below the reference's own."
     best = reaching[0]
-    return f"{goal}: {best.options} (about {best.seconds:.2g} s)."
+    return f"{goal} render with {best.options} (about {best.seconds:.2g} s)."
 
 
 def render_findings(results: Sequence[Result], plot: Plot) -> Iterator[str]:
@@ -40,17 +40,17 @@ def render_findings(results: Sequence[Result], plot: Plot) -> Iterator[str]:
     if slopes:
         missing = f"; not in {', '.join(off)}" if off else ""
         yield (
-            f"The error falls as the samples to a power between {INDEPENDENT:g} (independent ones) and {STRATIFIED:g} "
-            f"(stratified ones), within {WITHIN:g} or its interval, in "
-            f"{len(slopes) - len(off)} of {len(slopes)} settings, slopes from {min(slopes):.3f} to "
-            f"{max(slopes):.3f}{missing}."
+            f"The error goes with the number of samples to a power between {INDEPENDENT:g} (independent samples) and "
+            f"{STRATIFIED:g} (stratified ones), as it should, in {len(slopes) - len(off)} of {len(slopes)} settings: "
+            f"the powers are {min(slopes):.3f} to {max(slopes):.3f}, of which {WITHIN:g} or the interval is allowed for"
+            f"{missing}."
         )
     front = sorted((one.x[k], one.label) for one in plot.lines for k in one.ringed)
     if front:
         names = dict.fromkeys(name for _, name in front)
-        yield f"Electrons: no other setting beats, from the quickest to the most exact, {', '.join(names)}."
+        yield f"No other setting is both faster and more exact than, from the fastest on: {', '.join(names)}."
     own = math.sqrt(results[0].own)
-    yield f"The reference's own error is {own:.2g} of the electrons; it is taken off every error."
+    yield f"The reference render has a relative error of {own:.2g} itself, which is subtracted from every error."
 
 
 def diagram(results: Sequence[Result], tolerance: float) -> Plot:

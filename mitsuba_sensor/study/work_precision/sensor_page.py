@@ -38,7 +38,7 @@ def sensor_section(sensor: Sensor) -> Section:
     missed, shown = [], list[MarkedRow]()
     for what, unit, found, limit in required:
         if found > limit:
-            missed.append(f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}.")
+            missed.append(f"Beyond its limit of {limit:.3g}: {what}, {found:.3g}.")
         shown.append(("bad" if found > limit else "good", (what, unit, found, limit)))
     note = f"Of changes {SIGNIFICANT:g} standard errors are taken off."
     must_hold = table("Checks on the sensor side", "what | unit | found | limit", shown, note)
@@ -93,8 +93,8 @@ def sensor_findings(rows: Rows, problems: dict[str, str]) -> Iterator[str]:
     """Sentences, the most important first."""
     best = recommended(rows, USUAL_DN)
     yield (
-        f"For {USUAL_DN:g} DN take {best.setting.name}: {best.ns.median:.3g} ns/pixel, {best.faster:.3g} times as fast "
-        f"as {REFERENCE.name}; mean, temporal σ and spatial σ change by {best.worst_dn:.2g} DN at most."
+        f"For frames within {USUAL_DN:g} DN take {best.setting.name}: {best.ns.median:.3g} ns/pixel, {best.faster:.3g} "
+        f"times as fast as {REFERENCE.name}; mean, temporal σ and spatial σ change by {best.worst_dn:.2g} DN at most."
     )
     plain = rows[FrameSetting("numpy", "float32")]
     for setting, row in rows.items():
@@ -102,13 +102,16 @@ def sensor_findings(rows: Rows, problems: dict[str, str]) -> Iterator[str]:
             faster = ratio(plain.seconds, row.seconds)
             yield (
                 f"The whole chain takes {row.ns.median:.3g} ns/pixel on {setting.engine}, {faster:.3g} times as fast "
-                f"as NumPy float32 ({plain.ns.median:.3g}); first frames took {row.first_s:.2g} and "
-                f"{plain.first_s:.2g} s."
+                f"as NumPy float32 ({plain.ns.median:.3g} ns/pixel). Its first frame, with compiling, took "
+                f"{row.first_s:.2g} s, that of NumPy {plain.first_s:.2g} s."
             )
     for engine, problem in problems.items():
-        yield f"The engine {engine} is not here: {problem}"
+        yield f"Not measured on this machine: engine {engine} ({problem.removesuffix('.')})."
     share, largest = plain.pixels["share_of_pixels"], plain.pixels["largest_dn"]
-    yield f"In float32 {share:.2%} of the pixels are off, by up to {largest:g} DN, from float64 with equal random bits."
+    yield (
+        f"Between a frame in float32 and one in float64 of the same random numbers {share:.2%} of the pixels differ, "
+        f"by {largest:g} DN at most."
+    )
 
 
 def error_plot(rows: Rows) -> Plot:
@@ -155,7 +158,8 @@ def settings_table(rows: Rows, problems: dict[str, str]) -> Table:
             )
         )
     absent = "; ".join(
-        f"{engine}: not here ({problem})" for engine, problem in problems.items()
+        f"{engine}: not measured on this machine ({problem})"
+        for engine, problem in problems.items()
     )
     changes_of = " | ".join(f"{name} changes by [DN]" for name in QUANTITIES)
     return table(
