@@ -40,6 +40,8 @@ from .lens_datasheet import LensSection
 from .notebook import camera_html
 
 QE_WAYS = ("value", "file", "curves")
+QE_CURVES = "quantum_efficiency.curves"  # what each way of giving the QE becomes
+SET_BY_USER = "set by the user"
 GAIN_WAYS = ("readout.gain_dn_per_e", "adc.full_scale_v")
 SHORT = Exposure(0.0)
 UNSET = " None unsets a field; on the command line: --set FIELD=none."
@@ -174,6 +176,7 @@ class Camera(FileTable):
                 for other in QE_WAYS:  # the new way of giving the QE stands in for the old one
                     if other != last and f"quantum_efficiency.{other}" not in changes:
                         table.pop(other, None)
+                        data["sources"].pop(f"quantum_efficiency.{other}", None)
             if dotted in GAIN_WAYS and value is not None:
                 for other in GAIN_WAYS:
                     if other != dotted and other not in changes:
@@ -185,7 +188,8 @@ class Camera(FileTable):
                 key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")
             }
             if path and value is not None:
-                data["sources"][dotted] = "set by the user"
+                is_qe = path == ["quantum_efficiency"] and last in QE_WAYS
+                data["sources"][QE_CURVES if is_qe else dotted] = SET_BY_USER
         camera = checked_camera(data, self.name)
         camera._added = self._added
         return camera

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +11,9 @@ import typer
 
 import mitsuba_sensor as ms
 
+from ..camera.camera import SET_BY_USER
 from ..camera.emva_sheet import ROWS, Row, Value, camera_of_sheet, comparisons, is_asked
+from ..camera.gain_ladder import SAME, SET
 from ..core import InputError
 from .app import err
 from .inputs import changes_of
@@ -29,14 +32,41 @@ def new_camera_of(flags: Mapping[str, Flag], file: Path) -> tuple[ms.Camera, lis
     if flags["emva"]:
         values = asked_rows()
         name, description, notes = asked_names(flags, file, OF_SHEET)
-        camera = camera_of_sheet(values, name, description)
+        camera = camera_of_sheet(values, name, description).replace(**changes_of(flags))
         notes += comparisons(values, camera)
     else:
         like = ms.load_camera(flags["like"] or DEFAULT)
         name, description, notes = asked_names(flags, file, f"a camera like {like.name}")
-        camera = like.replace(name=name, description=description)
-    changed = camera.replace(**changes_of(flags)).without(*flags["without"] or ())
-    return changed, notes
+        camera, kept = camera_like(like, name, description, changes_of(flags))
+        notes += kept
+    return camera.without(*flags["without"] or ()), notes
+
+
+def camera_like(
+    like: ms.Camera, name: str, description: str, changes: Mapping[str, object]
+) -> tuple[ms.Camera, list[str]]:
+    """A camera with the numbers of another one but for some, and what is kept. Raises InputError.
+
+    Sources and gain settings are kept where they are true of it: another K has no source, and gain settings whose
+    numbers are changed are left out.
+    """
+    camera = like.replace(name=name, description=description, **changes)
+    old_k, k = like.system_gain_dn_per_e, camera.system_gain_dn_per_e
+    same_k = math.isclose(old_k, k, rel_tol=SAME)
+    kept = f"all numbers and their sources are those of {like.name}, but {', '.join(changes)}"
+    if not same_k:
+        kept += f"; K is {k:.4g} DN/e- (that of {like.name}: {old_k:.4g})"
+    stale_ladder = "gains" not in changes and bool(like.gains)
+    if stale_ladder and not (same_k and set(changes).isdisjoint(SET.values())):
+        camera = camera.replace(gains=None, gain=None)
+        kept += "; its gain settings are left out, because they have other numbers"
+    sources = dict(camera.sources)
+    for field, text in sources.items():
+        if name != like.name and text != SET_BY_USER:
+            sources[field] = f"assumed: as {like.name}: {text}"
+    if not same_k and "adc.full_scale_v" not in changes:
+        sources.pop("adc.full_scale_v", None)
+    return camera.replace(sources=sources), [kept] if changes else []
 
 
 def asked_names(

@@ -23,7 +23,8 @@ def test_a_new_file_is_the_camera_that_it_is_like(
         done.stderr
     )
     like = ms.load_camera(name)
-    own = like.replace(name="my", description=f"a camera like {name}")
+    assumed = {field: f"assumed: as {name}: {text}" for field, text in like.sources.items()}
+    own = like.replace(name="my", description=f"a camera like {name}", sources=assumed)
     assert ms.load_camera(file) == own and file.read_text("utf-8") == own.to_toml()
     named = ("--name", like.name, "--description", like.description, "--force")
     assert cli("cameras", "new", file, "--like", name, *named).exit_code == 0
@@ -43,9 +44,36 @@ def test_an_existing_file_is_written_over_only_by_force(
     assert file.read_text("utf-8") == "mine" and done.stdout == ""
     assert cli("cameras", "new", file, "--force", "--set", "adc.bits=14").exit_code == 0
     made = ms.load_camera(file)
-    assert made == ms.load_camera("konnik_table1").replace(
+    expected = ms.load_camera("konnik_table1").replace(
         name="my", description=made.description, **{"adc.bits": 14}
     )
+    assert made == expected.replace(sources=made.sources)
+    assert made.sources["adc.bits"] == "set by the user"
+
+
+def test_a_new_file_keeps_of_its_model_what_is_true_of_it(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """Another K has no source, and gain settings with other numbers are left out; what is kept is said in a line."""
+    file, like = tmp_path / "my.toml", ms.load_camera("raspberry_pi_hq")
+
+    def made_with(*settings: str) -> tuple[ms.Camera, str]:
+        flags = [part for one in settings for part in ("--set", one)]
+        done = cli("cameras", "new", file, "--like", like.name, "--force", *flags)
+        assert done.exit_code == 0
+        return ms.load_camera(file), " ".join(done.stdout.split())
+
+    camera, said = made_with("adc.bits=10")
+    assert "but adc.bits; K is 0.1175 DN/e- (that of raspberry_pi_hq: 0.47)" in said
+    assert "its gain settings are left out" in said and not camera.gains
+    assert "adc.full_scale_v" not in camera.sources and "gains" not in camera.sources
+    assert camera.sources["adc.bits"] == "set by the user"
+    camera, said = made_with("pixel.prnu=0.02")
+    assert "all numbers and their sources are those of raspberry_pi_hq, but pixel.prnu" in said
+    assert camera.gains == like.gains and "K is" not in said and "left out" not in said
+    assert camera.sources["pixel.prnu"] == "set by the user"
+    camera, _ = made_with("source_follower.read_noise_e=5", "quantum_efficiency.value=0.5")
+    assert not camera.gains and camera.sources["quantum_efficiency.curves"] == "set by the user"
 
 
 def test_a_place_that_takes_no_camera_file_is_one_sentence(

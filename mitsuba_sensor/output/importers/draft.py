@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ...camera.camera import Camera
+from ...camera.camera import SET_BY_USER, Camera
 from ...camera.camera_file import camera_from
 from ...core import InputError
 from ...core.errors import shown
 from ...core.printable import printable
 from ...stages.gains import volts_per_electron
 
-USER = "set by the user"
 MOST = 1e12
 """No gain, noise or number of electrons of a camera is larger."""
 MAY_BE_NUMBERS = (str, int, float, np.integer, np.floating)
@@ -42,7 +41,7 @@ class Draft:
 
     def assume(self, dotted: str, value: Any, why: str) -> None:
         """A number that the file does not have; one that the user has set stays."""
-        if self.like.sources.get(dotted) != USER:
+        if self.like.sources.get(dotted) != SET_BY_USER:
             self.changes[dotted], self.sources[dotted] = _rounded(value), f"assumed: {why}"
 
     def number(self, name: str, value: object, low: float = 0.0, high: float = MOST) -> float:
@@ -133,7 +132,7 @@ class Draft:
         for field_name, text in self.like.sources.items():
             if field_name in camera.sources:
                 sources[field_name] = f"assumed: as {self.like.name}: {text}"
-                if text == USER:
+                if text == SET_BY_USER:
                     sources[field_name] = text
         data = camera.model_dump()
         data["name"] = printable(self.name) or camera.name
