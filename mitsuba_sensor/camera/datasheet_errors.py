@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ..core import closest
+from ..core.number_text import number_hint
 from ..stages.usual_range import Usual
 from .field_terms import MEANT, did_you_mean, key_of_term
 
@@ -24,6 +25,10 @@ PLAIN = {
     "tuple_type": "a list",
     "string_type": "a text in quotes",
 }
+
+
+NOT_A_NUMBER = ("float_type", "int_type")
+"""Errors of a value that is no number."""
 
 
 @cache
@@ -99,7 +104,11 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
         known = [
             name for name in (*fields_of(model), *names) if not path.startswith(f"{name}.")
         ]
-        return f"{path} is not a field of a {kind} file.{did_you_mean(path, known)}"
+        meant = did_you_mean(path, known)
+        if not meant and isinstance(one["input"], Mapping):  # a table that there is not
+            inside = [did_you_mean(f"{path}.{key}", known) for key in one["input"]]
+            meant = next(filter(None, inside), "")
+        return f"{path} is not a field of a {kind} file.{meant}"
     if what == "missing":
         return f"{path} is missing; {_way_out(path, field)}"
     if what == "value_error":
@@ -114,7 +123,7 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
         least, most = (one["ctx"].get(f"{end}_length") for end in ("min", "max"))
         rule = f"at most {most} long" if least is None else f"at least {least} long"
     value = value if len(value) <= 60 else value[:57] + "..."
-    return f"{path} is {value}; it must be {rule} ({_way_out(path, field)[:-1]}{_other_unit(one['input'], field)})."
+    return f"{path} is {value}; it must be {rule} ({_way_out(path, field)[:-1]}{_meaning(path, one, field)})."
 
 
 def _dotted(loc: Loc) -> str:
@@ -128,8 +137,12 @@ def _meant(loc: Loc, missing: Collection[str]) -> str:
     return key_of_term(_dotted(loc), missing) or (alike[name] if name else "")
 
 
-def _other_unit(value: object, field: FieldInfo | None) -> str:
-    """Where the number would be a usual one in another unit: that it may be in it."""
+def _meaning(path: str, one: ErrorDetails, field: FieldInfo | None) -> str:
+    """What may be meant by a text in place of a number, or by a number that is a usual one in another unit."""
+    value = one["input"]
+    if one["type"] in NOT_A_NUMBER:
+        hint = number_hint(path, value)
+        return hint and f"; {hint}"
     usual = usual_of(field) if field else None
     hint = usual.right(value) if usual and _is_number(value) else ""
     return hint and f"; {hint}"

@@ -12,12 +12,20 @@ from typing import Any, ClassVar, TypeAlias
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from ..core.number_text import number_hint
 from .lines import lines_while_working
 
 Click: TypeAlias = (
     Any  # contexts, parameters and formatters of click, which new versions of typer bring along
 )
 UsageError: Any = typer.BadParameter.__base__
+EXAMPLES = {
+    "DIR": ", e.g. -o out/",
+    "FILE.toml": ", e.g. my.toml",
+    "FILE.npz": ", e.g. -o maps.npz",
+    "SCENE": ", e.g. scenes/first_frame.xml",
+}
+"""Metavar of what is missing → an example of it."""
 TRUTHS = ("true", "false")
 """What people write behind a switch, and no file is called."""
 
@@ -71,7 +79,28 @@ class Command(TyperCommand):
             for name, value in _valued_switches(typed, switches):
                 if "unexpected extra argument" in said or "does not take a value" in said:
                     raise UsageError(_about_switch(switches[name], name, value), ctx) from None
+            if hint := self._what_to_write(said, typed, ctx):
+                raise UsageError(f"{said.rstrip('.')}; {hint}", ctx) from None
             raise
+
+    def _what_to_write(self, said: str, typed: Sequence[str], ctx: Click) -> str:
+        """Behind click's sentence on arguments that do not fit: what to write; empty where that is not known."""
+        for one in self.get_params(ctx):
+            names = (f"'{one.metavar}'", f"'{one.opts[0]}'")
+            if said.startswith("Missing") and any(x in said for x in names) and one.help:
+                short, example = _in_short(one), EXAMPLES.get(one.metavar, "")
+                return f"{short[0].lower()}{short[1:]}{example}"
+        extra = re.search(r"extra argument(?:\(s\)|s)? \(([^\s)]+)", said)
+        if extra is None or extra[1] not in typed:
+            return ""
+        before = typed[: typed.index(extra[1])]
+        if len(before) > 1 and before[-2] == "--set" and "=" not in before[-1]:
+            return f"write --set {before[-1]}={extra[1]}"
+        if len(before) > 1 and before[-2].startswith("-"):
+            value = f"{before[-1]} {extra[1]}"
+            meant = number_hint(before[-2], value) or "write a value with blanks in quotes"
+            return f"the value of {before[-2]} ends at the blank; {meant}"
+        return ""
 
     def invoke(self, ctx: Click) -> object:
         """Run it; on the way it says how far it is."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..core import InputError
+from ..core.number_text import number_hint
 from ..core.options import Declared
 
 Flag: TypeAlias = Any  # the value of one flag; its type is that of the option
@@ -47,8 +48,10 @@ def _seconds(text: str) -> float:
     example = (
         f"{meant * factor:.4g}" if factor is not None and not isinstance(meant, str) else "0.01"
     )
+    hint = "" if parts else number_hint("exposure_s", text)
+    more = hint and f"; {hint}"
     raise InputError(
-        f"--exposure-s {text!r} is no number of seconds; give seconds, e.g. {example}, or auto."
+        f"--exposure-s {text!r} is no number of seconds; give seconds, e.g. {example}, or auto{more}."
     )
 
 

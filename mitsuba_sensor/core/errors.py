@@ -10,6 +10,7 @@ import reprlib
 from collections.abc import Iterable
 from pathlib import Path
 
+from .number_text import number_hint
 from .printable import printable
 
 LONGEST_HEAD, LONGEST_END = (
@@ -83,7 +84,11 @@ def require(name: str, value: float, low: float, high: float, remedy: str) -> fl
         )
         number = float("" if boolean else value + 0)  # refuses a string such as "0.1"
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} is {value!r}; it must be a number ({remedy}).") from None
+        hint = number_hint(name, value)
+        more = hint and f"; {hint}"
+        raise InputError(
+            f"{name} is {value!r}; it must be a number ({remedy}{more})."
+        ) from None
     if math.isnan(number) or not low <= number <= high:
         raise InputError(f"{name} is {value!r}; it must be {span(low, high)} ({remedy}).")
     return number

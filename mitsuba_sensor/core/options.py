@@ -22,6 +22,7 @@ from typing import Any, ForwardRef, Literal, TypeVar, Union, cast, get_args, get
 
 from .errors import InputError, nearest, require
 from .field_names import IN_EXPOSURE
+from .number_text import number_hint
 
 Options = TypeVar("Options")
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -124,7 +125,9 @@ class Declared:
         noun = "a whole number" if whole else "a number"
         numeric = isinstance(value, numbers.Real) and not isinstance(value, bool)
         if not numeric or (whole and value == value and value % 1):
-            raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}.")
+            hint = number_hint(self.name, value)
+            more = hint and f"; {hint}"
+            raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}{more}.")
         remedy = noun + (example and f", e.g. {self.option.example}")
         number = require(self.name, value, self.option.low, self.option.high, remedy)
         return int(value) if whole else number

@@ -33,6 +33,25 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         ("render", "SCENE", "-o", "OUT", "-D", "levle=1", "--spp", "16"),
         "levle",
     ),
+    "a blank for =": (
+        ("render", "SCENE", "-o", "OUT", "--set", "adc.bits", "14"),
+        "write --set adc.bits=14",
+    ),
+    "a number with a blank": (
+        ("render", "SCENE", "-o", "OUT", "--spp", "10", "500"),
+        "'10 500' is 10500",
+    ),
+    "no folder": (("render", "SCENE"), "folder for the results, e.g. -o out/"),
+    "no scene": (("render", "-o", "OUT"), "e.g. scenes/first_frame.xml"),
+    "percent": (("render", "SCENE", "-o", "OUT", "--noise-ratio", "3 %"), "'3 %' is 0.03"),
+    "frames in words": (
+        ("render", "SCENE", "-o", "OUT", "--frames", "four"),
+        "frames is 'four'",
+    ),
+    "percent of a field": (
+        ("render", "SCENE", "-o", "OUT", "--set", "pixel.prnu=0.5 %"),
+        "'0.5 %' is 0.005",
+    ),
     "parameter without value": (
         ("render", "SCENE", "-o", "OUT", "-D", "level"),
         "-D NAME=VALUE",

@@ -26,7 +26,8 @@ class Series:
 
     def __init__(self, options: Mapping[str, object]) -> None:
         frames, first = options.get("frames", 1), options.get("first_frame", 0)
-        assert isinstance(frames, int) and isinstance(first, int)
+        if not isinstance(frames, int) or not isinstance(first, int):
+            frames, first = 1, 0  # what is no number is refused when it is used
         self.first = first
         self.renders = 1 if options.get("render_noise", "shared") == "shared" else frames
 
