@@ -360,6 +360,18 @@ class Camera(FileTable):
         return tile[np.ix_(rows, columns)]
 
 
+def with_fields_of(camera: Camera, changes: Mapping[str, Any], source: str) -> Camera:
+    """``camera.replace(**changes)`` for values that no user typed.  source : what is said of where they come from."""
+    if not changes:
+        return camera
+    changed = camera.replace(**changes)
+    sources = dict(changed.sources)
+    for name in (*changes, QE_CURVES):
+        if sources.get(name) == SET_BY_USER != camera.sources.get(name):
+            sources[name] = source
+    return changed.model_copy(update={"sources": sources})
+
+
 def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) -> Camera:
     """The camera of these tables. Raises InputError.
 

@@ -72,14 +72,14 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     }
     names = {
         "always needed": stages[NEEDED],
-        "changes nothing": stages[IDLE],
-        "left out beside that": below,
+        "without effect here": stages[IDLE],
+        "left out, below the tolerance": below,
     }
     unknown = [e.stage for e in plan.effects if e.reason == NO_LAW]
     if unknown:
         names["kept, law not written"] = unknown
     saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
-    lists = {name: ", ".join(found) or "–" for name, found in names.items()}
+    lists = {name: ", ".join(found) for name, found in names.items() if found}
     facts = {"holds for": f"{light}, {conditions}", **lists, "time": saved}
     lines = (_fact(name, text) for name, text in facts.items())
     return Group(
@@ -97,7 +97,7 @@ def _effects(plan: Plan) -> FittedTable:
         ("stage", "needed", "mean", "temporal", "spatial", "lines", "pixels"),
         keys=2,
         caption="what each changes by itself at most on this scene [DN]; lines: what a row or column shares, times "
-        "√length; pixels that it moves beyond the tolerance",
+        "√length; pixels: how many it changes by more than the tolerance",
     )
     for e in plan.effects:
         if e.reason not in (IDLE, NEEDED, NO_LAW):
@@ -201,19 +201,18 @@ def _facts(report: Report) -> Iterator[Text]:
         f"{number(photons['min'])} … {number(photons['median'])} … {number(photons['max'])} (min, median, max)",
     )
     yield _fact(
-        "render noise / sensor noise",
-        f"variance × {number(noise['over_sensor_median'])} median, {number(noise['over_sensor_p95'])} at the 95th "
-        f"percentile, more than 1 in {100 * noise['above_sensor']:.0f} % of the pixels; "
-        f"{render['samples_per_pixel']} samples per pixel{ended}",
+        "render noise",
+        f"its variance is {number(noise['over_sensor_median'])} × the sensor's in the median pixel, "
+        f"{number(noise['over_sensor_p95'])} × at the 95th percentile; it is larger than the sensor's in "
+        f"{100 * noise['above_sensor']:.0f} % of the pixels; {render['samples_per_pixel']} samples per pixel{ended}",
     )
-    if most := noise["most_samples"]:
-        ratios = (
-            f"× {number(noise['most_samples_median'])} and {number(noise['most_samples_p95'])}"
-        )
+    most = noise["most_samples"]
+    if most and noise["over_sensor_median"]:
+        ratios = f"{number(noise['most_samples_median'])} × and {number(noise['most_samples_p95'])} ×"
         more_s = duration(noise["most_samples_more_s"])
         yield _fact(
             "with more samples",
-            f"--spp {most:.0f} would have {ratios} and take {more_s} longer",
+            f"--spp {most:.0f} is expected to bring these two to {ratios}, in {more_s} more",
         )
     if "uncompensated" in report["origin"]:
         left, above = (report["origin"][name] for name in ("uncompensated", "above_shot_noise"))
@@ -223,8 +222,11 @@ def _facts(report: Report) -> Iterator[Text]:
         )
         yield _fact("a render for every frame", left)
     if done := render["denoised"]:
-        before = f"× {number(done['raw_noise_ratio_median'])} median, {number(done['raw_noise_ratio_p95'])}"
-        before = f"; without it {before} at the 95th percentile (--no-denoise)"
+        before = (
+            f"{number(done['raw_noise_ratio_median'])} × in the median pixel and "
+            f"{number(done['raw_noise_ratio_p95'])} × at the 95th percentile"
+        )
+        before = f"; without it (--no-denoise) the render noise would be {before}"
         known = {"camera", "exposure"} <= set(
             report["origin"].get("as_rendered", ("camera", "exposure"))
         )
@@ -247,7 +249,7 @@ def _facts(report: Report) -> Iterator[Text]:
             f"{', '.join(report['left_out'])} (tolerance {report['options']['tolerance_dn']:g} DN)",
         )
     if idle:
-        yield _fact("changes nothing", ", ".join(idle))
+        yield _fact("without effect here", ", ".join(idle))
     single = report["float32"]
     if single and report["precision"] == "float32" and single["share_of_pixels"]:
         share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"

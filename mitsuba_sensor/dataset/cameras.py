@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..camera.camera import Camera
+from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import load_camera
 from ..camera.datasheet_errors import fields_of
 from ..camera.lens_file import list_lenses
@@ -18,6 +18,7 @@ from .keys import Config, Facts, canonical, key_of
 from .roots import find_below
 from .sweep import Combination, of_kind
 
+SET_BY_DATASET = "set by the dataset file"
 MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")
 
 
@@ -61,8 +62,7 @@ class Cameras:
         known = canonical({"entry": one.camera, "varied": varied, "gain": gain})
         if known not in self._varied:
             changes = self._with_places(varied, "the camera")
-            camera = self.as_given[one.camera]
-            camera = camera.replace(**changes) if changes else camera
+            camera = with_fields_of(self.as_given[one.camera], changes, SET_BY_DATASET)
             setting = None if gain is None else camera.at_gain(gain).gain
             sheet = camera.model_dump(mode="json", exclude={"description", "sources"})
             fields = sorted(
@@ -83,7 +83,7 @@ class Cameras:
             check_below(camera_references(file), self.roots)
         camera = load_camera(entry.camera if file is None else file)
         changes = self._with_places(fields_in(entry.set), where)
-        return (camera.replace(**changes) if changes else camera).without(*entry.without)
+        return with_fields_of(camera, changes, SET_BY_DATASET).without(*entry.without)
 
     def _with_places(self, changes: Config, where: str, table: str = "") -> Facts:
         """The same; fields that name files, with their place below a root.  table : in which the fields are."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from ..core import InputError
 from ..files import durable, texts
 from ..files.appearing import write_drawing
+from ..files.scene_references import folder_names
 from .faults import Fault, What, what_is_wrong
 from .keys import Config, Facts, made_by
 from .planned import DatasetPlan, load_plan
@@ -120,7 +121,7 @@ def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
     plan = DatasetPlan(plan.file, plan.roots, plan.text, origin.made_by)
     if lines_digest(plan_lines(plan)) != (origin.samples, origin.lines_sha256):
         raise InputError(
-            f"{folder} was made from other files than {FILE} names now below {', '.join(map(str, plan.roots))}: a "
+            f"{folder} was made from other files than {FILE} names now below {folder_names(plan.roots)}: a "
             "scene, camera or motion was changed, or its run had other --root folders; restore them and give the "
             f"same --root, or make a dataset of the changed ones: `mitsuba-sensor dataset run FILE.toml -o {folder}`."
         )

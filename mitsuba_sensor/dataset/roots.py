@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path, PurePath
 
 from ..core import InputError
+from ..files.scene_references import folder_names
 
 
 def find_below(name: str, roots: Sequence[Path], what: str) -> Path:
@@ -15,8 +16,8 @@ def find_below(name: str, roots: Sequence[Path], what: str) -> Path:
     Raises InputError for an absolute name, for one with ``..``, for a link that leads out of the root, and where no
     root has the file.  what : the file is, for messages.
     """
-    folders = ", ".join(str(root) for root in roots)
-    remedy = f"name its folder with --root and write its path from there (now: {folders})"
+    folders = folder_names(roots)
+    remedy = f"name its folder with --root and write its path from there (the folders now: {folders})"
     if os.path.isabs(name) or ".." in PurePath(name).parts or "\0" in name:
         raise InputError(
             f"{what} is {name!r}, which may lead out of the folders that may be read; {remedy}."
@@ -28,6 +29,4 @@ def find_below(name: str, roots: Sequence[Path], what: str) -> Path:
                     f"{what} is {name!r}, a link that leads out of {root}; {remedy}."
                 )
             return root / name
-    raise InputError(
-        f"{what} is {name[:200]!r}, and there is no such file below {folders}; {remedy}."
-    )
+    raise InputError(f"{what} is {name[:200]!r}, and there is no such file; {remedy}.")

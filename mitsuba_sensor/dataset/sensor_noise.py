@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.camera import Camera
+from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, InputError, Photons, check_types
 from ..core.llvm import backend_problem
@@ -300,9 +300,8 @@ def _as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
     rows, columns = (camera.sensor.rows or 0, camera.sensor.columns or 0)
     if shape[0] <= rows and shape[1] <= columns:
         return camera
-    return camera.replace(
-        **{"sensor.rows": max(rows, shape[0]), "sensor.columns": max(columns, shape[1])}
-    )
+    size = {"sensor.rows": max(rows, shape[0]), "sensor.columns": max(columns, shape[1])}
+    return with_fields_of(camera, size, "as large as the image")
 
 
 def _choice(name: str, value: Any, known: tuple[str, ...]) -> Any:

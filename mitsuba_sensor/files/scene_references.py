@@ -11,7 +11,7 @@ import hashlib
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,11 @@ def files_digest(paths: Sequence[Path], roots: Sequence[Path]) -> str:
     ).hexdigest()
 
 
+def folder_names(folders: Iterable[Path]) -> str:
+    """The folders as a sentence names them: by their whole paths, each once."""
+    return ", ".join(dict.fromkeys(str(folder.absolute()) for folder in folders))
+
+
 def check_below(paths: Sequence[Path], roots: Sequence[Path]) -> list[tuple[str, Path]]:
     """Names of the files below the first root that has each of them, and the files.
 
@@ -64,7 +69,7 @@ def check_below(paths: Sequence[Path], roots: Sequence[Path]) -> list[tuple[str,
         root = next((one for one in places if real.is_relative_to(one)), None)
         if root is None:
             through = f", which is {real}," if real != Path(os.path.abspath(path)) else ""
-            folders = ", ".join(map(str, roots))
+            folders = folder_names(roots)
             raise InputError(
                 f"{path}{through} is outside of the folders that may be read ({folders}); move it into one of them, or "
                 f"name its folder with --root."

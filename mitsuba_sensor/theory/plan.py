@@ -52,7 +52,7 @@ WITHOUT_THEM = (
 )
 """Said where there are some: what they do to the effects of the others is not known."""
 
-IDLE = "changes nothing"  # why a neutral stage is left out
+IDLE = "has no effect here"  # why a neutral stage is left out
 NEEDED = "changes the unit; always needed"
 NO_LAW = "nobody has written its law; kept, with all that changes anything"
 
@@ -103,7 +103,7 @@ class Plan:
             f"It holds for {held.darkest_e:.4g} … {held.brightest_e:.4g} mean photoelectrons per pixel, "
             f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels.",
             f"{times}.",
-            "What each stage changes by itself at most [DN], and the pixels that it moves by more than the tolerance:",
+            "What each stage changes by itself at most [DN], and the pixels where that is more than the tolerance:",
             f"{'stage':<26}{'':<9}" + "".join(f"{name:>10}" for name in names),
         ]
         for e in self.effects:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -95,6 +96,7 @@ def test_a_bad_input_is_one_sentence_exit_2_and_no_file(
     missing = [one for one in words.split("|") if filled(one.strip(), places) not in said]
     assert not missing, f"{missing} not in: {said}"
     assert "Traceback" not in said and done.stdout == ""
+    assert not re.search(r"[^./][.;,:] ?[.;,:](?![./\w])", said), said  # doubled stops
     if said.startswith("error: "):
         assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     assert there(places) == before

@@ -189,7 +189,10 @@ def test_what_denoising_gained_is_said_of_the_exposure_of_the_render_alone(
         )
         for more in ((), ("--exposure-s", 0.1))
     )
-    assert "denoised: by a filter; without it × 12.5 median" in same
+    assert (
+        "denoised: by a filter; without it (--no-denoise) the render noise would be 12.5 × in the median pixel"
+        in same
+    )
     assert "denoised: by a filter" in longer and "without it" not in longer
 
 
@@ -263,7 +266,7 @@ def test_plan_cuts_no_number_and_no_name_in_a_narrow_terminal(
 
 def is_listed(stage: dict[str, Any]) -> bool:
     """Whether a stage is in a list below the table."""
-    return stage["reason"] in ("changes nothing", "changes the unit; always needed")
+    return stage["reason"] in ("has no effect here", "changes the unit; always needed")
 
 
 @pytest.mark.parametrize("command", ["render", "expose", "plan"])
@@ -296,7 +299,7 @@ def test_render_takes_a_tolerance_too(
     assert done.exit_code == 0, done.stderr
     found = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
     assert found["left_out"] and all(
-        one["reason"] == "changes nothing" for one in found["effects"] if not one["kept"]
+        one["reason"] == "has no effect here" for one in found["effects"] if not one["kept"]
     )
 
 

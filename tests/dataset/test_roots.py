@@ -77,3 +77,14 @@ def test_the_curves_of_a_camera_are_below_the_roots(how: str, folder: Path) -> N
         more = f'set = {{{key} = "../out/qe.csv"}}'
     with pytest.raises(ms.InputError, match="--root"):
         planned(folder, camera=camera, more=more)
+
+
+def test_a_missing_file_is_told_with_each_folder_once_by_its_whole_path(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "scene.xml").unlink()
+    monkeypatch.chdir(folder)
+    with pytest.raises(ms.InputError) as caught:
+        planned(Path("."), Path("."))
+    said = str(caught.value)
+    assert said.count(str(folder)) == 1 and "., ." not in said and said.endswith(f"{folder}).")

@@ -295,9 +295,9 @@ def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
         "lens.convention": "planar",
         "lens.pupil_magnification": 1.5,
     }
-    assert settings.camera == CAMERA.replace(
-        **expected, **{"lens.transmission": 0.8, "pixel.prnu": 0.02}
-    )
+    fields = {**expected, "lens.transmission": 0.8, "pixel.prnu": 0.02}
+    sources = {**CAMERA.sources, **dict.fromkeys(fields, "set by the scene file")}
+    assert settings.camera == CAMERA.replace(**fields, sources=sources)
 
 
 def test_setup_is_empty_where_the_file_says_nothing(tmp_path: Path) -> None:

@@ -231,3 +231,11 @@ def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(
     assert json.loads(done.stdout)["render"]["intrinsics"]["focal_length_mm"] == pytest.approx(
         2.5, rel=1e-3
     )
+
+
+def test_what_the_scene_file_sets_has_it_as_its_source() -> None:
+    light = ms.render(ONE_FILE, width=8, spp=8, denoise=False)
+    assert light.rendered_for is not None and light.rendered_for.camera is not None
+    sources = light.rendered_for.camera.sources
+    assert "set by the scene file" in sources.values()
+    assert "set by the user" not in sources.values()

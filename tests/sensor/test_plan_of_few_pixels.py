@@ -171,7 +171,9 @@ def test_a_camera_without_dark_current_and_traps_has_none_in_its_plan() -> None:
     plan = ms.plan(camera, EXPOSURE, light, 0.02)
     found = effect(plan, "dark current")
     assert (
-        found.largest_dn == 0 and found.pixels_beyond == 0 and found.reason == "changes nothing"
+        found.largest_dn == 0
+        and found.pixels_beyond == 0
+        and found.reason == "has no effect here"
     )
     budget = {
         one.source: one

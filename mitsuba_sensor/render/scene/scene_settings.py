@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ...camera.camera import Camera
+from ...camera.camera import Camera, with_fields_of
 from ...camera.camera_file import load_camera, toml_value
 from ...camera.shipped import list_cameras
 from ...core import Exposure, InputError, first_given, nearest, require, require_seed
@@ -35,6 +35,7 @@ from .scene_file import SceneFile, as_input_error, searching
 from .scene_nodes import SceneInput, check_loaded, parse_nodes, view_of_loaded
 
 SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
+SET_BY_SCENE = "set by the scene file"
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
 SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
     tuple(one.name for one in those)
@@ -111,7 +112,7 @@ class SceneSettings:
 
     def applied_to(self, camera: Camera) -> Camera:
         """Another camera with the fields that this file sets; focal length and focus apply to a prescription too."""
-        changed = camera.replace(**self.fields) if self.fields else camera
+        changed = with_fields_of(camera, self.fields, SET_BY_SCENE)
         if changed.lens.prescription is None:
             return changed
         focus = {
@@ -123,7 +124,7 @@ class SceneSettings:
             for name, value in focus.items()
             if value is not None and name not in self.fields
         }
-        return changed.replace(**given) if given else changed
+        return with_fields_of(changed, given, SET_BY_SCENE)
 
     def overruled_by(self, camera: Camera) -> list[str]:
         """The fields that this file sets and this camera has otherwise."""
