@@ -189,10 +189,7 @@ def test_what_denoising_gained_is_said_of_the_exposure_of_the_render_alone(
         )
         for more in ((), ("--exposure-s", 0.1))
     )
-    assert (
-        "denoised: by a filter; without it (--no-denoise) the render noise would be 12.5 × in the median pixel"
-        in same
-    )
+    assert "denoised: by a filter; without it" in same and "12.5 × in the median pixel" in same
     assert "denoised: by a filter" in longer and "without it" not in longer
 
 
