@@ -1,6 +1,6 @@
 """Configuration of Sphinx: the Markdown pages of this folder as a site, with the parts that are made of the package.
 
-pip install '.[docs]' && sphinx-build -W --keep-going docs site
+pip install '.[docs]' && sphinx-build -W --keep-going -d build/doctrees docs site
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def run_command(
 
     plan = load_plan(file, flags.pop("roots") or ["."])
     with samples_bar(err) as progress:
-        found = run(plan, Path(out_dir), show=progress, **flags)
+        found = run(plan, Path(out_dir), progress=progress, **flags)
     show(_summary(found) if as_json else run_sheet(plan, found, out_dir), as_json)
     if found.failed:
         raise typer.Exit(1)
@@ -191,7 +191,7 @@ def repair_command(
         faults = list(verify(place, lambda done, total: now(done, total, "verified")))
     broken = discard(place, faults)
     with samples_bar(err) as progress:
-        found = run(plan, place, show=progress, **flags)
+        found = run(plan, place, progress=progress, **flags)
     head = f"entries that were not as they were written: {len(broken)}; samples made again: {found.made}"
     head += "".join(f"\n{remark}" for remark in found.remarks)
     failed = {one.view: one.failed for one in found.failed}

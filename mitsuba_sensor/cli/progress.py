@@ -187,14 +187,9 @@ def samples_bar(console: Console) -> Iterator[Show]:
 
         def tell(progress: RunProgress) -> None:
             nonlocal done
-            done, seconds = progress.there + progress.made, time.monotonic() - began
-            rate = progress.made / seconds if seconds else 0.0
-            speed = f"{rate:.2g} samples/s, " if rate else ""
-            failed = f", {len(progress.failed)} views failed" if progress.failed else ""
-            left_s = (progress.samples - done) / rate if rate else float("nan")
-            share = done / progress.samples if progress.samples else float("nan")
-            doing = f"{speed}{progress.now}{failed}"
-            _tell(f"{done} of {progress.samples} samples, {doing}", left_s, share)
+            done = progress.done
+            doing, left_s, share = progress.standing(time.monotonic() - began)
+            _tell(f"{progress.counted()}, {doing}", left_s, share)
             bar.update(task, total=progress.samples, completed=done, description=doing)
 
         yield tell

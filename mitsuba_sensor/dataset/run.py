@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias, Unpack
 
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
+from ..core.progress import automatic_progress, is_asked
 from ..files.appearing import require_folder
 from ..files.worker_log import forget, is_begun
 from ..render.variants import restores_variant
@@ -38,8 +41,49 @@ class RunProgress:
     changed: bool = False
     remarks: list[str] = field(default_factory=list)
 
+    @property
+    def done(self) -> int:
+        """Samples that are complete."""
+        return self.there + self.made
+
+    def standing(self, seconds: float) -> tuple[str, float, float]:
+        """What is done now, the seconds that are left and the share that is done; NaN is not known.
+
+        seconds : since this run began.
+        """
+        rate = self.made / seconds if seconds else 0.0
+        speed = f"{rate:.2g} samples/s, " if rate else ""
+        failed = f", {len(self.failed)} views failed" if self.failed else ""
+        left_s = (self.samples - self.done) / rate if rate else math.nan
+        share = self.done / self.samples if self.samples else math.nan
+        return f"{speed}{self.now}{failed}", left_s, share
+
+    def counted(self) -> str:
+        """How many samples are complete."""
+        return f"{self.done} of {self.samples} samples"
+
 
 Show = Callable[[RunProgress], object]
+
+
+@contextmanager
+def shown_run(progress: Show | bool | None) -> Iterator[Show]:
+    """What a run reports to: the given function, nothing for False, and for None a bar in a notebook or lines."""
+    if callable(progress):
+        yield progress
+        return
+    if not is_asked(progress):
+        yield lambda found: None
+        return
+    with automatic_progress("dataset run", "starting") as teller:
+
+        def tell(found: RunProgress) -> None:
+            if teller is not None:
+                doing, left_s, share = found.standing(teller.seconds)
+                teller.tell(f"{found.counted()}, {doing}", left_s, share)
+                teller.tick()
+
+        yield tell
 
 
 @documents(RunOptions)
@@ -48,15 +92,21 @@ def run(
     plan: DatasetPlan,
     out: Path,
     *,
-    show: Show = lambda progress: None,
+    progress: Show | bool | None = None,
     **options: Unpack[RunOptions],
 ) -> RunProgress:
     """Make everything of a dataset that is missing in ``out``.
 
-    show : called with a :class:`RunProgress` after every step.
+    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
+        function is called with a :class:`RunProgress` after every step.
     Raises InputError; DiskFull where the disk takes no more: what is complete stays, and another run goes on.
     """
-    chosen = complete(RunOptions, options)
+    with shown_run(progress) as show:
+        return make_missing(plan, Path(out), complete(RunOptions, options), show)
+
+
+def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -> RunProgress:
+    """The run itself.  chosen : all options.  show : called after every step."""
     shard = chosen["shard"] or (1, 1)
     if chosen["workers"] is None:
         chosen["workers"] = usual_workers() if shard == (1, 1) else 0

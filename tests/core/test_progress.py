@@ -24,7 +24,7 @@ from mitsuba_sensor.core.progress import (
     automatic_progress,
     told_outside,
 )
-from mitsuba_sensor.dataset.run import RunProgress
+from mitsuba_sensor.dataset.run import RunProgress, shown_run
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 from mitsuba_sensor.render.passes.told import FILES, Series, told_progress
 from mitsuba_sensor.study.kit import Forecast
@@ -253,6 +253,26 @@ def test_every_command_says_how_far_it_is_where_no_terminal_is(
             assert said.endswith("about 2 min left")
         assert line().startswith("working")
     assert CommandLines.running is None
+
+
+def test_a_dataset_that_is_made_in_python_says_how_far_it_is(
+    clock: Clock, written: list[str]
+) -> None:
+    with shown_run(None) as tell:
+        clock.now += 10
+        tell(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
+        assert written == [
+            "dataset run: 25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 10 s so far, about 2 min left"
+        ]
+    with shown_run(False) as tell:
+        clock.now += 10
+        tell(RunProgress(100))
+    told: list[RunProgress] = []
+    with shown_run(told.append) as tell:
+        tell(RunProgress(7))
+    assert told == [RunProgress(7)] and len(written) == 1
+    with pytest.raises(ms.InputError, match="progress is 3"), shown_run(3):  # type: ignore[arg-type]
+        pass
 
 
 def test_a_terminal_has_bars_and_no_lines(clock: Clock, written: list[str]) -> None:
