@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..core import InputError
-from .appearing import refuse_empty, require_folder
+from .appearing import refuse_empty, require_folder, write_drawing
 from .disk_errors import disk_sentences
 from .scene_references import scene_references
 from .shipped_scenes import MOTION, scene_file
-from .texts import write_page
 
 
 def copy_scene(name: str, folder: str | Path, force: bool = False) -> list[Path]:
@@ -23,19 +22,17 @@ def copy_scene(name: str, folder: str | Path, force: bool = False) -> list[Path]
     motion = scene.with_suffix(MOTION)
     read = [file for file in scene_references(scene, {}) if file != scene]
     files = [scene, *read, *([motion] if motion.is_file() else [])]
-    texts = {
-        Path(folder, file.relative_to(scene.parent)): file.read_text("utf-8") for file in files
+    contents = {
+        Path(folder, file.relative_to(scene.parent)): file.read_bytes() for file in files
     }
-    for copy, text in texts.items():
-        if copy.is_dir() or (
-            copy.exists() and not force and copy.read_bytes() != text.encode()
-        ):
+    for copy, content in contents.items():
+        if copy.is_dir() or (copy.exists() and not force and copy.read_bytes() != content):
             raise InputError(
                 f"{copy} exists already and is not the same; --force writes over it, or give another folder."
             )
     with disk_sentences(Path(folder)):
-        for copy in texts:
+        for copy in contents:
             copy.parent.mkdir(parents=True, exist_ok=True)
-    for copy, text in reversed(texts.items()):
-        write_page(copy, text)
-    return list(texts)
+    for copy, content in reversed(contents.items()):
+        write_drawing(copy, content)
+    return list(contents)

@@ -60,7 +60,7 @@ def test_shipped_scenes_load_without_a_note_and_in_plain_mitsuba(name: str) -> N
     assert mi.load_file(str(SCENES / f"{name}.xml"), width="8", height="8").sensors()
 
 
-@pytest.mark.parametrize("name", (*SHIPPED, "one_file", "first_frame"))
+@pytest.mark.parametrize("name", (*SHIPPED, "one_file", "first_frame", "night_crossing"))
 def test_every_parameter_of_a_shipped_scene_is_explained(name: str) -> None:
     """Each <default> follows a comment, or another <default> of the same comment; size and level are among them."""
     text = (SCENES / f"{name}.xml").read_text(encoding="utf-8")
