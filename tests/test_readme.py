@@ -33,7 +33,8 @@ COMMANDS = [FIRST] + [line for line in INLINE if "dataset run" not in line]
 
 
 LATER = [
-    line if re.search("night|cameras new", line) else exhaustive(line) for line in COMMANDS[1:]
+    line if re.search("out/night|cameras new", line) else exhaustive(line)
+    for line in COMMANDS[1:]
 ]
 """The first command is run by itself."""
 
