@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.scenes import SCENES
 from PIL import Image
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.render.passes.statistics import RenderStatistics
 
 NAME, EXPOSURE = "sony_imx174", ms.Exposure(0.01)
 CAMERA = ms.load_camera(NAME)
@@ -125,6 +128,18 @@ def test_frame_json_begins_with_what_is_looked_for_first() -> None:
     assert summary["overall_system_gain_dn_per_e"] == CAMERA.system_gain_dn_per_e
     assert summary["exposure_s"] == 0.01 and summary["camera"] == NAME
     assert summary["render_noise_over_sensor_noise"] >= 0
+
+
+def test_a_page_explains_every_key_of_frame_json() -> None:
+    """The keys of the file, those of its tables but options, versions and the camera, and all that can end a render."""
+    page = (ROOT / "docs" / "frame-json.md").read_text("utf-8")
+    metadata = ms.capture(FLAT, NAME, EXPOSURE, **QUICK).metadata
+    explained = set(re.findall(r"`([A-Za-z_0-9]+)…?`", page))
+    inside = {*metadata["counts"], *metadata["bands"]} - {"wavelengths_nm", "bandwidths_nm"}
+    assert {*metadata, *inside} - explained == set()
+    told = str(RenderStatistics.__doc__).split("ended_by :")[1].split("reliable")[0]
+    ends = set(re.findall(r'"(\w+)"', told))
+    assert len(ends) > 4 and ends - explained == set()
 
 
 def test_everything_that_is_returned_prints_on_one_line() -> None:

@@ -33,6 +33,11 @@ FRAME_FILES = ("frame.tiff", "frame.png", BRIGHTENED, *DNGS, *CLEAN, "frame.json
 """Files of frames of light that is rendered already."""
 CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
 """Files of frames of a scene."""
+ABOUT = (
+    "docs/frame-json.md of mitsuba_sensor says what each key means; null is what was not asked for, holds by default, "
+    "does not apply or is not known"
+)
+"""In frame.json."""
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
 
@@ -52,6 +57,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
     return {
         "summary": summary_of(frames, report),
         "notes": list(frames.notes),
+        "about": ABOUT,
         "camera": frames.camera.to_dict(),
         "exposure": asdict(first.exposure),
         "seeds": {

@@ -48,7 +48,7 @@ class AdcFields(FileTable):
     black_level_dn: NotNegative | None = Field(
         None,
         title="black level, offset μ_y.dark (E)",
-        description="the code of darkness [DN]; default: 4σ of the noise of a zero exposure",
+        description="black level, the code of darkness [DN]; default: 4σ of the noise of a zero exposure",
         examples=[64],
     )
     dnl_lsb: dict[str, Annotated[float, Field(ge=-1, strict=True)]] = Field(

@@ -54,18 +54,18 @@ class DarkCurrentFields(FileTable):
     ] = Field(
         None,
         title="dark-current figure of merit D_FM (J)",
-        description="figure of merit at 300 K, instead of rate_e_per_s [nA/cm²]",
+        description="dark current per area at 300 K (its figure of merit), instead of rate_e_per_s [nA/cm²]",
         examples=[1.0],
     )
     diffusion_fom_na_per_cm2: NotNegative | None = Field(
         None,
         title="MPP dark current: diffusion part",
-        description="figure of merit of the diffusion part of an MPP pixel at 300 K [nA/cm²]",
+        description="dark current per area at 300 K that diffuses from the bulk, of an MPP pixel [nA/cm²]",
         examples=[0.01],
     )
     rate_e_per_s: NotNegative | None = Field(
         None,
-        description="rate at at_temperature_k, instead of fom_na_per_cm2 [e-/s per pixel]",
+        description="dark current at at_temperature_k, instead of fom_na_per_cm2 [e-/s per pixel]",
         examples=[5],
     )
     at_temperature_k: Annotated[Annotated[float, Field(ge=50, strict=True)] | None, Kelvin] = (
@@ -89,7 +89,9 @@ class DarkCurrentFields(FileTable):
         examples=["lognormal"],
     )
     coupling: MapCoupling = Field(
-        0.0, description="coupling a of an ar distribution", examples=[0.25]
+        0.0,
+        description="how alike neighbouring pixels are, with the distribution ar: a of their autoregression",
+        examples=[0.25],
     )
     components: tuple[DarkComponentSection, ...] = Field(
         (),

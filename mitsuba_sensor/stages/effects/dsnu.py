@@ -25,7 +25,9 @@ class DsnuColumnFields(FileTable):
         0.0, description="column offsets, σ over the full-well swing", examples=[0.001]
     )
     dsnu_col_coupling: LineCoupling = Field(
-        0.0, description="coupling a of neighbouring columns", examples=[0.25]
+        0.0,
+        description="how alike offsets of neighbouring columns are: a of their autoregression",
+        examples=[0.25],
     )
     dsnu_residual: Chance = Field(
         1.0,
@@ -43,7 +45,9 @@ class DsnuRowFields(FileTable):
         0.0, description="row offsets, σ over the full-well swing", examples=[0.0005]
     )
     dsnu_row_coupling: LineCoupling = Field(
-        0.0, description="coupling a of neighbouring rows", examples=[0.25]
+        0.0,
+        description="how alike offsets of neighbouring rows are: a of their autoregression",
+        examples=[0.25],
     )
 
 
@@ -55,7 +59,9 @@ class DsnuPixelFields(FileTable):
         0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0]
     )
     dsnu_coupling: MapCoupling = Field(
-        0.0, description="coupling a of neighbouring pixel offsets", examples=[0.25]
+        0.0,
+        description="how alike offsets of neighbouring pixels are: a of their autoregression",
+        examples=[0.25],
     )
 
 
@@ -126,7 +132,7 @@ class FixedOffset(Stage):
 
 @dataclass(frozen=True)
 class DsnuColumn(FixedOffset):
-    """One offset per column, isotropic AR along the row (paper eq. 28, 32). A CCD has none."""
+    """One offset per column; neighbouring columns may be alike (paper eq. 28, 32). A CCD has none."""
 
     shared_by = "column"
     source: ClassVar[str] = "dsnu_col"
@@ -154,7 +160,7 @@ class DsnuColumn(FixedOffset):
 
 @dataclass(frozen=True)
 class DsnuRow(FixedOffset):
-    """One offset per row, isotropic AR along the column (paper eq. 28). A CCD has none."""
+    """One offset per row; neighbouring rows may be alike (paper eq. 28). A CCD has none."""
 
     shared_by = "row"
     source: ClassVar[str] = "dsnu_row"
@@ -180,7 +186,7 @@ class DsnuRow(FixedOffset):
 
 @dataclass(frozen=True)
 class DsnuPixel(FixedOffset):
-    """One offset per pixel, independent or separable isotropic AR (paper eq. 28). A CCD has none."""
+    """One offset per pixel; neighbouring pixels may be alike (paper eq. 28). A CCD has none."""
 
     source: ClassVar[str] = "dsnu_pixel"
     table = "pixel"

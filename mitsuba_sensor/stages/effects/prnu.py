@@ -36,7 +36,9 @@ class PrnuFields(FileTable):
         "gaussian", description="distribution of the pixels' gains", examples=["gaussian"]
     )
     prnu_coupling: MapCoupling = Field(
-        0.0, description="coupling a of an ar gain map", examples=[0.25]
+        0.0,
+        description="how alike gains of neighbouring pixels are, with the distribution ar: a of their autoregression",
+        examples=[0.25],
     )
 
     @model_validator(mode="after")
@@ -54,7 +56,9 @@ class PrnuColumnFields(FileTable):
         0.0, description="spread of the column gains, σ over 1", examples=[0.002]
     )
     prnu_col_coupling: LineCoupling = Field(
-        0.0, description="coupling a of the column gains", examples=[0.25]
+        0.0,
+        description="how alike gains of neighbouring columns are: a of their autoregression",
+        examples=[0.25],
     )
 
 
@@ -119,7 +123,7 @@ class Prnu(Stage):
 
 @dataclass(frozen=True)
 class PrnuColumn(Stage):
-    """S·(1 + cv·x_j), x_j isotropic AR of variance 1 (paper eq. 28). A CCD has none.
+    """S·(1 + cv·x_j), x_j of variance 1, alike in neighbouring columns (paper eq. 28). A CCD has none.
 
     cv : σ of the gain over its mean.  coupling : a of the AR process, 0 … 0.4999.
     """

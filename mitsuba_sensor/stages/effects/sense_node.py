@@ -48,7 +48,7 @@ class SenseNodeFields(FileTable):
     ve_k1_c: Positive | None = Field(
         None,
         title="k₁ (K)",
-        description="k₁ of the V/e- law of the paper's eq. 8 [C], instead of A_SN",
+        description="k₁ of Konnik & Welsh 2014, eq. 8: A_SN is V_REF·q/k₁, instead of sense_gain_uv_per_e [C]",
         examples=[10.909e-15],
     )
 
