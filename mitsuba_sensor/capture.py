@@ -30,7 +30,7 @@ from .output.light_files import read_irradiance
 from .render.denoise.network import denoised_if_possible
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
-from .render.light.photons import collected, photons_of
+from .render.light.photons import collected, metered, photons_of
 from .render.motion.aovs import Aovs
 from .render.options import FrameSeriesOptions, RenderOptions
 from .render.passes.per_frame import FrameSeries
@@ -194,6 +194,7 @@ def expose_light(request: Request) -> Exposed:
     with timed(request.times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else read_irradiance(source)
         light = light.before_denoising() if request.options["raw_light"] else light
+        light = lit_as_asked(light, request.options)
     asked = request.options["serial"], request.options["gain"]
     photons, camera, exposure, serial = collected(
         light, request.camera, request.exposure, *asked
@@ -239,9 +240,17 @@ def render_once(request: Request) -> Exposed:
         render.renderer.release()
     with timed(request.times_s, "expose"):
         exposure = render.exposure_of(light)
-        photons = photons_of(light, render.camera, exposure)
+        lit = lit_as_asked(light, options)
+        if lit is not light and render.metering is not None:
+            exposure = metered(lit, render.camera, render.metering)
+        photons = photons_of(lit, render.camera, exposure)
         frames = expose_with_progress(sensor.at(exposure).of(photons), progress)
     return exposed_of_scene(request, render, light, frames)
+
+
+def lit_as_asked(light: Irradiance, options: CaptureOptions) -> Irradiance:
+    """The light with the levels of its groups that are asked for."""
+    return light if options["lights"] is None else light.with_lights(options["lights"])
 
 
 def render_each_frame(request: Request) -> Exposed:
@@ -251,6 +260,11 @@ def render_each_frame(request: Request) -> Exposed:
     if options["chain"] != "physical":
         raise InputError(
             f"render_noise is {noise!r}, which is for the physical chain; leave the chain out."
+        )
+    if options["light_groups"] is not None:
+        raise InputError(
+            f"render_noise is {noise!r} and light_groups are kept for later exposures of one render; leave one of "
+            "both out."
         )
     with timed(request.times_s, "render and expose"):
         scene, series_options = (

@@ -10,8 +10,26 @@ from .render.options import RawLightOptions, RenderOptions
 from .sensor.options import FrameOptions
 
 
+def _checked_lights(name: str, value: object) -> object:
+    from .render.light.light_sum import checked_lights
+
+    return checked_lights(name, value)
+
+
 class LightOptions(FrameOptions, total=False):
     """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
+
+    lights: Annotated[
+        Mapping[str, float] | None,
+        Option(
+            "Level of a light group, over that of the render: --light lamps=0.2; 0 switches it off. Repeatable. For "
+            "light that was rendered with --light-groups; irradiance.exr keeps the groups as they were rendered.",
+            flag="--light",
+            metavar="NAME=LEVEL",
+            text=list[str],
+            check=_checked_lights,
+        ),
+    ]
 
     preview_gain: Annotated[
         float,

@@ -27,6 +27,7 @@ RELATIVE_ERROR_CHANNEL = "relative_error"
 IN_BAND_CHANNEL = "in_band"
 PASS_ERROR_CHANNEL = "pass_error"
 RAW_LAYER = "raw."
+GROUP_LAYER = "light."
 MOST_HALF = 65504.0  # largest number in half precision
 MOST_POWER = 120  # of two, in a float32 of a header
 AOV_LAYERS = {
@@ -52,6 +53,8 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
     ``in_band`` is the factor on the electrons of the camera whose fingerprint is ``response`` in the header.
     ``rendered_for`` in the header is camera (its whole datasheet), exposure, serial number and illuminant as JSON.
     Light that was kept as it was before denoising has the same channels in the layer ``raw``.
+    Light groups have the same channels in the layers ``light.<name>``; what is outside of layers is their sum, each as
+    it was rendered. ``light_groups`` in the header has the statistics and the illuminant of each as JSON.
     What was rendered into colour filters has ``channel.<filter>`` instead, in W m⁻² at the wavelength in the header.
     """
     header: dict[str, str | float] = {
@@ -83,7 +86,26 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
         for name, image in _channels(raw, prefix, names, scale).items():
             channels[RAW_LAYER + name] = image
+    if irradiance.groups:
+        header["light_groups"] = json.dumps(plain_values(_groups_header(irradiance)))
+    for group, light in irradiance.groups.items():
+        layers = {"": light} if light.raw is None else {"": light, RAW_LAYER: light.raw}
+        for layer, one in layers.items():
+            for name, image in _channels(one, prefix, names, scale).items():
+                channels[f"{GROUP_LAYER}{group}.{layer}{name}"] = image
     write_planes(path, header, channels)
+
+
+def _groups_header(irradiance: Irradiance) -> dict[str, Any]:
+    """What the header says of each light group."""
+    groups = {}
+    for name, light in irradiance.groups.items():
+        known = light.rendered_for
+        illuminant = None if known is None else known.to_dict()["illuminant"]
+        raw = None if light.raw is None else light.raw.statistics.to_dict()
+        statistics = light.statistics.to_dict()
+        groups[name] = {"statistics": statistics, "raw": raw, "illuminant": illuminant}
+    return groups
 
 
 def _half_scale(irradiance: Irradiance) -> float:
@@ -155,7 +177,7 @@ def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> 
             values = values / np.float32(header["half_scale"])
         return values
 
-    def light(layer: str, statistics: str) -> dict[str, Any]:
+    def light(layer: str, statistics: RenderStatistics) -> dict[str, Any]:
         return {
             **common,
             "data": stack_bands(layer + prefix),
@@ -163,15 +185,38 @@ def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> 
             "relative_error": pixels[layer + RELATIVE_ERROR_CHANNEL],
             "in_band": pixels.get(layer + IN_BAND_CHANNEL),
             "pass_error": pixels.get(layer + PASS_ERROR_CHANNEL),
-            "statistics": _statistics(header[statistics]),
+            "statistics": statistics,
         }
 
     raw = None
     if "raw_statistics" in header:
-        raw = Irradiance(**light(RAW_LAYER, "raw_statistics"))
+        raw = Irradiance(**light(RAW_LAYER, _statistics(header["raw_statistics"])))
+    rendered_for = _rendered_for(header)
+    groups = dict[str, Irradiance]()
+    for name, of_group in json_value(header.get("light_groups", "{}")).items():
+        layer = f"{GROUP_LAYER}{name}."
+        raw_group = None
+        if of_group["raw"] is not None:
+            raw_group = Irradiance(**light(layer + RAW_LAYER, _statistics_of(of_group["raw"])))
+        groups[name] = Irradiance(
+            **light(layer, _statistics_of(of_group["statistics"])),
+            rendered_for=_with_illuminant(rendered_for, of_group["illuminant"]),
+            raw=raw_group,
+        )
     return Irradiance(
-        **light("", "render_statistics"), rendered_for=_rendered_for(header), raw=raw
+        **light("", _statistics(header["render_statistics"])),
+        rendered_for=rendered_for,
+        raw=raw,
+        groups=groups,
+        levels=dict.fromkeys(groups, 1.0),
     )
+
+
+def _with_illuminant(known: RenderedFor | None, illuminant: object) -> RenderedFor | None:
+    """What a light group was rendered for: as the whole light, with an illuminant of its own."""
+    if known is None:
+        return None
+    return known.from_dict({**known.to_dict(), "illuminant": illuminant})
 
 
 def _pair_of(value: object) -> tuple[int, int]:
@@ -216,9 +261,13 @@ def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
 
 def _statistics(text: str) -> RenderStatistics:
     """Render statistics from JSON, whose notes are a tuple again."""
+    return _statistics_of(json_value(text))
+
+
+def _statistics_of(values: object) -> RenderStatistics:
     from ..render.passes.statistics import RenderStatistics
 
-    return RenderStatistics.from_dict(json_value(text))
+    return RenderStatistics.from_dict(values)
 
 
 def write_aovs_exr(path: Path, aovs: Aovs) -> None:

@@ -26,6 +26,12 @@ def _checked_traverse(name: str, value: object) -> object:
     return checked_traverse(name, value)
 
 
+def _checked_light_groups(name: str, value: object) -> object:
+    from .scene.light_groups import checked_light_groups
+
+    return checked_light_groups(name, value)
+
+
 def _checked_look_at(name: str, value: object) -> object:
     from .scene.scene_edits import checked_look_at
 
@@ -242,6 +248,18 @@ class RenderOptions(SceneOptions, RawLightOptions, total=False):
         Option(
             "auto: bands with the least noise in this camera's frame; cube: the same bands with the least noise in "
             "each of them, for other cameras; channels: only what this camera's filters detect."
+        ),
+    ]
+    light_groups: Annotated[
+        str | Sequence[str] | Mapping[str, str | Sequence[str]] | None,
+        Option(
+            "Keep the light of groups of emitters apart, so that `expose --light` can change each of them later: auto, "
+            "each emitter with an id by itself; or NAME=PATTERN,… of emitter ids, repeatable, e.g. 'lamps=lamp_*'. "
+            "Each group is rendered by itself; they share the samples.",
+            flag="--light-groups",
+            metavar="auto|NAME=IDS",
+            text=list[str],
+            check=_checked_light_groups,
         ),
     ]
     subframes: Annotated[

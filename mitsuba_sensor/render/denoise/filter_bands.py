@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Float64Array
-from ..light.film_channels import in_band_factor
+from ..light.own_filter import in_band_factor
 from ..passes.pooled import pooled
 from ..passes.row_strip import RowStrip
 from .combine import SMALLEST, Image, box

@@ -24,11 +24,6 @@ if TYPE_CHECKING:
     from ..motion.moving_scene import MovingScene
     from ..scene.scene import Scene
 
-FACTORS = (
-    0.0,
-    1e3,
-)  # a band frees at most so many times what a flat spectrum does; beyond it is rounding
-
 
 def with_filters(bands: Bands, camera: Camera) -> Bands:
     """The bands, and the responses of the camera's filters in each group of bands that is rendered for itself."""
@@ -97,31 +92,3 @@ def folded(
             of_groups.sum(axis=2) if len(groups) < sets else of_groups[:, :, number]
         )
     return np.concatenate([*parts, filters], axis=-1)
-
-
-def of_own_filter(
-    per_filter: NDArray[np.floating], tile: NDArray[np.integer], origin: tuple[int, int]
-) -> Float64Array:
-    """(H, W, F), or (H, W, 1) for all filters, as each pixel's own filter has it, (H, W).
-
-    tile : filter numbers that repeat over the sensor.  origin : (row, column) of the first pixel on it.
-    """
-    if per_filter.shape[2] == 1:
-        return np.asarray(per_filter[..., 0], np.float64)
-    found, (down, right) = np.empty(per_filter.shape[:2]), tile.shape
-    for row, column in np.ndindex(tile.shape):
-        here = (
-            slice((row - origin[0]) % down, None, down),
-            slice((column - origin[1]) % right, None, right),
-        )
-        found[here] = per_filter[*here, tile[row, column]]
-    return found
-
-
-def in_band_factor(
-    electrons: NDArray[np.floating], bands: NDArray[np.floating]
-) -> NDArray[np.float32]:
-    """Photoelectrons over those of the bands with a flat spectrum in each, (H, W); 1 where that is no number."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factor = electrons / bands
-    return np.where(np.isfinite(factor), np.clip(factor, *FACTORS), 1.0).astype(np.float32)

@@ -26,8 +26,8 @@ from ..passes.passes import clean
 from ..passes.statistics import RenderStatistics
 from ..variants import any_spectral_variant, mitsuba, restores_variant, use
 from .bands import BANDWIDTH_NM
-from .film_channels import in_band_factor
 from .irradiance import Irradiance
+from .own_filter import in_band_factor
 
 D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION
 

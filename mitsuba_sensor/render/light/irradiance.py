@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,6 +17,7 @@ from ...core import Exposure, InputError
 from ...core.illuminant import Illuminant
 from ..passes.statistics import RenderStatistics
 from .light_html import light_html
+from .light_sum import with_levels
 
 Region: TypeAlias = tuple[slice, slice] | NDArray[np.bool_]
 WHOLE = slice(None), slice(None)
@@ -96,6 +98,8 @@ class Irradiance:
     raw : the same light before it was denoised, if asked for and denoised; its statistics are its own.
     pass_error : (H, W) standard error of the photoelectrons by the spread of the passes, before denoising, over the
         photoelectrons; None where it is not known. See :meth:`error_of_sum`.
+    groups : the light groups by name, each as it was rendered; empty where the light was rendered as a whole.
+    levels : what each group is multiplied by in ``data``, see :meth:`with_lights`.
     """
 
     data: NDArray[np.float32]
@@ -111,12 +115,16 @@ class Irradiance:
     rendered_for: RenderedFor | None = None
     raw: Irradiance | None = None
     pass_error: NDArray[np.float32] | None = None
+    groups: Mapping[str, Irradiance] = field(default_factory=dict)
+    levels: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """``<Irradiance: 256 × 384, 32 bands, 367.5 … 832.5 nm>``."""
         (height, width, count), nm = self.data.shape, self.wavelengths_nm
         what = "filters" if self.filters else "bands"
-        return f"<Irradiance: {height} × {width}, {count} {what}, {nm[0]:g} … {nm[-1]:g} nm>"
+        size = f"{height} × {width}, {count} {what}, {nm[0]:g} … {nm[-1]:g} nm"
+        levels = ", ".join(f"{name} {self.levels[name]:g}" for name in self.groups)
+        return f"<Irradiance: {size}{levels and f', light groups {levels}'}>"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -125,6 +133,23 @@ class Irradiance:
 
     def _repr_html_(self) -> str:
         return light_html(self)
+
+    def with_lights(
+        self, levels: Mapping[str, float] | None = None, /, **named: float
+    ) -> Irradiance:
+        """The light of the same scene with other lamps on, without a render.
+
+        ::
+
+            light = ms.render("scenes/night_crossing.xml", light_groups="auto")
+            dark = light.with_lights(headlights=0, lamps=0.2)
+
+        levels : by the name of the light group, what it is multiplied by, from as it was rendered; 1 of those that are
+            not named.
+        Standard errors are those of the new sum; the statistics stay those of the render. Raises InputError for a
+        name that the light does not have, and for a level that is negative or not finite.
+        """
+        return with_levels(self, {**(levels or {}), **named})
 
     def of_serial(self, serial: int) -> Irradiance:
         """The same, remembering this serial number of the camera."""
@@ -171,7 +196,9 @@ class Irradiance:
             raise InputError(
                 "raw_light is asked for and this light is denoised only; render it again with --raw-light."
             )
-        return self if self.raw is None else replace(self.raw, rendered_for=self.rendered_for)
+        if self.raw is None:
+            return self
+        return replace(self.raw, rendered_for=self.rendered_for)
 
 
 def is_exact(light: Irradiance, camera: Camera) -> bool:

@@ -216,7 +216,11 @@ class MovingScene:
         subframes: int | None = None,
         unit_m: float = 1.0,
     ) -> None:
-        self.scene, self._shutter, self._given = scene, shutter_of(camera, exposure), subframes
+        self.scene, self._shutter, self.asked_subframes = (
+            scene,
+            shutter_of(camera, exposure),
+            subframes,
+        )
         self.view, self.sha256, self.restrict_wavelengths = (
             scene.view,
             scene.sha256,
@@ -265,7 +269,7 @@ class MovingScene:
     ) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         assert count == self.most_together(samples)
-        count = subframes_of_pass(self._given or self._needed, samples)
+        count = subframes_of_pass(self.asked_subframes or self._needed, samples)
         self._counts.add(count)
         return self._exposed(
             lambda number, block: self.scene.render(number, samples // count, block),
@@ -279,7 +283,7 @@ class MovingScene:
     ) -> NDArray[np.float32]:
         """Guides of a denoiser for rows [first, last) of the crop, averaged over the exposure.  number : of the set of
         rays."""
-        count = min(self._given or self._needed, MOST_GUIDE_SUBFRAMES)
+        count = min(self.asked_subframes or self._needed, MOST_GUIDE_SUBFRAMES)
         each = power_of_two(max(rays / count, FEWEST_GUIDE_RAYS))
 
         def make(seed: int, block: tuple[int, int]) -> NDArray[np.float32]:
@@ -308,7 +312,7 @@ class MovingScene:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
         film_rows = rows[0] + self.view.crop_offset[1], rows[1] + self.view.crop_offset[1]
         step_s = self._shutter.step_s(
-            count, math.inf if self._given else self.speed_px_per_s, film_rows
+            count, math.inf if self.asked_subframes else self.speed_px_per_s, film_rows
         )
         seed, phase = start
         times_s, weights = subframes(self._shutter, film_rows, count, step_s, phase)

@@ -45,7 +45,8 @@ class MedianNoiseRatio:
         return self._median(mean_e, variance_e2) * median_bias(freedom + 1)
 
     def _median(self, mean_e: Float64Array, variance_e2: Float64Array) -> float:
-        ratio = self._renderer.noise.ratio(mean_e, variance_e2)[mean_e > 0]
+        beside_e = self._renderer.beside_e[:, -mean_e.shape[1] :]
+        ratio = self._renderer.noise.ratio(mean_e + beside_e, variance_e2)[mean_e > 0]
         return float(np.median(ratio)) if ratio.size else 0.0
 
 
@@ -67,7 +68,7 @@ class SensorNoise:
             return False
         ratio = self._ratio()
         self._next_look = self._stop.next_look(passes, ratio)
-        return ratio <= 1
+        return ratio <= self._stop.sensor_noise_share
 
     def _ratio(self) -> float:
         """The 95th percentile of the ratio; without denoising where no denoiser could make it 1."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Literal, Unpack
+from typing import Literal, Unpack, cast
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
@@ -30,11 +30,13 @@ from ..motion.aovs import Aovs, aovs_of, load_for_rays
 from ..motion.motion import Motion, read_motion
 from ..motion.moving_scene import MovingScene, pose_m
 from ..options import RenderOptions
+from ..scene.light_groups import AskedGroups, LightGroup, light_groups_of
 from ..scene.scene import Scene, load_scene
 from ..scene.scene_nodes import SceneInput
 from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
 from ..variants import restores_variant
 from .estimate import Estimate
+from .grouped import render_light_groups
 from .noise_goals import SensorNoise
 from .passes import SAMPLER
 from .renderer import Criterion, Electrons, Renderer
@@ -107,6 +109,8 @@ class PreparedRender:
     unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.  raw_light : whether what is
     denoised is kept as it was, too.  metering : how the exposure is found, or was; None where it was given.
     metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
+    light_groups : that are rendered apart; none: all light together.  is_group : whether it is of one of these groups,
+    which may be black.
     """
 
     parsed: ParsedScene
@@ -123,6 +127,8 @@ class PreparedRender:
     sampler: str = SAMPLER
     metering: Metering | None = None
     metered: bool = False
+    light_groups: tuple[LightGroup, ...] = ()
+    is_group: bool = False
 
     @property
     def at_rest(self) -> Scene:
@@ -147,6 +153,8 @@ class PreparedRender:
         criterion: Criterion | None = None,
     ) -> Irradiance:
         """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
+        if self.light_groups:
+            return render_light_groups(self, seed, stop, progress, started)
         began, renderer = time.monotonic() if started is None else started, self.renderer
         end = renderer.run(
             seed, stop, progress or (lambda step: None), criterion or SensorNoise(self, stop)
@@ -162,7 +170,8 @@ class PreparedRender:
                 )
             kept = renderer.result(keep=True) if self.raw_light else None
             renderer.denoise(last=True)
-        if not (found := renderer.result()).data.any():
+        found = renderer.result()
+        if not (found.data.any() or self.is_group):
             refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
         exposure, serial = self.exposure, self.parsed.settings.serial
         light = self._irradiance(found, raw, self._statistics(stop, end, began, exposure, raw))
@@ -248,8 +257,35 @@ class PreparedRender:
         (mean_e, variance_e2), known = electrons, exposure == self.exposure
         longer = 1.0 if known else exposure.time_s / self.exposure.time_s
         noise = self.renderer.noise if known else input_noise(self.camera, exposure)
-        ratio = noise.ratio(mean_e * longer, variance_e2 * longer**2)
+        in_pixel_e = mean_e + self.renderer.beside_e
+        ratio = noise.ratio(in_pixel_e * longer, variance_e2 * longer**2)
         return summary_of(ratio, (mean_e > 0) & ~self.renderer.infinite(), passes)
+
+    def of_light_group(self, group: LightGroup) -> PreparedRender:
+        """The render of one group of emitters, for the same camera, exposure and bands."""
+        at_rest = load_scene(
+            self.parsed.file,
+            self.bands,
+            {},
+            self.camera,
+            self.unit_m,
+            width=self.width,
+            sampler=self.sampler,
+            emitters=group.emitters,
+        )
+        scene: Scene | MovingScene = at_rest
+        if isinstance(self.scene, MovingScene):
+            scene = MovingScene(
+                at_rest,
+                self.motion,
+                self.camera,
+                self.exposure,
+                self.scene.asked_subframes,
+                self.unit_m,
+            )
+        kept = Kept.of(self.denoise, self.raw_light)
+        renderer = Renderer(scene, self.camera, self.exposure, self.bands, kept)
+        return replace(self, scene=scene, renderer=renderer, light_groups=(), is_group=True)
 
     def _denoised(self, exposure: Exposure, raw: Electrons) -> dict[str, object] | None:
         """What the denoiser did, and the noise ratio before."""
@@ -366,6 +402,9 @@ def prepare(
         sampler,
         metering,
     )
+    if chosen["light_groups"] is not None:
+        groups = light_groups_of(parsed.file, cast(AskedGroups, chosen["light_groups"]))
+        still = replace(still.metered_first(), light_groups=groups)
     if chosen["motion"] is None:
         return still if chosen["noise_ratio"] is None else still.metered_first()
     still = still.metered_first()

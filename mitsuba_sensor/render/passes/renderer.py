@@ -24,7 +24,8 @@ from ..denoise.denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, deno
 from ..denoise.filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
 from ..denoise.guides import Guides, detected_quarters, most_rays, noise_share, traced
 from ..light.bands import Bands
-from ..light.film_channels import electrons_of_film, in_band_factor, of_own_filter, radiance_of
+from ..light.film_channels import electrons_of_film, radiance_of
+from ..light.own_filter import in_band_factor, of_own_filter
 from ..light.photons import electrons_per_irradiance
 from ..motion.moving_scene import MovingScene
 from ..scene.scene import Scene
@@ -49,6 +50,7 @@ class Renderer:
     seconds_per_sample : of one sample in every pixel, without the first pass, which compiles.
     negative, non_finite : its values that were set to 0.  lost : those of them that were NaN or −∞.
     denoised : what :meth:`denoise` made of the last render, else None.
+    beside_e : mean photoelectrons of the other light groups in the same pixels, (H, W) or (1, 1): they make shot noise.
     """
 
     def __init__(
@@ -69,6 +71,8 @@ class Renderer:
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
         self.negative = self.non_finite = self.lost = self.passes = self.samples = 0
+        self.beside_e: Map = np.zeros((1, 1))
+        self.strips: list[RowStrip] = []
         self._fireflies: float | None = None
         self.denoised: Denoised | None = None
         self._filtered: Denoised | None = (
@@ -273,8 +277,9 @@ class Renderer:
 
     def release(self) -> None:
         """Forget the last render; what it returned stays."""
+        if self.strips:
+            del self._sums
         self.strips, self.denoised, self._filtered, self._guides = [], None, None, None
-        del self._sums
         trim_heap()
 
     def _more_guides(self) -> Guides:

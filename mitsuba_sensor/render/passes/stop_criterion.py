@@ -41,6 +41,7 @@ class StopCriterion:
     max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
     grouped : whether ``samples`` are of each group of bands apart.
     repeatable : see :func:`passes.pass_plan`.
+    sensor_noise_share : of the sensor's noise that the render's may have; less than 1 of a light group.
     end : why it ends when ``passes`` are done.  asked : samples per pixel that were asked for, if a number was.
     """
 
@@ -55,6 +56,23 @@ class StopCriterion:
     grouped: bool = False
     repeatable: bool = False
     to_sensor_noise: bool = False
+    sensor_noise_share: float = 1.0
+
+    def for_share(self, share: float) -> StopCriterion:
+        """That of a light group with this share of the samples, and of the variance that the render may have."""
+        within = replace(
+            self,
+            goal=None if self.goal is None else self.goal * share,
+            max_seconds=self.max_seconds * share,
+            sensor_noise_share=self.sensor_noise_share * share,
+            asked=None,
+        )
+        if self.to_sensor_noise or not self.sized:
+            return replace(within, passes=max(round(self.passes * share), FIRST_LOOK))
+        passes, samples = pass_plan(
+            max(round(self.passes * self.samples * share), FEWEST), self.repeatable
+        )
+        return replace(within, passes=passes, samples=samples)
 
     def is_long(self, values: int) -> bool:
         """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
@@ -80,9 +98,9 @@ class StopCriterion:
     def next_look(self, done: int, ratio: float) -> int | None:
         """Passes after which to compare again; None where nothing is left to save.
 
-        done, ratio : passes so far, and render variance over sensor variance that should be 1 and is more.
+        done, ratio : passes so far, and render variance over sensor variance that is more than it should be.
         """
-        needed: float = done * ratio ** (1 / RATIO_EXPONENT)
+        needed: float = done * (ratio / self.sensor_noise_share) ** (1 / RATIO_EXPONENT)
         if needed > self.passes - FIRST_LOOK:
             return None
         return math.ceil(needed / FIRST_LOOK) * FIRST_LOOK
@@ -137,6 +155,7 @@ class RenderProgress:
     noise_ratio : median of render variance over sensor variance so far; NaN before the first pass ends.
     seconds, seconds_left : so far, and forecast (NaN before the first strip of a short render).
     frame : number of the frame, where each frame has a render of its own.
+    light_group : that is rendered now; empty where the light is rendered as a whole.
     doing : while frames are exposed to light that is there, done and expected are frames.
     """
 
@@ -146,6 +165,7 @@ class RenderProgress:
     seconds: float = 0.0
     seconds_left: float = math.nan
     frame: int = 0
+    light_group: str = ""
     doing: Literal["rendering", "denoising", "exposing"] = "rendering"
 
 

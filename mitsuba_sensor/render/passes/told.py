@@ -45,7 +45,7 @@ class Series:
             last = step.done == step.expected
             return FILES if last else f"exposing frame {step.done + 1} of {step.expected}"
         if self.renders == 1:
-            return step.doing
+            return f"{step.doing} {step.light_group}".rstrip()
         return f"{step.doing} frame {step.frame - self.first + 1} of {self.renders}"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,6 +38,7 @@ from ..passes.passes import SAMPLER
 from ..variants import MitsubaObject, mitsuba
 from .film_and_view import WIDTH, built_in_sensor, film_size
 from .lens_sensor import with_lens
+from .light_groups import keep_emitters
 from .parse_scene import parse_scene
 from .scene_file import SceneFile, as_input_error, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
@@ -148,15 +149,17 @@ def load_scene(
     *,
     width: int | None = None,
     sampler: str = SAMPLER,
+    emitters: Collection[int] | None = None,
 ) -> Scene:
     """Load ``path`` with a film of these bands; the variant must be set. Raises InputError.
 
     parameters, scene_unit, width : as for :func:`render`.  sampler : Mitsuba plugin that samples the light paths.
     camera : whose lens is used; by default the one that the scene file names, if any.
+    emitters : those of a light group, by their numbers in :func:`light_groups.emitters_of`; all of them by default.
     """
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
     with as_input_error(scene.path):
-        return _load(scene, bands, camera, scene_unit, width, sampler)
+        return _load(scene, bands, camera, scene_unit, width, sampler, emitters)
 
 
 def _load(
@@ -166,6 +169,7 @@ def _load(
     scene_unit: str | float | None,
     width: int | None,
     sampler: str,
+    emitters: Collection[int] | None,
 ) -> Scene:
     scene = replace(
         scene, state=mitsuba().parser.ParserState(scene.state)
@@ -181,6 +185,8 @@ def _load(
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
     scene.edits.set_pose(scene.sensor().props, metres or 1.0)
     _replace_film(scene, bands, film_size(scene, camera, width), sampler)
+    if emitters is not None:
+        scene = keep_emitters(scene, emitters)
     continue_metals(scene.nodes("BSDF"), *bands.ends_nm)
     built = scene.build()
     world, integrator = built, built.integrator()

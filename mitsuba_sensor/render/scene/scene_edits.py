@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -124,6 +124,13 @@ class SceneEdits:
             None if look_at is None else checked_look_at("look_at", look_at),
             bool(repeatable),
         )
+
+    def without_parameters(self, prefixes: tuple[str, ...]) -> SceneEdits:
+        """The same without the parameters whose names begin so."""
+        kept = {
+            key: value for key, value in self.traverse.items() if not key.startswith(prefixes)
+        }
+        return replace(self, traverse=kept)
 
     def digest(self) -> bytes:
         """What stands for them in the digest of a scene; nothing where there are none."""

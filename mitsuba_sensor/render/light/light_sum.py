@@ -1,0 +1,213 @@
+"""The sum of light groups at any levels: light is linear in the emitters, and the errors of two renders independent.
+
+E = Σ w·E_g, and the variance of E is Σ w²·v_g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import Float64Array, InputError, nearest, require
+from ...core.illuminant import Illuminant
+from .own_filter import in_band_factor, of_own_filter
+
+if TYPE_CHECKING:
+    from .irradiance import Irradiance
+
+HIGHEST = 1e9
+"""Level of a light group at most."""
+
+EXAMPLE = "give levels by the name of a light group, e.g. --light lamps=0.2 ({'lamps': 0.2})"
+
+ROWS = 64
+"""Rows whose photoelectrons are computed at once."""
+
+
+class Part(NamedTuple):
+    """One light group at a level.
+
+    electrons : (H, W) mean photoelectrons of each pixel over a number that all groups share.
+    flat : the same for a spectrum that is flat within each band.
+    """
+
+    level: float
+    light: Irradiance
+    electrons: Float64Array
+    flat: Float64Array
+
+
+def checked_lights(name: str, given: object) -> dict[str, float]:
+    """Levels by light group.  given : a dict, or texts NAME=LEVEL. Raises InputError."""
+    texts = [given] if isinstance(given, str) else given
+    if isinstance(texts, list | tuple):
+        pairs = [str(text).partition("=") for text in texts]
+        given = {group.strip(): level.strip() for group, _, level in pairs}
+    if not isinstance(given, Mapping) or not given:
+        raise InputError(f"{name} is {given!r}; {EXAMPLE}.")
+    levels = dict[str, float]()
+    for group, level in given.items():
+        try:
+            number = float(level)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{name} has {group!r} with the level {level!r}, which is no number; {EXAMPLE}."
+            ) from None
+        levels[str(group)] = checked_level(str(group), number)
+    return levels
+
+
+def checked_level(group: str, level: float) -> float:
+    """The level of a light group. Raises InputError."""
+    return require(f"the level of {group}", level, 0.0, HIGHEST, "a number, e.g. 0.5")
+
+
+def with_levels(light: Irradiance, levels: Mapping[str, float]) -> Irradiance:
+    """See :meth:`irradiance.Irradiance.with_lights`."""
+    if not light.groups:
+        raise InputError(
+            "the light was rendered as a whole and has no light groups; render it with --light-groups auto "
+            "(light_groups='auto')."
+        )
+    for name in levels:
+        if name not in light.groups:
+            known = ", ".join(light.groups)
+            raise InputError(
+                f"the light has no light group {name!r}; it has {known}.{nearest(name, light.groups)}"
+            )
+    found = {name: checked_level(name, level) for name, level in levels.items()}
+    total = sum_of_groups(light.groups, found)
+    return replace(total, statistics=light.statistics)
+
+
+def sum_of_groups(
+    groups: Mapping[str, Irradiance], levels: Mapping[str, float] | None = None
+) -> Irradiance:
+    """Light groups added up, each times its level; with the statistics of the first.
+
+    levels : by name; 1 of those that are not named.
+    """
+    weights = dict.fromkeys(groups, 1.0) | dict(levels or {})
+    first = next(iter(groups.values()))
+    parts = [_part(light, weights[name]) for name, light in groups.items()]
+    relative_error = _relative(parts, lambda light: light.relative_error)
+    assert relative_error is not None
+    rendered_for = first.rendered_for
+    if rendered_for is not None:
+        rendered_for = replace(rendered_for, illuminant=_illuminant(parts))
+    return replace(
+        first,
+        data=_data(parts),
+        standard_error=_standard_error(parts),
+        relative_error=relative_error,
+        pass_error=_relative(parts, lambda light: light.pass_error),
+        in_band=_in_band(parts),
+        rendered_for=rendered_for,
+        raw=_raw(groups, weights),
+        groups=dict(groups),
+        levels=weights,
+    )
+
+
+def _lit(parts: list[Part]) -> list[Part]:
+    """The groups that are on: a level of 0 takes away infinite light, too."""
+    return [part for part in parts if part.level > 0]
+
+
+def _data(parts: list[Part]) -> NDArray[np.float32]:
+    """Irradiance of the groups times their levels, (H, W, B)."""
+    total = np.zeros(parts[0].light.data.shape, np.float32)
+    for part in _lit(parts):
+        total += np.float32(part.level) * part.light.data
+    return total
+
+
+def _standard_error(parts: list[Part]) -> NDArray[np.float32]:
+    """Root of the sum of the squares of the standard errors, (H, W, B)."""
+    total = np.zeros(parts[0].light.standard_error.shape, np.float32)
+    for part in _lit(parts):
+        np.hypot(total, np.float32(part.level) * part.light.standard_error, out=total)
+    return total
+
+
+def _relative(
+    parts: list[Part], of: Callable[[Irradiance], NDArray[np.float32] | None]
+) -> NDArray[np.float32] | None:
+    """Error of the photoelectrons of the sum over the photoelectrons, (H, W); None where that of a group is unknown."""
+    lit = _lit(parts)
+    squares = np.zeros(parts[0].light.data.shape[:2])
+    for part in lit:
+        relative = of(part.light)
+        if relative is None:
+            return None
+        squares += (relative * part.electrons) ** 2
+    electrons = np.asarray(sum((part.electrons for part in lit), np.zeros_like(squares)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.sqrt(squares) / electrons
+    error[np.isinf(electrons)] = np.inf
+    return np.asarray(np.where(electrons > 0, error, 0.0), dtype=np.float32)
+
+
+def _in_band(parts: list[Part]) -> NDArray[np.float32] | None:
+    """Photoelectrons of the sum over those of spectra that are flat within each band, (H, W)."""
+    first = parts[0].light.in_band
+    if first is None:
+        return None
+    exact, flat = np.zeros(first.shape), np.zeros(first.shape)
+    for part in _lit(parts):
+        assert part.light.in_band is not None
+        exact += part.electrons
+        flat += part.flat
+    return in_band_factor(exact, flat)
+
+
+def _raw(groups: Mapping[str, Irradiance], weights: Mapping[str, float]) -> Irradiance | None:
+    """The sum as it was before denoising, where that was kept of a group; others were not denoised."""
+    if all(light.raw is None for light in groups.values()):
+        return None
+    raw = {name: light if light.raw is None else light.raw for name, light in groups.items()}
+    return sum_of_groups(raw, weights)
+
+
+def _illuminant(parts: list[Part]) -> Illuminant | None:
+    """Spectrum of the light that falls on the scene: those of the groups, by the photoelectrons that they make."""
+    known = [
+        (part.light.rendered_for.illuminant, float(np.mean(part.electrons)))
+        for part in _lit(parts)
+        if part.light.rendered_for is not None
+    ]
+    spectra = [
+        (one, weight) for one, weight in known if one is not None and np.isfinite(weight)
+    ]
+    if not spectra:
+        return None
+    power = np.sum([weight * one.power for one, weight in spectra], axis=0)
+    if not power.sum() > 0:
+        return None
+    return Illuminant(spectra[0][0].wavelengths_nm, power / power.mean())
+
+
+def _part(light: Irradiance, level: float) -> Part:
+    """A light group at a level, with the photoelectrons of the camera that it was rendered for; where that is not
+    known, with its light, all wavelengths alike."""
+    camera = None if light.rendered_for is None else light.rendered_for.camera
+    tile, weights = np.zeros((1, 1), int), light.bandwidths_nm[None, :]
+    if light.filters is not None:
+        weights = np.eye(len(light.filters))
+    elif camera is not None:
+        per_nm = camera.qe(light.wavelengths_nm, light.bandwidths_nm) * light.wavelengths_nm
+        weights = np.atleast_2d(per_nm) * light.bandwidths_nm
+    if camera is not None:
+        tile = np.array(camera.tile)
+    flat = np.empty(light.data.shape[:2])
+    for first in range(0, len(flat), ROWS):
+        rows = slice(first, first + ROWS)
+        row, column = light.origin
+        flat[rows] = of_own_filter(light.data[rows] @ weights.T, tile, (row + first, column))
+    flat *= level
+    exact = flat if light.in_band is None else flat * light.in_band
+    return Part(level, light, exact, flat)

@@ -1,0 +1,207 @@
+"""Renders the light groups of a scene one after the other, and shares the samples among them by what the sensor sees.
+
+A few samples of every group measure its variance v in units of the sensor's own noise. The variance of the sum is
+Σ v/n, so that a group gets a share of the samples in proportion to √v, and may have that share of the variance, too.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ...core import Float64Array
+from ..light.irradiance import Irradiance
+from ..light.light_sum import sum_of_groups
+from ..lint.electron_share import with_notes_of_shares
+from ..lint.refusals import refuse_black
+from .passes import hashed_seed
+from .statistics import POOLED, NoiseRatios, RenderStatistics, sum_error, summary_of
+from .stop_criterion import Progress, RenderProgress, StopCriterion
+
+if TYPE_CHECKING:
+    from .prepared import PreparedRender
+    from .renderer import Electrons
+
+PILOT = StopCriterion(passes=4, samples=4)
+"""Samples that measure the variance of a group before its render."""
+
+SEEN = 95.0
+"""Percentile of the pixels whose variance counts: the brightest few are of rare paths."""
+
+LEAST_SHARE = 1 / 64
+"""Of the samples, which every group gets."""
+
+
+class GroupRender(NamedTuple):
+    """The light of one group.
+
+    electrons : mean photoelectrons and the expected squared error of that mean, (H, W) each.
+    """
+
+    light: Irradiance
+    electrons: Electrons
+
+    @property
+    def of_passes(self) -> Electrons:
+        """The same with the variance of the passes, before denoising."""
+        assert self.light.pass_error is not None
+        mean_e = self.electrons[0]
+        with np.errstate(invalid="ignore"):
+            return mean_e, (self.light.pass_error * mean_e) ** 2
+
+
+def render_light_groups(
+    whole: PreparedRender,
+    seed: int,
+    stop: StopCriterion,
+    progress: Progress | None,
+    started: float | None,
+) -> Irradiance:
+    """All groups of a prepared scene, and their sum.  started : when it began, on the monotonic clock [s]."""
+    began = time.monotonic() if started is None else started
+    parts = {group.name: whole.of_light_group(group) for group in whole.light_groups}
+    pilots = {name: _pilot(part, name, seed) for name, part in parts.items()}
+    shares = _shares(whole, pilots)
+    renders, done = dict[str, GroupRender](), 0.0
+    for name, part in parts.items():
+        others = [mean_e for other, (mean_e, _) in pilots.items() if other != name]
+        part.renderer.beside_e = np.asarray(sum(others, np.zeros((1, 1))))
+        told = _told(progress, name, began, done, shares[name])
+        light = part.render(
+            _seed_of(seed, name), stop.for_share(shares[name]), told, started=time.monotonic()
+        )
+        renders[name] = GroupRender(light, part.renderer.electrons())
+        part.renderer.release()
+        done += shares[name]
+    lights = {name: render.light for name, render in renders.items()}
+    total = sum_of_groups(lights)
+    if not total.data.any():
+        refuse_black(whole.bands.ends_nm, total.statistics.non_finite, whole.at_rest.findings)
+    statistics = _statistics(whole, renders, time.monotonic() - began)
+    light = replace(total, statistics=statistics)
+    return with_notes_of_shares(light, whole.camera, whole.at_rest.findings)
+
+
+def _seed_of(seed: int, group: str) -> int:
+    """A seed that no other group has: the noise of two groups is independent."""
+    return hashed_seed(seed, 0, int.from_bytes(group.encode(), "little"))
+
+
+def _pilot(part: PreparedRender, name: str, seed: int) -> Electrons:
+    """Mean photoelectrons of a group, and the variance of that mean, by a few samples."""
+    part.renderer.run(_seed_of(seed, f"{name} before"), PILOT, lambda step: None)
+    electrons = part.renderer.electrons()
+    part.renderer.release()
+    return electrons
+
+
+def _shares(whole: PreparedRender, pilots: Mapping[str, Electrons]) -> dict[str, float]:
+    """The share of the samples of each group; they add up to 1."""
+    total_e: Float64Array = np.sum([mean_e for mean_e, _ in pilots.values()], axis=0)
+    lit = (total_e > 0) & np.isfinite(total_e)
+    seen = dict[str, float]()
+    for name, (_, variance_e2) in pilots.items():
+        ratio = whole.renderer.noise.ratio(total_e, variance_e2)[lit]
+        most = np.percentile(ratio, SEEN) if ratio.size else 0.0
+        seen[name] = float(np.minimum(ratio, most).mean()) ** 0.5 if ratio.size else 0.0
+    total = sum(seen.values())
+    if not total > 0:
+        return dict.fromkeys(pilots, 1 / len(pilots))
+    raised = {name: max(root / total, LEAST_SHARE) for name, root in seen.items()}
+    return {name: share / sum(raised.values()) for name, share in raised.items()}
+
+
+def _told(
+    progress: Progress | None, name: str, began: float, done: float, share: float
+) -> Progress | None:
+    """What a group's render reports to: the time that is left of all groups.
+
+    done, share : of the samples, of the groups before and of this one.
+    """
+    if progress is None:
+        return None
+
+    def tell(step: RenderProgress) -> None:
+        whole_s = step.seconds + step.seconds_left
+        left_s = step.seconds_left + whole_s * max(1 - done - share, 0.0) / share
+        seconds = time.monotonic() - began
+        progress(replace(step, light_group=name, seconds=seconds, seconds_left=left_s))
+
+    return tell
+
+
+def _statistics(
+    whole: PreparedRender, renders: Mapping[str, GroupRender], seconds: float
+) -> RenderStatistics:
+    """How the sum came about: samples and seconds of all groups, noise of their sum."""
+    parts = [render.light.statistics for render in renders.values()]
+    samples = sum(part.samples_per_pixel for part in parts)
+    sample_s = sum(part.seconds_per_sample * part.samples_per_pixel for part in parts)
+    passes = min(part.passes for part in parts)
+    electrons = _sum_of(render.electrons for render in renders.values())
+    of_passes = _sum_of(render.of_passes for render in renders.values())
+    denoised = _denoised_record(parts, _ratios(whole, of_passes, passes))
+    return replace(
+        parts[0],
+        passes=passes,
+        samples_per_pixel=samples,
+        seconds=seconds,
+        seconds_per_sample=sample_s / samples,
+        **_ratios(whole, electrons, passes if denoised is None else POOLED),
+        reliable=all(part.reliable for part in parts),
+        firefly_fraction=max(part.firefly_fraction for part in parts),
+        negative=sum(part.negative for part in parts),
+        non_finite=sum(part.non_finite for part in parts),
+        notes=(*whole.scene.notes, *_own_notes(whole, renders)),
+        scene_sha256=whole.scene.sha256,
+        denoised=denoised,
+        sum_error=sum_error(*of_passes),
+    )
+
+
+def _ratios(whole: PreparedRender, light: Electrons, passes: int) -> NoiseRatios:
+    """Noise ratio of the sum.  passes : by which its variance is known."""
+    mean_e, variance_e2 = light
+    lit = (mean_e > 0) & np.isfinite(mean_e)
+    return summary_of(whole.renderer.noise.ratio(mean_e, variance_e2), lit, passes)
+
+
+def _denoised_record(
+    parts: list[RenderStatistics], before: NoiseRatios
+) -> dict[str, Any] | None:
+    """What the denoiser did to the groups; None where none was denoised.  before : noise ratio without it."""
+    records = [part.denoised for part in parts if part.denoised is not None]
+    if not records:
+        return None
+    return {
+        **records[0],
+        "raw_weight": float(np.mean([record["raw_weight"] for record in records])),
+        "sum_corrected_by": max(record["sum_corrected_by"] for record in records),
+        "raw_noise_ratio_median": before["noise_ratio_median"],
+        "raw_noise_ratio_p95": before["noise_ratio_p95"],
+    }
+
+
+def _own_notes(whole: PreparedRender, renders: Mapping[str, GroupRender]) -> list[str]:
+    """Notes of the renders of the groups: with the name of the group, where it is not that of all."""
+    notes = {
+        name: [note for note in render.light.notes if note not in whole.scene.notes]
+        for name, render in renders.items()
+    }
+    of_all = [
+        note for note in next(iter(notes.values())) if all(note in n for n in notes.values())
+    ]
+    own = [
+        f"{name}: {note}" for name, some in notes.items() for note in some if note not in of_all
+    ]
+    return [*of_all, *own]
+
+
+def _sum_of(parts: Iterable[Electrons]) -> Electrons:
+    """Means and variances of independent parts added up."""
+    means, variances = zip(*parts, strict=True)
+    return np.sum(means, axis=0), np.sum(variances, axis=0)

@@ -1,0 +1,224 @@
+"""Light groups: their sum is the render of the whole, at any levels, in memory and in irradiance.exr."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import write_scene
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.render.passes.prepared import prepare
+
+CAMERA = ms.load_camera("konnik_table1")
+EXPOSURE = ms.Exposure(1e-4)
+VIEW = """<sensor type="perspective"><float name="fov" value="50"/><transform name="to_world">
+<lookat origin="0, 1, 4" target="0, 0.8, 0" up="0, 1, 0"/></transform><film type="hdrfilm">
+<integer name="width" value="24"/><integer name="height" value="18"/><rfilter type="box"/></film></sensor>"""
+FLOOR = """<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="5"/>
+</transform><bsdf type="diffuse"/></shape>"""
+AREA = """<shape type="rectangle" id="area"><transform name="to_world"><scale value="0.5"/>
+<translate x="0.8" y="1.2"/></transform><emitter type="area"><spectrum name="radiance" value="0.02"/></emitter></shape>"""
+BALL = """<shape type="sphere" id="lamp_1"><float name="radius" value="0.3"/><point name="center" x="-0.8" y="1.2" z="0"/>
+<emitter type="area"><spectrum name="radiance" value="400:0.01, 700:0.05"/></emitter></shape>"""
+SPOT = """<emitter type="point" id="lamp_2"><point name="position" x="0" y="1.6" z="1"/>
+<spectrum name="intensity" value="0.03"/></emitter>"""
+SKY = '<emitter type="constant" id="env"><spectrum name="radiance" value="0.005"/></emitter>'
+SCENES = {
+    "area and sky": (AREA, SKY),
+    "lamps": (BALL, SPOT),
+    "all": (AREA, BALL, SPOT, SKY),
+}
+QUICK: dict[str, Any] = {"progress": False, "wavelength_nm": 550.0, "spp": 16, "denoise": False}
+
+
+def scene_of(folder: Path, name: str, *, integrator: str = '<integrator type="path"/>') -> Path:
+    text = f'<scene version="3.0.0">{integrator}{VIEW}{FLOOR}{"".join(SCENES[name])}</scene>'
+    return write_scene(folder, text)
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory: pytest.TempPathFactory) -> ms.Irradiance:
+    """Three groups of one scene: area and lamps, and what no pattern names."""
+    scene = scene_of(tmp_path_factory.mktemp("groups"), "all")
+    groups = {"area": "area", "lamps": "lamp_*"}
+    return ms.render(scene, CAMERA, EXPOSURE, light_groups=groups, **QUICK)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_light_that_is_seen_directly_adds_up_to_the_whole_at_equal_seeds(
+    name: str, tmp_path: Path
+) -> None:
+    """Without reflections all groups have the same light paths, so that only rounding is left: 1e-6."""
+    scene = scene_of(
+        tmp_path,
+        name,
+        integrator='<integrator type="path"><integer name="max_depth" value="1"/></integrator>',
+    )
+    options: dict[str, Any] = {"wavelength_nm": 550.0, "light_groups": "auto"}
+    whole = prepare(scene, CAMERA, EXPOSURE, **options)
+    parts = [whole.of_light_group(group) for group in whole.light_groups]
+    assert len(parts) == len(SCENES[name])
+    together, *apart = (one.at_rest.render(3, 16, (0, 18)) for one in (whole, *parts))
+    assert together.max() > 0
+    np.testing.assert_allclose(sum(apart), together, rtol=1e-6, atol=1e-6 * together.max())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_sum_is_the_render_of_the_whole_within_its_errors(
+    name: str, tmp_path: Path
+) -> None:
+    """Both sums over the picture, and their difference: |z| < 4, which chance fails once in 16 000."""
+    scene = scene_of(tmp_path, name)
+    grouped = ms.render(scene, CAMERA, EXPOSURE, light_groups="auto", seed=5, **QUICK)
+    whole = ms.render(scene, CAMERA, EXPOSURE, seed=6, **QUICK)
+    sums = [float(one.data.sum(dtype=float)) for one in (grouped, whole)]
+    errors = [
+        one.error_of_sum() * total for one, total in zip((grouped, whole), sums, strict=True)
+    ]
+    assert abs(sums[0] - sums[1]) < 4 * math.hypot(*errors)
+    assert errors[0] / sums[0] < 0.02
+
+
+def test_groups_are_named_by_patterns_and_the_rest_is_other(light: ms.Irradiance) -> None:
+    assert list(light.groups) == ["area", "lamps", "other"]
+    assert light.levels == {"area": 1.0, "lamps": 1.0, "other": 1.0}
+    assert "light groups area 1, lamps 1, other 1" in repr(light)
+
+
+def test_auto_makes_a_group_of_each_emitter_with_an_id(tmp_path: Path) -> None:
+    nameless = '<emitter type="constant"><spectrum name="radiance" value="0.005"/></emitter>'
+    text = f'<scene version="3.0.0">{VIEW}{FLOOR}{AREA}{SPOT}{nameless}</scene>'
+    prepared = prepare(write_scene(tmp_path, text), CAMERA, EXPOSURE, light_groups="auto")
+    assert {group.name for group in prepared.light_groups} == {"area", "lamp_2", "other"}
+
+
+def test_levels_scale_each_group_and_errors_add_in_squares(light: ms.Irradiance) -> None:
+    levels = {"area": 0.25, "lamps": 3.0, "other": 0.0}
+    changed = light.with_lights(levels)
+    expected = sum(levels[name] * one.data for name, one in light.groups.items())
+    np.testing.assert_allclose(changed.data, expected, rtol=1e-5)
+    squares = sum((levels[n] * one.standard_error) ** 2 for n, one in light.groups.items())
+    np.testing.assert_allclose(changed.standard_error, np.sqrt(squares), rtol=1e-5)
+    lit = changed.data[..., 0] > 0
+    errors = [
+        levels[n] * one.data[lit, 0] * one.relative_error[lit]
+        for n, one in light.groups.items()
+    ]
+    relative = np.sqrt(np.square(errors).sum(axis=0)) / changed.data[lit, 0]
+    np.testing.assert_allclose(changed.relative_error[lit], relative, rtol=1e-3)
+    assert changed.with_lights().data == pytest.approx(light.data, rel=1e-6)
+
+
+def test_a_group_that_is_off_is_darkness_and_all_off_is_a_dark_frame(
+    light: ms.Irradiance,
+) -> None:
+    dark = light.with_lights(area=0, lamps=0, other=0)
+    assert not dark.data.any() and not dark.relative_error.any()
+    frames = ms.expose(dark, CAMERA, ms.Exposure(0.0))
+    black = ms.expose(np.zeros(dark.data.shape[:2]), CAMERA, ms.Exposure(0.0))
+    np.testing.assert_array_equal(frames.digital, black.digital)
+
+
+def test_photons_are_those_of_the_levels(light: ms.Irradiance) -> None:
+    photons = [
+        ms.collect(one, CAMERA, EXPOSURE).total
+        for one in (light.with_lights(lamps=0.5), *light.groups.values())
+    ]
+    np.testing.assert_allclose(
+        photons[0], photons[1] + 0.5 * photons[2] + photons[3], rtol=1e-5
+    )
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_a_file_keeps_the_groups(half: bool, light: ms.Irradiance, tmp_path: Path) -> None:
+    file = tmp_path / "irradiance.exr"
+    write_irradiance_exr(file, light, half)
+    again = read_irradiance_exr(file)
+    assert list(again.groups) == list(light.groups)
+    tolerance = 1e-3 if half else 1e-7
+    for name, one in light.groups.items():
+        np.testing.assert_allclose(again.groups[name].data, one.data, rtol=tolerance)
+        assert again.groups[name].statistics == one.statistics
+    relit, expected = (one.with_lights(lamps=0.2, other=2) for one in (again, light))
+    np.testing.assert_allclose(relit.data, expected.data, rtol=tolerance)
+    np.testing.assert_allclose(relit.relative_error, expected.relative_error, rtol=1e-3)
+
+
+def test_what_reads_the_file_of_today_reads_the_sum(
+    light: ms.Irradiance, tmp_path: Path
+) -> None:
+    colour = pytest.importorskip("colour")
+    file = tmp_path / "irradiance.exr"
+    write_irradiance_exr(file, light)
+    components = colour.read_spectral_image_Fichet2021(str(file))
+    np.testing.assert_allclose(components["S0"][1][..., 0], light.data[..., 0], rtol=1e-6)
+
+
+def test_expose_takes_levels_of_the_command_line(light: ms.Irradiance, tmp_path: Path) -> None:
+    file = tmp_path / "irradiance.exr"
+    write_irradiance_exr(file, light)
+    captured = ms.capture(file, lights=["lamps=0.2", "other=0"], exposure=EXPOSURE)
+    expected = ms.expose(light.with_lights(lamps=0.2, other=0), exposure=EXPOSURE)
+    np.testing.assert_array_equal(captured.frames.digital, expected.digital)
+    assert captured.metadata["options"]["lights"] == {"lamps": 0.2, "other": 0.0}
+
+
+def test_the_samples_go_where_the_noise_is(tmp_path: Path) -> None:
+    """A lamp that lights next to nothing gets the least share; the sum of the samples is what was asked for."""
+    faint = BALL.replace("400:0.01, 700:0.05", "400:1e-7, 700:1e-7")
+    text = f'<scene version="3.0.0">{VIEW}{FLOOR}{AREA}{faint}</scene>'
+    scene = write_scene(tmp_path, text)
+    options = {**QUICK, "spp": 256}
+    light = ms.render(scene, CAMERA, EXPOSURE, light_groups="auto", **options)
+    samples = {name: one.statistics.samples_per_pixel for name, one in light.groups.items()}
+    assert samples["lamp_1"] <= 16 < 200 < samples["area"]
+    assert (
+        light.statistics.samples_per_pixel
+        == sum(samples.values())
+        == pytest.approx(256, rel=0.1)
+    )
+
+
+BAD = {
+    "no such emitter": (
+        {"light_groups": "lamp=lamb_1"},
+        r"no emitter is named lamb_1 .*lamp_1",
+    ),
+    "in two groups": (
+        {"light_groups": {"a": "lamp_*", "b": "lamp_1"}},
+        "in the groups a and b",
+    ),
+    "no pattern": ({"light_groups": "sky"}, "light_groups has 'sky'"),
+    "no groups": ({"light_groups": {}}, "pass 'auto'"),
+    "a number": ({"light_groups": 3}, "pass 'auto'"),
+    "a name with a dot": ({"light_groups": {"a.b": "env"}}, "a group is a name of letters"),
+    "unknown level": (
+        {"light_groups": "auto", "lights": {"skies": 1}},
+        "no light group 'skies'",
+    ),
+    "negative level": ({"light_groups": "auto", "lights": {"env": -1}}, "the level of env"),
+    "no level": ({"lights": ["env"]}, "no number"),
+    "no groups to change": ({"lights": {"env": 1}}, "--light-groups auto"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_groups_and_levels_are_refused_with_the_way_out(case: str, tmp_path: Path) -> None:
+    options, sentence = BAD[case]
+    options = {"spp": 1, "wavelength_nm": 550.0, "denoise": False, **options}
+    with pytest.raises(ms.InputError, match=sentence):
+        ms.capture(scene_of(tmp_path, "all"), CAMERA, EXPOSURE, progress=False, **options)
+
+
+def test_a_scene_that_is_loaded_already_cannot_be_taken_apart() -> None:
+    import mitsuba as mi
+
+    text = f'<scene version="3.0.0">{VIEW}{FLOOR}{AREA}</scene>'
+    ms.render(text, CAMERA, EXPOSURE, **{**QUICK, "spp": 1})  # sets a variant
+    with pytest.raises(ms.InputError, match="loaded already"):
+        ms.render(mi.load_string(text), CAMERA, EXPOSURE, light_groups="auto", **QUICK)
