@@ -23,7 +23,7 @@ class LightOptions(FrameOptions, total=False):
         Mapping[str, float] | None,
         Option(
             "Level of a light group, over that of the render: --light lamps=0.2; 0 switches it off. Repeatable. For "
-            "light that was rendered with --light-groups; irradiance.exr keeps the groups as they were rendered.",
+            "light that was rendered in groups; irradiance.exr keeps the groups as they were rendered.",
             flag="--light",
             metavar="NAME=LEVEL",
             text=list[str],

@@ -81,7 +81,7 @@ def test_the_sum_is_the_render_of_the_whole_within_its_errors(
         one.error_of_sum() * total for one, total in zip((grouped, whole), sums, strict=True)
     ]
     assert abs(sums[0] - sums[1]) < 4 * math.hypot(*errors)
-    assert errors[0] / sums[0] < 0.02
+    assert errors[0] / sums[0] < 0.05
 
 
 def test_groups_are_named_by_patterns_and_the_rest_is_other(light: ms.Irradiance) -> None:
