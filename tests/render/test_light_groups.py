@@ -22,8 +22,10 @@ VIEW = """<sensor type="perspective"><float name="fov" value="50"/><transform na
 FLOOR = """<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="5"/>
 </transform><bsdf type="diffuse"/></shape>"""
 AREA = """<shape type="rectangle" id="area"><transform name="to_world"><scale value="0.5"/>
-<translate x="0.8" y="1.2"/></transform><emitter type="area"><spectrum name="radiance" value="0.02"/></emitter></shape>"""
-BALL = """<shape type="sphere" id="lamp_1"><float name="radius" value="0.3"/><point name="center" x="-0.8" y="1.2" z="0"/>
+<translate x="0.8" y="1.2"/></transform>
+<emitter type="area"><spectrum name="radiance" value="0.02"/></emitter></shape>"""
+BALL = """<shape type="sphere" id="lamp_1"><float name="radius" value="0.3"/>
+<point name="center" x="-0.8" y="1.2" z="0"/>
 <emitter type="area"><spectrum name="radiance" value="400:0.01, 700:0.05"/></emitter></shape>"""
 SPOT = """<emitter type="point" id="lamp_2"><point name="position" x="0" y="1.6" z="1"/>
 <spectrum name="intensity" value="0.03"/></emitter>"""
