@@ -96,7 +96,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
     write_planes(path, header, channels)
 
 
-def _groups_header(irradiance: Irradiance) -> dict[str, Any]:
+def _groups_header(irradiance: Irradiance) -> dict[str, object]:
     """What the header says of each light group."""
     groups = {}
     for name, light in irradiance.groups.items():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -172,7 +172,7 @@ def _ratios(whole: PreparedRender, light: Electrons, passes: int) -> NoiseRatios
 
 def _denoised_record(
     parts: list[RenderStatistics], before: NoiseRatios
-) -> dict[str, Any] | None:
+) -> dict[str, object] | None:
     """What the denoiser did to the groups; None where none was denoised.  before : noise ratio without it."""
     records = [part.denoised for part in parts if part.denoised is not None]
     if not records:
