@@ -233,7 +233,7 @@ def distances_section(compared: Sequence[Compared]) -> Section:
         mark: Mark = "good" if test.probability >= limit else "bad"
         rows.append((mark, (name, test.name, test.statistic, test.probability, test.detail)))
         failed += [f"{name}: {test.name}"] if mark == "bad" else []
-    verdict = f"{len(failed)} fail: {'; '.join(failed)}" if failed else "all pass"
+    verdict = f"not passed: {'; '.join(failed)}" if failed else "all pass"
     text = (
         f"{len(tests)} Kolmogorov-Smirnov tests of the twin's frames against frames that the fit did not use: "
         f"{verdict}"

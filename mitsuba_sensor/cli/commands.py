@@ -254,7 +254,10 @@ def fpn_maps(
 
 @app.command(cls=Command)
 def doctor(as_json: arguments.Json = False) -> None:
-    """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
+    """Find out what works on this machine, and the command that repairs what does not. Writes nothing.
+
+    It renders a small picture with every variant of Mitsuba. Exit code 0 if a render works.
+    """
     from ..render.doctor import examine
     from .progress import steps_bar
     from .terminal import diagnosis

@@ -96,9 +96,10 @@ class CharacterizeFlags(TypedDict, total=False):
 def characterize(**flags: Flag) -> None:
     """Measure a camera as EMVA 1288 does: K, QE, noise, saturation, non-uniformity, dark current, defects.
 
-    Of a simulated camera bias, dark, flat-field and gradient frames are made in exact light, and the datasheet's
-    figures stand beside the measured ones. With --frames the same is done with frames from disk, of any camera; with
-    --camera too, its datasheet is compared with them.
+    Without --frames a camera is simulated, konnik_table1 unless --camera names another: bias, dark, flat-field and
+    gradient frames in light that is exactly known. Its datasheet's figures stand beside the measured ones. With
+    --frames the same is measured in frames from disk, of any camera; with --camera too, its datasheet is compared.
+
     Writes report.html (all figures with 95 % intervals, and all plots) and report.json. Exit code 1: a figure is not
     the datasheet's, or has no value because the frames are clipped.
     """

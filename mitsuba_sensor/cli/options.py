@@ -160,13 +160,20 @@ class StudyFlags(TypedDict, total=False):
     out: Annotated[
         str | None,
         Option(
-            "Folder for the page. Default: study/ and the study's name.",
+            "Folder for the page (default: characterize, or study/ and the study's name).",
             flag="-o --out",
             metavar="DIR",
+            panel="Output",
         ),
     ]
     force: Annotated[
-        bool, Option("Measure again what the folder holds already.", False, flag="--force")
+        bool,
+        Option(
+            "Measure again what the folder holds already.",
+            False,
+            flag="--force",
+            panel="Output",
+        ),
     ]
     as_json: Annotated[bool, Option("Only JSON on stdout, for programs.", False, flag="--json")]
 
@@ -211,14 +218,14 @@ class WorkPrecisionFlags(TypedDict, total=False):
 class AblationFlags(TypedDict, total=False):
     """Flags of ``study ablation``."""
 
-    tolerance_dn: Annotated[float, Option("Of the plan that is put to the test, in DN.", 0.02)]
+    tolerance_dn: Annotated[float, Option("Tolerance of the plan that is tested, in DN.", 0.02)]
     frames: Annotated[
         int, Option("Frames of each of the 8 cameras that are measured.", 8, low=2, example="8")
     ]
     spp: Annotated[
         int,
         Option(
-            "Samples per pixel of the render, a quarter of it of each comparison.",
+            "Samples per pixel of the render; renders that are compared have a quarter of them.",
             32,
             low=8,
             high=MOST_IN_ALL,

@@ -54,7 +54,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
     Bands, channels, denoising and variants against a reference of known error; engines, precisions and plans of the
-    sensor against NumPy in float64. Small pictures do (--width 48).
+    sensor against NumPy in float64. Small pictures are enough (--width 48).
     """
     from ..study.work_precision import RECORDS, SIDES
     from ..study.work_precision import work_precision as measured
@@ -90,7 +90,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
 def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     """What each noise source and each feature of the render does to SCENE, and what leaving it out would save.
 
-    Every change of the frames is predicted by the law of each pixel and measured; the two must agree.
+    Every change of the frames is predicted by theory and measured in frames; the two must agree.
     """
     from ..core import first_given
     from ..study.ablation import RECORDS
@@ -123,7 +123,10 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
 )
 @options.flags(StudyFlags)
 def stress(**flags: Flag) -> None:
-    """Stiff and extreme cases of every stage on every engine: input, expected, got, verdict; and condition numbers."""
+    """Extreme inputs of every stage on every engine: whether the results are those that are expected.
+
+    And how far the last bit of an input in float32 moves a result (condition numbers). It takes some minutes.
+    """
     from ..study.stress import RECORDS
     from ..study.stress import stress as measured
 

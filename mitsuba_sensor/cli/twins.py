@@ -67,7 +67,7 @@ def fit(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Fit a twin of a camera to its bias, dark and flat frames.
+    """Fit the twin of a camera, a camera file with its numbers, to its bias, dark and flat frames.
 
     Writes FILE.toml, a camera file with the source of every number; FILE.npz, its measured maps, for
     `render --fpn-maps`; and FILE.html, the figures with 95 % intervals and how far the twin is from frames that the

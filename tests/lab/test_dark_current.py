@@ -174,7 +174,7 @@ def test_currents_at_zero_are_left_out_and_one_temperature_is_too_few() -> None:
     nothing = Quantity("µ_I.mean", "", 0.0, -1.0, 1.0, "e-/s", "")
     found = dark_temperature({280.0: nothing, 300.0: measured(10.0), 310.0: measured(20.0)})
     assert found.doubling.covers(10) and "280 K left out" in found.doubling.note
-    with pytest.raises(ms.InputError, match="at 1 temperatures of 2"):
+    with pytest.raises(ms.InputError, match="at 1 of 2"):
         dark_temperature({280.0: nothing, 300.0: measured(10.0)})
     with pytest.raises(ms.InputError, match="temperatures are above 0"):
         dark_temperature({-5.0: measured(5.0), 300.0: measured(10.0)})

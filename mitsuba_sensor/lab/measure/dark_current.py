@@ -234,7 +234,8 @@ def dark_temperature(currents: Mapping[float, Quantity]) -> DarkTemperature:
             left_out.append(f"{t:g} K left out: not told from 0")
     if len(used) < 2:
         raise InputError(
-            f"dark current is above 0 at {len(used)} temperatures of {len(currents)}; at least 2 are needed."
+            f"it needs a dark current above 0 at 2 temperatures or more; the frames have it at {len(used)} of "
+            f"{len(currents)}."
         )
     temperature_k = np.array(list(used))
     current = np.array([quantity.value for quantity in used.values()])

@@ -94,23 +94,23 @@ def sensor_findings(rows: Rows, problems: dict[str, str]) -> Iterator[str]:
     best = recommended(rows, USUAL_DN)
     yield (
         f"For frames within {USUAL_DN:g} DN take {best.setting.name}: {best.ns.median:.3g} ns/pixel, {best.faster:.3g} "
-        f"times as fast as {REFERENCE.name}; mean, temporal σ and spatial σ change by {best.worst_dn:.2g} DN at most."
+        f"times as fast as {REFERENCE.name}; mean and σ change by {best.worst_dn:.2g} DN at most."
     )
     plain = rows[FrameSetting("numpy", "float32")]
     for setting, row in rows.items():
         if setting.engine != "numpy" and setting.tolerance_dn is None:
             faster = ratio(plain.seconds, row.seconds)
             yield (
-                f"The whole chain takes {row.ns.median:.3g} ns/pixel on {setting.engine}, {faster:.3g} times as fast "
-                f"as NumPy float32 ({plain.ns.median:.3g} ns/pixel). Its first frame, with compiling, took "
-                f"{row.first_s:.2g} s, that of NumPy {plain.first_s:.2g} s."
+                f"The whole chain takes {row.ns.median:.3g} ns/pixel on {setting.engine} and {plain.ns.median:.3g} on "
+                f"NumPy in float32 ({faster:.3g} times as fast); the first frame, with compiling, "
+                f"{row.first_s:.2g} and {plain.first_s:.2g} s."
             )
     for engine, problem in problems.items():
         yield f"Not measured on this machine: engine {engine} ({problem.removesuffix('.')})."
     share, largest = plain.pixels["share_of_pixels"], plain.pixels["largest_dn"]
     yield (
-        f"Between a frame in float32 and one in float64 of the same random numbers {share:.2%} of the pixels differ, "
-        f"by {largest:g} DN at most."
+        f"In float32 {share:.2%} of the pixels differ from a float64 frame of the same random numbers, by "
+        f"{largest:g} DN at most."
     )
 
 
