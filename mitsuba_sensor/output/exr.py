@@ -98,7 +98,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
 
 def _groups_header(irradiance: Irradiance) -> dict[str, object]:
     """What the header says of each light group."""
-    groups = {}
+    groups = dict[str, object]()
     for name, light in irradiance.groups.items():
         known = light.rendered_for
         illuminant = None if known is None else known.to_dict()["illuminant"]
