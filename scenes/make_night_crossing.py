@@ -576,7 +576,9 @@ def motion() -> str:
         f"# How the car of night_crossing.xml comes: {CAR_M_PER_S:g} m/s, and its wheels roll. Time 0 is when the\n"
         "# first row of the film opens; lengths are metres.\n"
     )
-    moving = ["car_body", "car_glass", "car_dark", "headlight_1_shape", "headlight_2_shape"]
+    moving = ["car_body", "car_glass", "car_dark"]
+    for count in range(1, len(HEADLIGHTS_ON_CAR_M) + 1):
+        moving += [f"headlight_{count}_shape", f"headlight_{count}_beam"]
     for name in moving:
         text += f"\n[objects.{name}]\n{velocity}"
     turn = (

@@ -412,6 +412,28 @@ def test_every_kind_of_shape_moves_turns_and_comes_back(
     assert distance_m(scene) == pytest.approx(before, abs=1e-6)
 
 
+@both_variants
+def test_a_spot_light_moves_turns_and_comes_back(tmp_path: Path, variant: str) -> None:
+    """The patch that it lights goes where it goes: out of the picture, and half a turn takes the light away from it."""
+    spot = '<emitter type="spot" id="beam"><transform name="to_world"><translate z="1"/></transform></emitter>'
+    wall = '<shape type="rectangle" id="wall"><transform name="to_world"><scale value="9"/><rotate y="1" angle="180"/>'
+    scene = loaded(
+        tmp_path, spot, wall + '<translate z="4"/></transform></shape>', variant=variant
+    )
+
+    def lit(moves: dict[str, Any], time_s: float) -> float:
+        motion = read_motion({"objects": {"beam": moves}})
+        with AnimatedTransforms(scene, motion) as transforms:
+            transforms.set_time(time_s)
+            return float(scene.render(1, 16, (0, ROWS)).max())
+
+    away = {"velocity_m_per_s": [100, 0, 0]}
+    turn = {"rotate_deg_per_s": 180, "axis": [0, 1, 0], "pivot_m": [0, 0, 1]}
+    before = lit(away, 0)
+    assert before > 0 and lit(away, 1) == 0 and lit(turn, 1) == 0
+    assert lit(turn, 2) == pytest.approx(before, rel=1e-4)
+
+
 def test_two_things_of_one_material_move_apart(tmp_path: Path) -> None:
     """Meshes of one material stay shapes with names of their own."""
     place = '<transform name="to_world"><translate x="{}" z="5"/></transform>'
@@ -631,7 +653,7 @@ def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_sai
     wrong = read_motion({"objects": {"edg": {"velocity_m_per_s": [1, 0, 0]}}})
     with pytest.raises(
         ms.InputError,
-        match=r"'edg', which is no shape of the scene; the ids .* edge\. Did you mean 'edge'",
+        match=r"'edg', which is no shape of the scene .* the ids are edge\. Did you mean 'edge'",
     ):
         MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, ms.Exposure(0.1))
     for bad in (0, 2.5, "many"):

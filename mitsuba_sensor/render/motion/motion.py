@@ -8,7 +8,7 @@ constant velocities or key poses, relative to their pose in the scene file::
     rotate_deg_per_s = 20              # right-handed about axis, through pivot_m (by default the camera's position)
     axis = [0, 1, 0]
 
-    [objects.fan]                      # the id of a shape in the scene file
+    [objects.fan]                      # the id of a shape or of a spot light in the scene file
     rotate_deg_per_s = 720
     axis = [0, 0, 1]
     pivot_m = [0, 0.2, -1]             # required for an object that rotates
@@ -242,7 +242,7 @@ class ObjectMotion(RigidMotion):
 
 
 class Motion(FileTable):
-    """What moves during an exposure. objects : by the id of the shape in the scene file."""
+    """What moves during an exposure. objects : by the id of a shape, or of an emitter with a transform."""
 
     camera: RigidMotion | None = Field(
         None, description="a table [camera]", examples=[{"velocity_m_per_s": [1, 0, 0]}]

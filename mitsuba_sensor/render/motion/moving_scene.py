@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from itertools import pairwise
 from typing import Self
@@ -66,18 +66,10 @@ class AnimatedTransforms:
             mi.traverse(scene.sensor),
         )
         self.rest_pose = camera_to_world(scene.sensor)
-        names = [shape.id() for shape in scene.mitsuba_scene.shapes()]
-        if missing := next((name for name in motion.objects if name not in names), None):
-            known = sorted(name for name in names if name)
-            has = (
-                f"the ids of its shapes are {', '.join(known)}"
-                if known
-                else "no shape of it has an id"
-            )
-            end = f"which is no shape of the scene; {has}.{nearest(missing, known)}"
-            raise InputError(f"the motion names {missing!r}, {end}")
-        self.indices = {name: names.index(name) for name in motion.objects}
+        shapes = [shape.id() for shape in scene.mitsuba_scene.shapes()]
         self._shapes = mi.traverse(scene.mitsuba_scene)
+        _require_movable(motion, [*shapes, *_placed_emitters(scene, self._shapes)])
+        self.indices = {name: shapes.index(name) for name in motion.objects if name in shapes}
         self._at_rest = {
             name: _movable_parameters(self._shapes, name) for name in motion.objects
         }
@@ -113,8 +105,8 @@ class AnimatedTransforms:
     ) -> Float64Array:
         """Positions on the film (N, 2) [pixels] of world points (N, 4) that have moved along with these shapes."""
         moved = points.copy()
-        for name, motion in self.motion.objects.items():
-            mine = shapes == self.indices[name]
+        for name, index in self.indices.items():
+            mine, motion = shapes == index, self.motion.objects[name]
             change = self._displacement(motion, to_s) @ np.linalg.inv(
                 self._displacement(motion, from_s)
             )
@@ -182,8 +174,29 @@ def pose_m(scene: Scene, motion: Motion, unit_m: float) -> Float64Array:
     return pose
 
 
+def _placed_emitters(scene: Scene, parameters: MitsubaObject) -> list[str]:
+    """Ids of the emitters that have a transform of their own: spot lights, not those of shapes."""
+    ids = [emitter.id() for emitter in scene.mitsuba_scene.emitters()]
+    return [name for name in ids if f"{name}.to_world" in parameters]
+
+
+def _require_movable(motion: Motion, names: Sequence[str]) -> None:
+    """Raise InputError where the motion names something else than these shapes and emitters."""
+    missing = next((name for name in motion.objects if name not in names), None)
+    if missing is None:
+        return
+    known = sorted({name for name in names if name})
+    has = "none of them has an id"
+    if known:
+        has = f"the ids are {', '.join(known)}"
+    raise InputError(
+        f"the motion names {missing!r}, which is no shape of the scene and no emitter with a transform; "
+        f"{has}.{nearest(missing, known)}"
+    )
+
+
 def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float64Array]:
-    """What changes when a shape moves, at its pose in the scene file: its transform, or the vertices of a mesh."""
+    """What changes when a thing moves, at its pose in the scene file: its transform, or the vertices of a mesh."""
     transform = f"{name}.to_world"
     if transform in parameters:
         return {
