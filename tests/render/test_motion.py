@@ -412,6 +412,38 @@ def test_every_kind_of_shape_moves_turns_and_comes_back(
     assert distance_m(scene) == pytest.approx(before, abs=1e-6)
 
 
+TRIANGLE = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+-9 -9 4
+9 -9 4
+0 9 4
+3 0 1 2
+"""
+
+
+@both_variants
+def test_a_mesh_without_normals_moves(tmp_path: Path, variant: str) -> None:
+    """Its array of normals is there, and empty."""
+    (tmp_path / "triangle.ply").write_text(TRIANGLE, encoding="utf-8")
+    flat = '<boolean name="face_normals" value="true"/>'
+    file = f'<string name="filename" value="{tmp_path / "triangle.ply"}"/>'
+    scene = loaded(
+        tmp_path, SKY, f'<shape type="ply" id="it">{file}{flat}</shape>', variant=variant
+    )
+    away = read_motion({"objects": {"it": {"velocity_m_per_s": [0, 0, 10]}}})
+    with AnimatedTransforms(scene, away) as transforms:
+        transforms.set_time(0.1)
+        assert distance_m(scene) == pytest.approx(5, abs=1e-4)
+    assert distance_m(scene) == pytest.approx(4, abs=1e-6)
+
+
 @both_variants
 def test_a_spot_light_moves_turns_and_comes_back(tmp_path: Path, variant: str) -> None:
     """The patch that it lights goes where it goes: out of the picture, and half a turn takes the light away from it."""

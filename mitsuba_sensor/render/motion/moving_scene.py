@@ -67,13 +67,13 @@ class AnimatedTransforms:
         )
         self.rest_pose = camera_to_world(scene.sensor)
         shapes = [shape.id() for shape in scene.mitsuba_scene.shapes()]
-        self._shapes = mi.traverse(scene.mitsuba_scene)
-        _require_movable(motion, [*shapes, *_placed_emitters(scene, self._shapes)])
+        parameters = mi.traverse(scene.mitsuba_scene)
+        _require_movable(motion, [*shapes, *_placed_emitters(scene, parameters)])
         self.indices = {name: shapes.index(name) for name in motion.objects if name in shapes}
-        self._at_rest = {
-            name: _movable_parameters(self._shapes, name) for name in motion.objects
-        }
-        self._shapes.keep([key for parameters in self._at_rest.values() for key in parameters])
+        self._at_rest = {name: _movable_parameters(parameters, name) for name in motion.objects}
+        # Traversed again: every parameter that was read is looked up at each update, those that are not kept in vain.
+        self._shapes = mi.traverse(scene.mitsuba_scene)
+        self._shapes.keep([key for kept in self._at_rest.values() for key in kept])
 
     def __enter__(self) -> Self:
         return self
