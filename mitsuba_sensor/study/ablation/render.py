@@ -234,6 +234,7 @@ def render_table(changes: Mapping[str, Change]) -> Table:
         "What changes when the render is simpler",
         "rendered with | mean [DN] | ± [DN] | rms [DN] | ± [DN] | saved [s] | saved [%]",
         rows,
-        f"Change of the mean signal in DN, cut at the full well, in {PAIRS} pairs of renders with equal seeds; rms is "
-        "freed of noise. Grey: not to be told from noise. Seconds are those of all samples, without compiling.",
+        f"Change of the mean signal in DN, cut at the full well, in {PAIRS} pairs of renders with equal seeds; their "
+        "noise is subtracted from the rms. Grey: no more than noise. Seconds are those of all samples, without "
+        "compiling.",
     )

@@ -299,8 +299,8 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
         f"left out | {headings} | largest abs(z) [1] | worst pixel's mean [DN] | saved [%] | plan",
         rows,
         f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the theory "
-        f"of every pixel; measured on {ablation.frames} frames of each of {SENSORS} sensors, with equal random bits; ± "
-        f"is the standard error from sensor to sensor. Seconds are those of NumPy on "
+        f"of every pixel; measured on {ablation.frames} frames of each of {SENSORS} sensors, with the same random "
+        f"numbers; ± is the standard error from sensor to sensor. Seconds are those of NumPy on "
         f"{math.prod(TIMED_SHAPE)} pixels, medians of interleaved runs; the whole chain takes {whole_ns:.4g} ns/pixel.",
     )
 

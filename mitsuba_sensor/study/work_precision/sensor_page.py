@@ -40,7 +40,7 @@ def sensor_section(sensor: Sensor) -> Section:
         if found > limit:
             missed.append(f"Beyond its limit of {limit:.3g}: {what}, {found:.3g}.")
         shown.append(("bad" if found > limit else "good", (what, unit, found, limit)))
-    note = f"Of changes {SIGNIFICANT:g} standard errors are taken off."
+    note = f"{SIGNIFICANT:g} standard errors are subtracted from changes."
     must_hold = table("Checks on the sensor side", "what | unit | found | limit", shown, note)
     parts: tuple[Part, ...] = error_plot(rows), settings_table(rows, sensor.problems), must_hold
     return Section((*missed, *sensor_findings(rows, sensor.problems)), not missed, parts)
@@ -58,13 +58,13 @@ def requirements(rows: Rows) -> Iterator[tuple[str, str, float, float]]:
             )
         if setting.tolerance_dn is None and setting.precision == "float32":
             yield (
-                f"share of pixels that float32 moves, {setting.name}",
+                f"share of pixels that float32 changes, {setting.name}",
                 "1",
                 row.pixels["share_of_pixels"],
                 MOST_PIXELS,
             )
             yield (
-                f"largest step that float32 makes, {setting.name}",
+                f"largest change by float32, {setting.name}",
                 "DN",
                 row.pixels["largest_dn"],
                 LARGEST_DN,
@@ -73,7 +73,7 @@ def requirements(rows: Rows) -> Iterator[tuple[str, str, float, float]]:
             beyond = np.abs(row.plan_change_dn) - SIGNIFICANT * row.plan_error_dn
             limit_dn = setting.tolerance_dn + LEAST_DN
             yield (
-                f"change that the plan makes, {setting.name}",
+                f"change by the plan, {setting.name}",
                 "DN",
                 max(float(beyond.max()), 0.0),
                 limit_dn,
@@ -124,7 +124,7 @@ def error_plot(rows: Rows) -> Plot:
         )
     lines = [line(label, points, joined=False) for label, points in series.items()]
     note = f"The largest change, and at least {LEAST_DN:g} DN, where the reference lies. "
-    note += "Rings: nothing is both faster and nearer."
+    note += "Rings: no other point is both faster and nearer to it."
     y_label = "change of mean, temporal σ or spatial σ [DN]"
     return Plot(
         "Error of the frames against time", "time [ns/pixel]", y_label, ringed(lines), note=note
@@ -168,6 +168,6 @@ def settings_table(rows: Rows, problems: dict[str, str]) -> Table:
         f"saved by the plan [%] | pixels that differ [%] | largest [DN] | {changes_of}",
         shown,
         f"Frames of {LARGE[0]} × {LARGE[1]} pixels under the scene's light, in turns. Pixels: one frame against "
-        f"{REFERENCE.name}, with equal random bits. Changes: averages over all pixels of {SENSORS} sensors "
-        f"of {FRAMES} frames. Green: nothing is both faster and nearer. {absent}",
+        f"{REFERENCE.name}, with the same random numbers. Changes: averages over all pixels of {SENSORS} sensors "
+        f"of {FRAMES} frames. Green: no other setting is both faster and nearer to the reference. {absent}",
     )
