@@ -116,8 +116,13 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(text_of(path))
 
 
-def imports(path: Path) -> Iterator[str]:
+@functools.cache
+def imports(path: Path) -> tuple[str, ...]:
     """Absolute dotted names of everything a module imports, inside functions too, annotations (TYPE_CHECKING) not."""
+    return tuple(imported_names(path))
+
+
+def imported_names(path: Path) -> Iterator[str]:
     package = (TOP, *path.relative_to(PACKAGE).parent.parts)
     for node in executed(tree_of(path)):
         if isinstance(node, ast.Import):
@@ -145,9 +150,14 @@ def public_names() -> dict[str, str]:
     }
 
 
+@functools.cache
+def module_names() -> frozenset[str]:
+    return frozenset(dotted(module) for module in MODULES)
+
+
 def modules_imported(path: Path) -> Iterator[str]:
     """The modules of this package that one of them imports, also by a public name of the package."""
-    modules = {dotted(module) for module in MODULES}
+    modules = module_names()
     for name in imports(path):
         if name == TOP:
             yield from (module_of(public, modules) for public in public_names().values())
@@ -155,7 +165,7 @@ def modules_imported(path: Path) -> Iterator[str]:
             yield module_of(public_names().get(name, name), modules)
 
 
-def module_of(name: str, modules: set[str]) -> str:
+def module_of(name: str, modules: frozenset[str]) -> str:
     """The module in which a dotted name is found."""
     while name not in modules:
         name = name.rpartition(".")[0]

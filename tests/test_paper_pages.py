@@ -138,11 +138,13 @@ def test_a_check_that_is_1_percent_off_or_not_a_number_fails() -> None:
 
 
 @pytest.mark.exhaustive
+@pytest.mark.exhaustive
 def test_everything_that_must_hold_does(study: Study) -> None:
     failed = [row for row in checks(study) if row[-1] != "holds"]
     assert study.passed and not failed and len(list(checks(study))) == 44
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("name", "closed_form", "off"),
     [
@@ -176,6 +178,7 @@ def test_the_full_form_would_see_a_prnu_that_is_1_percent_off() -> None:
     assert 4.9 / math.sqrt(2 * FULL.window**2) < 0.01
 
 
+@pytest.mark.exhaustive
 def test_column_offsets_make_darkness_less_white_than_printed(study: Study) -> None:
     rows = {(row[0], row[1]): row for row in table(study, "Table 2").rows}
     for light in TABLE_2:
@@ -187,6 +190,7 @@ def test_column_offsets_make_darkness_less_white_than_printed(study: Study) -> N
 # What is printed
 
 
+@pytest.mark.exhaustive
 def test_published_numbers_stand_beside_ours(study: Study) -> None:
     prnu = {row[0]: row[2:] for row in table(study, "PRNU").rows}
     assert [values[0] for values in prnu.values()] == [1520.0, 7.9, 0.52, 0.50]
@@ -199,6 +203,7 @@ def test_published_numbers_stand_beside_ours(study: Study) -> None:
     assert {("Fig. 8", 55.9531), ("Fig. 8", 1.6712)} <= printed
 
 
+@pytest.mark.exhaustive
 def test_every_gap_has_its_sentence(study: Study) -> None:
     gaps = table(study, "What the text prints").rows
     text = " ".join(str(why) for _, why in gaps)
@@ -227,6 +232,7 @@ def test_the_published_normal_and_log_normal_fits_do_not_belong_to_one_sample() 
 # The page
 
 
+@pytest.mark.exhaustive
 def test_the_page_has_units_everywhere_and_eight_series_at_most(study: Study) -> None:
     from matplotlib.figure import Figure
 
@@ -241,6 +247,7 @@ def test_the_page_has_units_everywhere_and_eight_series_at_most(study: Study) ->
         assert 1 <= len(axes.get_legend_handles_labels()[1]) <= 8, part.title
 
 
+@pytest.mark.exhaustive
 def test_figures_of_two_scales_are_drawn_in_both(study: Study) -> None:
     plots = {
         part.title: (part.log_x, part.log_y) for part in study.parts if isinstance(part, Plot)
@@ -252,11 +259,13 @@ def test_figures_of_two_scales_are_drawn_in_both(study: Study) -> None:
         }
 
 
+@pytest.mark.exhaustive
 def test_the_terminal_shows_40_lines_at_most(study: Study) -> None:
     for width in (60, 100, 160):
         assert height(study_sheet(study, "study/paper/study.html", width), width) <= 40
 
 
+@pytest.mark.exhaustive
 def test_nothing_is_measured_twice(kit: Kit, study: Study, tmp_path: Path) -> None:
     """From measurements as files have them comes the same study."""
     again = Kit(through_files(kit.known, RECORDS, tmp_path))

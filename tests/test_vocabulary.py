@@ -76,6 +76,8 @@ WORDS = (
     Word(r"guests?", "user"),
 )
 
+ANY_WORD = re.compile("|".join(rf"\b(?:{word.pattern})\b" for word in WORDS))
+
 SCANNED = (
     "CHANGELOG.md",
     "README.md",
@@ -110,8 +112,11 @@ def files_of(name: str) -> list[Path]:
 def faults(text: str, name: str) -> list[str]:
     """What a text says that it must not, as "name:line: 'word': use …"."""
     found = []
-    for number, line in enumerate(text.splitlines(), 1):
-        apart = re.sub(r"[_-]+", " ", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", line)).lower()
+    separate = re.sub(r"[_-]+", " ", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", text)).lower()
+    lines = zip(text.splitlines(), separate.splitlines(), strict=True)
+    for number, (line, apart) in enumerate(lines, 1):
+        if not ANY_WORD.search(apart):
+            continue
         for word in WORDS:
             match = re.search(rf"\b({word.pattern})\b", apart)
             if match and not (word.allowed and re.search(word.allowed, line)):

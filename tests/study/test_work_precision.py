@@ -112,6 +112,7 @@ def measured(subject: Subject) -> tuple[Kit, Study]:
     return kit, study
 
 
+@pytest.mark.exhaustive
 def test_frames_of_every_engine_are_what_the_package_says_of_itself(
     measured: tuple[Kit, Study],
 ) -> None:
@@ -122,6 +123,7 @@ def test_frames_of_every_engine_are_what_the_package_says_of_itself(
     assert must_hold.rows and set(must_hold.marks) == {"good"}
 
 
+@pytest.mark.exhaustive
 def test_every_setting_is_shown(measured: tuple[Kit, Study]) -> None:
     tables = {part.title: part for part in measured[1].parts if isinstance(part, Table)}
     assert {row[0] for row in tables["Settings of the render"].rows} >= {
@@ -133,10 +135,12 @@ def test_every_setting_is_shown(measured: tuple[Kit, Study]) -> None:
     assert {"numpy float64", "numpy float32", "numpy float32, plan 1 DN"} <= sensor
 
 
+@pytest.mark.exhaustive
 def test_the_page_has_units_and_one_colour_for_each_series(measured: tuple[Kit, Study]) -> None:
     assert not faults(measured[1])
 
 
+@pytest.mark.exhaustive
 def test_measurements_come_back_from_files(measured: tuple[Kit, Study], tmp_path: Path) -> None:
     through_files(measured[0].known, RECORDS, tmp_path)
 
