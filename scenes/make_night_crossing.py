@@ -40,7 +40,7 @@ HERE = Path(__file__).parent
 PARTS = "parts/night_crossing"
 WAVELENGTHS_NM = np.arange(380.0, 1101.0, 10.0)
 RGB_UNIT_CD_PER_M2 = 73_000.0  # luminance of linear sRGB 1, 1, 1 as a spectrum of Mitsuba
-RED_BEHIND_GREEN_M = 0.32  # from one aspect of a signal down to the next
+ASPECT_M = 0.32  # from one aspect of a signal down to the next
 
 
 # --- spectra
@@ -72,7 +72,7 @@ def moonlight() -> np.ndarray:
 LIGHTS: Mapping[str, np.ndarray] = {
     "street_led": white_led(0.55, 595),  # about 3000 K
     "headlight_led": white_led(1.25, 560),  # about 5500 K
-    "tube_led": white_led(0.8, 575),
+    "tube_led": white_led(0.5, 585),  # about 3500 K
     "red_led": bell(632, 18),
     "green_led": bell(507, 32),
     "incandescent": black_body(2450),
@@ -416,12 +416,12 @@ def paint_on_road(mesh: Mesh) -> None:
 def signal_case(mesh: Mesh, place: Sequence[float], aspects: int) -> None:
     """The case of a signal whose top aspect shines, with a visor above each aspect."""
     x, y, z = place
-    tall = RED_BEHIND_GREEN_M * aspects
+    tall = ASPECT_M * aspects
     mesh.box((x - 0.17, y + 0.18 - tall, z - 0.22), (x + 0.17, y + 0.18, z))
     angles = np.radians(np.linspace(-30, 210, 9))
     for k in range(aspects):
         arc_x = x + SIGNAL_RADIUS_M * np.cos(angles)
-        arc_y = y - RED_BEHIND_GREEN_M * k + SIGNAL_RADIUS_M * np.sin(angles)
+        arc_y = y - ASPECT_M * k + SIGNAL_RADIUS_M * np.sin(angles)
         for a, b in zip(range(8), range(1, 9), strict=True):
             near = (arc_x[b], arc_y[b], z + 0.2), (arc_x[a], arc_y[a], z + 0.2)
             mesh.quad((arc_x[a], arc_y[a], z), (arc_x[b], arc_y[b], z), *near)
@@ -500,7 +500,7 @@ HEAD = f"""<?xml version="1.0" encoding="utf-8"?>
     <!-- Focal length over pupil diameter. -->
     <default name="f_number" value="1.4"/>
     <!-- Voltage at which the converter is full [V], and read noise [e-]: those of the camera at ISO 3200. -->
-    <default name="full_scale_v" value="0.2677"/>
+    <default name="full_scale_v" value="0.267698"/>
     <default name="read_noise_e" value="1.284"/>
 
     <integrator type="path">
@@ -518,6 +518,7 @@ HEAD = f"""<?xml version="1.0" encoding="utf-8"?>
             <string name="camera" value="sony_a7s2"/>
             <float name="adc.full_scale_v" value="$full_scale_v"/>
             <float name="source_follower.read_noise_e" value="$read_noise_e"/>
+            <float name="source_follower.read_noise_shape" value="-0.035"/>
             <float name="readout.row_noise_e" value="0.1456"/>
             <float name="exposure_s" value="$exposure_s"/>
             <integer name="width" value="$width"/>

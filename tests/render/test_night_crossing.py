@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib
 import sys
 from fnmatch import fnmatch
+from operator import attrgetter
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from helpers.scenes import SCENES
+from helpers.scenes import SCENES, read_settings
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -132,6 +133,24 @@ def test_the_headlights_are_seen_and_the_road_is_neither_black_nor_saturated() -
     assert 128 < 20 * np.log10(seen.max() / np.percentile(seen, 1)) < 140
     road = seen[200:, 200:]
     assert 0.1 < np.median(road) < 1 and np.mean(seen > 2.7) < 0.05
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        "adc.full_scale_v",
+        "adc.black_level_dn",
+        "source_follower.read_noise_e",
+        "source_follower.read_noise_shape",
+        "readout.row_noise_e",
+        "pixel.full_well_e",
+    ],
+)
+def test_its_camera_is_the_shipped_one_at_iso_3200(field: str) -> None:
+    """The numbers that its film sets are those of the gain setting."""
+    camera = read_settings(SCENE, {}).camera
+    shipped, of_field = ms.load_camera("sony_a7s2").at_gain(3200), attrgetter(field)
+    assert of_field(camera) == pytest.approx(of_field(shipped), rel=1e-5)
 
 
 def test_lint_has_nothing_to_say() -> None:
