@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .camera.camera_file import AnyCamera, camera_of
-from .core import Exposure, InputError, Photons, check_types, require, warn_of
+from .core import Exposure, InputError, Photons, check_types, require, require_seed, warn_of
 from .core.options import documents
 from .expose import prepare_light, told_frames
 from .output.frames import Frames
@@ -60,6 +60,7 @@ class Sensor:
         most_bytes: float = 2**30,
     ) -> None:
         self.camera, self.serial, self.maps = camera_of(camera), serial, maps
+        require_seed("serial", serial)
         check_types(self.camera, None, optional=True)
         most = require("most_bytes", most_bytes, 0.0, math.inf, "bytes, e.g. 2**30")
         self.frames_taken = 0

@@ -130,6 +130,41 @@ def test_frame_json_begins_with_what_is_looked_for_first() -> None:
     assert summary["render_noise_over_sensor_noise"] >= 0
 
 
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (
+            lambda frames: setattr(CAMERA, "name", "x"),
+            "name is not changed in place; camera.replace",
+        ),
+        (lambda frames: setattr(CAMERA.adc, "bits", 10), "bits is not changed in place"),
+        (
+            lambda frames: frames.save("frame.tiff"),
+            "looks like a file, .* give its name, e.g. frame",
+        ),
+        (lambda frames: ms.write_tiff("x.tiff", frames), "pass its raw frames: frames.digital"),
+        (lambda frames: ms.write_tiff(frames, "x.tiff"), "the path is the first argument"),
+        (
+            lambda frames: ms.Sensor(CAMERA, serial="a"),
+            "serial is 'a'; it must be a whole number",
+        ),
+        (lambda frames: ms.expose(PHOTONS, CAMERA, exposure_s=1), "pass exposure=Exposure"),
+        (lambda frames: ms.expose("light.exr", CAMERA, EXPOSURE), "read the file first"),
+        (lambda frames: ms.capture(PHOTONS, CAMERA, EXPOSURE), "an array of shape \\(4, 6\\)"),
+    ],
+)
+def test_what_a_stranger_tries_is_answered_with_what_to_write(
+    wrong: Callable[[ms.Frames], object],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ms.InputError, match=sentence):
+        wrong(ms.expose(PHOTONS, CAMERA, EXPOSURE))
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_page_explains_every_key_of_frame_json() -> None:
     """The keys of the file, those of its tables but options, versions and the camera, and all that can end a render."""
     page = (ROOT / "docs" / "frame-json.md").read_text("utf-8")

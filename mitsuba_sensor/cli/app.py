@@ -19,7 +19,7 @@ from rich.text import Text
 from .. import __version__, stopping
 from ..core.printable import printable
 from .help import Click, Command, Group, UsageError
-from .sentences import said_here
+from .sentences import commands_below, options_of, said_here
 
 
 class PrintableConsole(Console):
@@ -66,6 +66,15 @@ COMMANDS = {
     "doctor": Listed("commands", CHECKS, "Find out what works on this machine."),
 }
 """In the order of use."""
+
+
+OTHERWISE = {
+    "height": "--width alone: the picture keeps the shape that the scene gives it",
+    "exposure": "write --exposure-s, in seconds",
+    "temperature": "write --temperature-k, in kelvin",
+    "output": "write -o",
+}
+"""Options that people expect, and what to write."""
 
 
 class Program(Group):
@@ -185,13 +194,26 @@ def show_remarks(as_json: bool, remarks: Iterable[str]) -> None:
         out.print(Text(remark), highlight=False)
 
 
+def _of_another_command(usage: Click) -> str:
+    """Behind click's sentence on an option that a command does not have: which one has it, or what to write."""
+    name = getattr(usage, "option_name", None)
+    if name is None or "No such option" not in usage.format_message() or usage.ctx is None:
+        return ""
+    if said := OTHERWISE.get(name.lstrip("-")):
+        return f"; {said}"
+    commands = commands_below(usage.ctx.find_root().command)
+    owners = [command for command, one in commands if name in options_of(one)]
+    return f"; `{owners[0]}` has it" if owners else ""
+
+
 def _sentence(error: BaseException) -> str:
     if isinstance(error, UsageError):
         usage: Any = error
         path = " ".join(
             ["mitsuba-sensor", *(usage.ctx.command_path.split()[1:] if usage.ctx else ())]
         )
-        return f"{usage.format_message().rstrip('.')}; see: {path} -h"
+        elsewhere = _of_another_command(usage)
+        return f"{usage.format_message().rstrip('.')}{elsewhere}; see: {path} -h"
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); render a smaller picture (--width), fewer bands or fewer frames."
     if isinstance(error, OSError):

@@ -200,12 +200,14 @@ def _facts(report: Report) -> Iterator[Text]:
         "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
         f"{number(photons['min'])} … {number(photons['median'])} … {number(photons['max'])} (min, median, max)",
     )
-    yield _fact(
-        "render noise",
+    said = (
         f"its variance is {number(noise['over_sensor_median'])} × the sensor's in the median pixel, "
         f"{number(noise['over_sensor_p95'])} × at the 95th percentile; it is larger than the sensor's in "
-        f"{100 * noise['above_sensor']:.0f} % of the pixels; {render['samples_per_pixel']} samples per pixel{ended}",
+        f"{100 * noise['above_sensor']:.0f} % of the pixels; {render['samples_per_pixel']} samples per pixel{ended}"
     )
+    if not photons["max"]:
+        said = "none, because there is no light"
+    yield _fact("render noise", said)
     most = noise["most_samples"]
     if most and noise["over_sensor_median"]:
         ratios = f"{number(noise['most_samples_median'])} × and {number(noise['most_samples_p95'])} ×"

@@ -19,6 +19,16 @@ from ..stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
 
 
+def _refuse_file_name(folder: Path, names: Sequence[str]) -> None:
+    """Raise InputError for a new folder with the name of a file, which was probably meant as one."""
+    suffixes = {Path(name).suffix for name in names}
+    if folder.suffix and folder.suffix.lower() in suffixes and not folder.is_dir():
+        raise InputError(
+            f"{folder} looks like a file, and the results are several files in a folder; give its name, e.g. "
+            f"{folder.with_suffix('')}."
+        )
+
+
 @contextmanager
 def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
     """Yield a scratch folder; when the block ends well, its files ``names`` appear in ``path``, all of them or none.
@@ -30,6 +40,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
     """
     refuse_empty(path, "-o", "give the name of a folder, e.g. -o out")
     folder = Path(path)
+    _refuse_file_name(folder, names)
     with ExitStack() as stack:
         with whole_step:
             made = _make_folder(folder)

@@ -180,6 +180,10 @@ def is_exr(path: str | os.PathLike[str]) -> bool:
     return True
 
 
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
+"""Suffixes of pictures."""
+
+
 def require_exr(path: Path) -> None:
     """Raise InputError for anything that is not an OpenEXR file."""
     try:
@@ -187,9 +191,19 @@ def require_exr(path: Path) -> None:
             magic = file.read(len(EXR_MAGIC))
     except OSError as error:
         raise InputError(
-            f"cannot read {path}: {error.strerror}; give an irradiance.exr from `render`."
+            f"cannot read {path}: {error.strerror}; give an irradiance.exr from `render`{_other_way(path)}."
         ) from error
     if magic != EXR_MAGIC:
         raise InputError(
-            f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote."
+            f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote"
+            f"{_other_way(path)}."
         )
+
+
+def _other_way(path: Path) -> str:
+    """What takes such a file, where it is probably a scene or a picture."""
+    if path.suffix.lower() in PICTURES:
+        return ", or make light of the picture in Python: light_from_rgb"
+    if path.suffix.lower() in ("", ".xml"):
+        return ", or render a scene: `mitsuba-sensor render SCENE -o out/`"
+    return ""

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..core import InputError, refuse_masked
+from ..core.checks import refuse_path
 from .appearing import appearing
 from .texts import to_json
 
@@ -50,12 +51,17 @@ def write_tiff(
         green and blue filters in the tags of TIFF/EP and DNG too.
     """
     refuse_masked("frames", frames)
+    refuse_path("frames", frames, "the path is the first argument: write_tiff(path, frames)")
     if (
         not isinstance(frames, np.ndarray)
         or str(frames.dtype) not in TIFF_TYPES
         or frames.ndim not in (2, 3)
     ):
         given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
+        if hasattr(frames, "digital"):
+            raise InputError(
+                "frames is what expose returns; pass its raw frames: frames.digital."
+            )
         raise InputError(
             f"frames is {given}; pass (H, W) or (N, H, W) of {', '.join(TIFF_TYPES)}."
         )

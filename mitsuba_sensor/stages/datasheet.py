@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from ..core import InputError
 from .usual_range import (
     CELSIUS,
     METRES_TO_NM,
@@ -45,6 +46,14 @@ class FileTable(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True
     )
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse to change a field in place, in one sentence."""
+        if name in type(self).model_fields:
+            raise InputError(
+                f"{name} is not changed in place; camera.replace(**{{'adc.bits': 10}}) makes another camera."
+            )
+        super().__setattr__(name, value)
 
     def __hash__(self) -> int:
         """Of the values, by which tables are compared; those of a camera's own stages need no hash."""

@@ -115,12 +115,11 @@ class NoiseBudget:
 
     def explain(self) -> str:
         """A table for people."""
-        lines = [
-            f"{'source':<26}{'mean':>12}{'rms':>12}{'temporal':>12}{'spatial':>12}   [DN, DN, DN², DN²]"
-        ]
+        columns = ("mean [DN]", "rms [DN]", "temporal [DN²]", "spatial [DN²]")
+        lines = [f"{'source':<26}" + "".join(f"{name:>16}" for name in columns)]
         for e in self.entries:
             numbers = (e.mean_dn, e.rms_dn, e.temporal_dn2, e.spatial_dn2)
-            lines.append(f"{e.source:<26}" + "".join(f"{x:>12.5g}" for x in numbers))
+            lines.append(f"{e.source:<26}" + "".join(f"{x:>16.5g}" for x in numbers))
         if any(min(e.temporal_dn2, e.spatial_dn2) < 0 for e in self.entries):
             lines.append(LESS_NOISE)
         if self.theory.note:

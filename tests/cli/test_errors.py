@@ -41,6 +41,16 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         ("render", "SCENE", "-o", "OUT", "--spp", "10", "500"),
         "'10 500' is 10500",
     ),
+    "an option of another command": (
+        ("expose", "LIGHT", "-o", "OUT", "--spp", "10"),
+        "`render` has it",
+    ),
+    "height": (("render", "SCENE", "-o", "OUT", "--height", "9"), "--width alone"),
+    "light in place of a scene": (("render", "LIGHT", "-o", "OUT"), "`mitsuba-sensor expose`"),
+    "scene in place of light": (
+        ("expose", "SCENE", "-o", "OUT"),
+        "`mitsuba-sensor render SCENE",
+    ),
     "no folder": (("render", "SCENE"), "folder for the results, e.g. -o out/"),
     "no scene": (("render", "-o", "OUT"), "e.g. scenes/first_frame.xml"),
     "percent": (("render", "SCENE", "-o", "OUT", "--noise-ratio", "3 %"), "'3 %' is 0.03"),

@@ -209,6 +209,10 @@ def plain_message(error: BaseException) -> str:
 def _remedy(message: str, file: Path) -> str:
     """The way out that belongs to Mitsuba's message, from the full stop or semicolon on."""
     if "No document element found" in message:
+        if file.suffix == ".exr":
+            return (
+                "; it is no XML: `mitsuba-sensor expose` takes light that is rendered already."
+            )
         return "; it is no XML, or empty: give the path of a Mitsuba 3 scene."
     if "undefined parameter" in message:
         return "; give it a value (-D name=value)."
