@@ -499,9 +499,8 @@ HEAD = f"""<?xml version="1.0" encoding="utf-8"?>
     <default name="exposure_s" value="0.025"/>
     <!-- Focal length over pupil diameter. -->
     <default name="f_number" value="1.4"/>
-    <!-- Voltage at which the converter is full [V], and read noise [e-]: those of the camera at ISO 3200. -->
-    <default name="full_scale_v" value="0.267698"/>
-    <default name="read_noise_e" value="1.284"/>
+    <!-- Gain setting of the camera: an ISO number. -->
+    <default name="iso" value="3200"/>
 
     <integrator type="path">
         <integer name="max_depth" value="16"/>
@@ -516,10 +515,7 @@ HEAD = f"""<?xml version="1.0" encoding="utf-8"?>
         </transform>
         <film type="photosensor">
             <string name="camera" value="sony_a7s2"/>
-            <float name="adc.full_scale_v" value="$full_scale_v"/>
-            <float name="source_follower.read_noise_e" value="$read_noise_e"/>
-            <float name="source_follower.read_noise_shape" value="-0.035"/>
-            <float name="readout.row_noise_e" value="0.1456"/>
+            <string name="gain" value="$iso"/>
             <float name="exposure_s" value="$exposure_s"/>
             <integer name="width" value="$width"/>
             <integer name="height" value="$height"/>

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import sys
 from fnmatch import fnmatch
-from operator import attrgetter
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -135,22 +134,19 @@ def test_the_headlights_are_seen_and_the_road_is_neither_black_nor_saturated() -
     assert 0.1 < np.median(road) < 1 and np.mean(seen > 2.7) < 0.05
 
 
-@pytest.mark.parametrize(
-    "field",
-    [
-        "adc.full_scale_v",
-        "adc.black_level_dn",
-        "source_follower.read_noise_e",
-        "source_follower.read_noise_shape",
-        "readout.row_noise_e",
-        "pixel.full_well_e",
-    ],
-)
-def test_its_camera_is_the_shipped_one_at_iso_3200(field: str) -> None:
-    """The numbers that its film sets are those of the gain setting."""
+def test_its_camera_is_the_shipped_one_at_iso_3200() -> None:
     camera = read_settings(SCENE, {}).camera
-    shipped, of_field = ms.load_camera("sony_a7s2").at_gain(3200), attrgetter(field)
-    assert of_field(camera) == pytest.approx(of_field(shipped), rel=1e-5)
+    shipped = ms.load_camera("sony_a7s2").at_gain(3200)
+    assert camera is not None and (camera.gain, camera.lens.f_number) == ("3200", 1.4)
+    assert (camera.adc, camera.source_follower) == (shipped.adc, shipped.source_follower)
+
+
+@pytest.mark.parametrize("camera", ["bayer_2mp", "konnik_table1"])
+def test_other_cameras_see_it_too(camera: str) -> None:
+    """Nothing of its film is for one camera alone; metered, because their gain is another."""
+    options = {"width": 24, "spp": 16, "variant": "scalar_spectral", "denoise": False}
+    captured = ms.capture("night_crossing", camera, exposure="auto", **options)
+    assert captured.frames.digital.std() > 0
 
 
 def test_lint_has_nothing_to_say() -> None:

@@ -321,6 +321,38 @@ def test_fields_of_the_file_fit_another_camera_too(tmp_path: Path) -> None:
     assert (lens.focal_length_mm, lens.focus_m) == (0.05, 3.0)
 
 
+def test_a_gain_setting_is_that_of_the_camera_of_the_film(tmp_path: Path) -> None:
+    """What the film sets beside it comes after it, and another camera does not get it."""
+    film = '<string name="camera" value="sony_a7s2"/><integer name="gain" value="800"/>'
+    shape = '<float name="source_follower.read_noise_shape" value="0.1"/>'
+    settings = read_settings(write_scene(tmp_path, one_file(LENS, film + shape)), {})
+    shipped = ms.load_camera("sony_a7s2").at_gain(800)
+    assert settings.camera is not None and settings.camera.adc == shipped.adc
+    noise = settings.camera.source_follower
+    assert (noise.read_noise_e, noise.read_noise_shape) == (4.637, 0.1)
+    settings = read_settings(write_scene(tmp_path, one_file(LENS, film)), {})
+    assert settings.camera == shipped and settings.applied_to(CAMERA) == CAMERA
+
+
+@pytest.mark.parametrize(
+    ("camera", "sentence"),
+    [
+        ("sony_a7s2", r"line 3: gain is '900'; the gain settings of sony_a7s2 are 100, "),
+        ("bayer_2mp", r"line 3: gain is '900', and bayer_2mp has no gain settings"),
+        ("", r"line 3: gain is '900', and no camera is named; name the camera"),
+    ],
+)
+def test_a_gain_that_the_camera_of_the_film_does_not_have_is_refused(
+    tmp_path: Path, camera: str, sentence: str
+) -> None:
+    named = f'<string name="camera" value="{camera}"/>'
+    if not camera:
+        named = ""
+    path = write_scene(tmp_path, one_file(LENS, named + '<string name="gain" value="900"/>'))
+    with pytest.raises(ms.InputError, match=sentence):
+        read_settings(path, {})
+
+
 def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
     """Found from any folder, by read_settings and by plain Mitsuba."""
     mi = ready("scalar_spectral")

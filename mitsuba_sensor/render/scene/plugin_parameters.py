@@ -92,10 +92,18 @@ FILM_PARAMETERS = (
     P(
         "camera",
         "string",
-        "bayer_2mp",
+        "sony_a7s2",
         "",
         "required",
         "name of a camera, or a .toml beside the scene file",
+    ),
+    P(
+        "gain",
+        "string",
+        "3200",
+        "",
+        OF_CAMERA,
+        "gain setting of that camera: an ISO number, or a name; another camera keeps its own",
     ),
     P(
         "output",

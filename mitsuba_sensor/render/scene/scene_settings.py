@@ -235,12 +235,14 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
         size={name: film[name] for name in SIZE if name in film},
         **exposure,
     )
-    named = "camera" in film
-    return (
-        replace(settings, camera=settings.applied_to(load_camera(film["camera"])))
-        if named
-        else settings
-    )
+    if "camera" in film:
+        camera = load_camera(film["camera"]).at_gain(film.get("gain"))
+        return replace(settings, camera=settings.applied_to(camera))
+    if "gain" in film:
+        raise InputError(
+            f"gain is {film['gain']!r}, and no camera is named; name the camera whose setting it is."
+        )
+    return settings
 
 
 def lens_fields(lens: Fields) -> Fields:
