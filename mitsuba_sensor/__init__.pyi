@@ -22,6 +22,9 @@ from .expose import stream as stream
 from .files.tiff import write_tiff as write_tiff
 from .gradient.gradient import differentiable as differentiable
 from .kept_sensor import Sensor as Sensor
+from .optics.waveform import mains as mains
+from .optics.waveform import pwm as pwm
+from .optics.waveform import sine as sine
 from .output.frames import Frames as Frames
 from .output.light_files import read_irradiance as read_irradiance
 from .render.light.irradiance import Irradiance as Irradiance

@@ -2,12 +2,15 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from .core import InputError
 from .core.options import Option, declared
 from .render.options import RawLightOptions, RenderOptions
 from .sensor.options import FrameOptions
+
+if TYPE_CHECKING:
+    from .optics.waveform import Waveform
 
 
 def _checked_lights(name: str, value: object) -> object:
@@ -20,10 +23,12 @@ class LightOptions(FrameOptions, total=False):
     """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
 
     lights: Annotated[
-        Mapping[str, float] | None,
+        Mapping[str, "float | str | Waveform"] | None,
         Option(
-            "Level of a light group, over that of the render: --light lamps=0.2; 0 switches it off. Repeatable. For "
-            "light that was rendered in groups; irradiance.exr keeps the groups as they were rendered.",
+            "Level of a light group, over that of the render: --light lamps=0.2; 0 switches it off. Or a waveform, its "
+            "level in front: 'lamps=2 pwm(100, 0.5)' (Hz, lit share of a period), sine(100, 0.3) (Hz, depth), "
+            "mains(50), table(FILE.csv). Repeatable. For light that was rendered in groups; irradiance.exr keeps the "
+            "groups as they were rendered.",
             flag="--light",
             metavar="NAME=LEVEL",
             text=list[str],

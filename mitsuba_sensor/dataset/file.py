@@ -69,6 +69,7 @@ PREFIXES = {
     "parameters": "a <default> of the scene file",
     "traverse": "a parameter of the scene by its name in mi.traverse",
     "camera": "a field of the camera's datasheet",
+    "lights": "level or waveform of a light group",
 }
 
 SAME = {"f_number": "camera.lens.f_number", "focus_m": "camera.lens.focus_m"}

@@ -22,6 +22,7 @@ from ..output.frame_files import image_facts, preview_of
 from ..output.frames import Frames
 from ..render.light.illuminant import illuminant_of
 from ..render.light.irradiance import Irradiance
+from ..render.light.light_source import CollectedLight
 from ..render.light.photons import collected
 from ..render.motion.aovs import Aovs
 from ..render.options import RenderOptions
@@ -134,14 +135,15 @@ class Rendered:
         camera = camera_of(self.settings, config)
         timed = is_timed(self.view)
         asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
-        photons, camera, exposure, _ = collected(self.light, camera, asked, config["serial"])
+        light = self.light
+        if "lights" in config:
+            light = light.with_lights(config["lights"])
+        photons, camera, exposure, _ = collected(light, camera, asked, config["serial"])
         if config["exposure"]["ev"] and not timed:
             longer = Exposure(
                 exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k
             )
-            photons, camera, exposure, _ = collected(
-                self.light, camera, longer, config["serial"]
-            )
+            photons, camera, exposure, _ = collected(light, camera, longer, config["serial"])
         seed, serial = seed_of(identity(config)), config["serial"]
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
         frames = Frames.exposed(exposure_of_photons(photons, camera, exposure, options))
@@ -193,9 +195,10 @@ class Rendered:
         elif output == "variance":
             tiff.write_tiff(folder / "temporal_variance.tiff", frames.temporal_variance)
         elif output == "electrons":
-            error = np.where(electrons > 0, self.light.relative_error * electrons, 0).astype(
-                np.float32
-            )
+            source = frames.light.source
+            assert isinstance(source, CollectedLight)
+            relative = source.light.relative_error
+            error = np.where(electrons > 0, relative * electrons, 0).astype(np.float32)
             tiff.write_tiff(folder / "electrons.tiff", electrons)
             tiff.write_tiff(folder / "electrons_error.tiff", error)
         elif output == "noise_budget":

@@ -164,6 +164,8 @@ class DatasetPlan:
             "draw": one.draw,
             "dataset_seed": self.file.seed,
         }
+        if lights := of_kind("lights", one.values):
+            config["lights"] = lights
         outputs = [name for name in self.file.outputs if name not in OF_VIEW]
         pixels = identity(config, camera.key)
         own = key_of({"sample": pixels, "outputs": outputs, "made_by": self.made_by})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from ..core import Exposure, InputError, require, require_seed
+from ..optics.waveform import FROM_FILE, waveform_of
 
 LARGEST = sys.float_info.max
 MOST_STOPS = 60.0
@@ -30,6 +31,8 @@ def check_value(name: str, value: object) -> None:
         require_seed(name, value)  # type: ignore[arg-type]
     elif name == "frames":
         _check_frames(value)
+    elif kind == "lights":
+        _check_light(name.partition(".")[2], value)
     elif kind == "traverse":
         for one in value if isinstance(value, tuple) else (value,):
             _number(name, one)
@@ -81,6 +84,14 @@ def _check_exposure(value: object) -> None:
             f"exposure_s is {value!r}; it must be a number of seconds, e.g. 0.1, or 'auto'."
         )
     Exposure(_number("exposure_s", value))
+
+
+def _check_light(group: str, value: object) -> None:
+    if isinstance(value, str) and FROM_FILE in value:
+        raise InputError(
+            f"the light of {group} is {value!r}; a dataset reads no waveform from a file: give pwm, sine or mains."
+        )
+    waveform_of(group, value)
 
 
 def _check_frames(value: object) -> None:

@@ -196,3 +196,33 @@ def test_a_cube_is_light_for_cameras_of_other_quantum_efficiencies(tmp_path: Pat
     assert one.facts["view"]["key"] == other.facts["view"]["key"]
     np.testing.assert_allclose(one.read("electrons"), 2 * other.read("electrons"), rtol=1e-5)
     assert one.facts["electrons_error_of"] == "a detector that is flat over the band"
+
+
+def test_levels_and_waveforms_of_light_groups_vary_without_another_render(
+    tmp_path: Path,
+) -> None:
+    """The frames are those of the same light, relit: whole periods of a pulse are the mean."""
+    grid = {"exposure_s": [0.01], "lights.other": [0, 1, 2, "2 pwm(100, 0.5)"]}
+    render = {"spp": 16, "width": 16, "light_groups": "auto"}
+    outputs = ["raw", "electrons"]
+    dataset = made(tmp_path / "out", outputs=outputs, render=render, grid=grid)
+    assert len({sample.facts["view"]["key"] for sample in dataset}) == 1  # render
+    off, on, twice, flickering = (sample.read("electrons") for sample in dataset)
+    assert not off.any() and on.any()
+    np.testing.assert_allclose(twice, 2 * on, rtol=1e-5)
+    np.testing.assert_allclose(flickering, twice, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        (-1, "the level of lamp is -1"),
+        ("pwm(0, 1)", "frequency_hz"),
+        ("table(a.csv)", "from a file"),
+    ],
+)
+def test_a_light_that_cannot_be_is_refused_before_anything_is_rendered(
+    value: object, sentence: str
+) -> None:
+    with pytest.raises(ms.InputError, match=sentence):
+        read_dataset({**TABLES, "grid": {"lights.lamp": [value]}})

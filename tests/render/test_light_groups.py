@@ -204,7 +204,7 @@ BAD = {
         "no light group 'skies'",
     ),
     "negative level": ({"light_groups": "auto", "lights": {"env": -1}}, "the level of env"),
-    "no level": ({"lights": ["env"]}, "no number"),
+    "no level": ({"lights": ["env"]}, "neither a level nor a waveform"),
     "no groups to change": ({"lights": {"env": 1}}, "--light-groups auto"),
 }
 

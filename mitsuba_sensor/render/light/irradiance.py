@@ -15,6 +15,7 @@ from ...camera.camera_file import camera_from
 from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
 from ...core import Exposure, InputError
 from ...core.illuminant import Illuminant
+from ...optics.waveform import Waveform
 from ..passes.statistics import RenderStatistics
 from .light_html import light_html
 from .light_sum import with_levels
@@ -100,6 +101,8 @@ class Irradiance:
         photoelectrons; None where it is not known. See :meth:`error_of_sum`.
     groups : the light groups by name, each as it was rendered; empty where the light was rendered as a whole.
     levels : what each group is multiplied by in ``data``, see :meth:`with_lights`.
+    waveforms : of the groups that flicker; ``data`` and its errors are the mean over time. Frames get the light of the
+        time at which their rows are open.
     """
 
     data: NDArray[np.float32]
@@ -117,13 +120,17 @@ class Irradiance:
     pass_error: NDArray[np.float32] | None = None
     groups: Mapping[str, Irradiance] = field(default_factory=dict)
     levels: Mapping[str, float] = field(default_factory=dict)
+    waveforms: Mapping[str, Waveform] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """``<Irradiance: 256 × 384, 32 bands, 367.5 … 832.5 nm>``."""
         (height, width, count), nm = self.data.shape, self.wavelengths_nm
         what = "filters" if self.filters else "bands"
         size = f"{height} × {width}, {count} {what}, {nm[0]:g} … {nm[-1]:g} nm"
-        levels = ", ".join(f"{name} {self.levels[name]:g}" for name in self.groups)
+        said = {name: f"{level:g}" for name, level in self.levels.items()} | dict(
+            self.waveforms
+        )
+        levels = ", ".join(f"{name} {said[name]}" for name in self.groups)
         return f"<Irradiance: {size}{levels and f', light groups {levels}'}>"
 
     @property
@@ -135,19 +142,24 @@ class Irradiance:
         return light_html(self)
 
     def with_lights(
-        self, levels: Mapping[str, float] | None = None, /, **named: float
+        self,
+        levels: Mapping[str, float | str | Waveform] | None = None,
+        /,
+        **named: float | str | Waveform,
     ) -> Irradiance:
-        """The light of the same scene with other lamps on, without a render.
+        """The light of the same scene with other lamps on, or with lamps that flicker, without a render.
 
         ::
 
             light = ms.render("scenes/night_crossing.xml", light_groups="auto")
             dark = light.with_lights(headlights=0, lamps=0.2)
+            flickering = light.with_lights(signals=ms.pwm(90, 0.3), lamps="2 mains(50)")
 
-        levels : by the name of the light group, what it is multiplied by, from as it was rendered; 1 of those that are
-            not named.
-        Standard errors are those of the new sum; the statistics stay those of the render. Raises InputError for a
-        name that the light does not have, and for a level that is negative or not finite.
+        levels : by the name of the light group, what it is multiplied by, from as it was rendered, or a waveform with a
+            ``level``; 1 of those that are not named.
+        ``data`` is the mean over time, and standard errors are those of the new sum; the statistics stay those of the
+        render. Raises InputError for a name that the light does not have, and for a level that is negative or not
+        finite.
         """
         return with_levels(self, {**(levels or {}), **named})
 

@@ -1,97 +1,106 @@
 """The sum of light groups at any levels: light is linear in the emitters, and the errors of two renders independent.
 
-E = Σ w·E_g, and the variance of E is Σ w²·v_g.
+E = Σ w·E_g, and the variance of E is Σ w²·v_g; of lamps that flicker every row has a w of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Float64Array, InputError, nearest, require
+from ...core import Float64Array, InputError, nearest
 from ...core.illuminant import Illuminant
+from ...optics.shutter import Shutter
+from ...optics.waveform import EXAMPLE, Waveform, waveform_of
 from .own_filter import in_band_factor, of_own_filter
 
 if TYPE_CHECKING:
     from .irradiance import Irradiance
 
-HIGHEST = 1e9
-"""Level of a light group at most."""
-
-EXAMPLE = "give levels by the name of a light group, e.g. --light lamps=0.2 ({'lamps': 0.2})"
+Values = TypeVar("Values", NDArray[np.float32], Float64Array)
+Level: TypeAlias = float | Float64Array
+"""Of a light group, or of each of its rows, (H,)."""
 
 ROWS = 64
 """Rows whose photoelectrons are computed at once."""
 
 
 class Part(NamedTuple):
-    """One light group at a level.
+    """One light group at a level, which may be another in every row.
 
     electrons : (H, W) mean photoelectrons of each pixel over a number that all groups share.
     flat : the same for a spectrum that is flat within each band.
     """
 
-    level: float
+    level: Level
     light: Irradiance
     electrons: Float64Array
     flat: Float64Array
 
 
-def checked_lights(name: str, given: object) -> dict[str, float]:
-    """Levels by light group.  given : a dict, or texts NAME=LEVEL. Raises InputError."""
+def checked_lights(name: str, given: object) -> dict[str, float | Waveform]:
+    """Levels and waveforms by light group.  given : a dict, or texts NAME=LEVEL. Raises InputError."""
     texts = [given] if isinstance(given, str) else given
     if isinstance(texts, list | tuple):
         pairs = [str(text).partition("=") for text in texts]
         given = {group.strip(): level.strip() for group, _, level in pairs}
     if not isinstance(given, Mapping) or not given:
-        raise InputError(f"{name} is {given!r}; {EXAMPLE}.")
-    levels = dict[str, float]()
+        raise InputError(
+            f"{name} is {given!r}; give levels by the name of a light group, e.g. --light lamps=0.2 "
+            f"({{'lamps': 0.2}}), or waveforms: {EXAMPLE}."
+        )
+    lights = dict[str, float | Waveform]()
     for group, level in given.items():
-        try:
-            number = float(level)
-        except (TypeError, ValueError):
-            raise InputError(
-                f"{name} has {group!r} with the level {level!r}, which is no number; {EXAMPLE}."
-            ) from None
-        levels[str(group)] = checked_level(str(group), number)
-    return levels
+        waveform = waveform_of(str(group), level)
+        lights[str(group)] = waveform if waveform.flickers else waveform.level
+    return lights
 
 
-def checked_level(group: str, level: float) -> float:
-    """The level of a light group. Raises InputError."""
-    return require(f"the level of {group}", level, 0.0, HIGHEST, "a number, e.g. 0.5")
-
-
-def with_levels(light: Irradiance, levels: Mapping[str, float]) -> Irradiance:
+def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform]) -> Irradiance:
     """See :meth:`irradiance.Irradiance.with_lights`."""
     if not light.groups:
         raise InputError(
             "the light was rendered as a whole and has no light groups; render it with --light-groups auto "
             "(light_groups='auto')."
         )
-    for name in levels:
+    for name in lights:
         if name not in light.groups:
             known = ", ".join(light.groups)
             raise InputError(
                 f"the light has no light group {name!r}; it has {known}.{nearest(name, light.groups)}"
             )
-    found = {name: checked_level(name, level) for name, level in levels.items()}
-    total = sum_of_groups(light.groups, found)
-    return replace(total, statistics=light.statistics)
+    shapes = {name: waveform_of(name, given) for name, given in lights.items()}
+    total = sum_of_groups(light.groups, {name: shape.level for name, shape in shapes.items()})
+    flickering = {name: shape for name, shape in shapes.items() if shape.flickers}
+    return replace(total, statistics=light.statistics, waveforms=flickering)
+
+
+def light_of_frame(light: Irradiance, shutter: Shutter, start_s: float = 0.0) -> Irradiance:
+    """The light that the rows of one frame get of lamps that flicker, as a whole; the light itself where none does.
+
+    start_s : when the first row of the film opens.  Statistics stay those of the render.
+    """
+    if not light.waveforms:
+        return light
+    first, weights = light.origin[0], dict[str, Level](light.levels)
+    for name, waveform in light.waveforms.items():
+        weights[name] = waveform.weights(shutter, (first, first + len(light.data)), start_s)
+    total = sum_of_groups(light.groups, weights)
+    return replace(total, statistics=light.statistics, groups={}, levels={})
 
 
 def sum_of_groups(
-    groups: Mapping[str, Irradiance], levels: Mapping[str, float] | None = None
+    groups: Mapping[str, Irradiance], levels: Mapping[str, Level] | None = None
 ) -> Irradiance:
     """Light groups added up, each times its level; with the statistics of the first.
 
-    levels : by name; 1 of those that are not named.
+    levels : by name, one for all rows or one for each; 1 of those that are not named.
     """
-    weights = dict.fromkeys(groups, 1.0) | dict(levels or {})
+    weights: dict[str, Level] = {**dict.fromkeys(groups, 1.0), **(levels or {})}
     first = next(iter(groups.values()))
     parts = [_part(light, weights[name]) for name, light in groups.items()]
     relative_error = _relative(parts, lambda light: light.relative_error)
@@ -109,20 +118,29 @@ def sum_of_groups(
         rendered_for=rendered_for,
         raw=_raw(groups, weights),
         groups=dict(groups),
-        levels=weights,
+        levels={name: float(np.mean(weight)) for name, weight in weights.items()},
     )
 
 
 def _lit(parts: list[Part]) -> list[Part]:
     """The groups that are on: a level of 0 takes away infinite light, too."""
-    return [part for part in parts if part.level > 0]
+    return [part for part in parts if np.any(part.level)]
+
+
+def _times(level: Level, values: Values) -> Values:
+    """Values (H, W, …) times a level; 0 in rows where it is 0, also of infinite light."""
+    if np.ndim(level) == 0:
+        return np.asarray(values.dtype.type(level) * values)
+    factor = np.asarray(level, values.dtype).reshape(-1, *(1,) * (values.ndim - 1))
+    lit = np.broadcast_to(factor > 0, values.shape)
+    return np.asarray(np.multiply(values, factor, where=lit, out=np.zeros_like(values)))
 
 
 def _data(parts: list[Part]) -> NDArray[np.float32]:
     """Irradiance of the groups times their levels, (H, W, B)."""
     total = np.zeros(parts[0].light.data.shape, np.float32)
     for part in _lit(parts):
-        total += np.float32(part.level) * part.light.data
+        total += _times(part.level, part.light.data)
     return total
 
 
@@ -130,7 +148,7 @@ def _standard_error(parts: list[Part]) -> NDArray[np.float32]:
     """Root of the sum of the squares of the standard errors, (H, W, B)."""
     total = np.zeros(parts[0].light.standard_error.shape, np.float32)
     for part in _lit(parts):
-        np.hypot(total, np.float32(part.level) * part.light.standard_error, out=total)
+        np.hypot(total, _times(part.level, part.light.standard_error), out=total)
     return total
 
 
@@ -165,7 +183,7 @@ def _in_band(parts: list[Part]) -> NDArray[np.float32] | None:
     return in_band_factor(exact, flat)
 
 
-def _raw(groups: Mapping[str, Irradiance], weights: Mapping[str, float]) -> Irradiance | None:
+def _raw(groups: Mapping[str, Irradiance], weights: Mapping[str, Level]) -> Irradiance | None:
     """The sum as it was before denoising, where that was kept of a group; others were not denoised."""
     if all(light.raw is None for light in groups.values()):
         return None
@@ -191,7 +209,7 @@ def _illuminant(parts: list[Part]) -> Illuminant | None:
     return Illuminant(spectra[0][0].wavelengths_nm, power / power.mean())
 
 
-def _part(light: Irradiance, level: float) -> Part:
+def _part(light: Irradiance, level: Level) -> Part:
     """A light group at a level, with the photoelectrons of the camera that it was rendered for; where that is not
     known, with its light, all wavelengths alike."""
     camera = None if light.rendered_for is None else light.rendered_for.camera
@@ -208,6 +226,6 @@ def _part(light: Irradiance, level: float) -> Part:
         rows = slice(first, first + ROWS)
         row, column = light.origin
         flat[rows] = of_own_filter(light.data[rows] @ weights.T, tile, (row + first, column))
-    flat *= level
+    flat = _times(level, flat)
     exact = flat if light.in_band is None else flat * light.in_band
     return Part(level, light, exact, flat)

@@ -28,11 +28,13 @@ from ...core import (
 )
 from ...core.heap import trim_heap
 from ...core.units import photon_energy_j
+from ...optics.shutter import shutter_of
 from ...sensor.checks import as_photons
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from .bands import Bands
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight
+from .light_sum import light_of_frame
 
 
 def photons_per_irradiance(
@@ -72,6 +74,7 @@ def collect(
     *,
     wavelengths_nm: ArrayLike | None = None,
     bandwidths_nm: ArrayLike | None = None,
+    start_s: float = 0.0,
 ) -> Photons:
     """Mean photons per pixel and band, (H, W, B); not rounded, because they are means.
 
@@ -86,6 +89,7 @@ def collect(
     The irradiance already includes the lens of the camera it was rendered for; the lens of ``camera`` is not used.
     wavelengths_nm : (B,) band centres; one for a map or field, the camera's reference wavelength by default.
     bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
+    start_s : when the first row opens, for lamps that flicker (:meth:`Irradiance.with_lights`).
     Raises InputError for shapes that do not fit and for negative or NaN irradiance.
     """
     camera = camera_of(camera)
@@ -104,6 +108,7 @@ def collect(
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
             raise InputError(f"{why}; {remedy}.")
+        light = light_of_frame(light, shutter_of(camera, exposure), start_s)
         photons = _photons(
             light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure
         )
@@ -170,14 +175,18 @@ def collected(
     return photons_of(light, camera, found), camera, found, serial
 
 
-def photons_of(light: Irradiance, camera: Camera, exposure: Exposure) -> Photons:
+def photons_of(
+    light: Irradiance, camera: Camera, exposure: Exposure, start_s: float = 0.0
+) -> Photons:
     """Mean photons of a render, checked: NaN and negative irradiance are refused with an InputError."""
-    return as_photons(collect(light, camera, exposure), camera)
+    return as_photons(collect(light, camera, exposure, start_s=start_s), camera)
 
 
 def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
-    """The exposure at which a picture of this light is as bright as asked for. Raises InputError if it is black."""
-    found = metering.exposure(photons_of(light, camera, metering.unit_exposure), camera)
+    """The exposure at which a picture of this light is as bright as asked for, of lamps that flicker their mean. Raises
+    InputError if it is black."""
+    steady = replace(light, waveforms={})
+    found = metering.exposure(photons_of(steady, camera, metering.unit_exposure), camera)
     trim_heap()
     return found
 
