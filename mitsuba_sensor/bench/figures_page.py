@@ -86,7 +86,9 @@ def filter_section(
     measured: Measurement, datasheet: Mapping[str, Said], limit: float
 ) -> Section:
     """Figures behind one filter: those that are compared with the datasheet must be its own, none may be hidden."""
-    where = f" behind {measured.filter_name}" if measured.filter_name else ""
+    where = ""
+    if measured.filter_name:
+        where = f" behind {measured.filter_name}"
     rows = [figure_row(figure, datasheet, limit) for figure in measured.figures.values()]
     wrong = [cells for mark, cells in rows if mark == "bad"]
     compared = sum(mark in ("good", "bad") for mark, _ in rows)
@@ -149,9 +151,10 @@ def beside_datasheet(figure: Quantity, datasheet: Mapping[str, Said]) -> dict[st
         return {}
     said = datasheet[figure.symbol]
     nearest = min(max(figure.value, said.low), said.high)
-    half_width = (
-        figure.high - figure.value if nearest > figure.value else figure.value - figure.low
-    )
+    if nearest > figure.value:
+        half_width = figure.high - figure.value
+    else:
+        half_width = figure.value - figure.low
     error = half_width / TWO_SIDED
     if error > 0:
         return {"datasheet": said.value, "z": (figure.value - nearest) / error}

@@ -106,7 +106,9 @@ def chosen_stacks(held_out: Bench) -> list[Stack]:
         key=lambda one: (one.exposure_s, one.temperature_k or 0.0),
     )
     flats = sorted(held_out.flats, key=len, reverse=True)
-    ends = [darks[0], darks[-1]] if len(darks) > 1 else darks
+    ends = darks
+    if len(darks) > 1:
+        ends = [darks[0], darks[-1]]
     return [*ends, *flats[: MOST_STACKS - len(ends)]]
 
 
@@ -127,7 +129,10 @@ def alike_pixels(stack: Stack) -> Stack:
 
 def line_figures(stack: Stack) -> list[Quantity]:
     """Noise of rows and columns and correlations from frame to frame, where there are enough frames for them."""
-    figures = list(line_noise(stack).quantities) if len(stack) > 1 else []
+    if len(stack) > 1:
+        figures = list(line_noise(stack).quantities)
+    else:
+        figures = []
     if len(stack) > 2:
         figures += correlation(stack, LAGS).temporal
     return [figure for figure in figures if math.isfinite(figure.value)]
@@ -190,7 +195,9 @@ def figures_section(twin: Twin) -> Section:
     """All figures with their intervals, of every gain setting."""
     rows: list[MarkedRow] = []
     for setting in twin.settings:
-        prefix = f"{setting.name}: " if len(twin.settings) > 1 else ""
+        prefix = ""
+        if len(twin.settings) > 1:
+            prefix = f"{setting.name}: "
         for name, figure in replace(twin, settings=(setting,)).figures().items():
             quantity = figure.quantity
             interval = quantity.value, quantity.low, quantity.high
@@ -233,7 +240,9 @@ def distances_section(compared: Sequence[Compared]) -> Section:
         mark: Mark = "good" if test.probability >= limit else "bad"
         rows.append((mark, (name, test.name, test.statistic, test.probability, test.detail)))
         failed += [f"{name}: {test.name}"] if mark == "bad" else []
-    verdict = f"not passed: {'; '.join(failed)}" if failed else "all pass"
+    verdict = "all pass"
+    if failed:
+        verdict = f"not passed: {'; '.join(failed)}"
     text = (
         f"{len(tests)} Kolmogorov-Smirnov tests of the twin's frames against frames that the fit did not use: "
         f"{verdict}"

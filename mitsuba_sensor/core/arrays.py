@@ -38,26 +38,30 @@ def _is_float32(x: Array) -> bool:
 
 def floor(x: Array) -> Array:
     """Largest whole number not above ``x``."""
-    return np.floor(x) if is_numpy(x) else drjit_module().floor(x)
+    if is_numpy(x):
+        return np.floor(x)
+    return drjit_module().floor(x)
 
 
 def where(condition: Array, yes: Array, no: Array) -> Array:
     """``yes`` where ``condition`` holds, else ``no``."""
-    return (
-        np.where(condition, yes, no)
-        if is_numpy(condition, yes, no)
-        else drjit_module().select(condition, yes, no)
-    )
+    if is_numpy(condition, yes, no):
+        return np.where(condition, yes, no)
+    return drjit_module().select(condition, yes, no)
 
 
 def minimum(x: Array, y: Array) -> Array:
     """The smaller of the two."""
-    return np.minimum(x, y) if is_numpy(x, y) else drjit_module().select(x < y, x, y)
+    if is_numpy(x, y):
+        return np.minimum(x, y)
+    return drjit_module().select(x < y, x, y)
 
 
 def maximum(x: Array, y: Array) -> Array:
     """The larger of the two."""
-    return np.maximum(x, y) if is_numpy(x, y) else drjit_module().select(x > y, x, y)
+    if is_numpy(x, y):
+        return np.maximum(x, y)
+    return drjit_module().select(x > y, x, y)
 
 
 def with_derivative_of(
@@ -72,7 +76,9 @@ def with_derivative_of(
 
 def detached(x: Array) -> Array:
     """``x`` without derivatives."""
-    return x if is_numpy(x) else drjit_module().detach(x)
+    if is_numpy(x):
+        return x
+    return drjit_module().detach(x)
 
 
 def with_gradient(value: Array, line: Callable[..., Array], *inputs: Array) -> Array:
@@ -93,9 +99,9 @@ def sqrt(x: Array) -> Array:
 
 def exp(x: Array) -> Array:
     """e^x."""
-    return (
-        with_derivative_of(lambda x, y: x * y, _exponential, x) if _is_float32(x) else np.exp(x)
-    )
+    if _is_float32(x):
+        return with_derivative_of(lambda x, y: x * y, _exponential, x)
+    return np.exp(x)
 
 
 def expm1(x: Array) -> Array:
@@ -147,11 +153,9 @@ def _add(fresh: Array, y: Array) -> Array:
 
 
 def _converted(x: Array, kind: str) -> Array:
-    return (
-        np.asarray(x).astype(kind)
-        if is_numpy(x)
-        else getattr(drjit_module(), f"{kind}_array_t")(x)(x)
-    )
+    if is_numpy(x):
+        return np.asarray(x).astype(kind)
+    return getattr(drjit_module(), f"{kind}_array_t")(x)(x)
 
 
 def _reinterpreted(x: Array, kind: str) -> Array:
@@ -210,7 +214,9 @@ def count_at_or_below(levels: Array, x: Array) -> Array:
 
 def any_positive(x: Array) -> bool:
     """Whether any element of ``x`` is above zero; True for a Dr.Jit array, which is not evaluated for this."""
-    return bool(np.any(np.asarray(x) > 0)) if is_numpy(x) else True
+    if is_numpy(x):
+        return bool(np.any(np.asarray(x) > 0))
+    return True
 
 
 def product(x: Array, y: Array) -> Array:
@@ -219,7 +225,9 @@ def product(x: Array, y: Array) -> Array:
         return x * y
     with np.errstate(invalid="ignore"):
         xy = x * y
-    return np.where(np.isnan(xy), np.float32(0), xy) if np.isnan(xy).any() else xy
+    if np.isnan(xy).any():
+        return np.where(np.isnan(xy), np.float32(0), xy)
+    return xy
 
 
 def replace_where(
@@ -287,9 +295,10 @@ def weighted_sum(layers: Array, weights: Array) -> Array:
     weights = np.asarray(weights)
     with np.errstate(invalid="ignore"):
         one = weights.size == 1  # for which einsum is ten times slower
-        total = (
-            layers[..., 0] * weights[0] if one else np.einsum("...k,k->...", layers, weights)
-        )
+        if one:
+            total = layers[..., 0] * weights[0]
+        else:
+            total = np.einsum("...k,k->...", layers, weights)
     if not weights.all() and np.isnan(np.min(total, initial=0.0)):  # ∞·0
         lost = np.isnan(total)
         total[lost] = product(layers[lost], weights).sum(axis=-1)

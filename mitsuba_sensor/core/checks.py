@@ -37,7 +37,10 @@ def _exposure_sentence(exposure: object) -> str:
 
 def refuse_masked(name: str, values: object) -> None:
     """Raise InputError for an array of numpy.ma in which any value is masked; NumPy would go on without the mask."""
-    parts = values if isinstance(values, list | tuple) else (values,)
+    if isinstance(values, list | tuple):
+        parts = values
+    else:
+        parts = (values,)
     masks = [getattr(part, "mask", None) for part in parts]
     masked = sum(int(np.sum(mask)) for mask in masks if isinstance(mask, np.ndarray | np.bool_))
     if masked:

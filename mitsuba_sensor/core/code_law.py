@@ -77,7 +77,10 @@ def code_moments(
         error, squared, slope = rounding_error(x[part], v, 3)
         mean[part], variance[part] = x[part] + error, v * (1 + 2 * slope) + squared - error**2
     mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
-    levels = None if inl_lsb is None else np.arange(1, highest + 1) - 0.5 + inl_lsb
+    if inl_lsb is None:
+        levels = None
+    else:
+        levels = np.arange(1, highest + 1) - 0.5 + inl_lsb
     narrow = np.flatnonzero(~wide & ~inside)
     if (
         levels is not None and np.sum(s[s >= BLURRED * math.sqrt(2)]) > 4 * FINE * levels.size
@@ -175,7 +178,10 @@ def _summed(
             distance, width = sign * (x[here] - _level(number, levels)), s[here]
             with np.errstate(divide="ignore", invalid="ignore"):
                 near = sign * NEAR * np.abs(x[here])
-                sure = (distance >= -near) if sign > 0 else (distance > -near)
+                if sign > 0:
+                    sure = distance >= -near
+                else:
+                    sure = distance > -near
                 chance = np.where(width > 0, scipy.special.ndtr(distance / width), sure)
             mean[here] += sign * chance
             square[here] += (2 * j - 1) * chance

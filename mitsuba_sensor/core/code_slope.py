@@ -59,7 +59,10 @@ class ExpectedCode:
             apart, sign, away = (
                 (signal - level, 1.0, place) if place > 0 else (level - signal, -1.0, 1 - place)
             )
-            sure = apart >= 0 if place > 0 else apart > 0
+            if place > 0:
+                sure = apart >= 0
+            else:
+                sure = apart > 0
             chance = self.dr.select(
                 sigma > 0,
                 0.5 + 0.5 * self.dr.erf(apart * scale),
@@ -92,7 +95,10 @@ class ExpectedCode:
     def _levels(self, code: Array) -> Iterator[tuple[int, Array, Array]]:
         """(place, whether it exists, T_k) of the levels k = code + place."""
         dr, index = self.dr, self.dr.uint32_array_t(type(code))
-        table = None if self.inl_lsb is None else type(code)(self.inl_lsb)
+        if self.inl_lsb is None:
+            table = None
+        else:
+            table = type(code)(self.inl_lsb)
         for place in range(1 - REACH, REACH + 1):
             number = code + float(place)
             exists = (number >= 1) & (number <= self.highest)

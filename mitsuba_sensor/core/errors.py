@@ -52,7 +52,10 @@ class DiskFull(InputError):
         self.path, self.size, self.why = path, size, why
 
     def __str__(self) -> str:
-        wanted = "" if self.size is None else f"{self.size} bytes were to be written; "
+        if self.size is None:
+            wanted = ""
+        else:
+            wanted = f"{self.size} bytes were to be written; "
         return self.sentence(
             f"cannot write {self.path}: {self.why}; {wanted}make space there, or give another place."
         )
@@ -97,7 +100,10 @@ def require(name: str, value: float, low: float, high: float, remedy: str) -> fl
 def require_seed(name: str, value: int) -> int:
     """Return ``value`` if it is a whole number that fits the 64-bit key of the random number generator."""
     try:
-        number = -1 if isinstance(value, bool) else operator.index(value)
+        if isinstance(value, bool):
+            number = -1
+        else:
+            number = operator.index(value)
     except TypeError:  # no whole number, or an array of them
         number = -1
     if not 0 <= number < 2**64:
@@ -110,7 +116,9 @@ def require_seed(name: str, value: int) -> int:
 def span(low: float, high: float) -> str:
     """The allowed range as text."""
     if math.isinf(high):
-        return "a finite number" if math.isinf(low) else f"at least {low:.10g}"
+        if math.isinf(low):
+            return "a finite number"
+        return f"at least {low:.10g}"
     if math.isinf(low):
         return f"at most {high:.10g}"
     return f"from {low:.10g} to {high:.10g}"
@@ -119,10 +127,14 @@ def span(low: float, high: float) -> str:
 def nearest(name: str, known: Iterable[str]) -> str:
     """`` Did you mean …?`` with the known name closest to ``name``, or an empty string if none is close."""
     match = closest(name, known)
-    return f" Did you mean {match!r}?" if match else ""
+    if match:
+        return f" Did you mean {match!r}?"
+    return ""
 
 
 def closest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
     """The known name closest to ``name``, or None.  cutoff : likeness that it needs, 0 … 1 (difflib's ratio)."""
     match = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
-    return match[0] if match else None
+    if match:
+        return match[0]
+    return None

@@ -22,5 +22,10 @@ def trim_heap() -> None:
 @cache
 def _glibc() -> ctypes.CDLL | None:
     """The C library of this process, if it can be asked."""
-    library = ctypes.CDLL(None) if sys.platform == "linux" else None
-    return library if hasattr(library, "malloc_trim") else None
+    if sys.platform == "linux":
+        library = ctypes.CDLL(None)
+    else:
+        library = None
+    if hasattr(library, "malloc_trim"):
+        return library
+    return None

@@ -58,7 +58,9 @@ def bar(share: float, text: str) -> Bar:
 def picture(png: bytes, columns: int, described: str) -> Picture:
     """An embedded PNG of so many columns, enlarged without smoothing where it has few."""
     width_px = min(max(columns, NARROWEST_PX), WIDEST_PX)
-    rendering = "pixelated" if columns < width_px else "auto"
+    rendering = "auto"
+    if columns < width_px:
+        rendering = "pixelated"
     return Picture(base64.b64encode(png).decode(), width_px, rendering, described)
 
 

@@ -41,22 +41,19 @@ OWN_FOLDERS: tuple[str, ...] = (
     os.path.join(sys.prefix, "lib"),
     os.path.join(site.getuserbase(), "lib"),
 )
-NAMES = (
-    ("libLLVM.dylib", "libLLVM-*.dylib")
-    if sys.platform == "darwin"
-    else ("libLLVM.so*", "libLLVM-*.so*")
-)
+if sys.platform == "darwin":
+    NAMES = ("libLLVM.dylib", "libLLVM-*.dylib")
+else:
+    NAMES = ("libLLVM.so*", "libLLVM-*.so*")
 
 
 # What libLLVM of karellen-llvm-core needs, in the order of their needs. Its own links to them appear when Python is
 # started by somebody who may write to its folder; a library that is loaded already needs no link.
 COMPANIONS = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
 ON_THE_INDEX = sys.platform == "linux" and os.uname().machine == "x86_64"
-INSTALL = (
-    "pip install karellen-llvm-core, or apt-get install libllvm19"
-    if ON_THE_INDEX
-    else "apt-get install libllvm19"
-)
+INSTALL = "apt-get install libllvm19"
+if ON_THE_INDEX:
+    INSTALL = "pip install karellen-llvm-core, or apt-get install libllvm19"
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,10 @@ def find_llvm(folders: tuple[str, ...] = ()) -> list[LlvmLibrary]:
     if not folders:
         found += [library for library in _libraries_in(OWN_FOLDERS) if library not in found]
     named = os.environ.get(LLVM_PATH, "")
-    first = [inspect_llvm(named)] if named and named != NO_LIBRARY else []
+    if named and named != NO_LIBRARY:
+        first = [inspect_llvm(named)]
+    else:
+        first = []
     return first + [
         library for library in found if not first or library.path != os.path.realpath(named)
     ]
@@ -118,7 +118,9 @@ def _version_of(path: str) -> int:
         return int(named.group(1))
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         match = re.search(rb"\0libLLVM(?:-|\.so\.)(\d+)[^\0]*\0|\0LLVM_(\d+)[.0-9]*\0", data)
-        return int(match.group(1) or match.group(2)) if match else 0
+        if match:
+            return int(match.group(1) or match.group(2))
+        return 0
 
 
 def _same_architecture(head: bytes) -> bool:
@@ -184,14 +186,18 @@ def _silence() -> Iterator[None]:
 def llvm_version() -> int:
     """Major version of the LLVM that Dr.Jit has loaded, 0 if none."""
     dr = drjit()
-    return max(int(dr.detail.llvm_version()[0]), 0) if dr.has_backend(dr.JitBackend.LLVM) else 0
+    if dr.has_backend(dr.JitBackend.LLVM):
+        return max(int(dr.detail.llvm_version()[0]), 0)
+    return 0
 
 
 def backend_problem(backend: str) -> str | None:
     """Why this back end (scalar, llvm, cuda) cannot be used in this process, or None if it can."""
     dr = drjit()
     if backend == "cuda":
-        return None if dr.has_backend(dr.JitBackend.CUDA) else "no CUDA device or driver"
+        if dr.has_backend(dr.JitBackend.CUDA):
+            return None
+        return "no CUDA device or driver"
     if backend == "llvm":
         version = llvm_version()
         if version == 0 and os.environ.get(LLVM_PATH, NO_LIBRARY) != NO_LIBRARY:

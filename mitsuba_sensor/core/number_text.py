@@ -18,9 +18,13 @@ def number_hint(name: str, value: object) -> str:
 
     name : of the number, which ends in percent where its unit is that.
     """
-    text = value.strip() if isinstance(value, str) else ""
+    text = ""
+    if isinstance(value, str):
+        text = value.strip()
     if percent := PERCENT.fullmatch(text):
-        factor = 1.0 if name.endswith("percent") else 0.01
+        factor = 0.01
+        if name.endswith("percent"):
+            factor = 1.0
         return f"{text!r} is {float(percent[1]) * factor:.10g}"
     if GROUPED.fullmatch(text):
         return f"{text!r} is {re.sub('[^0-9.+-]', '', text)}"

@@ -122,7 +122,9 @@ class Declared:
     def _number(self, value: Any, example: str) -> float:
         """A number in the range; a whole one, however it is stored, where the type is int."""
         whole = self.kinds == (int,)
-        noun = "a whole number" if whole else "a number"
+        noun = "a number"
+        if whole:
+            noun = "a whole number"
         numeric = isinstance(value, numbers.Real) and not isinstance(value, bool)
         if not numeric or (whole and value == value and value % 1):
             hint = number_hint(self.name, value)
@@ -130,7 +132,9 @@ class Declared:
             raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}{more}.")
         remedy = noun + (example and f", e.g. {self.option.example}")
         number = require(self.name, value, self.option.low, self.option.high, remedy)
-        return int(value) if whole else number
+        if whole:
+            return int(value)
+        return number
 
 
 def declared(kind: Any) -> tuple[Declared, ...]:
@@ -213,7 +217,10 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
 def _described(one: Declared) -> str:
     """A line of a docstring: name, type, default and meaning of an option."""
     kinds = " or ".join(map(_kind_name, one.kinds))
-    default = "" if one.option.default in (None, ()) else f", default {one.option.default!r}"
+    if one.option.default in (None, ()):
+        default = ""
+    else:
+        default = f", default {one.option.default!r}"
     return f"    {one.name} : {kinds}{default}. {one.option.help}"
 
 
@@ -232,8 +239,13 @@ def _unknown_sentence(name: str, value: object, allowed: Set[str]) -> str:
     """What to write in place of an option that there is not."""
     if name in IN_EXPOSURE and "exposure" in allowed:
         field = IN_EXPOSURE[name]
-        shown = repr(value) if isinstance(value, int | float) else "…"
-        given = f"time_s={shown}" if field == "time_s" else f"time_s=…, {field}={shown}"
+        shown = "…"
+        if isinstance(value, int | float):
+            shown = repr(value)
+        if field == "time_s":
+            given = f"time_s={shown}"
+        else:
+            given = f"time_s=…, {field}={shown}"
         return f"{name!r} is not an option; pass exposure=Exposure({given})."
     said = CALLED_OTHERWISE.get(name)
     if said in allowed:
@@ -247,11 +259,13 @@ def _unknown_sentence(name: str, value: object, allowed: Set[str]) -> str:
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         arrays = any(hasattr(item, "shape") for item in value.values())
-        return (
-            sorted(value) if arrays else {str(key): _plain(item) for key, item in value.items()}
-        )
+        if arrays:
+            return sorted(value)
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, str | bool | int | float | None):
         return value
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    return str(value) if isinstance(value, PurePath) else repr(value)
+    if isinstance(value, PurePath):
+        return str(value)
+    return repr(value)

@@ -44,7 +44,9 @@ def _as_python(letter: str) -> str:
 
 
 def _as_toml(letter: str) -> str:
-    return f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"
+    if ord(letter) < 0x10000:
+        return f"\\u{ord(letter):04x}"
+    return f"\\U{ord(letter):08x}"
 
 
 def _as_json(letter: str) -> str:

@@ -62,7 +62,9 @@ class Countdown:
     @property
     def left_s(self) -> float:
         """Until the work ends; NaN where nobody knows."""
-        return max(self._end - self.clock(), 0.0) if math.isfinite(self._end) else math.nan
+        if math.isfinite(self._end):
+            return max(self._end - self.clock(), 0.0)
+        return math.nan
 
     @property
     def share(self) -> float:
@@ -70,11 +72,16 @@ class Countdown:
         if math.isfinite(self._share):
             return self._share
         whole = self.seconds + self.left_s
-        return self.seconds / whole if whole else math.nan
+        if whole:
+            return self.seconds / whole
+        return math.nan
 
     def text(self) -> str:
         """What is done, how much of it, and the time left."""
-        parts = [] if math.isnan(self.share) else [f"{100 * self.share:.0f} %"]
+        if math.isnan(self.share):
+            parts = []
+        else:
+            parts = [f"{100 * self.share:.0f} %"]
         parts.append(f"{duration(self.seconds)} so far")
         if math.isfinite(self.left_s):
             parts.append(f"about {duration(self.left_s)} left")
@@ -121,7 +128,10 @@ class NotebookBar(Countdown):
         if self.seconds < BAR_AFTER_S:
             return
         share = self.share
-        value = "" if math.isnan(share) else f' value="{share:.3f}"'
+        if math.isnan(share):
+            value = ""
+        else:
+            value = f' value="{share:.3f}"'
         self._draw(f"<progress{value}></progress> {html.escape(self.text())}")
 
     def close(self) -> None:
@@ -212,7 +222,10 @@ def write_line(line: str) -> None:
 def notebook_display() -> ModuleType | None:
     """IPython.display where a notebook shows what is displayed, else None."""
     python = sys.modules.get("IPython")
-    shell = python.get_ipython() if python is not None else None
+    if python is not None:
+        shell = python.get_ipython()
+    else:
+        shell = None
     if getattr(shell, "kernel", None) is None:
         return None
     from importlib import import_module
@@ -224,4 +237,6 @@ def duration(seconds: float) -> str:
     """A time in a unit that suits it."""
     if seconds > 5400:
         return f"{seconds / 3600:.1f} h"
-    return f"{seconds / 60:.0f} min" if seconds > 90 else f"{seconds:.0f} s"
+    if seconds > 90:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds:.0f} s"

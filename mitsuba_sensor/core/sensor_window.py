@@ -154,7 +154,10 @@ class SensorWindow:
     def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Float64Array:
         margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
         along = np.arange(start - margin, start + distributions.AR_BLOCK + margin)
-        place = (zero, along) if axis else (along, zero)
+        if axis:
+            place = (zero, along)
+        else:
+            place = (along, zero)
         return distributions.isotropic_ar(
             distributions.normal(self._bits_at(source, *place)), coupling, margin
         )

@@ -61,7 +61,10 @@ def toml_tables(text: str) -> dict[str, Any]:
         raise
     except ValueError as error:  # Python's limit for the digits of a number
         raise tomllib.TOMLDecodeError(str(error).partition(";")[0]) from None
-    wrong = TOO_DEEP if tables is None else beyond_limits(tables)
+    if tables is None:
+        wrong = TOO_DEEP
+    else:
+        wrong = beyond_limits(tables)
     if wrong:
         raise tomllib.TOMLDecodeError(wrong)
     return tables or {}

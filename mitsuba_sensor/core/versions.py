@@ -30,6 +30,9 @@ def versions() -> dict[str, str | None]:
 def machine() -> dict[str, int | str | None]:
     """Processor and number of cores, for times that were measured here."""
     cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
+    if cpuinfo.exists():
+        lines = cpuinfo.read_text(encoding="utf-8").splitlines()
+    else:
+        lines = []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {"cpus": os.cpu_count(), "processor": models[0] if models else platform.machine()}

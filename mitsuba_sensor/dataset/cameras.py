@@ -63,7 +63,10 @@ class Cameras:
         if known not in self._varied:
             changes = self._with_places(varied, "the camera")
             camera = with_fields_of(self.as_given[one.camera], changes, SET_BY_DATASET)
-            setting = None if gain is None else camera.at_gain(gain).gain
+            if gain is None:
+                setting = None
+            else:
+                setting = camera.at_gain(gain).gain
             sheet = camera.model_dump(mode="json", exclude={"description", "sources"})
             fields = sorted(
                 {*fields_in(self.entries[one.camera].set), *varied} - {"description"}
@@ -78,7 +81,10 @@ class Cameras:
             near = nearest(entry.camera, list_cameras())
             remedy = "`mitsuba-sensor cameras list` has them; the name of a camera file ends in .toml"
             raise InputError(f"{where} is not a camera; {remedy}.{near}")
-        file = None if shipped else find_below(entry.camera, self.roots, where)
+        if shipped:
+            file = None
+        else:
+            file = find_below(entry.camera, self.roots, where)
         if file is not None:
             check_below(camera_references(file), self.roots)
         camera = load_camera(entry.camera if file is None else file)
@@ -120,9 +126,8 @@ def of_light(camera: Camera, cube: bool) -> Facts:
         name: whole["sensor"][name] for name in ("columns", "rows", "shutter", "row_time_us")
     }
     pitch = [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]
-    detected = (
-        {"band_nm": camera.band_nm}
-        if cube
-        else {"quantum_efficiency": whole["quantum_efficiency"]}
-    )
+    if cube:
+        detected = {"band_nm": camera.band_nm}
+    else:
+        detected = {"quantum_efficiency": whole["quantum_efficiency"]}
     return {"lens": whole["lens"], "sensor": sensor, "pitch_um": pitch, **detected}

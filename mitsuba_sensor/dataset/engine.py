@@ -125,7 +125,10 @@ def _spread(workers: Workers, store: Store, views: Iterator[PlannedView]) -> Ite
             early = 0
             yield outcome
             continue
-        early = 0 if note_death_of(store, view) > before else early + 1
+        if note_death_of(store, view) > before:
+            early = 0
+        else:
+            early = early + 1
         if early >= MOST_EARLY_DEATHS:
             raise InputError(
                 f"{early} processes in a row have died before they began a view: too little memory, perhaps, or "
@@ -136,9 +139,10 @@ def _spread(workers: Workers, store: Store, views: Iterator[PlannedView]) -> Ite
 
 def usual_workers() -> int:
     """Processes that a machine can feed: a render uses all its cores, and while it writes another one renders."""
-    cores = (
-        len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count() or 1
-    )
-    return 2 if cores > 1 else 1
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
+    if cores > 1:
+        return 2
+    return 1

@@ -221,7 +221,9 @@ class Distribution(FileTable):
             else (0, 1)
         )
         if high < low or (given[0] == "log_uniform" and low <= 0):
-            positive = ", both above 0" if given[0] == "log_uniform" else ""
+            positive = ""
+            if given[0] == "log_uniform":
+                positive = ", both above 0"
             raise ValueError(
                 f"{given[0]} is [{low}, {high}]; give the lowest and the highest value{positive}"
             )

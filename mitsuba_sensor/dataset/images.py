@@ -63,8 +63,6 @@ def as_array(image: Image) -> NDArray[Any]:
 
 def as_given(found: NDArray[Any], given: Image) -> Image:
     """A tensor beside the one that came in, of floats, for its integers are few; else as it is."""
-    return (
-        given.new_empty(0).float().new_tensor(found.astype(np.float32))
-        if hasattr(given, "new_tensor")
-        else found
-    )
+    if hasattr(given, "new_tensor"):
+        return given.new_empty(0).float().new_tensor(found.astype(np.float32))
+    return found

@@ -35,7 +35,9 @@ def _plain(value: object) -> object:
         return int(value)
     if isinstance(value, Mapping):
         return {name: _plain(one) for name, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return value
 
 
 def key_of(config: Config) -> str:

@@ -78,7 +78,10 @@ class Rendered:
         config, options = view.config, scene_options(view)
         parsed, lead = parse(view.scene_file, options), view.samples[0].config
         camera = camera_of(parsed.settings, lead)
-        camera = flat_camera(camera) if config["render"]["spectral"] == "cube" else camera
+        if config["render"]["spectral"] == "cube":
+            camera = flat_camera(camera)
+        else:
+            camera = camera
         asked, stops = exposure_of(parsed.settings, lead), lead["exposure"]["ev"]
         if is_timed(view):
             asked = _timed(parsed, camera, asked, stops, options)
@@ -126,7 +129,10 @@ class Rendered:
         statistics = self.light.statistics.to_dict()
         del statistics["seconds"], statistics["seconds_per_sample"]
         error = self.light.relative_error[np.isfinite(self.light.relative_error)]
-        median = float(np.median(error)) if error.size else None
+        if error.size:
+            median = float(np.median(error))
+        else:
+            median = None
         return {**statistics, "relative_error_median": median}
 
     def expose(self, sample: PlannedSample, folder: Path) -> None:
@@ -182,7 +188,9 @@ class Rendered:
             or known.camera is None
             or known.camera.quantum_efficiency == camera.quantum_efficiency
         )
-        return "this camera" if same else "a detector that is flat over the band"
+        if same:
+            return "this camera"
+        return "a detector that is flat over the band"
 
     def _write(self, folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> None:
         if output == "raw":
@@ -223,7 +231,10 @@ def camera_of(settings: SceneSettings, config: Config) -> Camera:
     focal_mm = (
         None if "lens.focal_length_mm" in own else settings.focal_length_mm
     )  # of a prescription
-    focus_m = None if "lens.focus_m" in own else settings.focus_distance_m
+    if "lens.focus_m" in own:
+        focus_m = None
+    else:
+        focus_m = settings.focus_distance_m
     settings = replace(
         settings, fields=of_scene, focal_length_mm=focal_mm, focus_distance_m=focus_m
     )
@@ -235,12 +246,12 @@ def exposure_of(settings: SceneSettings, config: Config) -> Exposure | Metering:
     time_s, kelvin = config["exposure"]["time_s"], config["exposure"]["temperature_k"]
     if time_s is None:
         asked = settings.exposure
-        return asked if kelvin is None else replace(asked, temperature_k=kelvin)
-    return (
-        settings.metering(kelvin)
-        if time_s == "auto"
-        else Exposure(time_s, settings.metering(kelvin).temperature_k)
-    )
+        if kelvin is None:
+            return asked
+        return replace(asked, temperature_k=kelvin)
+    if time_s == "auto":
+        return settings.metering(kelvin)
+    return Exposure(time_s, settings.metering(kelvin).temperature_k)
 
 
 def scene_options(view: PlannedView) -> RenderOptions:

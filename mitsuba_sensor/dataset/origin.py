@@ -64,7 +64,10 @@ def origin_in(folder: Path) -> Origin | None:
     """What a folder was made from; None where its record is missing or was changed."""
     try:
         text = unsealed(durable.read_small(os.fspath(folder / RECORD), MOST_BYTES))
-        said = json.loads(text) if text is not None else {}
+        if text is not None:
+            said = json.loads(text)
+        else:
+            said = {}
         size, digest = said["file"]
         origin = Origin(
             said["name"], (size, digest), said["made_by"], said["samples"], said["lines_sha256"]
@@ -79,7 +82,9 @@ def origin_in(folder: Path) -> Origin | None:
         *(text for pair in versions for text in pair if text),
     ]
     types = all(isinstance(text, str) and text.isprintable() for text in texts)
-    return origin if types and isinstance(size, int) and said["kind"] == "dataset" else None
+    if types and isinstance(size, int) and said["kind"] == "dataset":
+        return origin
+    return None
 
 
 def require_origin(folder: Path) -> Origin:

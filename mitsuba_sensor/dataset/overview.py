@@ -32,7 +32,10 @@ def write_overview(plan: DatasetPlan, store: Store, index: Index) -> list[str]:
         sheet_is_there = f"({SHEET})" not in card or (store.folder / SHEET).is_file()
         if table_is_whole and sheet_is_there and _is_in_card(store, INDEX, card):
             return []
-        known_s = exposures_of_table(store) if table_is_whole else {}
+        if table_is_whole:
+            known_s = exposures_of_table(store)
+        else:
+            known_s = {}
         write_samples_table(store, index.lines, known_s)
         write_card(store.folder, card_facts(plan, store, index))
     except Exception as error:  # all samples are there: the run has not failed
@@ -59,7 +62,9 @@ def card_facts(plan: DatasetPlan, store: Store, index: Index) -> CardFacts:
     notes = [*facts.notes, AGAIN]
     if missing := plan.samples - len(index.lines):
         views = len(store.quarantined())
-        why = f", and {views} views are in quarantine" if views else ""
+        why = ""
+        if views:
+            why = f", and {views} views are in quarantine"
         notes = [f"{missing} of {plan.samples} samples are not there{why}.", *notes]
     hashes = {**facts.hashes}
     for name in (INDEX, TABLE):

@@ -185,11 +185,10 @@ class DatasetPlan:
     ) -> tuple[Facts, str]:
         """What decides the light, and its key; made once for all samples of it."""
         entry = self.file.scenes[one.scene]
-        timed = (
-            (*exposure.values(), camera.key, *camera.set_fields, camera.gain)
-            if self._is_timed(entry)
-            else ()
-        )
+        if self._is_timed(entry):
+            timed = (*exposure.values(), camera.key, *camera.set_fields, camera.gain)
+        else:
+            timed = ()
         varied = tuple((name, x) for name, x in one.values.items() if changes_light(name))
         known = one.scene, one.pose, one.camera, varied, timed
         if known not in self._lights:

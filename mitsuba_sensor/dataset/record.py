@@ -68,7 +68,9 @@ def record_of(content: bytes) -> Record | None:
         record = Record(said["kind"], said["key"], files)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
-    return record if _possible(record) else None
+    if _possible(record):
+        return record
+    return None
 
 
 def _possible(record: Record) -> bool:

@@ -51,11 +51,23 @@ class RunProgress:
 
         seconds : since this run began.
         """
-        rate = self.made / seconds if seconds else 0.0
-        speed = f"{rate:.2g} samples/s, " if rate else ""
-        failed = f", {len(self.failed)} views failed" if self.failed else ""
-        left_s = (self.samples - self.done) / rate if rate else math.nan
-        share = self.done / self.samples if self.samples else math.nan
+        rate = 0.0
+        if seconds:
+            rate = self.made / seconds
+        speed = ""
+        if rate:
+            speed = f"{rate:.2g} samples/s, "
+        failed = ""
+        if self.failed:
+            failed = f", {len(self.failed)} views failed"
+        if rate:
+            left_s = (self.samples - self.done) / rate
+        else:
+            left_s = math.nan
+        if self.samples:
+            share = self.done / self.samples
+        else:
+            share = math.nan
         return f"{speed}{self.now}{failed}", left_s, share
 
     def counted(self) -> str:

@@ -129,11 +129,9 @@ class SensorNoise:
         self.seed = _seed("seed", seed)
         self.engine = "drjit" if backend_problem("llvm") is None else "numpy"
         if (self.white_e is None) != (self.values == "electrons"):
-            needs = (
-                "has no white_e"
-                if self.values == "electrons"
-                else 'needs white_e, e.g. (50, 2000), or "electrons"'
-            )
+            needs = 'needs white_e, e.g. (50, 2000), or "electrons"'
+            if self.values == "electrons":
+                needs = "has no white_e"
             raise InputError(f"values is {self.values!r}, which {needs}.")
         if not self.gains:
             raise InputError(
@@ -163,7 +161,10 @@ class SensorNoise:
             frames.append(self._expose(self._photons(one, draw, colour), draw))
             raw = frames[-1].digital[0]
             out.append(raw if self.output == "raw" else self._developed(raw, draw, colour))
-        found = np.stack(out) if batch else out[0]
+        if batch:
+            found = np.stack(out)
+        else:
+            found = out[0]
         return NoisyImage(as_given(found, image), tuple(draws), tuple(frames), image, batch)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -179,7 +180,10 @@ class SensorNoise:
         if self.white_e is not None:
             least, most = self.white_e
             share = chance.uniform()
-            white_e = float(least) if least == most else float(least * (most / least) ** share)
+            if least == most:
+                white_e = float(least)
+            else:
+                white_e = float(least * (most / least) ** share)
         return Draw(serial, gain, white_e, int(chance.integers(LARGEST_SEED)))
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:
@@ -245,7 +249,10 @@ class SensorNoise:
             for column, number in enumerate(numbers):
                 part = slice(row, None, len(tile)), slice(column, None, len(numbers))
                 letter = self.camera.filter_names[number][:1].upper()
-                values = given[part][..., "RGB".index(letter)] if colour else given[part]
+                if colour:
+                    values = given[part][..., "RGB".index(letter)]
+                else:
+                    values = given[part]
                 with np.errstate(over="ignore", invalid="ignore"):
                     mean[part] = scaled(
                         values,
@@ -254,7 +261,10 @@ class SensorNoise:
                     )
         if not 0 <= mean.min() <= mean.max() < np.inf:
             worst = given[~((given >= 0) & np.isfinite(given))]
-            value = worst.flat[0] if worst.size else given.max()
+            if worst.size:
+                value = worst.flat[0]
+            else:
+                value = given.max()
             raise InputError(
                 f"image has values such as {value:g}; mean light is finite and at least 0, in float32."
             )
@@ -324,15 +334,16 @@ def _range(
     name: str, value: Any, least: float, most: float, kind: type = float
 ) -> tuple[Any, Any]:
     """(low, high) of one number or two, whole ones for the kind int."""
-    ends = (
-        tuple(value)
-        if isinstance(value, Sequence) and not isinstance(value, str)
-        else (value, value)
-    )
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        ends = tuple(value)
+    else:
+        ends = (value, value)
     known = (int, np.integer) if kind is int else (int, float, np.integer, np.floating)
     numbers = all(isinstance(one, known) and not isinstance(one, bool) for one in ends)
     if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1] <= most:
-        what = "whole number" if kind is int else "number"
+        what = "number"
+        if kind is int:
+            what = "whole number"
         raise InputError(
             f"{name} is {value!r}; it must be a {what} from {least:g} to {most:g}, or two: (low, high)."
         )

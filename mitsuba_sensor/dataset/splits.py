@@ -54,14 +54,18 @@ class SplitOf:
             return [given]
         split = self.of(one)
         if self._chips:
-            return [given] if self._chips[self._chip(one)] == split else []
+            if self._chips[self._chip(one)] == split:
+                return [given]
+            return []
         chips = self.splits.chips or 1
         first = 1 + chips * list(self.splits.shares).index(split)
         return list(range(first, first + chips))
 
     def of(self, one: Combination) -> str:
         """The split of the combination's scene; an empty text where there are none."""
-        return "" if self.splits is None else self._scenes[self._scene(one)]
+        if self.splits is None:
+            return ""
+        return self._scenes[self._scene(one)]
 
     def _chip(self, one: Combination) -> Chip:
         return self.models[one.camera], one.values.get("serial", 1)
@@ -91,7 +95,9 @@ def assigned(
         )
     free = total - len(names)
     wanted = [max(splits.shares[name] * total - 1, 0.0) for name in names]
-    scale = free / sum(wanted) if sum(wanted) else 0.0
+    scale = 0.0
+    if sum(wanted):
+        scale = free / sum(wanted)
     sizes = [1 + int(x * scale) for x in wanted]
     order = sorted(range(len(names)), key=lambda k: int(wanted[k] * scale) - wanted[k] * scale)
     for k in order[: total - sum(sizes)]:

@@ -269,7 +269,9 @@ class Store:
             facts = json.loads(text or "null")
         except (OSError, ValueError, RecursionError):
             return None
-        return facts if isinstance(facts, dict) else None
+        if isinstance(facts, dict):
+            return facts
+        return None
 
     def release(self, key: str) -> None:
         """Let a view be tried again."""

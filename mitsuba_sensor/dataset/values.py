@@ -69,7 +69,9 @@ def value_or_list(value: object) -> bool | float | str | tuple[float, ...]:
 
 def text_of(value: object) -> str:
     """A value of a <default> as it stands in a scene file."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value)
 
 
 def _text(values: tuple[object, ...]) -> str:

@@ -50,7 +50,10 @@ class LocalWorkers:
 
     def begin(self, view: PlannedView) -> None:
         """Give a view to a process that has none. Raises InputError if none can be begun."""
-        worker = self._idle.pop() if self._idle else self._begin_worker()
+        if self._idle:
+            worker = self._idle.pop()
+        else:
+            worker = self._begin_worker()
         self._busy[worker.pipe] = worker, view
         with suppress(OSError):  # it has died meanwhile, which next_ended sees
             worker.pipe.send(view)

@@ -50,11 +50,10 @@ def names_in(folder: Path, scratch: Path) -> Iterator[None]:
     try:
         yield
     except DiskFull as error:
-        path = (
-            folder / error.path.relative_to(scratch)
-            if error.path.is_relative_to(scratch)
-            else error.path
-        )
+        if error.path.is_relative_to(scratch):
+            path = folder / error.path.relative_to(scratch)
+        else:
+            path = error.path
         raise DiskFull(path, error.size, error.why) from error
     except InputError as error:
         if str(scratch) not in str(error):

@@ -132,7 +132,9 @@ def read_small(path: str, most: int) -> bytes:
         content = os.read(file, most + 1)
     finally:
         os.close(file)
-    return content if len(content) <= most else b""
+    if len(content) <= most:
+        return content
+    return b""
 
 
 def newest_mtime(folder: Path) -> float:

@@ -46,11 +46,10 @@ def _check(path: Path, archive: zipfile.ZipFile) -> None:
                 continue
         with archive.open(entry) as file:
             version = np.lib.format.read_magic(file)
-            read = (
-                np.lib.format.read_array_header_1_0
-                if version == (1, 0)
-                else np.lib.format.read_array_header_2_0
-            )
+            if version == (1, 0):
+                read = np.lib.format.read_array_header_1_0
+            else:
+                read = np.lib.format.read_array_header_2_0
             shape, _, kind = read(file)
         if kind.hasobject or math.prod(shape) * kind.itemsize > entry.file_size:
             raise ValueError(f"{entry.filename} is no array of numbers, or cut short")

@@ -137,11 +137,10 @@ def whole_exr(
             OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file,
         ):
             header = dict(file.header())
-            images = (
-                {name: channel.pixels for name, channel in file.channels().items()}
-                if pixels
-                else {}
-            )
+            if pixels:
+                images = {name: channel.pixels for name, channel in file.channels().items()}
+            else:
+                images = {}
     except InputError:
         raise
     except (RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:

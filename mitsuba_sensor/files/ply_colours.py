@@ -76,7 +76,9 @@ def _header(file: IO[bytes]) -> _Vertices | None:
     else:
         return None
     is_read = _skip_header(file) and 0 < count <= MOST_VERTICES
-    return _Vertices(order, count, fields) if is_read else None
+    if is_read:
+        return _Vertices(order, count, fields)
+    return None
 
 
 def _skip_header(file: IO[bytes]) -> bool:

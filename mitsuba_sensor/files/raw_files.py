@@ -95,7 +95,10 @@ def read_raw(path: str | os.PathLike[str]) -> RawFile:
         ) from error
     frames = found.frames
     if frames.ndim != 3 or frames.dtype.kind not in "uif" or not frames.size:
-        shape = frames.shape[1:] if frames.ndim > 3 else frames.shape
+        if frames.ndim > 3:
+            shape = frames.shape[1:]
+        else:
+            shape = frames.shape
         raise InputError(
             f"{file} holds {frames.dtype} of shape {shape}; raw frames have one value per pixel."
         )
@@ -104,7 +107,9 @@ def read_raw(path: str | os.PathLike[str]) -> RawFile:
 
 def _pages(values: NDArray[Any]) -> NDArray[Any]:
     """(N, H, W) of (H, W) too."""
-    return values[None] if values.ndim == 2 else values
+    if values.ndim == 2:
+        return values[None]
+    return values
 
 
 def _tiff(file: Path) -> RawFile:
@@ -159,22 +164,27 @@ def _exif(tags: Mapping[str, Any]) -> tuple[float | None, str]:
         known.get("ExposureTime"),
         known.get("PhotographicSensitivity", known.get("ISOSpeedRatings")),
     )
-    exposure_s = (
-        time[0] / time[1] if isinstance(time, tuple) and len(time) == 2 and time[1] else None
-    )
+    if isinstance(time, tuple) and len(time) == 2 and time[1]:
+        exposure_s = time[0] / time[1]
+    else:
+        exposure_s = None
     return exposure_s, _label(iso[0] if isinstance(iso, tuple) and iso else iso)
 
 
 def _bits(white_level_dn: object) -> int | None:
     white = _not_negative(white_level_dn)
-    return math.ceil(math.log2(white + 1)) if white else None
+    if white:
+        return math.ceil(math.log2(white + 1))
+    return None
 
 
 def _not_negative(value: object) -> float | None:
     """A number of metadata; None for what is none, which says nothing."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return None
-    return float(value) if 0 <= value <= sys.float_info.max else None
+    if 0 <= value <= sys.float_info.max:
+        return float(value)
+    return None
 
 
 def _label(value: object) -> str:
@@ -182,19 +192,26 @@ def _label(value: object) -> str:
     known = isinstance(value, str | int | float | np.integer | np.floating) and not isinstance(
         value, bool
     )
-    return str(value)[:LONGEST_LABEL] if known else ""
+    if known:
+        return str(value)[:LONGEST_LABEL]
+    return ""
 
 
 def _tile_of(value: object) -> tuple[tuple[str, ...], ...]:
     """Names of colour filters in metadata; empty for anything else."""
-    rows = [row for row in value if isinstance(row, list)] if isinstance(value, list) else []
+    if isinstance(value, list):
+        rows = [row for row in value if isinstance(row, list)]
+    else:
+        rows = []
     names = [name for row in rows for name in row]
     right = (
         names
         and len({len(row) for row in rows}) == 1
         and all(isinstance(name, str) for name in names)
     )
-    return tuple(tuple(row) for row in rows) if right else NO_TILE
+    if right:
+        return tuple(tuple(row) for row in rows)
+    return NO_TILE
 
 
 def _png(file: Path) -> RawFile:

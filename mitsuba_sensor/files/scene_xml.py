@@ -110,9 +110,14 @@ def _of_tag(tag: str, attributes: Mapping[str, str], line: int) -> list[Element]
         return [Element("include", "", named or "", line)]
     if tag == "path":
         return [Element("path", "", value, line)]
-    found = [] if named is None else [Element("file", "", named, line)]
+    if named is None:
+        found = []
+    else:
+        found = [Element("file", "", named, line)]
     if tag == "string" and value:
-        kind = "file" if attributes.get("name") == "filename" else "text"
+        kind = "text"
+        if attributes.get("name") == "filename":
+            kind = "file"
         short = kind == "file" or (len(value) <= LONGEST_NAME and "\n" not in value)
         found += [Element(kind, attributes.get("name", ""), value, line)] if short else []
     if "type" in attributes:

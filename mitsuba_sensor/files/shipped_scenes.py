@@ -34,7 +34,9 @@ class SceneParameter(NamedTuple):
 def scenes_folder() -> Path:
     """Where the scenes are on this machine."""
     installed = PACKAGE / "scenes"
-    return installed if installed.is_dir() else PACKAGE.parent / "scenes"
+    if installed.is_dir():
+        return installed
+    return PACKAGE.parent / "scenes"
 
 
 def list_scenes() -> list[str]:
@@ -54,7 +56,9 @@ def shipped_file(
     if any(os.path.isfile(os.path.join(folder, name)) for folder in folders):
         return None
     file = scenes_folder() / f"{name}{end}"
-    return file if file.is_file() else None
+    if file.is_file():
+        return file
+    return None
 
 
 def names_of_scenes(given: str) -> str:

@@ -122,5 +122,9 @@ def plain_values(value: Any, finite: bool = True) -> Any:
     if isinstance(value, np.generic):
         return plain_values(value.item(), finite)
     if isinstance(value, float):
-        return value if np.isfinite(value) or not finite else None
-    return str(value) if isinstance(value, Path) else value
+        if np.isfinite(value) or not finite:
+            return value
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value

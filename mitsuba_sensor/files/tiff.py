@@ -67,8 +67,14 @@ def write_tiff(
         )
     if not frames.size:
         raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
-    tags = _raw_tags(facts) if facts else []
-    text = to_json(dict(facts)).encode() if facts else None
+    if facts:
+        tags = _raw_tags(facts)
+    else:
+        tags = []
+    if facts:
+        text = to_json(dict(facts)).encode()
+    else:
+        text = None
     with appearing(Path(path), frames.nbytes) as temporary:
         write_pages(temporary, frames, text, tags)
 

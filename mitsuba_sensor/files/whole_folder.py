@@ -109,11 +109,10 @@ def _listed(path: Path) -> set[str] | None:
     """The files that a folder of ours had, None if it is none."""
     with suppress(OSError, ValueError, RecursionError):
         listing = path / LISTING
-        found = (
-            json.loads(listing.read_bytes())
-            if listing.stat().st_size <= LONGEST_LISTING
-            else None
-        )
+        if listing.stat().st_size <= LONGEST_LISTING:
+            found = json.loads(listing.read_bytes())
+        else:
+            found = None
         if isinstance(found, dict) and isinstance(found.get("files"), dict):
             return set(found["files"])
     return None

@@ -136,7 +136,10 @@ def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
         return np.full(asked_nm.shape, lens.transmission)
     outside = asked_nm[(asked_nm < table_nm[0]) | (asked_nm > table_nm[-1])]
     if outside.size:
-        wrong = outside.min() if outside.min() < table_nm[0] else outside.max()
+        if outside.min() < table_nm[0]:
+            wrong = outside.min()
+        else:
+            wrong = outside.max()
         raise InputError(
             f"lens.transmission_curve is given from {table_nm[0]:g} to {table_nm[-1]:g} nm and needed at {wrong:g} nm; "
             "extend it, with 0 where the lens is opaque."

@@ -68,7 +68,9 @@ def magnification(view: View, camera: Camera) -> float:
 def image_distance_m(view: View, camera: Camera) -> float:
     """Distance from lens to sensor that gives this field of view on this camera's pixels [m]; inf if telecentric."""
     half_m = 0.5 * view.size[0] * camera.pixel.pitch_x_um * 1e-6
-    return half_m / view.half_width if view.half_width else math.inf
+    if view.half_width:
+        return half_m / view.half_width
+    return math.inf
 
 
 def focal_length_m(view: View, camera: Camera) -> float:
@@ -110,7 +112,9 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
         model, focal_mm = "sequential lens", cardinal_points(camera.lens).focal_length
         fy = fx * pitch_mm[0] / pitch_mm[1]
     else:
-        model = "thin lens" if view.aperture_radius_m else "pinhole"
+        model = "pinhole"
+        if view.aperture_radius_m:
+            model = "thin lens"
         focal_mm = focal_length_m(view, camera) * 1e3
     heights, distortion = _image_heights_mm(view, camera), None
     if heights is None:

@@ -146,7 +146,10 @@ def _widest_stop_radius(surfaces: tuple[Surface, ...], back_focus: float) -> flo
         for _ in range(REFINEMENTS):
             sines = np.linspace(low, high, AXIAL_RAYS + 1)[1:]
             blocked = np.flatnonzero(~trace(surfaces, axial_rays(sines)).unvignetted)
-            first = int(blocked[0]) if blocked.size else AXIAL_RAYS - 1
+            if blocked.size:
+                first = int(blocked[0])
+            else:
+                first = AXIAL_RAYS - 1
             low, high = np.append(low, sines)[[first, first + 1]]
         widest = axial_rays(np.array([low]))
         return float(abs(trace(surfaces_to_stop(surfaces), widest).x[0]))

@@ -36,7 +36,9 @@ class Glass:
         square = wavelength_nm * wavelength_nm * 1e-6
         if len(self.coefficients) == 2:
             constant, slope = self.coefficients
-            return constant + slope / square if slope else constant
+            if slope:
+                return constant + slope / square
+            return constant
         terms = zip(self.coefficients[:3], self.coefficients[3:], strict=True)
         return sqrt(1.0 + sum(b * square / (square - c) for b, c in terms))
 
@@ -147,7 +149,9 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
     if surface.curvature:
         c = surface.curvature
         f, g = c * (x * x + y * y), dz - c * (x * dx + y * dy)
-        bulge = 1.0 + surface.conic * dz * dz if surface.conic else 1.0
+        bulge = 1.0
+        if surface.conic:
+            bulge = 1.0 + surface.conic * dz * dz
         root = g * g - c * f * bulge
         unvignetted = unvignetted & (root > 0.0)
         away = f / (g + _root(root))

@@ -90,7 +90,9 @@ def text_picture(lines: Sequence[str]) -> Image.Image:
 def _cut(line: str) -> str:
     """At most so many letters, of those that every version of the font has."""
     text = printable(" ".join(line.split())).encode("latin-1", "replace").decode("latin-1")
-    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 3]}..."
+    if len(text) <= MOST_LETTERS:
+        return text
+    return f"{text[: MOST_LETTERS - 3]}..."
 
 
 def thumbnail(path: Path) -> NDArray[np.uint8]:

@@ -84,7 +84,10 @@ def _change_around(difference: Picture, axis: int) -> Picture:
     padding, later = [(0, 0), (0, 0)], [slice(None), slice(None)]
     padding[axis], later[axis] = (0, 2), slice(2, None)
     change = np.abs(difference - np.pad(difference, padding, mode="reflect")[tuple(later)])
-    weights = AROUND if axis == ROW else AROUND.T
+    if axis == ROW:
+        weights = AROUND
+    else:
+        weights = AROUND.T
     return np.asarray(scipy.ndimage.convolve(change, weights, mode="constant"))
 
 

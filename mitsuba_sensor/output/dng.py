@@ -135,7 +135,9 @@ def _about(frames: RawFrames) -> Iterator[Tag]:
         yield 51022, UNDEFINED, len(corrections), corrections, True  # OpcodeList3
     profile = noise_profile(frames)
     if profile is not None:
-        colours = 3 if len(frames.camera.filter_names) > 1 else 1
+        colours = 1
+        if len(frames.camera.filter_names) > 1:
+            colours = 3
         yield _tag(51041, DOUBLE, *(profile * colours))  # NoiseProfile
 
 
@@ -248,7 +250,9 @@ def _directory(tags: Sequence[Tag], place: int) -> bytes:
     for code, kind, count, value, _ in sorted(tags):
         content = value
         if kind != UNDEFINED:
-            letter = "H" if kind == TIFF_SHORT else "I"
+            letter = "I"
+            if kind == TIFF_SHORT:
+                letter = "H"
             content = struct.pack(f"<{len(value)}{letter}", *value)
         inside = content
         if len(content) > 4:

@@ -89,7 +89,10 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
     if irradiance.groups:
         header["light_groups"] = json.dumps(plain_values(_groups_header(irradiance)))
     for group, light in irradiance.groups.items():
-        layers = {"": light} if light.raw is None else {"": light, RAW_LAYER: light.raw}
+        if light.raw is None:
+            layers = {"": light}
+        else:
+            layers = {"": light, RAW_LAYER: light.raw}
         for layer, one in layers.items():
             for name, image in _channels(one, prefix, names, scale).items():
                 channels[f"{GROUP_LAYER}{group}.{layer}{name}"] = image
@@ -101,8 +104,14 @@ def _groups_header(irradiance: Irradiance) -> dict[str, object]:
     groups = dict[str, object]()
     for name, light in irradiance.groups.items():
         known = light.rendered_for
-        illuminant = None if known is None else known.to_dict()["illuminant"]
-        raw = None if light.raw is None else light.raw.statistics.to_dict()
+        if known is None:
+            illuminant = None
+        else:
+            illuminant = known.to_dict()["illuminant"]
+        if light.raw is None:
+            raw = None
+        else:
+            raw = light.raw.statistics.to_dict()
         statistics = light.statistics.to_dict()
         groups[name] = {"statistics": statistics, "raw": raw, "illuminant": illuminant}
     return groups

@@ -106,7 +106,10 @@ def write_frames(
 ) -> None:
     """The three files, with this metadata, and the picture brightened where it is dark.  gain : of the preview."""
     image, colours = metadata["image"], metadata["colour"]
-    matrix = None if colours is None else ColourMatrix(**colours)
+    if colours is None:
+        matrix = None
+    else:
+        matrix = ColourMatrix(**colours)
     first, camera, origin = frames.digital[0], frames.camera, frames.first.window.origin
     tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
     png.write_png(folder / "frame.png", developed(first, camera, matrix, gain, origin), image)

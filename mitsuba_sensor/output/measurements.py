@@ -112,7 +112,9 @@ def _plain(value: object, arrays: list[np.ndarray]) -> object:
             if array.dtype.hasobject:
                 raise TypeError("an array of objects cannot be kept; keep numbers.")
             arrays.append(array)
-            kind = "array" if isinstance(value, np.ndarray) else "scalar"
+            kind = "scalar"
+            if isinstance(value, np.ndarray):
+                kind = "array"
             return {kind: len(arrays) - 1}
         case None | bool() | int() | float() | str():
             return value

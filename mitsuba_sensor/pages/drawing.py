@@ -98,7 +98,10 @@ def draw(picture: Any, axes: Axes) -> float:
 def draw_plot(plot: Plot, axes: Axes) -> float:
     """Draw lines, markers, error bars and rings."""
     for number, line in enumerate(plot.lines):
-        colour = number if line.colour is None else line.colour
+        if line.colour is None:
+            colour = number
+        else:
+            colour = line.colour
         axes.errorbar(
             line.x,
             line.y,
@@ -139,9 +142,15 @@ def draw_bars(bars: Bars, axes: Axes) -> float:
     rows = np.arange(len(bars.labels))
     for number, (name, values) in enumerate(bars.series.items()):
         places = rows + (number - (len(bars.series) - 1) / 2) * height
-        error = np.array(bars.error[name], dtype=float) if name in bars.error else None
+        if name in bars.error:
+            error = np.array(bars.error[name], dtype=float)
+        else:
+            error = None
         colour = COLOURS[bars.colours.get(name, number) % len(COLOURS)]
-        label = name if len(bars.series) > 1 else None
+        if len(bars.series) > 1:
+            label = name
+        else:
+            label = None
         lengths = np.array(values, dtype=float)
         axes.barh(
             places,

@@ -52,10 +52,14 @@ def text(value: object) -> str:
         case None:
             return "–"
         case bool():
-            return "yes" if value else "no"
+            if value:
+                return "yes"
+            return "no"
         case float():
             plain = value == 0 or 1e-3 <= abs(value) < 1e5
-            return f"{value:.4g}" if plain or not math.isfinite(value) else f"{value:.3g}"
+            if plain or not math.isfinite(value):
+                return f"{value:.4g}"
+            return f"{value:.3g}"
         case dict():
             return ", ".join(f"{key} {text(entry)}" for key, entry in value.items())
         case list() | tuple():

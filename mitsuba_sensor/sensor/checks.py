@@ -48,7 +48,10 @@ def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, i
 def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     """The signals to keep, one name or several."""
     try:
-        wanted = (keep,) if isinstance(keep, str) else tuple(keep)
+        if isinstance(keep, str):
+            wanted = (keep,)
+        else:
+            wanted = tuple(keep)
     except TypeError:  # nothing that has elements
         wanted = (keep,)
     for name in wanted:
@@ -88,11 +91,9 @@ def checked_maps(
                 f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), names)}"
             )
         if name != own and (own in maps or not dn_per_unit):
-            why = (
-                f"{own} too; give one of both"
-                if own in maps
-                else "readout.dsnu_residual is 0: no offset is left"
-            )
+            why = "readout.dsnu_residual is 0: no offset is left"
+            if own in maps:
+                why = f"{own} too; give one of both"
             raise InputError(f"maps names {name!r}, and {why}.")
         array = numbers(f"maps[{name!r}]", values, "an array of numbers")
         for axis, places in enumerate((window.rows, window.columns)):
@@ -132,7 +133,9 @@ def as_photons(
     mean = _mean_photons(photons.mean, camera)
     if photons.detected:
         mean = checked_channels(mean, camera)
-    centres_nm = photons.wavelengths_nm if wavelengths_nm is None else wavelengths_nm
+    centres_nm = wavelengths_nm
+    if wavelengths_nm is None:
+        centres_nm = photons.wavelengths_nm
     bands_nm = _checked_centres(centres_nm, mean, may_be_unknown=photons.detected)
     check_lengths(bands_nm)
     if check:
@@ -185,7 +188,9 @@ def _checked_centres(
     wavelengths_nm: ArrayLike | None, mean: Float64Array, may_be_unknown: bool
 ) -> Float64Array | None:
     """Centres of the bands [nm], one for each; None where they are not known and need not be."""
-    count = mean.shape[2] if mean.ndim == 3 else 1
+    count = 1
+    if mean.ndim == 3:
+        count = mean.shape[2]
     if wavelengths_nm is None:
         if mean.ndim == 2 or may_be_unknown:
             return None

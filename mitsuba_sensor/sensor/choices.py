@@ -71,7 +71,9 @@ def precision_of(asked: str, camera: Camera, plan: PlannedChain | None, chain: s
         return asked
     if plan is not None:
         return plan.precision
-    return "float32" if float32_counts(camera) else "float64"
+    if float32_counts(camera):
+        return "float32"
+    return "float64"
 
 
 def chain_of(camera: Camera, plan: PlannedChain | None, chain: str) -> Chain:
@@ -127,7 +129,9 @@ def check_law(stages: Chain, what: str, way_out: str) -> None:
     what : is known only with the law of a pixel.
     """
     for stage in without_law(stages):
-        missing = "couples neighbours" if stage.reach_px else "has no moments"
+        missing = "has no moments"
+        if stage.reach_px:
+            missing = "couples neighbours"
         raise InputError(
             f"{type(stage).__name__} {missing}, so that the law of a pixel is not known, and {what} of that law; "
             f"{way_out}, or take the camera without that stage."

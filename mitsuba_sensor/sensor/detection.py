@@ -42,7 +42,10 @@ class Detected:
     @property
     def mean_e(self) -> Float64Array:
         """Mean photoelectrons (photons), (H, W) float64."""
-        signal = self.signal.light if isinstance(self.signal, Electrons) else self.signal
+        if isinstance(self.signal, Electrons):
+            signal = self.signal.light
+        else:
+            signal = self.signal
         return np.asarray(signal, dtype=np.float64)
 
     def crop_rows(self, rows: slice) -> Detected:
@@ -94,7 +97,10 @@ class DetectedByKernel(Detected):
         strips = [light.numpy() for _, (light, _) in sorted(self._found.items())]
         if sum(strip.size for strip in strips) < height * width:
             return self.now().signal
-        whole = strips[0] if len(strips) == 1 else np.concatenate(strips)
+        if len(strips) == 1:
+            whole = strips[0]
+        else:
+            whole = np.concatenate(strips)
         return Electrons(whole.reshape(height, width))
 
     def on_backend(self, rows: slice, frame: Frame) -> Array:
@@ -125,7 +131,10 @@ def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: boo
 
     once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.
     """
-    filters = stage.filters(photons) if once and frame.window.backend.compiled else None
+    if once and frame.window.backend.compiled:
+        filters = stage.filters(photons)
+    else:
+        filters = None
     if filters is not None:
         return DetectedByKernel.of(photons, stage, frame, filters)
     check_light(photons)
@@ -159,11 +168,9 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
     def layers(rows: slice) -> dict[str, Array]:
         part = replace(whole, window=whole.window.crop_rows(rows), _blocks={})
         signal = stage.sample(photons.crop_rows(rows), part)
-        return (
-            {k: getattr(signal, k) for k in LAYERS}
-            if isinstance(signal, Electrons)
-            else {"": signal}
-        )
+        if isinstance(signal, Electrons):
+            return {k: getattr(signal, k) for k in LAYERS}
+        return {"": signal}
 
     def write(rows: slice) -> None:
         for name, values in layers(rows).items():

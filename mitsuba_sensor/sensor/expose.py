@@ -64,7 +64,10 @@ class PreparedExposure:
 
         number : of the first frame, if it is another than before.
         """
-        first = self.first if number is None else replace(self.first, index=number, _blocks={})
+        if number is None:
+            first = self.first
+        else:
+            first = replace(self.first, index=number, _blocks={})
         check_kept(self.keep, light)
         once = self.count == 1 and self.plan is None and self.planner is None
         detected, plan = checked_and_detected(light, self.stages[0], first, once), self.plan
@@ -72,7 +75,10 @@ class PreparedExposure:
             plan = self.planner(self.camera, detected, first)
         elif plan is not None:
             plan.check(detected, first)
-        stages = self.stages if plan is None else plan.stages
+        if plan is None:
+            stages = self.stages
+        else:
+            stages = plan.stages
         check_compensation(light, stages, self.count)
         return replace(self, light=detected, first=first, plan=plan, stages=stages)
 

@@ -35,7 +35,9 @@ def fpn_maps(
     """
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
-    size = (camera.sensor.rows, camera.sensor.columns) if shape is None else shape
+    size = shape
+    if shape is None:
+        size = (camera.sensor.rows, camera.sensor.columns)
     if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
         raise InputError(
             f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640)."

@@ -74,12 +74,17 @@ def _is_cut_off(camera: Camera) -> tuple[bool, bool]:
 def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
     """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
     points, bands = camera.quantum_efficiency.wavelengths_nm, photons.wavelengths_nm
-    outside = np.zeros(1, bool) if bands is None else (bands < points[0]) | (bands > points[-1])
+    if bands is None:
+        outside = np.zeros(1, bool)
+    else:
+        outside = (bands < points[0]) | (bands > points[-1])
     if bands is None or photons.detected or not outside.any():
         return {"wavelengths_nm": [], "share_of_photons": 0.0}
     strips = (
         np.atleast_3d(strip.mean) for strip in photons.strips()
     )  # together they may be most of the memory
     finite = np.sum([mean.sum(axis=(0, 1), where=np.isfinite(mean)) for mean in strips], axis=0)
-    share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
+    share = 0.0
+    if finite.sum():
+        share = float(finite[outside].sum() / finite.sum())
     return {"wavelengths_nm": bands[outside].tolist(), "share_of_photons": share}

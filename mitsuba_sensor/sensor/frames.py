@@ -64,6 +64,8 @@ class RawFrames:
     def __repr__(self) -> str:
         """``<Frames: 16 × 480 × 640, uint16, of bayer_2mp at 0.02 s, serial 7, seed 1>``."""
         size, first = " × ".join(map(str, self.digital.shape)), self.first
-        gain = f", gain {first.gain}" if first.gain else ""
+        gain = ""
+        if first.gain:
+            gain = f", gain {first.gain}"
         taken = f"{self.camera.name} at {first.exposure.time_s:g} s{gain}, serial {first.window.serial}"
         return f"<Frames: {size}, {self.digital.dtype}, of {taken}, seed {first.seed}>"

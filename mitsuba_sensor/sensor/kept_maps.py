@@ -83,7 +83,9 @@ class RecentMaps:
             self._chips[chip] = camera
             if len(self._chips) > RECENT_CAMERAS:
                 del self._chips[next(iter(self._chips))]
-            return self._maps.lend(prepared, chip) if known else prepared
+            if known:
+                return self._maps.lend(prepared, chip)
+            return prepared
 
     def drop(self) -> None:
         """Forget what was used least recently, until the rest fits."""

@@ -66,9 +66,9 @@ def check_kept(keep: tuple[str, ...], light: Photons) -> None:
 def checked_channels(mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     """Mean photoelectrons behind each colour filter, (H, W, F), of those or of each pixel behind its own, (H, W)."""
     filters = len(camera.quantum_efficiency.curves)
-    layers = (
-        np.broadcast_to(mean[..., None], (*mean.shape, filters)) if mean.ndim == 2 else mean
-    )
+    layers = mean
+    if mean.ndim == 2:
+        layers = np.broadcast_to(mean[..., None], (*mean.shape, filters))
     check_channels(layers.shape, camera)
     return layers
 

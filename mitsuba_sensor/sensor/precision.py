@@ -27,21 +27,17 @@ class Float32:
     @property
     def precision(self) -> Literal["float32", "float64"]:
         """float64 where more than 1 % of the pixels or more than 1 DN move."""
-        return (
-            "float64"
-            if self.share_of_pixels > SHARE or self.largest_dn > LARGEST_DN
-            else "float32"
-        )
+        if self.share_of_pixels > SHARE or self.largest_dn > LARGEST_DN:
+            return "float64"
+        return "float32"
 
     def explain(self) -> str:
         """One line for people."""
         if not self.share_of_pixels and self.precision == "float32":
             return "float32: no pixel differs from float64"
-        end = (
-            "float32 is enough"
-            if self.precision == "float32"
-            else "precision float64 is better"
-        )
+        end = "precision float64 is better"
+        if self.precision == "float32":
+            end = "float32 is enough"
         share = f"{100 * self.share_of_pixels:.2g} % of the pixels"
         return f"float32: {share} differ from float64, by at most {self.largest_dn:g} DN; {end}"
 

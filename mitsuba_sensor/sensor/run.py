@@ -51,10 +51,14 @@ def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
                 "float32: take numpy, or precision float32."
             )
         return NUMPY_FLOAT64
-    worth = WORTH_COMPILING_LOADED if "drjit.llvm" in sys.modules else WORTH_COMPILING
+    worth = WORTH_COMPILING
+    if "drjit.llvm" in sys.modules:
+        worth = WORTH_COMPILING_LOADED
     if engine == "numpy" or (engine == "auto" and (pixels < worth or backend_problem("llvm"))):
         return NUMPY_FLOAT32
-    backend = "cuda" if engine == "cuda" else "llvm"
+    backend = "llvm"
+    if engine == "cuda":
+        backend = "cuda"
     problem = backend_problem(backend)
     if problem:
         way_out = "take engine numpy" + (f", or {INSTALL}" if backend == "llvm" else "")
@@ -186,11 +190,10 @@ class FrameRunner:
             self.strips is None,
             self.strips or self._new_strips(),
         )
-        workers = (
-            1
-            if self.first.window.backend.compiled
-            else min(processors(), len(self._kept.strips))
-        )
+        if self.first.window.backend.compiled:
+            workers = 1
+        else:
+            workers = min(processors(), len(self._kept.strips))
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
     def frames(
@@ -254,11 +257,10 @@ class FrameRunner:
         found = {"photons"}
         if "photons" in sinks:
             sinks["photons"][rows] = self.light.photons.crop_rows(rows).total
-        follower = (
-            None
-            if self.observer is None or index != self.first.index
-            else self.observer.strip(strip, frame)
-        )
+        if self.observer is None or index != self.first.index:
+            follower = None
+        else:
+            follower = self.observer.strip(strip, frame)
         for name, signal in signals(
             self.stages, self._start(number, frame, last), frame, follower
         ):
@@ -280,7 +282,9 @@ class FrameRunner:
         if not frame.window.backend.compiled:
             return self.light.crop_rows(self._kept.strips[number].around).signal
         if number in self._starts:
-            return self._starts.pop(number) if last else self._starts[number]
+            if last:
+                return self._starts.pop(number)
+            return self._starts[number]
         kept = bool(frame.window.cached_values)  # by a sensor that was exposed before
         start = begin(
             self.stages,
@@ -320,7 +324,10 @@ def signals(
     """One frame from what the first stage delivered; name and a function that returns the signal where units change."""
     signal = start
     for number, (stage, following) in enumerate(zip(stages, (*stages[1:], None), strict=True)):
-        signal = stage.sample(signal, frame) if number else signal
+        if number:
+            signal = stage.sample(signal, frame)
+        else:
+            signal = signal
         if follower is not None:
             follower.behind(stage, signal)
         if following is None or following.domain != stage.domain:

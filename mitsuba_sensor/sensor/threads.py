@@ -14,11 +14,9 @@ Value = TypeVar("Value")
 
 def processors() -> int:
     """How many this process may use."""
-    return (
-        len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count() or 1
-    )
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def for_each(work: Callable[[Value], object], items: Iterable[Value]) -> None:

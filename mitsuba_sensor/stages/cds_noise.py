@@ -94,7 +94,9 @@ class CdsNoise:
             * math.sin(math.pi * f * self.sample_s) ** 2
             / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
         )
-        return (density * (1 + self.corner_hz / f) + telegraph) * passed if f else 0.0
+        if f:
+            return (density * (1 + self.corner_hz / f) + telegraph) * passed
+        return 0.0
 
     def _edges_hz(self) -> list[float]:
         """The band cut at the zeros of the CDS, so that no piece holds more than one hump; at most 4000 of them."""

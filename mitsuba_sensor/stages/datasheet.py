@@ -66,7 +66,9 @@ def _hashable(value: object) -> object:
     """A value whose lists are tuples and whose tables are sets of pairs."""
     if isinstance(value, Mapping):
         return frozenset((key, _hashable(inner)) for key, inner in value.items())
-    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return tuple(map(_hashable, value))
+    return value
 
 
 def optional(

@@ -71,7 +71,9 @@ class LogNormal(FpnDistribution):
     @cached_property
     def mean(self) -> float:  # type: ignore[override]
         """1 within 2e-4."""
-        return distributions.lognormal_moment(self.cv, 1) if self.cv > NARROW else 1.0
+        if self.cv > NARROW:
+            return distributions.lognormal_moment(self.cv, 1)
+        return 1.0
 
     @cached_property
     def variance(self) -> float:

@@ -33,7 +33,9 @@ def ve_nonlinearity_at_full_well(camera: Datasheet) -> float:
     """α·A_SN·N/V_REF of a full well, the exponent of the V/e curve; 0 where that is below LINEAR_BELOW."""
     linear_v = camera.pixel.full_well_e * sense_gain_v_per_e(camera)
     exponent = float(camera.readout.ve_nonlinearity * linear_v / camera.readout.v_ref_v)
-    return exponent if exponent > LINEAR_BELOW else 0.0
+    if exponent > LINEAR_BELOW:
+        return exponent
+    return 0.0
 
 
 def full_well_at_node_v(camera: Datasheet) -> float:
@@ -42,7 +44,9 @@ def full_well_at_node_v(camera: Datasheet) -> float:
         float(camera.pixel.full_well_e * sense_gain_v_per_e(camera)),
         ve_nonlinearity_at_full_well(camera),
     )
-    return linear_v * -math.expm1(-x) / x if x else linear_v
+    if x:
+        return linear_v * -math.expm1(-x) / x
+    return linear_v
 
 
 def full_well_swing_v(camera: Datasheet) -> float:
@@ -60,7 +64,9 @@ def full_scale_v(camera: Datasheet) -> float:
     given, gain = camera.adc.full_scale_v, camera.readout.gain_dn_per_e
     if gain is not None:
         return float(volts_per_electron(camera) * 2.0**camera.adc.bits / gain)
-    return full_well_swing_v(camera) if given is None else float(given)
+    if given is None:
+        return full_well_swing_v(camera)
+    return float(given)
 
 
 def adc_gain_dn_per_v(camera: Datasheet) -> float:

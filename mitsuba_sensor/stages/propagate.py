@@ -25,7 +25,10 @@ SIGNAL = "signal of a measured stage"
 def propagate(stages: Iterable[Stage], m: Moments) -> Moments:
     """Moments behind these stages, one stage after the other; a stage without a law is measured."""
     for stage in stages:
-        m = stage.moments(m) if stage.has_law else measured_behind(stage, m)
+        if stage.has_law:
+            m = stage.moments(m)
+        else:
+            m = measured_behind(stage, m)
     return m
 
 
@@ -51,7 +54,10 @@ def measured_behind(stage: Stage, m: Moments) -> Moments:
     mean = float((first + second).mean() / 2)
     spatial = max(float(np.mean((first - mean) * (second - mean))), 0.0)
     temporal = float(np.mean((first - second) ** 2) / 2)
-    light = None if m.light is None else replace(m.light, mean=float(light_e.mean()))
+    if m.light is None:
+        light = None
+    else:
+        light = replace(m.light, mean=float(light_e.mean()))
     return replace(m, mean=mean, temporal=temporal, spatial=spatial, light=light)
 
 
@@ -63,5 +69,8 @@ def _entering(stage: Stage, m: Moments, frame: Frame) -> Array:
     signal = mean + noise + pattern
     if stage.domain != "electrons":
         return signal
-    dark = 0.0 if m.light is None else mean - float(np.mean(m.light.mean))
+    if m.light is None:
+        dark = 0.0
+    else:
+        dark = mean - float(np.mean(m.light.mean))
     return Electrons(signal - dark, dark)

@@ -71,11 +71,13 @@ def read_curves(name: str, folder: str) -> dict[str, Any]:
 def _title(name: str, position: int, column: str) -> tuple[str, str]:
     """Name and unit of one column: ``wavelength_um``, ``G_percent``."""
     label, _, unit = column.rpartition("_")
-    known = SHARES if position else LENGTHS
+    known = LENGTHS
+    if position:
+        known = SHARES
     if unit not in known or (not position and label != "wavelength") or not label:
-        wanted = (
-            "NAME_fraction or NAME_percent" if position else "wavelength_nm or wavelength_um"
-        )
+        wanted = "wavelength_nm or wavelength_um"
+        if position:
+            wanted = "NAME_fraction or NAME_percent"
         called = f"column {position + 1} is called {column[:60]!r}"
         raise ValueError(
             f"file {name!r}: {called}; call it {wanted}, so that the unit is sure, in columns {SEPARATED}"

@@ -244,7 +244,9 @@ class Converter(Stage):
         transition have the code above, whichever way the products before were rounded.
         """
         last = 2 * float(np.finfo(frame.window.backend.precision).eps)
-        more = 1 + last if last * self.highest < FAR_LESS else 1.0
+        more = 1.0
+        if last * self.highest < FAR_LESS:
+            more = 1 + last
         return (
             frame.number(more * self.black_level_dn)
             + frame.number(more * self.gain_dn_per_v) * swing
@@ -272,7 +274,9 @@ class LinearGain(Stage):
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing times the gain."""
-        return swing if self.gain == 1 else frame.number(self.gain) * swing
+        if self.gain == 1:
+            return swing
+        return frame.number(self.gain) * swing
 
     def moments(self, m: Moments) -> Moments:
         """Scaled by the gain."""
@@ -313,7 +317,9 @@ def sample(stages: Iterable[Stage], signal: Array, frame: Frame) -> Array:
 
 def total(signal: Array) -> Array:
     """A signal of any domain as an array: photons of all bands, photoelectrons and dark electrons together."""
-    return signal.total if isinstance(signal, Photons | Electrons) else signal
+    if isinstance(signal, Photons | Electrons):
+        return signal.total
+    return signal
 
 
 def cut_to_zero(stage: Stage, name: str, cv: float, window: SensorWindow) -> dict[str, Array]:

@@ -99,4 +99,6 @@ COOLED_TO_HOT_K = Usual.of(
 def temperature_note(temperature_k: float) -> tuple[str, ...]:
     """What to say of a sensor temperature that is allowed and probably not meant."""
     usual = temperature_k > 0 and COOLED_TO_HOT_K.includes(temperature_k)
-    return () if usual else (Doubt(COOLED_TO_HOT_K.doubt("temperature_k", temperature_k)),)
+    if usual:
+        return ()
+    return (Doubt(COOLED_TO_HOT_K.doubt("temperature_k", temperature_k)),)

@@ -130,7 +130,9 @@ class Kit:
     def longest_step(self) -> str:
         """The name of the step that took most time, and its seconds."""
         key = max(self.known, key=lambda name: float(self.known[name][1]), default="")
-        return f"{key} ({self.known[key][1]:.1f} s)" if key else ""
+        if key:
+            return f"{key} ({self.known[key][1]:.1f} s)"
+        return ""
 
     def take(self, steps: Iterable[Step], later: Sequence[Step] = ()) -> None:
         """Measure every step that is not known yet, in order.  later : steps of the study behind these."""

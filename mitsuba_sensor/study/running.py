@@ -66,7 +66,10 @@ class StudyFolder:
         return PAGE, NUMBERS, f"{self.name}*.png"
 
     def _write(self, outcome: Study) -> None:
-        pictures = outcome.pictures if self.every_picture else outcome.pictures[:1]
+        if self.every_picture:
+            pictures = outcome.pictures
+        else:
+            pictures = outcome.pictures[:1]
         names = [f"{self.name}-{number}.png" for number in range(1, len(pictures) + 1)]
         names[:1] = [f"{self.name}.png"]
         with output_folder(self.folder, [PAGE, NUMBERS, *names]) as scratch:

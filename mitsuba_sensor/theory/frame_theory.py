@@ -279,7 +279,9 @@ def _rows_of(light: Electrons, rows: slice) -> Electrons:
     """Some rows of photoelectrons."""
 
     def crop(values: Array) -> Array:
-        return values[rows] if np.ndim(values) and len(values) > 1 else values
+        if np.ndim(values) and len(values) > 1:
+            return values[rows]
+        return values
 
     return Electrons(**{name: crop(values) for name, values in vars(light).items()})
 

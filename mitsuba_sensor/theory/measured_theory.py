@@ -171,7 +171,10 @@ class MeasuredTheory(FrameTheory):
             frame = replace(self.frame, window=window, index=index, _blocks={})
             signal: Array = Electrons(**light)
             for place, stage in enumerate(self.stages):
-                signal = stage.sample(signal, frame) if place else signal
+                if place:
+                    signal = stage.sample(signal, frame)
+                else:
+                    signal = signal
                 values = np.broadcast_to(np.asarray(total(signal), np.float64), window.shape)
                 found.append(np.clip(values[inside], -HIGHEST_E, HIGHEST_E).ravel())
         return np.reshape(found, (len(FRAMES), len(self.stages), tile.pixels))

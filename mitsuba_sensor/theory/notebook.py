@@ -79,7 +79,10 @@ def budget_html(budget: NoiseBudget) -> str:
         for one in entries
     ]
     less = any(min(one.temporal_dn2, one.spatial_dn2) < 0 for one in entries)
-    remarks = [LESS_NOISE] if less else []
+    if less:
+        remarks = [LESS_NOISE]
+    else:
+        remarks = []
     if budget.theory.note:
         remarks.append(budget.theory.note)
     title = "Noise budget of one frame"

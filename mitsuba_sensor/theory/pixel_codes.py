@@ -84,7 +84,10 @@ class PixelCodes(PixelSwing):
         x, noise = self.of_counts(np.maximum(reach, 0.0))
         own = np.sqrt(noise[3])
         straight = not self.is_curved
-        third = np.zeros(mu.size) if straight else np.abs(x[5] - 2 * x[4] + 2 * x[2] - x[1])
+        if straight:
+            third = np.zeros(mu.size)
+        else:
+            third = np.abs(x[5] - 2 * x[4] + 2 * x[2] - x[1])
         inside = (x.min(0) > INSIDE * own + 0.5) & (
             x.max(0) < converter.highest - 0.5 - INSIDE * own
         )
@@ -142,7 +145,9 @@ class PixelCodes(PixelSwing):
         """Sums over all counts of each pixel; pixels of like means together."""
         mean, variance = np.empty(self.numbers.size), np.empty(self.numbers.size)
         left = np.argsort(self.law.mean)[::-1]
-        at_once = AT_ONCE // 2**6 if self.take_apart else AT_ONCE
+        at_once = AT_ONCE
+        if self.take_apart:
+            at_once = AT_ONCE // 2**6
         while left.size:
             counts = 2 * REACH * np.sqrt(self.law.mean[left[0]]) + MORE
             here, left = np.split(left, [max(int(at_once / counts), 1)])

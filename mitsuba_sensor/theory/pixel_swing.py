@@ -90,7 +90,9 @@ class PixelSwing:
 
         rest_e2 : variance of a normal about each.
         """
-        whole = replace(self, take_apart=False) if self.take_apart else self
+        whole = self
+        if self.take_apart:
+            whole = replace(self, take_apart=False)
         _, means, variances = whole.ideal(
             Normals(ONE_COUNT, counts, np.broadcast_to(rest_e2, counts.shape))
         )

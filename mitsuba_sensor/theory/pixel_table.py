@@ -61,7 +61,10 @@ def tabulated(pixels: PixelCodes, find: Callable[[PixelCodes], Codes]) -> Codes 
         count *= np.ptp(offsets_dn) / step_dn + 2 * BEYOND + 2
     if not PAYS * count <= root_means.size:
         return None
-    offset_nodes = offsets_dn[:1] if same else _spaced_nodes(offsets_dn, step_dn)
+    if same:
+        offset_nodes = offsets_dn[:1]
+    else:
+        offset_nodes = _spaced_nodes(offsets_dn, step_dn)
     nodes = TableNodes(_spaced_nodes(root_means, STEP), offset_nodes)
     at_nodes = find(_pixels_at(nodes, pixels, float(offsets_dn[0])))
     if same:

@@ -108,7 +108,9 @@ class Plan:
         ]
         for e in self.effects:
             numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
-            kept = "kept" if e.kept else "left out"
+            kept = "left out"
+            if e.kept:
+                kept = "kept"
             row = (
                 f"{e.stage:<26}{kept:<9}"
                 + "".join(f"{_number(x):>10}" for x in numbers)
@@ -170,7 +172,9 @@ class Plan:
 
 def _number(value: float) -> str:
     """A number of the table; 0 where it is too small to be of use."""
-    return f"{value:.4g}" if value >= SMALLEST_DN else "0"
+    if value >= SMALLEST_DN:
+        return f"{value:.4g}"
+    return "0"
 
 
 def plan(
@@ -270,6 +274,9 @@ def _some_pixels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[
     chosen = np.unique(np.concatenate([spread, [total.argmin(), total.argmax()]]))
     rows = photons.at(chosen[np.argsort(total[chosen], kind="stable")])
     window = np.repeat(np.repeat(rows[None], len(tile[0]), axis=1), len(tile), axis=0)
-    mean = window if len(photons.shape) == 3 else window[..., 0]
+    if len(photons.shape) == 3:
+        mean = window
+    else:
+        mean = window[..., 0]
     frame = Frame(exposure, SensorWindow(0, (mean.shape[0], mean.shape[1])))
     return photons.changed(mean=mean, variance_e2=None, origin=(0, 0), in_band=None), frame

@@ -299,7 +299,9 @@ class Trial:
         before = self.whole[place_of(stage, self.whole) - 1]
         window = self.sample.frame.window.crop_rows(slice(0, 1))
         swing: Array = np.ones(window.shape)
-        signal = Electrons(swing) if before.domain == "electrons" else swing
+        signal = swing
+        if before.domain == "electrons":
+            signal = Electrons(swing)
         return (
             stage.sample(signal, replace(self.sample.frame, window=window, _blocks={}))
             is signal
@@ -333,7 +335,9 @@ class Trial:
         order = np.argsort(-furthest)
         expected = np.cumsum(self.sample.shares[order]) * self._pixels
         place = int(np.searchsorted(expected, FEW))
-        return float(furthest[order][place]) if place < furthest.size else 0.0
+        if place < furthest.size:
+            return float(furthest[order][place])
+        return 0.0
 
     @cached_property
     def _inside(self) -> NDArray[np.bool_]:

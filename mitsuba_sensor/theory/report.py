@@ -48,7 +48,10 @@ class FrameObserver:
 
     def strip(self, strip: Strip, frame: Frame) -> StripFollower:
         """Before a strip is computed.  frame : of all its rows."""
-        followed = [] if frame.window.backend.compiled else self._followed(strip)
+        if frame.window.backend.compiled:
+            followed = []
+        else:
+            followed = self._followed(strip)
         return StripFollower(self, strip, frame, followed)
 
     def count(self, counts: Mapping[str, int]) -> None:
@@ -69,7 +72,10 @@ class FrameObserver:
             follower = StripFollower(self, strip, part, followed)
             signal = self.theory.light.crop_rows(strip.around).signal
             for number, stage in enumerate(self.theory.stages):
-                signal = stage.sample(signal, part) if number else signal
+                if number:
+                    signal = stage.sample(signal, part)
+                else:
+                    signal = signal
                 follower.behind(stage, signal)
 
     def _followed(self, strip: Strip) -> list[FollowedRows]:
@@ -139,7 +145,10 @@ class StripFollower:
         stages, value = self.observer.theory.stages, total(signal)
         number = place_of(stage, stages)
         self.masks |= stage.marked(value, self.frame)
-        following = stages[number + 1] if number + 1 < len(stages) else None
+        if number + 1 < len(stages):
+            following = stages[number + 1]
+        else:
+            following = None
         if (
             following is not None
             and following.counts_electrons
@@ -169,7 +178,10 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
     Photons with ``variance_e2`` have ``compensation`` too, and the count ``compensated_short``.
     """
     theory, photons = observer.theory, observer.theory.light.photons
-    seen = theory.light.mean_e if photons.detected else photons.total
+    if photons.detected:
+        seen = theory.light.mean_e
+    else:
+        seen = photons.total
     return {
         "photons": {
             "min": float(seen.min()),
@@ -235,4 +247,6 @@ def _line(
 
 def _error_of_root(variance: float, error: float) -> float:
     """Standard error of the root of a variance whose standard error may be larger than itself."""
-    return float(error / (np.sqrt(variance) + np.sqrt(variance + error))) if error else 0.0
+    if error:
+        return float(error / (np.sqrt(variance) + np.sqrt(variance + error)))
+    return 0.0

@@ -172,6 +172,12 @@ def values_at(values: Array, rows: NDArray[np.int64], columns: NDArray[np.int64]
     if values is None or np.ndim(values) == 0:
         return values
     values = np.asarray(values)
-    some_rows = rows if values.shape[0] > 1 else np.zeros(1, np.int64)
-    some_columns = columns if values.shape[1] > 1 else np.zeros(1, np.int64)
+    if values.shape[0] > 1:
+        some_rows = rows
+    else:
+        some_rows = np.zeros(1, np.int64)
+    if values.shape[1] > 1:
+        some_columns = columns
+    else:
+        some_columns = np.zeros(1, np.int64)
     return values[np.ix_(some_rows, some_columns)]

@@ -69,7 +69,10 @@ class Level(NamedTuple):
     def moments(self, frame: Frame) -> Moments:
         """Mean and variances of this signal."""
         variances = (self.temporal * self.light) ** 2, (self.spatial * self.light) ** 2
-        light = Moments(self.light, *variances, frame) if self.dark else None
+        if self.dark:
+            light = Moments(self.light, *variances, frame)
+        else:
+            light = None
         return Moments(self.light + self.dark, *variances, frame, light)
 
     def sample(self, frame: Frame) -> Array:
@@ -84,7 +87,9 @@ class Level(NamedTuple):
             light = light + frame.number(self.spatial * self.light) * window.fixed_map(
                 SIGNAL, normals
             )
-        return Electrons(light, dark) if self.are_electrons else light + dark
+        if self.are_electrons:
+            return Electrons(light, dark)
+        return light + dark
 
 
 class StageComparison(NamedTuple):
@@ -126,7 +131,9 @@ class StageCheck:
             worst[row.signal, row.quantity] = row
         for row in sorted(worst.values()):
             numbers = f"{row.expected:>12.5g}{row.sampled:>12.5g}{row.error:>10.2g}{row.standard_errors:>6.1f}"
-            place = row.where if row.standard_errors else "nowhere"
+            place = "nowhere"
+            if row.standard_errors:
+                place = row.where
             lines.append(f"{row.signal:<8}{row.quantity:<19}{numbers}  {place}")
         return "\n".join(lines)
 
@@ -156,7 +163,10 @@ def check_stage(
     Raises InputError where something does not fit: where, what ``moments`` says, and what ``sample`` does.
     """
     camera = camera_of(camera)
-    chain = camera.stages if after is None else camera.with_stage(stage, after=after).stages
+    if after is None:
+        chain = camera.stages
+    else:
+        chain = camera.with_stage(stage, after=after).stages
     place = next((number for number, one in enumerate(chain) if one is stage), 0)
     name = type(stage).__name__
     if place == 0 or stage.domain == "DN":
@@ -164,7 +174,10 @@ def check_stage(
             f"{name} is not between the first and the last stage of {camera.name}; "
             "say where it stands, e.g. after='dark_current', or pass one of camera.stages[1:-1]."
         )
-    exposure = Exposure(0.1) if exposure is None else exposure
+    if exposure is None:
+        exposure = Exposure(0.1)
+    else:
+        exposure = exposure
     levels, places = levels_behind(chain[:place], camera, exposure), random_places(camera)
     require_same_bytes(stage, levels[-1], places[1], exposure)
     rows: list[StageComparison] = []
@@ -190,9 +203,14 @@ def levels_behind(front: Chain, camera: Camera, exposure: Exposure) -> tuple[Lev
         frame = Frame(exposure, SensorWindow(0, (8, 8), camera=camera.name))
         behind = propagate(front, Moments(Photons(np.full((8, 8), photons)), 0.0, 0.0, frame))
         signal = float(np.mean(behind.mean))
-        light = signal if behind.light is None else float(np.mean(behind.light.mean))
+        if behind.light is None:
+            light = signal
+        else:
+            light = float(np.mean(behind.light.mean))
         are_electrons = front[-1].domain == "electrons"
-        dark = signal - light if are_electrons else 0.0
+        dark = 0.0
+        if are_electrons:
+            dark = signal - light
         levels.append(Level(name, signal - dark, dark, are_electrons, *noise))
     return tuple(levels)
 

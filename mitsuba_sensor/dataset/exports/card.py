@@ -68,11 +68,9 @@ def write_card(folder: Path, facts: CardFacts) -> None:
 
 def card_text(facts: CardFacts) -> str:
     """The Markdown of the card."""
-    sheet = (
-        f"![Some of the frames, as the camera's preview: a row for each scene and view]({SHEET})"
-        if facts.pictures
-        else ""
-    )
+    sheet = ""
+    if facts.pictures:
+        sheet = f"![Some of the frames, as the camera's preview: a row for each scene and view]({SHEET})"
     splits: list[tuple[str | int, ...]] = [
         (name or "–", *numbers) for name, numbers in facts.splits.items()
     ]
@@ -119,7 +117,9 @@ def _values(camera: CameraNumbers) -> list[tuple[str | float, ...]]:
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -> str:
     """A Markdown table; none without rows."""
     lines = [heads, ["---"] * len(heads), *([_cell(value) for value in row] for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) if rows else ""
+    if rows:
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return ""
 
 
 def _cell(value: str | float | None) -> str:
@@ -128,4 +128,6 @@ def _cell(value: str | float | None) -> str:
         return "–"
     if isinstance(value, str):
         return " ".join(value.split()).replace("|", "\\|")
-    return f"{value:,}".replace(",", " ") if isinstance(value, int) else f"{value:.5g}"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    return f"{value:.5g}"

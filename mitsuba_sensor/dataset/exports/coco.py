@@ -60,11 +60,10 @@ def coco(
     names : of the categories; by default those that the pictures have, sorted.
     """
     known = list(images)
-    names = (
-        sorted({one.name for image in known for one in image.instances})
-        if names is None
-        else names
-    )
+    if names is None:
+        names = sorted({one.name for image in known for one in image.instances})
+    else:
+        names = names
     categories = {name: number for number, name in enumerate(names, start=1)}
     found: dict[str, Any] = {
         "info": {"description": description, "version": "1.0"},
@@ -122,8 +121,14 @@ def _instance(
     whole = (
         starts // rows != (ends - 1) // rows
     )  # runs that go on at the top of the next column
-    top = 0 if whole.any() else int((starts % rows).min())
-    bottom = rows - 1 if whole.any() else int(((ends - 1) % rows).max())
+    if whole.any():
+        top = 0
+    else:
+        top = int((starts % rows).min())
+    if whole.any():
+        bottom = rows - 1
+    else:
+        bottom = int(((ends - 1) % rows).max())
     lengths = np.diff(np.column_stack([starts, ends]).ravel(), prepend=0)
     after = rows * columns - int(ends[-1])
     counts = [*lengths.tolist(), *([after] if after else [])]
@@ -136,7 +141,9 @@ def compressed(counts: Sequence[int]) -> str:
     of five bits, the lowest first."""
     text = []
     for position, count in enumerate(counts):
-        rest = count - counts[position - 2] if position > 2 else count
+        rest = count
+        if position > 2:
+            rest = count - counts[position - 2]
         more = True
         while more:
             bits, rest = rest & (2**BITS - 1), rest >> BITS

@@ -81,7 +81,10 @@ def export(
 
     lines = read_index(dataset.folder).lines
     lines = [line for line in lines if chosen["split"] in (None, line["split"])]
-    title = f"{file.name}: {file.description}" if file.description else file.name
+    if file.description:
+        title = f"{file.name}: {file.description}"
+    else:
+        title = file.name
     with appearing_folder(
         Path(out), chosen["force"], {"dataset": file.name, "format": format}
     ) as scratch:

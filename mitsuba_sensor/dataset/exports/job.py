@@ -57,7 +57,10 @@ def checked(path: Path) -> Path:
     """A file of a sample or view, if its content is still that of the record beside it. Raises InputError."""
     with suppress(OSError):
         found = record_of(durable.read_small(os.fspath(path.with_name(RECORD)), MOST_BYTES))
-        said = found.files.get(path.name) if found and found.key == path.parent.name else None
+        if found and found.key == path.parent.name:
+            said = found.files.get(path.name)
+        else:
+            said = None
         if said and not path.is_symlink() and durable.size_and_hash(path) == said:
             return path
     raise InputError(
@@ -95,7 +98,9 @@ def worlds(samples: Sequence[Sample]) -> dict[str, list[Sample]]:
     scenes = [scene for scene, _ in found]
     named: dict[str, list[Sample]] = {}
     for number, ((scene, _), group) in enumerate(found.items()):
-        several = f"-{scenes[:number].count(scene) + 1:03d}" if scenes.count(scene) > 1 else ""
+        several = ""
+        if scenes.count(scene) > 1:
+            several = f"-{scenes[:number].count(scene) + 1:03d}"
         named[scene + several] = group
     return named
 

@@ -33,7 +33,10 @@ def transforms(images: Sequence[PosedImage]) -> dict[str, Any]:
     shared = {one.calibration for one in images}
     frames: list[dict[str, Any]] = []
     for one in images:
-        own = {} if len(shared) == 1 else _intrinsics(one.calibration)
+        if len(shared) == 1:
+            own = {}
+        else:
+            own = _intrinsics(one.calibration)
         frames.append(
             {
                 "file_path": one.name,
@@ -41,7 +44,10 @@ def transforms(images: Sequence[PosedImage]) -> dict[str, Any]:
                 "transform_matrix": camera_to_world(one.pose, TO_OPENGL).tolist(),
             }
         )
-    common = _intrinsics(shared.pop()) if len(shared) == 1 else {}
+    if len(shared) == 1:
+        common = _intrinsics(shared.pop())
+    else:
+        common = {}
     return {"camera_model": "OPENCV", **common, "frames": frames}
 
 

@@ -65,4 +65,6 @@ def world_to_camera(pose: ArrayLike) -> tuple[Float64Array, Float64Array]:
 def yaml_number(value: float) -> str:
     """A number that every reader of YAML 1.1 takes for one: with a point, also before an exponent."""
     text = repr(float(value))
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    if "e" in text and "." not in text:
+        return text.replace("e", ".0e")
+    return text

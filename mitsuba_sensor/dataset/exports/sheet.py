@@ -34,7 +34,10 @@ def sheet_rows(store: Store, lines: Sequence[Facts]) -> list[SheetRow]:
     shown = evenly_chosen([*scenes], MOST_ROWS)
     for scene in shown:
         for view in evenly_chosen([*scenes[scene]], MOST_ROWS // len(shown)):
-            label = [scene] if view is None else [scene, f"view {view}"]
+            if view is None:
+                label = [scene]
+            else:
+                label = [scene, f"view {view}"]
             chosen = evenly_chosen(scenes[scene][view], MOST_COLUMNS)
             rows.append(SheetRow(label, _pictures(store, chosen, varied)))
     return [row for row in rows if row.pictures]
@@ -63,10 +66,16 @@ def names_that_vary(lines: Sequence[Facts]) -> list[str]:
 
 def caption(values: Config, varied: Sequence[str]) -> list[str]:
     """The exposure, and what else varies and is not said left of the row: one line for each."""
-    lines = [_exposure(values)] if any(name in values for name in OF_EXPOSURE) else []
+    if any(name in values for name in OF_EXPOSURE):
+        lines = [_exposure(values)]
+    else:
+        lines = []
     for name in varied:
         if name in values and name not in (*OF_ROW, *OF_EXPOSURE):
-            short = "" if name == "camera" else f"{name.rpartition('.')[2]} "
+            if name == "camera":
+                short = ""
+            else:
+                short = f"{name.rpartition('.')[2]} "
             lines.append(f"{short}{_text(values[name])}")
     return lines[:MOST_LINES]
 
@@ -74,7 +83,10 @@ def caption(values: Config, varied: Sequence[str]) -> list[str]:
 def _exposure(values: Config) -> str:
     """``0.01 s``, ``auto, -2 EV`` or ``-2 EV``."""
     asked = values.get("exposure_s", "")
-    time = asked if isinstance(asked, str) else f"{asked:g} s"
+    if isinstance(asked, str):
+        time = asked
+    else:
+        time = f"{asked:g} s"
     stops = values.get("exposure_ev")
     if not stops:
         return time or "0 EV"
@@ -84,7 +96,9 @@ def _exposure(values: Config) -> str:
 def _text(value: object) -> str:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return " ".join(map(_text, value))
-    return f"{value:g}" if isinstance(value, float) else text_of(value)
+    if isinstance(value, float):
+        return f"{value:g}"
+    return text_of(value)
 
 
 def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:

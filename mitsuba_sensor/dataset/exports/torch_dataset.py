@@ -32,4 +32,6 @@ class TorchDataset:
         sample, kinds = self.samples[number], {"shape_index": "int64"}
         arrays = (sample.read(name).astype(kinds.get(name, "float32")) for name in self.names)
         found = tuple(map(torch.from_numpy, arrays))
-        return found if self.transform is None else self.transform(found)
+        if self.transform is None:
+            return found
+        return self.transform(found)

@@ -43,7 +43,10 @@ def files_of(sample: Sample, arrays: Sequence[str]) -> dict[str, bytes | Path]:
         f"{name}.npy": npy(checked_array(sample, name)) for name in arrays
     }
     picture = sample.folder / PICTURE
-    pictures = {"png": checked(picture)} if picture.exists() else {}
+    if picture.exists():
+        pictures = {"png": checked(picture)}
+    else:
+        pictures = {}
     return {**found, "json": checked(sample.folder / "sample.json"), **pictures}
 
 

@@ -150,7 +150,9 @@ def _count_values(frames: NumpyArray, value: float) -> int:
 def _step_dn(frames: NumpyArray) -> float:
     """Smallest distance of two values of the first frame [DN]: 16 of codes of 12 bits that lie in 16."""
     distances = np.diff(np.unique(frames[0]).astype(np.float64))
-    return float(distances.min()) if distances.size else 1.0
+    if distances.size:
+        return float(distances.min())
+    return 1.0
 
 
 def _jumps_from(frames: NumpyArray, end: float) -> bool:
@@ -190,7 +192,9 @@ def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
 
 def note_left_out(clipped: str) -> str:
     """A note about clipped levels that are left out of a fit, or nothing.  clipped : why they are clipped."""
-    return f"levels with clipped values are left out ({clipped})" if clipped else ""
+    if clipped:
+        return f"levels with clipped values are left out ({clipped})"
+    return ""
 
 
 def temporal_note(stack: Stack) -> str:

@@ -81,7 +81,9 @@ def _photons_of_flat(stack: Stack) -> float | None:
         raise InputError(
             f"{stack.source}: photons are an array; a flat field has one number of photons per pixel."
         )
-    return None if stack.photons is None else float(stack.photons)
+    if stack.photons is None:
+        return None
+    return float(stack.photons)
 
 
 @dataclass(frozen=True, eq=False)

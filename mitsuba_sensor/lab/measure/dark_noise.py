@@ -139,7 +139,10 @@ def _most_likely_noise(stack: Stack, variance: float) -> tuple[Quantity, Quantit
     """σ_y.dark, and the σ_d·K that is most likely to give the rounded codes of one stack."""
     if not np.ptp(stack.frames):
         return _hidden_noise(stack)
-    last_code = None if stack.bits is None else 2**stack.bits - 1
+    if stack.bits is None:
+        last_code = None
+    else:
+        last_code = 2**stack.bits - 1
     fit = rounded_normal(stack.frames, last_code)
     note = "most likely σ of rounded codes"
     if variance < FORBIDDEN_DN2:

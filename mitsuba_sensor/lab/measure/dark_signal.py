@@ -218,7 +218,9 @@ def _names(mixture: Mixture) -> list[tuple[str, str, str]]:
     """(symbol, name, unit) of each parameter, in the order of the mixture's values."""
     family, names = mixture.family, []
     for symbol, in_dn in zip(family.names, family.in_dn, strict=True):
-        unit = "DN" if in_dn else ""
+        unit = ""
+        if in_dn:
+            unit = "DN"
         names.append((symbol, f"parameter of the {family.name} distribution", unit))
     if mixture.uniform:
         part = "superimposed uniform distribution"

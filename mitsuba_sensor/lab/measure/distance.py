@@ -56,7 +56,9 @@ class FigureDistance:
         difference = self.twin.value - self.real.value
         if error > 0:
             return difference / error
-        return math.nan if difference else 0.0
+        if difference:
+            return math.nan
+        return 0.0
 
 
 def frame_distances(real: Stack, twin: Stack) -> tuple[Distance, ...]:

@@ -93,7 +93,9 @@ class SignalToNoise:
         axes.plot(
             self.light, self.ideal, "--", color="black", linewidth=1, label="ideal sensor"
         )
-        quanta = "photons" if self.photons_known else "photoelectrons"
+        quanta = "photoelectrons"
+        if self.photons_known:
+            quanta = "photons"
         axes.set(xlabel=f"{quanta} per pixel", ylabel="SNR")
         if log:
             axes.set(xscale="log", yscale="log")

@@ -191,7 +191,9 @@ def _measure_scene(measurement: Measurement, bench: Bench) -> None:
 def _measure_in_electrons(gain: Quantity | None, instrument: Callable[[], Scaled]) -> Scaled:
     """Result of an instrument, in electrons where K is known."""
     result = instrument()
-    return result if gain is None else result.per_gain(gain)
+    if gain is None:
+        return result
+    return result.per_gain(gain)
 
 
 def _measure_lines(measurement: Measurement, bench: Bench, gain: Quantity | None) -> None:

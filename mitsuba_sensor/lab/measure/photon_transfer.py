@@ -122,7 +122,9 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     notes = [statistics.drift_note]
     if dark is None:
         bins = _bin_pixels(scene, statistics.mean, statistics.variance)
-        clipped = _note_clipped_scene(scene) if bins.clipped[0] > LARGEST_SHARE else ""
+        clipped = ""
+        if bins.clipped[0] > LARGEST_SHARE:
+            clipped = _note_clipped_scene(scene)
         darkness = _Darkness(
             float(bins.mean[0]), float(bins.variance[0]), float(bins.error[0]), clipped
         )
@@ -136,14 +138,19 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
                 f"{scene.source}: the scene has {sizes}; pass frames of equal size."
             )
         bins = _bin_pixels(scene, statistics.mean - below.mean, statistics.variance)
-        clipped = dark.clipping.note if dark.clipping.clipped else ""
+        clipped = ""
+        if dark.clipping.clipped:
+            clipped = dark.clipping.note
         darkness = _Darkness(
             float(below.mean.mean()),
             float(below.variance.mean()),
             below.variance_error,
             clipped,
         )
-    top = None if scene.bits is None else 2**scene.bits - 1 - darkness.mean
+    if scene.bits is None:
+        top = None
+    else:
+        top = 2**scene.bits - 1 - darkness.mean
     excess = bins.variance - darkness.variance
     ends = peak(bins.mean, excess, bins.error, top)
     if ends.limited_by == "not reached":
@@ -256,7 +263,9 @@ def _fit(
         return PhotonTransfer(nothing, replace(nothing, symbol="K_0"), *curve)
     x, y = curve.signal[used], curve.variance[used]
     positive = x > 0
-    slope = float(np.median(y[positive] / x[positive])) if positive.any() else 0.0
+    slope = 0.0
+    if positive.any():
+        slope = float(np.median(y[positive] / x[positive]))
     for _ in range(4):
         line = line_through_origin(x, y, covariance(max(slope, 1e-12))[np.ix_(used, used)])
         slope = line.slope

@@ -38,9 +38,13 @@ class Profile:
     def plot(self, ax: Axes) -> None:
         """The four curves against the number of the pixel."""
         for name in ("largest", "middle", "mean", "smallest"):
-            width = 1.6 if name == "mean" else 0.8
+            width = 0.8
+            if name == "mean":
+                width = 1.6
             ax.plot(getattr(self, name), lw=width, label=name)
-        line = "column" if self.direction == "horizontal" else "row"
+        line = "row"
+        if self.direction == "horizontal":
+            line = "column"
         ax.set(xlabel=f"number of the {line}", ylabel="value [DN]")
 
 
@@ -81,7 +85,9 @@ def _profile(direction: str, image: Float64Array) -> Profile:
 def _slope(direction: str, mean: Float64Array) -> Quantity:
     """Least squares; the interval from the scatter of the lines about the straight line, which FPN of lines makes."""
     count = len(mean)
-    along = "rows" if direction == "horizontal" else "columns"
+    along = "columns"
+    if direction == "horizontal":
+        along = "rows"
     symbol, name = f"Δ_{direction}", f"change along the {along}"
     if count < 3:
         return no_value(symbol, name, "DN", SECTION, "needs 3 lines at least")

@@ -57,7 +57,9 @@ class Radiometric:
     @property
     def light_label(self) -> str:
         """Label of the axis on which the light is drawn."""
-        return "photons per pixel" if self.photons_known else "exposure time [s]"
+        if self.photons_known:
+            return "photons per pixel"
+        return "exposure time [s]"
 
     def plot(self, axes: Axes, log: bool = False) -> None:
         """Signal and noise against light, with the line of R; log for both axes logarithmic."""
@@ -82,7 +84,9 @@ class Radiometric:
 
 def radiometric(measured: Series) -> Radiometric:
     """Response of flat fields and dark frames to photons, or to the exposure time where photons are not known."""
-    unit = "DN/p" if measured.photons_known else "DN/s"
+    unit = "DN/s"
+    if measured.photons_known:
+        unit = "DN/p"
     responsivity = no_value("R", "responsivity", unit, "EMVA 1288 R4 6.6")
     error = no_value("LE", "linearity error", "%", "EMVA 1288 R4 6.7")
     light, deviation = measured.light, np.full(len(measured.flats), math.nan)

@@ -86,7 +86,9 @@ def _what_limits(mean: Float64Array, variance: Float64Array, top: float | None) 
         clips = float(after.min()) <= 1e-12
     else:
         clips = float(mean[index:].max()) > top - max(0.5, 1e-3 * abs(top))
-    return "ADC" if clips else "well"
+    if clips:
+        return "ADC"
+    return "well"
 
 
 def _mean_where_cut(mean: Float64Array, variance: Float64Array, spread: float) -> float:

@@ -97,5 +97,7 @@ def _non_whiteness(direction: str, power: Float64Array, lines: int) -> Quantity:
     adds = power / mean - np.sign(power - median) / (2 * density * median)
     error = mean / median * float(adds.std()) * math.sqrt(1.15 / length)
     white = lines / float(scipy.special.gammaincinv(lines, 0.5))
-    note = f"white noise of {lines} lines has {white:.3f}" if white > 1.005 else ""
+    note = ""
+    if white > 1.005:
+        note = f"white noise of {lines} lines has {white:.3f}"
     return Quantity("F", name, *normal_interval(mean / median, error), "", SECTION, note)

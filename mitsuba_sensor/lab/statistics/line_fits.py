@@ -161,5 +161,8 @@ def straight_line(
     crooked = errors_known and free > 0 and float(scipy.special.chdtrc(free, scatter)) < CROOKED
     if errors_known and not crooked:
         return StraightLine(slope, offset, power**-0.5, freedom, False)
-    slope_error = math.sqrt(scatter / free / power) if free else math.inf
+    if free:
+        slope_error = math.sqrt(scatter / free / power)
+    else:
+        slope_error = math.inf
     return StraightLine(slope, offset, slope_error, max(free, 1), crooked)

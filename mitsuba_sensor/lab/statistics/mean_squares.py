@@ -73,7 +73,9 @@ class MeanSquares:
 
     def pixel_variance(self) -> list[MeanSquare]:
         """Terms of σ² of the pixels alone."""
-        return [] if self.rows is None else [self.pixels]
+        if self.rows is None:
+            return []
+        return [self.pixels]
 
     def variance(self) -> list[MeanSquare]:
         """Terms of the sum of the three."""
@@ -120,7 +122,9 @@ def _relative_distances(term: MeanSquare) -> tuple[float, float]:
     down, up = 1 - term.freedom / large, math.inf
     if small > 0:
         up = term.freedom / small - 1
-    return (down, up) if term.value > 0 else (up, down)
+    if term.value > 0:
+        return (down, up)
+    return (up, down)
 
 
 def root(terms: Iterable[MeanSquare], scale: float = 1.0) -> tuple[float, float, float]:

@@ -77,7 +77,10 @@ class _Likelihood:
 
     def __init__(self, codes: NDArray[np.int64], clipped: bool) -> None:
         self.clipped = clipped
-        relative = codes if clipped else codes - codes.min(axis=0)
+        if clipped:
+            relative = codes
+        else:
+            relative = codes - codes.min(axis=0)
         spread = int(relative.max()) + 1
         counts = np.stack([(relative == code).sum(axis=0) for code in range(spread)], axis=1)
         # Pixels with equal counts of their codes are equally likely.
@@ -85,7 +88,10 @@ class _Likelihood:
         self.counts, self.pixels = kinds.astype(np.float64), pixels.astype(np.float64)
         few_codes, many_codes = PHASES
         self.phases = many_codes if np.ptp(codes, axis=0).max() >= 4 else few_codes
-        first_mean = -3.0 if clipped else -2.0
+        if clipped:
+            first_mean = -3.0
+        else:
+            first_mean = -2.0
         self.means = np.arange(first_mean, spread + 1.0, 1 / self.phases)
         means = codes.mean(axis=0)
         quartiles = np.percentile(means, (25, 75))
@@ -175,7 +181,10 @@ def _search_sigma(likelihood: _Likelihood, left_out: float) -> RoundedNormal:
 
 def _end_of_interval(fallen: Callable[[float], float], sigma: float, limit: float) -> float:
     """Where twice the log-likelihood has fallen by the 95 % quantile, or the limit where it does not."""
-    step = 1.02 if limit > sigma else 1 / 1.02
+    if limit > sigma:
+        step = 1.02
+    else:
+        step = 1 / 1.02
     inside, outside = sigma, sigma * step
     while (outside - limit) * (step - 1) < 0 and fallen(outside) < 0:
         inside, outside, step = outside, outside * step**2, step**2

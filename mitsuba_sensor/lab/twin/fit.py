@@ -78,7 +78,9 @@ class Twin:
         """What restricts the figures, and what could not be measured."""
         notes: list[str] = []
         for setting in self.settings:
-            prefix = f"gain {setting.name}: " if len(self.settings) > 1 else ""
+            prefix = ""
+            if len(self.settings) > 1:
+                prefix = f"gain {setting.name}: "
             notes += [f"{prefix}{note}" for note in setting.notes]
         return tuple(dict.fromkeys([*notes, *step_notes(self.settings)]))
 
@@ -277,7 +279,9 @@ def held_out(bench: Bench) -> tuple[Bench, Bench]:
 
 def _count_held_out(stack: Stack) -> int:
     """How many frames of a stack are held out."""
-    return int(SHARE * len(stack)) if len(stack) >= FEWEST else 0
+    if len(stack) >= FEWEST:
+        return int(SHARE * len(stack))
+    return 0
 
 
 def _first_frames(stack: Stack) -> Stack:
@@ -333,7 +337,9 @@ def _label(name: str) -> dict[str, Any]:
         speed = float(name)
     except ValueError:
         return {"name": name or "unnamed"}
-    return {"iso": speed} if speed > 0 else {"name": name}
+    if speed > 0:
+        return {"iso": speed}
+    return {"name": name}
 
 
 def step_notes(settings: Sequence[Setting]) -> list[str]:

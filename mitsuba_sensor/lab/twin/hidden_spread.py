@@ -137,4 +137,6 @@ def _interval_of_spread(fallen: Callable[[float], float], s: float) -> tuple[flo
 
 def _cv_of_sigma(s: float) -> float:
     """Coefficient of variation of a log-normal σ whose logarithm has the standard deviation s."""
-    return math.sqrt(math.expm1(s**2)) if s < math.inf else math.inf
+    if s < math.inf:
+        return math.sqrt(math.expm1(s**2))
+    return math.inf

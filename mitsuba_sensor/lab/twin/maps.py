@@ -46,7 +46,9 @@ def _gain_maps(setting: Setting) -> dict[str, Float64Array]:
 
     def pixels(gains: GainMap) -> Float64Array:
         rest = gains.parts["pixel"] + gains.parts["row"]
-        return rest + gains.parts["col"] if setting.tile else rest
+        if setting.tile:
+            return rest + gains.parts["col"]
+        return rest
 
     prnu = np.maximum(1 + assembled(setting, pixels), SMALLEST_GAIN)
     return {"prnu": prnu, "prnu_col": 1 + columns}

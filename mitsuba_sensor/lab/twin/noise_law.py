@@ -182,7 +182,10 @@ class Pixels(NamedTuple):
     def l_moments(self, law: NoiseDistribution | None, sigma: float) -> Float64Array:
         """l₂, l₄ and l₆ of σ·(noise of this law) and what is added to it."""
         z = np.linspace(0.0, 6.3, 631)[1:]
-        quantiles = z if law is None else law.quantile(scipy.special.ndtr(-z))
+        if law is None:
+            quantiles = z
+        else:
+            quantiles = law.quantile(scipy.special.ndtr(-z))
         far = sigma * quantiles
         table_x = np.concatenate([-far[::-1], [0.0], far])
         table_z = np.concatenate([-z[::-1], [0.0], z])

@@ -59,7 +59,9 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
     measured = series(darks, flats, MOST_PIXELS)
     end = find_peak(measured)
     curvature, *ends_of_curvature = _curvature(measured, end)
-    straightened = _straighten(measured, curvature) if curvature else measured
+    straightened = measured
+    if curvature:
+        straightened = _straighten(measured, curvature)
     transfer = photon_transfer(straightened)
     top = _largest_signal(measured, end, curvature)
     ratio = replace(_NO_RATIO, value=1.0, low=1.0, high=1.0)

@@ -142,7 +142,9 @@ def fit_setting(bench: Bench) -> Setting:
 def _check(bench: Bench) -> None:
     """Raises InputError where stacks are missing, differ in size, or have too few pixels of each filter."""
     if not darks_of(bench) or not bench.flats:
-        lack = "flat fields" if darks_of(bench) else "bias or dark frames"
+        lack = "bias or dark frames"
+        if darks_of(bench):
+            lack = "flat fields"
         raise InputError(
             f"there are no {lack}; a twin needs dark frames and flat fields, 2 frames or more of each."
         )
@@ -195,7 +197,9 @@ def _gains(
         gains = _try(partial(_half_saturated_gains, part, behind, responses[name]), notes)
         if gains is not None:
             maps[name] = gains
-    return maps if len(maps) == len(responses) else {}
+    if len(maps) == len(responses):
+        return maps
+    return {}
 
 
 def _half_saturated_gains(bench: Bench, dark: Dark, response: Response) -> GainMap:
@@ -261,7 +265,9 @@ def _note_spaced_codes(bench: Bench) -> list[str]:
 
 def tile_shape(tile: tuple[tuple[str, ...], ...]) -> tuple[int, int]:
     """Rows and columns of a mosaic's tile; (1, 1) without one."""
-    return (len(tile), len(tile[0])) if tile else (1, 1)
+    if tile:
+        return (len(tile), len(tile[0]))
+    return (1, 1)
 
 
 def assembled(setting: Setting, of_filter: Callable[[GainMap], Float64Array]) -> Float64Array:

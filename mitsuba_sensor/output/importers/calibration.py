@@ -119,7 +119,10 @@ def _differs(frame: Mapping[str, object], said: Mapping[str, object]) -> bool:
 def read_storage(text: str, file: str, like: Camera) -> Draft:
     """The draft of a camera of OpenCV's or ROS's file, YAML or XML. Raises InputError for what is no calibration."""
     draft = Draft(file, like)
-    entries = _read_xml(text, file) if is_storage(text) else _read_yaml(text, file)
+    if is_storage(text):
+        entries = _read_xml(text, file)
+    else:
+        entries = _read_yaml(text, file)
     said = {str(name).lower(): value for name, value in entries.items()}
     matrix = _numbers(draft, said, "camera_matrix")
     if len(matrix) != 9:
@@ -129,7 +132,9 @@ def read_storage(text: str, file: str, like: Camera) -> Draft:
     width = draft.count("image_width", said.get("image_width"), MOST)
     height = draft.count("image_height", said.get("image_height"), MOST)
     focal = draft.number("fx", matrix[0], 0.0, MOST), draft.number("fy", matrix[4], 0.0, MOST)
-    usual = "fisheye" if _is_set(said.get("fisheye_model")) else "plumb_bob"
+    usual = "plumb_bob"
+    if _is_set(said.get("fisheye_model")):
+        usual = "fisheye"
     model = draft.choice(
         "distortion_model", said.get("distortion_model") or usual, list(MODELS)
     )
@@ -213,7 +218,9 @@ def _fit_three_coefficients(
     with np.errstate(all="ignore"):
         real = ideal * (1 + _series(numerator, ideal)) / (1 + _series(denominator, ideal))
     folds = np.flatnonzero(~(np.diff(real) > 0))
-    last = int(folds[0]) + 1 if len(folds) else FIT_POINTS
+    last = FIT_POINTS
+    if len(folds):
+        last = int(folds[0]) + 1
     if real[last - 1] < corner:
         raise InputError(
             f"{draft.file}: the radial distortion folds the image before its corner; check the coefficients, or "

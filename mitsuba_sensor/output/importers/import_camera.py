@@ -47,7 +47,10 @@ def import_camera(
     paths = [Path(file) for file in files]
     if not paths:
         raise InputError(f"files is empty; give {FORMATS}.")
-    base = like if isinstance(like, Camera) else load_camera(like)
+    if isinstance(like, Camera):
+        base = like
+    else:
+        base = load_camera(like)
     draft = _draft(paths, base)
     draft.name = name or draft.name or paths[0].stem
     return draft.camera()

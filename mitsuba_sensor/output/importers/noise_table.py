@@ -36,7 +36,9 @@ SHAPES = -0.45, 0.2
 
 def is_table(data: object) -> bool:
     """Whether a JSON file is a list of rows, or rows by name."""
-    rows = list(data.values()) if isinstance(data, dict) else data
+    rows = data
+    if isinstance(data, dict):
+        rows = list(data.values())
     return isinstance(rows, list) and bool(rows) and all(isinstance(row, dict) for row in rows)
 
 

@@ -69,7 +69,9 @@ class PublishedFpnDistribution:
             return math.exp(square) * math.expm1(square)
         if self.name == "wald":
             return 1 / self.parameter + 1 / 12
-        return 1 / (1 - square) if self.name == "ar" else 1.0
+        if self.name == "ar":
+            return 1 / (1 - square)
+        return 1.0
 
 
 def _wald_and_uniform(chi: float) -> tuple[Float64Array, Float64Array]:
@@ -96,7 +98,9 @@ def fpn_map(
 
     def make() -> Float64Array:
         (rows, columns), (top, left) = window.shape, window.origin
-        margin = AR_MARGIN if distribution.name == "ar" else 0
+        margin = 0
+        if distribution.name == "ar":
+            margin = AR_MARGIN
         wide = replace(
             window,
             shape=(rows, columns + margin),
@@ -230,11 +234,9 @@ class PublishedDarkMean(Stage):
     def mean_e(self, frame: Frame) -> float:
         """Mean dark electrons of a pixel; 0 at 0 K."""
         kelvin = frame.exposure.temperature_k
-        boltzmann = (
-            math.exp(-band_gap_ev(kelvin) / kelvin / (2 * BOLTZMANN_EV_PER_K))
-            if kelvin
-            else 0.0
-        )
+        boltzmann = 0.0
+        if kelvin:
+            boltzmann = math.exp(-band_gap_ev(kelvin) / kelvin / (2 * BOLTZMANN_EV_PER_K))
         rate: float = (
             DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
         )

@@ -29,11 +29,9 @@ class PublishedResetNoise:
 
     def __call__(self, frame: Frame) -> Array:
         """Noise that is added to V_REF, (H, W) [V]."""
-        return (
-            self.factor * np.expm1(self.sigma(frame) * frame.normal("reset"))
-            if self.factor
-            else 0.0
-        )
+        if self.factor:
+            return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset"))
+        return 0.0
 
     def sigma(self, frame: Frame) -> float:
         """σ of the normal in the exponent; 3.584e-4 for 5 µV/e- at 298.15 K."""

@@ -112,7 +112,9 @@ class Adc(Converter):
             found.append(
                 f"adc.black_level_dn is {black_dn:.6g}, and {left}; take a lower one, or more adc.bits"
             )
-        most = math.inf if camera.gain is not None else MOST_FILLED
+        most = MOST_FILLED
+        if camera.gain is not None:
+            most = math.inf
         if not LEAST_FILLED <= filled <= most:
             found.append(
                 f"adc.full_scale_v is {full_scale_v(camera):.4g}, and a full well fills {filled:.3g} of it; if the "

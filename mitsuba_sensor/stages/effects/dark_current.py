@@ -167,9 +167,10 @@ class DarkCurrent(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DarkCurrent:
         """Temperature model, distribution and superimposed components of the datasheet."""
         dark = camera.dark_current
-        distribution = (
-            Autoregressive(dark.cv, dark.coupling) if dark.distribution == "ar" else None
-        )
+        if dark.distribution == "ar":
+            distribution = Autoregressive(dark.cv, dark.coupling)
+        else:
+            distribution = None
         return cls(
             dark_current_model(camera),
             distribution or DISTRIBUTIONS[dark.distribution](dark.cv),
@@ -195,7 +196,9 @@ class DarkCurrent(Stage):
         """Photoelectrons and the mean dark electrons of this exposure."""
         mean = self.mean_e(frame)
         flat = self.distribution.cv == 0 and "dark_fpn" not in frame.window.given
-        dark = frame.number(mean) if mean else 0.0
+        dark = 0.0
+        if mean:
+            dark = frame.number(mean)
         if mean and not flat:
             dark = arrays.product(dark, self.fpn_maps(frame.window)["dark_fpn"])
         if self.components:
@@ -247,9 +250,9 @@ def dark_current_model(camera: Datasheet) -> DarkCurrentModel:
             return Mpp(dark.diffusion_fom_na_per_cm2, dark.fom_na_per_cm2, area_cm2)
         return FigureOfMerit(dark.fom_na_per_cm2, area_cm2)
     rate, at = dark.rate_e_per_s or 0.0, dark.at_temperature_k or 300.0
-    return (
-        Measured(rate, at) if dark.doubling_k is None else Doubling(rate, at, dark.doubling_k)
-    )
+    if dark.doubling_k is None:
+        return Measured(rate, at)
+    return Doubling(rate, at, dark.doubling_k)
 
 
 def dark_components(camera: Datasheet) -> tuple[DarkComponent, ...]:

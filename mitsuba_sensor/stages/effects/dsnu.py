@@ -87,11 +87,9 @@ class FixedOffset(Stage):
     ) -> Self | None:
         """None for a CCD, which has one amplifier."""
         per_e = sense_gain_v_per_e(camera) * camera.source_follower.gain
-        return (
-            None
-            if camera.sensor.technology == "ccd"
-            else cls(sigma_e, per_e, coupling, residual)
-        )
+        if camera.sensor.technology == "ccd":
+            return None
+        return cls(sigma_e, per_e, coupling, residual)
 
     @abstractmethod
     def unit_map(self, window: SensorWindow) -> Array:

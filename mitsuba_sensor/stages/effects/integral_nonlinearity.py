@@ -61,14 +61,19 @@ class IntegralNonlinearity(Stage):
     ) -> IntegralNonlinearity | None:
         """None for a straight converter."""
         adc = camera.adc
-        gamma = gamma_of_ile(adc.ile) if adc.ile is not None else adc.gamma
-        return None if gamma in (None, 1.0) else cls(gamma, full_scale_v(camera))
+        if adc.ile is not None:
+            gamma = gamma_of_ile(adc.ile)
+        else:
+            gamma = adc.gamma
+        if gamma in (None, 1.0):
+            return None
+        return cls(gamma, full_scale_v(camera))
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing through the curve; without a logarithm of the gain, so that A = 1 is a gain like any other."""
-        return (
-            swing if self.gamma == 1 else swing * arrays.exp(frame.number(-self._rate) * swing)
-        )
+        if self.gamma == 1:
+            return swing
+        return swing * arrays.exp(frame.number(-self._rate) * swing)
 
     def moments(self, m: Moments) -> Moments:
         """Second order in the noise."""
@@ -85,7 +90,9 @@ def gamma_of_ile(ile: float) -> float:
 
     The distance is max over x of x·γ^(1−x) − x.
     """
-    return root(lambda gamma: end_point_ile(gamma) - ile, 1.0, 2.7) if ile else 1.0
+    if ile:
+        return root(lambda gamma: end_point_ile(gamma) - ile, 1.0, 2.7)
+    return 1.0
 
 
 def end_point_ile(gamma: float) -> float:

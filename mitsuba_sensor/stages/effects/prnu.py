@@ -92,7 +92,10 @@ class Prnu(Stage):
         if self.distribution.cv == 0 and "prnu" not in frame.window.given:
             return electrons
         gain, noise = self.fpn_maps(frame.window)["prnu"], electrons.variance_e2
-        noise = None if noise is None else arrays.product(noise, gain * gain)
+        if noise is None:
+            noise = None
+        else:
+            noise = arrays.product(noise, gain * gain)
         return replace(
             electrons, light=arrays.product(electrons.light, gain), variance_e2=noise
         )
@@ -102,7 +105,10 @@ class Prnu(Stage):
         mean, variance = m.frame.window.map_moments(
             "prnu", self.distribution.mean, self.distribution.variance
         )
-        noise = None if m.variance_e2 is None else m.variance_e2 * (mean**2 + variance)
+        if m.variance_e2 is None:
+            noise = None
+        else:
+            noise = m.variance_e2 * (mean**2 + variance)
         return replace(
             m,
             mean=m.mean * mean,

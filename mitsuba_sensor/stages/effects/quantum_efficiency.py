@@ -165,7 +165,9 @@ class SpectralCurve:
         """Means over the bands of the photons, or values at their wavelengths, (B,); times factor**power."""
 
         def values(nm: Array) -> Array:
-            return self.at(nm) if factor is None else self.at(nm) * factor.at(nm) ** power
+            if factor is None:
+                return self.at(nm)
+            return self.at(nm) * factor.at(nm) ** power
 
         if photons.bandwidths_nm is None:
             return values(wavelengths_nm)
@@ -202,11 +204,10 @@ class QuantumEfficiency(Stage):
         curves = tuple(
             SpectralCurve(section.wavelengths_nm, curve) for curve in section.curves.values()
         )
-        burst = (
-            SpectralCurve(section.wavelengths_nm, section.quantum_yield)
-            if bursts(section.quantum_yield)
-            else None
-        )
+        if bursts(section.quantum_yield):
+            burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield)
+        else:
+            burst = None
         return cls(curves, section.filter_tile, section.reference_nm, burst)
 
     @classmethod

@@ -59,7 +59,9 @@ class QuantumYield(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumYield | None:
         """None where the datasheet has no yield but 1."""
         section = camera.quantum_efficiency
-        return cls(section.fano_factor) if bursts(section.quantum_yield) else None
+        if bursts(section.quantum_yield):
+            return cls(section.fano_factor)
+        return None
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Interactions → electrons; whole numbers stay whole."""

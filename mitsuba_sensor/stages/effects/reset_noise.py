@@ -60,17 +60,18 @@ class ResetNoise(Stage):
         if camera.sensor.technology == "ccd":
             return None
         readout = camera.readout
-        residual = (
-            RESET_RESIDUAL[readout.reset]
-            if readout.ktc_residual is None
-            else readout.ktc_residual
-        )
+        if readout.ktc_residual is None:
+            residual = RESET_RESIDUAL[readout.reset]
+        else:
+            residual = readout.ktc_residual
         return cls(sense_gain_v_per_e(camera), residual)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with the noise."""
         sigma = self.sigma_v(frame)
-        return swing + frame.number(sigma) * frame.normal("reset") if sigma else swing
+        if sigma:
+            return swing + frame.number(sigma) * frame.normal("reset")
+        return swing
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the temporal variance."""

@@ -152,7 +152,10 @@ class RtsPixels(Stage):
         thermal = arrhenius(
             frame.exposure.temperature_k, self.at_temperature_k, self.switching_activation_ev
         )
-        rate = math.inf if self.switching == 1 else -math.log1p(-self.switching)
+        if self.switching == 1:
+            rate = math.inf
+        else:
+            rate = -math.log1p(-self.switching)
         return TwoStates(self.duty, rate * thermal if thermal else 0.0)
 
     def states(self, frame: Frame) -> Array:
@@ -205,7 +208,9 @@ class TwoStates:
         """log₂ of the frames of a block."""
         if self.rate * 2**LONGEST <= FORGOTTEN:
             return LONGEST
-        return 0 if self.rate >= FORGOTTEN else math.ceil(math.log2(FORGOTTEN / self.rate))
+        if self.rate >= FORGOTTEN:
+            return 0
+        return math.ceil(math.log2(FORGOTTEN / self.rate))
 
     def path(self, frame: int) -> Iterator[int]:
         """Frames whose random numbers decide on the state in ``frame``: the block's ends, then by halves."""
@@ -234,7 +239,9 @@ class TwoStates:
 
     def _on_after(self, on: Array, frames: int) -> Array:
         """Probability of being on so many frames after a state: duty + (state − duty)·e^(−rate·frames)."""
-        anew = -math.expm1(-self.rate * frames) if self.rate else 0.0
+        anew = 0.0
+        if self.rate:
+            anew = -math.expm1(-self.rate * frames)
         return arrays.where(on, 1 - (1 - self.duty) * anew, self.duty * anew)
 
     def _between(self, before: Array, after: Array, frames: int) -> Array:

@@ -66,7 +66,10 @@ class ShotNoise(Stage):
     ) -> dict[str, tuple[Array, Array]]:
         """Photon shot noise and dark shot noise apart; the variance of each is its mean, less what it compensates."""
         noise = before.variance_e2
-        less = (0.0, 0.0) if noise is None else compensable(before.light, before.dark, noise)
+        if noise is None:
+            less = (0.0, 0.0)
+        else:
+            less = compensable(before.light, before.dark, noise)
         parts = {"photon shot noise": "light", "dark shot noise": "dark"}
         means, counts = (
             [getattr(one, part) for part in parts.values()] for one in (before, after)

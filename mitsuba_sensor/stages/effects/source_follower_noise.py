@@ -145,7 +145,10 @@ def check_shape(distribution: str, shape: float | None) -> None:
         )
     _, low, high = DISTRIBUTIONS[distribution]
     if shape is None or not low <= shape <= high:
-        said = "is missing" if shape is None else f"is {shape:g}"
+        if shape is None:
+            said = "is missing"
+        else:
+            said = f"is {shape:g}"
         raise ValueError(
             f"read_noise_shape {said}; that of {distribution} must be from {low:g} to {high:g}"
         )
@@ -175,10 +178,14 @@ class SourceFollowerNoise(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> SourceFollowerNoise:
         """From the read noise, or from the densities; a CCD has one amplifier and no telegraph noise."""
         follower, per_e = camera.source_follower, sense_gain_v_per_e(camera)
-        sigma_v = (
-            cds_noise(camera).sigma_v / follower.gain if follower.read_noise_e is None else None
-        )
-        sigma_v = follower.read_noise_e * per_e if sigma_v is None else sigma_v
+        if follower.read_noise_e is None:
+            sigma_v = cds_noise(camera).sigma_v / follower.gain
+        else:
+            sigma_v = None
+        if sigma_v is None:
+            sigma_v = follower.read_noise_e * per_e
+        else:
+            sigma_v = sigma_v
         kind = DISTRIBUTIONS.get(follower.read_noise_distribution)
         return cls(
             sigma_v, follower.read_noise_cv, per_e, kind and kind[0](follower.read_noise_shape)
@@ -238,20 +245,22 @@ class SourceFollowerNoise(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
-        return (
-            {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))}
-            if self.cv
-            else {}
-        )
+        if self.cv:
+            return {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))}
+        return {}
 
     def gains_of_maps(self) -> dict[str, float]:
         """A_SN [V/e-]."""
-        return {READ_NOISE: self.gain_v_per_e} if self.cv else {}
+        if self.cv:
+            return {READ_NOISE: self.gain_v_per_e}
+        return {}
 
     @property
     def _normals(self) -> tuple[Float64Array, ...]:
         """Chances, means and variances of the normals that make up z."""
-        return NORMAL_ALONE if self.distribution is None else self.distribution.mixture
+        if self.distribution is None:
+            return NORMAL_ALONE
+        return self.distribution.mixture
 
     def _sigma_e(self, window: SensorWindow) -> Array:
         scale = self.sigma_v / self.gain_v_per_e / math.sqrt(1 + self.cv**2)

@@ -59,11 +59,9 @@ class TemporalLineNoise(Stage):
     @classmethod
     def of(cls, sigma_e: float, camera: Datasheet) -> Self | None:
         """None without noise."""
-        return (
-            cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain)
-            if sigma_e
-            else None
-        )
+        if sigma_e:
+            return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain)
+        return None
 
 
 @dataclass(frozen=True)

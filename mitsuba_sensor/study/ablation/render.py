@@ -111,9 +111,10 @@ class RenderAblation:
         bands, features = scene["bands"], dict[str, Values]()
         for size in (2, bands):
             if bands > size or (bands == size and bands > 1):
-                name = (
-                    "one band" if size == bands else f"bands of {size * scene['width_nm']:g} nm"
-                )
+                if size == bands:
+                    name = "one band"
+                else:
+                    name = f"bands of {size * scene['width_nm']:g} nm"
                 features[name] = {"bandwidth_nm": size * scene["width_nm"]}
         if bands > 1 and self._subject.camera.quantum_efficiency.quantum_yield is None:
             features["channels instead of bands"] = {"spectral": "channels"}
@@ -215,11 +216,9 @@ def render_findings(changes: Mapping[str, Change]) -> Iterator[str]:
     if changing:
         name, most = max(changing.items(), key=lambda entry: entry[1].rms_dn)
         shows = most.saved_share > LEAST_SHARE
-        cost = (
-            f"it saves {most.saved_share:.0%} of the time"
-            if shows
-            else "it saves no time that could be measured"
-        )
+        cost = "it saves no time that could be measured"
+        if shows:
+            cost = f"it saves {most.saved_share:.0%} of the time"
         rms = f"{most.rms_dn:.3g} ± {most.rms_error_dn:.2g} DN rms"
         yield f"Of the render, '{name}' changes the picture most: by {rms}; {cost}."
 

@@ -127,11 +127,10 @@ class SensorAblation:
         """Nanoseconds per pixel of every case's frames on NumPy, in each turn."""
         photons, streams = resized(self.photons, TIMED_SHAPE), {}
         for case, camera in self.cameras.items():
-            plan = (
-                ms.plan(camera, self._subject.exposure, photons, self.tolerance_dn)
-                if case == PLAN
-                else None
-            )
+            if case == PLAN:
+                plan = ms.plan(camera, self._subject.exposure, photons, self.tolerance_dn)
+            else:
+                plan = None
             streams[case] = ms.stream(
                 photons, camera, self._subject.exposure, engine="numpy", frames=2**31, plan=plan
             )
@@ -196,21 +195,28 @@ class SensorResults:
         changes = self.changes[case]
         if not any(one.error_dn or one.measured_dn for one in changes):
             return "dim"
-        return "good" if all(abs(one.z) <= self.limit for one in changes) else "bad"
+        if all(abs(one.z) <= self.limit for one in changes):
+            return "good"
+        return "bad"
 
 
 def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
     """Changes of mean, temporal σ and spatial σ from the whole chain; of the whole chain itself its values."""
     predicted, measured = moments.predicted, moments.measured
-    before = (
-        [0.0] * 3 if whole is None else [float(values.mean()) for values in whole.predicted]
-    )
+    if whole is None:
+        before = [0.0] * 3
+    else:
+        before = [float(values.mean()) for values in whole.predicted]
     off = measured - predicted - (0.0 if whole is None else whole.measured - whole.predicted)
     comparisons = []
     for row in range(3):
         now = predicted[row].mean()
-        error = standard_error(off[row]) if np.abs(off[row]).max() > LEAST_DN else 0.0
-        mean_off = float(off[row].mean()) if error else 0.0
+        error = 0.0
+        if np.abs(off[row]).max() > LEAST_DN:
+            error = standard_error(off[row])
+        mean_off = 0.0
+        if error:
+            mean_off = float(off[row].mean())
         unit, change = 1.0, now - before[row]
         if row:  # Δσ = ΔV/(σ + σ′); a variance that is not resolved has no root that is
             change = math.sqrt(max(now, 0.0)) - math.sqrt(max(before[row], 0.0))
@@ -219,7 +225,9 @@ def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
                 math.sqrt(error),
                 LEAST_DN,
             )
-        z = as_normal(mean_off / error, SENSORS - 1) if error else 0.0
+        z = 0.0
+        if error:
+            z = as_normal(mean_off / error, SENSORS - 1)
         comparisons.append(
             Comparison(float(change), float(change) + mean_off / unit, error / unit, z)
         )
@@ -252,7 +260,9 @@ def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterato
     )
     if results.compared:
         furthest = max(abs(one.z) for one in results.compared)
-        verdict = "agree" if results.agree else "do not agree"
+        verdict = "do not agree"
+        if results.agree:
+            verdict = "agree"
         yield (
             f"Theory and frames {verdict} in {len(results.compared)} comparisons: they differ by {furthest:.2f} "
             f"standard errors at most; by chance 1 % of such studies have more than {results.limit:.2f}."
@@ -317,9 +327,14 @@ def changes_bars(results: SensorResults, tolerance_dn: float) -> list[Bars]:
         series[name] = tuple(
             abs(results.changes[case][row].predicted_dn) or None for case in cases
         )
-    level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN") if tolerance_dn > 0 else None
+    if tolerance_dn > 0:
+        level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN")
+    else:
+        level = None
     title = "What changes without each noise source"
     bars = Bars(
         title, "change of mean or σ [DN]", tuple(cases), series, log_x=True, level=level
     )
-    return [bars] if cases else []
+    if cases:
+        return [bars]
+    return []

@@ -152,7 +152,9 @@ def verdict_cell(
     if passed:
         return ("good" if all(passed) else "bad"), f"{sum(passed)}/{len(passed)}"
     asked = any(engine in one.engines for one in THEMES if one.name == theme)
-    return ("dim", "not here") if asked else ("", "")
+    if asked:
+        return ("dim", "not here")
+    return ("", "")
 
 
 def theme_table(theme: str, told: Iterable[tuple[str, Row]]) -> Table:
@@ -162,7 +164,9 @@ def theme_table(theme: str, told: Iterable[tuple[str, Row]]) -> Table:
         engines.setdefault(row, []).append(engine)
     rows: list[MarkedRow] = []
     for row, names in sorted(engines.items(), key=lambda one: (one[0].subject, one[0].given)):
-        verdict = "holds" if row.got.passed else "fails"
+        verdict = "fails"
+        if row.got.passed:
+            verdict = "holds"
         mark: Mark = "good" if row.got.passed else "bad"
         rows.append(
             (

@@ -193,7 +193,9 @@ def finite_report(frames: ms.Frames) -> Got:
     """Whether codes are in range and the report has no number that is none."""
     top = int(frames.digital.max())
     finite = all_finite(frames.report["stages"])
-    numbers = "every number finite" if finite else "a number that is none"
+    numbers = "a number that is none"
+    if finite:
+        numbers = "every number finite"
     return Got(
         f"{frames.digital.min()} … {top} DN, {numbers}",
         finite and top < 2**frames.camera.adc.bits,

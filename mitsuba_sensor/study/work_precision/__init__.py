@@ -43,7 +43,10 @@ def work_precision(
         )
     render, sections = Render(kit, subject, tolerance, seeds, variants), []
     sensor = Sensor(kit, subject, render.photons)
-    sensor_steps = sensor.steps() if "sensor" in sides else []
+    if "sensor" in sides:
+        sensor_steps = sensor.steps()
+    else:
+        sensor_steps = []
     if "render" in sides:
         render.measure(sensor_steps)
         sections.append(render_section(render))

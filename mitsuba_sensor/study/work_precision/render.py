@@ -195,7 +195,10 @@ class Render:
         """Pixels that count, (H, W) bool, and the electrons that their errors are relative to."""
         electrons = reference.electrons
         seen = (electrons > 0) & (electrons < self.subject.camera.pixel.full_well_e)
-        seen = seen if seen.any() else electrons > 0
+        if seen.any():
+            seen = seen
+        else:
+            seen = electrons > 0
         return seen, np.maximum(electrons, DARKEST_SHARE * electrons[seen].mean())
 
     def squared_error(self, light: Light, reference: Light) -> float:

@@ -38,7 +38,9 @@ def render_findings(results: Sequence[Result], plot: Plot) -> Iterator[str]:
     slopes = [one.slope.value for one in results if one.verdict and one.slope is not None]
     off = [one.setting.name for one in results if one.verdict == "off"]
     if slopes:
-        missing = f"; not in {', '.join(off)}" if off else ""
+        missing = ""
+        if off:
+            missing = f"; not in {', '.join(off)}"
         yield (
             f"The error goes with the number of samples to a power between {INDEPENDENT:g} (independent samples) and "
             f"{STRATIFIED:g} (stratified ones), as it should, in {len(slopes) - len(off)} of {len(slopes)} settings: "
@@ -89,7 +91,10 @@ def settings_table(results: Sequence[Result]) -> Table:
         points = one.points()
         seconds = statistics.median(run[-1].seconds for run in one.runs)
         slope = one.slope or (None, None)
-        error = points[-1].error if points else None
+        if points:
+            error = points[-1].error
+        else:
+            error = None
         verdict = one.verdict or ("below the reference" if one.setting.has_law else "no law")
         rows.append(
             (

@@ -35,7 +35,9 @@ class Setting(NamedTuple):
     @property
     def reference(self) -> str:
         """The reference that it is compared with: channels differ from bands by the error of bands of finite width."""
-        return "channels" if self.options.get("spectral") == "channels" else "bands"
+        if self.options.get("spectral") == "channels":
+            return "channels"
+        return "bands"
 
     @property
     def is_reference(self) -> bool:
@@ -109,7 +111,9 @@ class Result(NamedTuple):
         if slope is None or not self.setting.has_law:
             return ""
         within = max(WITHIN, slope.half_width)
-        return "holds" if STRATIFIED - within <= slope.value <= INDEPENDENT + within else "off"
+        if STRATIFIED - within <= slope.value <= INDEPENDENT + within:
+            return "holds"
+        return "off"
 
 
 class Choice(NamedTuple):

@@ -54,7 +54,10 @@ class FrameSetting(NamedTuple):
     @property
     def name(self) -> str:
         """For measurements, tables and people."""
-        plan = "" if self.tolerance_dn is None else f", plan {self.tolerance_dn:g} DN"
+        if self.tolerance_dn is None:
+            plan = ""
+        else:
+            plan = f", plan {self.tolerance_dn:g} DN"
         return f"{self.engine} {self.precision}{plan}"
 
 
@@ -155,7 +158,9 @@ class Sensor:
         for setting in self.settings:
             if setting.name not in self._streams:  # resumed: its first frame was timed before
                 self.first(setting)
-            count = 1 if setting.engine == "numpy" else FRAMES_A_TURN
+            count = FRAMES_A_TURN
+            if setting.engine == "numpy":
+                count = 1
             tasks[setting.name] = partial(take_frames, self._streams[setting.name], count)
         return time_one_turn(tasks, number)
 

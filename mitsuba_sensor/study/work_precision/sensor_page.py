@@ -118,7 +118,9 @@ def error_plot(rows: Rows) -> Plot:
     """Every setting as a point; plans of one engine are one series."""
     series = defaultdict[str, list[tuple[float, float]]](list)
     for setting, row in rows.items():
-        plans = "" if setting.tolerance_dn is None else ", plans"
+        plans = ", plans"
+        if setting.tolerance_dn is None:
+            plans = ""
         series[f"{setting.engine} {setting.precision}{plans}"].append(
             (row.ns.median, row.worst_dn)
         )
@@ -138,7 +140,10 @@ def settings_table(rows: Rows, problems: dict[str, str]) -> Table:
     shown: list[MarkedRow] = []
     for number, (setting, row) in enumerate(rows.items()):
         quartiles = f"{row.ns.low:.3g} … {row.ns.high:.3g}"
-        saved = None if setting.tolerance_dn is None else 100 * row.saved.median
+        if setting.tolerance_dn is None:
+            saved = None
+        else:
+            saved = 100 * row.saved.median
         pixels = 100 * row.pixels["share_of_pixels"], row.pixels["largest_dn"]
         changes = [abs(float(change)) for change in row.change_dn]
         mark: Mark = "best" if number in front else ""
