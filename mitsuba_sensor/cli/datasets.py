@@ -90,8 +90,8 @@ def run_command(
     """Make everything of a dataset that DIR does not have yet.
 
     Every sample appears whole or not at all, whatever happens; the same command goes on after a stop. What cannot be
-    made is put into DIR/quarantine with its log, and the rest is made. DIR/README.md says what is there and how to read
-    it, DIR/contact_sheet.png shows some of the frames.
+    made is put into DIR/quarantine with its log, and the rest is made. README.md in DIR says what is there and how to
+    read it, contact_sheet.png shows some of the frames.
     """
     from ..dataset.planned import load_plan
     from ..dataset.run import run

@@ -23,6 +23,10 @@ Contributions = list[dict[str, tuple[Float64Array, Array]]]
 """By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""
 
 
+ROUNDING_DN2 = 1e-9
+"""Variances below this are rounding, and shown as 0 [DN²]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Contribution:
     """What one source contributes to a frame.
@@ -113,14 +117,20 @@ class NoiseBudget:
             [np.sum(list(found.values()), axis=0) for _, found in self.strips()]
         )
 
+    @property
+    def has_negative_variances(self) -> bool:
+        """Whether a stage takes noise away, by more than rounding."""
+        return any(min(e.temporal_dn2, e.spatial_dn2) < -ROUNDING_DN2 for e in self.entries)
+
     def explain(self) -> str:
         """A table for people."""
         columns = ("mean [DN]", "rms [DN]", "temporal [DN²]", "spatial [DN²]")
         lines = [f"{'source':<26}" + "".join(f"{name:>16}" for name in columns)]
         for e in self.entries:
             numbers = (e.mean_dn, e.rms_dn, e.temporal_dn2, e.spatial_dn2)
-            lines.append(f"{e.source:<26}" + "".join(f"{x:>16.5g}" for x in numbers))
-        if any(min(e.temporal_dn2, e.spatial_dn2) < 0 for e in self.entries):
+            shown = [x if abs(x) > ROUNDING_DN2 else 0.0 for x in numbers]
+            lines.append(f"{e.source:<26}" + "".join(f"{x:>16.5g}" for x in shown))
+        if self.has_negative_variances:
             lines.append(LESS_NOISE)
         if self.theory.note:
             lines.append(self.theory.note)

@@ -78,8 +78,7 @@ def budget_html(budget: NoiseBudget) -> str:
         )
         for one in entries
     ]
-    less = any(min(one.temporal_dn2, one.spatial_dn2) < 0 for one in entries)
-    if less:
+    if budget.has_negative_variances:
         remarks = [LESS_NOISE]
     else:
         remarks = []

@@ -169,7 +169,7 @@ def test_no_figure_of_a_bench_survives_darks_of_which_a_quarter_is_clipped() -> 
     assert {"σ_d", "dark current", "dark signal"} <= set(found.hidden)
     page = characterized("a camera", [found], {})
     assert not page.passed
-    assert any("since values of the frames are clipped: K, η" in text for text in page.findings)
+    assert any("at the lowest or highest code: K, η" in text for text in page.findings)
 
 
 def test_levels_that_the_adc_clips_are_left_out_of_k_and_of_the_linearity() -> None:

@@ -196,6 +196,6 @@ def test_a_noise_budget_of_frame_3_is_of_frame_3_and_explains_itself() -> None:
     )
     text = frames.noise_budget().explain()
     assert (
-        len(text.splitlines()) == 2 + len(frames.noise_budget().entries)
+        len(text.splitlines()) == 1 + len(frames.noise_budget().entries)
         and "photon shot noise" in text
     )

@@ -67,7 +67,8 @@ def whole_volts() -> NDArray[np.float64]:
 
 
 def test_the_camera_of_these_tests_has_every_source() -> None:
-    assert {stage.key() for stage in chain(EVERY)} >= set(SOURCES)
+    missing = set(SOURCES) - {stage.key() for stage in chain(EVERY)}
+    assert not missing, f"give the camera EVERY of this file fields that make {missing}"
 
 
 @pytest.mark.parametrize("name", ADDED)
@@ -96,13 +97,19 @@ def test_electrons_lose_what_each_source_adds_or_multiplies() -> None:
         ("prnu", "dark_current"): np.full((24, 32), light),
     }.items():
         for frame in kept(still.without(*off), "electrons", 1e4):
-            np.testing.assert_allclose(frame, expected, rtol=1e-12)
+            np.testing.assert_allclose(
+                frame,
+                expected,
+                rtol=1e-12,
+                err_msg="a noise source in electrons is added above",
+            )
 
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_the_maps_of_all_other_sources_are_the_same_bits(name: str) -> None:
     whole, rest = ms.fpn_maps(EVERY, (24, 32)), ms.fpn_maps(EVERY.without(name), (24, 32))
-    own = next(stage for stage in chain(EVERY) if stage.key() == name)
+    own = next((stage for stage in chain(EVERY) if stage.key() == name), None)
+    assert own is not None, f"give the camera EVERY of this file fields that make {name}"
     assert whole.keys() - rest.keys() == own.fpn_maps(SensorWindow(1, (2, 2))).keys()
     for key, values in rest.items():
         np.testing.assert_array_equal(values, whole[key])
@@ -206,6 +213,10 @@ def test_names_are_keys_in_any_order_and_as_tables_print_them() -> None:
     assert one.replace(**{"sensor.without": None}).stages == EVERY.stages
     assert EVERY.without() == EVERY
     labels = [effect.label for effect in ORDER if not effect.no_noise]
+    keys = [effect.key() for effect in ORDER if not effect.no_noise]
+    assert [label.lower().replace(" ", "_") for label in labels] == keys, (
+        "the label of an effect is its class name in words: AmpGlow, 'amp glow'"
+    )
     assert EVERY.without(*labels).sensor.without == SOURCES
 
 

@@ -52,7 +52,7 @@ class IntegralNonlinearity(Stage):
     table = "adc"
     fields = IntegralNonlinearityFields
     paper = "eq. 36–38"
-    terms = "integral non-linearity INL, ILE, γ (K)"
+    terms = "integral non-linearity INL, integral linearity error ILE, γ (K)"
     no_noise = "unset adc.gamma and adc.ile"
 
     @classmethod
