@@ -215,7 +215,7 @@ def test_names_are_keys_in_any_order_and_as_tables_print_them() -> None:
     labels = [effect.label for effect in ORDER if not effect.no_noise]
     keys = [effect.key() for effect in ORDER if not effect.no_noise]
     assert [label.lower().replace(" ", "_") for label in labels] == keys, (
-        "the label of an effect is its class name in words: AmpGlow, 'amp glow'"
+        "the label of an effect is its class name written apart: AmpGlow, 'amp glow'"
     )
     assert EVERY.without(*labels).sensor.without == SOURCES
 
