@@ -140,7 +140,9 @@ class Camera(FileTable):
         sensor, pitch = self.sensor, f"{self.pixel.pitch_x_um:g}"
         if self.pixel.pitch_y_um != self.pixel.pitch_x_um:
             pitch += f" × {self.pixel.pitch_y_um:g}"
-        gain = f", gain {self.gain}" if self.gain else ""
+        gain = ""
+        if self.gain:
+            gain = f", gain {self.gain}"
         size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm"
         kind = sensor.technology.upper()
         return f"<Camera: {self.name}, {kind}, {size}, {self.adc.bits} bit{gain}>"
@@ -156,7 +158,9 @@ class Camera(FileTable):
         data, known = self.model_dump(), fields_of(Camera)
         for dotted, given in changes.items():
             refuse_masked(dotted, given)
-            value = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+            value = given
+            if isinstance(given, np.ndarray | np.generic):
+                value = given.tolist()
             if dotted == "gain" and value is not None:
                 raise InputError(
                     f"gain is to be {value!r}, and its numbers too; take camera.at_gain({value!r}), or --gain {value}."
@@ -202,7 +206,9 @@ class Camera(FileTable):
         patterns are the same at every setting, temporal noise is another. A camera that is there already is returned as
         it is, and so is one where the setting is None. Raises InputError for a setting that it does not have.
         """
-        return self if setting is None else at_gain(self, setting)
+        if setting is None:
+            return self
+        return at_gain(self, setting)
 
     def with_stage(self, stage: Stage, *, after: str) -> Camera:
         """The same camera with a stage of yours in its chain: ``camera.with_stage(Banding(...), after="reset_noise")``.
@@ -241,7 +247,10 @@ class Camera(FileTable):
         added = {stage.key() for stage in self.added}
         off = {checked_source(name, added) for name in names}
         known = (*self.sensor.without, *(name for name in noise_sources() if name in off))
-        camera = self.replace(**{"sensor.without": known}) if off else self.model_copy()
+        if off:
+            camera = self.replace(**{"sensor.without": known})
+        else:
+            camera = self.model_copy()
         camera._added = tuple(one for one in self._added if one[1].key() not in off)
         return camera
 
@@ -381,7 +390,9 @@ def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) 
         return Camera.model_validate(data, context={"folder": folder or "."})
     except ValidationError as error:
         found = faults(error, Camera)
-        more = UNSET if folder is None and found[0].of_table else ""
+        more = ""
+        if folder is None and found[0].of_table:
+            more = UNSET
         if folder is not None and len(found) > 1:
             of = f"It is the first of {len(found)} errors"
             more = f" {of}; `mitsuba-sensor cameras check`, or check_camera in Python, lists them all."

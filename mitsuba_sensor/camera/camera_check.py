@@ -40,7 +40,10 @@ class CameraFinding:
     text: str
 
     def __str__(self) -> str:
-        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        if self.line is None:
+            place = self.file
+        else:
+            place = f"{self.file}:{self.line}"
         return printable(f"{place}: {self.level}: {self.text}")
 
     def to_dict(self) -> dict[str, Any]:
@@ -105,8 +108,13 @@ def _readable(text: str) -> tuple[str | None, list[tuple[int | None, str]]]:
             toml_tables("\n".join(rows))
         except tomllib.TOMLDecodeError as error:
             line = str(error).partition(AT_LINE)[2].partition(",")[0]
-            number = int(line) if line.isdecimal() else None
-            row = rows[number - 1] if number else ""
+            if line.isdecimal():
+                number = int(line)
+            else:
+                number = None
+            row = ""
+            if number:
+                row = rows[number - 1]
             key, _, value = row.partition("=")
             said = re.sub(r" \(at line \d+, (column \d+)\)", r" in \1", str(error))
             mended = f'{key}= "?"'
@@ -137,11 +145,9 @@ def _toml_hint(value: str) -> str:
         return f"; a number has a decimal point, write {bare.replace(',', '.')}"
     if re.fullmatch(r"[+-]?\.\d+|[+-]?\d+\.", bare):
         return f"; a decimal point has digits on both sides, write {float(bare)}"
-    return (
-        f'; a text needs quotes, write "{bare}"'
-        if re.fullmatch(r"[^\W\d][\w -]*", bare)
-        else ""
-    )
+    if re.fullmatch(r"[^\W\d][\w -]*", bare):
+        return f'; a text needs quotes, write "{bare}"'
+    return ""
 
 
 def _place(finding: CameraFinding) -> int:
@@ -179,7 +185,10 @@ def _renamed(
                 one.meant or key_of_term(_field(one.loc), fields_of(Camera)) or _beside(one.loc)
             )
             *path, last = meant.split(".") if meant else [""]
-            table = _table(data, tuple(path)) if meant else None
+            if meant:
+                table = _table(data, tuple(path))
+            else:
+                table = None
             if isinstance(table, dict) and last not in table:
                 table[last] = value
                 lines.rename(one.loc, (*path, last))
@@ -197,7 +206,10 @@ def _beside(loc: Loc) -> str | None:
 def _table(data: Any, path: Loc) -> Any:
     """The table at a path, made where a table of this name is meant and not there."""
     for part in path:
-        data = data.setdefault(part, {}) if isinstance(data, dict) else data[part]
+        if isinstance(data, dict):
+            data = data.setdefault(part, {})
+        else:
+            data = data[part]
     return data
 
 

@@ -60,7 +60,10 @@ def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:
     try:
         data = toml_tables(text)
     except tomllib.TOMLDecodeError as error:
-        what = where if where == TOML_TEXT else f"The camera file {where}"
+        if where == TOML_TEXT:
+            what = where
+        else:
+            what = f"The camera file {where}"
         raise InputError(f"{what} is not valid TOML: {error}.") from None
     return checked_camera(data, where, folder)
 
@@ -110,7 +113,9 @@ def _plain(value: Any) -> Any:
         return [_plain(one) for one in value]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value
 
 
 def _is_text(name: str | Path) -> bool:

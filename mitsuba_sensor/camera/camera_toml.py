@@ -106,9 +106,16 @@ def _short(
 
 def _explained(one: Entry) -> str:
     """Meaning, unit, range, usual range and default in one line."""
-    unit = f" [{one.unit}]" if one.unit else ""
-    usual = f"usual {one.usual}" if one.usual else ""
-    default = one.default if one.default in ("required", "") else f"default {one.default}"
+    unit = ""
+    if one.unit:
+        unit = f" [{one.unit}]"
+    usual = ""
+    if one.usual:
+        usual = f"usual {one.usual}"
+    if one.default in ("required", ""):
+        default = one.default
+    else:
+        default = f"default {one.default}"
     return "; ".join(filter(None, (f"{one.meaning}{unit}", one.allowed, usual, default)))
 
 

@@ -83,7 +83,9 @@ def _fit(asked: _Question) -> ColourMatrix | None:
 def colour_order(filter_names: tuple[str, ...]) -> list[int] | None:
     """Which filter is red, green, blue; None when the camera is not of that kind and its preview stays grey."""
     initials = [name[:1].lower() for name in filter_names]
-    return [initials.index(one) for one in "rgb"] if {*"rgb"} <= {*initials} else None
+    if {*"rgb"} <= {*initials}:
+        return [initials.index(one) for one in "rgb"]
+    return None
 
 
 def _electrons(camera: Camera, light: Illuminant) -> Float64Array:

@@ -62,7 +62,9 @@ def _plain_number(text: str) -> Any:
     parts = [part.strip().replace(",", ".") for part in text.split("/")]
     try:
         numbers = [float(part) for part in parts]
-        return numbers[0] if len(numbers) == 1 else numbers[0] / numbers[1]
+        if len(numbers) == 1:
+            return numbers[0]
+        return numbers[0] / numbers[1]
     except (ValueError, ZeroDivisionError):
         return text
 

@@ -43,7 +43,9 @@ class Table(NamedTuple):
     @property
     def header(self) -> str:
         """``[pixel]`` or ``[[dark_current.components]]``."""
-        return f"[[{self.path}]]" if self.of_list else f"[{self.path}]"
+        if self.of_list:
+            return f"[[{self.path}]]"
+        return f"[{self.path}]"
 
 
 def tables(model: type[BaseModel], path: str = "", of_list: bool = False) -> Iterator[Table]:
@@ -73,9 +75,17 @@ def entry(name: str, info: FieldInfo, schema: dict[str, Any]) -> Entry:
     """One key from its declaration and its JSON Schema."""
     text, usual = info.description or "", usual_of(info)
     unit = re.search(r" \[([^\]]+)\]", text)
-    default = "required" if info.is_required() else _default(info)
-    meaning = text.replace(unit.group(), "") if unit else text
-    example = info.examples[0] if info.examples else None
+    if info.is_required():
+        default = "required"
+    else:
+        default = _default(info)
+    meaning = text
+    if unit:
+        meaning = text.replace(unit.group(), "")
+    if info.examples:
+        example = info.examples[0]
+    else:
+        example = None
     return Entry(
         name,
         unit.group(1) if unit else "",
@@ -103,7 +113,10 @@ def markdown_rows(entries: Iterable[Entry]) -> str:
         "|---|---|---|---|---|---|",
     ]
     for x in entries:
-        default = x.default if x.default in ("required", "") else f"`{x.default}`"
+        if x.default in ("required", ""):
+            default = x.default
+        else:
+            default = f"`{x.default}`"
         cells = (f"`{x.name}`", x.unit, x.allowed, x.usual, default, x.meaning)
         lines.append(
             "| " + " | ".join(cell.replace("|", "\\|") or "–" for cell in cells) + " |"
@@ -113,11 +126,10 @@ def markdown_rows(entries: Iterable[Entry]) -> str:
 
 def _inner(annotation: Any) -> tuple[type[BaseModel], bool] | None:
     """The table, or the table of a list, that a field holds; and whether it is a list of them."""
-    kinds = (
-        get_args(annotation)
-        if get_origin(annotation) in (Union, types.UnionType)
-        else (annotation,)
-    )
+    if get_origin(annotation) in (Union, types.UnionType):
+        kinds = get_args(annotation)
+    else:
+        kinds = (annotation,)
     for kind in kinds:
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             return kind, False
@@ -134,7 +146,9 @@ def _optional(info: FieldInfo) -> bool:
 
 def _default(info: FieldInfo) -> str:
     value = info.get_default(call_default_factory=True)
-    return "" if value is None or value == () or value == {} else toml_of(value)
+    if value is None or value == () or value == {}:
+        return ""
+    return toml_of(value)
 
 
 def _allowed(schema: dict[str, Any]) -> str:
@@ -157,7 +171,9 @@ def _kind(schema: dict[str, Any]) -> str:
     if schema["type"] == "array":
         return _array(schema)
     inner = schema.get("additionalProperties")
-    return f"for each name {_kind(inner)}" if isinstance(inner, dict) else TYPES[schema["type"]]
+    if isinstance(inner, dict):
+        return f"for each name {_kind(inner)}"
+    return TYPES[schema["type"]]
 
 
 def _array(schema: dict[str, Any]) -> str:
@@ -165,13 +181,13 @@ def _array(schema: dict[str, Any]) -> str:
     items = [_kind(one) for one in schema.get("prefixItems", ())]
     if items:
         return f"{len(items)} numbers: {'; '.join(dict.fromkeys(items))}"
-    least = f" of at least {schema['minItems']}" if schema.get("minItems", 0) > 1 else ""
+    least = ""
+    if schema.get("minItems", 0) > 1:
+        least = f" of at least {schema['minItems']}"
     inner = _kind(schema["items"])
-    return (
-        f"list of {inner.replace('list', 'lists', 1)}"
-        if inner.startswith("list")
-        else f"list{least}, each {inner}"
-    )
+    if inner.startswith("list"):
+        return f"list of {inner.replace('list', 'lists', 1)}"
+    return f"list{least}, each {inner}"
 
 
 def _range(schema: dict[str, Any]) -> str:
@@ -190,11 +206,9 @@ def _range(schema: dict[str, Any]) -> str:
         ends.append(
             f"to {high:.10g}" if ends and ends[0].startswith("from") else f"at most {high:.10g}"
         )
-    return (
-        " ".join(ends)
-        if ends[-1:] and ends[-1].startswith("to ")
-        else ", ".join(ends) or "any number"
-    )
+    if ends[-1:] and ends[-1].startswith("to "):
+        return " ".join(ends)
+    return ", ".join(ends) or "any number"
 
 
 LONGEST = 110
@@ -204,11 +218,15 @@ LONGEST = 110
 def toml_of(value: Any) -> str:
     """A number, text, list or table on one line; every float reads again as the same one."""
     if isinstance(value, bool):
-        return "true" if value else "false"
+        if value:
+            return "true"
+        return "false"
     if isinstance(value, str):
         return printable_toml(json.dumps(value, ensure_ascii=False))
     if isinstance(value, float):
-        return f"{value:.0f}" if value.is_integer() and abs(value) < 1e7 else repr(value)
+        if value.is_integer() and abs(value) < 1e7:
+            return f"{value:.0f}"
+        return repr(value)
     if isinstance(value, Mapping):
         inside = ", ".join(
             f"{key_of(key)} = {toml_of(x)}" for key, x in value.items() if x is not None
@@ -221,7 +239,9 @@ def toml_of(value: Any) -> str:
 
 def key_of(name: str) -> str:
     """A key, in quotes where TOML needs them."""
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_of(name)
+    if re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        return name
+    return toml_of(name)
 
 
 def assignment(key: str, value: Any) -> str:

@@ -79,7 +79,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     if _as_term(name.rpartition(".")[2]) in ONE_OVER and GAIN in keys:
         return f" Did you mean {GAIN!r}, which is one over the electrons per DN?"
     key = key_of_term(name, keys) or closest(name, keys)
-    return f" Did you mean {key!r}?" if key else ""
+    if key:
+        return f" Did you mean {key!r}?"
+    return ""
 
 
 def _as_term(name: str) -> str:

@@ -113,7 +113,10 @@ def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     )  # variance of one photoelectron
     still_e = math.sqrt(noise_e**2 + QUANTISATION_DN2 / gain**2)
     least_e = math.sqrt(still_e**2 + shot / 4) + shot / 2
-    snr_max = math.sqrt(full_e) if shot else full_e / still_e
+    if shot:
+        snr_max = math.sqrt(full_e)
+    else:
+        snr_max = full_e / still_e
     return EmvaFigures(exposure, gain, noise_e, full_e, least_e, snr_max, full_e / least_e)
 
 
@@ -125,7 +128,9 @@ def figures_if_any(camera: Camera) -> EmvaFigures | None:
 
 
 def _db(ratio: float) -> float:
-    return 20 * math.log10(ratio) if ratio > 0 else -math.inf
+    if ratio > 0:
+        return 20 * math.log10(ratio)
+    return -math.inf
 
 
 BEYOND_ALL_DN = 1e12
@@ -169,4 +174,6 @@ def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     beyond_dn = float(
         converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest
     )
-    return beyond_dn if math.isfinite(beyond_dn) else BEYOND_ALL_DN
+    if math.isfinite(beyond_dn):
+        return beyond_dn
+    return BEYOND_ALL_DN

@@ -172,9 +172,10 @@ def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
         if (value := getattr(setting, name)) is not None
     }
     sense_v, well_e = sense_gain_v_per_e(camera), camera.pixel.full_well_e
-    new_sense_v = (
-        sense_v if setting.sense_gain_uv_per_e is None else setting.sense_gain_uv_per_e * 1e-6
-    )
+    if setting.sense_gain_uv_per_e is None:
+        new_sense_v = sense_v
+    else:
+        new_sense_v = setting.sense_gain_uv_per_e * 1e-6
     per_e_v = new_sense_v * camera.source_follower.gain * camera.readout.cds_gain
     if camera.readout.gain_dn_per_e is not None:
         given["readout.gain_dn_per_e"] = setting.gain_dn_per_e
@@ -186,11 +187,10 @@ def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
         )
     swing = well_e * sense_v / (given.get("pixel.full_well_e", well_e) * new_sense_v)
     offsets = {field: getattr(camera.readout, field.partition(".")[2]) for field in OFFSETS}
-    kept = (
-        {}
-        if math.isclose(swing, 1)
-        else {field: value * swing for field, value in offsets.items() if value}
-    )
+    if math.isclose(swing, 1):
+        kept = {}
+    else:
+        kept = {field: value * swing for field, value in offsets.items() if value}
     return {**given, **kept}
 
 

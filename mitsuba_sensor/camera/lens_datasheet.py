@@ -83,11 +83,9 @@ class PrescriptionSection(FileTable):
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, data: object, info: ValidationInfo) -> object:
-        return (
-            read_lens(data, (info.context or {}).get("folder", "."))
-            if isinstance(data, str)
-            else data
-        )
+        if isinstance(data, str):
+            return read_lens(data, (info.context or {}).get("folder", "."))
+        return data
 
     @model_validator(mode="after")
     def _is_a_lens(self) -> Self:

@@ -45,7 +45,9 @@ def read_lens(name: str, folder: str) -> dict[str, object]:
         raise ValueError(
             f"the lens {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"
         ) from None
-    return from_dat(text, path.stem) if path.suffix == ".dat" else from_json(text, path.stem)
+    if path.suffix == ".dat":
+        return from_dat(text, path.stem)
+    return from_json(text, path.stem)
 
 
 def from_json(text: str, name: str) -> dict[str, object]:
@@ -54,7 +56,10 @@ def from_json(text: str, name: str) -> dict[str, object]:
         data = json_value(text)
     except ValueError as error:  # also of numbers with thousands of digits
         raise ValueError(f"the lens {name!r} is not valid JSON: {error}") from None
-    surfaces = data.get("surfaces") if isinstance(data, dict) else None
+    if isinstance(data, dict):
+        surfaces = data.get("surfaces")
+    else:
+        surfaces = None
     if not isinstance(surfaces, list) or not all(
         isinstance(surface, dict) for surface in surfaces
     ):

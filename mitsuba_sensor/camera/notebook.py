@@ -38,5 +38,8 @@ def camera_html(camera: Camera) -> str:
         if figures
         else {}
     )
-    about = f"{camera.name}: {camera.description}" if camera.description else camera.name
+    if camera.description:
+        about = f"{camera.name}: {camera.description}"
+    else:
+        about = camera.name
     return fragment(about, facts(found))

@@ -20,11 +20,9 @@ def size_note(
 ) -> tuple[str, ...]:
     """The same for frames of such a window, as a note."""
     said = _beyond(shape, origin, camera)
-    return (
-        (Doubt(f"the frame has {said}; the fixed pattern goes on beyond the sensor"),)
-        if said
-        else ()
-    )
+    if said:
+        return (Doubt(f"the frame has {said}; the fixed pattern goes on beyond the sensor"),)
+    return ()
 
 
 def _beyond(shape: tuple[int, ...], origin: tuple[int, int], camera: Camera) -> str:
@@ -34,7 +32,10 @@ def _beyond(shape: tuple[int, ...], origin: tuple[int, int], camera: Camera) -> 
     fields = [f"sensor.{name}={count}" for name, count in needed.items() if count > there[name]]
     if not fields:
         return ""
-    first = "" if not any(origin) else f" from row {origin[0]}, column {origin[1]} on"
+    if not any(origin):
+        first = ""
+    else:
+        first = f" from row {origin[0]}, column {origin[1]} on"
     of_sensor = f"{camera.name} has {there['columns']} × {there['rows']}"
     way_out = f"take fewer (--width), or a larger sensor: {', '.join(fields)} (--set, or Camera.replace)"
     return f"{shape[1]} × {shape[0]} pixels{first}, and {of_sensor}; {way_out}"

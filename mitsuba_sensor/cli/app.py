@@ -203,7 +203,9 @@ def _of_another_command(usage: Click) -> str:
         return f"; {said}"
     commands = commands_below(usage.ctx.find_root().command)
     owners = [command for command, one in commands if name in options_of(one)]
-    return f"; `{owners[0]}` has it" if owners else ""
+    if owners:
+        return f"; `{owners[0]}` has it"
+    return ""
 
 
 def _sentence(error: BaseException) -> str:

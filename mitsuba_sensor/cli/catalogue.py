@@ -63,11 +63,10 @@ def new_camera(new_file: arguments.NewFile, **flags: Flag) -> None:
     file = _camera_file(new_file, flags["force"])
     camera, notes = new_camera_of(flags, file)
     write_page(file, camera.to_toml())
-    of = (
-        "of an EMVA 1288 sheet"
-        if flags["emva"]
-        else f"like {flags['like'] or options.DEFAULT_CAMERA}"
-    )
+    if flags["emva"]:
+        of = "of an EMVA 1288 sheet"
+    else:
+        of = f"like {flags['like'] or options.DEFAULT_CAMERA}"
     show(
         f"{file} is a camera {of}; change it, then: mitsuba-sensor cameras check {file}", False
     )
@@ -238,7 +237,9 @@ def _settings(camera: ms.Camera) -> FittedTable:
     ]
     table = FittedTable(("gain setting", *names), caption=camera.sources.get("gains", ""))
     for one in camera.gains:
-        chosen = " (set)" if one.label == camera.gain else ""
+        chosen = ""
+        if one.label == camera.gain:
+            chosen = " (set)"
         table.add_row(f"{one.label}{chosen}", *(f"{getattr(one, name):g}" for name in names))
     return table
 
@@ -253,11 +254,9 @@ def _camera_file(name: str, force: bool) -> Path:
             f"{name or 'an empty text'} is no name of a camera file; let it end in .toml."
         )
     if file.exists() and not (force and file.is_file()):
-        remedy = (
-            "--force writes over it, or give another name"
-            if file.is_file()
-            else "give another name"
-        )
+        remedy = "give another name"
+        if file.is_file():
+            remedy = "--force writes over it, or give another name"
         raise InputError(f"{file} exists already; {remedy}.")
     return file
 

@@ -34,7 +34,9 @@ def scenes_and_files(incomplete: str) -> list[str]:
     Nothing where only files begin so: the shell itself knows best how to go on in a folder.
     """
     names = scene_names(incomplete)
-    return names + one_of(sorted(os.listdir()))(incomplete) if names else []
+    if names:
+        return names + one_of(sorted(os.listdir()))(incomplete)
+    return []
 
 
 def camera_fields(incomplete: str) -> list[str]:

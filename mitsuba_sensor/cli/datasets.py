@@ -263,18 +263,31 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
         ("scene", "renders", "samples", "s/render", "s/sample", "MB/sample"), keys=1
     )
     for scene, (views, samples) in counts.by_scene.items():
-        cost = found.scenes.get(scene) if found else None
-        costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6) if cost else None
-        cells = ["–"] * 3 if costs is None else [rough(x) for x in costs]
+        if found:
+            cost = found.scenes.get(scene)
+        else:
+            cost = None
+        if cost:
+            costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6)
+        else:
+            costs = None
+        if costs is None:
+            cells = ["–"] * 3
+        else:
+            cells = [rough(x) for x in costs]
         table.add_row(scene, str(views), str(samples), *cells)
-    renders = "1 render" if counts.views == 1 else f"{counts.views} renders"
+    if counts.views == 1:
+        renders = "1 render"
+    else:
+        renders = f"{counts.views} renders"
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
     head = f"{plan.file.name}: {counts.samples} samples of {renders}{f' ({splits})' if splits else ''}"
-    takes = (
-        []
-        if found is None
-        else [f"about {duration(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
-    )
+    if found is None:
+        takes = []
+    else:
+        takes = [
+            f"about {duration(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"
+        ]
     return Lines(Text(head, style="bold"), table, *map(Text, takes))
 
 
@@ -288,11 +301,10 @@ def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
     table = FittedTable(("what", "of", "key", "file"), keys=2)
     for one in faults[:MOST_SHOWN]:
         table.add_row(one.what, one.kind, one.key, Text(one.file))
-    more = (
-        [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")]
-        if len(faults) > MOST_SHOWN
-        else []
-    )
+    if len(faults) > MOST_SHOWN:
+        more = [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")]
+    else:
+        more = []
     remedy = f"`mitsuba-sensor dataset repair {folder}` makes them again"
     if any(fault.kind == "dataset" and fault.file != INDEX for fault in faults):
         remedy = RESTORE.format(folder)
@@ -304,7 +316,9 @@ def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
     table = FittedTable(("view", "why it is in quarantine"), keys=1)
     for key, why in failed.items():
         table.add_row(key, Text(why))
-    return Lines(head, table) if failed else Lines(head)
+    if failed:
+        return Lines(head, table)
+    return Lines(head)
 
 
 def _summary(found: RunProgress) -> dict[str, object]:

@@ -52,7 +52,10 @@ def camera_and_exposure(
     They are set after the gain setting, so that they overrule its numbers.
     """
     name, changes = flags.get("camera"), changes_of(flags)
-    camera = settings.camera if name is None else None
+    if name is None:
+        camera = settings.camera
+    else:
+        camera = None
     camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
     camera = settings.applied_to(camera.replace(**changes) if changes else camera)
     camera = camera.at_gain(flags.get("gain")).replace(**changes)

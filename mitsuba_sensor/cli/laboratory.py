@@ -113,7 +113,10 @@ def characterize(**flags: Flag) -> None:
     asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
     folder = first_given(flags["out"], "characterize")
     require_folder(folder)
-    made = _of_files(flags, asked) if asked["frames"] else _of_simulation(flags, asked)
+    if asked["frames"]:
+        made = _of_files(flags, asked)
+    else:
+        made = _of_simulation(flags, asked)
     with output_folder(folder, (PAGE, REPORT)) as scratch:
         texts.write_page(scratch / PAGE, html(made))
         texts.write_json(scratch / REPORT, made.to_dict())
@@ -164,7 +167,10 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
         first_given(asked["seed"], 1),
     )
     with steps_bar(err) as progress:
-        light = rendered_field(camera) if asked["rendered"] else field_at(camera, wavelength_nm)
+        if asked["rendered"]:
+            light = rendered_field(camera)
+        else:
+            light = field_at(camera, wavelength_nm)
         bench = virtual_bench(
             camera, setup, light, lambda done, total: progress(done, total, "taking frames")
         )
@@ -197,7 +203,10 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
     name, sheet = Path(asked["frames"] or "").resolve().name, {}
     if flags["camera"]:
         camera, wavelength_nm = _camera(flags)[0], bench.wavelength_nm
-        qe = None if wavelength_nm is None else camera.qe([wavelength_nm])[:, 0]
+        if wavelength_nm is None:
+            qe = None
+        else:
+            qe = camera.qe([wavelength_nm])[:, 0]
         name, sheet = camera.name, _datasheet(flags, bench, qe)
     about = {
         "frames": asked["frames"],
@@ -245,8 +254,13 @@ def _datasheet(
     found = {}
     for name, part in bench.of_filters().items():
         kind = name.partition(" (")[0]  # G (2) is the second place of the filter G in the tile
-        number = camera.filter_names.index(kind) if kind in camera.filter_names else 0
-        qe = None if efficiency is None else float(efficiency[number])
+        number = 0
+        if kind in camera.filter_names:
+            number = camera.filter_names.index(kind)
+        if efficiency is None:
+            qe = None
+        else:
+            qe = float(efficiency[number])
         found[name] = expected(camera, exposure, qe, part.stacks[0].mean.size)
     return found
 

@@ -110,7 +110,10 @@ def asked_rows() -> dict[str, Value]:
 
 
 def _asked(row: Row) -> Value:
-    question = f"{row.question} (optional)" if row.optional else row.question
+    if row.optional:
+        question = f"{row.question} (optional)"
+    else:
+        question = row.question
     while True:
         try:
             text = typer.prompt(question, default="", show_default=False, err=True)

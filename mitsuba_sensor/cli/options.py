@@ -324,7 +324,10 @@ def _type(one: Declared) -> Flag:
     flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
     numeric = NUMBERS.get(kinds)
     text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
-    text = text | None if one.option.default is None else text
+    if one.option.default is None:
+        text = text | None
+    else:
+        text = text
     metavar = one.option.metavar or numeric or ("|".join(map(str, one.choices)) or None)
     panel = one.option.panel or next(
         (title for kind, title in PANELS.items() if one.name in kind.__annotations__), None

@@ -130,7 +130,9 @@ def seconds_bar(console: Console) -> Iterator[Callable[[Forecast], None]]:
                     longest = f", {duration(forecast.longest_s)} of it for {forecast.longest}"
                 text = f"this takes about {duration(said_s)}{longest}"
                 console.print(text, highlight=False, markup=False)
-            share = forecast.done_s / forecast.total_s if forecast.total_s else 0.0
+            share = 0.0
+            if forecast.total_s:
+                share = forecast.done_s / forecast.total_s
             _tell(forecast.now, left_s, share)
             description = f"about {duration(left_s)} left [dim]{escape(forecast.now)}"
             bar.update(
@@ -161,7 +163,9 @@ def steps_bar(console: Console, now: str = "") -> Iterator[Callable[[int, int, s
         bar.update(task, total=1)
 
         def tell(done: int, total: int, doing: str) -> None:
-            share = done / total if total else 0.0
+            share = 0.0
+            if total:
+                share = done / total
             _tell(f"{doing}, {done} of {total}" if total > 1 else doing, share=share)
             bar.update(task, completed=done, total=total, description=doing)
 

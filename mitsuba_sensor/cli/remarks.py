@@ -32,4 +32,6 @@ def taken_by_default(flags: Flags, settings: SceneSettings, camera: Camera) -> l
     is_tempered = "temperature_k" in flags and flags.get("temperature_k") is None
     if is_tempered and settings.temperature_k is None:
         taken.append(f"{DEFAULT_TEMPERATURE_K} K (--temperature-k)")
-    return [f"taken by default: {', '.join(taken)}"] if taken else []
+    if taken:
+        return [f"taken by default: {', '.join(taken)}"]
+    return []

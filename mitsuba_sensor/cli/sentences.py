@@ -18,7 +18,9 @@ CODE = re.compile(r"`[^`]*`|mitsuba-sensor .*")
 def said_here(sentence: str) -> str:
     """The sentence as the running command says it; as it is where none runs."""
     running = Command.running
-    return sentence if running is None else said_by(running, sentence)
+    if running is None:
+        return sentence
+    return said_by(running, sentence)
 
 
 def said_by(context: Click, sentence: str) -> str:
@@ -34,7 +36,9 @@ def said_by(context: Click, sentence: str) -> str:
         program = context.find_root().command
         owners = (name for name, one in commands_below(program) if match[1] in options_of(one))
         owner = next(owners, None)
-        return match[0] if owner is None else f"`{owner} {match[0]}`"
+        if owner is None:
+            return match[0]
+        return f"`{owner} {match[0]}`"
 
     kept, at = [], 0
     for code in CODE.finditer(sentence):

@@ -219,5 +219,10 @@ def _command() -> str:
 def _kept(known: "Measurements") -> str | None:
     """What a stopped study leaves."""
     n = len(known)
-    which = "1 measurement is" if n == 1 else f"{n} measurements are"
-    return f"{which} kept in {known.folder}; the same command goes on from there" if n else None
+    if n == 1:
+        which = "1 measurement is"
+    else:
+        which = f"{n} measurements are"
+    if n:
+        return f"{which} kept in {known.folder}; the same command goes on from there"
+    return None

@@ -28,11 +28,10 @@ NOTHING = 1e-30  # what is smaller is printed as 0
 
 def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
     """A study in the terminal of so many characters: findings, then the tables that fit, first those with faults."""
-    verdict = (
-        ("all checks passed", "bold green")
-        if found.passed
-        else ("some checks failed, see the tables", "bold red")
-    )
+    if found.passed:
+        verdict = ("all checks passed", "bold green")
+    else:
+        verdict = ("some checks failed, see the tables", "bold red")
     lines: list[RenderableType] = [
         Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))
     ]
@@ -76,7 +75,10 @@ def height(what: RenderableType, width: int) -> int:
 
 
 def _has_faults(part: page.Grid | page.Table) -> bool:
-    rows = part.marks if isinstance(part, page.Grid) else (part.marks,)
+    if isinstance(part, page.Grid):
+        rows = part.marks
+    else:
+        rows = (part.marks,)
     return any("bad" in marks for marks in rows)
 
 
@@ -97,18 +99,20 @@ def _table(table: page.Table, width: int) -> RenderableType:
     if set(table.marks) == {"good"}:
         return Text(f"{table.title}: all {len(table.rows)} rows passed")
     rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
-    shown = (
-        rows
-        if len(rows) <= LONGEST
-        else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
-    )
+    if len(rows) <= LONGEST:
+        shown = rows
+    else:
+        shown = [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
     drawn = FittedTable(table.columns)
     for mark, row in shown:
         drawn.add_row(*map(_cell, row), style=STYLES[mark])
     columns = range(len(table.columns))
     count = max(sum(drawn.least(columns[: one + 1]) <= width for one in columns), 1)
     hidden = {"rows": len(rows) - len(shown), "columns": len(columns) - count}
-    said = [in_the_page(hidden)] if any(hidden.values()) else []
+    if any(hidden.values()):
+        said = [in_the_page(hidden)]
+    else:
+        said = []
     if not shown:
         return Text(f"{table.title}: {len(rows)} rows, in the page", style="dim")
     return Group(
@@ -119,4 +123,6 @@ def _table(table: page.Table, width: int) -> RenderableType:
 def _cell(value: object) -> str:
     if not isinstance(value, float):
         return text(value)
-    return "0" if abs(value) < NOTHING else f"{value:.3g}"
+    if abs(value) < NOTHING:
+        return "0"
+    return f"{value:.3g}"

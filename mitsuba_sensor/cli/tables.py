@@ -105,7 +105,10 @@ class FittedTable:
         of_rows = max(
             (cell_len(line) for text in texts[1:] for line in text.split("\n")), default=1
         )
-        heading = least if self._is_of_numbers(column) else cell_len(texts[0])
+        if self._is_of_numbers(column):
+            heading = least
+        else:
+            heading = cell_len(texts[0])
         return least, max(least, of_rows, heading)
 
     def _is_of_numbers(self, column: int) -> bool:
@@ -118,7 +121,9 @@ class FittedTable:
 def _printable_cell(cell: Text) -> Text:
     """The cell as the terminal shows it, so that its width is right."""
     shown = printable(cell.plain, keep="\n")
-    return cell if shown == cell.plain else Text(shown, style=cell.style)
+    if shown == cell.plain:
+        return cell
+    return Text(shown, style=cell.style)
 
 
 def number(value: float | None) -> str:
@@ -129,18 +134,16 @@ def number(value: float | None) -> str:
         return "0"
     if 1e3 <= abs(value) < 1e7:
         return f"{value:.0f}"
-    return f"{value:.4g}" if abs(value) >= 0.1 else f"{value:.4f}".rstrip("0")
+    if abs(value) >= 0.1:
+        return f"{value:.4g}"
+    return f"{value:.4f}".rstrip("0")
 
 
 def rough(value: float) -> str:
     """Two significant digits, no more than six characters for most numbers."""
-    return (
-        "<0.001"
-        if 0 < value < 1e-3
-        else f"{value:.0f}"
-        if 10 <= value < 1e6
-        else f"{value:.2g}"
-    )
+    if 0 < value < 1e-3:
+        return "<0.001"
+    return f"{value:.0f}" if 10 <= value < 1e6 else f"{value:.2g}"
 
 
 def short(value: object) -> str:

@@ -38,13 +38,15 @@ def summary(report: Report, folder: str) -> RenderableType:
     """A frame in short: photons, the signal after each stage in theory and in the frame, noise by source."""
     image, exposure = report["image"], report["exposure"]
     size = f"{image['columns']} × {image['rows']}, {image['frames']} frame{'s' if image['frames'] > 1 else ''}"
-    metered = " (metered)" if report["origin"].get("metering") else ""
+    metered = ""
+    if report["origin"].get("metering"):
+        metered = " (metered)"
     conditions = (
         f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
     )
-    gain = (
-        f" at gain {report['camera']['gain']}" if report["camera"]["gain"] is not None else ""
-    )
+    gain = ""
+    if report["camera"]["gain"] is not None:
+        gain = f" at gain {report['camera']['gain']}"
     head = Text.assemble(
         (report["camera"]["name"] + gain, "bold"), conditions, (folder, "bold")
     )
@@ -255,7 +257,9 @@ def _facts(report: Report) -> Iterator[Text]:
     single = report["float32"]
     if single and report["precision"] == "float32" and single["share_of_pixels"]:
         share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"
-        advice = "" if single["precision"] == "float32" else "; --precision float64 is better"
+        advice = "; --precision float64 is better"
+        if single["precision"] == "float32":
+            advice = ""
         yield _fact(
             "float32",
             f"about {share} of the pixels differ from float64, by at most {most}{advice}",
@@ -268,7 +272,9 @@ def _facts(report: Report) -> Iterator[Text]:
 
 def _ended(asked: float | None, end: str) -> str:
     """Whether the noise ratio that was asked for was reached, and what ended the render."""
-    reached = "reached" if end == "noise_ratio" else "not reached"
+    reached = "not reached"
+    if end == "noise_ratio":
+        reached = "reached"
     return ("" if asked is None else f"; {asked:g} was asked for and {reached}") + END.get(
         end, ""
     )

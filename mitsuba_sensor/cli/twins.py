@@ -87,7 +87,10 @@ def fit(
 
     asked = complete(FitFlags, part_of(FitFlags, flags))
     path = _target(out_file, asked["force"])
-    like = ms.load_camera(asked["like"]) if asked["like"] else None
+    if asked["like"]:
+        like = ms.load_camera(asked["like"])
+    else:
+        like = None
     with steps_bar(err) as progress:
         bench = read_bench(frames, lambda done, total: progress(done, total, "reading frames"))
         bench = bench.given(asked["bits"], asked["wavelength_nm"])

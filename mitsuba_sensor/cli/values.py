@@ -39,16 +39,20 @@ def _seconds(text: str) -> float:
     if not isinstance(value := number(text), str):
         return float(value)
     parts = re.fullmatch(r"\s*([\d.,]+(?:e-?\d+)?)\s*(?:/\s*(\d+)|([a-zµ]*))\s*", text)
-    meant = number(parts[1].replace(",", ".")) if parts else text
-    factor = (
-        (1 / int(parts[2]) if parts[2] else SECONDS.get(parts[3]))
-        if parts and parts[2] != "0"
-        else None
-    )
-    example = (
-        f"{meant * factor:.4g}" if factor is not None and not isinstance(meant, str) else "0.01"
-    )
-    hint = "" if parts else number_hint("exposure_s", text)
+    meant = text
+    if parts:
+        meant = number(parts[1].replace(",", "."))
+    if parts and parts[2] != "0":
+        factor = 1 / int(parts[2]) if parts[2] else SECONDS.get(parts[3])
+    else:
+        factor = None
+    example = "0.01"
+    if factor is not None and not isinstance(meant, str):
+        example = f"{meant * factor:.4g}"
+    if parts:
+        hint = ""
+    else:
+        hint = number_hint("exposure_s", text)
     more = hint and f"; {hint}"
     raise InputError(
         f"--exposure-s {text!r} is no number of seconds; give seconds, e.g. {example}, or auto{more}."
@@ -67,7 +71,9 @@ def flag_value(one: Declared, value: Flag) -> Flag:
         return value
     if one.name in READERS:
         return READERS[one.name](value)
-    return number(value, one.kinds[0]) if one.kinds in ((int,), (float,)) else value
+    if one.kinds in ((int,), (float,)):
+        return number(value, one.kinds[0])
+    return value
 
 
 READERS: dict[

@@ -294,7 +294,10 @@ def test_what_is_no_scene_is_one_sentence() -> None:
     turned = room(mi)
     turned["white"] = {"type": "circular"}
     wrong: list[tuple[Any, str]] = [
-        (3, "scene is 3; pass a path, XML text, a dict as for mi.load_dict, or a mi.Scene"),
+        (
+            3,
+            "scene is 3; pass a path, a name from `mitsuba-sensor scenes list`, XML text, a dict as for mi.load_dict, or a mi.Scene",
+        ),
         (None, "scene is None"),
         ({}, "the dict has type None; pass one of a whole scene, with 'type': 'scene'"),
         (mi.load_dict({"type": "sphere"}), "pass a path, XML text"),
