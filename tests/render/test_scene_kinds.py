@@ -296,11 +296,11 @@ def test_what_is_no_scene_is_one_sentence() -> None:
     wrong: list[tuple[Any, str]] = [
         (
             3,
-            "scene is 3; pass a path, a name from `mitsuba-sensor scenes list`, XML text, a dict as for mi.load_dict, or a mi.Scene",
+            "scene is 3; pass a path, a name from `mitsuba-sensor scenes list`, XML text, a dict as for",
         ),
         (None, "scene is None"),
         ({}, "the dict has type None; pass one of a whole scene, with 'type': 'scene'"),
-        (mi.load_dict({"type": "sphere"}), "pass a path, XML text"),
+        (mi.load_dict({"type": "sphere"}), "pass a path, a name"),
         ({"type": "scene", "sensor": {"type": "perspektive"}}, "Did you mean 'perspective'"),
         ({"type": "scene", "light": {"type": "constant"}}, "scene 'dict' has no sensor"),
         (
