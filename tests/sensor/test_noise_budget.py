@@ -101,7 +101,7 @@ FOLLOWS = {
 multiplies all that stands before it."""
 
 
-@pytest.mark.parametrize("source", one_in(8, OFF))
+@pytest.mark.parametrize("source", one_in(4, [*OFF][::3]))
 def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
     """Entries of the sources before it are the same bits; those after it too, but for the last digits of adding up.
 
