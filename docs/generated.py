@@ -20,6 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -27,6 +28,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, ROWS
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
+from mitsuba_sensor.render.infrared.materials import materials
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,
@@ -72,6 +74,8 @@ SHEET_EXAMPLE = {
     "dark_temperature_k": "25",
 }
 """What the rows of a sheet can say."""
+SHOWN_NM = (700, 850, 1000, 1450, 1550, 2200)
+"""Wavelengths of the table of measured materials."""
 WITHOUT_KEY = dict.fromkeys(
     COMPARED, "none: it follows from the others, and is compared with them"
 )
@@ -217,6 +221,18 @@ def glossary_of_chip_and_lens() -> str:
 
 PARTS = {one.__name__: one for one in (command_line, api, stages)}
 """What only the site has."""
+
+
+def infrared_materials() -> str:
+    """Measured reflectances beyond 700 nm, at a few wavelengths, and their sources."""
+    columns = " | ".join(f"{nm} nm" for nm in SHOWN_NM)
+    lines = [f"| name | {columns} | source |", "|---|" + "---|" * (len(SHOWN_NM) + 1)]
+    for material in materials().values():
+        values = " | ".join(f"{value:.2f}" for value in material.at(np.array(SHOWN_NM)))
+        lines.append(f"| `{material.name}` | {values} | {material.source} |")
+    return "\n".join(lines)
+
+
 IN_PAGES = {
     one.__name__: one
     for one in (
@@ -226,6 +242,7 @@ IN_PAGES = {
         noise_sources,
         glossary_of_stages,
         glossary_of_chip_and_lens,
+        infrared_materials,
         film,
         sensor,
     )

@@ -105,7 +105,7 @@ ROWS = (
         _pair(_whole(1, 10**6, "1920"), alone=False),
     ),
     Row("bits", "bit depth [bit]", _whole(1, 24, "12")),
-    Row("wavelength_nm", "wavelength of the measurement [nm]", _number(200, 1100, "525")),
+    Row("wavelength_nm", "wavelength of the measurement [nm]", _number(200, 2500, "525")),
     Row("qe", "quantum efficiency QE [%]", _number(0.01, 100, "77", factor=0.01)),
     Row(
         "gain_dn_per_e",

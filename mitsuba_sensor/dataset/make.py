@@ -94,7 +94,10 @@ class Rendered:
         if (
             config["render"]["spectral"] == "cube" and light.rendered_for is not None
         ):  # for cameras with filters too
-            known = replace(light.rendered_for, illuminant=illuminant_of(prepared.at_rest))
+            known = replace(
+                light.rendered_for,
+                illuminant=illuminant_of(prepared.at_rest, camera.band_nm[1]),
+            )
             light = replace(light, rendered_for=known)
         still = replace(
             light.statistics, seconds=0.0, seconds_per_sample=0.0

@@ -1,6 +1,6 @@
 """Largest and smallest values of the options of a render."""
 
-SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors
+SHORTEST_NM, LONGEST_NM = 200.0, 2500.0  # ranges of silicon, InGaAs and HgCdTe sensors
 NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_REPEATABLE = 8  # per pass, where the sum must not depend on threads: what a vector of AVX2 or AVX-512 holds

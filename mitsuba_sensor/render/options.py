@@ -32,6 +32,12 @@ def _checked_light_groups(name: str, value: object) -> object:
     return checked_light_groups(name, value)
 
 
+def _checked_infrared(name: str, value: object) -> object:
+    from .infrared.materials import checked_infrared
+
+    return checked_infrared(name, value)
+
+
 def _checked_look_at(name: str, value: object) -> object:
     from .scene.scene_edits import checked_look_at
 
@@ -81,6 +87,18 @@ class FileOptions(TypedDict, total=False):
         Option(
             "Render polarizers, retarders and measured_polarized as they act on unpolarised light.",
             False,
+        ),
+    ]
+    infrared: Annotated[
+        str | Sequence[str] | Mapping[str, str] | None,
+        Option(
+            "What RGB colours and pictures reflect beyond 700 nm, where the camera sees it: hold, their value at 700 "
+            "nm; refuse to render them; or IDS=MATERIAL, repeatable, a measured reflectance for materials or shapes of "
+            "these ids, e.g. 'leaf_*=vegetation', see docs/infrared.md. Default: hold.",
+            flag="--infrared",
+            metavar="hold|refuse|IDS=MATERIAL",
+            text=list[str],
+            check=_checked_infrared,
         ),
     ]
 

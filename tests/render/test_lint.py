@@ -131,16 +131,16 @@ def test_a_blackbody_with_ends_of_its_own_is_not_black(tmp_path: Path) -> None:
         '<texture type="bitmap" name="radiance"><string name="filename" value="grey.exr"/></texture>',
     ],
 )
-def test_a_coloured_texture_of_a_lamp_is_made_up_outside_the_visible(
+def test_a_coloured_texture_of_a_lamp_is_held_beyond_the_visible(
     tmp_path: Path, texture: str
 ) -> None:
-    """Unlike an rgb lamp it is not multiplied by D65 and does not end: Mitsuba extrapolates it."""
+    """Unlike an rgb lamp it is not multiplied by D65 and does not end: Mitsuba would extrapolate it."""
     mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
     emitter = f'<emitter type="area">{texture}</emitter>'
     lamp = f'<shape type="sphere"><point name="center" value="0, 0, 4"/>{emitter}</shape>'
     (found,) = findings(tmp_path, clean(lamp), INFRARED)
-    assert found.level == "wrong" and "extrapolated" in found.what
+    assert found.level == "note" and "keeps its value at 700 nm" in found.what
     assert findings(tmp_path, clean(lamp)) == ()
 
 
@@ -184,8 +184,8 @@ def test_a_scene_that_is_all_dark_is_findings_and_no_error(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("bsdf", ["rgb", "bitmap"])
-def test_colours_are_made_up_outside_the_visible(tmp_path: Path, bsdf: str) -> None:
-    """An rgb red of 0.8 becomes 0.999 at 850 nm: told to an infrared camera only."""
+def test_colours_are_held_beyond_the_visible(tmp_path: Path, bsdf: str) -> None:
+    """Told to an infrared camera only; below 360 nm they are Mitsuba's guess."""
     mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
     picture = (
@@ -197,11 +197,12 @@ def test_colours_are_made_up_outside_the_visible(tmp_path: Path, bsdf: str) -> N
         else BALL.format(bsdf=picture.format('<string name="filename" value="grey.exr"/>'))
     )
     (found,) = findings(tmp_path, clean(ball), INFRARED)
-    assert (
-        found.level == "wrong"
-        and "rgb in 1 place is extrapolated outside 360 to 830 nm" in found.what
-    )
+    assert found.level == "note"
+    assert "beyond 700 nm rgb in 1 place keeps its value at 700 nm" in found.what
     assert findings(tmp_path, clean(ball)) == ()
+    ultraviolet = INFRARED.replace(**{"quantum_efficiency.wavelengths_nm": (300, 650)})
+    (found,) = findings(tmp_path, clean(ball), ultraviolet)
+    assert found.level == "wrong" and "is extrapolated below 360 nm" in found.what
 
 
 def test_raw_pictures_are_no_colours(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 POINTS, FEW_POINTS = 256, 16  # of the picture, at each wavelength; few in scalar variants
 STEP_NM, AT_ONCE = 1.0, 4  # between the wavelengths; a spectrum of Mitsuba holds four
 AVERAGED = 5  # wavelengths in a band of the result, so that lines keep their power
-LOWEST_NM, HIGHEST_NM = 360.0, 1100.0
+LOWEST_NM, HIGHEST_NM = 360.0, 1100.0  # and to the end of a camera that sees more
+WHOLE_NM = STEP_NM * AT_ONCE * AVERAGED
 NUMBERS, SEED = (
     6,
     3,
@@ -31,19 +33,22 @@ def rendered_for(
     scene: Scene, camera: Camera, exposure: Exposure, serial: int | None
 ) -> RenderedFor:
     """What a light was rendered for, with the illuminant where the camera has colour filters."""
-    illuminant = illuminant_of(scene) if len(camera.filter_names) > 1 else None
+    illuminant = (
+        illuminant_of(scene, camera.band_nm[1]) if len(camera.filter_names) > 1 else None
+    )
     return RenderedFor(
         None if camera.added else camera, exposure, first_given(serial, 1), illuminant
     )
 
 
-def illuminant_of(scene: Scene) -> Illuminant | None:
-    """Power in bands of 5 nm over their mean; None where no emitter reaches what is seen.
+def illuminant_of(scene: Scene, highest_nm: float = HIGHEST_NM) -> Illuminant | None:
+    """Power in bands of 5 nm over their mean, to 1100 nm or farther; None where no emitter reaches what is seen.
 
     Direct light without its shadows. What colours light on its way, a red wall for example, belongs to the scene.
     """
     mi = mitsuba()
-    wavelengths_nm = np.arange(LOWEST_NM, HIGHEST_NM, STEP_NM) + 0.5 * STEP_NM
+    steps = math.ceil((max(highest_nm, HIGHEST_NM) - LOWEST_NM) / WHOLE_NM)
+    wavelengths_nm = LOWEST_NM + np.arange(0, steps * WHOLE_NM, STEP_NM) + 0.5 * STEP_NM
     quarters = wavelengths_nm.reshape(-1, AT_ONCE)
     scalar = mi.variant().startswith("scalar")
     points = np.random.default_rng(SEED).random((FEW_POINTS if scalar else POINTS, NUMBERS))

@@ -24,6 +24,7 @@ class Finding:
         or "note".
     where : lines in the scene file.  what : description.  remedy : what to do, or what was done.
     data_nm : the wavelengths for which there are data, where the finding is that they end; else None.
+    beyond : what is true of the scene at other wavelengths.
     """
 
     level: Literal["black", "wrong", "note"]
@@ -31,6 +32,7 @@ class Finding:
     what: str
     remedy: str
     data_nm: Range | None = None
+    beyond: str = "data of the scene end"
 
     def __str__(self) -> str:
         return f"{self.what} ({self.where}); {self.remedy}"

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import Float64Array
+from ..infrared.rgb_colours import is_rgb
 from ..scene.scene_file import SceneFile
 from ..variants import MitsubaObject, mitsuba
 from .finding import Range
@@ -72,8 +73,6 @@ class SceneSpectra:
     lights : (node, range) of every emitter.
     materials : (node, name, range) of every property of a material.
     metals : (node, name of the metal, range of its table).
-    colours : nodes whose reflectance is an rgb colour or image, or whose radiance is an image; outside
-        Mitsuba's range they are extrapolated.
     float_lights : nodes of emitters whose strength is one number.
     """
 
@@ -90,15 +89,6 @@ class SceneSpectra:
             for name, v in n.props.items()
         ]
         self.metals = list(_metals(scene))
-        self.colours = [
-            n for n in self.surfaces if any(self._is_colour(v) for _, v in n.props.items())
-        ]
-        pictures = ([v for v in _strengths(n.props) if not _is_rgb(v)] for n in self.emitters)
-        self.colours += [
-            n
-            for n, v in zip(self.emitters, pictures, strict=True)
-            if any(map(self._is_colour, v))
-        ]
 
     def numbers(self, value: MitsubaObject) -> Iterator[Table | Picture]:
         """Tables and pictures that a property is made of, those of textures and volumes in it too."""
@@ -165,7 +155,7 @@ class SceneSpectra:
         if (
             kind == "envmap"
             or is_d65
-            or any(isinstance(v, float) or _is_rgb(v) for v in strengths)
+            or any(isinstance(v, float) or is_rgb(v) for v in strengths)
         ):
             return MITSUBA_NM  # rgb is multiplied by D65; rgb inside a texture is not, and unlimited
         ranges = [self._of_value(value, light=True) for _, value in props.items()]
@@ -187,15 +177,6 @@ class SceneSpectra:
         inner = [self._of_value(value, light) for _, value in props.items()]
         inner += [MITSUBA_NM] if light and kind in LIMITED else []
         return (max(r[0] for r in inner), min(r[1] for r in inner)) if inner else EVERYWHERE
-
-    def _is_colour(self, value: MitsubaObject) -> bool:
-        """Whether a property of a material is an rgb colour or image, or a texture that contains one."""
-        if (props := self._nested(value)) is None:
-            return _is_rgb(value)
-        is_image = props.plugin_name() == "bitmap" and not props.get(
-            "raw"
-        )  # raw: roughness, normals and the like
-        return is_image or any(self._is_colour(inner) for _, inner in props.items())
 
     def _nested(self, value: MitsubaObject) -> MitsubaObject:
         """The properties of a texture or volume; None of anything else."""
@@ -234,10 +215,6 @@ def _listed(numbers: object) -> list[float]:
 
 def _strengths(props: MitsubaObject) -> list[MitsubaObject]:
     return [props[name] for name in STRENGTHS if name in props]
-
-
-def _is_rgb(value: MitsubaObject) -> bool:
-    return "Color3" in type(value).__name__
 
 
 def _ends(wavelengths_nm: list[float]) -> Range:

@@ -6,6 +6,7 @@ table is zero outside its nodes. A reflectance above 1 makes light, and Mitsuba 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple
@@ -14,6 +15,9 @@ import numpy as np
 
 from ...camera.camera import Camera
 from ...core import Float64Array
+from ..infrared.materials import HELD_FROM_NM, materials
+from ..infrared.rgb_colours import rgb_colours
+from ..infrared.rules import ruled_colours
 from ..scene.scene_edits import UNNAMED
 from ..scene.scene_file import SceneFile
 from ..variants import MitsubaObject, mitsuba
@@ -37,6 +41,7 @@ ENDS = (
     "range",
 )  # what tells where a table ends: its wavelengths, or the first and last
 VALUES = ("value", "values")
+GIVE_MATERIALS = "give measured spectra, or the material, e.g. --infrared 'leaf_*=vegetation'"
 ANOTHER = "load it with more data, or pass the scene as a path, as XML text or as a dict"
 
 
@@ -113,12 +118,25 @@ def _metals(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Fin
 
 
 def _colours(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
-    low, high = MITSUBA_NM
-    if spectra.colours and (band.low_nm < low or band.high_nm > high):
-        what = f"rgb in {places(len(spectra.colours))} is extrapolated outside {low:g} to {high:g} nm, to 0 or to 1"
-        what = f"{what}; {band.beyond(MITSUBA_NM)}"
+    """What rgb colours are at wavelengths that nobody sees: a rule beyond 700 nm, guesses of Mitsuba below 360 nm."""
+    by_material: dict[str | None, list[MitsubaObject]] = {}
+    for colour, material in ruled_colours(scene, scene.edits.infrared, band.high_nm):
+        by_material.setdefault(material and material.name, []).append(colour.node)
+    for name, nodes in by_material.items():
+        rule, remedy = f"keeps its value at {HELD_FROM_NM:g} nm", GIVE_MATERIALS
+        if name is not None:
+            rule, remedy = f"is {name!r}", f"measured: {materials()[name].source}"
+        rgb = f"rgb in {places(len(nodes))}"
+        data_nm = (0.0, HELD_FROM_NM)
+        what = f"beyond {HELD_FROM_NM:g} nm {rgb} {rule}; {band.beyond(data_nm)}"
+        yield Finding("note", lines_of(scene, nodes), what, remedy, data_nm, f"{rgb} {rule}")
+    low, _ = MITSUBA_NM
+    colours = [colour.node for colour in rgb_colours(scene)] if band.low_nm < low else []
+    if colours:
+        what = f"rgb in {places(len(colours))} is extrapolated below {low:g} nm, to 0 or to 1"
+        what = f"{what}; {band.beyond((low, math.inf))}"
         yield Finding(
-            "wrong", lines_of(scene, spectra.colours), what, "give measured spectra", MITSUBA_NM
+            "wrong", lines_of(scene, colours), what, "give measured spectra", (low, math.inf)
         )
 
 

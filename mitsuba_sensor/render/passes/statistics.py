@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, TypedDict
 
@@ -48,6 +49,8 @@ class RenderStatistics:
     denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
         sum_corrected_by : share of the light that was moved to have the render's sums.
     seconds_per_sample : of one sample in every pixel, by the passes after the first one, which compiles.
+    beyond_data : what part of the photoelectrons rests on what was assumed where data of the scene end, see
+        :class:`lint.electron_share.ElectronShare`.
     sum_error : relative standard error of the sum of the photoelectrons of all pixels, denoised or not; for regions
         see :meth:`light.irradiance.Irradiance.error_of_sum`. None where it is not known.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
@@ -77,6 +80,7 @@ class RenderStatistics:
     metering: dict[str, float] | None = None
     seconds_per_sample: float = 0.0
     sum_error: float | None = None
+    beyond_data: tuple[Mapping[str, object], ...] = ()
 
     def __repr__(self) -> str:
         taken = f"{self.samples_per_pixel} samples per pixel in {self.seconds:.3g} s"
@@ -85,7 +89,11 @@ class RenderStatistics:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
-        return {**asdict(self), "notes": list(self.notes)}
+        return {
+            **asdict(self),
+            "notes": list(self.notes),
+            "beyond_data": list(self.beyond_data),
+        }
 
     @classmethod
     def from_dict(cls, values: object) -> RenderStatistics:

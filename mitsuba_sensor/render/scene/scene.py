@@ -19,6 +19,7 @@ from ...camera.sensor_size import check_on_sensor
 from ...core import Array, Float64Array, InputError
 from ...optics.intrinsics import View
 from ..denoise.guides import render_guides
+from ..infrared.rules import apply_infrared
 from ..light.bands import (
     Bands,
     box_bands,
@@ -188,6 +189,7 @@ def _load(
     if emitters is not None:
         scene = keep_emitters(scene, emitters)
     continue_metals(scene.nodes("BSDF"), *bands.ends_nm)
+    apply_infrared(scene, scene.edits.infrared, *bands.ends_nm)
     built = scene.build()
     world, integrator = built, built.integrator()
     if scene.loaded is not None:

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from ...camera.datasheet_errors import sentence
 from ...core import Float64Array, InputError, nearest
 from ...core.llvm import drjit
+from ..infrared.materials import AskedInfrared, checked_infrared
 from ..motion.motion import KeyPose
 from ..variants import MitsubaObject, mitsuba
 
@@ -102,18 +103,20 @@ class SceneEdits:
 
     traverse : by name, the numbers of a parameter.  look_at : origin_m, target_m and up of the camera, or None.
     repeatable : whether threads must not change the picture, see :func:`passes.passes.pass_plan`.
+    infrared : what RGB colours are beyond 700 nm, see :func:`infrared.rules.ruled_colours`.
     """
 
     traverse: Mapping[str, Numbers] = field(default_factory=dict)
     look_at: Mapping[str, Numbers] | None = None
     repeatable: bool = False
+    infrared: AskedInfrared = field(default_factory=dict)
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> SceneEdits:
         """Those that are asked for; the variant must be set. options : of :class:`render.options.RenderOptions`, or
         some of them. Raises InputError."""
-        traverse, look_at, repeatable = (
-            options.get(name) for name in ("traverse", "look_at", "repeatable")
+        traverse, look_at, repeatable, infrared = (
+            options.get(name) for name in ("traverse", "look_at", "repeatable", "infrared")
         )
         if repeatable and (variant := mitsuba().variant()).startswith("cuda"):
             raise InputError(
@@ -123,6 +126,7 @@ class SceneEdits:
             {} if traverse is None else checked_traverse("traverse", traverse),
             None if look_at is None else checked_look_at("look_at", look_at),
             bool(repeatable),
+            {} if infrared is None else checked_infrared("infrared", infrared),
         )
 
     def without_parameters(self, prefixes: tuple[str, ...]) -> SceneEdits:
@@ -134,12 +138,10 @@ class SceneEdits:
 
     def digest(self) -> bytes:
         """What stands for them in the digest of a scene; nothing where there are none."""
-        changed = self.traverse or self.look_at
-        return (
-            json.dumps([sorted(self.traverse.items()), self.look_at]).encode()
-            if changed
-            else b""
-        )
+        changes: list[object] = [sorted(self.traverse.items()), self.look_at]
+        if self.infrared:
+            changes.append(self.infrared)
+        return json.dumps(changes).encode() if any(changes) else b""
 
     def set_pose(self, sensor: MitsubaObject, unit_m: float) -> None:
         """Put the pose into the properties of a sensor; a scale of its own stays.  unit_m : metres per scene unit."""

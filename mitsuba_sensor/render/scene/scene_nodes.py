@@ -60,6 +60,7 @@ OPTIONS = (
     "traverse",
     "look_at",
     "repeatable",
+    "infrared",
 )
 CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")  # of a film
 LOADED = (
