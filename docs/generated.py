@@ -29,6 +29,7 @@ from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, ROWS
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
 from mitsuba_sensor.render.infrared.materials import materials
+from mitsuba_sensor.render.motion.motion import KeyPose, RigidMotion
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,
@@ -55,6 +56,10 @@ ANNOTATIONS = {
 LINK = re.compile(r"\]\((?!\w+:|\.\./|#)")
 """Where a link to another page or picture of docs begins."""
 TABLES = tuple(tables(Camera))
+MOTION_TABLES: dict[str, type[BaseModel]] = {
+    "`[camera]`, `[objects.ID]`": RigidMotion,
+    "`[[camera.keys]]`, `[[objects.ID.keys]]`": KeyPose,
+}
 SHEET_EXAMPLE = {
     "pitch_um": "5.86",
     "size": "1920 x 1200",
@@ -195,6 +200,19 @@ def noise_sources() -> str:
     return "\n".join(lines)
 
 
+def motion_file() -> str:
+    """Every field of a motion file, table by table."""
+    lines = ["| table | field | what it is | example |", "|---|---|---|---|"]
+    for where, model in MOTION_TABLES.items():
+        for name, info in model.model_fields.items():
+            example = json.dumps(info.examples[0]) if info.examples else ""
+            meaning = (
+                info.description if info.is_required() else f"{info.description}; optional"
+            )
+            lines.append(f"| {where} | `{name}` | {meaning} | `{example}` |")
+    return "\n".join(lines)
+
+
 def glossary_of_stages() -> str:
     """Every stage, and each of its keys that has a name in the literature, in the order of the chain."""
     rows = []
@@ -240,6 +258,7 @@ IN_PAGES = {
         camera_file,
         emva_sheet,
         noise_sources,
+        motion_file,
         glossary_of_stages,
         glossary_of_chip_and_lens,
         infrared_materials,

@@ -35,6 +35,7 @@ from .render.light.rgb_light import light_from_rgb as light_from_rgb
 from .render.passes.prepared import render as render
 from .render.plugins.plugin_hook import register_plugins as register_plugins
 from .render_frames import render_frames as render_frames
+from .sensor.auto_exposure import AutoExposure as AutoExposure
 from .sensor.fpn_maps import fpn_maps as fpn_maps
 from .sensor.metering import Metering as Metering
 from .stages.stage import Stage as Stage

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -32,19 +31,23 @@ from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
 from .render.light.photons import collected, metered, photons_of
 from .render.motion.aovs import Aovs
+from .render.motion.moving_scene import MovingScene
 from .render.options import FrameSeriesOptions, RenderOptions
+from .render.passes.passes import hashed_seed
 from .render.passes.per_frame import FrameSeries
 from .render.passes.prepared import PreparedRender, prepare
-from .render.passes.stop_criterion import Progress, RenderProgress
+from .render.passes.stop_criterion import Progress, RenderProgress, StopCriterion
 from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput
 from .render.scene.scene_settings import ParsedScene
 from .render.variants import restores_variant
 from .sensor.expose import PreparedExposure
+from .sensor.frame_times import FrameTimes
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
 from .theory.pixel_moments import check_clean_is_known
 from .theory.planned_exposure import prepare_planned_exposure
+from .timed_frames import TimedFrame, expose_frames, expose_moving, series_facts, write_video
 
 Scene: TypeAlias = SceneInput | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
@@ -62,6 +65,7 @@ class Capture:
     frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
     light, photons : irradiance at the focal plane, mean photons per pixel; of the first frame where each has its own.
     aovs : depth, normals, … of the same pixels, if asked for.
+    timed : the frames one by one, where they follow each other in time (``fps``).
     metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.
     """
 
@@ -71,6 +75,7 @@ class Capture:
     aovs: Aovs | None
     metadata: dict[str, Any]
     rendered: bool
+    timed: tuple[TimedFrame, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Capture: {self.frames!r}, {self.light!r}>"
@@ -92,7 +97,11 @@ class Capture:
                 tiff.write_tiff(scratch / variance_name, self.frames.temporal_variance)
             if self.metadata["options"]["dng"]:
                 for number, name in enumerate(dng_names(self.frames)):
-                    write_dng(scratch / name, self.frames, number)
+                    if self.timed:
+                        write_dng(scratch / name, self.timed[number].frames, 0)
+                    else:
+                        write_dng(scratch / name, self.frames, number)
+            write_video(scratch, self.timed, gain)
             if self.rendered and not self.metadata["options"]["no_irradiance"]:
                 exr.write_irradiance_exr(
                     scratch / "irradiance.exr", self.light, self.metadata["options"]["half"]
@@ -152,7 +161,8 @@ def _captured(request: Request) -> Capture:
         with timed(request.times_s, "aovs"):
             aovs = render.aovs()
     warn_of(frames.exposure_notes if render is None else (*light.notes, *frames.exposure_notes))
-    return Capture(frames, light, frames.light, aovs, metadata, rendered=render is not None)
+    rendered = render is not None
+    return Capture(frames, light, frames.light, aovs, metadata, rendered, exposed.timed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +186,7 @@ class Exposed:
     """Frames, and the light that they were exposed to.
 
     origin : where the light comes from, for the metadata.  options : with the serial number that was taken.
-    render : of the scene; None for light that was rendered before.
+    render : of the scene; None for light that was rendered before.  timed : frames that follow each other in time.
     """
 
     frames: Frames
@@ -184,6 +194,7 @@ class Exposed:
     origin: Mapping[str, object]
     options: CaptureOptions
     render: PreparedRender | None = None
+    timed: tuple[TimedFrame, ...] = ()
 
 
 def expose_light(request: Request) -> Exposed:
@@ -195,7 +206,8 @@ def expose_light(request: Request) -> Exposed:
         light = source if isinstance(source, Irradiance) else read_irradiance(source)
         light = light.before_denoising() if request.options["raw_light"] else light
         light = lit_as_asked(light, request.options)
-    asked = request.options["serial"], request.options["gain"]
+    begin_s = FrameTimes.of(request.options).of_frame(request.options["first_frame"])
+    asked = request.options["serial"], request.options["gain"], begin_s
     photons, camera, exposure, serial = collected(
         light, request.camera, request.exposure, *asked
     )
@@ -215,14 +227,16 @@ def expose_light(request: Request) -> Exposed:
     )
     check_frame_files(sensor, options)
     with timed(request.times_s, "expose"):
-        frames = expose_with_progress(sensor.of(photons), request.progress)
-    return Exposed(frames, light, origin, options)
+        exposed = expose_frames(sensor.of(photons), light, options, request.progress)
+    return Exposed(exposed.frames, light, origin, options, timed=exposed.timed)
 
 
 def render_once(request: Request) -> Exposed:
-    """One render of a scene, and all frames of it."""
+    """One render of a scene, and all frames of it; where something moves in time, a render for each."""
     options, progress = request.options, request.progress
+    times = FrameTimes.of(options)
     rendering = denoised_if_possible(part_of(RenderOptions, options))
+    rendering["start_s"] = times.of_frame(options["first_frame"])
     with timed(request.times_s, "render"):
         started = time.monotonic()
         render = prepare(
@@ -234,18 +248,46 @@ def render_once(request: Request) -> Exposed:
             )
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
-        light = render.render(
-            sensor.first.seed, render.stop_criterion(rendering), progress, started=started
-        )
+        stop = render.stop_criterion(rendering)
+        if isinstance(render.scene, MovingScene) and times.period_s is not None:
+            return render_in_time(request, render, sensor, stop)
+        light = render.render(sensor.first.seed, stop, progress, started=started)
         render.renderer.release()
     with timed(request.times_s, "expose"):
         exposure = render.exposure_of(light)
         lit = lit_as_asked(light, options)
         if lit is not light and render.metering is not None:
             exposure = metered(lit, render.camera, render.metering)
-        photons = photons_of(lit, render.camera, exposure)
-        frames = expose_with_progress(sensor.at(exposure).of(photons), progress)
-    return exposed_of_scene(request, render, light, frames)
+        photons = photons_of(lit, render.camera, exposure, rendering["start_s"])
+        exposed = expose_frames(sensor.at(exposure).of(photons), lit, options, progress)
+    scene = exposed_of_scene(request, render, light, exposed.frames)
+    return replace(scene, timed=exposed.timed)
+
+
+def render_in_time(
+    request: Request, render: PreparedRender, sensor: PreparedExposure, stop: StopCriterion
+) -> Exposed:
+    """A render for every frame of a scene that moves, at its own time; the scene is loaded once. Irradiance and
+    metadata are those of the first."""
+    options, progress, seed = request.options, request.progress, sensor.first.seed
+    assert isinstance(render.scene, MovingScene)
+    subframes, lights = render.scene.asked_subframes, list[Irradiance]()
+
+    def light_of(number: int, begin_s: float, exposure: Exposure) -> Irradiance:
+        one = render.moved_to(render.motion, begin_s, exposure, subframes)
+
+        def tell(step: RenderProgress) -> None:
+            if progress is not None:
+                progress(replace(step, frame=number))
+
+        light = one.render(hashed_seed(seed, -3, number) if number else seed, stop, tell)
+        one.renderer.release()
+        lights.extend([] if lights else [light])
+        return lit_as_asked(light, options)
+
+    exposed = expose_moving(sensor, light_of, options)
+    scene = exposed_of_scene(request, render, lights[0], exposed.frames)
+    return replace(scene, timed=exposed.timed)
 
 
 def lit_as_asked(light: Irradiance, options: CaptureOptions) -> Irradiance:
@@ -319,23 +361,6 @@ def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None
         check_dng(sensor.camera, sensor.first.window.shape)
 
 
-def expose_with_progress(sensor: PreparedExposure, progress: Progress | None) -> Frames:
-    """The frames, with the report of the first; progress is told after each of them."""
-    if progress is None:
-        return Frames.exposed_with_report(sensor)
-    began, count = time.monotonic(), sensor.count
-
-    def tell(done: int) -> None:
-        seconds = time.monotonic() - began
-        left_s = seconds / done * (count - done) if done else math.nan
-        progress(
-            RenderProgress(done, count, seconds=seconds, seconds_left=left_s, doing="exposing")
-        )
-
-    tell(0)
-    return Frames.exposed_with_report(replace(sensor, told=tell))
-
-
 @contextmanager
 def timed(times_s: dict[str, float], name: str) -> Iterator[None]:
     """Note the wall-clock seconds that the block takes, and give back the memory that it no longer needs."""
@@ -371,6 +396,7 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
         "origin": {**exposed.origin, "scene_sha256": statistics["scene_sha256"]},
         **of_frames,
         "options": used(CaptureOptions, options),
+        "series": series_facts(exposed.timed, options),
         "chain": options["chain"],
         "bands": bands,
         "counts": {

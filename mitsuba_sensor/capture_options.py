@@ -7,10 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from .core import InputError
 from .core.options import Option, declared
 from .render.options import RawLightOptions, RenderOptions
+from .sensor.frame_times import FrameTimes
 from .sensor.options import FrameOptions
 
 if TYPE_CHECKING:
     from .optics.waveform import Waveform
+    from .sensor.auto_exposure import AutoExposure
+
+
+def _checked_auto_exposure(name: str, value: object) -> object:
+    from .sensor.auto_exposure import checked_auto_exposure
+
+    return checked_auto_exposure(name, value)
 
 
 def _checked_lights(name: str, value: object) -> object:
@@ -36,6 +44,17 @@ class LightOptions(FrameOptions, total=False):
         ),
     ]
 
+    auto_exposure: Annotated[
+        "str | AutoExposure | None",
+        Option(
+            "Change exposure time and gain from frame to frame, so that the mean of the frames comes to a share of "
+            "saturation: 'target 0.18, damping 0.5, delay 2'; also shortest_s, longest_s, and mains_hz 50, which keeps "
+            "the time at multiples of half a period. For frames with --fps; the first one has --exposure-s.",
+            metavar="NUMBERS",
+            text=str,
+            check=_checked_auto_exposure,
+        ),
+    ]
     preview_gain: Annotated[
         float,
         Option(
@@ -112,7 +131,16 @@ def refuse_render_options(options: Mapping[str, object]) -> None:
 
 
 def check_asked_files(options: CaptureOptions) -> None:
-    """Raise InputError for files that cannot be written, whatever the scene."""
+    """Raise InputError for files that cannot be written, and frames that cannot be made, whatever the scene."""
+    times = FrameTimes.of(options)
+    if options["auto_exposure"] is not None and times.period_s is None:
+        raise InputError(
+            "auto_exposure is for frames that follow each other; give --fps (fps=30), or leave it out."
+        )
+    if options["render_noise"] != "shared" and (times.period_s is not None or times.start_s):
+        raise InputError(
+            f"render_noise is {options['render_noise']!r}, whose renders are of one instant; leave fps and start_s out."
+        )
     if options["clean"]:
         from .sensor.choices import check_clean
 

@@ -20,10 +20,12 @@ from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.light.photons import collected
 from .sensor.expose import PreparedExposure, placed_photons
+from .sensor.frame_times import FrameTimes
 from .sensor.kept_maps import RecentMaps
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions
 from .theory.planned_exposure import prepare_planned_exposure
+from .timed_frames import TimedFrame, joined, timed_exposure
 
 RECENT = RecentMaps()
 """FPN maps of the cameras that :func:`expose` had last."""
@@ -60,7 +62,10 @@ def expose(
     lent = RECENT.lend(prepared, asked, options.get("chain") or "physical")
     try:
         with told_frames(lent, "expose", progress) as sensor:
-            frames = Frames.exposed(sensor)
+            if series := in_time(sensor, photons, options):
+                frames = joined(series).frames
+            else:
+                frames = Frames.exposed(sensor)
     finally:
         RECENT.drop()
     warn_of(frames.exposure_notes)
@@ -115,7 +120,19 @@ def stream(
     sensor = prepare_light(photons, camera_of(camera), exposure, options)
     frames = sensor.stream()
     warn_of(sensor.notes)
+    if series := in_time(sensor, photons, options):
+        return (one.frames.digital[0] for one in series)
     return frames
+
+
+def in_time(
+    sensor: PreparedExposure, light: object, options: ExposeOptions
+) -> Iterator[TimedFrame] | None:
+    """Several frames of lamps that flicker, each in the light of its time; None for others."""
+    several = sensor.count > 1 and FrameTimes.of(options).period_s is not None
+    if not several or not isinstance(light, Irradiance) or not light.waveforms:
+        return None
+    return timed_exposure(sensor, lambda *frame: light, options).each()
 
 
 def prepare_light(
@@ -126,11 +143,13 @@ def prepare_light(
 ) -> PreparedExposure:
     """An exposure with its light, which is collected where it is the irradiance of a render. Raises InputError."""
     if isinstance(light, Irradiance):
-        asked = options.get("serial"), options.get("gain")
+        begin_s = FrameTimes.of(options).of_frame(options.get("first_frame") or 0)
+        asked = options.get("serial"), options.get("gain"), begin_s
         light, camera, exposure, serial = collected(light, camera, exposure, *asked)
         options = {**options, "serial": serial}
     check_types(camera, exposure)
     assert camera is not None and isinstance(exposure, Exposure)
+    FrameTimes.of(options).check(exposure)
     photons = placed_photons(light, camera, options)
     sensor = prepare_planned_exposure(
         camera, exposure, photons.shape[:2], photons.origin, options

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .camera.camera_file import AnyCamera, camera_of
 from .core import Exposure, InputError, Photons, check_types, require, require_seed, warn_of
 from .core.options import documents
-from .expose import prepare_light, told_frames
+from .expose import in_time, prepare_light, told_frames
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .sensor.expose import PreparedExposure
@@ -148,4 +148,10 @@ class Sensor:
                 )
         begin: ExposeOptions = {"first_frame": self.frames_taken}
         given: ExposeOptions = {**begin, **options, "serial": self.serial, "maps": self.maps}
-        return self._kept.lend(prepare_light(photons, self.camera, exposure, given))
+        prepared = prepare_light(photons, self.camera, exposure, given)
+        if in_time(prepared, photons, given):
+            raise InputError(
+                "a Sensor has one light for all frames of a call, and this one flickers; expose them one by one, or "
+                "use ms.expose."
+            )
+        return self._kept.lend(prepared)

@@ -208,7 +208,7 @@ class DatasetPlan:
         options = {
             k: v
             for k, v in used(RenderOptions, render).items()
-            if k not in (*OF_SCENE, *PASSED_BY)
+            if k not in (*OF_SCENE, *PASSED_BY) and (k, v) != ("start_s", 0.0)
         }
         parameters = {**entry.parameters, **of_kind("parameters", one.values)}
         parameters = {name: text_of(value) for name, value in parameters.items()}

@@ -9,7 +9,8 @@ instant of the exposure has the same probability: the blur is that of the open s
 ghosts of the sub-frames (systematic sampling with a random start). A new random u in each of P
 passes would make the blur short by 1/(2·m²·P), and its length uncertain by twice as much.
 
-Global shutter: all rows open at time 0. Rolling: row r of the film opens at r·t_row, read from top to bottom.
+Global shutter: all rows open at the begin of the frame. Rolling: row r of the film opens r·t_row later, read from top
+to bottom.
 """
 
 from __future__ import annotations
@@ -32,18 +33,21 @@ STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: hal
 
 @dataclass(frozen=True)
 class Shutter:
-    """open_s : exposure time of a row [s].  row_time_s : from the start of a row to that of the next; 0 is global."""
+    """open_s : exposure time of a row [s].  row_time_s : from the start of a row to that of the next; 0 is global.
+    begin_s : when row 0 opens, which is when the frame begins."""
 
     open_s: float
     row_time_s: float = 0.0
+    begin_s: float = 0.0
 
     def start_s(self, rows: ArrayLike) -> Float64Array:
-        """When rows of the film open [s]; row 0 at time 0."""
-        return np.asarray(rows, dtype=float) * self.row_time_s
+        """When rows of the film open [s]."""
+        return self.begin_s + np.asarray(rows, dtype=float) * self.row_time_s
 
     def span_s(self, rows: tuple[int, int]) -> tuple[float, float]:
         """From the start of the first of the rows [first, last) to the end of the last [s]."""
-        return rows[0] * self.row_time_s, (rows[1] - 1) * self.row_time_s + self.open_s
+        first_s, last_s = self.start_s((rows[0], rows[1] - 1)).tolist()
+        return first_s, last_s + self.open_s
 
     def subframes_needed(self, speed_px_per_s: float) -> int:
         """How many sub-frames an exposure needs when the image moves this fast; at least 1."""
@@ -89,9 +93,9 @@ def subframes(
     return starts[0] + (numbers + phase) * step_s, np.asarray(weights)
 
 
-def shutter_of(camera: Camera, exposure: Exposure) -> Shutter:
-    """The shutter that the datasheet describes, open for this exposure."""
+def shutter_of(camera: Camera, exposure: Exposure, begin_s: float = 0.0) -> Shutter:
+    """The shutter that the datasheet describes, open for this exposure, in a frame that begins at ``begin_s``."""
     row_time_us = 0.0
     if camera.sensor.shutter == "rolling":
         row_time_us = camera.sensor.row_time_us or 0.0
-    return Shutter(exposure.time_s, row_time_us * 1e-6)
+    return Shutter(exposure.time_s, row_time_us * 1e-6, begin_s)

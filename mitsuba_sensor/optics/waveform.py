@@ -71,10 +71,9 @@ class Waveform:
             mean = self.shape(starts)
         return np.asarray(self.level * np.maximum(mean, 0.0))
 
-    def weights(self, shutter: Shutter, rows: tuple[int, int], start_s: float) -> Float64Array:
-        """What the rows [first, last) of a frame that begins at ``start_s`` get of the light of the render, (rows,)."""
-        starts = start_s + shutter.start_s(np.arange(*rows))
-        return self.mean_over(starts, shutter.open_s)
+    def weights(self, shutter: Shutter, rows: tuple[int, int]) -> Float64Array:
+        """What the rows [first, last) of a frame get of the light of the render, (rows,)."""
+        return self.mean_over(shutter.start_s(np.arange(*rows)), shutter.open_s)
 
     def integral(self, start_s: Float64Array, stop_s: Float64Array) -> Float64Array:
         """∫ w dt from start to stop [s]."""

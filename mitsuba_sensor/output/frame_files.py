@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
 BRIGHTENED = "frame_brightened.png"
-FRAME_FILES = ("frame.tiff", "frame.png", BRIGHTENED, *DNGS, *CLEAN, "frame.json")
+VIDEO = "frames.webp"
+FRAME_FILES = ("frame.tiff", "frame.png", BRIGHTENED, VIDEO, *DNGS, *CLEAN, "frame.json")
 """Files of frames of light that is rendered already."""
 CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
 """Files of frames of a scene."""

@@ -79,7 +79,7 @@ class Frames(RawFrames):
                 joined[name] = np.concatenate([getattr(part, name) for part in parts])
         clean = None
         if with_clean:
-            clean = np.stack([part.clean for part in parts])
+            clean = np.concatenate([part.clean_of_each for part in parts])
         return replace(first, **joined, own_clean=clean)
 
     @cached_property

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from ..core.options import Option
-from ..sensor.options import FrameOptions, Gain
+from ..sensor.options import FrameOptions, Gain, StartOptions
 from .limits import (
     LONGEST_NM,
     MOST_IN_ALL,
@@ -197,7 +197,7 @@ class UnitOptions(TypedDict, total=False):
     ]
 
 
-class RenderOptions(SceneOptions, RawLightOptions, total=False):
+class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     """How a scene is rendered, beside scene, camera, exposure and seed."""
 
     spp: Annotated[

@@ -86,7 +86,46 @@ class SensorOptions(MapOptions, total=False):
     ]
 
 
-class FrameOptions(SensorOptions, total=False):
+class StartOptions(TypedDict, total=False):
+    """When the first frame begins."""
+
+    start_s: Annotated[
+        float,
+        Option(
+            "When frame 0 begins, in seconds of the motion and of the waveforms of lamps.",
+            0.0,
+            low=-1e9,
+            high=1e9,
+            example="0.5",
+        ),
+    ]
+
+
+class TimeOptions(StartOptions, total=False):
+    """Frames that follow each other: frame k begins at start_s + k/fps."""
+
+    fps: Annotated[
+        float | None,
+        Option(
+            "Frames per second: motion and waveforms go on from frame to frame, and frames.webp shows them. "
+            "Default: all frames are of the same instant.",
+            low=1e-6,
+            high=1e9,
+            example="30",
+        ),
+    ]
+    frame_period_s: Annotated[
+        float | None,
+        Option(
+            "Seconds from the begin of a frame to that of the next, in place of --fps.",
+            low=1e-9,
+            high=1e6,
+            example="0.04",
+        ),
+    ]
+
+
+class FrameOptions(SensorOptions, TimeOptions, total=False):
     """What only Python has; which frames are made: how many, from which number on, and with which seeds."""
 
     keep: Annotated[

@@ -79,16 +79,16 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
     return replace(total, statistics=light.statistics, waveforms=flickering)
 
 
-def light_of_frame(light: Irradiance, shutter: Shutter, start_s: float = 0.0) -> Irradiance:
+def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:
     """The light that the rows of one frame get of lamps that flicker, as a whole; the light itself where none does.
 
-    start_s : when the first row of the film opens.  Statistics stay those of the render.
+    Statistics stay those of the render.
     """
     if not light.waveforms:
         return light
     first, weights = light.origin[0], dict[str, Level](light.levels)
     for name, waveform in light.waveforms.items():
-        weights[name] = waveform.weights(shutter, (first, first + len(light.data)), start_s)
+        weights[name] = waveform.weights(shutter, (first, first + len(light.data)))
     total = sum_of_groups(light.groups, weights)
     return replace(total, statistics=light.statistics, groups={}, levels={})
 

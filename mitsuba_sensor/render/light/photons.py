@@ -108,7 +108,7 @@ def collect(
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
             raise InputError(f"{why}; {remedy}.")
-        light = light_of_frame(light, shutter_of(camera, exposure), start_s)
+        light = light_of_frame(light, shutter_of(camera, exposure, start_s))
         photons = _photons(
             light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure
         )
@@ -149,6 +149,7 @@ def collected(
     asked: AskedExposure | None,
     serial: int | None,
     gain: str | float | None = None,
+    start_s: float = 0.0,
 ) -> tuple[Photons, Camera, Exposure, int | None]:
     """Photons, camera, exposure and serial number: those asked for, else those that the light was rendered for; an
     exposure of neither is metered, for the camera at this gain setting. Raises InputError."""
@@ -172,7 +173,7 @@ def collected(
         if isinstance(exposure, Exposure)
         else metered(light, camera, exposure or Metering())
     )
-    return photons_of(light, camera, found), camera, found, serial
+    return photons_of(light, camera, found, start_s), camera, found, serial
 
 
 def photons_of(

@@ -143,7 +143,7 @@ def _trace(
     parts, report = [], progress or (lambda done, total: None)
     report(0, rows)
     for first, last in strips:
-        start_s = float(shutter.start_s(first + top)) if row_by_row else 0.0
+        start_s = float(shutter.start_s(first + top)) if row_by_row else shutter.begin_s
         transforms.set_time(start_s)
         grid = np.meshgrid(left + np.arange(columns) + 0.5, top + np.arange(first, last) + 0.5)
         arrays = _trace_pixels(

@@ -65,7 +65,10 @@ class KeyPose(FileTable):
     """A pose at a time: relative to the scene file, or in the world (camera only)."""
 
     time_s: Number = Field(
-        ge=-1e9, le=1e9, description="seconds from the start of the exposure", examples=[0.01]
+        ge=-1e9,
+        le=1e9,
+        description="seconds; frame 0 begins at start_s, 0 by default",
+        examples=[0.01],
     )
     move_m: Vector = Field(
         ZERO, description="movement from the pose in the scene file [m]", examples=[[0.1, 0, 0]]

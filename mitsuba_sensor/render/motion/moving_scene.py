@@ -167,9 +167,9 @@ class AnimatedTransforms:
         return float(np.nanmax(moved, initial=0.0)) / difference_s
 
 
-def pose_m(scene: Scene, motion: Motion, unit_m: float) -> Float64Array:
+def pose_m(scene: Scene, motion: Motion, unit_m: float, begin_s: float) -> Float64Array:
     """Pose of the camera when the first row opens, 4×4 to world space [m]; the scene is at rest."""
-    pose = AnimatedTransforms(scene, motion, unit_m).camera_at(0.0)
+    pose = AnimatedTransforms(scene, motion, unit_m).camera_at(begin_s)
     pose[:3, 3] *= unit_m
     return pose
 
@@ -217,7 +217,8 @@ class MovingScene:
     scene : at rest.
     subframes : sub-frames of one exposure; by default so many that nothing in the image moves by more than half a
         pixel from one to the next. At most one for each sample of a pass; they share the samples evenly.
-    unit_m : metres per scene unit.  Raises InputError for a motion that does not fit the scene.
+    unit_m : metres per scene unit.  begin_s : when the frame begins, in the time of the motion.
+    Raises InputError for a motion that does not fit the scene.
     """
 
     def __init__(
@@ -228,10 +229,11 @@ class MovingScene:
         exposure: Exposure,
         subframes: int | None = None,
         unit_m: float = 1.0,
+        begin_s: float = 0.0,
     ) -> None:
         self.scene, self._shutter, self.asked_subframes = (
             scene,
-            shutter_of(camera, exposure),
+            shutter_of(camera, exposure, begin_s),
             subframes,
         )
         self.view, self.sha256, self.restrict_wavelengths = (
@@ -250,6 +252,11 @@ class MovingScene:
             )
             self.speed_px_per_s = max(speeds) if length else 0.0
         self._needed = self._shutter.subframes_needed(self.speed_px_per_s)
+
+    @property
+    def begin_s(self) -> float:
+        """When the frame begins, in the time of the motion [s]."""
+        return self._shutter.begin_s
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from ..scene.scene_settings import ParsedScene
 from ..variants import mitsuba
 from .noisy_pixels import NoisyPixels, fewest_samples
 from .passes import hashed_seed, whole_grid
-from .prepared import PreparedRender, check_options, prepare
+from .prepared import PreparedRender, prepare
 from .renderer import Criterion, Map, Renderer
 from .statistics import median_bias
 from .stop_criterion import (
@@ -37,6 +37,7 @@ from .stop_criterion import (
     Progress,
     RenderProgress,
     StopCriterion,
+    check_options,
     stop_criterion_of,
 )
 

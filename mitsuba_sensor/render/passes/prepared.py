@@ -18,7 +18,7 @@ from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
 from ...theory.input_noise import input_noise
 from ...theory.planned_exposure import prepare_planned_exposure
-from ..denoise.network import denoised_if_possible, is_installed, library
+from ..denoise.network import denoised_if_possible, is_installed
 from ..light.bands import Bands
 from ..light.film_channels import with_filters
 from ..light.illuminant import rendered_for
@@ -49,7 +49,14 @@ from .statistics import (
     summary_of,
     why_not_trusted,
 )
-from .stop_criterion import End, Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .stop_criterion import (
+    End,
+    Progress,
+    RenderProgress,
+    StopCriterion,
+    check_options,
+    stop_criterion_of,
+)
 from .told import told_progress
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
@@ -91,17 +98,6 @@ def render(
     return light
 
 
-def check_options(options: RenderOptions) -> None:
-    """Raise InputError for options that are no use in any scene."""
-    if options["denoise"]:
-        library()
-    if options["subframes"] is not None and options["motion"] is None:
-        raise InputError(
-            f"subframes is {options['subframes']!r} and nothing moves; pass a motion, or leave it out."
-        )
-    stop_criterion_of(options)
-
-
 @dataclass(frozen=True, eq=False)
 class PreparedRender:
     """A loaded scene that can be rendered for one camera and exposure as often as asked.
@@ -134,6 +130,11 @@ class PreparedRender:
     def at_rest(self) -> Scene:
         """The scene without its motion."""
         return self.scene if isinstance(self.scene, Scene) else self.scene.scene
+
+    @property
+    def begin_s(self) -> float:
+        """When the frame begins, in the time of the motion [s]."""
+        return 0.0 if isinstance(self.scene, Scene) else self.scene.begin_s
 
     def seed(self, given: int | None) -> int:
         """The seed that was given, else the scene file's, else 1. Raises InputError."""
@@ -212,6 +213,24 @@ class PreparedRender:
             return self.exposure
         return replace(self.exposure, time_s=found["exposure_s"])
 
+    def moved_to(
+        self, motion: Motion, begin_s: float, exposure: Exposure, subframes: int | None
+    ) -> PreparedRender:
+        """The same scene with a motion, in a frame that begins at ``begin_s``. Raises InputError."""
+        moving = MovingScene(
+            self.at_rest, motion, self.camera, exposure, subframes, self.unit_m, begin_s
+        )
+        kept = Kept.of(self.denoise, self.raw_light)
+        renderer = Renderer(moving, self.camera, exposure, self.bands, kept)
+        return replace(
+            self,
+            scene=moving,
+            motion=motion,
+            renderer=renderer,
+            exposure=exposure,
+            metered=True,
+        )
+
     def metered_first(self) -> PreparedRender:
         """The same, its exposure known: where it is to be metered, by a short render from now on. Raises InputError."""
         if self.metering is None or self.metered:
@@ -248,7 +267,8 @@ class PreparedRender:
             self.motion != Motion()
         ):  # a mesh that has moved and come back is off by rounding: built again
             scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
-        return aovs_of(scene, self.motion, self.unit_m, shutter_of(self.camera, self.exposure))
+        shutter = shutter_of(self.camera, self.exposure, self.begin_s)
+        return aovs_of(scene, self.motion, self.unit_m, shutter)
 
     def noise_ratios(
         self, exposure: Exposure, electrons: Electrons, passes: int
@@ -273,19 +293,13 @@ class PreparedRender:
             sampler=self.sampler,
             emitters=group.emitters,
         )
-        scene: Scene | MovingScene = at_rest
-        if isinstance(self.scene, MovingScene):
-            scene = MovingScene(
-                at_rest,
-                self.motion,
-                self.camera,
-                self.exposure,
-                self.scene.asked_subframes,
-                self.unit_m,
-            )
         kept = Kept.of(self.denoise, self.raw_light)
-        renderer = Renderer(scene, self.camera, self.exposure, self.bands, kept)
-        return replace(self, scene=scene, renderer=renderer, light_groups=(), is_group=True)
+        renderer = Renderer(at_rest, self.camera, self.exposure, self.bands, kept)
+        still = replace(self, scene=at_rest, renderer=renderer, light_groups=(), is_group=True)
+        if isinstance(self.scene, Scene):
+            return still
+        subframes = self.scene.asked_subframes
+        return still.moved_to(self.motion, self.begin_s, self.exposure, subframes)
 
     def _denoised(self, exposure: Exposure, raw: Electrons) -> dict[str, object] | None:
         """What the denoiser did, and the noise ratio before."""
@@ -337,7 +351,9 @@ class PreparedRender:
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
             intrinsics=intrinsics(self.scene.view, self.camera)
             | {"shading": shading(self.scene.view, self.camera)},
-            camera_to_world=pose_m(self.at_rest, self.motion, self.unit_m).tolist(),
+            camera_to_world=pose_m(
+                self.at_rest, self.motion, self.unit_m, self.begin_s
+            ).tolist(),
             denoised=self._denoised(exposure, raw),
             metering=None if self.metering is None else self.metering.record(exposure),
             sum_error=sum_error(*raw),
@@ -389,25 +405,12 @@ def prepare(
     )
     renderer = Renderer(at_rest, camera, known, bands, kept)
     asked_for = chosen["denoise"], chosen["raw_light"], chosen["width"]
-    still = PreparedRender(
-        parsed,
-        at_rest,
-        camera,
-        known,
-        bands,
-        renderer,
-        *asked_for,
-        Motion(),
-        metres,
-        sampler,
-        metering,
-    )
+    others = *asked_for, Motion(), metres, sampler, metering
+    still = PreparedRender(parsed, at_rest, camera, known, bands, renderer, *others)
     if chosen["light_groups"] is not None:
         groups = light_groups_of(parsed.file, cast(AskedGroups, chosen["light_groups"]))
         still = replace(still.metered_first(), light_groups=groups)
     if chosen["motion"] is None:
         return still if chosen["noise_ratio"] is None else still.metered_first()
     still = still.metered_first()
-    moving = MovingScene(at_rest, motion, camera, still.exposure, chosen["subframes"], metres)
-    renderer = Renderer(moving, camera, still.exposure, bands, kept)
-    return replace(still, scene=moving, motion=motion, renderer=renderer)
+    return still.moved_to(motion, chosen["start_s"], still.exposure, chosen["subframes"])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ...core import InputError
+from ..denoise.network import library
 from ..options import RenderOptions
 from .passes import FEWEST, pass_plan, whole_grid
 
@@ -294,3 +295,14 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
         grouped=grouped,
         repeatable=repeatable,
     )
+
+
+def check_options(options: RenderOptions) -> None:
+    """Raise InputError for options that are no use in any scene."""
+    if options["denoise"]:
+        library()
+    if options["subframes"] is not None and options["motion"] is None:
+        raise InputError(
+            f"subframes is {options['subframes']!r} and nothing moves; pass a motion, or leave it out."
+        )
+    stop_criterion_of(options)

@@ -1,0 +1,170 @@
+"""Automatic exposure: a controller that brings the mean of the frames to a target, frame by frame.
+
+    e_k = ln(target / measured of frame k − delay),   X_{k+1} = X_k·exp(damping·e_k)
+
+X is the exposure time times the overall system gain K. Of a light that does not change, without delay, the error
+shrinks by (1 − damping) from frame to frame. Time comes first: a higher gain setting is taken only where the time of
+the lower one would be beyond its limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.camera import Camera
+from ..camera.figures import saturation_e
+from ..core import Exposure, InputError, nearest, require
+from ..core.field_names import tells_of_names
+from ..stages.gains import gain_dn_per_e
+from ..stages.stage import converter_of
+
+DARKEST = 1e-6
+"""Of saturation: a darker mean counts as this."""
+EXAMPLE = "target 0.18, damping 0.5, delay 2"
+
+
+@tells_of_names
+@dataclass(frozen=True)
+class AutoExposure:
+    """A controller of exposure time and gain, from frame to frame.
+
+    ::
+
+        control = ms.AutoExposure(target=0.18, damping=0.5, delay=2, mains_hz=50)
+        captured = ms.capture("scenes/rolling_fan.xml", fps=30, frames=20, auto_exposure=control)
+
+    target : mean of a frame over black, as a share of saturation.  damping : share of the error (in stops) that the
+        next frame corrects, 0 to 1.  delay : frames between the one that is measured and the first that answers.
+    shortest_s, longest_s : limits of the exposure time [s]; by default the longest is the frame period.
+    mains_hz : 50 or 60 keeps the time at multiples of half a period of the mains, where lamps make no bands.
+    """
+
+    target: float = 0.18
+    damping: float = 0.5
+    delay: int = 0
+    shortest_s: float = 1e-6
+    longest_s: float | None = None
+    mains_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        require("target", self.target, 1e-4, 1.0, "a share of saturation, e.g. 0.18")
+        require("damping", self.damping, 1e-3, 1.0, "a share of the error, e.g. 0.5")
+        delay = require("delay", self.delay, 0, 1000, "a whole number of frames, e.g. 2")
+        if delay % 1:
+            raise InputError(f"delay is {delay}; give a whole number of frames, e.g. 2.")
+        object.__setattr__(self, "delay", int(delay))
+        require("shortest_s", self.shortest_s, 1e-12, 1e6, "seconds, e.g. 1e-5")
+        if self.longest_s is not None:
+            require(
+                "longest_s", self.longest_s, self.shortest_s, 1e6, "seconds from shortest_s on"
+            )
+        if self.mains_hz is not None:
+            require("mains_hz", self.mains_hz, 1.0, 1e4, "hertz, e.g. 50")
+
+    @classmethod
+    def of_text(cls, text: str) -> AutoExposure:
+        """Of ``"target 0.18, damping 0.5, delay 2"``; what is not named has its default. Raises InputError."""
+        numbers = dict[str, float]()
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            name, _, number = part.replace("=", " ").partition(" ")
+            if name not in cls.__dataclass_fields__:
+                known = ", ".join(cls.__dataclass_fields__)
+                raise InputError(
+                    f"auto_exposure names {name!r}; its numbers are {known}, e.g. {EXAMPLE!r}."
+                    f"{nearest(name, cls.__dataclass_fields__)}"
+                )
+            try:
+                numbers[name] = float(number)
+            except ValueError:
+                raise InputError(
+                    f"auto_exposure has {part!r}, where {number!r} is no number, e.g. {EXAMPLE!r}."
+                ) from None
+        return cls(**numbers)  # type: ignore[arg-type]
+
+
+def checked_auto_exposure(name: str, given: object) -> AutoExposure:
+    """A controller, or the text of one. Raises InputError."""
+    if isinstance(given, AutoExposure):
+        return given
+    if isinstance(given, str):
+        return AutoExposure.of_text(given)
+    raise InputError(f"{name} is {given!r}; pass AutoExposure(target=0.18), or {EXAMPLE!r}.")
+
+
+@dataclass
+class ExposureControl:
+    """The state of a controller: camera and exposure of the next frame.
+
+    settings : the camera at each gain, the lowest first, and its K [DN/e-].
+    saturation_dn : of the camera that it began with, over black.
+    """
+
+    rule: AutoExposure
+    camera: Camera
+    exposure: Exposure
+    longest_s: float
+    settings: list[tuple[float, Camera]]
+    saturation_dn: float
+    errors: list[float] = field(default_factory=list)
+
+    @classmethod
+    def begin(
+        cls, rule: AutoExposure, camera: Camera, exposure: Exposure, period_s: float
+    ) -> ExposureControl:
+        """A controller whose first frame has this exposure, as far as the limits let it. Raises InputError."""
+        longest_s = period_s if rule.longest_s is None else min(rule.longest_s, period_s)
+        if longest_s < rule.shortest_s:
+            raise InputError(
+                f"shortest_s is {rule.shortest_s:g} and a frame has {longest_s:g} s; give a shorter one, or fewer "
+                "frames per second."
+            )
+        gain = gain_dn_per_e(camera)
+        saturation_dn = saturation_e(camera) * gain
+        settings = sorted(_settings(camera), key=lambda setting: setting[0])
+        control = cls(rule, camera, exposure, longest_s, settings, saturation_dn)
+        control.exposure = replace(exposure, time_s=control._allowed_s(exposure.time_s))
+        return control
+
+    def measure(self, digital: NDArray[np.unsignedinteger]) -> float:
+        """Mean of a frame over black, as a share of saturation; from it follow camera and exposure of the next."""
+        black_dn = converter_of(self.camera.stages).black_level_dn
+        mean_dn = float(digital.mean(dtype=np.float64)) - black_dn
+        measured = mean_dn / self.saturation_dn
+        self.errors.append(math.log(self.rule.target / max(measured, DARKEST)))
+        if len(self.errors) > self.rule.delay:
+            error = self.errors[-1 - self.rule.delay]
+            now = self.exposure.time_s * gain_dn_per_e(self.camera)
+            self._set(now * math.exp(self.rule.damping * error))
+        return measured
+
+    def _set(self, wanted: float) -> None:
+        """Time and gain whose product is ``wanted`` [s·DN/e-], as far as the limits let them."""
+        for gain, camera in self.settings:
+            self.camera = camera
+            if wanted / gain <= self.longest_s:
+                break
+        time_s = self._allowed_s(wanted / gain_dn_per_e(self.camera))
+        self.exposure = replace(self.exposure, time_s=time_s)
+
+    def _allowed_s(self, time_s: float) -> float:
+        """The time within the limits, and of whole half periods of the mains where it has one at least."""
+        time_s = min(max(time_s, self.rule.shortest_s), self.longest_s)
+        if self.rule.mains_hz is None:
+            return time_s
+        half_s = 0.5 / self.rule.mains_hz
+        whole = min(round(time_s / half_s), math.floor(self.longest_s / half_s + 1e-9))
+        return whole * half_s if whole else time_s
+
+
+def _settings(camera: Camera) -> Iterator[tuple[float, Camera]]:
+    """K and the camera, as it is and at each of its other gain settings."""
+    yield gain_dn_per_e(camera), camera
+    for setting in camera.gains:
+        if setting.label != camera.gain:
+            other = camera.at_gain(setting.label)
+            yield gain_dn_per_e(other), other

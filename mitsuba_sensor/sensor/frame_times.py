@@ -1,0 +1,49 @@
+"""When the frames of a series begin: frame k at start_s + k·period, with k counted from 0 whatever the first one is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..core import Exposure, InputError
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """start_s : when frame 0 begins.  period_s : from one begin to the next; None where all frames are of one instant.
+
+    fps : its inverse.
+    """
+
+    start_s: float = 0.0
+    period_s: float | None = None
+    fps: float | None = None
+
+    @classmethod
+    def of(cls, options: Mapping[str, object]) -> FrameTimes:
+        """Of the options ``start_s``, ``fps`` and ``frame_period_s``. Raises InputError where both are given."""
+        start_s, fps, period_s = (options.get(n) for n in ("start_s", "fps", "frame_period_s"))
+        if fps is not None and period_s is not None:
+            raise InputError(
+                f"fps is {fps} and frame_period_s is {period_s}, which say the same; leave one of them out."
+            )
+        if isinstance(fps, int | float):
+            period_s = 1 / fps
+        elif isinstance(period_s, int | float):
+            fps = 1 / period_s
+        else:
+            fps = period_s = None
+        assert start_s is None or isinstance(start_s, int | float)
+        return cls(float(start_s or 0.0), period_s, fps)
+
+    def of_frame(self, number: int) -> float:
+        """When the frame with this number begins [s]."""
+        return self.start_s if self.fps is None else self.start_s + number / self.fps
+
+    def check(self, exposure: Exposure) -> None:
+        """Raise InputError for an exposure that is longer than a frame."""
+        if self.period_s is not None and exposure.time_s > self.period_s * (1 + 1e-9):
+            raise InputError(
+                f"the exposure time of {exposure.time_s:g} s is longer than the frame period of {self.period_s:.6g} s; "
+                f"give a shorter time (--exposure-s {self.period_s:.3g}) or fewer frames per second."
+            )

@@ -1,0 +1,169 @@
+"""Frames that follow each other: frame k begins at start_s + k/fps, and what moves is where it is at that time."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import write_scene
+from PIL import Image
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.files.raw_files import read_raw
+from mitsuba_sensor.optics.shutter import Shutter, shutter_of, subframes
+from mitsuba_sensor.render.passes.prepared import PreparedRender
+
+CAMERA = ms.load_camera("konnik_table1")
+EXPOSURE = ms.Exposure(1e-3)
+WIDTH, HEIGHT, DISTANCE_M, FOV_DEG = 64, 24, 4.0, 50.0
+PX_PER_M = WIDTH / (2 * DISTANCE_M * math.tan(math.radians(FOV_DEG / 2)))
+SPEED_PX_PER_S = 37.0
+SCENE = f"""<scene version="3.0.0"><integrator type="direct"/><sensor type="perspective">
+<float name="fov" value="{FOV_DEG}"/><transform name="to_world">
+<lookat origin="0, 0, {DISTANCE_M}" target="0, 0, 0" up="0, 1, 0"/></transform>
+<film type="hdrfilm"><integer name="width" value="{WIDTH}"/><integer name="height" value="{HEIGHT}"/>
+<rfilter type="box"/></film></sensor>
+<shape type="rectangle" id="wall"><transform name="to_world"><scale value="10"/><translate x="-10"/></transform>
+<emitter type="area"><spectrum name="radiance" value="1"/></emitter></shape></scene>"""
+"""A bright wall whose right edge is in the middle of the picture at time 0."""
+MOTION = {"objects": {"wall": {"velocity_m_per_s": [SPEED_PX_PER_S / PX_PER_M, 0, 0]}}}
+QUICK: dict[str, Any] = {
+    "progress": False,
+    "wavelength_nm": 550.0,
+    "spp": 64,
+    "denoise": False,
+}
+
+
+@pytest.fixture
+def renders(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """When the frame of every render begins, as they are made."""
+    begun, render = list[float](), PreparedRender.render
+
+    def counted(self: PreparedRender, *given: Any, **options: Any) -> ms.Irradiance:
+        begun.append(self.begin_s)
+        return render(self, *given, **options)
+
+    monkeypatch.setattr(PreparedRender, "render", counted)
+    return begun
+
+
+def edge_px(digital: np.ndarray) -> float:
+    """Columns that the bright side covers: up to the first that is darker than the one before, and its share."""
+    profile = digital.mean(axis=0) - digital.mean(axis=0).min()
+    profile = profile if profile[0] > profile[-1] else profile[::-1]
+    column = int(np.argmax(profile[1:] < 0.95 * profile[:-1])) + 1
+    return float(column + profile[column] / profile[column - 1])
+
+
+def test_a_moving_edge_is_where_the_time_of_its_frame_says(
+    tmp_path: Path, renders: list[float]
+) -> None:
+    """Within 0.25 px: 32 + 37·(start_s + k/fps), in the middle of the exposure."""
+    scene, times = write_scene(tmp_path, SCENE), -0.2 + np.arange(5) / 10
+    captured = ms.capture(
+        scene, CAMERA, EXPOSURE, motion=MOTION, fps=10, start_s=-0.2, frames=5, **QUICK
+    )
+    assert renders == pytest.approx(times)
+    found = [edge_px(digital.astype(float)) for digital in captured.frames.digital]
+    expected = WIDTH / 2 + SPEED_PX_PER_S * (times + EXPOSURE.time_s / 2)
+    np.testing.assert_allclose(found, expected, atol=0.25)
+    assert np.ptp(found) > 14
+    series = captured.metadata["series"]
+    assert [one["start_s"] for one in series["frames"]] == pytest.approx(times)
+    assert (series["fps"], series["period_s"]) == (10, 0.1)
+
+
+def test_a_later_frame_alone_is_that_of_the_series(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path, SCENE)
+    given: dict[str, Any] = {"motion": MOTION, "frame_period_s": 0.1, **QUICK}
+    series = ms.capture(scene, CAMERA, EXPOSURE, frames=3, **given)
+    alone = ms.capture(scene, CAMERA, EXPOSURE, first_frame=2, **given)
+    np.testing.assert_array_equal(series.frames.digital[2], alone.frames.digital[0])
+    moved = ms.capture(
+        scene, CAMERA, EXPOSURE, motion=MOTION, first_frame=0, start_s=0.2, **QUICK
+    )
+    assert edge_px(moved.frames.digital[0]) == pytest.approx(
+        edge_px(alone.frames.digital[0]), abs=0.1
+    )
+
+
+def test_a_hundred_frames_of_a_still_scene_are_one_render_and_the_frames_without_a_time(
+    tmp_path: Path, renders: list[float]
+) -> None:
+    scene = write_scene(tmp_path, SCENE)
+    timed = ms.capture(scene, CAMERA, EXPOSURE, fps=30, frames=100, **QUICK)
+    assert len(renders) == 1
+    plain = ms.capture(scene, CAMERA, EXPOSURE, frames=100, **QUICK)
+    np.testing.assert_array_equal(timed.frames.digital, plain.frames.digital)
+    assert plain.metadata["series"] is None and not plain.timed
+    assert timed.metadata["series"]["frames"][99]["start_s"] == pytest.approx(3.3)
+    assert timed.metadata["series"]["flicker_modulation_index"] < 0.01
+
+
+def test_the_camera_has_a_pose_in_every_frame(tmp_path: Path) -> None:
+    motion = {"camera": {"velocity_m_per_s": [0, 0.5, 0]}}
+    captured = ms.capture(
+        write_scene(tmp_path, SCENE), CAMERA, EXPOSURE, motion=motion, fps=5, frames=3, **QUICK
+    )
+    heights = [one.camera_to_world[1][3] for one in captured.timed]  # type: ignore[index]
+    assert heights == pytest.approx([0.0, 0.1, 0.2])
+
+
+def test_the_files_of_a_series(tmp_path: Path) -> None:
+    scene, out = write_scene(tmp_path, SCENE), tmp_path / "out"
+    captured = ms.capture(
+        scene, CAMERA, EXPOSURE, motion=MOTION, fps=20, frames=4, clean=True, dng=True, **QUICK
+    )
+    captured.save(out)
+    np.testing.assert_array_equal(read_raw(out / "frame.tiff").frames, captured.frames.digital)
+    with Image.open(out / "frames.webp") as video:
+        assert (video.n_frames, video.size) == (4, (WIDTH, HEIGHT))  # type: ignore[attr-defined]
+        video.seek(1)
+        video.load()
+        assert video.info["duration"] == 50
+    assert len(json.loads((out / "frame.json").read_text("utf-8"))["series"]["frames"]) == 4
+    for number, one in enumerate(captured.timed):
+        np.testing.assert_array_equal(
+            read_raw(out / f"frame_{number:04d}.dng").frames[0], one.frames.digital[0]
+        )
+    assert captured.frames.clean_of_each.shape == captured.frames.digital.shape
+    ms.capture(scene, CAMERA, EXPOSURE, **QUICK).save(out)
+    assert not (out / "frames.webp").exists()
+
+
+def test_a_shutter_of_a_later_frame_has_the_same_subframes_later() -> None:
+    rolling = CAMERA.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 25.0})
+    now, later = shutter_of(rolling, EXPOSURE), shutter_of(rolling, EXPOSURE, 0.5)
+    assert later == Shutter(1e-3, now.row_time_s, 0.5)
+    parts = [subframes(one, (3, 40), 5, 4e-4, 0.3) for one in (now, later)]
+    np.testing.assert_allclose(parts[1][0], parts[0][0] + 0.5, rtol=1e-9)
+    np.testing.assert_array_equal(parts[1][1], parts[0][1])
+
+
+BAD: dict[str, tuple[dict[str, Any], str]] = {
+    "both": ({"fps": 30, "frame_period_s": 0.1}, "say the same"),
+    "too long": ({"fps": 2000}, "longer than the frame period"),
+    "no rate": ({"fps": 0}, "fps is 0"),
+    "no time": ({"auto_exposure": "target 0.2"}, "give --fps"),
+    "renders": ({"fps": 30, "render_noise": "per-frame"}, "leave fps and start_s out"),
+    "no number": ({"fps": 30, "auto_exposure": "target x"}, "'x' is no number"),
+    "no name": ({"fps": 30, "auto_exposure": "tarket 1"}, "Did you mean 'target'"),
+    "damping": ({"fps": 30, "auto_exposure": "damping 2"}, "damping is 2"),
+    "delay": ({"fps": 30, "auto_exposure": "delay 0.5"}, "whole number of frames"),
+    "limits": ({"fps": 30, "auto_exposure": "shortest_s 1"}, "shortest_s is 1"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_times_that_cannot_be_are_refused_with_the_way_out(case: str, tmp_path: Path) -> None:
+    options, sentence = BAD[case]
+    given = {**QUICK, **options}
+    if case == "renders":
+        del given["denoise"]
+    with pytest.raises(ms.InputError, match=sentence):
+        ms.capture(write_scene(tmp_path, SCENE), CAMERA, EXPOSURE, **given)

@@ -1,0 +1,148 @@
+"""Automatic exposure follows its difference equation and its delay, and takes gain where time is at its limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.render.light.light_sum import sum_of_groups
+from mitsuba_sensor.sensor.auto_exposure import ExposureControl
+
+CAMERA = ms.load_camera("konnik_table1")
+pytestmark = pytest.mark.filterwarnings("ignore::mitsuba_sensor.SensorWarning")
+LADDER = ms.load_camera("raspberry_pi_hq")
+FPS = 30
+
+
+@pytest.fixture
+def lamps(light: ms.Irradiance) -> ms.Irradiance:
+    """Two equal light groups, so that the light doubles where one of them goes on; 0.18 of saturation in 11 ms."""
+    bright = replace(light, data=20 * light.data)
+    return sum_of_groups({"sky": bright, "lamp": bright})
+
+
+def captured(
+    light: ms.Irradiance, camera: ms.Camera, time_s: float, **options: Any
+) -> ms.Capture:
+    return ms.capture(light, camera, ms.Exposure(time_s), fps=FPS, progress=False, **options)
+
+
+def times(capture: ms.Capture) -> np.ndarray:
+    return np.array([one.frames.first.exposure.time_s for one in capture.timed])
+
+
+@pytest.mark.parametrize(("damping", "delay"), [(0.5, 0), (1.0, 0), (0.4, 2)])
+def test_the_step_response_is_that_of_the_difference_equation(
+    damping: float, delay: int, lamps: ms.Irradiance
+) -> None:
+    """ln X_{k+1} = ln X_k + damping·ln(target/measured_{k−delay}); measured is proportional to X within 2 %."""
+    rule = ms.AutoExposure(target=0.18, damping=damping, delay=delay)
+    found = captured(lamps, CAMERA, 0.003, frames=14, auto_exposure=rule)
+    per_second = found.timed[0].measured / 0.003  # type: ignore[operator]
+    expected = [0.003]
+    for number in range(13):
+        step = 0.0
+        if number >= delay:
+            step = damping * math.log(0.18 / (per_second * expected[number - delay]))
+        expected.append(expected[-1] * math.exp(step))
+    np.testing.assert_allclose(times(found), expected, rtol=0.02)
+    assert found.timed[-1].measured == pytest.approx(0.18, rel=0.3 if delay else 0.03)
+
+
+def test_without_delay_the_error_shrinks_by_one_minus_damping(lamps: ms.Irradiance) -> None:
+    found = captured(lamps, CAMERA, 0.002, frames=5, auto_exposure="target 0.18, damping 0.3")
+    errors = [math.log(0.18 / one.measured) for one in found.timed]  # type: ignore[operator]
+    np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.7, atol=0.02)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_light_that_doubles_is_followed_after_the_delay(
+    delay: int, lamps: ms.Irradiance
+) -> None:
+    """The lamp goes on with frame 8; the first exposure that is half as long is that of frame 9 + delay."""
+    dark_s = 8 / FPS
+    lit = lamps.with_lights(lamp=ms.pwm(1 / (2 * dark_s), 0.5, 0.5, level=0.5))
+    steady = captured(
+        lamps.with_lights(lamp=0), CAMERA, 0.003, frames=1, auto_exposure="target 0.18"
+    )
+    at_target_s = 0.003 * 0.18 / steady.timed[0].measured  # type: ignore[operator]
+    rule = ms.AutoExposure(target=0.18, damping=1.0, delay=delay)
+    found = times(captured(lit, CAMERA, at_target_s, frames=9 + delay + 1, auto_exposure=rule))
+    np.testing.assert_allclose(found[: 9 + delay], at_target_s, rtol=0.1)
+    assert found[9 + delay] == pytest.approx(at_target_s / 2, rel=0.05)
+
+
+def test_gain_is_taken_where_the_time_is_at_its_limit(lamps: ms.Irradiance) -> None:
+    dim = lamps.with_lights(sky=0.02, lamp=0.02)
+    rule = ms.AutoExposure(damping=1.0, longest_s=0.01)
+    found = captured(dim, LADDER, 0.01, frames=3, auto_exposure=rule)
+    series = found.metadata["series"]["frames"]
+    gains = [LADDER.at_gain(one["gain"]).system_gain_dn_per_e for one in series]
+    assert gains[0] == LADDER.system_gain_dn_per_e < gains[1]
+    assert all(one["exposure_s"] <= 0.01 * (1 + 1e-9) for one in series)
+    assert [one.frames.camera.gain for one in found.timed] == [one["gain"] for one in series]
+    top = max(LADDER.at_gain(one.label).system_gain_dn_per_e for one in LADDER.gains)
+    assert series[-1]["measured"] == pytest.approx(0.18, rel=0.1) or gains[-1] == top
+
+
+def control_of(rule: ms.AutoExposure, camera: ms.Camera = CAMERA) -> ExposureControl:
+    return ExposureControl.begin(rule, camera, ms.Exposure(0.003), 0.04)
+
+
+def test_the_time_is_a_multiple_of_half_a_period_of_the_mains() -> None:
+    control = control_of(ms.AutoExposure(damping=1.0, mains_hz=50))
+    for wanted_s, expected_s in ((0.004, 0.004), (0.006, 0.01), (0.016, 0.02), (0.9, 0.04)):
+        control._set(wanted_s * CAMERA.system_gain_dn_per_e)
+        assert control.exposure.time_s == pytest.approx(expected_s)
+
+
+def test_limits_hold_in_darkness_and_in_glare() -> None:
+    rule = ms.AutoExposure(shortest_s=1e-4, longest_s=0.02)
+    control, black = control_of(rule), np.zeros((4, 4), np.uint16)
+    control.measure(black)
+    assert control.exposure.time_s == 0.02
+    for _ in range(30):
+        control.measure(np.full((4, 4), 4095, np.uint16))
+    assert control.exposure.time_s == pytest.approx(1e-4)
+
+
+def test_a_metered_exposure_begins_the_series(lamps: ms.Irradiance) -> None:
+    found = ms.capture(
+        lamps, CAMERA, "auto", fps=10, frames=2, auto_exposure="damping 1", progress=False
+    )
+    metered = ms.capture(lamps, CAMERA, "auto", progress=False)
+    assert times(found)[0] == pytest.approx(min(metered.frames.first.exposure.time_s, 0.1))
+
+
+def test_frames_of_equal_exposure_are_those_without_a_controller(lamps: ms.Irradiance) -> None:
+    lit = lamps.with_lights(lamp="pwm(100, 0.5)")
+    rule = ms.AutoExposure(shortest_s=0.004, longest_s=0.004)
+    found = captured(lit, CAMERA, 0.004, frames=4, auto_exposure=rule)
+    plain = ms.expose(lit, CAMERA, ms.Exposure(0.004), frames=4, fps=FPS)
+    np.testing.assert_array_equal(found.frames.digital, plain.digital)
+    for number, frame in enumerate(
+        ms.stream(lit, CAMERA, ms.Exposure(0.004), frames=4, fps=FPS)
+    ):
+        np.testing.assert_array_equal(frame, plain.digital[number])
+    sensor = ms.Sensor(CAMERA)
+    one_by_one = [sensor.expose(lit, ms.Exposure(0.004), fps=FPS).digital[0] for _ in range(4)]
+    np.testing.assert_array_equal(one_by_one, plain.digital)
+    with pytest.raises(ms.InputError, match="one by one"):
+        sensor.expose(lit, ms.Exposure(0.004), frames=2, fps=FPS)
+    still = ms.expose(replace(lit, waveforms={}), CAMERA, ms.Exposure(0.004), frames=2)
+    assert still.digital.mean() != plain.digital[:2].mean()
+
+
+def test_the_flicker_modulation_index_is_the_contrast_of_the_means(
+    lamps: ms.Irradiance,
+) -> None:
+    """A pulse that lights every other frame: the mean alternates between 1 and 3, the index is ½."""
+    lit = lamps.with_lights(lamp=ms.pwm(FPS / 2, 0.5))
+    found = captured(lit, CAMERA, 0.01, frames=6).metadata["series"]
+    assert found["flicker_modulation_index"] == pytest.approx(0.5, abs=0.02)
+    assert 0.5 < found["flicker_modulation_index_largest"] < 0.65
