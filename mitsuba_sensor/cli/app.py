@@ -19,7 +19,7 @@ from rich.text import Text
 from .. import __version__, stopping
 from ..core.printable import printable
 from .help import Click, Command, Group, UsageError
-from .sentences import commands_below, options_of, said_here
+from .sentences import commands_below, options_of, with_flags
 
 
 class PrintableConsole(Console):
@@ -138,7 +138,7 @@ def _say(error: Exception) -> None:
     """One sentence on stderr."""
     with stopping.whole_step:  # not if a stop has removed what this thread misses now
         err.print(
-            f"[bold red]error:[/] {escape(said_here(_sentence(error)))}",
+            f"[bold red]error:[/] {escape(with_flags(_sentence(error)))}",
             highlight=False,
             soft_wrap=True,
         )

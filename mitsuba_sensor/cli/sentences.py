@@ -11,6 +11,9 @@ from collections.abc import Iterator
 from .help import Click, Command
 
 OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z-]*)((?:[ =]\d+(?:\.\d+)?(?:e[+-]?\d+)?)?)")
+ARGUMENT = re.compile(r"(?:^|(?<= and ))[a-z]+(?:_[a-z]+)*(?= (?:is|has) | [\d.'-]+[;,])")
+"""Name of an argument, where a sentence about its value begins."""
+
 CODE = re.compile(r"`[^`]*`|mitsuba-sensor .*")
 """Whole commands in a sentence, which stay as they are."""
 
@@ -45,6 +48,19 @@ def said_by(context: Click, sentence: str) -> str:
         kept += [OPTION.sub(named, sentence[at : code.start()]), code.group()]
         at = code.end()
     return "".join([*kept, OPTION.sub(named, sentence[at:])])
+
+
+def with_flags(sentence: str) -> str:
+    """An error of a function as the running command says it: "noise_ratio is -1" as "--noise-ratio is -1"."""
+    running = Command.running
+    if running is None:
+        return said_here(sentence)
+    flags = dict[str, str]()
+    for one in running.command.params:
+        long = [flag for flag in one.opts if flag.startswith("--")]
+        if long:
+            flags[str(one.name)] = long[0]
+    return said_here(ARGUMENT.sub(lambda match: flags.get(match[0], match[0]), sentence))
 
 
 def options_of(command: Click) -> set[str]:

@@ -47,14 +47,12 @@ LEVELS = 65
 WORTH_SAVING = 0.1
 """Share of the time of a frame from which on a plan is said to save time."""
 
-WITHOUT_THEM = (
-    "What each stage changes is that in the chain without those whose law nobody has written"
-)
+WITHOUT_THEM = "Stages that have no theory (no `moments`) are not in the chain of which the numbers below are"
 """Said where there are some: what they do to the effects of the others is not known."""
 
 IDLE = "has no effect here"  # why a neutral stage is left out
 NEEDED = "changes the unit; always needed"
-NO_LAW = "nobody has written its law; kept, with all that changes anything"
+NO_LAW = "has no theory (no `moments`); always kept"
 
 
 @dataclass(frozen=True)

@@ -307,7 +307,7 @@ def test_a_refused_tolerance_ends_with_code_2_and_writes_nothing(
     more: tuple[Any, ...], light_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
     done = cli("expose", light_file, "-o", tmp_path / "out", *more)
-    assert done.exit_code == 2 and "tolerance_dn is" in done.stderr
+    assert done.exit_code == 2 and "--tolerance-dn is" in done.stderr
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 

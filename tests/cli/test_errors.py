@@ -80,7 +80,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     ),
     "NaN wavelength": (
         ("render", "SCENE", "-o", "OUT", "--wavelength-nm", "nan"),
-        "wavelength_nm",
+        "--wavelength-nm",
     ),
     "negative bandwidth": (
         ("render", "SCENE", "-o", "OUT", "--bandwidth-nm", "-1"),
@@ -185,7 +185,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     ),
     "endless preview": (
         ("expose", "LIGHT", "-o", "OUT", "--preview-gain", "inf"),
-        "preview_gain is inf",
+        "--preview-gain is inf",
     ),
     "plan of light with options of a render": (
         ("plan", "LIGHT", "--spp", "4"),
@@ -213,7 +213,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         "cds_gain is 1e-320",
     ),
     "plan of nothing": (("plan", "TMP/none.exr"), "none.exr"),
-    "negative tolerance": (("plan", "LIGHT", "--tolerance-dn", "-1"), "tolerance_dn"),
+    "negative tolerance": (("plan", "LIGHT", "--tolerance-dn", "-1"), "--tolerance-dn"),
     "show an unknown camera": (("cameras", "show", "bayer"), "Did you mean 'bayer_2mp'"),
     "unknown command": (("rendr", "SCENE"), "rendr"),
 }

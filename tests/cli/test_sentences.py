@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import typer
 from helpers.marks import one_in
+from typer.testing import CliRunner
 
 import mitsuba_sensor
 from mitsuba_sensor.cli import app
@@ -97,3 +98,18 @@ def test_notes_on_light_name_the_command_that_renders_it(
     said = cli("expose", light_file, "-o", tmp_path, "--exposure-s", 10).stdout
     notes = [line for line in said.splitlines() if line.startswith("note")]
     assert notes and "(--spp)" not in said
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--noise-ratio", "-1"), "--noise-ratio is -1"),
+        (("--spp", "3", "--noise-ratio", "0.1"), "--spp is 3 and --noise-ratio 0.1"),
+        (("--wavelength-nm", "0"), "--wavelength-nm is 0"),
+    ],
+)
+def test_an_error_names_the_flag_and_not_the_argument_of_python(
+    given: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    done = CliRunner().invoke(app, ["render", "cornell_box", "-o", str(tmp_path), *given])
+    assert done.exit_code == 2 and f"error: {said}" in " ".join(done.output.split())

@@ -203,7 +203,7 @@ def test_the_options_of_the_command_reach_the_study(
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--side", "both"), "sides is ('both',)"),
+        (("--side", "both"), "--side is ('both',)"),
         (("--tolerance", "0"), "tolerance is 0"),
         (("--variant", "scalar_rgb"), "scalar_rgb"),
         (("--width", "0"), "is 0"),
