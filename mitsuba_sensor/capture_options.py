@@ -137,10 +137,6 @@ def check_asked_files(options: CaptureOptions) -> None:
         raise InputError(
             "auto_exposure is for frames that follow each other; give --fps (fps=30), or leave it out."
         )
-    if options["render_noise"] != "shared" and (times.period_s is not None or times.start_s):
-        raise InputError(
-            f"render_noise is {options['render_noise']!r}, whose renders are of one instant; leave fps and start_s out."
-        )
     if options["clean"]:
         from .sensor.choices import check_clean
 

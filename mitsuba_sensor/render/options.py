@@ -134,8 +134,8 @@ class SceneOptions(FileOptions, total=False):
     motion: Annotated[
         "str | os.PathLike[str] | Mapping[str, Any] | Motion | None",
         Option(
-            "What moves while the shutter is open: a file, see docs/rendering.md, or rolling_fan for the scene of that "
-            "name.",
+            "What moves while the shutter is open: a file, see docs/light-and-time.md, or rolling_fan for the scene of "
+            "that name.",
             metavar="FILE.toml",
             text=str,
         ),

@@ -631,7 +631,7 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     ),
     "no time": (
         {"camera": {"keys": [{"move_m": [0, 0, 1]}]}},
-        r"camera\.keys\.0\.time_s is missing; seconds from the start of the exposure, e\.g\. 0\.01",
+        r"camera\.keys\.0\.time_s is missing; seconds from time 0 of the motion, e\.g\. 0\.01",
     ),
     "no list": (
         {"camera": {"keys": {"time_s": 0}}},

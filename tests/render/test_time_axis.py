@@ -105,6 +105,26 @@ def test_a_hundred_frames_of_a_still_scene_are_one_render_and_the_frames_without
     assert timed.metadata["series"]["flicker_modulation_index"] < 0.01
 
 
+def test_light_groups_of_a_moving_scene_are_loaded_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mitsuba_sensor.render.passes import prepared
+
+    loads, load = list[object](), prepared.load_scene
+
+    def counted(*given: Any, **options: Any) -> Any:
+        loads.append(options.get("emitters"))
+        return load(*given, **options)
+
+    monkeypatch.setattr(prepared, "load_scene", counted)
+    lamp = '<emitter type="point" id="lamp"><spectrum name="intensity" value="1e-3"/></emitter>'
+    scene = write_scene(tmp_path, SCENE.replace("</scene>", f"{lamp}</scene>"))
+    options = {**QUICK, "spp": 8, "light_groups": "auto", "lights": {"lamp": "pwm(50, 0.5)"}}
+    captured = ms.capture(scene, CAMERA, EXPOSURE, motion=MOTION, fps=10, frames=3, **options)
+    assert len(loads) == 3  # the whole, wall and lamp
+    assert np.ptp([edge_px(one.astype(float)) for one in captured.frames.digital]) > 7
+
+
 def test_the_camera_has_a_pose_in_every_frame(tmp_path: Path) -> None:
     motion = {"camera": {"velocity_m_per_s": [0, 0.5, 0]}}
     captured = ms.capture(
@@ -150,7 +170,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "too long": ({"fps": 2000}, "longer than the frame period"),
     "no rate": ({"fps": 0}, "fps is 0"),
     "no time": ({"auto_exposure": "target 0.2"}, "give --fps"),
-    "renders": ({"fps": 30, "render_noise": "per-frame"}, "leave fps and start_s out"),
+    "renders": ({"fps": 30, "render_noise": "per-frame"}, "leave fps out"),
     "no number": ({"fps": 30, "auto_exposure": "target x"}, "'x' is no number"),
     "no name": ({"fps": 30, "auto_exposure": "tarket 1"}, "Did you mean 'target'"),
     "damping": ({"fps": 30, "auto_exposure": "damping 2"}, "damping is 2"),

@@ -67,7 +67,7 @@ class KeyPose(FileTable):
     time_s: Number = Field(
         ge=-1e9,
         le=1e9,
-        description="seconds; frame 0 begins at start_s, 0 by default",
+        description="seconds from time 0 of the motion",
         examples=[0.01],
     )
     move_m: Vector = Field(

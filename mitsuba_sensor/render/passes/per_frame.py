@@ -15,6 +15,7 @@ from ...core import InputError, Photons, first_given
 from ...core.options import part_of
 from ...sensor.checks import check_numbers
 from ...sensor.expose import PreparedExposure
+from ...sensor.frame_times import FrameTimes
 from ...sensor.metering import AskedExposure
 from ...sensor.options import ExposeOptions
 from ...stages.compensation import LIMIT, compensable, largest_e2
@@ -103,6 +104,10 @@ class FrameSeries:
         if options["denoise"]:
             why = "what a denoiser leaves of the noise cannot be compensated; leave one of them out"
             raise InputError(f"denoise and a render for every frame exclude each other: {why}.")
+        if FrameTimes.of(options).period_s is not None:
+            raise InputError(
+                f"render_noise is {render_noise!r}, whose renders are all of one instant; leave fps out."
+            )
         compensated = render_noise == "compensated"
         measured = compensated and options["spp"] is None and options["noise_ratio"] is None
         rendering: RenderOptions = {**part_of(RenderOptions, options), "denoise": False}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, Unpack, cast
 
 from ...camera.camera import Camera
@@ -106,7 +106,7 @@ class PreparedRender:
     denoised is kept as it was, too.  metering : how the exposure is found, or was; None where it was given.
     metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
     light_groups : that are rendered apart; none: all light together.  is_group : whether it is of one of these groups,
-    which may be black.
+    which may be black.  group_scenes : of the groups where something moves, by name, for later frames.
     """
 
     parsed: ParsedScene
@@ -125,6 +125,7 @@ class PreparedRender:
     metered: bool = False
     light_groups: tuple[LightGroup, ...] = ()
     is_group: bool = False
+    group_scenes: dict[str, Scene] = field(default_factory=dict)
 
     @property
     def at_rest(self) -> Scene:
@@ -283,7 +284,7 @@ class PreparedRender:
 
     def of_light_group(self, group: LightGroup) -> PreparedRender:
         """The render of one group of emitters, for the same camera, exposure and bands."""
-        at_rest = load_scene(
+        at_rest = self.group_scenes.get(group.name) or load_scene(
             self.parsed.file,
             self.bands,
             {},
@@ -298,6 +299,7 @@ class PreparedRender:
         still = replace(self, scene=at_rest, renderer=renderer, light_groups=(), is_group=True)
         if isinstance(self.scene, Scene):
             return still
+        self.group_scenes[group.name] = at_rest
         subframes = self.scene.asked_subframes
         return still.moved_to(self.motion, self.begin_s, self.exposure, subframes)
 
