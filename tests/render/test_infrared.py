@@ -129,6 +129,32 @@ def test_up_to_700_nm_a_colour_under_a_rule_is_mitsubas() -> None:
 SMALL: dict[str, Any] = {"width": 4, "spp": 64, "variant": "scalar_spectral", "denoise": False}
 
 
+def test_a_picture_of_a_lamp_is_held(tmp_path: Path) -> None:
+    """Seen directly: at 850 nm it is as bright as at 700 nm."""
+    lamp = (
+        f'<emitter type="area">{picture(tmp_path).replace("reflectance", "radiance")}</emitter>'
+    )
+    text = scene_text(
+        PLANE.replace('<bsdf type="twosided">', f'{lamp}<bsdf type="twosided">').format(GREY)
+    )
+    assert radiance(text) == pytest.approx(radiance(text, 700.0), rel=1e-3)
+
+
+def test_pictures_that_are_no_colours_have_no_rule(tmp_path: Path) -> None:
+    """The opacity of a mask; it is no reason to refuse."""
+    path = tmp_path / "grey.exr"
+    mitsuba().Bitmap(np.full((2, 2, 1), 0.5, np.float32)).write(str(path))
+    file = f'<string name="filename" value="{path}"/>'
+    opacity = f'<texture type="bitmap" name="opacity">{file}</texture>'
+    mask = f'<bsdf type="mask">{opacity}{{}}</bsdf>'
+    inner = f'<bsdf type="diffuse">{GREY}</bsdf>'
+    shape = f'<shape type="sphere">{mask.format(inner)}</shape>'
+    light = ms.render(
+        scene(GREY, shape), INFRARED, EXPOSURE, infrared="refuse", **{**SMALL, "spp": 4}
+    )
+    assert not light.statistics.beyond_data
+
+
 @pytest.mark.parametrize("pattern", ["green", "leaf_*", "le?f_1"])
 def test_a_material_is_named_by_its_id_or_that_of_its_shape(pattern: str) -> None:
     (finding,) = findings_of_rgb(scene(RGB), {pattern: "soil"})

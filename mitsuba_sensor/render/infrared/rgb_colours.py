@@ -11,7 +11,9 @@ from ..variants import MitsubaObject, mitsuba
 REFLECTANCES = ("reflectance", "diffuse_reflectance", "base_color", "albedo")
 """Properties of a material that a measured reflectance replaces; its highlights are no part of the measurement."""
 
-INDICES = ("eta", "k")  # of refraction: a colour there is no reflectance
+NO_COLOURS = ("eta", "k", "alpha", "alpha_u", "alpha_v", "roughness", "weight", "opacity")
+"""Properties of materials where a picture is no colour."""
+RELIEFS = ("bumpmap", "normalmap")  # materials whose pictures are none
 PICTURES = ("bitmap", "mesh_attribute", "srgb")
 
 
@@ -50,13 +52,11 @@ def rgb_colours(scene: SceneFile) -> list[RgbColour]:
     kinds = (mi.ObjectType.BSDF, mi.ObjectType.Medium, mi.ObjectType.Emitter)
     colours = list[RgbColour]()
     for index, node in enumerate(scene.state.nodes):
-        if node.type not in kinds:
-            continue
-        is_emitter = node.type == mi.ObjectType.Emitter
-        if is_emitter and node.props.plugin_name() == "envmap":  # times D65, too
+        is_emitter, kind = node.type == mi.ObjectType.Emitter, node.props.plugin_name()
+        if node.type not in kinds or kind in (*RELIEFS, "envmap"):  # that one is times D65
             continue
         for role in node.props:
-            if is_emitter and is_rgb(node.props[role]):
+            if role in NO_COLOURS or (is_emitter and is_rgb(node.props[role])):
                 continue
             for owner, key in _colours_of(scene, node.props, role):
                 colours.append(RgbColour(node, owner, key, role, ids.get(index, frozenset())))
@@ -72,8 +72,6 @@ def _colours_of(
     scene: SceneFile, owner: MitsubaObject, key: str
 ) -> Iterator[tuple[MitsubaObject, str]]:
     """Where the colours of a property stand: there, or in the textures and volumes nested in it."""
-    if key in INDICES:
-        return
     if is_rgb(owner[key]):
         if min(owner[key]) >= 0 and max(owner[key]) <= 1:
             yield owner, key
