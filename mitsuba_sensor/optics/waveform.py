@@ -68,7 +68,7 @@ class Waveform:
         if open_s > 0:
             mean = self.integral(starts, starts + open_s) / open_s
         else:
-            mean = self.shape(starts)
+            mean = self.value_at(starts)
         return np.asarray(self.level * np.maximum(mean, 0.0))
 
     def weights(self, shutter: Shutter, rows: tuple[int, int]) -> Float64Array:
@@ -79,7 +79,7 @@ class Waveform:
         """∫ w dt from start to stop [s]."""
         return stop_s - start_s + self.departure(stop_s) - self.departure(start_s)
 
-    def shape(self, time_s: Float64Array) -> Float64Array:
+    def value_at(self, time_s: Float64Array) -> Float64Array:
         """w(t), of mean 1."""
         return np.ones_like(time_s)
 
@@ -133,7 +133,7 @@ class pwm(_Cycles):
     duty: float
     phase: float = 0.0
 
-    def shape(self, time_s: Float64Array) -> Float64Array:
+    def value_at(self, time_s: Float64Array) -> Float64Array:
         """1/duty while it is lit."""
         return np.where(self._share(time_s, self.frequency_hz) < self.duty, 1 / self.duty, 0.0)
 
@@ -160,7 +160,7 @@ class sine(_Cycles):
     depth: float
     phase: float = 0.0
 
-    def shape(self, time_s: Float64Array) -> Float64Array:
+    def value_at(self, time_s: Float64Array) -> Float64Array:
         """1 + m·sin(2πu)."""
         return 1 + self.depth * np.sin(2 * np.pi * self._share(time_s, self.frequency_hz))
 
@@ -182,7 +182,7 @@ class mains(_Cycles):
     frequency_hz : of the mains, 50 or 60.
     """
 
-    def shape(self, time_s: Float64Array) -> Float64Array:
+    def value_at(self, time_s: Float64Array) -> Float64Array:
         """(π/2)·sin(πv), v the share of half a period that has passed."""
         return np.pi / 2 * np.sin(np.pi * self._share(time_s, 2 * self.frequency_hz))
 
@@ -225,7 +225,7 @@ class table(Waveform):
         since = time_s - self.times_s[0]
         return np.asarray(np.mod(since, self.times_s[-1] - self.times_s[0]))
 
-    def shape(self, time_s: Float64Array) -> Float64Array:
+    def value_at(self, time_s: Float64Array) -> Float64Array:
         """Straight between the rows."""
         return np.interp(self._within(time_s) + self.times_s[0], self.times_s, self.values)
 

@@ -111,6 +111,13 @@ def test_limits_hold_in_darkness_and_in_glare() -> None:
     assert control.exposure.time_s == pytest.approx(1e-4)
 
 
+def test_frame_json_says_what_was_asked_for(lamps: ms.Irradiance) -> None:
+    lights = {"lamp": ms.pwm(100, 0.5, level=2), "sky": 0.5}
+    options = captured(lamps, CAMERA, 0.003, lights=lights).metadata["options"]
+    assert options["lights"] == {"lamp": "2 pwm(100, 0.5, 0)", "sky": 0.5}
+    assert options["fps"] == FPS
+
+
 def test_a_metered_exposure_begins_the_series(lamps: ms.Irradiance) -> None:
     found = ms.capture(
         lamps, CAMERA, "auto", fps=10, frames=2, auto_exposure="damping 1", progress=False

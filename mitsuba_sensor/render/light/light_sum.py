@@ -76,7 +76,8 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
     shapes = {name: waveform_of(name, given) for name, given in lights.items()}
     total = sum_of_groups(light.groups, {name: shape.level for name, shape in shapes.items()})
     flickering = {name: shape for name, shape in shapes.items() if shape.flickers}
-    return replace(total, statistics=light.statistics, waveforms=flickering)
+    raw = None if total.raw is None else replace(total.raw, waveforms=flickering)
+    return replace(total, statistics=light.statistics, waveforms=flickering, raw=raw)
 
 
 def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:
