@@ -33,6 +33,8 @@ from .render.light.photons import gradient_light as gradient_light
 from .render.light.photons import uniform_light as uniform_light
 from .render.light.rgb_light import light_from_rgb as light_from_rgb
 from .render.passes.prepared import render as render
+from .render.plugins.digital import digital as digital
+from .render.plugins.digital import raw_log_likelihood as raw_log_likelihood
 from .render.plugins.plugin_hook import register_plugins as register_plugins
 from .render_frames import render_frames as render_frames
 from .sensor.auto_exposure import AutoExposure as AutoExposure

@@ -210,8 +210,26 @@ class DifferentiableBackend(DrJitBackend):
         backend = DifferentiableBackend(
             self._backend, self._numbers, height * width, self._next
         )
+        return backend, self._moved_to(backend, window)
+
+    def attached(
+        self, window: SensorWindow, changes: Mapping[str, Array]
+    ) -> tuple["AttachedBackend", SensorWindow]:
+        """A backend whose results depend on variables of somebody else's graph of derivatives, and its window.
+
+        changes : by parameter name, a variable minus its value: 0, with the derivative 1.
+        """
+        height, width = window.shape
+        backend = AttachedBackend(self._backend, self._numbers, height * width, self._next)
+        backend.changes = changes
+        return backend, self._moved_to(backend, window)
+
+    def _moved_to(
+        self, backend: "DifferentiableBackend", window: SensorWindow
+    ) -> SensorWindow:
+        """The window on another backend, with the derivatives of its FPN maps there."""
         maps = {key: backend.with_slopes(x, slopes) for key, (x, slopes) in self._maps.items()}
-        return backend, replace(window, backend=backend, _maps={**window.cached_values, **maps})
+        return replace(window, backend=backend, _maps={**window.cached_values, **maps})
 
     def unused(self) -> "DifferentiableBackend":
         """One for another window of the same camera."""
@@ -231,3 +249,18 @@ class DifferentiableBackend(DrJitBackend):
         )
         dr.scatter_add(sums, self._packets(parts), slot, mode=dr.ReduceMode.Expand)
         return sums
+
+
+class AttachedBackend(DifferentiableBackend):
+    """Dr.Jit in float32 as a part of a graph of derivatives that somebody else has begun, and goes through.
+
+    changes : by parameter name, a variable of that graph minus its value.
+    """
+
+    changes: Mapping[str, Array]
+
+    def with_slopes(self, value: Array, slopes: Mapping[str, Array]) -> Array:
+        """``value`` with these derivatives by parameter name."""
+        for name, slope in slopes.items():
+            value = value + slope * self.changes[name]
+        return value

@@ -26,7 +26,7 @@ from ..stages.stage import Chain, Converter, converter_of, sample
 
 
 @dataclass(frozen=True, eq=False)
-class _Quiet(Frame):
+class QuietFrame(Frame):
     """A frame whose normal temporal noise is 0, or of one source 1σ.
 
     sources : those that are drawn from are added here.
@@ -36,7 +36,7 @@ class _Quiet(Frame):
     sources: set[str] = field(default_factory=set)
 
     @classmethod
-    def of(cls, frame: Frame, only: str = "") -> _Quiet:
+    def of(cls, frame: Frame, only: str = "") -> QuietFrame:
         """As this frame."""
         return cls(
             frame.exposure,
@@ -58,6 +58,8 @@ class _Quiet(Frame):
         return self._constant(source)
 
     def distributed(self, source: str, distribution: NoiseDistribution | None) -> Array:
+        if distribution is not None:  # not computed: it goes past the numbers of the distribution
+            super().distributed(source, distribution)
         return self._constant(source)
 
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
@@ -162,11 +164,11 @@ class _Pixels:
 
     def law(self, counts: Electrons) -> tuple[Array, Array]:
         """Mean and σ of the signal given the count, with their derivatives [DN]."""
-        quiet = _Quiet.of(self.frame)
+        quiet = QuietFrame.of(self.frame)
         signal, variance = self.signal(quiet, counts), self.backend.float(0.0)
         for source in sorted(quiet.sources):
             variance = (
-                variance + (self.signal(_Quiet.of(self.frame, source), counts) - signal) ** 2
+                variance + (self.signal(QuietFrame.of(self.frame, source), counts) - signal) ** 2
             )
         return signal, arrays.sqrt(variance)
 
@@ -181,7 +183,7 @@ class _Pixels:
         """Derivative of the code by the mean of the count: half of the change of E[code] by one electron forward, and
         half, with the weight n/λ, backward; and so for Var[code].
         """
-        dr, quiet, moments = self.backend.dr, _Quiet.of(self.frame), []
+        dr, quiet, moments = self.backend.dr, QuietFrame.of(self.frame), []
         for more in (0.0, 1.0, -1.0):
             counts = self.fixed.changed(partial(add, more), partial(_with_more, more))
             there = dr.detach(self.signal(quiet, counts, derivatives=False)) if more else signal

@@ -7,7 +7,7 @@ changed camera can be compared one by one with those of the camera itself.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,8 +67,12 @@ class Recording:
         )
         return cls(corner, camera, replace(first, window=window, _blocks={}))
 
-    def by(self, names: tuple[str, ...]) -> list[CameraNumber]:
+    def by(
+        self, names: tuple[str, ...], of_light: Collection[str] = ()
+    ) -> list[CameraNumber]:
         """Every number of the camera, with its slopes by these parameters.
+
+        of_light : those that the light depends on, so that the chain need not.
 
         Raises InputError for a name that is no field of camera or exposure, a field that is no number, and one on which
         no number depends smoothly.
@@ -76,7 +80,7 @@ class Recording:
         unchanged = self.numbers(self.camera, self.first.exposure)
         slopes = {name: self.slope(name, len(unchanged)) for name in names}
         for name, slope in slopes.items():
-            if not slope.any() or name in THRESHOLDS:
+            if name in THRESHOLDS or not (slope.any() or name in of_light):
                 raise InputError(
                     f"parameters names {name!r}, on which no number of this chain depends smoothly; leave it out, "
                     "and compare frames of two values instead."
@@ -112,6 +116,16 @@ class Recording:
                 f"parameters names {name!r}, which is {value:g}, where the camera jumps; change it a little."
             )
         return np.where(np.abs(slope) > ROUNDING * size / step, slope, 0.0)
+
+    def derivative(
+        self, name: str, function: Callable[[Camera, Exposure], Float64Array]
+    ) -> Float64Array:
+        """d function/d ``name``."""
+        value = self.value(name)
+        step = STEP * (abs(value) or 1.0)
+        steps, changed = self._around(name, value, step)
+        weighted = (SCHEMES[steps][at] * function(*each) for at, each in zip(steps, changed, strict=True))
+        return np.asarray(sum(weighted)) / step
 
     def value(self, name: str) -> float:
         """The value of the field."""

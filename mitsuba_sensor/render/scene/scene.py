@@ -212,7 +212,7 @@ def _load(
     )
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
     sensor, view, lens_notes = with_lens(
-        sensor, _view(sensor, metres or 1.0), camera, metres or 1.0
+        sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
@@ -289,7 +289,7 @@ def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler:
     scene.edits.fix_blocks(scene.root, scene.nodes("Integrator"))
 
 
-def _view(sensor: MitsubaObject, metres: float) -> View:
+def view_of_sensor(sensor: MitsubaObject, metres: float) -> View:
     """The view of a built sensor, whose fov_axis or focal_length Mitsuba has converted into x_fov; metres per unit."""
     parameters, film = mitsuba().traverse(sensor), sensor.film()
 

@@ -1,0 +1,209 @@
+"""Digital numbers, and the likelihood of a raw frame, with the graph of derivatives of a scene that Mitsuba rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...camera.camera import Camera
+from ...camera.camera_file import AnyCamera, camera_of
+from ...core import Array, Exposure, InputError, check_types, first_given, numbers, require_seed
+from ...core.llvm import drjit
+from ...gradient.attached_frames import (
+    AttachedFrames,
+    Pixels,
+    attached_frames,
+    attached_frames_with_maps,
+)
+from ...gradient.field_derivatives import TIME
+from ..variants import MitsubaObject
+from .image_light import ImageLight
+
+EXPOSURE = "exposure."
+
+
+def digital(
+    image: Array,
+    camera: AnyCamera | None = None,
+    exposure: Exposure | None = None,
+    *,
+    sensor: MitsubaObject,
+    parameters: Mapping[str, Array] | None = None,
+    expected: bool = True,
+    seed: int | None = None,
+    serial: int | None = None,
+    frame: int = 0,
+    maps: Mapping[str, ArrayLike] | None = None,
+) -> Array:
+    """Digital numbers of an image that Mitsuba rendered, with derivatives.
+
+    ::
+
+        image = mitsuba.render(scene, parameters, spp=64)
+        codes = ms.digital(image, camera, exposure, sensor=scene.sensors()[0])
+        drjit.backward(drjit.mean((codes - target) ** 2))  # fills drjit.grad of the parameters of the scene
+
+    image : of a <film type="photosensor">, (H, W, bands): the light of each band behind the lens [W m⁻² sr⁻¹].
+    camera, exposure, seed, serial : by default those of the film.
+    sensor : of the scene, whose film has been rendered.
+    parameters : fields of the camera (``"readout.sense_gain_uv_per_e"``, ``"lens.f_number"``), ``"exposure.time_s"`` and
+        ``"exposure.temperature_k"`` as Dr.Jit numbers, whose values replace those of camera and exposure, and which get
+        derivatives as the parameters of the scene do.
+    expected : the expected code of every pixel of this chip, clips and rounding included; or, if False, the code of
+        frame number ``frame``, with the derivatives of :func:`differentiable`.
+    maps : measured fixed-pattern noise of the chip, as for :func:`expose`.
+    Returns a tensor (H, W) of the type of the image. Raises InputError.
+    """
+    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, maps)
+    if expected:
+        return chip.tensor(chip.frames.law(chip.light_e, chip.changes).expected())
+    seed = require_seed("seed", first_given(seed, chip.light.settings.seed, 1))
+    index = require_seed("frame", frame)
+    return chip.tensor(chip.frames.sampled(chip.light_e, chip.changes, seed, index))
+
+
+def raw_log_likelihood(
+    digital: ArrayLike,
+    image: Array,
+    camera: AnyCamera | None = None,
+    exposure: Exposure | None = None,
+    *,
+    sensor: MitsubaObject,
+    parameters: Mapping[str, Array] | None = None,
+    serial: int | None = None,
+    maps: Mapping[str, ArrayLike] | None = None,
+) -> Array:
+    """Logarithm of the chance of every digital number of a raw frame, if the scene is the one that was rendered.
+
+    ::
+
+        image = mitsuba.render(scene, parameters, spp=64)
+        chance = ms.raw_log_likelihood(raw, image, camera, exposure, sensor=scene.sensors()[0])
+        drjit.backward(-drjit.sum(chance))
+
+    digital : (H, W) whole numbers of one frame. The rest as for :func:`digital`.
+    It is that of a Poisson count behind a full well, with the read noise of every pixel, rounded and clipped; a clipped
+    code has the tail of its law. What pixels of a row or column share of temporal noise counts in each of them alone.
+    Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
+    """
+    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, maps)
+    law = chip.frames.law(chip.light_e, chip.changes)
+    codes = numbers("digital", digital, "the whole numbers of a raw frame (H, W)")
+    shape = chip.light.shape
+    if codes.shape != shape or not (
+        (codes == np.round(codes)) & (codes >= 0) & (codes <= law.highest)
+    ).all():
+        raise InputError(
+            f"digital has shape {codes.shape} and values from {codes.min():g} to {codes.max():g}; it must have whole "
+            f"numbers from 0 to {law.highest} in the shape of the image, {shape}."
+        )
+    flat = type(chip.light_e)(codes.astype(np.float32).ravel())
+    return chip.tensor(law.log_likelihood(flat))
+
+
+@dataclass(frozen=True, eq=False)
+class _Chip:
+    """What both functions need.  changes : by parameter name, its variable minus its value."""
+
+    image: Array
+    light: ImageLight
+    frames: AttachedFrames
+    changes: Mapping[str, Array]
+    light_e: Array
+
+    @classmethod
+    def of(
+        cls,
+        image: Array,
+        camera: AnyCamera | None,
+        exposure: Exposure | None,
+        sensor: MitsubaObject,
+        parameters: Mapping[str, Array] | None,
+        serial: int | None,
+        maps: Mapping[str, ArrayLike] | None,
+    ) -> _Chip:
+        """Checked."""
+        backend = _backend_of(image)
+        light = ImageLight.of(sensor, None if camera is None else camera_of(camera))
+        exposure = _exposure(exposure, light)
+        check_types(light.camera, exposure)
+        values, changes = _variables(parameters or {}, type(image.array))
+        own, exposure = _with_values(light.camera, exposure, values)
+        light = replace(light, camera=own)
+        growth = {name: light.growth(name, exposure) for name in values}
+        grown = {name: g * changes[name] for name, g in growth.items() if g}
+        light_e = light.electrons(image, exposure, grown)
+        serial = require_seed("serial", first_given(serial, light.settings.serial, 1))
+        pixels = Pixels(serial, light.shape, light.origin)
+        fixed = own, exposure, pixels, tuple(values), tuple(grown), backend
+        frames = attached_frames_with_maps(*fixed, maps) if maps else attached_frames(*fixed)
+        return cls(image, light, frames, changes, light_e)
+
+    def tensor(self, values: Array) -> Array:
+        """As (H, W)."""
+        return type(self.image)(values, self.light.shape)
+
+
+def _backend_of(image: Array) -> str:
+    """"llvm" or "cuda" of an image. Raises InputError for one without derivatives."""
+    module = type(image).__module__
+    for backend in ("llvm", "cuda"):
+        if module == f"drjit.{backend}.ad" and hasattr(image, "array"):
+            if type(image.array).__name__ == "Float":
+                return backend
+    raise InputError(
+        f"image is {type(image).__name__} of {module}; pass what mitsuba.render returns in the variant llvm_ad_spectral "
+        "or cuda_ad_spectral."
+    )
+
+
+def _exposure(exposure: Exposure | None, light: ImageLight) -> Exposure:
+    """The one given, else that of the film. Raises InputError where that is metered."""
+    found = light.settings.exposure if exposure is None else exposure
+    if not isinstance(found, Exposure):
+        raise InputError(
+            f"exposure is {exposure!r} and the film sets none in seconds; pass one, e.g. ms.Exposure(0.01)."
+        )
+    return found
+
+
+def _variables(
+    parameters: Mapping[str, Array], number: type
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """Values of Dr.Jit numbers, and the numbers minus their values. Raises InputError."""
+    dr, values, changes = drjit(), dict[str, float](), dict[str, Array]()
+    if not isinstance(parameters, Mapping):
+        raise InputError(
+            f"parameters is a {type(parameters).__name__}; pass a dict of field → Dr.Jit number, "
+            'e.g. {"lens.f_number": mitsuba.Float(2.8)}.'
+        )
+    for name, given in parameters.items():
+        if not isinstance(given, number) or dr.width(given) != 1:
+            raise InputError(
+                f"parameters[{name!r}] is a {type(given).__name__}; pass one Dr.Jit number, e.g. mitsuba.Float(2.8)."
+            )
+        values[name] = float(given.numpy()[0])
+        changes[name] = given - dr.detach(given)
+    return values, changes
+
+
+def _with_values(
+    camera: Camera, exposure: Exposure, values: Mapping[str, float]
+) -> tuple[Camera, Exposure]:
+    """Camera and exposure with these values. Raises InputError."""
+    of_exposure: dict[str, Any] = {}
+    of_camera: dict[str, Any] = {}
+    for name, value in values.items():
+        if name.startswith(EXPOSURE):
+            of_exposure[name.removeprefix(EXPOSURE)] = value
+        else:
+            of_camera[name] = value
+    if unknown := of_exposure.keys() - {"time_s", "temperature_k"}:
+        raise InputError(
+            f"parameters names {EXPOSURE + min(unknown)!r}; there are {TIME!r} and 'exposure.temperature_k'."
+        )
+    return camera.replace(**of_camera) if of_camera else camera, replace(exposure, **of_exposure)

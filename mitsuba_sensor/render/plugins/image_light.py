@@ -1,0 +1,160 @@
+"""What a photosensor's image of plain Mitsuba is: ∫L dλ of bands behind the lens, and the electrons that it frees.
+
+    λ = Ω(x, y)·Σ_b w_fb·L_b
+
+with L_b the values of the image [W m⁻² sr⁻¹], Ω the projected solid angle of the lens [sr] (optics/f_number_law.py), and
+w_fb the electrons of 1 W m⁻² of band b behind filter f: transmission of the lens, area and QE of the pixel, time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...camera.camera import Camera
+from ...camera.fingerprint import response_fingerprint
+from ...core import Array, Exposure, Float64Array, InputError, SensorWindow
+from ...core.llvm import drjit
+from ...gradient.attached_frames import recording_of
+from ...core import Frame
+from ...optics.f_number_law import solid_angle_sr, transmittance
+from ...optics.intrinsics import View
+from ..light.bands import BANDWIDTH_NM, Bands, choose_bands
+from ..light.photons import electrons_per_irradiance
+from ..scene.plugin_id import parameters_of
+from ..scene.scene import view_of_sensor
+from ..scene.scene_settings import SceneSettings, settings_from
+from ..variants import MitsubaObject
+
+ANOTHER = 'load a scene with a <film type="photosensor"> and pass its sensor, e.g. scene.sensors()[0]'
+SAME = 1e-6
+"""Relative derivatives of electrons of different bands or places that differ by less are the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageLight:
+    """How the image of one sensor becomes photoelectrons.
+
+    settings : of the film and the sensor around it.  camera : whose pixels and lens these are.
+    """
+
+    settings: SceneSettings
+    camera: Camera
+    bands: Bands
+    view: View
+
+    @classmethod
+    def of(cls, sensor: MitsubaObject, camera: Camera | None) -> ImageLight:
+        """Of a sensor of Mitsuba with a photosensor as its film. Raises InputError for any other."""
+        film = getattr(sensor, "film", None)
+        known = None if film is None else parameters_of(film())
+        if known is None or known.film.get("output", "bands") != "bands":
+            raise InputError(
+                f"sensor is {type(sensor).__name__}, and no sensor of Mitsuba with a photosensor of output bands as its "
+                f"film; {ANOTHER}."
+            )
+        settings = settings_from(known.film, {})
+        own = settings.camera
+        assert own is not None  # a photosensor is not built without one
+        width_nm = settings.bandwidth_nm or BANDWIDTH_NM
+        bands = choose_bands(own, settings.wavelength_nm, width_nm, settings.spectral or "auto")
+        chosen = own if camera is None else camera
+        if bands.response is not None and bands.response != response_fingerprint(chosen):
+            raise InputError(
+                "the film has the channels of a camera with another quantum efficiency or lens; set its camera, or its "
+                'spectral to "cube", which serves any camera.'
+            )
+        if chosen.quantum_efficiency.quantum_yield is not None:
+            raise InputError(
+                f"{chosen.name} has a quantum_yield, of which digital knows no derivative; take ms.differentiable."
+            )
+        unit_m = settings_from(known.film, known.sensor or {}).unit_m or 1.0
+        return cls(settings, chosen, bands, view_of_sensor(sensor, unit_m))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        return self.view.crop_size[::-1]
+
+    @property
+    def origin(self) -> tuple[int, int]:
+        """Row and column of its first pixel on the sensor."""
+        return self.view.crop_offset[::-1]
+
+    def electrons(
+        self, image: Array, exposure: Exposure, growth: Mapping[str, Array]
+    ) -> Array:
+        """Mean photoelectrons of every pixel, (H·W), on Dr.Jit and with derivatives.
+
+        growth : by parameter name, relative derivative of the electrons times the change of the parameter.
+        """
+        self._check(image)
+        dr, values = drjit(), image.array
+        number, unsigned = type(values), dr.uint32_array_t(type(values))
+        channels, pixels = image.shape[2], image.shape[0] * image.shape[1]
+        pixel = dr.arange(unsigned, pixels * channels) // channels
+        place = self._filter_of(pixel, unsigned) * channels
+        band = dr.arange(unsigned, pixels * channels) - pixel * channels
+        weights = number(self._weights(self.camera, exposure).astype(np.float32).ravel())
+        light = dr.block_sum(values * dr.gather(number, weights, place + band), channels)
+        omega = self._solid_angle(self.camera).astype(np.float32).ravel()
+        more = sum(growth.values(), number(1.0))
+        return light * number(omega) * more
+
+    def growth(self, name: str, exposure: Exposure) -> float:
+        """d ln(electrons)/d ``name`` at the same image; 0 for a number that they do not depend on."""
+        recording = recording_of(self.camera, Frame(exposure, SensorWindow(0, (1, 1))))
+
+        def of_bands(camera: Camera, exposure: Exposure) -> Float64Array:
+            return self._weights(camera, exposure)
+
+        def of_lens(camera: Camera, exposure: Exposure) -> Float64Array:
+            return self._solid_angle(camera)
+
+        total = 0.0
+        for function in (of_bands, of_lens):
+            values = function(self.camera, exposure)
+            slope = recording.derivative(name, function)
+            lit = values > 0
+            relative = slope[lit] / values[lit]
+            if relative.size and np.ptp(relative) > SAME * np.abs(relative).max():
+                raise InputError(
+                    f"numbers names {name!r}, which changes the light of one band or place more than that of another; "
+                    "compare two values instead."
+                )
+            total += float(relative.mean()) if relative.size else 0.0
+        return total
+
+    def _weights(self, camera: Camera, exposure: Exposure) -> Float64Array:
+        """Electrons of 1 W m⁻² in each channel of the film behind every filter, (F, B)."""
+        scale = self.bands.scale
+        if self.bands.kind != "channels" and camera.lens.transmission_curve is None:
+            passed = transmittance(camera, self.bands.wavelengths_nm)
+            scale = passed / self.bands.bandwidths_nm
+        return electrons_per_irradiance(camera, exposure, self.bands) * scale
+
+    def _solid_angle(self, camera: Camera) -> Float64Array:
+        """Ω [sr] of every pixel; plain Mitsuba's rays have no distortion."""
+        straight = camera.lens.model_copy(update={"distortion": None})
+        return solid_angle_sr(self.view, camera.model_copy(update={"lens": straight}))
+
+    def _filter_of(self, pixel: Array, unsigned: type) -> Array:
+        """Number of the colour filter of these pixels."""
+        tile, (row, column) = np.array(self.camera.quantum_efficiency.filter_tile), self.origin
+        high, wide = tile.shape
+        dr, columns = drjit(), self.shape[1]
+        y = (pixel // columns + row % high) % high
+        x = (pixel % columns + column % wide) % wide
+        return dr.gather(unsigned, unsigned(tile.ravel().tolist()), y * wide + x)
+
+    def _check(self, image: Array) -> None:
+        """Raise InputError for an image that is not this sensor's."""
+        shape = getattr(image, "shape", None)
+        expected = (*self.shape, len(self.bands.responses))
+        if shape is None or tuple(shape) != expected or not hasattr(image, "array"):
+            raise InputError(
+                f"image has shape {None if shape is None else tuple(shape)}; pass what mitsuba.render returns of this "
+                f"sensor, {expected} (rows, columns, bands)."
+            )
