@@ -113,18 +113,19 @@ class ImageLight:
         def of_lens(camera: Camera, exposure: Exposure) -> Float64Array:
             return self._solid_angle(camera)
 
-        total = 0.0
+        value, total = recording.value(name), 0.0
         for function in (of_bands, of_lens):
             values = function(self.camera, exposure)
-            slope = recording.derivative(name, function)
             lit = values > 0
-            relative = slope[lit] / values[lit]
-            if relative.size and np.ptp(relative) > SAME * np.abs(relative).max():
+            relative = recording.derivative(name, function)[lit] / values[lit]
+            if not relative.size or np.abs(relative).max() * abs(value) < SAME:
+                continue
+            if np.ptp(relative) > SAME * np.abs(relative).max():
                 raise InputError(
-                    f"numbers names {name!r}, which changes the light of one band or place more than that of another; "
-                    "compare two values instead."
+                    f"parameters names {name!r}, which changes the light of one band or place more than that of "
+                    "another; compare two values instead."
                 )
-            total += float(relative.mean()) if relative.size else 0.0
+            total += float(relative.mean())
         return total
 
     def _weights(self, camera: Camera, exposure: Exposure) -> Float64Array:

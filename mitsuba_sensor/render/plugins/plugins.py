@@ -28,6 +28,7 @@ from ..scene.scene_settings import (
 )
 from ..variants import MitsubaObject, mitsuba
 from .raw_film import RAW, raw_film
+from .silhouettes import splat_silhouettes_in_bands
 
 OF_VIEW = (
     "focal_length_mm",
@@ -56,6 +57,8 @@ def _photosensor(parameters: PluginParameters) -> MitsubaObject:
     bands = choose_bands(camera, settings.wavelength_nm, width_nm, settings.spectral or "auto")
     full = {"width": camera.sensor.columns, "height": camera.sensor.rows}
     film = response_film(bands.responses, {**full, **settings.size, "id": parameters.id()})
+    if "_ad_" in mi.variant():
+        splat_silhouettes_in_bands()
     return raw_film(film, parameters) if parameters.film.get("output") == RAW else film
 
 

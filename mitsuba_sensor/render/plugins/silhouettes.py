@@ -1,0 +1,70 @@
+"""Lets the projective integrators of Mitsuba 3.9.1 differentiate silhouettes into a film of bands.
+
+``direct_projective`` and ``prb_projective`` add what a moving silhouette changes by ``ImageBlock.put(pos, wavelengths,
+value, …)``, which makes red, green and blue of it and raises an error for a film of bands. With such a film, and while
+they do this, the block gets what the film makes of the same sample. Nothing changes for any other film.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ...core.llvm import drjit
+from ..variants import MitsubaObject, mitsuba
+
+METHODS = "render_primarily_visible_silhouette", "render_indirect_silhouette"
+
+
+def splat_silhouettes_in_bands() -> None:
+    """Change the class of the projective integrators, once."""
+    base = importlib.import_module("mitsuba.python.ad.integrators.common").PSIntegrator
+    for name in METHODS:
+        method = getattr(base, name)
+        if not hasattr(method, "__wrapped__"):
+            setattr(base, name, _in_bands(method))
+
+
+def _in_bands(method: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def render(
+        self: Any, scene: MitsubaObject, sensor: MitsubaObject, *others: Any, **options: Any
+    ) -> MitsubaObject:
+        mi, film = mitsuba(), sensor.film()
+        if not drjit().all(mi.has_flag(film.flags(), mi.FilmFlags.Special)):
+            return method(self, scene, sensor, *others, **options)
+        with _samples_of(film):
+            return method(self, scene, sensor, *others, **options)
+
+    return render
+
+
+@contextmanager
+def _samples_of(film: MitsubaObject) -> Iterator[None]:
+    """Samples that are put into a block become those of this film."""
+    mi = mitsuba()
+    put = mi.ImageBlock.put
+
+    def put_sample(
+        block: MitsubaObject,
+        *,
+        pos: Any,
+        wavelengths: Any,
+        value: Any,
+        weight: float,
+        alpha: float,
+        active: Any,
+    ) -> None:
+        shares = mi.Float(weight), mi.Float(alpha)
+        names = dict(zip(("weight", "alpha"), shares, strict=True))
+        channels = film.prepare_sample(value, wavelengths, block.channel_count(), **names)
+        put(block, pos, channels, active)
+
+    mi.ImageBlock.put = put_sample
+    try:
+        yield
+    finally:
+        mi.ImageBlock.put = put
