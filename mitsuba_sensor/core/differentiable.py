@@ -224,9 +224,7 @@ class DifferentiableBackend(DrJitBackend):
         backend.changes = changes
         return backend, self._moved_to(backend, window)
 
-    def _moved_to(
-        self, backend: "DifferentiableBackend", window: SensorWindow
-    ) -> SensorWindow:
+    def _moved_to(self, backend: "DifferentiableBackend", window: SensorWindow) -> SensorWindow:
         """The window on another backend, with the derivatives of its FPN maps there."""
         maps = {key: backend.with_slopes(x, slopes) for key, (x, slopes) in self._maps.items()}
         return replace(window, backend=backend, _maps={**window.cached_values, **maps})

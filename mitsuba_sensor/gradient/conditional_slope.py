@@ -58,7 +58,9 @@ class QuietFrame(Frame):
         return self._constant(source)
 
     def distributed(self, source: str, distribution: NoiseDistribution | None) -> Array:
-        if distribution is not None:  # not computed: it goes past the numbers of the distribution
+        if (
+            distribution is not None
+        ):  # not computed: it goes past the numbers of the distribution
             super().distributed(source, distribution)
         return self._constant(source)
 
@@ -168,7 +170,8 @@ class _Pixels:
         signal, variance = self.signal(quiet, counts), self.backend.float(0.0)
         for source in sorted(quiet.sources):
             variance = (
-                variance + (self.signal(QuietFrame.of(self.frame, source), counts) - signal) ** 2
+                variance
+                + (self.signal(QuietFrame.of(self.frame, source), counts) - signal) ** 2
             )
         return signal, arrays.sqrt(variance)
 

@@ -67,9 +67,7 @@ class Recording:
         )
         return cls(corner, camera, replace(first, window=window, _blocks={}))
 
-    def by(
-        self, names: tuple[str, ...], of_light: Collection[str] = ()
-    ) -> list[CameraNumber]:
+    def by(self, names: tuple[str, ...], of_light: Collection[str] = ()) -> list[CameraNumber]:
         """Every number of the camera, with its slopes by these parameters.
 
         of_light : those that the light depends on, so that the chain need not.
@@ -124,7 +122,10 @@ class Recording:
         value = self.value(name)
         step = STEP * (abs(value) or 1.0)
         steps, changed = self._around(name, value, step)
-        weighted = (SCHEMES[steps][at] * function(*each) for at, each in zip(steps, changed, strict=True))
+        weighted = (
+            SCHEMES[steps][at] * function(*each)
+            for at, each in zip(steps, changed, strict=True)
+        )
         return np.asarray(sum(weighted)) / step
 
     def value(self, name: str) -> float:

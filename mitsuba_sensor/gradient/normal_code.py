@@ -57,7 +57,9 @@ class NormalCode:
         at_low, at_high = (self._density(u) for u in (low, high))
         bottom, top = codes <= 0, codes >= self.highest
         at_low, at_high = dr.select(bottom, 0.0, at_low), dr.select(top, 0.0, at_high)
-        upper = low + high > 0  # the difference of two small tails is exact, of two near 1 it is not
+        upper = (
+            low + high > 0
+        )  # the difference of two small tails is exact, of two near 1 it is not
         below = dr.select(upper, self._tail(low), self._tail(-low))
         above = dr.select(upper, self._tail(high), self._tail(-high))
         inside = dr.abs(below - above)
@@ -70,11 +72,15 @@ class NormalCode:
         dr = self.dr
         s = dr.maximum(sigma, LEAST_DN)
         nearest = (
-            dr.select(codes <= 0, 0.5, dr.select(codes >= self.highest, self.highest - 0.5, codes))
+            dr.select(
+                codes <= 0, 0.5, dr.select(codes >= self.highest, self.highest - 0.5, codes)
+            )
             - mean
         ) / s
         clipped = (codes <= 0) | (codes >= self.highest)
-        outwards = dr.select(codes <= 0, -nearest, nearest)  # positive where the code is unlikely
+        outwards = dr.select(
+            codes <= 0, -nearest, nearest
+        )  # positive where the code is unlikely
         far = dr.select(clipped, outwards, dr.abs(nearest)) > FAR
         near = self._log_near(codes, mean, s, far)
         u = dr.select(far, nearest, FAR)

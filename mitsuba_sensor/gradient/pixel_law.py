@@ -21,7 +21,7 @@ from ..stages.stage import Converter, Stage, sample
 from .conditional_slope import ConditionalSlope, QuietFrame
 from .normal_code import NormalCode, WithSlopes
 
-FEW = 24.0
+FEW = 32.0
 """Mean electrons below which every count is looked at."""
 
 REACH, MORE = 6.0, 8.0
@@ -65,7 +65,9 @@ class PixelLaw:
         found = code.expected(self.dr.detach(mean), self.dr.detach(sigma))
         line = found.by_mean * mean + found.by_sigma * sigma
         whole = self.dr.replace_grad(found.value, line)
-        return self._with_sums(whole, code.expected, lambda sums: (sums, self.dr.mask_t(sums)(True)))
+        return self._with_sums(
+            whole, code.expected, lambda sums: (sums, self.dr.mask_t(sums)(True))
+        )
 
     def log_likelihood(self, codes: Array) -> Array:
         """ln P(code)."""
@@ -216,7 +218,9 @@ class PixelLaw:
                 spread = dr.sqrt(dr.maximum(sigma * sigma + noise * noise * rest, 1e-12))
                 found = function(signal + slope * off + bend * off * off, spread)
                 by_mean = chance * found.by_mean
-                moves = is_open * (1.0 + 0.5 * rho * z / root) - density * (0.5 * CELL_SIGMA / root)
+                moves = is_open * (1.0 + 0.5 * rho * z / root) - density * (
+                    0.5 * CELL_SIGMA / root
+                )
                 terms = (
                     chance * found.value,
                     by_mean * gain * moves,
@@ -260,7 +264,7 @@ def pixel_law(slope: ConditionalSlope, start: Electrons, frame: Frame) -> PixelL
     rate = dr.maximum(backend.float(mean.total) + zeros, 0.0)
     behind, well_e = slope.behind, None
     if behind[0].saturation_e is not None:
-        well_e = behind[0].sample(Electrons(zeros + behind[0].saturation_e), frame).total
+        well_e = behind[0].sample(Electrons(zeros + 2.0 * behind[0].saturation_e), frame).total
         behind = behind[1:]
     signal = _Signal(behind, frame, backend, backend.place)
     at = dr.detach(rate)

@@ -94,9 +94,10 @@ def raw_log_likelihood(
     law = chip.frames.law(chip.light_e, chip.changes)
     codes = numbers("digital", digital, "the whole numbers of a raw frame (H, W)")
     shape = chip.light.shape
-    if codes.shape != shape or not (
-        (codes == np.round(codes)) & (codes >= 0) & (codes <= law.highest)
-    ).all():
+    if (
+        codes.shape != shape
+        or not ((codes == np.round(codes)) & (codes >= 0) & (codes <= law.highest)).all()
+    ):
         raise InputError(
             f"digital has shape {codes.shape} and values from {codes.min():g} to {codes.max():g}; it must have whole "
             f"numbers from 0 to {law.highest} in the shape of the image, {shape}."
@@ -149,7 +150,7 @@ class _Chip:
 
 
 def _backend_of(image: Array) -> str:
-    """"llvm" or "cuda" of an image. Raises InputError for one without derivatives."""
+    """ "llvm" or "cuda" of an image. Raises InputError for one without derivatives."""
     module = type(image).__module__
     for backend in ("llvm", "cuda"):
         if module == f"drjit.{backend}.ad" and hasattr(image, "array"):
@@ -206,4 +207,6 @@ def _with_values(
         raise InputError(
             f"parameters names {EXPOSURE + min(unknown)!r}; there are {TIME!r} and 'exposure.temperature_k'."
         )
-    return camera.replace(**of_camera) if of_camera else camera, replace(exposure, **of_exposure)
+    return camera.replace(**of_camera) if of_camera else camera, replace(
+        exposure, **of_exposure
+    )

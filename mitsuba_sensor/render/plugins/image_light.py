@@ -28,7 +28,9 @@ from ..scene.scene import view_of_sensor
 from ..scene.scene_settings import SceneSettings, settings_from
 from ..variants import MitsubaObject
 
-ANOTHER = 'load a scene with a <film type="photosensor"> and pass its sensor, e.g. scene.sensors()[0]'
+ANOTHER = (
+    'load a scene with a <film type="photosensor"> and pass its sensor, e.g. scene.sensors()[0]'
+)
 SAME = 1e-6
 """Relative derivatives of electrons of different bands or places that differ by less are the same."""
 
@@ -83,9 +85,7 @@ class ImageLight:
         """Row and column of its first pixel on the sensor."""
         return self.view.crop_offset[::-1]
 
-    def electrons(
-        self, image: Array, exposure: Exposure, growth: Mapping[str, Array]
-    ) -> Array:
+    def electrons(self, image: Array, exposure: Exposure, growth: Mapping[str, Array]) -> Array:
         """Mean photoelectrons of every pixel, (H·W), on Dr.Jit and with derivatives.
 
         growth : by parameter name, relative derivative of the electrons times the change of the parameter.
