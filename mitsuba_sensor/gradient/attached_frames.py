@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
-from ..core import Array, Electrons, Exposure, Float64Array, Frame, Photons, SensorWindow
+from ..core import Array, Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.code_slope import LARGEST_DN
 from ..core.differentiable import DifferentiableBackend
 from ..sensor.checks import checked_maps
@@ -89,7 +90,7 @@ def attached_frames_with_maps(
     names: tuple[str, ...],
     of_light: tuple[str, ...],
     backend: str,
-    maps: Mapping[str, Float64Array],
+    maps: Mapping[str, ArrayLike],
 ) -> AttachedFrames:
     """The same with measured FPN maps."""
     stages = chain(camera)

@@ -1,6 +1,7 @@
 """Code of a normal signal, on Dr.Jit: its expectation, and the logarithm of the chance of one code; with derivatives.
 
-A signal x of mean m and standard deviation σ [DN] becomes floor(x + ½), clipped to 0 … H. With u_0 = m/σ, u_H = (m − H)/σ
+A signal x of mean m and standard deviation σ [DN] becomes floor(x + ½), clipped to 0 … H. With u_0 = m/σ and
+u_H = (m − H)/σ
 
     E[code] = m·(Φ(u_0) − Φ(u_H)) + σ·(φ(u_0) − φ(u_H)) + H·Φ(u_H) + (φ(u_H) − φ(u_0))/(24σ)
 

@@ -1,8 +1,8 @@
 """The law of the code of every pixel given its mean count, on Dr.Jit, and with derivatives.
 
-A pixel collects N electrons, N of Poisson's law with mean λ, at most as many as its well holds. Behind the count the code
-before rounding is normal about x(N) with standard deviation σ. The stages themselves say what λ, x and σ are, with the
-FPN maps of the serial number; x is a parabola through three counts about λ. Then
+A pixel collects N electrons, N of Poisson's law with mean λ, at most as many as its well holds. Behind the count the
+code before rounding is normal about x(N) with standard deviation σ. The stages themselves say what λ, x and σ are, with
+the FPN maps of the serial number; x is a parabola through three counts about λ. Then
 
 * below FEW electrons all counts are added up: Σ_N P(N)·f(x(N), σ), with f the expected code or the chance of a code,
 * above, N is normal with variance λ. The part of it that fills the well is counted as a full well.
@@ -191,7 +191,7 @@ class PixelLaw:
         return dr.replace_grad(value, line)
 
     def _over_cells(self, function: Callable[[Array, Array], WithSlopes]) -> Array:
-        """The mean of f over normal cells of the count, each of which ends at the well, where that is near; 0 elsewhere.
+        """The mean of f over normal cells of the count, each of which ends at the well, if that is near; 0 elsewhere.
 
         A cell at n_j with σ_j = CELL_SIGMA·√λ has E[min(n, W)] electrons, whose derivative by n_j is Φ((W − n_j)/σ_j).
         """

@@ -87,7 +87,7 @@ def levels_of(camera: ms.Camera) -> np.ndarray:
 def test_the_expected_code_and_its_derivative_by_the_light_are_those_of_theory(
     name: str,
 ) -> None:
-    """The code within a thousandth of the noise and 0.01 DN, its derivative within 0.5 % of the gain; from 1 e- to
+    """The code within a thousandth of the noise and 0.01 DN, its derivative within 1 % of the gain; from 1 e- to
     beyond saturation. Theory
     leaves out of its sums what no frame shows."""
     camera = CAMERAS[name]
@@ -104,7 +104,7 @@ def test_the_expected_code_and_its_derivative_by_the_light_are_those_of_theory(
     gain = np.abs(slopes).max()
     off = np.abs(expected.numpy().reshape(light_e.shape) - theory(camera, light_e))
     assert (off <= 0.01 + 1e-3 * gain * noise_e).all()
-    assert (np.abs(slope.reshape(light_e.shape) - slopes) <= 5e-3 * gain).all()
+    assert (np.abs(slope.reshape(light_e.shape) - slopes) <= 1e-2 * gain).all()
 
 
 NUMBERS = {
@@ -162,8 +162,8 @@ LIKELY = [
 
 @pytest.mark.parametrize("case", one_in(2, LIKELY))
 def test_the_likelihood_of_all_codes_is_that_of_an_enumeration(case: tuple[str, float]) -> None:
-    """It adds up to 1; less than 0.002 of a nat is lost of what the enumeration knows; and the mean of its derivative is
-    0 within a hundredth of its standard deviation, so that what maximises it has no bias."""
+    """It adds up to 1; less than 0.002 of a nat is lost of what the enumeration knows; and the mean of its derivative
+    is 0 within a hundredth of its standard deviation, so that what maximises it has no bias."""
     name, electrons = case
     camera = CAMERAS["clipped above"]
     if name == "small well":

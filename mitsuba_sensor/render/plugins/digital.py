@@ -1,4 +1,4 @@
-"""Digital numbers, and the likelihood of a raw frame, with the graph of derivatives of a scene that Mitsuba rendered."""
+"""Digital numbers and the likelihood of a raw frame, with the graph of derivatives of a scene that Mitsuba rendered."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ def digital(
     image : of a <film type="photosensor">, (H, W, bands): the light of each band behind the lens [W m⁻² sr⁻¹].
     camera, exposure, seed, serial : by default those of the film.
     sensor : of the scene, whose film has been rendered.
-    parameters : fields of the camera (``"readout.sense_gain_uv_per_e"``, ``"lens.f_number"``), ``"exposure.time_s"`` and
-        ``"exposure.temperature_k"`` as Dr.Jit numbers, whose values replace those of camera and exposure, and which get
-        derivatives as the parameters of the scene do.
+    parameters : fields of the camera (``"readout.sense_gain_uv_per_e"``, ``"lens.f_number"``), ``"exposure.time_s"``
+        and ``"exposure.temperature_k"`` as Dr.Jit numbers, whose values replace those of camera and exposure, and which
+        get derivatives as the parameters of the scene do.
     expected : the expected code of every pixel of this chip, clips and rounding included; or, if False, the code of
         frame number ``frame``, with the derivatives of :func:`differentiable`.
     maps : measured fixed-pattern noise of the chip, as for :func:`expose`.
@@ -152,12 +152,12 @@ class _Chip:
 def _backend_of(image: Array) -> str:
     """ "llvm" or "cuda" of an image. Raises InputError for one without derivatives."""
     module = type(image).__module__
+    single = hasattr(image, "array") and type(image.array).__name__ == "Float"
     for backend in ("llvm", "cuda"):
-        if module == f"drjit.{backend}.ad" and hasattr(image, "array"):
-            if type(image.array).__name__ == "Float":
-                return backend
+        if single and module == f"drjit.{backend}.ad":
+            return backend
     raise InputError(
-        f"image is {type(image).__name__} of {module}; pass what mitsuba.render returns in the variant llvm_ad_spectral "
+        f"image is {type(image).__name__} of {module}; pass what mitsuba.render returns in variant llvm_ad_spectral "
         "or cuda_ad_spectral."
     )
 
@@ -173,7 +173,7 @@ def _exposure(exposure: Exposure | None, light: ImageLight) -> Exposure:
 
 
 def _variables(
-    parameters: Mapping[str, Array], number: type
+    parameters: Mapping[str, Array], number: Array
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """Values of Dr.Jit numbers, and the numbers minus their values. Raises InputError."""
     dr, values, changes = drjit(), dict[str, float](), dict[str, Array]()

@@ -2,8 +2,8 @@
 
     λ = Ω(x, y)·Σ_b w_fb·L_b
 
-with L_b the values of the image [W m⁻² sr⁻¹], Ω the projected solid angle of the lens [sr] (optics/f_number_law.py), and
-w_fb the electrons of 1 W m⁻² of band b behind filter f: transmission of the lens, area and QE of the pixel, time.
+with L_b the values of the image [W m⁻² sr⁻¹], Ω the projected solid angle of the lens [sr] (optics/f_number_law.py),
+and w_fb the electrons of 1 W m⁻² of band b behind filter f: transmission of the lens, area and QE of the pixel, time.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ import numpy as np
 
 from ...camera.camera import Camera
 from ...camera.fingerprint import response_fingerprint
-from ...core import Array, Exposure, Float64Array, InputError, SensorWindow
+from ...core import Array, Exposure, Float64Array, Frame, InputError, SensorWindow
 from ...core.llvm import drjit
 from ...gradient.attached_frames import recording_of
-from ...core import Frame
 from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
 from ..light.bands import BANDWIDTH_NM, Bands, choose_bands
@@ -26,11 +25,14 @@ from ..light.photons import electrons_per_irradiance
 from ..scene.plugin_id import parameters_of
 from ..scene.scene import view_of_sensor
 from ..scene.scene_settings import SceneSettings, settings_from
-from ..variants import MitsubaObject
+from ..variants import MitsubaObject, mitsuba
 
 ANOTHER = (
     'load a scene with a <film type="photosensor"> and pass its sensor, e.g. scene.sensors()[0]'
 )
+FOCUS_STEP = 1e-4
+"""Relative step of the difference by a focus distance."""
+
 SAME = 1e-6
 """Relative derivatives of electrons of different bands or places that differ by less are the same."""
 
@@ -40,12 +42,15 @@ class ImageLight:
     """How the image of one sensor becomes photoelectrons.
 
     settings : of the film and the sensor around it.  camera : whose pixels and lens these are.
+    focus : distance of a thin lens in scene units, a variable of Mitsuba; None of a pinhole.  unit_m : metres per unit.
     """
 
     settings: SceneSettings
     camera: Camera
     bands: Bands
     view: View
+    focus: Array
+    unit_m: float
 
     @classmethod
     def of(cls, sensor: MitsubaObject, camera: Camera | None) -> ImageLight:
@@ -54,8 +59,8 @@ class ImageLight:
         known = None if film is None else parameters_of(film())
         if known is None or known.film.get("output", "bands") != "bands":
             raise InputError(
-                f"sensor is {type(sensor).__name__}, and no sensor of Mitsuba with a photosensor of output bands as its "
-                f"film; {ANOTHER}."
+                f"sensor is {type(sensor).__name__}, and no sensor of Mitsuba with a photosensor of output bands as "
+                f"its film; {ANOTHER}."
             )
         settings = settings_from(known.film, {})
         own = settings.camera
@@ -73,7 +78,8 @@ class ImageLight:
                 f"{chosen.name} has a quantum_yield, of which digital knows no derivative; take ms.differentiable."
             )
         unit_m = settings_from(known.film, known.sensor or {}).unit_m or 1.0
-        return cls(settings, chosen, bands, view_of_sensor(sensor, unit_m))
+        focus = mitsuba().traverse(sensor).get("focus_distance")
+        return cls(settings, chosen, bands, view_of_sensor(sensor, unit_m), focus, unit_m)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -99,9 +105,25 @@ class ImageLight:
         band = dr.arange(unsigned, pixels * channels) - pixel * channels
         weights = number(self._weights(self.camera, exposure).astype(np.float32).ravel())
         light = dr.block_sum(values * dr.gather(number, weights, place + band), channels)
-        omega = self._solid_angle(self.camera).astype(np.float32).ravel()
+        omega = self._solid_angle(self.camera, self.view).astype(np.float32).ravel()
         more = sum(growth.values(), number(1.0))
-        return light * number(omega) * more
+        return light * number(omega) * (more + self._growth_by_focus())
+
+    def _growth_by_focus(self) -> Array:
+        """Relative change of Ω with the focus distance, which the magnification depends on, if that is a variable with
+        derivatives; 0."""
+        dr = drjit()
+        if self.focus is None or not dr.grad_enabled(self.focus):
+            return 0.0
+        step_m = FOCUS_STEP * self.view.focus_m
+        ends = (
+            self._solid_angle(
+                self.camera, replace(self.view, focus_m=self.view.focus_m + sign * step_m)
+            )
+            for sign in (1, -1)
+        )
+        per_m = float(np.log(next(ends) / next(ends)).mean()) / (2 * step_m)
+        return per_m * self.unit_m * (self.focus - dr.detach(self.focus))
 
     def growth(self, name: str, exposure: Exposure) -> float:
         """d ln(electrons)/d ``name`` at the same image; 0 for a number that they do not depend on."""
@@ -111,7 +133,7 @@ class ImageLight:
             return self._weights(camera, exposure)
 
         def of_lens(camera: Camera, exposure: Exposure) -> Float64Array:
-            return self._solid_angle(camera)
+            return self._solid_angle(camera, self.view)
 
         value, total = recording.value(name), 0.0
         for function in (of_bands, of_lens):
@@ -136,10 +158,10 @@ class ImageLight:
             scale = passed / self.bands.bandwidths_nm
         return electrons_per_irradiance(camera, exposure, self.bands) * scale
 
-    def _solid_angle(self, camera: Camera) -> Float64Array:
+    def _solid_angle(self, camera: Camera, view: View) -> Float64Array:
         """Ω [sr] of every pixel; plain Mitsuba's rays have no distortion."""
         straight = camera.lens.model_copy(update={"distortion": None})
-        return solid_angle_sr(self.view, camera.model_copy(update={"lens": straight}))
+        return solid_angle_sr(view, camera.model_copy(update={"lens": straight}))
 
     def _filter_of(self, pixel: Array, unsigned: type) -> Array:
         """Number of the colour filter of these pixels."""
