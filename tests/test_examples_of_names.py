@@ -21,7 +21,7 @@ NAMES = [name for name in ms.__all__ if name not in ("Array", "lab")]  # a type,
 NAMES += [f"lab.{name}" for name in ms.lab.__all__]
 
 TESTED_ELSEWHERE = re.compile(
-    r"ms\.(capture|render|render_frames|check_stage|differentiable|register_plugins)\("
+    r"ms\.(capture|render|render_frames|check_stage|differentiable|digital|raw_log_likelihood|register_plugins)\("
     r"|my\.toml|bench/|pairs/|irradiance\.exr|picture|scenes"
 )
 """What renders, takes seconds, or needs a file of the user's; the pages of docs have the like."""

@@ -44,11 +44,9 @@ class AttachedFrames:
     stages: Chain
     first: Frame = field(repr=False)
 
-    def sampled(
-        self, light_e: Array, changes: Mapping[str, Array], seed: int, index: int
-    ) -> Array:
-        """Digital numbers of one frame, (H·W), whose derivatives are those of ``ms.differentiable``."""
-        frame = self._frame(changes, seed, index)
+    def sampled(self, light_e: Array, changes: Mapping[str, Array], seed: int) -> Array:
+        """Digital numbers of the first frame of a seed, (H·W), whose derivatives are those of ``ms.differentiable``."""
+        frame = self._frame(changes, seed)
         slope = ConditionalSlope.of(self.stages)
         if least_noise_dn(self.stages, self.first) < LARGEST_DN:
             return slope.sample(Electrons(light_e), frame)
@@ -57,13 +55,13 @@ class AttachedFrames:
     def law(self, light_e: Array, changes: Mapping[str, Array]) -> PixelLaw:
         """The law of every pixel. Raises InputError for a chain that has none."""
         slope = ConditionalSlope.of(self.stages)
-        return pixel_law(slope, Electrons(light_e), self._frame(changes, self.first.seed, 0))
+        return pixel_law(slope, Electrons(light_e), self._frame(changes, self.first.seed))
 
-    def _frame(self, changes: Mapping[str, Array], seed: int, index: int) -> Frame:
+    def _frame(self, changes: Mapping[str, Array], seed: int) -> Frame:
         backend = self.first.window.backend
         assert isinstance(backend, DifferentiableBackend)
         _, window = backend.attached(self.first.window, changes)
-        return replace(self.first, window=window, seed=seed, index=index, _blocks={})
+        return replace(self.first, window=window, seed=seed, _blocks={})
 
 
 @lru_cache(maxsize=4)

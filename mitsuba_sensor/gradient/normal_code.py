@@ -106,8 +106,8 @@ class NormalCode:
         value = mean * (below - above) + s * (at_low - at_high) + top * above
         value = value + (at_high - at_low) / (24.0 * s)
         by_mean = below - above + (low * at_low - high * at_high) / (24.0 * s * s)
-        bent = (high * high - 1.0) * at_high - (low * low - 1.0) * at_low
-        return WithSlopes(value, by_mean, at_low - at_high + bent / (24.0 * s * s))
+        curvature = (high * high - 1.0) * at_high - (low * low - 1.0) * at_low
+        return WithSlopes(value, by_mean, at_low - at_high + curvature / (24.0 * s * s))
 
     def _narrow(self, mean: Array, sigma: Array) -> WithSlopes:
         """For σ below 1 DN."""

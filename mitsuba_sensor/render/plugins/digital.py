@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
 from ...core import Array, Exposure, InputError, check_types, first_given, numbers, require_seed
 from ...core.llvm import drjit
+from ...core.options import complete, documents
 from ...gradient.attached_frames import (
     AttachedFrames,
     Pixels,
@@ -20,12 +21,14 @@ from ...gradient.attached_frames import (
     attached_frames_with_maps,
 )
 from ...gradient.field_derivatives import TIME
+from ...sensor.options import MapOptions
 from ..variants import MitsubaObject
 from .image_light import ImageLight
 
 EXPOSURE = "exposure."
 
 
+@documents(MapOptions)
 def digital(
     image: Array,
     camera: AnyCamera | None = None,
@@ -36,8 +39,7 @@ def digital(
     expected: bool = True,
     seed: int | None = None,
     serial: int | None = None,
-    frame: int = 0,
-    maps: Mapping[str, ArrayLike] | None = None,
+    **options: Unpack[MapOptions],
 ) -> Array:
     """Digital numbers of an image that Mitsuba rendered, with derivatives.
 
@@ -54,18 +56,17 @@ def digital(
         and ``"exposure.temperature_k"`` as Dr.Jit numbers, whose values replace those of camera and exposure, and which
         get derivatives as the parameters of the scene do.
     expected : the expected code of every pixel of this chip, clips and rounding included; or, if False, the code of
-        frame number ``frame``, with the derivatives of :func:`differentiable`.
-    maps : measured fixed-pattern noise of the chip, as for :func:`expose`.
+        the first frame of the seed, with the derivatives of :func:`differentiable`.
     Returns a tensor (H, W) of the type of the image. Raises InputError.
     """
-    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, maps)
+    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, options)
     if expected:
         return chip.tensor(chip.frames.law(chip.light_e, chip.changes).expected())
     seed = require_seed("seed", first_given(seed, chip.light.settings.seed, 1))
-    index = require_seed("frame", frame)
-    return chip.tensor(chip.frames.sampled(chip.light_e, chip.changes, seed, index))
+    return chip.tensor(chip.frames.sampled(chip.light_e, chip.changes, seed))
 
 
+@documents(MapOptions)
 def raw_log_likelihood(
     digital: ArrayLike,
     image: Array,
@@ -75,7 +76,7 @@ def raw_log_likelihood(
     sensor: MitsubaObject,
     parameters: Mapping[str, Array] | None = None,
     serial: int | None = None,
-    maps: Mapping[str, ArrayLike] | None = None,
+    **options: Unpack[MapOptions],
 ) -> Array:
     """Logarithm of the chance of every digital number of a raw frame, if the scene is the one that was rendered.
 
@@ -90,7 +91,7 @@ def raw_log_likelihood(
     code has the tail of its law. What pixels of a row or column share of temporal noise counts in each of them alone.
     Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
     """
-    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, maps)
+    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, options)
     law = chip.frames.law(chip.light_e, chip.changes)
     codes = numbers("digital", digital, "the whole numbers of a raw frame (H, W)")
     shape = chip.light.shape
@@ -125,9 +126,10 @@ class _Chip:
         sensor: MitsubaObject,
         parameters: Mapping[str, Array] | None,
         serial: int | None,
-        maps: Mapping[str, ArrayLike] | None,
+        options: MapOptions,
     ) -> _Chip:
         """Checked."""
+        maps = complete(MapOptions, options)["maps"]
         backend = _backend_of(image)
         light = ImageLight.of(sensor, None if camera is None else camera_of(camera))
         exposure = _exposure(exposure, light)
@@ -196,8 +198,7 @@ def _with_values(
     camera: Camera, exposure: Exposure, values: Mapping[str, float]
 ) -> tuple[Camera, Exposure]:
     """Camera and exposure with these values. Raises InputError."""
-    of_exposure: dict[str, Any] = {}
-    of_camera: dict[str, Any] = {}
+    of_exposure, of_camera = dict[str, float](), dict[str, float]()
     for name, value in values.items():
         if name.startswith(EXPOSURE):
             of_exposure[name.removeprefix(EXPOSURE)] = value

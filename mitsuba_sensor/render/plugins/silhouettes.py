@@ -11,8 +11,8 @@ import functools
 import importlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
+from ...core import Array
 from ...core.llvm import drjit
 from ..variants import MitsubaObject, mitsuba
 
@@ -28,10 +28,14 @@ def splat_silhouettes_in_bands() -> None:
             setattr(base, name, _in_bands(method))
 
 
-def _in_bands(method: Callable[..., Any]) -> Callable[..., Any]:
+def _in_bands(method: Callable[..., MitsubaObject]) -> Callable[..., MitsubaObject]:
     @functools.wraps(method)
     def render(
-        self: Any, scene: MitsubaObject, sensor: MitsubaObject, *others: Any, **options: Any
+        self: object,
+        scene: MitsubaObject,
+        sensor: MitsubaObject,
+        *others: object,
+        **options: object,
     ) -> MitsubaObject:
         mi, film = mitsuba(), sensor.film()
         if not drjit().all(mi.has_flag(film.flags(), mi.FilmFlags.Special)):
@@ -51,12 +55,12 @@ def _samples_of(film: MitsubaObject) -> Iterator[None]:
     def put_sample(
         block: MitsubaObject,
         *,
-        pos: Any,
-        wavelengths: Any,
-        value: Any,
+        pos: Array,
+        wavelengths: Array,
+        value: Array,
         weight: float,
         alpha: float,
-        active: Any,
+        active: Array,
     ) -> None:
         shares = mi.Float(weight), mi.Float(alpha)
         names = dict(zip(("weight", "alpha"), shares, strict=True))
