@@ -12,6 +12,11 @@ Times are medians of turns; ``times_plain`` is the median of the ratios to the p
 --sigma-dn measures errors instead, at each of these read noises: the mean over --frames Mpx of the derivative
 of the code and of (code − mean)², as a ratio to the derivative of the mean and of the variance, which expected_codes.py
 enumerates; the first one, by the photons, also as a ratio to differences of frames with equal random bits.
+
+--scene measures a render and its backward pass by prb instead, of --side² pixels and --spp samples, with the
+derivatives by an albedo and a lamp: the squared error of Mitsuba's image alone, that of the digital numbers
+(ms.digital, expected and sampled), and the likelihood of a raw frame (ms.raw_log_likelihood). ``times_mitsuba`` is the
+median of the ratios.
 """
 
 from __future__ import annotations
@@ -65,6 +70,11 @@ def main() -> None:
     parser.add_argument(
         "--frames", type=int, default=4, help="frames of a megapixel for the errors (default 4)"
     )
+    parser.add_argument(
+        "--scene", action="store_true", help="time a render and its backward pass"
+    )
+    parser.add_argument("--side", type=int, default=256, help="of its image in pixels")
+    parser.add_argument("--spp", type=int, default=64, help="its samples per pixel")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.sigma_dn:
@@ -72,6 +82,9 @@ def main() -> None:
             [found for sigma in options.sigma_dn for found in errors(sigma, options.frames)],
             options.json,
         )
+        return
+    if options.scene:
+        show_scene(scene_times(options.side, options.spp, options.turns), options.json)
         return
     rows = [row(mpx, options.electrons, options.turns) for mpx in options.mpx]
     if options.json:
@@ -182,6 +195,81 @@ def show_errors(rows: list[dict[str, Any]], as_json: bool) -> None:
         ]
         label = f"{found['sigma_dn']:5g} DN  {found['case']:27} {found['parameter']:29}"
         print(label, "   ".join(shown) or "(no derivative)")
+
+
+SCENE = """<scene version="3.0.0"><integrator type="prb"><integer name="max_depth" value="4"/></integrator>
+<sensor type="camera"><float name="focal_length_mm" value="1"/><film type="photosensor">
+<string name="camera" value="bayer_2mp"/><string name="spectral" value="{spectral}"/>
+<float name="exposure_s" value="0.005"/><integer name="width" value="{side}"/><integer name="height" value="{side}"/>
+</film></sensor>
+<shape type="sphere" id="ball"><point name="center" value="0, 0, 4"/><bsdf type="diffuse">
+<spectrum name="reflectance" value="0.5"/></bsdf></shape>
+<shape type="rectangle"><transform name="to_world"><scale value="5"/><rotate y="1" angle="180"/><translate z="6"/>
+</transform><bsdf type="diffuse"><spectrum name="reflectance" value="0.4"/></bsdf></shape>
+<emitter type="constant" id="sky"><spectrum name="radiance" value="2e-4"/></emitter></scene>"""
+LEAVES = "ball.bsdf.reflectance.value", "sky.radiance.value"
+
+
+def scene_times(side: int, spp: int, turns: int) -> dict[str, Any]:
+    """Seconds of every task, and their ratio to plain Mitsuba's."""
+    found = {}
+    for spectral in ("channels", "auto"):
+        seconds = alternate(scene_tasks(side, spp, spectral), turns)
+        found[spectral] = {
+            name: {
+                "seconds": statistics.median(those),
+                "times_mitsuba": ratio(those, seconds["mitsuba"]),
+            }
+            for name, those in seconds.items()
+        }
+    return {"side": side, "spp": spp, "films": found}
+
+
+def scene_tasks(side: int, spp: int, spectral: str) -> dict[str, Callable[[], object]]:
+    """A render and the gradient of a loss of its image, or of what the camera makes of it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_spectral")
+    scene = mi.load_string(SCENE.format(side=side, spectral=spectral))
+    parameters, seeds = mi.traverse(scene), iter(range(2**31))
+    sensor = scene.sensors()[0]
+    first = mi.TensorXf(mi.render(scene, spp=spp))
+    raw = np.array(ms.digital(first, sensor=sensor, expected=False))
+    target = mi.TensorXf(raw.astype(np.float32))
+
+    def task_of(loss: Callable[[Any], Any]) -> Callable[[], object]:
+        def task() -> object:
+            for name in LEAVES:
+                parameters[name] = mi.Float(dr.detach(parameters[name]))
+                dr.enable_grad(parameters[name])
+            parameters.update()
+            image = mi.render(scene, parameters, spp=spp, seed=next(seeds))
+            dr.backward(dr.mean(loss(image), axis=None))
+            return [dr.grad(parameters[name]).numpy() for name in LEAVES]
+
+        return task
+
+    return {
+        "mitsuba": task_of(lambda image: (image - first) ** 2),
+        "expected": task_of(lambda image: (ms.digital(image, sensor=sensor) - target) ** 2),
+        "sampled": task_of(
+            lambda image: (ms.digital(image, sensor=sensor, expected=False) - target) ** 2
+        ),
+        "likelihood": task_of(lambda image: -ms.raw_log_likelihood(raw, image, sensor=sensor)),
+    }
+
+
+def show_scene(found: dict[str, Any], as_json: bool) -> None:
+    """Print the times."""
+    if as_json:
+        print(json.dumps({**machine(), **found}))
+        return
+    for spectral, tasks in found["films"].items():
+        print(f"{found['side']}² pixels, {found['spp']} samples, spectral {spectral}")
+        for name, task in tasks.items():
+            ms_each, times = task["seconds"] * 1e3, task["times_mitsuba"]
+            print(f"  {name:12} {ms_each:8.1f} ms   {times:5.2f} × Mitsuba alone")
 
 
 def row(mpx: float, electrons: float, turns: int) -> dict[str, Any]:

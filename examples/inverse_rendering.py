@@ -4,7 +4,8 @@
 
 What is most likely is found by Fisher scoring: ms.raw_log_likelihood says how likely the raw frame is, and dr.backward
 how that changes with lamp and albedo, through the sensor, the image and prb. By the focus prb has no derivative, and no
-integrator of Mitsuba one at the edges of a blurred picture; so it is a difference of two renders with equal random numbers.
+integrator of Mitsuba one at the edges of a blurred picture; so it is a difference of two renders with equal random
+numbers.
 Prints the values with 95 % intervals and the bound of Cramér and Rao, draws PICTURE.
 """
 
@@ -24,7 +25,7 @@ SCENE = """<scene version="3.0.0"><integrator type="prb"><integer name="max_dept
 <sensor type="camera"><float name="focal_length_mm" value="5"/><float name="f_number" value="1.4"/>
 <float name="focus_distance_m" value="0.3"/><sampler type="multijitter"/>
 <film type="photosensor"><string name="camera" value="konnik_table1"/><float name="wavelength_nm" value="550"/>
-<float name="exposure_s" value="0.02"/><integer name="width" value="72"/><integer name="height" value="54"/></film>
+<float name="exposure_s" value="0.06"/><integer name="width" value="72"/><integer name="height" value="54"/></film>
 </sensor>
 <shape type="rectangle"><transform name="to_world"><scale value="0.03"/><rotate y="1" angle="180"/>
 <translate z="0.4"/></transform><bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
@@ -43,6 +44,7 @@ LAMP, ALBEDO, FOCUS = (
 )
 TRUE = {LAMP: 1e-5, ALBEDO: 0.3, FOCUS: 0.27}
 START = {LAMP: 2e-5, ALBEDO: 0.6, FOCUS: 0.31}
+NAMES = {LAMP: "lamp", ALBEDO: "albedo", FOCUS: "focus"}
 UNITS = {LAMP: "W/sr/nm", ALBEDO: "", FOCUS: "m"}
 SAMPLES, STEPS, SIMULATED = 256, 6, 8
 STEP = 0.02  # of a difference, relative
@@ -109,7 +111,7 @@ def information(image: mi.TensorXf, slopes: np.ndarray) -> np.ndarray:
     return (slopes * square) @ slopes.T
 
 
-raw = np.array(ms.digital(render(TRUE, 7, 2048), sensor=sensor, expected=False, seed=5))
+raw = np.array(ms.digital(render(TRUE, 7, 2048), sensor=sensor, expected=False, seed=1))
 values = dict(START)
 for number in range(STEPS):
     slopes = derivatives(values, number)
@@ -118,7 +120,10 @@ for number in range(STEPS):
     step = np.linalg.solve(fisher, gradient)
     share = min(1.0, *(LARGEST * np.array(list(values.values())) / np.abs(step)))
     values = dict(zip(values, np.array(list(values.values())) + share * step, strict=True))
-    print(f"step {number + 1}: " + ", ".join(f"{name} {x:.4g}" for name, x in values.items()))
+    print(
+        f"step {number + 1}: "
+        + ", ".join(f"{NAMES[name]} {x:.4g}" for name, x in values.items())
+    )
 
 image, slopes = render(values, STEPS), derivatives(values, STEPS)
 own = slopes * score(raw, image)  # the information that this frame itself has
@@ -126,17 +131,14 @@ half = 1.96 * np.sqrt(np.diag(np.linalg.inv(own @ own.T)))
 fisher = information(render(TRUE, STEPS + 1), derivatives(TRUE, STEPS + 1))
 bound = np.sqrt(np.diag(np.linalg.inv(fisher)))
 
-print(
-    "\n                        true      found     95 % interval          Cramér-Rao σ, 1.96 of it"
-)
+print("\n           true      found      95 % interval             Cramér-Rao σ, 1.96 of it")
 lines = []
 for name, found, reach, sigma in zip(values, values.values(), half, bound, strict=True):
     interval = f"{found - reach:.4g} to {found + reach:.4g}"
-    print(
-        f"{name:23} {TRUE[name]:<9.4g} {found:<9.4g} {interval:22} {sigma:.3g}, {1.96 * sigma:.3g}"
-    )
+    row = f"{NAMES[name]:10} {TRUE[name]:<9.4g} {found:<10.4g} {interval:25}"
+    print(f"{row} {sigma:.3g}, {1.96 * sigma:.3g}")
     lines.append(
-        f"{name.split('.')[0]}: {found:.3g} ± {reach:.2g} {UNITS[name]} (true {TRUE[name]:.3g})"
+        f"{NAMES[name]} {found:.4g} ± {reach:.2g} {UNITS[name]} (true: {TRUE[name]:.4g})"
     )
 
 if len(sys.argv) > 1:
@@ -144,11 +146,16 @@ if len(sys.argv) > 1:
 
     expected = np.array(ms.digital(image, sensor=sensor))
     first = np.array(ms.digital(render(START, 0), sensor=sensor))
-    panels = {"raw frame [DN]": raw, "where the fit began": first, "what was found": expected}
-    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    panels = {
+        "one raw frame": raw,
+        "expected, where the fit began": first,
+        "expected, with what was found": expected,
+    }
+    low, high = np.quantile(raw, (0.005, 0.995))
+    figure = Figure(figsize=(10, 3.1), layout="constrained")
     for axes, (title, picture) in zip(figure.subplots(1, 3), panels.items(), strict=True):
-        shown = axes.imshow(picture, cmap="gray", vmin=0, vmax=np.quantile(raw, 0.995))
+        shown = axes.imshow(picture, cmap="gray", vmin=low, vmax=high)
         axes.set(title=title, xticks=[], yticks=[])
     figure.colorbar(shown, ax=figure.axes, label="digital number [DN]", shrink=0.8)
-    figure.supxlabel("     ".join(lines), fontsize=9)
-    figure.savefig(sys.argv[1], dpi=120)
+    figure.suptitle("95 % intervals: " + ", ".join(lines), fontsize=9)
+    figure.savefig(sys.argv[1], dpi=100)

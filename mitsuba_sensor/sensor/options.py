@@ -193,6 +193,17 @@ class ExposeOptions(FrameOptions, ArrayOptions, total=False):
     """All options of :func:`expose` and :func:`stream`."""
 
 
+class ChipOptions(MapOptions, total=False):
+    """Which chip, of :func:`mitsuba_sensor.render.plugins.digital.digital` and ``raw_log_likelihood``."""
+
+    serial: Annotated[
+        int | None,
+        Option(
+            "Serial number of the camera, which selects its fixed-pattern noise. Default: that of the film, else 1."
+        ),
+    ]
+
+
 class GradientOptions(MapOptions, ArrayOptions, total=False):
     """All options of :func:`mitsuba_sensor.gradient.gradient.differentiable`."""
 

@@ -21,14 +21,14 @@ from ...gradient.attached_frames import (
     attached_frames_with_maps,
 )
 from ...gradient.field_derivatives import TIME
-from ...sensor.options import MapOptions
+from ...sensor.options import ChipOptions
 from ..variants import MitsubaObject
 from .image_light import ImageLight
 
 EXPOSURE = "exposure."
 
 
-@documents(MapOptions)
+@documents(ChipOptions)
 def digital(
     image: Array,
     camera: AnyCamera | None = None,
@@ -38,8 +38,7 @@ def digital(
     parameters: Mapping[str, Array] | None = None,
     expected: bool = True,
     seed: int | None = None,
-    serial: int | None = None,
-    **options: Unpack[MapOptions],
+    **options: Unpack[ChipOptions],
 ) -> Array:
     """Digital numbers of an image that Mitsuba rendered, with derivatives.
 
@@ -50,7 +49,7 @@ def digital(
         drjit.backward(drjit.mean((codes - target) ** 2))  # fills drjit.grad of the parameters of the scene
 
     image : of a <film type="photosensor">, (H, W, bands): the light of each band behind the lens [W m⁻² sr⁻¹].
-    camera, exposure, seed, serial : by default those of the film.
+    camera, exposure, seed : by default those of the film.
     sensor : of the scene, whose film has been rendered.
     parameters : fields of the camera (``"readout.sense_gain_uv_per_e"``, ``"lens.f_number"``), ``"exposure.time_s"``
         and ``"exposure.temperature_k"`` as Dr.Jit numbers, whose values replace those of camera and exposure, and which
@@ -59,14 +58,14 @@ def digital(
         the first frame of the seed, with the derivatives of :func:`differentiable`.
     Returns a tensor (H, W) of the type of the image. Raises InputError.
     """
-    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, options)
+    chip = _Chip.of(image, camera, exposure, sensor, parameters, options)
     if expected:
         return chip.tensor(chip.frames.law(chip.light_e, chip.changes).expected())
     seed = require_seed("seed", first_given(seed, chip.light.settings.seed, 1))
     return chip.tensor(chip.frames.sampled(chip.light_e, chip.changes, seed))
 
 
-@documents(MapOptions)
+@documents(ChipOptions)
 def raw_log_likelihood(
     digital: ArrayLike,
     image: Array,
@@ -75,8 +74,7 @@ def raw_log_likelihood(
     *,
     sensor: MitsubaObject,
     parameters: Mapping[str, Array] | None = None,
-    serial: int | None = None,
-    **options: Unpack[MapOptions],
+    **options: Unpack[ChipOptions],
 ) -> Array:
     """Logarithm of the chance of every digital number of a raw frame, if the scene is the one that was rendered.
 
@@ -91,7 +89,7 @@ def raw_log_likelihood(
     code has the tail of its law. What pixels of a row or column share of temporal noise counts in each of them alone.
     Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
     """
-    chip = _Chip.of(image, camera, exposure, sensor, parameters, serial, options)
+    chip = _Chip.of(image, camera, exposure, sensor, parameters, options)
     law = chip.frames.law(chip.light_e, chip.changes)
     codes = numbers("digital", digital, "the whole numbers of a raw frame (H, W)")
     shape = chip.light.shape
@@ -125,11 +123,11 @@ class _Chip:
         exposure: Exposure | None,
         sensor: MitsubaObject,
         parameters: Mapping[str, Array] | None,
-        serial: int | None,
-        options: MapOptions,
+        options: ChipOptions,
     ) -> _Chip:
         """Checked."""
-        maps = complete(MapOptions, options)["maps"]
+        chosen = complete(ChipOptions, options)
+        maps = chosen["maps"]
         backend = _backend_of(image)
         light = ImageLight.of(sensor, None if camera is None else camera_of(camera))
         exposure = _exposure(exposure, light)
@@ -140,7 +138,7 @@ class _Chip:
         growth = {name: light.growth(name, exposure) for name in values}
         grown = {name: g * changes[name] for name, g in growth.items() if g}
         light_e = light.electrons(image, exposure, grown)
-        serial = require_seed("serial", first_given(serial, light.settings.serial, 1))
+        serial = require_seed("serial", first_given(chosen["serial"], light.settings.serial, 1))
         pixels = Pixels(serial, light.shape, light.origin)
         fixed = own, exposure, pixels, tuple(values), tuple(grown), backend
         frames = attached_frames_with_maps(*fixed, maps) if maps else attached_frames(*fixed)
