@@ -26,15 +26,16 @@ from .steps_shown import rounding_error_dn
 FEW = 1 / 8
 """Expected pixels that a stage which is left out may move further than its share of the tolerance."""
 
-MOST_LEVELS, FEWEST_LEVELS, WORK = 13, 3, 2**18
+MOST_LEVELS, FEWEST_LEVELS, WORK = 13, 4, 2**18
 """Levels of light at which the chains are compared. WORK normals may be added up for all of them: of a chain that takes
 more, fewer levels are looked at."""
 
 INSIDE = 0.5
 """Share of the pixels that the converter must not clip where changes in front of it count."""
 
-OF_SATURATION = (0.5, 0.9, 0.97, 1.0)
-"""Shares of the light that saturates a pixel at which the chains are compared, too."""
+OF_SATURATION = (0.5, 0.97, 0.9, 1.0)
+"""Shares of the light that saturates a pixel at which the chains are compared, too; the first are the last to be left
+out."""
 
 
 @dataclass(frozen=True)
@@ -193,11 +194,16 @@ class Trial:
             self.whole, self.frame, self.range.darkest_e, self.range.brightest_e
         )
         where_curved_e = _evenly(response.light_e, MOST_LEVELS - len(OF_SATURATION))
-        levels_e = np.union1d(where_curved_e, self._levels_up_to_saturation_e)
+        below_saturation_e = self._levels_up_to_saturation_e
+        levels_e = np.union1d(where_curved_e, below_saturation_e)
         sample = self._sample_at(levels_e)
         pixels = math.prod(sample.frame.window.shape)
         work = pixels * PixelStrip(self.whole, sample.light, sample.frame).work()
-        return _evenly(levels_e, max(int(levels_e.size * WORK / work), FEWEST_LEVELS))
+        count = max(int(levels_e.size * WORK / work), FEWEST_LEVELS)
+        if count >= levels_e.size:
+            return levels_e
+        ends_e = np.union1d(levels_e[[0, -1]], below_saturation_e[: count // 2])
+        return np.union1d(ends_e, _evenly(levels_e, count - ends_e.size))
 
     @property
     def _levels_up_to_saturation_e(self) -> Float64Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -335,3 +336,17 @@ def test_what_is_a_share_of_the_light_is_looked_at_where_a_pixel_is_about_full()
     ramp = np.tile(np.linspace(0, 70_000, 249), (87, 1))
     plan = ms.plan(camera, ms.Exposure(0.01), ramp, tolerance_dn=3.37)
     assert "PRNU" not in plan.left_out and "DSNU pixel" in plan.left_out
+
+
+@pytest.mark.parametrize("name", ["sony_a7s2", "bayer_2mp"])
+def test_more_light_never_makes_the_largest_effect_smaller(name: str) -> None:
+    """Beyond saturation the largest shot noise is still that of a pixel that is about full."""
+    camera = ms.load_camera(name)
+    largest_dn = []
+    for brightest in (1e3, 1e4, 1e5, 1e6):
+        photons = np.tile(np.geomspace(1.0, brightest, 300), (20, 1))
+        effects = ms.plan(camera, ms.Exposure(0.01), photons).effects
+        largest_dn.append(
+            next(effect.temporal_dn for effect in effects if effect.stage == "shot noise")
+        )
+    assert all(after > 0.9 * before for before, after in itertools.pairwise(largest_dn))
