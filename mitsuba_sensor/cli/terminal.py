@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 OF_STAGES = (
-    "the signal behind each stage: mean and standard deviation σ over the pixels of this frame, and as theory expects "
+    "the signal behind each stage: mean of the pixels and standard deviation σ of their noise in this frame, and as theory expects "
     "them. At the sense node the charge becomes a voltage"
 )
 """Below the table of a frame."""

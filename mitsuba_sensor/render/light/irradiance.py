@@ -151,7 +151,8 @@ class Irradiance:
 
         ::
 
-            light = ms.render("scenes/night_crossing.xml", light_groups="auto")
+            groups = {"lamps": "lamp_*", "headlights": "headlight_*"}
+            light = ms.render("night_crossing", light_groups=groups, width=96)
             dark = light.with_lights(headlights=0, lamps=0.2)
             flickering = light.with_lights(signals=ms.pwm(90, 0.3), lamps="2 mains(50)")
 

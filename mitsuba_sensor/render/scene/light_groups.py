@@ -21,6 +21,7 @@ OTHER = "other"
 
 MOST_GROUPS = 16
 GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+PATTERN_EXAMPLE = "--light-groups lamps=lamp_* --light-groups sky=sky,moon ({'lamps': 'lamp_*', 'sky': 'sky,moon'})"
 EXAMPLE = "'auto', or {'sky': 'env', 'lamps': 'lamp_*'}"
 
 AskedGroups: TypeAlias = Literal["auto"] | Mapping[str, tuple[str, ...]]
@@ -82,7 +83,7 @@ def _refuse_many(name: str, groups: Collection[str]) -> None:
     if len(groups) > MOST_GROUPS:
         raise InputError(
             f"{name} makes {len(groups)} groups, each a render of its own; at most {MOST_GROUPS}: put several "
-            f"emitters into one by a pattern, e.g. {EXAMPLE}."
+            f"emitters into one by patterns of their ids, e.g. {PATTERN_EXAMPLE} ({', '.join(groups)})."
         )
 
 
