@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 OF_STAGES = (
-    "the signal behind each stage: mean of the pixels and standard deviation σ of their noise in this frame, and as theory expects "
-    "them. At the sense node the charge becomes a voltage"
+    "the signal behind each stage: mean of the pixels and standard deviation σ of their noise in this frame, and as "
+    "theory expects them. At the sense node the charge becomes a voltage"
 )
 """Below the table of a frame."""
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
