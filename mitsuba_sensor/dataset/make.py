@@ -26,7 +26,7 @@ from ..render.light.light_source import CollectedLight
 from ..render.light.photons import collected
 from ..render.motion.aovs import Aovs
 from ..render.options import RenderOptions
-from ..render.passes.prepared import PreparedRender, prepare
+from ..render.passes.prepared import METERING_SPP, PreparedRender, prepare
 from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import fastest_variant
 from ..sensor.expose import exposure_of_photons
@@ -304,7 +304,8 @@ def _timed(
             "motion": None,
             "subframes": None,
             "noise_ratio": None,
-            "spp": 32,
+            "max_spp": None,
+            "spp": METERING_SPP,
         }
         known = prepare(parsed, camera, asked, **still).metered_first().exposure
     assert isinstance(known, Exposure)

@@ -34,7 +34,8 @@ from .values import text_of
 FORMAT = 1  # of a configuration; another one is another key
 OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
 MOST_LIGHTS = 10_000  # whose descriptions are kept
-SPP = 128  # of a render that is told nothing: passes of 16 samples, and denoised
+SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
+SPP = 128  # of a render that is told nothing of them
 PASSED_BY = ("gain",)  # options of a render that are none of its light
 
 
@@ -201,10 +202,9 @@ class DatasetPlan:
     def _described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
         """Scene, pose, options of the render, and what the camera has to do with the light."""
         entry = self.file.scenes[one.scene]
-        render: Facts = (
-            {"spp": SPP} if not {"spp", "noise_ratio"} & set(self.file.render) else {}
-        )
-        render = {**render, **self.file.render}
+        render = dict(self.file.render)
+        if render.keys().isdisjoint(SAMPLES):
+            render["spp"] = SPP
         options = {
             k: v
             for k, v in used(RenderOptions, render).items()

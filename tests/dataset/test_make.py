@@ -133,6 +133,22 @@ def test_more_outputs_change_no_pixel(everything: ms.Dataset, tmp_path: Path) ->
         np.testing.assert_array_equal(one.read("raw"), other.read("raw"))
 
 
+@pytest.mark.parametrize(
+    "goal", [{"noise_ratio": 1.0, "max_spp": 64}, {"max_spp": 32}], ids=["ratio", "most"]
+)
+def test_a_metered_render_towards_a_goal_takes_no_samples_that_nobody_gave(
+    goal: dict[str, float], tmp_path: Path
+) -> None:
+    """Neither the samples of the metering render nor the default of datasets stand beside ``max_spp``."""
+    flat = {"name": "flat", "file": "flat_field.xml"}
+    render, grid = {"width": 8, **goal}, {"exposure_s": ["auto"]}
+    dataset = made(tmp_path / "out", scenes=[flat], render=render, grid=grid)
+    facts = dataset[0].facts
+    assert facts["view"]["config"]["render"]["spp"] is None
+    assert facts["light"]["samples_per_pixel"] <= goal["max_spp"]
+    assert facts["light"]["noise_ratio_asked"] == goal.get("noise_ratio")
+
+
 def test_poses_parameters_and_traverse_change_the_light(tmp_path: Path) -> None:
     """Twice the radiance is twice the electrons, by either name; a pose that looks away sees something else."""
     flat = {"name": "flat", "file": "flat_field.xml", "parameters": {"radiance": 2e-4}}
