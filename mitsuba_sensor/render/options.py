@@ -96,7 +96,7 @@ class FileOptions(TypedDict, total=False):
             "nm; refuse to render them; or IDS=MATERIAL, repeatable, a measured reflectance for materials or shapes of "
             "these ids, e.g. 'leaf_*=vegetation', see docs/infrared.md. Default: hold.",
             flag="--infrared",
-            metavar="hold|refuse|IDS=MATERIAL",
+            metavar="IDS=MATERIAL",
             text=list[str],
             check=_checked_infrared,
         ),
