@@ -312,7 +312,7 @@ def test_a_film_that_is_metered_needs_an_exposure() -> None:
     mi = ready()
     text = text_of().replace('<float name="exposure_s" value="0.002"/>', "")
     scene = mi.load_string(text)
-    with pytest.raises(ms.InputError, match="the film sets none in seconds; pass one"):
+    with pytest.raises(ms.InputError, match="the film sets no exposure in seconds; pass one"):
         ms.digital(mi.render(scene, spp=4), sensor=scene.sensors()[0])
 
 

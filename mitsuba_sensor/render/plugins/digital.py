@@ -129,14 +129,18 @@ class _Chip:
         chosen = complete(ChipOptions, options)
         maps = chosen["maps"]
         backend = _backend_of(image)
-        light = ImageLight.of(sensor, None if camera is None else camera_of(camera))
+        given = None if camera is None else camera_of(camera)
+        light = ImageLight.of(sensor, given)
         exposure = _exposure(exposure, light)
         check_types(light.camera, exposure)
         values, changes = _variables(parameters or {}, type(image.array))
         own, exposure = _with_values(light.camera, exposure, values)
         light = replace(light, camera=own)
         growth = {name: light.growth(name, exposure) for name in values}
-        grown = {name: g * changes[name] for name, g in growth.items() if g}
+        number = type(image.array)  # opaque: as data of the kernel, which is compiled once
+        grown = {
+            name: drjit().opaque(number, g) * changes[name] for name, g in growth.items() if g
+        }
         light_e = light.electrons(image, exposure, grown)
         serial = require_seed("serial", first_given(chosen["serial"], light.settings.serial, 1))
         pixels = Pixels(serial, light.shape, light.origin)
@@ -164,10 +168,12 @@ def _backend_of(image: Array) -> str:
 
 def _exposure(exposure: Exposure | None, light: ImageLight) -> Exposure:
     """The one given, else that of the film. Raises InputError where that is metered."""
-    found = light.settings.exposure if exposure is None else exposure
+    if exposure is not None:
+        return exposure
+    found = light.settings.exposure
     if not isinstance(found, Exposure):
         raise InputError(
-            f"exposure is {exposure!r} and the film sets none in seconds; pass one, e.g. ms.Exposure(0.01)."
+            "the film sets no exposure in seconds; pass one, e.g. ms.Exposure(0.01)."
         )
     return found
 
@@ -185,7 +191,7 @@ def _variables(
     for name, given in parameters.items():
         if not isinstance(given, number) or dr.width(given) != 1:
             raise InputError(
-                f"parameters[{name!r}] is a {type(given).__name__}; pass one Dr.Jit number, e.g. mitsuba.Float(2.8)."
+                f"parameters[{name!r}] is {given!r:.60}; pass one Dr.Jit number, e.g. mitsuba.Float(2.8)."
             )
         values[name] = float(given.numpy()[0])
         changes[name] = given - dr.detach(given)

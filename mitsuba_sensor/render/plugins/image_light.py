@@ -15,7 +15,7 @@ import numpy as np
 
 from ...camera.camera import Camera
 from ...camera.fingerprint import response_fingerprint
-from ...core import Array, Exposure, Float64Array, Frame, InputError, SensorWindow
+from ...core import Array, Exposure, Float64Array, Frame, InputError, SensorWindow, check_types
 from ...core.llvm import drjit
 from ...gradient.attached_frames import recording_of
 from ...optics.f_number_law import solid_angle_sr, transmittance
@@ -55,6 +55,8 @@ class ImageLight:
     @classmethod
     def of(cls, sensor: MitsubaObject, camera: Camera | None) -> ImageLight:
         """Of a sensor of Mitsuba with a photosensor as its film. Raises InputError for any other."""
+        if camera is not None:
+            check_types(camera, Exposure(0.0))
         film = getattr(sensor, "film", None)
         known = None if film is None else parameters_of(film())
         if known is None or known.film.get("output", "bands") != "bands":
@@ -123,7 +125,8 @@ class ImageLight:
             for sign in (1, -1)
         )
         per_m = float(np.log(next(ends) / next(ends)).mean()) / (2 * step_m)
-        return per_m * self.unit_m * (self.focus - dr.detach(self.focus))
+        growth = dr.opaque(type(self.focus), per_m * self.unit_m)
+        return growth * (self.focus - dr.detach(self.focus))
 
     def growth(self, name: str, exposure: Exposure) -> float:
         """d ln(electrons)/d ``name`` at the same image; 0 for a number that they do not depend on."""
