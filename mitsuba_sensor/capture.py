@@ -248,6 +248,8 @@ def render_once(request: Request) -> Exposed:
             )
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
+        if render.metering is None and options["auto_exposure"] is None:
+            times.check(render.exposure)
         stop = render.stop_criterion(rendering)
         if isinstance(render.scene, MovingScene) and times.period_s is not None:
             return render_in_time(request, render, sensor, stop)

@@ -23,6 +23,7 @@ from .render.light.irradiance import Irradiance
 from .render.light.photons import photons_of
 from .render.passes.stop_criterion import Progress, RenderProgress
 from .sensor.auto_exposure import AutoExposure, ExposureControl
+from .sensor.choices import KEEP
 from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
 from .sensor.kept_maps import RECENT_BYTES, KeptMaps
@@ -159,9 +160,12 @@ def _of_still_light(
     """The frames one by one; none where they do not follow each other in time."""
     if times.period_s is None:
         return
-    for number, digital in enumerate(frames.digital, frames.first.index):
+    kept = [name for name in ("digital", *KEEP) if getattr(frames, name) is not None]
+    for k in range(len(frames.digital)):
+        number = frames.first.index + k
         first = replace(frames.first, index=number, _blocks={})
-        one = replace(frames, digital=digital[None], first=first, observer=None)
+        own = {name: getattr(frames, name)[k : k + 1] for name in kept}
+        one = replace(frames, first=first, observer=None, **own)
         yield TimedFrame(times.of_frame(number), one, light.statistics.camera_to_world)
 
 

@@ -96,10 +96,12 @@ def test_a_hundred_frames_of_a_still_scene_are_one_render_and_the_frames_without
     tmp_path: Path, renders: list[float]
 ) -> None:
     scene = write_scene(tmp_path, SCENE)
-    timed = ms.capture(scene, CAMERA, EXPOSURE, fps=30, frames=100, **QUICK)
+    timed = ms.capture(scene, CAMERA, EXPOSURE, fps=30, frames=100, keep=["electrons"], **QUICK)
     assert len(renders) == 1
-    plain = ms.capture(scene, CAMERA, EXPOSURE, frames=100, **QUICK)
+    plain = ms.capture(scene, CAMERA, EXPOSURE, frames=100, keep=["electrons"], **QUICK)
     np.testing.assert_array_equal(timed.frames.digital, plain.frames.digital)
+    last = timed.timed[99].frames
+    np.testing.assert_array_equal(last.electrons, plain.frames.electrons[99:])  # type: ignore[index]
     assert plain.metadata["series"] is None and not plain.timed
     assert timed.metadata["series"]["frames"][99]["start_s"] == pytest.approx(3.3)
     assert timed.metadata["series"]["flicker_modulation_index"] < 0.01
@@ -180,10 +182,13 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_times_that_cannot_be_are_refused_with_the_way_out(case: str, tmp_path: Path) -> None:
+def test_times_that_cannot_be_are_refused_with_the_way_out(
+    case: str, tmp_path: Path, renders: list[float]
+) -> None:
     options, sentence = BAD[case]
     given = {**QUICK, **options}
     if case == "renders":
         del given["denoise"]
     with pytest.raises(ms.InputError, match=sentence):
         ms.capture(write_scene(tmp_path, SCENE), CAMERA, EXPOSURE, **given)
+    assert case == "limits" or not renders  # said before the first ray
