@@ -208,6 +208,22 @@ def test_the_card_of_a_big_dataset_reads_some_of_its_samples(
     assert f"| `index.jsonl` | {index} |" in text and "record.json" not in text
 
 
+def test_the_card_says_how_large_the_render_noise_is_and_what_helps(
+    made: Path, tmp_path: Path
+) -> None:
+    """Four samples per pixel are far above a tenth of the sensor's noise; in a millionth of the light they are not."""
+    views = {one.view_folder.name: one.facts["light"] for one in ms.Dataset(made)}
+    median = np.median([light["noise_ratio_median"] for light in views.values()])
+    card = (made / "README.md").read_text("utf-8")
+    assert len(views) == 3 and median > 0.1
+    assert f"Render noise is {median:.3g} × " in card and "and over 3 views)" in card
+    assert "`denoise = true`" in card
+    text = FILE.split('[[scenes]]\nname = "box"')[0].replace("0.01 }, {", "1e-8 }, {")
+    assert not run(plan_in(tmp_path, text), tmp_path / "out", workers=0).failed
+    card = (tmp_path / "out" / "README.md").read_text("utf-8")
+    assert "over the pixels of one view)" in card and "denoise" not in card
+
+
 def test_without_previews_the_card_says_why_there_is_no_sheet(tmp_path: Path) -> None:
     text = FILE.replace(', "preview"', "").replace("[0, -2]", "[0]")
     run(plan_in(tmp_path, text), tmp_path / "out", workers=0)

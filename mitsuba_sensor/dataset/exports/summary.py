@@ -28,6 +28,12 @@ HOW = """import mitsuba_sensor as ms
 for sample in ms.Dataset("DIR"):
     print(sample.key, sample.split, sample.values, sample.read("{array}").shape)
 """
+VISIBLE_RATIO = 0.1
+"""Render variance over sensor variance from which on a frame is 5 % too noisy."""
+LESS_RENDER_NOISE = (
+    "In `[render]` of the dataset file `denoise = true`, a larger `spp`, or `noise_ratio = 0.1` with `max_spp` and "
+    "without `spp` makes it smaller."
+)
 NO_SHEET = "There is no contact sheet: `preview` is not among the outputs of the dataset."
 
 
@@ -42,10 +48,14 @@ class _Group:
 
 @dataclass
 class _Read:
-    """What is known of the samples that were read so far.  models : entry of the dataset file → camera's own name."""
+    """What is known of the samples that were read so far.
+
+    models : entry of the dataset file → camera's own name.  noise_ratios : key of a view → its median noise ratio.
+    """
 
     groups: dict[tuple[str, str], _Group] = field(default_factory=dict)
     models: dict[str, str] = field(default_factory=dict)
+    noise_ratios: dict[str, float] = field(default_factory=dict)
     sizes: set[str] = field(default_factory=set)
     versions: dict[str, str | None] = field(default_factory=dict)
     bytes: int = 0
@@ -76,7 +86,9 @@ def summary(
     if most is None:
         records = f"every `{RECORD}` in the order of the samples, then of the renders"
         hashes[records] = digest.hexdigest()
-    notes = [] if "preview" in file.outputs else [NO_SHEET]
+    notes = _render_noise_notes(read.noise_ratios)
+    if "preview" not in file.outputs:
+        notes.append(NO_SHEET)
     bytes_of = "bytes of the dataset"
     if len(chosen) < len(lines):
         bytes_of = f"bytes of {len(chosen)} samples"
@@ -127,6 +139,23 @@ def _splits(
     }
 
 
+def _render_noise_notes(noise_ratios: Mapping[str, float]) -> list[str]:
+    """How large the render noise of the views is beside the sensor's, and what helps where it shows."""
+    if not noise_ratios:
+        return []
+    median = float(np.median([*noise_ratios.values()]))
+    views = f", and over {len(noise_ratios)} views"
+    if len(noise_ratios) == 1:
+        views = " of one view"
+    note = (
+        f"Render noise is {median:.3g} × the sensor's temporal noise (variance; median over the pixels{views}) in the "
+        "exposure that a view is rendered for; `clean` holds the same render noise as `raw`."
+    )
+    if median > VISIBLE_RATIO:
+        note = f"{note} {LESS_RENDER_NOISE}"
+    return [note]
+
+
 def _add(read: _Read, line: Facts, facts: Facts) -> None:
     """Count one sample."""
     config, image = facts["config"], facts["image"]
@@ -136,6 +165,7 @@ def _add(read: _Read, line: Facts, facts: Facts) -> None:
     read.groups[key].digital.append(facts["digital_quantiles_dn"])
     read.groups[key].electrons.append(facts["electrons_quantiles_e"])
     read.models[str(line["values"].get("camera"))] = facts["camera"]
+    read.noise_ratios[line["view"]] = facts["light"]["noise_ratio_median"]
     read.sizes.add(f"{image['columns']} × {image['rows']}")
     read.versions = facts["versions"]
 
