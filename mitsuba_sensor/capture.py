@@ -29,6 +29,7 @@ from .output.light_files import read_irradiance
 from .render.denoise.network import denoised_if_possible
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
+from .render.light.light_sum import check_group_names
 from .render.light.photons import collected, metered, photons_of
 from .render.motion.aovs import Aovs
 from .render.motion.moving_scene import MovingScene
@@ -248,6 +249,8 @@ def render_once(request: Request) -> Exposed:
             )
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
+        if options["lights"] is not None:
+            check_group_names(options["lights"], [group.name for group in render.light_groups])
         if render.metering is None and options["auto_exposure"] is None:
             times.check(render.exposure)
         stop = render.stop_criterion(rendering)
@@ -305,7 +308,7 @@ def render_each_frame(request: Request) -> Exposed:
         raise InputError(
             f"render_noise is {noise!r}, which is for the physical chain; leave the chain out."
         )
-    if options["light_groups"] is not None:
+    if options["light_groups"] is not None or options["lights"] is not None:
         raise InputError(
             f"render_noise is {noise!r} and light_groups are kept for later exposures of one render; leave one of "
             "both out."
@@ -356,7 +359,9 @@ def exposed_of_scene(
 
 
 def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None:
-    """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known."""
+    """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known, and for more of
+    them than memory holds."""
+    sensor.check_memory(options["frames"])
     if options["clean"]:
         check_clean_is_known(sensor.stages)
     if options["dng"]:

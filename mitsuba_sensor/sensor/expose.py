@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -10,7 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera.camera import Camera
-from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given
+from ..core import (
+    Exposure,
+    Frame,
+    InputError,
+    Photons,
+    SensorWindow,
+    check_types,
+    first_given,
+)
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
 from ..stages.chain import whole_chain
@@ -58,6 +67,19 @@ class PreparedExposure:
     def at(self, exposure: Exposure) -> PreparedExposure:
         """With another exposure."""
         return replace(self, first=replace(self.first, exposure=exposure, _blocks={}))
+
+    def check_memory(self, count: int) -> None:
+        """Raise InputError for so many frames that this machine has no memory for them."""
+        shape = self.first.window.shape
+        bytes_of_pixel = self._code_type.itemsize + 8 * len(self.keep)
+        size = count * math.prod(shape) * bytes_of_pixel
+        try:
+            np.empty(size, np.uint8)
+        except (MemoryError, ValueError):  # ValueError: more than can be addressed
+            raise InputError(
+                f"frames is {count}, of {shape[1]} × {shape[0]} pixels each: {size / 1e9:.0f} GB, more than this "
+                "machine has memory for; ask for fewer at a time: --first-frame (first_frame) goes on."
+            ) from None
 
     def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
         """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated.

@@ -13,6 +13,7 @@ from helpers.scenes import write_scene
 import mitsuba_sensor as ms
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.passes.prepared import prepare
+from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(1e-4)
@@ -206,15 +207,37 @@ BAD = {
     "negative level": ({"light_groups": "auto", "lights": {"env": -1}}, "the level of env"),
     "no level": ({"lights": ["env"]}, "neither a level nor a waveform"),
     "no groups to change": ({"lights": {"env": 1}}, "--light-groups auto"),
+    "a render for each frame": (
+        {"lights": {"env": 1}, "render_noise": "per-frame"},
+        "leave one of both out",
+    ),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_groups_and_levels_are_refused_with_the_way_out(case: str, tmp_path: Path) -> None:
+    """Before any pass is rendered."""
     options, sentence = BAD[case]
     options = {"spp": 1, "wavelength_nm": 550.0, "denoise": False, **options}
+    told = list[RenderProgress]()
     with pytest.raises(ms.InputError, match=sentence):
-        ms.capture(scene_of(tmp_path, "all"), CAMERA, EXPOSURE, progress=False, **options)
+        ms.capture(scene_of(tmp_path, "all"), CAMERA, EXPOSURE, progress=told.append, **options)
+    assert not told
+
+
+def test_more_frames_than_memory_holds_are_refused_before_the_render(tmp_path: Path) -> None:
+    told = list[RenderProgress]()
+    with pytest.raises(ms.InputError, match=r"frames is 4294967295, .* GB, .*first_frame"):
+        ms.capture(
+            scene_of(tmp_path, "all"),
+            CAMERA,
+            EXPOSURE,
+            frames=2**32 - 1,
+            progress=told.append,
+            spp=1,
+            denoise=False,
+        )
+    assert not told
 
 
 def test_a_scene_that_is_loaded_already_cannot_be_taken_apart() -> None:

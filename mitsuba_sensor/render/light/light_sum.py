@@ -5,7 +5,7 @@ E = Σ w·E_g, and the variance of E is Σ w²·v_g; of lamps that flicker every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
@@ -60,19 +60,24 @@ def checked_lights(name: str, given: object) -> dict[str, float | Waveform]:
     return lights
 
 
-def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform]) -> Irradiance:
-    """See :meth:`irradiance.Irradiance.with_lights`."""
-    if not light.groups:
+def check_group_names(lights: Iterable[str], groups: Collection[str]) -> None:
+    """Raise InputError for levels of light groups that are not among these groups."""
+    if not groups:
         raise InputError(
-            "the light was rendered as a whole and has no light groups; render it with --light-groups auto "
+            "the light is rendered as a whole and has no light groups; render it with --light-groups auto "
             "(light_groups='auto')."
         )
     for name in lights:
-        if name not in light.groups:
-            known = ", ".join(light.groups)
+        if name not in groups:
+            known = ", ".join(groups)
             raise InputError(
-                f"the light has no light group {name!r}; it has {known}.{nearest(name, light.groups)}"
+                f"the light has no light group {name!r}; it has {known}.{nearest(name, groups)}"
             )
+
+
+def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform]) -> Irradiance:
+    """See :meth:`irradiance.Irradiance.with_lights`."""
+    check_group_names(lights, light.groups)
     shapes = {name: waveform_of(name, given) for name, given in lights.items()}
     total = sum_of_groups(light.groups, {name: shape.level for name, shape in shapes.items()})
     flickering = {name: shape for name, shape in shapes.items() if shape.flickers}
