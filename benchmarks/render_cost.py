@@ -6,7 +6,7 @@
 plain    : ``mi.load_file`` and ``mi.render`` with a specfilm of one band (or thirty) and its default sampler.
 same     : plain, but with the sampler of ours, multijitter, which makes 132 samples of 128; all in one pass.
 ours     : ``mitsuba_sensor.render`` without denoising, from the scene file to standard errors and statistics.
-default  : ``mitsuba_sensor.render`` as it is without options, denoised, for a monochrome and a Bayer camera; with
+default  : ``mitsuba_sensor.render``, denoised, for a monochrome and a Bayer camera; with
            --default only these and plain, of one band.
 Warm     : in one process, alternately, scene and kernels loaded; ours loads the scene again, which is counted.
 Process  : a whole process, alternately: with no kernel on disk, and with those of the processes before; with imports.
@@ -36,8 +36,8 @@ OURS: dict[str, tuple[str, dict[str, Any]]] = {
     "ours 1 band": ("konnik_table1", {**BARE, "wavelength_nm": 550}),
     "ours channels": ("konnik_table1", {**BARE, "spectral": "channels"}),
     "ours 30 bands": ("konnik_table1", BARE),
-    "default mono": ("konnik_table1", {}),
-    "default Bayer": ("bayer_2mp", {}),
+    "default mono": ("konnik_table1", {"denoise": True}),
+    "default Bayer": ("bayer_2mp", {"denoise": True}),
 }
 KINDS = ("plain 1 band", "plain 30 bands", "same 1 band", "same 30 bands", *OURS)
 DEFAULT = ("plain 1 band", "default mono", "default Bayer")

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "first_frame.xml"
 CASES = {
-    "bands, denoised": (),
+    "bands, denoised": ("--denoise",),
     "bands, not denoised": ("--no-denoise",),
     "only what the filters detect": ("--spectral", "channels", "--no-irradiance"),
 }

@@ -26,7 +26,7 @@ from .output.dng import check_dng, dng_names, write_dng
 from .output.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
 from .output.frames import Frames
 from .output.light_files import read_irradiance
-from .render.denoise.network import denoised_if_possible
+from .render.denoise.network import denoised_if_possible, is_undecided
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
 from .render.light.light_sum import check_group_names
@@ -236,13 +236,13 @@ def render_once(request: Request) -> Exposed:
     """One render of a scene, and all frames of it; where something moves in time, a render for each."""
     options, progress = request.options, request.progress
     times = FrameTimes.of(options)
+    undecided = is_undecided(part_of(RenderOptions, options))
     rendering = denoised_if_possible(part_of(RenderOptions, options))
     rendering["start_s"] = times.of_frame(options["first_frame"])
     with timed(request.times_s, "render"):
         started = time.monotonic()
-        render = prepare(
-            cast(Scene, request.source), request.camera, request.exposure, **rendering
-        )
+        given = cast(Scene, request.source), request.camera, request.exposure
+        render = prepare(*given, undecided=undecided, **rendering)
         if options["chain"] == "konnik2014" and len(render.bands) != 1:
             raise InputError(
                 "chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550."
@@ -255,7 +255,8 @@ def render_once(request: Request) -> Exposed:
             times.check(render.exposure)
         stop = render.stop_criterion(rendering)
         if isinstance(render.scene, MovingScene) and times.period_s is not None:
-            return render_in_time(request, render, sensor, stop)
+            decided = replace(render, undecided=False)  # alike in all frames
+            return render_in_time(request, decided, sensor, stop)
         light = render.render(sensor.first.seed, stop, progress, started=started)
         render.renderer.release()
     with timed(request.times_s, "expose"):

@@ -294,7 +294,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
         bool | None,
         Option(
             "Denoise what each colour filter detects, where two halves of the samples prove that better than the "
-            "render itself. Default: yes, unless each frame has a render of its own.",
+            "render itself. Default: unless a forecast says that samples are better in the same time, or each "
+            "frame has a render of its own.",
             flag="--denoise/--no-denoise",
         ),
     ]

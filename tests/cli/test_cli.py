@@ -33,7 +33,9 @@ OUTPUTS = {"frame.tiff", "frame.png", "frame_brightened.png", "irradiance.exr", 
 def rendered(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny scene, rendered once with two frames."""
     folder = tmp_path_factory.mktemp("rendered") / "out"
-    arguments = f"--spp 16 --frames 2 -D level=0.0001 --set adc.bits=14 -o {folder}".split()
+    arguments = (
+        f"--spp 16 --denoise --frames 2 -D level=0.0001 --set adc.bits=14 -o {folder}".split()
+    )
     done = CliRunner().invoke(command_line.app, ["render", str(scene_file), *arguments])
     assert done.exit_code == 0, done.stderr
     return folder

@@ -297,7 +297,12 @@ def test_strips_of_rows_see_what_the_whole_film_sees(
 ) -> None:
     """Cut into strips of one and two rows, a single-band uniform scene keeps its cos⁴ in every pixel."""
     path, reports = write_scene(tmp_path, scene_text(SKY)), []
-    options = {"wavelength_nm": 550, "spp": 16, "variant": "scalar_spectral"}
+    options = {
+        "wavelength_nm": 550,
+        "spp": 16,
+        "variant": "scalar_spectral",
+        "denoise": True,
+    }
     whole = ms.render(path, CAMERA, EXPOSURE, **options)
     monkeypatch.setattr(passes, "MOST_VALUES", 12 * 2)
     cut = ms.render(path, CAMERA, EXPOSURE, **options, progress=reports.append)

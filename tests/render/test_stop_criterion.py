@@ -32,6 +32,7 @@ FAST = {
     "variant": "scalar_spectral",
     "parameters": {"width": 12, "height": 8},
 }
+LOOKED_AT = {**FAST, "parameters": SMALL, "denoise": True}
 
 
 def test_a_noise_ratio_is_reached_and_the_statistics_say_so() -> None:
@@ -167,14 +168,14 @@ def test_a_render_without_a_number_of_samples_stops_where_the_sensor_is_noisier_
 @pytest.mark.parametrize("time_s", one_in(2, [0.0005, 0.005, 0.01, 0.02, 0.05]))
 def test_a_render_that_stopped_at_the_sensor_s_noise_has_less(time_s: float) -> None:
     """Denoised error bars can be larger than those of the passes, and they count."""
-    light = ms.render(BOX, CAMERA, ms.Exposure(time_s), **{**FAST, "parameters": SMALL})
+    light = ms.render(BOX, CAMERA, ms.Exposure(time_s), **LOOKED_AT)
     stopped = light.statistics.ended_by == "sensor_noise"
     assert stopped == (light.statistics.samples_per_pixel < stop_criterion.DEFAULT_SPP)
     assert not stopped or light.statistics.noise_ratio_p95 <= 1
 
 
 def test_all_samples_are_taken_where_much_light_shows_the_render_s_noise() -> None:
-    bright = ms.render(BOX, CAMERA, ms.Exposure(0.05), **{**FAST, "parameters": SMALL})
+    bright = ms.render(BOX, CAMERA, ms.Exposure(0.05), **LOOKED_AT)
     assert bright.statistics.ended_by == "spp"
     assert bright.statistics.samples_per_pixel == stop_criterion.DEFAULT_SPP
 

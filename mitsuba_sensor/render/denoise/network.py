@@ -52,6 +52,12 @@ def denoised_if_possible(options: RenderOptions) -> RenderOptions:
     return options
 
 
+def is_undecided(options: RenderOptions) -> bool:
+    """Whether a forecast may leave out denoising: not where the same bits or both lights are asked for."""
+    decided = options["denoise"] is not None or options["raw_light"] or options["repeatable"]
+    return not decided and is_installed()
+
+
 class Network:
     """Filters pictures (H, W, 3) of one size, as many as there are, within ``with``; large ones in tiles that overlap,
     with the same result. Its memory is given back at the end, which the library's own function does not do.

@@ -74,7 +74,8 @@ def _with_most_samples(
     statistics: RenderStatistics, median: float, p95: float
 ) -> dict[str, float | None]:
     """What all samples of the default would bring to a render that stopped at the sensor's noise."""
-    if statistics.ended_by != "sensor_noise":
+    done = statistics.samples_per_pixel
+    if statistics.ended_by != "sensor_noise" or done >= DEFAULT_SPP:
         names = (
             "most_samples",
             "most_samples_median",
@@ -82,7 +83,6 @@ def _with_most_samples(
             "most_samples_more_s",
         )
         return dict.fromkeys(names)
-    done = statistics.samples_per_pixel
     exponent = 1.0 if statistics.denoised is None else RATIO_EXPONENT
     falls_to = (done / DEFAULT_SPP) ** exponent
     return {

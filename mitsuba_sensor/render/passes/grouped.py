@@ -159,6 +159,7 @@ def _statistics(
         notes=(*whole.scene.notes, *_own_notes(whole, renders)),
         scene_sha256=whole.scene.sha256,
         denoised=denoised,
+        denoise_forecast=None,
         sum_error=sum_error(*of_passes),
     )
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core import Float64Array
+from ...core import Exposure, Float64Array
 from .statistics import median_bias
 from .stop_criterion import StopCriterion
 
@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from .renderer import Renderer
 
 MOST_GAIN = 40.0  # of a denoiser, in the noise ratio that 95 % of the pixels stay below
+
+
+def exposure_for(prepared: PreparedRender, lit_e: Float64Array) -> Exposure:
+    """The exposure that a render gets whose lit pixels have so many photoelectrons in its own."""
+    if prepared.metering is None or prepared.metered or not lit_e.size:
+        return prepared.exposure
+    time_s = prepared.metering.time_of(lit_e, prepared.camera, prepared.exposure)
+    return replace(prepared.exposure, time_s=time_s)
 
 
 class MedianNoiseRatio:
@@ -35,6 +43,7 @@ class MedianNoiseRatio:
     def __call__(self, mean_e: Float64Array, variance_e2: Float64Array, freedom: int) -> float:
         """The ratio.  mean_e, variance_e2, freedom : see :meth:`renderer.Renderer.noise_estimate`."""
         renderer = self._renderer
+        self._denoised = self._denoised and renderer.denoises()
         if self._denoised and 4 * renderer.passes >= 5 * self._passes:
             light = renderer.denoised_electrons()
             if light is None:
@@ -59,7 +68,11 @@ class SensorNoise:
 
     def __init__(self, prepared: PreparedRender, stop: StopCriterion) -> None:
         self._prepared, self._stop = prepared, stop
-        self._next_look = stop.first_look()
+        self._next_look, self._passes = stop.first_look(), stop.passes
+
+    def most_passes(self, before: int) -> int:
+        """How many passes there may be: more where they take the time of a denoiser that is left out."""
+        return self._stop.passes if self._stop.to_sensor_noise else before
 
     def is_reached(self) -> bool:
         """Whether the passes so far suffice."""
@@ -67,6 +80,9 @@ class SensorNoise:
         if self._next_look is None or passes < self._next_look:
             return False
         ratio = self._ratio()
+        choice = self._prepared.renderer.choice
+        if choice is not None:
+            self._stop = replace(self._stop, passes=self._passes + choice.passes_instead)
         self._next_look = self._stop.next_look(passes, ratio)
         return ratio <= self._stop.sensor_noise_share
 
@@ -74,7 +90,7 @@ class SensorNoise:
         """The 95th percentile of the ratio; without denoising where no denoiser could make it 1."""
         renderer = self._prepared.renderer
         raw_ratio = self._ratio_p95(*renderer.electrons())
-        if not renderer.can_denoise:
+        if not (renderer.can_denoise and renderer.denoises()):
             return raw_ratio
         if raw_ratio > MOST_GAIN:
             return raw_ratio / MOST_GAIN
@@ -87,13 +103,10 @@ class SensorNoise:
         """What 95 % of the lit pixels stay below, in the exposure that this light gets; infinite
         where no pixel is lit yet."""
         prepared = self._prepared
-        exposure, metering = prepared.exposure, prepared.metering
         lit = (mean_e > 0) & ~prepared.renderer.infinite()
         if not lit.any():
             return np.inf
-        if metering is not None and not prepared.metered:
-            time_s = metering.time_of(mean_e[lit], prepared.camera, exposure)
-            exposure = replace(exposure, time_s=time_s)
+        exposure = exposure_for(prepared, mean_e[lit])
         light = mean_e, variance_e2
         return prepared.noise_ratios(exposure, light, prepared.renderer.passes)[
             "noise_ratio_p95"

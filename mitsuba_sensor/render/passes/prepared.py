@@ -8,7 +8,7 @@ from typing import Literal, Unpack, cast
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
-from ...core import Exposure, InputError, first_given, require_seed, warn_of
+from ...core import Exposure, Float64Array, InputError, first_given, require_seed, warn_of
 from ...core.options import complete, documents
 from ...optics.f_number_law import shading
 from ...optics.intrinsics import aperture_f_number, intrinsics
@@ -18,7 +18,7 @@ from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
 from ...theory.input_noise import input_noise
 from ...theory.planned_exposure import prepare_planned_exposure
-from ..denoise.network import denoised_if_possible, is_installed
+from ..denoise.network import denoised_if_possible, is_undecided
 from ..light.bands import Bands
 from ..light.film_channels import with_filters
 from ..light.illuminant import rendered_for
@@ -35,10 +35,12 @@ from ..scene.scene import Scene, load_scene
 from ..scene.scene_nodes import SceneInput
 from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
 from ..variants import restores_variant
+from .denoise_choice import DenoiseChoice
 from .estimate import Estimate
 from .grouped import render_light_groups
 from .noise_goals import SensorNoise
 from .passes import SAMPLER
+from .render_notes import render_notes
 from .renderer import Criterion, Electrons, Renderer
 from .row_strip import Kept
 from .statistics import (
@@ -90,7 +92,8 @@ def render(
     """
     started, chosen = time.monotonic(), denoised_if_possible(complete(RenderOptions, options))
     with told_progress(progress, "render", {}) as tell:
-        prepared = prepare(scene, camera_of(camera), exposure, **chosen)
+        undecided = is_undecided(complete(RenderOptions, options))
+        prepared = prepare(scene, camera_of(camera), exposure, undecided=undecided, **chosen)
         light = prepared.render(
             prepared.seed(seed), prepared.stop_criterion(chosen), tell, started=started
         )
@@ -102,11 +105,12 @@ def render(
 class PreparedRender:
     """A loaded scene that can be rendered for one camera and exposure as often as asked.
 
-    unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.  raw_light : whether what is
-    denoised is kept as it was, too.  metering : how the exposure is found, or was; None where it was given.
-    metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
-    light_groups : that are rendered apart; none: all light together.  is_group : whether it is of one of these groups,
-    which may be black.  group_scenes : of the groups where something moves, by name, for later frames.
+    unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.  undecided : whether a
+    forecast may leave denoising out.  raw_light : whether what is denoised is kept as it was, too.  metering : how the
+    exposure is found, or was; None where it was given.  metered : whether it is known; otherwise it is one second, and
+    each light has :meth:`exposure_of` its own.  light_groups : that are rendered apart; none: all light together.
+    is_group : whether it is of one of these groups, which may be black.
+    group_scenes : of the groups where something moves, by name, for later frames.
     """
 
     parsed: ParsedScene
@@ -126,6 +130,11 @@ class PreparedRender:
     light_groups: tuple[LightGroup, ...] = ()
     is_group: bool = False
     group_scenes: dict[str, Scene] = field(default_factory=dict)
+    undecided: bool = False
+
+    @property
+    def _kept(self) -> Kept:
+        return Kept.of(self.denoise, self.raw_light or self.undecided)
 
     @property
     def at_rest(self) -> Scene:
@@ -158,11 +167,12 @@ class PreparedRender:
         if self.light_groups:
             return render_light_groups(self, seed, stop, progress, started)
         began, renderer = time.monotonic() if started is None else started, self.renderer
+        renderer.choice = DenoiseChoice(self, stop) if self.denoise and self.undecided else None
         end = renderer.run(
             seed, stop, progress or (lambda step: None), criterion or SensorNoise(self, stop)
         )
         raw, kept = renderer.electrons(), None
-        if self.denoise:
+        if self.denoise and renderer.denoises():
             if progress is not None:
                 seconds = time.monotonic() - began
                 progress(
@@ -221,8 +231,7 @@ class PreparedRender:
         moving = MovingScene(
             self.at_rest, motion, self.camera, exposure, subframes, self.unit_m, begin_s
         )
-        kept = Kept.of(self.denoise, self.raw_light)
-        renderer = Renderer(moving, self.camera, exposure, self.bands, kept)
+        renderer = Renderer(moving, self.camera, exposure, self.bands, self._kept)
         return replace(
             self,
             scene=moving,
@@ -240,9 +249,7 @@ class PreparedRender:
             self.seed(None), stop_criterion_of({"spp": METERING_SPP})
         )
         exposure = self.exposure_of(light)
-        renderer = Renderer(
-            self.scene, self.camera, exposure, self.bands, Kept.of(self.denoise, self.raw_light)
-        )
+        renderer = Renderer(self.scene, self.camera, exposure, self.bands, self._kept)
         return replace(self, exposure=exposure, renderer=renderer, metered=True)
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
@@ -275,12 +282,16 @@ class PreparedRender:
         self, exposure: Exposure, electrons: Electrons, passes: int
     ) -> NoiseRatios:
         """Render variance over sensor variance in an exposure. passes : that measured the variance, many if pooled."""
-        (mean_e, variance_e2), known = electrons, exposure == self.exposure
+        in_pixel = electrons[0] + self.renderer.beside_e, electrons[1]
+        ratio = self.noise_ratio(exposure, in_pixel)
+        return summary_of(ratio, (electrons[0] > 0) & ~self.renderer.infinite(), passes)
+
+    def noise_ratio(self, exposure: Exposure, in_pixel: Electrons) -> Float64Array:
+        """The same of pixels.  in_pixel : mean photoelectrons of all light, and the variance of the render's mean."""
+        (mean_e, variance_e2), known = in_pixel, exposure == self.exposure
         longer = 1.0 if known else exposure.time_s / self.exposure.time_s
         noise = self.renderer.noise if known else input_noise(self.camera, exposure)
-        in_pixel_e = mean_e + self.renderer.beside_e
-        ratio = noise.ratio(in_pixel_e * longer, variance_e2 * longer**2)
-        return summary_of(ratio, (mean_e > 0) & ~self.renderer.infinite(), passes)
+        return noise.ratio(mean_e * longer, variance_e2 * longer**2)
 
     def of_light_group(self, group: LightGroup) -> PreparedRender:
         """The render of one group of emitters, for the same camera, exposure and bands."""
@@ -294,8 +305,7 @@ class PreparedRender:
             sampler=self.sampler,
             emitters=group.emitters,
         )
-        kept = Kept.of(self.denoise, self.raw_light)
-        renderer = Renderer(at_rest, self.camera, self.exposure, self.bands, kept)
+        renderer = Renderer(at_rest, self.camera, self.exposure, self.bands, self._kept)
         still = replace(self, scene=at_rest, renderer=renderer, light_groups=(), is_group=True)
         if isinstance(self.scene, Scene):
             return still
@@ -308,29 +318,16 @@ class PreparedRender:
         if (found := self.renderer.denoised) is None:
             return None
         before = self.noise_ratios(exposure, raw, self.renderer.passes)
-        return {
-            **found.record,
-            **{
-                f"raw_{name}": before[name]
-                for name in ("noise_ratio_median", "noise_ratio_p95")
-            },
-        }
+        median, p95 = before["noise_ratio_median"], before["noise_ratio_p95"]
+        return {**found.record, "raw_noise_ratio_median": median, "raw_noise_ratio_p95": p95}
 
     def _statistics(
         self, stop: StopCriterion, end: End, started: float, exposure: Exposure, raw: Electrons
     ) -> RenderStatistics:
         renderer, passes = self.renderer, self.renderer.passes
         fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
-        doubt, notes = why_not_trusted(passes, fireflies, renderer.lost), [*self.scene.notes]
-        if overruled := self.parsed.settings.overruled_by(self.camera):
-            notes.append(
-                f"{', '.join(overruled)} of the scene file overruled by the camera that was given"
-            )
-        if self.denoise is None and not is_installed():
-            notes.append(
-                "not denoised: Open Image Denoise is not installed; pip install pyoidn"
-            )
-        notes += stop.notes(end, samples)
+        doubt, choice = why_not_trusted(passes, fireflies, renderer.lost), renderer.choice
+        notes = render_notes(self, stop, end)
         return RenderStatistics(
             passes=passes,
             samples_per_pixel=samples,
@@ -357,6 +354,7 @@ class PreparedRender:
                 self.at_rest, self.motion, self.unit_m, self.begin_s
             ).tolist(),
             denoised=self._denoised(exposure, raw),
+            denoise_forecast=None if choice is None else choice.record(),
             metering=None if self.metering is None else self.metering.record(exposure),
             sum_error=sum_error(*raw),
         )
@@ -369,12 +367,14 @@ def prepare(
     *,
     usual: Literal["auto", "channels"] = "auto",
     sampler: str = SAMPLER,
+    undecided: bool = False,
     **options: Unpack[RenderOptions],
 ) -> PreparedRender:
     """Check all that was asked for, read what was not from the scene file, and load the scene.
 
     usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
-    sampler : of Mitsuba; no option of :func:`render`, because no other is better.
+    sampler : of Mitsuba; no option of :func:`render`, because no other is better.  undecided : whether a forecast may
+        leave out denoising.
     No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
     ratio: a short render at rest finds it. Raises InputError.
     """
@@ -403,12 +403,14 @@ def prepare(
     )
     motion, kept = (
         read_motion(chosen["motion"]),
-        Kept.of(chosen["denoise"], chosen["raw_light"]),
+        Kept.of(chosen["denoise"], chosen["raw_light"] or undecided),
     )
     renderer = Renderer(at_rest, camera, known, bands, kept)
     asked_for = chosen["denoise"], chosen["raw_light"], chosen["width"]
-    others = *asked_for, Motion(), metres, sampler, metering
-    still = PreparedRender(parsed, at_rest, camera, known, bands, renderer, *others)
+    loaded = parsed, at_rest, camera, known, bands, renderer
+    still = PreparedRender(
+        *loaded, *asked_for, Motion(), metres, sampler, metering, undecided=undecided
+    )
     if chosen["light_groups"] is not None:
         groups = light_groups_of(parsed.file, cast(AskedGroups, chosen["light_groups"]))
         still = replace(still.metered_first(), light_groups=groups)

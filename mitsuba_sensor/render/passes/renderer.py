@@ -20,7 +20,15 @@ from ...core import Exposure, Float64Array
 from ...core.heap import trim_heap
 from ...optics.f_number_law import solid_angle_sr
 from ...theory.input_noise import InputNoise, input_noise
-from ..denoise.denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise, is_noisy
+from ..denoise.denoise import (
+    LEAST_PASSES,
+    LEAST_PIXELS,
+    Denoised,
+    Halves,
+    denoise,
+    is_noisy,
+    load_libraries,
+)
 from ..denoise.filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
 from ..denoise.guides import Guides, detected_quarters, most_rays, noise_share, traced
 from ..light.bands import Bands
@@ -30,6 +38,7 @@ from ..light.photons import electrons_per_irradiance
 from ..motion.moving_scene import MovingScene
 from ..scene.scene import Scene
 from ..variants import mitsuba
+from .denoise_choice import DenoiseChoice
 from .estimate import Estimate
 from .noise_goals import MedianNoiseRatio, SensorNoise
 from .passes import clean, hashed_seed, row_strips
@@ -50,6 +59,7 @@ class Renderer:
     seconds_per_sample : of one sample in every pixel, without the first pass, which compiles.
     negative, non_finite : its values that were set to 0.  lost : those of them that were NaN or −∞.
     denoised : what :meth:`denoise` made of the last render, else None.
+    choice : whether to denoise, of a forecast; None where it is decided.
     beside_e : mean photoelectrons of the other light groups in the same pixels, (H, W) or (1, 1): they make shot noise.
     """
 
@@ -74,6 +84,7 @@ class Renderer:
         self.beside_e: Map = np.zeros((1, 1))
         self.strips: list[RowStrip] = []
         self._fireflies: float | None = None
+        self.choice: DenoiseChoice | None = None
         self.denoised: Denoised | None = None
         self._filtered: Denoised | None = (
             None  # of the passes so far, if they were denoised already
@@ -115,6 +126,8 @@ class Renderer:
             self.seconds_per_sample = meter.later_pass_s / (self.samples * len(self.groups))
             with meter.not_counted():
                 reached = noise is not None and noise.is_reached()
+            if noise is not None:
+                budget = replace(budget, passes=noise.most_passes(budget.passes))
             if reached:
                 meter.forecast(replace(budget, passes=self.passes), self.passes, value)
                 return "sensor_noise"
@@ -254,26 +267,48 @@ class Renderer:
         even, odd = (partial(self._half, share, odd) for odd in (False, True))
         with self._sums.on_disk():
             if not mitsuba().variant().startswith("scalar"):
-                self._guides = (
-                    self._more_guides().without_noise() if last else self._more_guides()
+                guides = self._traced_guides(
+                    slice(0, self.scene.view.crop_size[1]), self._guides
                 )
+                self._guides = guides.without_noise() if last else guides
+                del guides
             trim_heap()
             return denoise(Halves(even, odd, self._variance_of, share), self._guides)
 
-    def _half(self, share: float, odd: bool) -> NDArray[np.float32]:
-        """Mean photoelectrons of the even passes or the others, (H, W, F)."""
+    def denoises(self) -> bool:
+        """Whether no forecast is against denoising the light."""
+        return self.choice is None or self.choice.denoises()
+
+    def prepare_trial(self) -> None:
+        """Load and compile what denoising needs, so that the time of :meth:`denoised_rows` is that of any rows."""
+        load_libraries()
+        if not mitsuba().variant().startswith("scalar"):
+            self.scene.guides(self._typical_wavelengths_nm(), (0, 1), 2)
+
+    def denoised_rows(self, rows: slice) -> Electrons:
+        """What :meth:`electrons` of some rows would be, if the picture had no others and were denoised."""
+        share = ((self.passes + 1) // 2) / self.passes
+        even, odd = (partial(self._half, share, odd, rows) for odd in (False, True))
+        guides = None
+        if not mitsuba().variant().startswith("scalar"):
+            guides = self._traced_guides(rows, None)
+        halves = Halves(even, odd, partial(self._variance_of, rows=rows), share)
+        found = denoise(halves, guides)
+        return self._own(found.mean, rows), self._own(found.variance, rows)
+
+    def _half(self, share: float, odd: bool, rows: slice = slice(None)) -> NDArray[np.float32]:
+        """Mean photoelectrons of the even passes or the others, (H, W, F) of these rows."""
         found = np.concatenate([s.even_e for s in self.strips if s.even_e is not None])
         found /= share * self.passes
         for strip in self.strips if odd else []:
             here = found[strip.rows]
             here[...] = (strip.electrons.mean - share * here) / (1 - share)
-        return found
+        return found[rows]
 
-    def _variance_of(self, number: int) -> Map:
+    def _variance_of(self, number: int, rows: slice = slice(None)) -> Map:
         """Variance of the mean photoelectrons behind one filter."""
-        return np.concatenate(
-            [strip.electrons.variance_of_mean[..., number] for strip in self.strips]
-        )
+        parts = [strip.electrons.variance_of_mean[..., number] for strip in self.strips]
+        return np.concatenate(parts)[rows]
 
     def release(self) -> None:
         """Forget the last render; what it returned stays."""
@@ -282,19 +317,22 @@ class Renderer:
         self.strips, self.denoised, self._filtered, self._guides = [], None, None, None
         trim_heap()
 
-    def _more_guides(self) -> Guides:
-        """Those of before, if any, and more rays as needed; at wavelengths typical of what each filter detects."""
+    def _typical_wavelengths_nm(self) -> Float64Array:
+        """Of what each filter detects, (F, 4)."""
         spectrum = np.mean(
             [strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips],
             axis=0,
         )
-        wavelengths_nm = detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
-        light = self._raw_electrons()
+        return detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
+
+    def _traced_guides(self, rows: slice, known: Guides | None) -> Guides:
+        """Those that are known, if any, and more rays as needed, of some rows."""
+        mean, variance = (image[rows] for image in self._raw_electrons())
         return traced(
-            partial(self.scene.guides, wavelengths_nm, (0, self.scene.view.crop_size[1])),
+            partial(self.scene.guides, self._typical_wavelengths_nm(), (rows.start, rows.stop)),
             most_rays(self.samples_per_pixel),
-            lambda noise: noise_share(self._own(noise), *light),
-            self._guides,
+            lambda noise: noise_share(self._own(noise, rows), mean, variance),
+            known,
         )
 
     def infinite(self) -> NDArray[np.bool_]:

@@ -48,6 +48,8 @@ class RenderStatistics:
         up and forward, with the scale of the scene's to_world, and the position [m]; None for light from elsewhere.
     denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
         sum_corrected_by : share of the light that was moved to have the render's sums.
+    denoise_forecast : why it was denoised or not, where nobody had decided, see
+        :class:`denoise_choice.DenoiseForecast`; None where no forecast was made, and of the sum of light groups.
     seconds_per_sample : of one sample in every pixel, by the passes after the first one, which compiles.
     beyond_data : what part of the photoelectrons rests on what was assumed where data of the scene end, see
         :class:`lint.electron_share.ElectronShare`.
@@ -78,6 +80,7 @@ class RenderStatistics:
     camera_to_world: list[list[float]] | None = None
     denoised: dict[str, Any] | None = None
     metering: dict[str, float] | None = None
+    denoise_forecast: dict[str, float | None] | None = None
     seconds_per_sample: float = 0.0
     sum_error: float | None = None
     beyond_data: tuple[Mapping[str, object], ...] = ()

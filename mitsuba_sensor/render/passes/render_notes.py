@@ -1,0 +1,24 @@
+"""Notes of a render: what its scene, camera, denoiser and number of samples are not, of what was asked for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..denoise.network import is_installed
+from .stop_criterion import End, StopCriterion
+
+if TYPE_CHECKING:
+    from .prepared import PreparedRender
+
+
+def render_notes(prepared: PreparedRender, stop: StopCriterion, end: End) -> list[str]:
+    """Notes of a render that is done.  end : why it ended."""
+    renderer, notes = prepared.renderer, [*prepared.scene.notes]
+    if overruled := prepared.parsed.settings.overruled_by(prepared.camera):
+        names = ", ".join(overruled)
+        notes.append(f"{names} of the scene file overruled by the camera that was given")
+    if prepared.denoise is None and not is_installed():
+        notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
+    if renderer.choice is not None:
+        notes += renderer.choice.notes()
+    return notes + stop.notes(end, renderer.samples_per_pixel)
