@@ -332,3 +332,18 @@ def test_columns_are_at_most_those_of_the_film(tmp_path: Path, columns: object) 
     path = write_scene(tmp_path, scene_text(SKY))
     with pytest.raises(ms.InputError, match=r"width is .*whole number"):
         ms.render(path, CAMERA, ms.Exposure(0.1), width=columns)
+
+
+@pytest.mark.parametrize(
+    ("scene", "way_out"),
+    [
+        ("cornell_box", r"256; a larger film is -D width=512 -D height=512 \(parameters="),
+        (scene_text(SKY), "12; give the film in the scene a width of 512 and a height of "),
+    ],
+    ids=["parameters", "none"],
+)
+def test_more_columns_than_the_film_has_are_refused_with_a_larger_film(
+    scene: str, way_out: str
+) -> None:
+    with pytest.raises(ms.InputError, match=way_out):
+        ms.render(scene, CAMERA, ms.Exposure(0.1), width=512)

@@ -22,16 +22,29 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
         size |= {k: v for k, v in film.props.items() if k in SIZE}
     if width is None:
         return _fitting(scene, size)
-    full = size.get("width", WIDTH)
+    full, height = size.get("width", WIDTH), size.get("height", HEIGHT)
     if not 1 <= width <= full:
+        way_out = ""
+        if width > full:
+            way_out = f"; {_larger_film(scene, width, round(height * width / full))}"
         raise InputError(
-            f"width is {width!r}; it must be a whole number from 1 to the film's own {full}."
+            f"width is {width!r}; it must be a whole number from 1 to the film's own {full}{way_out}."
         )
-    whole = {"width": full, "height": size.get("height", HEIGHT), **size}
+    whole = {"width": full, "height": height, **size}
     return _fitting(
         scene,
         {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()},
     )
+
+
+def _larger_film(scene: SceneFile, width: int, height: int) -> str:
+    """How the film of the scene becomes as large as that: the end of a sentence."""
+    if {"width", "height"} <= {*scene.parameters}:
+        return (
+            f"a larger film is -D width={width} -D height={height} "
+            f"(parameters={{'width': {width}, 'height': {height}}})"
+        )
+    return f"give the film in the scene a width of {width} and a height of {height}"
 
 
 def _fitting(scene: SceneFile, size: dict[str, int]) -> dict[str, int]:

@@ -79,6 +79,7 @@ def parse_scene(
         nodes.state,
         values,
         nodes.resolver,
+        parameters=tuple(parameter_names(source.text)),
         exposure_s=exposure_parameter(source.text, values),
         text=upgraded.text,
         ignore_polarization=ignore_polarization,
@@ -107,11 +108,16 @@ def read_scene_text(path: str | os.PathLike[str]) -> SceneText:
     return source
 
 
+def parameter_names(text: str) -> list[str]:
+    """Names that a scene's text has for values, in alphabetical order."""
+    defaults = re.findall(r'<default\s+name="(\w+)"', text)
+    used = re.findall(r"\$\{?(\w+)", text)
+    return sorted({*defaults, *used})
+
+
 def refuse_unknown_parameters(source: SceneText, values: Mapping[str, str]) -> None:
     """Raise InputError for a value that the scene has no name for. Names in included files are left to Mitsuba."""
-    defaults = re.findall(r'<default\s+name="(\w+)"', source.text)
-    used = re.findall(r"\$\{?(\w+)", source.text)
-    known = sorted({*defaults, *used})
+    known = parameter_names(source.text)
     unknown = [name for name in values if name not in known]
     if not unknown or "<include" in source.text:
         return

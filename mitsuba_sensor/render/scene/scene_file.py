@@ -31,6 +31,7 @@ POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 class SceneFile:
     """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names.
 
+    parameters : names that it has for values.
     exposure_s : value of the ``<default>`` of that name, which no element need use.
     changes : where, what was changed in it and why: an old format, or another integrator that was asked for.
     content : what was given instead of a file, or stands for it in the digest.
@@ -46,6 +47,7 @@ class SceneFile:
     state: MitsubaObject
     values: Mapping[str, str]
     resolver: MitsubaObject
+    parameters: tuple[str, ...] = ()
     exposure_s: str | None = None
     changes: tuple[tuple[str, tuple[str, str]], ...] = ()
     text: str = ""
