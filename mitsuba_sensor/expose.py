@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .core import Exposure, Photons, check_types, warn_of
+from .core.checks import LIGHT_FILE, refuse_path
 from .core.options import documents
 from .core.progress import automatic_progress, is_asked
 from .output.frames import Frames
@@ -142,6 +143,7 @@ def prepare_light(
     options: ExposeOptions,
 ) -> PreparedExposure:
     """An exposure with its light, which is collected where it is the irradiance of a render. Raises InputError."""
+    refuse_path("photons", light, LIGHT_FILE)
     if isinstance(light, Irradiance):
         begin_s = FrameTimes.of(options).of_frame(options.get("first_frame") or 0)
         asked = options.get("serial"), options.get("gain"), begin_s

@@ -10,7 +10,7 @@ from .exposure import Exposure
 from .types import Float64Array
 
 Value = TypeVar("Value")
-LIGHT_FILE = "read the file first, an irradiance.exr by read_irradiance"
+LIGHT_FILE = "read the file first, an irradiance.exr by ms.read_irradiance"
 PICTURE_FILE = "read the picture first, e.g. np.asarray(PIL.Image.open(path))"
 
 
@@ -32,7 +32,16 @@ def _exposure_sentence(exposure: object) -> str:
             f"exposure is the number {exposure!r}; for an exposure time of {exposure!r} s pass "
             f"Exposure(time_s={exposure!r})."
         )
-    return f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1)."
+    example = "pass an Exposure, e.g. Exposure(time_s=0.1)"
+    is_auto = isinstance(exposure, str) and exposure == "auto"
+    if is_auto or hasattr(exposure, "unit_exposure"):
+        return (
+            f"exposure is {exposure!r}, and only rendered light (an Irradiance) is metered, by capture, expose and "
+            f"stream; {example}."
+        )
+    return (
+        f'exposure is {exposure!r}; {example}, or "auto" where rendered light is to be metered.'
+    )
 
 
 def refuse_masked(name: str, values: object) -> None:

@@ -185,7 +185,7 @@ def test_photons_that_are_no_picture_are_refused(photons: Any, says: str) -> Non
 
 
 NO_CAMERA = [None, 3, {"adc": {"bits": 12}}]
-NO_EXPOSURE = [None, "0.1", (0.1, 298.15)]
+NO_EXPOSURE = [None, "0.1", (0.1, 298.15), np.array([0.1, 0.2])]
 
 
 @pytest.mark.parametrize("camera", NO_CAMERA, ids=str)
@@ -212,6 +212,24 @@ def test_what_is_no_exposure_is_refused_with_an_example(exposure: Any) -> None:
             match=r"exposure is .*; pass an Exposure, e.g. Exposure\(time_s=0.1\)",
         ):
             ask()
+
+
+@pytest.mark.parametrize(
+    ("light", "exposure", "said"),
+    [
+        (LIGHT, "auto", r"only rendered light .* is metered"),
+        (LIGHT, ms.Metering(), r"only rendered light .* is metered"),
+        (LIGHT, "10ms", r'is .10ms.; pass an Exposure, .* or "auto" where rendered light'),
+        ("irradiance.exr", None, r"name of a file, .*ms\.read_irradiance\.$"),
+        ("irradiance.exr", "auto", r"name of a file, .*ms\.read_irradiance\.$"),
+    ],
+)
+def test_what_is_metered_and_how_light_is_read_is_said(
+    light: Any, exposure: Any, said: str
+) -> None:
+    for ask in (ms.expose, ms.stream):
+        with pytest.raises(ms.InputError, match=said):
+            ask(light, CAMERA, exposure)
 
 
 @pytest.mark.parametrize(
