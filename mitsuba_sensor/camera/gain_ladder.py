@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -138,6 +139,31 @@ def check_gain(camera: Camera) -> None:
         )
 
 
+def _nearest_setting(label: str, settings: Iterable[str]) -> str:
+    """`` Did you mean …?`` with the setting of the nearest number, by their ratio; of names, the one spelt alike."""
+    value = _number_of(label)
+    numbers = {name: _number_of(name) for name in settings}
+    distances = {
+        name: abs(math.log(number / value))
+        for name, number in numbers.items()
+        if number > 0 and value > 0
+    }
+    if not distances:
+        return nearest(label, numbers)
+    return f" Did you mean {min(distances, key=distances.__getitem__)!r}?"
+
+
+def _number_of(label: str) -> float:
+    """The number that a label is; 0 for a name, and for what is not finite."""
+    try:
+        number = float(label)
+    except ValueError:
+        return 0.0
+    if math.isfinite(number):
+        return number
+    return 0.0
+
+
 def at_gain(camera: Camera, setting: float | str) -> Camera:
     """See :meth:`Camera.at_gain`."""
     label = label_of(setting)
@@ -152,7 +178,7 @@ def at_gain(camera: Camera, setting: float | str) -> Camera:
             )
         known = ", ".join(found)
         raise InputError(
-            f"gain is {label!r}; the gain settings of {camera.name} are {known}.{nearest(label, found)}"
+            f"gain is {label!r}; the gain settings of {camera.name} are {known}.{_nearest_setting(label, found)}"
         )
     changes = _changes(camera, found[label])
     of_ladder = {
