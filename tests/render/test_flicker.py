@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,22 @@ ROWS = 400
 PWM = ms.pwm(100, 0.4, 0.15)
 
 
+@dataclass(frozen=True)
+class Statistics:
+    """What photons take of the statistics of a render."""
+
+    intrinsics: None = None
+    notes: tuple[str, ...] = ()
+
+
 @pytest.fixture(scope="module")
 def field() -> ms.Irradiance:
     """A flat field of two light groups, as a render writes it: lamp has 3 times the light of sky."""
-    from types import SimpleNamespace
 
     def flat(level: float) -> Any:
         data = np.full((ROWS, 8, 1), level, np.float32)
         errors = 0.01 * data, np.full((ROWS, 8), 0.01, np.float32)
-        statistics = SimpleNamespace(intrinsics=None, notes=())
+        statistics = Statistics()
         return ms.Irradiance(data, np.array([550.0]), np.array([1.0]), *errors, statistics)  # type: ignore[arg-type]
 
     return sum_of_groups({"lamp": flat(3e-3), "sky": flat(1e-3)})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from helpers.scenes import write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.render.light.group_notes import notes_of_groups
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 
@@ -185,6 +187,28 @@ def test_the_samples_go_where_the_noise_is(tmp_path: Path) -> None:
         == sum(samples.values())
         == pytest.approx(256, rel=0.1)
     )
+
+
+def test_notes_of_groups_that_are_off_are_left_out_and_equal_ones_are_one(
+    light: ms.Irradiance, tmp_path: Path
+) -> None:
+    """Also when levels change again, when lamps flicker, and from a file."""
+    notes = {"area": ("all", "two"), "lamps": ("all", "two", "own"), "other": ("all",)}
+    groups = {
+        name: replace(one, statistics=replace(one.statistics, notes=notes[name]))
+        for name, one in light.groups.items()
+    }
+    of_sum = ("scene", *notes_of_groups(notes))
+    assert of_sum == ("scene", "all", "area, lamps: two", "lamps: own")
+    noted = replace(light, groups=groups, statistics=replace(light.statistics, notes=of_sum))
+    write_irradiance_exr(tmp_path / "irradiance.exr", noted)
+    for one in (noted, ms.read_irradiance(tmp_path / "irradiance.exr")):
+        assert one.notes == one.with_lights(lamps=0).with_lights().notes == of_sum
+        assert one.with_lights(lamps=0).notes == ("scene", "all", "area: two")
+        assert one.with_lights(area=0, lamps=0).notes == ("scene", "all")
+        flickering = one.with_lights(lamps=0, other=ms.pwm(100, 0.5))
+        frames = ms.expose(flickering, CAMERA, EXPOSURE)
+        assert frames.notes[:3] == ("scene", "all", "area: two")
 
 
 BAD = {

@@ -17,6 +17,7 @@ from ...core import Exposure, InputError
 from ...core.illuminant import Illuminant
 from ...optics.waveform import Waveform
 from ..passes.statistics import RenderStatistics
+from .group_notes import without_unlit
 from .light_html import light_html
 from .light_sum import with_levels
 
@@ -135,8 +136,11 @@ class Irradiance:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on the render that may surprise: what was replaced in the scene, what is black, hints."""
-        return self.statistics.notes
+        """Sentences on the render that may surprise: what was replaced in the scene, what is black, hints. What only
+        light groups have that are off is left out."""
+        of_groups = {name: light.statistics.notes for name, light in self.groups.items()}
+        lit = [name for name in self.groups if self.levels.get(name, 1.0) > 0]
+        return without_unlit(self.statistics.notes, of_groups, lit)
 
     def _repr_html_(self) -> str:
         return light_html(self)

@@ -88,15 +88,16 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
 def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:
     """The light that the rows of one frame get of lamps that flicker, as a whole; the light itself where none does.
 
-    Statistics stay those of the render.
+    Statistics stay those of the render, without notes on groups that are off.
     """
     if not light.waveforms:
         return light
     first, weights = light.origin[0], dict[str, Level](light.levels)
     for name, waveform in light.waveforms.items():
         weights[name] = waveform.weights(shutter, (first, first + len(light.data)))
-    total = sum_of_groups(light.groups, weights)
-    return replace(total, statistics=light.statistics, groups={}, levels={})
+    total, statistics = sum_of_groups(light.groups, weights), light.statistics
+    statistics = replace(statistics, notes=light.notes)
+    return replace(total, statistics=statistics, groups={}, levels={})
 
 
 def sum_of_groups(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...core import Float64Array
+from ..light.group_notes import notes_of_groups
 from ..light.irradiance import Irradiance
 from ..light.light_sum import sum_of_groups
 from ..lint.electron_share import with_notes_of_shares
@@ -188,18 +189,12 @@ def _denoised_record(
 
 
 def _own_notes(whole: PreparedRender, renders: Mapping[str, GroupRender]) -> list[str]:
-    """Notes of the renders of the groups: with the name of the group, where it is not that of all."""
+    """Notes of the renders of the groups that are not those of the whole scene."""
     notes = {
         name: [note for note in render.light.notes if note not in whole.scene.notes]
         for name, render in renders.items()
     }
-    of_all = [
-        note for note in next(iter(notes.values())) if all(note in n for n in notes.values())
-    ]
-    own = [
-        f"{name}: {note}" for name, some in notes.items() for note in some if note not in of_all
-    ]
-    return [*of_all, *own]
+    return notes_of_groups(notes)
 
 
 def _sum_of(parts: Iterable[Electrons]) -> Electrons:
