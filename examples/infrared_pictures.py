@@ -25,7 +25,7 @@ LEAVES, SEED = 260, 8
 SIZE, SAMPLES, DARKER = (400, 300), 256, 0.3
 
 
-def main(folder: str) -> None:
+def main(folder: str = "infrared_pictures") -> None:
     """Render twice, expose both equally, write two PNG files."""
     use(choose_variant(None))
     scene, pictures = garden(), Path(folder)
@@ -147,6 +147,4 @@ def two_sided(rgb: list[float]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit(__doc__)
-    main(sys.argv[1])
+    main(*sys.argv[1:2])

@@ -51,14 +51,16 @@ def said_by(context: Click, sentence: str) -> str:
 
 
 def with_flags(sentence: str) -> str:
-    """An error of a function as the running command says it: "noise_ratio is -1" as "--noise-ratio is -1"."""
+    """An error of a function as the running command says it: "noise_ratio is -1" as "--noise-ratio is -1", where the
+    command was given that flag; a scene file has fields of the same names."""
     running = Command.running
     if running is None:
         return said_here(sentence)
     flags = dict[str, str]()
     for one in running.command.params:
         long = [flag for flag in one.opts if flag.startswith("--")]
-        if long:
+        source = running.get_parameter_source(str(one.name))
+        if long and source is not None and source.name == "COMMANDLINE":
             flags[str(one.name)] = long[0]
     return said_here(ARGUMENT.sub(lambda match: flags.get(match[0], match[0]), sentence))
 

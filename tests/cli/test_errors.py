@@ -76,7 +76,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     ),
     "zero wavelength": (
         ("render", "SCENE", "-o", "OUT", "--wavelength-nm", "0"),
-        "wavelength_nm",
+        "--wavelength-nm",
     ),
     "NaN wavelength": (
         ("render", "SCENE", "-o", "OUT", "--wavelength-nm", "nan"),
@@ -84,11 +84,11 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     ),
     "negative bandwidth": (
         ("render", "SCENE", "-o", "OUT", "--bandwidth-nm", "-1"),
-        "bandwidth_nm",
+        "--bandwidth-nm",
     ),
     "wavelength in metres": (
         ("render", "SCENE", "-o", "OUT", "--wavelength-nm", "5.5e-7"),
-        "wavelength_nm",
+        "--wavelength-nm",
     ),
     "zero samples": (("render", "SCENE", "-o", "OUT", "--spp", "0"), "spp is 0"),
     "no such irradiance": (("expose", "TMP/none.exr", "-o", "OUT"), "none.exr"),
@@ -148,7 +148,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     ),
     "negative temperature": (
         ("expose", "LIGHT", "-o", "OUT", "--temperature-k", "-5"),
-        "temperature_k is -5",
+        "--temperature-k is -5",
     ),
     "negative seed": (("expose", "LIGHT", "-o", "OUT", "--seed", "-1"), "seed is -1"),
     "negative serial": (("expose", "LIGHT", "-o", "OUT", "--serial", "-1"), "serial is -1"),
@@ -202,7 +202,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "patterns without a file": (("fpn-maps",), "-o"),
     "too hot": (
         ("expose", "LIGHT", "-o", "OUT", "--temperature-k", "1e9"),
-        "temperature_k is 1000000000.0",
+        "--temperature-k is 1000000000.0",
     ),
     "too long": (
         ("expose", "LIGHT", "-o", "OUT", "--exposure-s", "1e13"),
