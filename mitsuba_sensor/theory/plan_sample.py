@@ -26,6 +26,10 @@ SHARE: Float64Array = TAIL * (1 - 0.5**0.5) * 2**0.5
 """Share of the pixels from each of these to the one before it: what lies between counts as the farther one."""
 
 
+ONE_SIGMA = (0.841, 0.159)
+"""Quantiles of a normal law, 1σ from its middle."""
+
+
 class PlanWindow(SampledWindow):
     """Pixels of a plan, one for each row; columns are levels of light, in which a pixel has the same maps."""
 
@@ -149,10 +153,11 @@ def _sources(stages: Iterable[Stage], frame: Frame) -> list[str]:
 
 
 def _even_bits(source: str, count: int) -> RandomBits:
-    """Random bits: the first MIDDLE evenly spread, in random order, and the rest the middle of the law."""
+    """Random bits: the first MIDDLE evenly spread, in random order, and the rest 1σ from the middle in turns: a pixel at
+    the far end of one law is a usual one by all others."""
     random = np.random.default_rng(key_of("plan", source))
     even = (random.permutation(MIDDLE) + 0.5) / MIDDLE
-    return _bits_of(np.concatenate([even, np.full(count - MIDDLE, 0.5)]))
+    return _bits_of(np.concatenate([even, np.resize(ONE_SIGMA, count - MIDDLE)]))
 
 
 def _bits_of(chances: Float64Array) -> RandomBits:
