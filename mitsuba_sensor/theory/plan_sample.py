@@ -153,8 +153,8 @@ def _sources(stages: Iterable[Stage], frame: Frame) -> list[str]:
 
 
 def _even_bits(source: str, count: int) -> RandomBits:
-    """Random bits: the first MIDDLE evenly spread, in random order, and the rest 1σ from the middle in turns: a pixel at
-    the far end of one law is a usual one by all others."""
+    """Random bits: the first MIDDLE evenly spread, in random order, and the rest 1σ from the middle in turns: a pixel
+    at the far end of one law is a usual one by all others."""
     random = np.random.default_rng(key_of("plan", source))
     even = (random.permutation(MIDDLE) + 0.5) / MIDDLE
     return _bits_of(np.concatenate([even, np.resize(ONE_SIGMA, count - MIDDLE)]))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.amp_glow import AmpGlow
 from helpers.marks import exhaustive
 from helpers.stage_tests import backend_of
 
@@ -55,22 +56,6 @@ class FarIpc(Ipc):
 
     def coupled(self, signal: ms.Array, frame: ms.Frame) -> ms.Array:
         return super().coupled(super().coupled(signal, frame), frame)
-
-
-@dataclass(frozen=True)
-class AmpGlow(ms.Stage):
-    """Dark electrons of an amplifier in the corner, falling by 1/e per 40 pixels."""
-
-    rate_e_per_s: float = 20_000.0
-    domain = "electrons"
-
-    def glow_e(self, frame: ms.Frame) -> ms.Array:
-        rows, columns = np.ix_(frame.window.rows, frame.window.columns)
-        return self.rate_e_per_s * frame.exposure.time_s * np.exp(-(rows + columns) / 40.0)
-
-    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
-        glow = frame.window.backend.from_numpy(self.glow_e(frame), frame.window)
-        return replace(electrons, dark=electrons.dark + glow)
 
 
 @dataclass(frozen=True)

@@ -353,8 +353,8 @@ def test_more_light_never_makes_the_largest_effect_smaller(name: str) -> None:
 
 
 def test_a_gain_that_shows_in_hot_pixels_alone_is_kept() -> None:
-    """12 pixels of 40 000 have 10 000 dark electrons, of which a column gain of 0.1 % is 1.2 DN at 1σ; in all others it is
-    0.02 DN. 9 of the 12 are expected to move by more than 0.4 DN."""
+    """12 pixels of 40 000 have 10 000 dark electrons, of which a column gain of 0.1 % is 1.2 DN at 1σ; in all others it
+    is 0.02 DN. 9 of the 12 are expected to move by more than 0.4 DN."""
     camera = ms.load_camera("konnik_table1").replace(
         **{
             "pixel.prnu": 0.0,

@@ -57,8 +57,7 @@ def checked_light_groups(name: str, given: object) -> AskedGroups:
     if isinstance(texts, list | tuple) and [*texts] == ["auto"]:
         return "auto"
     if isinstance(texts, list | tuple) and all(isinstance(text, str) for text in texts):
-        pairs = [text.partition("=") for text in texts]
-        given = {group.strip(): patterns for group, _, patterns in pairs}
+        given = _patterns_of_texts(texts)
     if not isinstance(given, Mapping) or not given:
         raise InputError(f"{name} is {given!r}; pass {EXAMPLE}.")
     groups = {str(group): _patterns(patterns) for group, patterns in given.items()}
@@ -69,6 +68,16 @@ def checked_light_groups(name: str, given: object) -> AskedGroups:
                 f"the ids of its emitters, e.g. {EXAMPLE}."
             )
     _refuse_many(name, groups)
+    return groups
+
+
+def _patterns_of_texts(texts: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """["lamps=lamp_1", "lamps=lamp_2"] as {"lamps": ("lamp_1", "lamp_2")}."""
+    groups = dict[str, tuple[str, ...]]()
+    for text in texts:
+        group, _, patterns = text.partition("=")
+        name = group.strip()
+        groups[name] = (*groups.get(name, ()), *_patterns(patterns))
     return groups
 
 
