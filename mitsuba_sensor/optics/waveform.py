@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import re
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -273,12 +274,14 @@ def waveform_of(name: str, given: object) -> Waveform:
 
 
 def _level(name: str, given: object) -> float:
-    try:
-        level = float(given)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    level = None
+    if not isinstance(given, bool):
+        with suppress(TypeError, ValueError):
+            level = float(given)  # type: ignore[arg-type]
+    if level is None:
         raise InputError(
             f"the light of {name} is {given!r}, which is neither a level nor a waveform; {EXAMPLE}."
-        ) from None
+        )
     return checked_level(f"the level of {name}", level)
 
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..core import Exposure, InputError
+from ..core.options import complete, part_of
+from .options import TimeOptions
 
 
 @dataclass(frozen=True)
@@ -22,19 +24,17 @@ class FrameTimes:
     @classmethod
     def of(cls, options: Mapping[str, object]) -> FrameTimes:
         """Of the options ``start_s``, ``fps`` and ``frame_period_s``. Raises InputError where both are given."""
-        start_s, fps, period_s = (options.get(n) for n in ("start_s", "fps", "frame_period_s"))
+        checked = complete(TimeOptions, part_of(TimeOptions, options))
+        fps, period_s = checked["fps"], checked["frame_period_s"]
         if fps is not None and period_s is not None:
             raise InputError(
                 f"fps is {fps} and frame_period_s is {period_s}, which say the same; leave one of them out."
             )
-        if isinstance(fps, int | float):
+        if fps is not None:
             period_s = 1 / fps
-        elif isinstance(period_s, int | float):
+        elif period_s is not None:
             fps = 1 / period_s
-        else:
-            fps = period_s = None
-        assert start_s is None or isinstance(start_s, int | float)
-        return cls(float(start_s or 0.0), period_s, fps)
+        return cls(checked["start_s"], period_s, fps)
 
     def of_frame(self, number: int) -> float:
         """When the frame with this number begins [s]."""

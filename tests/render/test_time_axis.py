@@ -192,3 +192,9 @@ def test_times_that_cannot_be_are_refused_with_the_way_out(
     with pytest.raises(ms.InputError, match=sentence):
         ms.capture(write_scene(tmp_path, SCENE), CAMERA, EXPOSURE, **given)
     assert case == "limits" or not renders  # said before the first ray
+
+
+@pytest.mark.parametrize("options", [{"fps": 0}, {"fps": "fast"}, {"frame_period_s": -1}])
+def test_impossible_times_are_refused_by_expose_too(options: dict[str, Any]) -> None:
+    with pytest.raises(ms.InputError, match=f"{next(iter(options))} is"):
+        ms.expose(np.ones((4, 4)), "konnik_table1", ms.Exposure(0.01), frames=2, **options)

@@ -18,7 +18,7 @@ from .irradiance import RenderedFor
 if TYPE_CHECKING:
     from ..scene.scene import Scene
 
-POINTS, FEW_POINTS = 256, 16  # of the picture, at each wavelength; few in scalar variants
+POINTS, FEW_POINTS = 2048, 16  # of the picture, at each wavelength; few in scalar variants
 STEP_NM, AT_ONCE = 1.0, 4  # between the wavelengths; a spectrum of Mitsuba holds four
 AVERAGED = 5  # wavelengths in a band of the result, so that lines keep their power
 LOWEST_NM, HIGHEST_NM = 360.0, 1100.0  # and to the end of a camera that sees more
@@ -42,7 +42,8 @@ def rendered_for(
 
 
 def illuminant_of(scene: Scene, highest_nm: float = HIGHEST_NM) -> Illuminant | None:
-    """Power in bands of 5 nm over their mean, to 1100 nm or farther; None where no emitter reaches what is seen.
+    """Power in bands of 5 nm, to 1100 nm or farther, in a unit that the light groups of a scene share; None where no
+    emitter reaches what is seen.
 
     Direct light without its shadows. What colours light on its way, a red wall for example, belongs to the scene.
     """
@@ -73,7 +74,7 @@ def illuminant_of(scene: Scene, highest_nm: float = HIGHEST_NM) -> Illuminant | 
     bands = found.mean(axis=1).reshape(-1, AVERAGED).mean(axis=1)
     if not (np.isfinite(bands).all() and bands.sum() > 0):
         return None
-    return Illuminant(wavelengths_nm.reshape(-1, AVERAGED).mean(axis=1), bands / bands.mean())
+    return Illuminant(wavelengths_nm.reshape(-1, AVERAGED).mean(axis=1), bands)
 
 
 def _thrown(

@@ -199,21 +199,17 @@ def _raw(groups: Mapping[str, Irradiance], weights: Mapping[str, Level]) -> Irra
 
 
 def _illuminant(parts: list[Part]) -> Illuminant | None:
-    """Spectrum of the light that falls on the scene: those of the groups, by the photoelectrons that they make."""
+    """Spectrum of the light that falls on the scene: the sum of those of the groups, each times its level."""
     known = [
-        (part.light.rendered_for.illuminant, float(np.mean(part.electrons)))
+        (float(np.mean(part.level)), part.light.rendered_for.illuminant)
         for part in _lit(parts)
         if part.light.rendered_for is not None
     ]
-    spectra = [
-        (one, weight) for one, weight in known if one is not None and np.isfinite(weight)
-    ]
+    spectra = [(level, one) for level, one in known if one is not None]
     if not spectra:
         return None
-    power = np.sum([weight * one.power for one, weight in spectra], axis=0)
-    if not power.sum() > 0:
-        return None
-    return Illuminant(spectra[0][0].wavelengths_nm, power / power.mean())
+    power = np.sum([level * one.power for level, one in spectra], axis=0)
+    return Illuminant(spectra[0][1].wavelengths_nm, power)
 
 
 def _part(light: Irradiance, level: Level) -> Part:
