@@ -326,8 +326,6 @@ def _type(one: Declared) -> Flag:
     text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
     if one.option.default is None:
         text = text | None
-    else:
-        text = text
     metavar = one.option.metavar or numeric or ("|".join(map(str, one.choices)) or None)
     panel = one.option.panel or next(
         (title for kind, title in PANELS.items() if one.name in kind.__annotations__), None

@@ -80,8 +80,6 @@ class Rendered:
         camera = camera_of(parsed.settings, lead)
         if config["render"]["spectral"] == "cube":
             camera = flat_camera(camera)
-        else:
-            camera = camera
         asked, stops = exposure_of(parsed.settings, lead), lead["exposure"]["ev"]
         if is_timed(view):
             asked = _timed(parsed, camera, asked, stops, options)

@@ -68,13 +68,9 @@ def write_tiff(
     if not frames.size:
         raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
     if facts:
-        tags = _raw_tags(facts)
+        tags, text = _raw_tags(facts), to_json(dict(facts)).encode()
     else:
-        tags = []
-    if facts:
-        text = to_json(dict(facts)).encode()
-    else:
-        text = None
+        tags, text = [], None
     with appearing(Path(path), frames.nbytes) as temporary:
         write_pages(temporary, frames, text, tags)
 

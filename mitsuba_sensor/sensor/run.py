@@ -326,8 +326,6 @@ def signals(
     for number, (stage, following) in enumerate(zip(stages, (*stages[1:], None), strict=True)):
         if number:
             signal = stage.sample(signal, frame)
-        else:
-            signal = signal
         if follower is not None:
             follower.behind(stage, signal)
         if following is None or following.domain != stage.domain:

@@ -173,8 +173,6 @@ class MeasuredTheory(FrameTheory):
             for place, stage in enumerate(self.stages):
                 if place:
                     signal = stage.sample(signal, frame)
-                else:
-                    signal = signal
                 values = np.broadcast_to(np.asarray(total(signal), np.float64), window.shape)
                 found.append(np.clip(values[inside], -HIGHEST_E, HIGHEST_E).ravel())
         return np.reshape(found, (len(FRAMES), len(self.stages), tile.pixels))

@@ -74,8 +74,6 @@ class FrameObserver:
             for number, stage in enumerate(self.theory.stages):
                 if number:
                     signal = stage.sample(signal, part)
-                else:
-                    signal = signal
                 follower.behind(stage, signal)
 
     def _followed(self, strip: Strip) -> list[FollowedRows]:

@@ -176,8 +176,6 @@ def check_stage(
         )
     if exposure is None:
         exposure = Exposure(0.1)
-    else:
-        exposure = exposure
     levels, places = levels_behind(chain[:place], camera, exposure), random_places(camera)
     require_same_bytes(stage, levels[-1], places[1], exposure)
     rows: list[StageComparison] = []

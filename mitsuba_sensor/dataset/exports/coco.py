@@ -62,8 +62,6 @@ def coco(
     known = list(images)
     if names is None:
         names = sorted({one.name for image in known for one in image.instances})
-    else:
-        names = names
     categories = {name: number for number, name in enumerate(names, start=1)}
     found: dict[str, Any] = {
         "info": {"description": description, "version": "1.0"},
@@ -118,17 +116,11 @@ def _instance(
 ) -> Instance:
     (starts, ends), (rows, columns) = runs, shape
     left, right = int(starts[0]) // rows, int(ends[-1] - 1) // rows
-    whole = (
-        starts // rows != (ends - 1) // rows
-    )  # runs that go on at the top of the next column
-    if whole.any():
-        top = 0
+    goes_on_in_next_column = starts // rows != (ends - 1) // rows
+    if goes_on_in_next_column.any():
+        top, bottom = 0, rows - 1
     else:
-        top = int((starts % rows).min())
-    if whole.any():
-        bottom = rows - 1
-    else:
-        bottom = int(((ends - 1) % rows).max())
+        top, bottom = int((starts % rows).min()), int(((ends - 1) % rows).max())
     lengths = np.diff(np.column_stack([starts, ends]).ravel(), prepend=0)
     after = rows * columns - int(ends[-1])
     counts = [*lengths.tolist(), *([after] if after else [])]

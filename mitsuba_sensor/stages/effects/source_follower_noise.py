@@ -181,11 +181,7 @@ class SourceFollowerNoise(Stage):
         if follower.read_noise_e is None:
             sigma_v = cds_noise(camera).sigma_v / follower.gain
         else:
-            sigma_v = None
-        if sigma_v is None:
             sigma_v = follower.read_noise_e * per_e
-        else:
-            sigma_v = sigma_v
         kind = DISTRIBUTIONS.get(follower.read_noise_distribution)
         return cls(
             sigma_v, follower.read_noise_cv, per_e, kind and kind[0](follower.read_noise_shape)

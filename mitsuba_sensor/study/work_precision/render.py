@@ -195,9 +195,7 @@ class Render:
         """Pixels that count, (H, W) bool, and the electrons that their errors are relative to."""
         electrons = reference.electrons
         seen = (electrons > 0) & (electrons < self.subject.camera.pixel.full_well_e)
-        if seen.any():
-            seen = seen
-        else:
+        if not seen.any():
             seen = electrons > 0
         return seen, np.maximum(electrons, DARKEST_SHARE * electrons[seen].mean())
 
