@@ -16,6 +16,7 @@ from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .capture_options import CaptureOptions, check_asked_files, refuse_render_options
 from .core import Exposure, InputError, Photons, warn_of
+from .core.argument_names import tells_of_names
 from .core.heap import trim_heap
 from .core.options import complete, documents, part_of, used
 from .files import tiff
@@ -54,6 +55,7 @@ Scene: TypeAlias = SceneInput | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
 
 
+@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Capture:
     """Frames of a camera, and what they were made from.
@@ -131,7 +133,8 @@ def capture(
     source : a scene (a file, or a name from ``mitsuba-sensor scenes list``), or light that is there already: an
         irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
-        rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered.
+        rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered. A scene that
+        names no camera is rendered for konnik_table1, and a note says so.
     progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
     Everything is checked before the first ray is traced. Raises InputError.

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 from helpers.marks import exhaustive
+from helpers.scenes import SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera import camera as camera_module
@@ -244,6 +245,22 @@ def test_an_array_that_extends_beyond_the_sensor_is_noted(
     assert len(notes) == len(field) and all(
         text in note for text, note in zip(field, notes, strict=True)
     )
+
+
+def test_a_scene_without_a_camera_has_the_default_one_and_says_so(tmp_path: Path) -> None:
+    """As the command `render`; the fields that the scene sets are those of the camera."""
+    text = scene_text(SKY, film='<string name="adc.bits" value="10"/>')
+    scene = write_scene(tmp_path, text.replace("hdrfilm", "photosensor"))
+    options: dict[str, Any] = {"spp": 4, "width": 8, "progress": False}
+    taken = ms.capture(scene, exposure=EXPOSURE, **options)
+    named = ms.capture(scene, taken.frames.camera, EXPOSURE, **options)
+    default = ms.load_camera("konnik_table1").replace(**{"adc.bits": 10})
+    assert taken.frames.camera.adc == default.adc
+    np.testing.assert_array_equal(taken.frames.digital, named.frames.digital)
+    said = "rendered for konnik_table1, because no camera was given"
+    for notes in (taken.frames.notes, taken.light.notes):
+        assert any(said in note for note in notes)
+    assert not any(said in note for note in named.frames.notes)
 
 
 def test_light_needs_a_camera(light: Any) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from functools import cached_property, wraps
+from inspect import signature
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 
 import numpy as np
@@ -18,6 +19,7 @@ from pydantic import (
 )
 
 from ..core import Doubt, Exposure, InputError, nearest, numbers, refuse_masked
+from ..core.argument_names import Names, tells_of_names, told
 from ..core.band_average import photon_averages
 from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
@@ -88,6 +90,7 @@ def _known_field(name: str) -> str:
     return name
 
 
+@tells_of_names
 class Camera(FileTable):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again.
 
@@ -397,3 +400,20 @@ def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) 
             of = f"It is the first of {len(found)} errors"
             more = f" {of}; `mitsuba-sensor cameras check`, or check_camera in Python, lists them all."
         raise InputError(f"{where}: {found[0].text}{more}") from None
+
+
+def _checked_init(make: Callable[..., None]) -> Callable[..., None]:
+    """What makes ``Camera(name=…, …)``, with one sentence in place of pydantic's list of errors."""
+
+    @wraps(make)
+    def checked(self: Camera, **fields: object) -> None:
+        try:
+            make(self, **fields)
+        except ValidationError as error:
+            first = min(faults(error, Camera), key=lambda fault: not fault.unknown)
+            raise InputError(f"Camera: {first.text}") from None
+
+    return told(checked, Names.of("Camera", "field", signature(make)))
+
+
+setattr(Camera, "__init__", _checked_init(Camera.__init__))  # noqa: B010, mypy knows the fields

@@ -12,12 +12,18 @@ from typing import Any, NamedTuple, TypeAlias, overload
 import numpy as np
 
 from ..core import InputError, nearest
+from ..core.argument_names import tells_of_names
 from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
 from .shipped import SHIPPED, list_cameras
 
 AnyCamera: TypeAlias = Camera | str | Path
 """A camera, or what :func:`load_camera` takes: the name of one that ships with the package, or a file."""
+
+CHAINS = {
+    "konnik2014": "; it is a chain of stages, for any camera: `--chain konnik2014` (chain='konnik2014')."
+}
+"""What is no camera and may be taken for one: the end of the sentence about it."""
 
 TOML_TEXT = "the TOML text"
 """What a camera that is given as text is called in messages."""
@@ -42,6 +48,7 @@ def _shipped_camera(name: str) -> Camera:
     return load_camera(name)
 
 
+@tells_of_names
 def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:
     """A shipped camera by name (``konnik_table1``), any camera file by path (``my.toml``), or a camera that is no file.
 
@@ -90,8 +97,8 @@ def camera_text(name: str | Path) -> CameraText:
         return CameraText((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
     if path.suffix != ".toml" and not (str(name) and os.path.exists(path)):
         raise InputError(
-            f"{str(name)[:200]!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file."
-            f"{nearest(str(name), shipped)}"
+            f"{str(name)[:200]!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file"
+            f"{CHAINS.get(str(name), '.')}{nearest(str(name), shipped)}"
         )
     try:
         require_small(path, "the camera file")

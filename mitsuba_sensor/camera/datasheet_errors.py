@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ..core import closest
+from ..core.errors import span
 from ..core.number_text import number_hint
 from ..stages.usual_range import Usual
 from .field_terms import MEANT, did_you_mean, key_of_term
@@ -29,6 +30,10 @@ PLAIN = {
 
 NOT_A_NUMBER = ("float_type", "int_type")
 """Errors of a value that is no number."""
+
+NUMBER_NOUNS = {"float_type": "a number", "int_type": "a whole number"}
+LIMITS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+"""The ends of a range as pydantic's metadata call them, and as a sentence says them."""
 
 
 @cache
@@ -118,12 +123,27 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
         return f"{path} is {value}; add the table [{path}]. Did you mean {MEANT[path]!r}?"
     if what == "string_type" and path in MEANT:
         return f"{path} is {value}, and it is a text. Did you mean {MEANT[path]!r}?"
-    rule = PLAIN.get(what) or one["msg"].removeprefix("Input should be ").removeprefix("Input ")
+    said = one["msg"].removeprefix("Input should be ").removeprefix("Input ")
+    rule = PLAIN.get(what) or _number_rule(what, field) or said
     if what in ("too_short", "too_long"):
         least, most = (one["ctx"].get(f"{end}_length") for end in ("min", "max"))
         rule = f"at most {most} long" if least is None else f"at least {least} long"
     value = value if len(value) <= 60 else value[:57] + "..."
     return f"{path} is {value}; it must be {rule} ({_way_out(path, field)[:-1]}{_meaning(path, one, field)})."
+
+
+def _number_rule(what: str, field: FieldInfo | None) -> str:
+    """What a number of this field must be, with its range where it has one; empty for other kinds of error."""
+    if what not in NUMBER_NOUNS:
+        return ""
+    limits = dict[str, float]()
+    for one in field.metadata if field else ():
+        limits |= {name: getattr(one, name) for name in LIMITS if hasattr(one, name)}
+    if limits.keys() == {"ge", "le"}:
+        allowed = [span(limits["ge"], limits["le"])]
+    else:
+        allowed = [f"{LIMITS[name]} {limit:.10g}" for name, limit in limits.items()]
+    return " ".join([NUMBER_NOUNS[what], " and ".join(allowed)]).strip()
 
 
 def _dotted(loc: Loc) -> str:

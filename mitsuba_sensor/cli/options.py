@@ -9,6 +9,7 @@ from typing import Annotated, TypeAlias, TypedDict, TypeVar
 import typer
 from rich.markup import escape
 
+from ..camera.shipped import DEFAULT_CAMERA
 from ..capture_options import CaptureOptions
 from ..core import require_seed
 from ..core.options import Declared, Option, declared
@@ -24,7 +25,7 @@ from .values import Flag, flag_value
 Command = TypeVar("Command", bound=Callable[..., None])
 Flags = Mapping[str, Flag]
 
-DEFAULT_CAMERA, DEFAULT_TEMPERATURE_K = "konnik_table1", 298.15
+DEFAULT_TEMPERATURE_K = 298.15
 
 Settings: TypeAlias = Annotated[
     dict[str, str] | None,

@@ -43,9 +43,19 @@ def said_by(context: Click, sentence: str) -> str:
             return match[0]
         return f"`{owner} {match[0]}`"
 
+    def with_owner(code: str) -> str:
+        """An option with its value in backticks, behind the command that has it."""
+        option = OPTION.match(code, 1)
+        if option is None:
+            return code
+        called = named(option)
+        if not called.startswith("`"):
+            return code
+        return called[:-1] + code[option.end() :]
+
     kept, at = [], 0
     for code in CODE.finditer(sentence):
-        kept += [OPTION.sub(named, sentence[at : code.start()]), code.group()]
+        kept += [OPTION.sub(named, sentence[at : code.start()]), with_owner(code.group())]
         at = code.end()
     return "".join([*kept, OPTION.sub(named, sentence[at:])])
 

@@ -257,7 +257,7 @@ def _facts(report: Report) -> Iterator[Text]:
     single = report["float32"]
     if single and report["precision"] == "float32" and single["share_of_pixels"]:
         share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"
-        advice = "; --precision float64 is better"
+        advice = "; `--precision float64` is better"
         if single["precision"] == "float32":
             advice = ""
         yield _fact(

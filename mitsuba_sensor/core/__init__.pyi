@@ -6,13 +6,13 @@ from .checks import numbers as numbers
 from .checks import refuse_masked as refuse_masked
 from .errors import DiskFull as DiskFull
 from .errors import InputError as InputError
-from .errors import closest as closest
-from .errors import nearest as nearest
 from .errors import require as require
 from .errors import require_seed as require_seed
 from .exposure import Exposure as Exposure
 from .frame import Frame as Frame
 from .moments import Moments as Moments
+from .near_names import closest as closest
+from .near_names import nearest as nearest
 from .notes import Doubt as Doubt
 from .notes import SensorWarning as SensorWarning
 from .notes import SourceOfLight as SourceOfLight

@@ -3,11 +3,9 @@
 A message is one sentence with the value, the allowed range and the remedy; the command line prints it and exits 2.
 """
 
-import difflib
 import math
 import operator
 import reprlib
-from collections.abc import Iterable
 from pathlib import Path
 
 from .number_text import number_hint
@@ -122,19 +120,3 @@ def span(low: float, high: float) -> str:
     if math.isinf(low):
         return f"at most {high:.10g}"
     return f"from {low:.10g} to {high:.10g}"
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`` Did you mean …?`` with the known name closest to ``name``, or an empty string if none is close."""
-    match = closest(name, known)
-    if match:
-        return f" Did you mean {match!r}?"
-    return ""
-
-
-def closest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
-    """The known name closest to ``name``, or None.  cutoff : likeness that it needs, 0 … 1 (difflib's ratio)."""
-    match = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
-    if match:
-        return match[0]
-    return None

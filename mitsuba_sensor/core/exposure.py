@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from .argument_names import tells_of_names
 from .errors import require
-from .field_names import tells_of_names
 
 LONGEST_S, HOTTEST_K = (
     1e12,

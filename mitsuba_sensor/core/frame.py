@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import distributions
+from .argument_names import tells_of_names
 from .backend import Backend
 from .counter_rng import key_of, random_bits_at, stream_of
 from .errors import require_seed
@@ -19,6 +20,7 @@ from .sensor_window import SensorWindow
 from .types import Array, RandomBits
 
 
+@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Frame:
     """Frame ``index`` of ``window`` under ``exposure``.

@@ -10,39 +10,24 @@ A function takes them as ``**options: Unpack[RenderOptions]``, which mypy checks
 them in ``help()``; ``complete(RenderOptions, options)`` checks them and fills in the defaults.
 """
 
-import functools
 import inspect
 import numbers
 import types
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import PurePath
 from typing import Any, ForwardRef, Literal, TypeVar, Union, cast, get_args, get_origin
 
-from .errors import InputError, nearest, require
-from .field_names import IN_EXPOSURE
+from .argument_names import Names, told
+from .errors import InputError, require
+from .near_names import nearest
 from .number_text import number_hint
 
 Options = TypeVar("Options")
 Function = TypeVar("Function", bound=Callable[..., object])
 NAMES = {bool: "True or False", str: "a text"}
 KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
-CALLED_OTHERWISE = {
-    "iso": "gain",
-    "samples": "spp",
-    "samples_per_pixel": "spp",
-    "columns": "width",
-    "resolution": "width",
-    "n_frames": "frames",
-    "num_frames": "frames",
-    "count": "frames",
-    "wavelength": "wavelength_nm",
-    "wavelengths": "wavelengths_nm",
-    "tolerance": "tolerance_dn",
-    "serial_number": "serial",
-}
-"""How users call some options."""
 
 
 @dataclass(frozen=True)
@@ -190,26 +175,17 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
     def with_options(function: Function) -> Function:
         signature = inspect.signature(function)
         own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        allowed = {*options, *(p.name for p in own)}
-
-        @functools.wraps(function)
-        def call(*arguments: object, **named: object) -> object:
-            for name, value in named.items():
-                if name not in allowed:
-                    raise InputError(_unknown_sentence(name, value, allowed))
-            return function(*arguments, **named)
-
         keyword = inspect.Parameter.KEYWORD_ONLY
         behind = [
             inspect.Parameter(one.name, keyword, default=one.option.default)
             for one in options.values()
         ]
-        call.__signature__ = signature.replace(  # type: ignore[attr-defined]
-            parameters=[*own, *behind]
-        )
+        shown = signature.replace(parameters=[*own, *behind])
+        call = told(function, Names.of(function.__name__, "option", shown))
+        call.__signature__ = shown  # type: ignore[attr-defined]
         lines = "\n".join(map(_described, options.values()))
         call.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{lines}"
-        return cast(Function, call)
+        return call
 
     return with_options
 
@@ -233,27 +209,6 @@ def _kind_name(kind: object) -> str:
     plain = get_origin(kind) or kind
     name = getattr(plain, "__name__", str(plain))
     return KIND_NAMES.get(name, name)
-
-
-def _unknown_sentence(name: str, value: object, allowed: Set[str]) -> str:
-    """What to write in place of an option that there is not."""
-    if name in IN_EXPOSURE and "exposure" in allowed:
-        field = IN_EXPOSURE[name]
-        shown = "…"
-        if isinstance(value, int | float):
-            shown = repr(value)
-        if field == "time_s":
-            given = f"time_s={shown}"
-        else:
-            given = f"time_s=…, {field}={shown}"
-        return f"{name!r} is not an option; pass exposure=Exposure({given})."
-    said = CALLED_OTHERWISE.get(name)
-    if said in allowed:
-        return f"{name!r} is not an option; it is called {said} here."
-    known = sorted(allowed - {"self"})
-    return (
-        f"{name!r} is not an option; the options are {', '.join(known)}.{nearest(name, known)}"
-    )
 
 
 def _plain(value: object) -> object:

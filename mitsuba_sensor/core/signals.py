@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import DTypeLike
 
+from .argument_names import tells_of_names
 from .illuminant import Illuminant
 from .notes import SourceOfLight
 from .types import Array, Float32Array, Float64Array, NumpyArray
@@ -18,6 +19,7 @@ from .types import Array, Float32Array, Float64Array, NumpyArray
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
 
 
+@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Photons:
     """Mean photons per pixel in one exposure; mean values, not integers.
@@ -192,6 +194,7 @@ class Filters(NamedTuple):
     tile: tuple[tuple[int, ...], ...]
 
 
+@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Electrons:
     """Electrons per pixel, (H, W) or one for all: means before the shot noise, counts after.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, nearest
+from ..core.argument_names import tells_of_names
 from ..files.raw_files import read_raw
 from ..files.texts import read_json, text_of_file
 from ..output.exr import read_aovs_exr
@@ -88,6 +89,7 @@ class Sample:
         return path
 
 
+@tells_of_names
 class Dataset(Sequence[Sample]):
     """The samples of a dataset folder, in the order of its file.
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, InputError, Photons, check_types
+from ..core.argument_names import tells_of_names
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
 from ..kept_sensor import Sensor
@@ -78,6 +79,7 @@ class NoisyImage:
         return as_given(np.stack(arrays) if self._batch else arrays[0], self._like)
 
 
+@tells_of_names
 class SensorNoise:
     """What a camera makes of an image: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
 

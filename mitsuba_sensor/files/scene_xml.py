@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -49,8 +50,11 @@ def require_scene_file(name: str) -> None:
     """Raise InputError where there is no such file, a larger one, or one whose name Mitsuba cannot take."""
     path = Path(name)
     if not path.is_file():
+        what = f"there is no file {name!r}"
+        if os.path.exists(name):
+            what = f"{name!r} is a folder or a device and no file"
         raise InputError(
-            f"scene {name!r} is not a file; give the path of a Mitsuba 3 scene in XML, or {names_of_scenes(name)}"
+            f"{what}; give the path of a Mitsuba 3 scene in XML, or {names_of_scenes(name)}"
         )
     try:
         str(path.absolute()).encode()

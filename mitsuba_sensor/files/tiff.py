@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..core import InputError, refuse_masked
+from ..core.argument_names import tells_of_names
 from ..core.checks import refuse_path
 from .appearing import appearing
 from .texts import to_json
@@ -36,6 +37,7 @@ CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
 TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
 
 
+@tells_of_names
 def write_tiff(
     path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[str, Any] = NOTHING
 ) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Self
 import scipy
 
 from ..core import InputError
+from ..core.argument_names import tells_of_names
 
 LEVEL = 0.95
 """Coverage of every interval in this package."""
@@ -18,6 +19,7 @@ TWO_SIDED = NormalDist().inv_cdf((1 + LEVEL) / 2)
 """Half the interval of a normal value [standard errors]: 1.96."""
 
 
+@tells_of_names
 @dataclass(frozen=True)
 class Quantity:
     """What an instrument measured.

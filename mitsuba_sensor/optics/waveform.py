@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Float64Array, InputError, nearest, require
+from ..core.argument_names import tells_of_names
 from ..core.csv_rows import rows_of
-from ..core.field_names import tells_of_names
 from ..files.texts import text_of_file
 
 if TYPE_CHECKING:

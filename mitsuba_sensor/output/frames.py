@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.argument_names import tells_of_names
 from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
@@ -25,6 +26,7 @@ from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
 
 
+@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Frames(RawFrames):
     """Raw frames of one camera, which know what is expected of them and can be saved.

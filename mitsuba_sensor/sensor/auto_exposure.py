@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..camera.camera import Camera
 from ..camera.figures import saturation_e
 from ..core import Exposure, InputError, nearest, require
-from ..core.field_names import tells_of_names
+from ..core.argument_names import tells_of_names
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of
 

@@ -24,9 +24,9 @@ from ..core import (
     check_types,
     require,
 )
+from ..core.argument_names import tells_of_names
 from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
-from ..core.field_names import tells_of_names
 from ..stages.effects.dark_current import mean_dark_e
 from .detection import Detected, detect
 from .options import PERCENTILE, SHARE

@@ -24,6 +24,7 @@ from ..core import (
     check_types,
     require,
 )
+from ..core.argument_names import tells_of_names
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..sensor.checks import as_photons, checked_maps
 from ..sensor.detection import Detected, detect
@@ -55,6 +56,7 @@ NEEDED = "changes the unit; always needed"
 NO_LAW = "has no theory (no `moments`); always kept"
 
 
+@tells_of_names
 @dataclass(frozen=True)
 class Plan:
     """The stages of an exposure with their effects. ``print(plan.explain())``; ``expose(..., plan=plan)``.
@@ -175,6 +177,7 @@ def _number(value: float) -> str:
     return "0"
 
 
+@tells_of_names
 def plan(
     camera: AnyCamera,
     exposure: Exposure,

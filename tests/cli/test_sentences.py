@@ -57,6 +57,27 @@ def test_every_option_of_a_sentence_is_one_of_some_command() -> None:
     assert not {where: names for where, names in unknown.items() if names}
 
 
+def test_an_option_with_its_value_in_backticks_keeps_both_behind_its_command() -> None:
+    """`render --light-groups` auto had lost its value."""
+    sentence = "render it with `--light-groups auto` (light_groups='auto'), `--seed 3`."
+    there = said_by(context_of("render"), sentence)
+    elsewhere = said_by(context_of("expose"), sentence)
+    assert there == sentence
+    assert elsewhere == sentence.replace("`--light", "`render --light")
+
+
+def test_no_sentence_names_an_option_and_a_word_as_its_value_outside_of_backticks() -> None:
+    """The words that options take: choices, and NAME=VALUE."""
+    words = {"auto", "path", "scalar_spectral", "konnik2014", "float64", "numpy", "electrons"}
+    wrong = {}
+    for text, where in SENTENCES.items():
+        for option, value in re.findall(r"(--[a-z-]+) ([\w=*,]+)", CODE.sub("", text)):
+            takes_a_word = value in words or "=*" in value or "=lamp" in value
+            if takes_a_word and not text.startswith("--"):
+                wrong[where] = f"{option} {value}"
+    assert not wrong, wrong
+
+
 @pytest.mark.parametrize("name", one_in(3, COMMANDS))
 def test_every_command_names_its_own_options_only(name: str) -> None:
     """Whatever sentence of the package it says."""

@@ -175,7 +175,7 @@ BROKEN = [
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="rough_plastic"/>')), "Did you mean 'roughplastic'?"),
     (scene_text(SKY, '<integrator type="pathtracer"/>'), "Did you mean 'ptracer'?"),
     (scene_text(SKY, '<shape type="diffuse"/>'), "does not match the expected type"),
-    (scene_text(SKY, '<integrator type="bdpt"/>'), "take --integrator path"),
+    (scene_text(SKY, '<integrator type="bdpt"/>'), "take `--integrator path`"),
     (scene_text(SKY, sensor="").replace("3.0.0", "2.1.0"), "format of Mitsuba 2.1.0"),
     (scene_text(SKY, '<shape type="ply"/>').replace("3.0.0", "2.0.0"), "format of Mitsuba 2.0.0"),
     (scene_text(SKY, "<shape").replace("3.0.0", "0.5.0"), "format of Mitsuba 0.5.0"),
@@ -185,8 +185,8 @@ BROKEN = [
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')), "line 2: 'circular' acts on polarised light"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="retarder"/>')), "acts on polarised light"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="measured_polarized"/>')), "--ignore-polarization"),
-    (scene_text(SKY, '<integrator type="ptracer"/>'), "take --integrator path"),
-    (scene_text(SKY, '<integrator type="depth"/>'), "take --integrator path"),
+    (scene_text(SKY, '<integrator type="ptracer"/>'), "take `--integrator path`"),
+    (scene_text(SKY, '<integrator type="depth"/>'), "take `--integrator path`"),
     (scene_text(SKY, '<shape type="sphere"><float name="radius" value="$size"/></shape>'), "-D name=value"),
     (scene_text(SKY, sensor=""), '<sensor type="perspective">'),
     (scene_text(SKY, sensor='<sensor type="fisheye"/>'), "must be one of perspective"),
@@ -330,4 +330,4 @@ def test_what_a_compiled_variant_cannot_render_is_told_the_one_that_can(
     variant = skip_unless_usable("llvm_ad_spectral")
     done = cli("render", path, "-o", tmp_path / "out", "--spp", 16, "--variant", variant)
     said = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and "take --variant scalar_spectral" in said
+    assert done.exit_code == 2 and "take `--variant scalar_spectral`" in said

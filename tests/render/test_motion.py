@@ -610,7 +610,7 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     ),
     "a text": (
         {"camera": {"velocity_m_per_s": [1, "x", 0]}},
-        r"velocity_m_per_s\.1 is 'x'; it must be a valid number \(constant velocity \[m/s\], e\.g\.",
+        r"velocity_m_per_s\.1 is 'x'; it must be a number \(constant velocity \[m/s\], e\.g\.",
     ),
     "not a number": (
         {"camera": {"velocity_m_per_s": [1, math.nan, 0]}},

@@ -313,7 +313,7 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         ),
         ("<scene version='3.0.0'><sensor></scene>", "scene 'XML text' cannot be loaded"),
         ("<scene version='3.0.0'/>", "scene 'XML text' has no sensor"),
-        ("no_such.xml", "scene 'no_such.xml' is not a file"),
+        ("no_such.xml", "there is no file 'no_such.xml'"),
         (mi.load_dict(aov), "the integrator of the scene, AOVIntegrator, adds channels"),
         (
             mi.load_dict(fish),

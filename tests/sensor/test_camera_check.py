@@ -71,7 +71,7 @@ xyzzy = 1
 "pixel.prnuu" = "a book"
 """
 ERRORS = {  # line → field, and what is said
-    5: ("sensor.rows", "is 480.5; it must be a valid integer"),
+    5: ("sensor.rows", "is 480.5; it must be a whole number"),
     7: ("pixels", "Did you mean 'pixel'?"),
     10: ("pixel.fil_factor", "Did you mean 'pixel.fill_factor'?"),
     11: ("pixel.full_well_e", "is -3; it must be greater than or equal to 1"),

@@ -55,6 +55,6 @@ def usual_arrays(samples: Sequence[Sample]) -> list[str]:
     found = [name for name in USUAL if (samples[0].folder / IMAGES[name]).exists()]
     if not found:
         raise InputError(
-            f"the samples have none of {', '.join(USUAL)}; say which arrays to write, e.g. --array electrons."
+            f"the samples have none of {', '.join(USUAL)}; say which arrays to write, e.g. `--array electrons`."
         )
     return found

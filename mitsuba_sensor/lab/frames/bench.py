@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
+from ...core.argument_names import tells_of_names
 from ...files.raw_files import RawFile, read_raw
 from .manifest import (
     KINDS,
@@ -45,6 +46,7 @@ from .manifest import (
 from .stack import Stack
 
 
+@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Bench:
     """The stacks of a camera by what is in front of it.
@@ -124,6 +126,7 @@ def _select_filter(name: str, stacks: Sequence[Stack]) -> list[Stack]:
     return [stack.of_filters()[name] for stack in stacks]
 
 
+@tells_of_names
 def read_bench(
     path: str | os.PathLike[str], report: Callable[[int, int], None] | None = None
 ) -> Bench:

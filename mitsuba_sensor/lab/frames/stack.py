@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError, refuse_masked, require
+from ...core.argument_names import tells_of_names
 from ...core.exposure import LONGEST_S
 from ...core.types import Float64Array
 from .clipping import Clipping
@@ -19,6 +20,7 @@ STRIP_VALUES = 2**22
 """Values that are float64 at once: 32 MiB, whatever the size of the stack."""
 
 
+@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Stack:
     """N frames of one scene with one setting, and what is known about them.

@@ -50,7 +50,7 @@ def checked_lights(name: str, given: object) -> dict[str, float | Waveform]:
         given = {group.strip(): level.strip() for group, _, level in pairs}
     if not isinstance(given, Mapping) or not given:
         raise InputError(
-            f"{name} is {given!r}; give levels by the name of a light group, e.g. --light lamps=0.2 "
+            f"{name} is {given!r}; give levels by the name of a light group, e.g. `--light lamps=0.2` "
             f"({{'lamps': 0.2}}), or waveforms: {EXAMPLE}."
         )
     lights = dict[str, float | Waveform]()
@@ -64,8 +64,8 @@ def check_group_names(lights: Iterable[str], groups: Collection[str]) -> None:
     """Raise InputError for levels of light groups that are not among these groups."""
     if not groups:
         raise InputError(
-            "the light is rendered as a whole and has no light groups; render it with --light-groups auto "
-            "(light_groups='auto')."
+            "the light is rendered as a whole and has no light groups; render it with "
+            "`--light-groups auto` (light_groups='auto')."
         )
     for name in lights:
         if name not in groups:

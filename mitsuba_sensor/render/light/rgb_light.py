@@ -18,6 +18,7 @@ from ...core import (
     nearest,
     require,
 )
+from ...core.argument_names import tells_of_names
 from ...core.checks import PICTURE_FILE, refuse_masked, refuse_path
 from ...optics import spectra
 from .foreign_light import D65_OF_WHITE, behind_lens, irradiance_of, upsampled
@@ -34,6 +35,7 @@ EIGHT_BITS = 255
 SURE = "give it planes last: np.moveaxis(rgb, 0, -1)"
 
 
+@tells_of_names
 def light_from_rgb(
     rgb: ArrayLike,
     camera: AnyCamera,

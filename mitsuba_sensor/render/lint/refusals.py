@@ -22,10 +22,10 @@ PICTURES = ("bitmap", "envmap")  # whose file is one
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
 # Plugins that cannot be used, and what to do instead.
 UNSUITABLE = {
-    "depth": "computes no radiance; take --integrator path (integrator='path')",
-    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra; take --integrator path "
+    "depth": "computes no radiance; take `--integrator path` (integrator='path')",
+    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra; take `--integrator path` "
     "(integrator='path')",
-    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take --integrator path "
+    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take `--integrator path` "
     "(integrator='path')",
 } | dict.fromkeys(
     POLARISING,
@@ -50,9 +50,7 @@ def refuse_unsuitable(scene: SceneFile) -> None:
     for node in scene.nodes("Emitter"):
         kind, variant = node.props.plugin_name(), mitsuba().variant()
         if kind in SCALAR_ONLY and not variant.startswith("scalar"):
-            why = (
-                f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
-            )
+            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take `--variant scalar_spectral`"
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
 
 

@@ -8,7 +8,7 @@ from typing import Literal, Unpack, cast
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
-from ...core import Exposure, Float64Array, InputError, first_given, require_seed, warn_of
+from ...core import Exposure, Float64Array, first_given, require_seed, warn_of
 from ...core.options import complete, documents
 from ...optics.f_number_law import shading
 from ...optics.intrinsics import aperture_f_number, intrinsics
@@ -84,8 +84,8 @@ def render(
 
     camera, exposure, seed : what is not given is read from the scene's <film type="photosensor">, and so are the
         options wavelength_nm, bandwidth_nm and spectral. A camera that is given brings its own lens; a note says so
-        where the scene's <sensor type="camera"> has another. An exposure of "auto", or none anywhere, is metered:
-        ``statistics.metering`` has what was found.
+        where the scene's <sensor type="camera"> has another, or where nobody names one and konnik_table1 is taken.
+        An exposure of "auto", or none anywhere, is metered: ``statistics.metering`` has what was found.
     progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress`, also before the first pass.
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
@@ -381,12 +381,11 @@ def prepare(
     asked, chosen = checked_exposure(camera, exposure), complete(RenderOptions, options)
     check_options(chosen)
     parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen)
+    parsed = parsed if camera is not None else parsed.with_camera()
     settings = parsed.settings
     camera = first_given(camera, settings.camera)
     asked = settings.metering() if asked is AUTO else first_given(asked, settings.exposure)
-    if camera is None:
-        place = 'put <film type="photosensor"> with camera into it'
-        raise InputError(f"no camera is given and the scene has none; pass one, or {place}.")
+    assert camera is not None
     camera = camera.at_gain(chosen["gain"])
     metering = asked if isinstance(asked, Metering) else None
     known = asked.unit_exposure if isinstance(asked, Metering) else asked

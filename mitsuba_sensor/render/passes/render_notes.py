@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 def render_notes(prepared: PreparedRender, stop: StopCriterion, end: End) -> list[str]:
     """Notes of a render that is done.  end : why it ended."""
     renderer, notes = prepared.renderer, [*prepared.scene.notes]
+    if prepared.parsed.settings.is_default_camera:
+        notes.append(
+            f"rendered for {prepared.camera.name}, because no camera was given and the scene names none (--camera)"
+        )
     if overruled := prepared.parsed.settings.overruled_by(prepared.camera):
         names = ", ".join(overruled)
         notes.append(f"{names} of the scene file overruled by the camera that was given")

@@ -21,7 +21,7 @@ OTHER = "other"
 
 MOST_GROUPS = 16
 GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-PATTERN_EXAMPLE = "--light-groups lamps=lamp_* --light-groups sky=sky,moon ({'lamps': 'lamp_*', 'sky': 'sky,moon'})"
+PATTERN_EXAMPLE = "`--light-groups lamps=lamp_* --light-groups sky=sky,moon` ({'lamps': 'lamp_*', 'sky': 'sky,moon'})"
 EXAMPLE = "'auto', or {'sky': 'env', 'lamps': 'lamp_*'}"
 
 AskedGroups: TypeAlias = Literal["auto"] | Mapping[str, tuple[str, ...]]

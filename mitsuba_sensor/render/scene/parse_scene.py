@@ -153,7 +153,7 @@ def parse_nodes(source: SceneText, upgraded: UpgradedText) -> ParsedNodes:
     mi, config, file = mitsuba(), parser_config(), source.file
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(file.resolve().parent))
-    with searching(beside), as_input_error(file):
+    with searching(beside), as_input_error(file, values=upgraded.values):
         if source.is_file and not upgraded.tags:
             state = mi.parser.parse_file(config, str(file), **upgraded.values)
         else:

@@ -120,9 +120,9 @@ class Scene:
             )
         except RuntimeError as error:
             variant = mitsuba().variant()
-            way_out = "--integrator path" + (
-                "" if variant.startswith("scalar") else " or --variant scalar_spectral"
-            )
+            way_out = "`--integrator path`"
+            if not variant.startswith("scalar"):
+                way_out += " or `--variant scalar_spectral`"
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
             raise InputError(
                 f"the scene cannot be rendered in {variant}: try {way_out} ({first})."

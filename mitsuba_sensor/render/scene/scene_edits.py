@@ -185,8 +185,8 @@ class SceneEdits:
         if key not in parameters:
             known = [one for one, _ in parameters if not self._problem(parameters, one)]
             few = f": it has {', '.join(known)}" if 0 < len(known) <= LISTED else ""
-            few = few if known else "; give its elements an id in the scene file"
-            return f"which the scene does not have{few}.{nearest(key, known)}"
+            way_out = "elements are named by the id that they have in the scene file"
+            return f"which the scene does not have{few}; {way_out}.{nearest(key, known)}"
         mi, node = mitsuba(), parameters.properties[key][2]
         if {"film", "sampler"} & set(key.split(".")[1:-1]):
             return "which belongs to film or sampler, and these are replaced; take width, camera or spp."

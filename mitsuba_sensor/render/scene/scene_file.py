@@ -169,10 +169,12 @@ def searching(resolver: MitsubaObject) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def as_input_error(file: Path, place: str = "") -> Iterator[None]:
+def as_input_error(
+    file: Path, place: str = "", values: Mapping[str, str] | None = None
+) -> Iterator[None]:
     """Turn Mitsuba's RuntimeError about a file into an InputError; that of an old file names its format.
 
-    place : in the file, where Mitsuba does not know it.
+    place : in the file, where Mitsuba does not know it.  values : of the scene's parameters.
     """
     try:
         yield
@@ -184,7 +186,7 @@ def as_input_error(file: Path, place: str = "") -> Iterator[None]:
         known = f'{name}|{re.escape(str(file.resolve()))}|string|dictionary node "root'
         where = rf'(?:{begin}) "?(?:{known})"?(?: failed)?:? '
         text = re.sub(where, "", plain_message(error))
-        said = f"scene {str(file)!r} cannot be loaded: {place}{text}{_remedy(text, file)}"
+        said = f"scene {str(file)!r} cannot be loaded: {place}{text}{_remedy(text, file, values or {})}"
         raise InputError(_with_version(said, file)) from error
     except InputError as error:
         raise InputError(_with_version(str(error), file)) from error
@@ -208,7 +210,7 @@ def plain_message(error: BaseException) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
-def _remedy(message: str, file: Path) -> str:
+def _remedy(message: str, file: Path, values: Mapping[str, str]) -> str:
     """The way out that belongs to Mitsuba's message, from the full stop or semicolon on."""
     if "No document element found" in message:
         if file.suffix == ".exr":
@@ -216,6 +218,11 @@ def _remedy(message: str, file: Path) -> str:
                 "; it is no XML: `mitsuba-sensor expose` takes light that is rendered already."
             )
         return "; it is no XML, or empty: give the path of a Mitsuba 3 scene."
+    unreadable = re.search(r'could not parse (.*) value "(.*)"', message)
+    for name, value in values.items():
+        if unreadable and value == unreadable[2]:
+            kind = unreadable[1]
+            return f"; it is the value of the parameter {name} (-D {name}=…), which takes a value of the kind {kind}."
     if "undefined parameter" in message:
         return "; give it a value (-D name=value)."
     if "unreferenced propert" in message:
@@ -227,7 +234,7 @@ def _remedy(message: str, file: Path) -> str:
             "failed to instantiate integrator" in message,
         )
         way_out = (
-            "; take --integrator path (integrator='path')"
+            "; take `--integrator path` (integrator='path')"
             if of_integrator and remedy.startswith(".")
             else ""
         )

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from ...camera.camera import Camera, with_fields_of
-from ...camera.camera_file import load_camera, toml_value
-from ...camera.shipped import list_cameras
+from ...camera.camera_file import camera_of, load_camera, toml_value
+from ...camera.shipped import DEFAULT_CAMERA, list_cameras
 from ...core import Exposure, InputError, first_given, nearest, require, require_seed
 from ...core.options import complete, part_of
 from ...sensor.metering import Metering
@@ -69,6 +69,7 @@ class SceneSettings:
     exposure_s : seconds, or "auto".  meter : how it is metered, as text, see :meth:`Metering.of_text`.
     focal_length_mm, focus_distance_m, unit_m : of <sensor type="camera">; metres per scene unit.
     size : width, height and crop of the film, in pixels.
+    is_default_camera : whether the file names no camera, and ``camera`` is the one that is taken then.
     """
 
     camera: Camera | None = None
@@ -85,6 +86,7 @@ class SceneSettings:
     focus_distance_m: float | None = None
     unit_m: float | None = None
     size: Mapping[str, int] = field(default_factory=dict)
+    is_default_camera: bool = False
 
     @property
     def exposure(self) -> Exposure | Metering:
@@ -125,6 +127,11 @@ class SceneSettings:
             if value is not None and name not in self.fields
         }
         return with_fields_of(changed, given, SET_BY_SCENE)
+
+    def with_default_camera(self) -> SceneSettings:
+        """With the camera that is taken where nobody names one, and the fields that this file sets."""
+        camera = self.applied_to(camera_of(DEFAULT_CAMERA))
+        return replace(self, camera=camera, is_default_camera=True)
 
     def overruled_by(self, camera: Camera) -> list[str]:
         """The fields that this file sets and this camera has otherwise."""
@@ -296,6 +303,12 @@ class ParsedScene:
     file: SceneFile
     settings: SceneSettings
     variant: Variant
+
+    def with_camera(self) -> ParsedScene:
+        """With the default camera where the file names none."""
+        if self.settings.camera is not None:
+            return self
+        return replace(self, settings=self.settings.with_default_camera())
 
 
 def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:

@@ -1,0 +1,85 @@
+"""The known name that was probably meant by one that is not known; none where no name is close enough to mislead."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+
+MOST_LETTERS = 2
+"""Letters that may be wrong in a whole name, however long it is."""
+
+LETTERS_OF_ONE_WRONG = 4
+"""A whole name may have one wrong letter for so many letters, and one in any case."""
+
+LETTERS_OF_ONE_WRONG_IN_WORD = 3
+"""A word of a name may have one wrong letter for so many letters beyond the first."""
+
+SHORTEST_BEGINNING = 4
+"""Letters of an unfinished name."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """`` Did you mean …?`` with the known name closest to ``name``, or an empty string if none is close."""
+    match = closest(name, known)
+    if match:
+        return f" Did you mean {match!r}?"
+    return ""
+
+
+def closest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
+    """The known name closest to ``name``, or None.  cutoff : likeness that it needs, 0 … 1 (difflib's ratio)."""
+    written = {one.lower(): one for one in known}
+    asked = name.lower()
+    alike = difflib.get_close_matches(asked, list(written), n=len(written) or 1, cutoff=cutoff)
+    for candidate in alike:
+        if _is_close(asked, candidate):
+            return written[candidate]
+    return None
+
+
+def _is_close(name: str, known: str) -> bool:
+    """Whether one is a misspelling, the beginning or the words of the other."""
+    allowed = min(MOST_LETTERS, max(1, len(known) // LETTERS_OF_ONE_WRONG))
+    if wrong_letters(name, known) <= allowed:
+        return True
+    if len(name) >= SHORTEST_BEGINNING and known.startswith(name):
+        return True
+    return _share_words(_words(name), _words(known))
+
+
+def _words(name: str) -> list[str]:
+    return [word for word in re.split(r"[\W_]+", name) if word]
+
+
+def _share_words(words: list[str], others: list[str]) -> bool:
+    """Whether each word of the name that has fewer is a word of the other one, or a misspelling of it."""
+    fewer, more = sorted((words, others), key=len)
+    for word in fewer:
+        match = next((other for other in more if _is_word(word, other)), None)
+        if match is None:
+            return False
+        more = [other for other in more if other is not match]
+    return bool(fewer)
+
+
+def _is_word(word: str, other: str) -> bool:
+    longer = max(len(word), len(other))
+    return wrong_letters(word, other) <= (longer - 1) // LETTERS_OF_ONE_WRONG_IN_WORD
+
+
+def wrong_letters(name: str, other: str) -> int:
+    """Letters to add, leave out, change, or exchange with the next one, to make one name of the other."""
+    before: list[int] = []
+    above = [*range(len(other) + 1)]
+    for row, letter in enumerate(name, 1):
+        current = [row]
+        for column, its in enumerate(other, 1):
+            changed = above[column - 1] + (letter != its)
+            least = min(changed, above[column] + 1, current[-1] + 1)
+            crossed = row > 1 and column > 1 and name[row - 2] == its
+            if crossed and letter == other[column - 2]:
+                least = min(least, before[column - 2] + 1)
+            current.append(least)
+        before, above = above, current
+    return above[-1]
