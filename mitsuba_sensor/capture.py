@@ -15,8 +15,7 @@ import numpy as np
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .capture_options import CaptureOptions, check_asked_files, refuse_render_options
-from .core import Exposure, InputError, Photons, warn_of
-from .core.argument_names import tells_of_names
+from .core import Exposure, InputError, Photons, tells_of_names, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, part_of, used
 from .files import tiff
@@ -38,6 +37,7 @@ from .render.options import FrameSeriesOptions, RenderOptions
 from .render.passes.passes import hashed_seed
 from .render.passes.per_frame import FrameSeries
 from .render.passes.prepared import PreparedRender, prepare
+from .render.passes.render_notes import notes_after_render
 from .render.passes.stop_criterion import Progress, RenderProgress, StopCriterion
 from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput
@@ -133,14 +133,12 @@ def capture(
     source : a scene (a file, or a name from ``mitsuba-sensor scenes list``), or light that is there already: an
         irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
-        rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered. A scene that
-        names no camera is rendered for konnik_table1, and a note says so.
+        rendered for, and so is its serial number; else konnik_table1, as a note says, and a metered exposure ("auto").
     progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
     Everything is checked before the first ray is traced. Raises InputError.
     """
-    chosen = camera_of(camera)
-    asked = complete(CaptureOptions, options)
+    chosen, asked = camera_of(camera), complete(CaptureOptions, options)
     check_asked_files(asked)
     when = checked_exposure(chosen, exposure)
     with told_progress(progress, "capture", asked) as tell:
@@ -164,7 +162,7 @@ def _captured(request: Request) -> Capture:
     if render is not None and request.options["aovs"]:
         with timed(request.times_s, "aovs"):
             aovs = render.aovs()
-    warn_of(frames.exposure_notes if render is None else (*light.notes, *frames.exposure_notes))
+    warn_of(frames.exposure_notes if render is None else notes_after_render(light, frames))
     rendered = render is not None
     return Capture(frames, light, frames.light, aovs, metadata, rendered, exposed.timed)
 

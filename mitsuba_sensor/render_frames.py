@@ -15,6 +15,7 @@ from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.options import FrameSeriesOptions
 from .render.passes.per_frame import FrameSeries, PerFrameNoise
+from .render.passes.render_notes import notes_after_render
 from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput
@@ -84,7 +85,7 @@ def _frames_of(
         for number, render in enumerate(series.renders(progress)):
             frames = Frames.exposed(render.exposed)
             if not number:
-                warn_of((*render.light.notes, *frames.exposure_notes))
+                warn_of(notes_after_render(render.light, frames))
             yield RenderedFrame(
                 frames,
                 render.light,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cached_property, wraps
-from inspect import signature
+from collections.abc import Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 
 import numpy as np
@@ -19,12 +18,13 @@ from pydantic import (
 )
 
 from ..core import Doubt, Exposure, InputError, nearest, numbers, refuse_masked
-from ..core.argument_names import Names, tells_of_names, told
+from ..core.argument_names import tells_of_names
 from ..core.band_average import photon_averages
 from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import Chain, Stage
+from ..stages.usual_range import warn_of_temperature
 from .camera_toml import camera_file
 from .datasheet_checks import (
     check_gains,
@@ -34,7 +34,7 @@ from .datasheet_checks import (
     noise_sources,
     with_checked_sources,
 )
-from .datasheet_errors import doubts, faults, fields_of
+from .datasheet_errors import doubts, faults, fields_of, init_in_a_sentence
 from .field_terms import did_you_mean
 from .figures import EmvaFigures, emva_figures
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
@@ -321,7 +321,9 @@ class Camera(FileTable):
         exposure : whose dark current counts; by default so short that there is none. Raises InputError where darkness
             is at the highest code.
         """
-        return emva_figures(self, exposure)
+        figures = emva_figures(self, exposure)
+        warn_of_temperature(exposure.temperature_k)
+        return figures
 
     @property
     def filter_names(self) -> tuple[str, ...]:
@@ -402,18 +404,5 @@ def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) 
         raise InputError(f"{where}: {found[0].text}{more}") from None
 
 
-def _checked_init(make: Callable[..., None]) -> Callable[..., None]:
-    """What makes ``Camera(name=…, …)``, with one sentence in place of pydantic's list of errors."""
-
-    @wraps(make)
-    def checked(self: Camera, **fields: object) -> None:
-        try:
-            make(self, **fields)
-        except ValidationError as error:
-            first = min(faults(error, Camera), key=lambda fault: not fault.unknown)
-            raise InputError(f"Camera: {first.text}") from None
-
-    return told(checked, Names.of("Camera", "field", signature(make)))
-
-
-setattr(Camera, "__init__", _checked_init(Camera.__init__))  # noqa: B010, mypy knows the fields
+# `Camera(name=…, …)` ends in one sentence, too; mypy knows the fields.
+setattr(Camera, "__init__", init_in_a_sentence(Camera))  # noqa: B010

@@ -2,15 +2,17 @@
 
 import sys
 import types
-from collections.abc import Collection, Iterator, Mapping
-from functools import cache
+from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import cache, wraps
+from inspect import signature
 from typing import Any, NamedTuple, TypeAlias, TypeGuard, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ..core import closest
+from ..core import InputError, closest
+from ..core.argument_names import Names, told
 from ..core.errors import span
 from ..core.number_text import number_hint
 from ..stages.usual_range import Usual
@@ -248,3 +250,18 @@ def _way_out(path: str, field: FieldInfo | None) -> str:
         return f"add the table [{path}]."
     example = f", e.g. {field.examples[0]!r}" if field.examples else ""
     return f"{field.description}{example}."
+
+
+def init_in_a_sentence(model: type[BaseModel]) -> Callable[..., None]:
+    """What makes an object of a model, with one sentence in place of pydantic's list of errors."""
+    make = model.__init__
+
+    @wraps(make)
+    def checked(self: BaseModel, **values: object) -> None:
+        try:
+            make(self, **values)
+        except ValidationError as error:
+            first = min(faults(error, model), key=lambda fault: not fault.unknown)
+            raise InputError(f"{model.__name__}: {first.text}") from None
+
+    return told(checked, Names.of(model.__name__, "field", signature(make)))

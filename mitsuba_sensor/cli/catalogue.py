@@ -11,6 +11,7 @@ from rich.text import Text
 
 import mitsuba_sensor as ms
 
+from ..camera.shipped import DEFAULT_CAMERA
 from . import arguments, options
 from .app import app, show
 from .help import Command, Group
@@ -66,7 +67,7 @@ def new_camera(new_file: arguments.NewFile, **flags: Flag) -> None:
     if flags["emva"]:
         of = "of an EMVA 1288 sheet"
     else:
-        of = f"like {flags['like'] or options.DEFAULT_CAMERA}"
+        of = f"like {flags['like'] or DEFAULT_CAMERA}"
     show(
         f"{file} is a camera {of}; change it, then: mitsuba-sensor cameras check {file}", False
     )
@@ -209,7 +210,7 @@ def lenses(as_json: arguments.Json = False) -> None:
     from ..camera.lens_file import list_lenses
     from ..optics.paraxial import cardinal_points
 
-    default = ms.load_camera(options.DEFAULT_CAMERA).replace(
+    default = ms.load_camera(DEFAULT_CAMERA).replace(
         **{"lens.f_number": 64.0}
     )  # every lens can close so far
     known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]

@@ -7,10 +7,12 @@ from typing import Any, NamedTuple
 import mitsuba_sensor as ms
 
 from ..camera.camera_file import toml_value
+from ..camera.shipped import DEFAULT_CAMERA
 from ..core import InputError, first_given
 from ..render.light.irradiance import RenderedFor
 from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..sensor.metering import Metering
+from ..stages.usual_range import temperature_note
 from . import options
 from .app import err
 from .options import Flags
@@ -56,10 +58,13 @@ def camera_and_exposure(
         camera = settings.camera
     else:
         camera = None
-    camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
+    camera = camera or ms.load_camera(DEFAULT_CAMERA if name is None else name)
     camera = settings.applied_to(camera.replace(**changes) if changes else camera)
     camera = camera.at_gain(flags.get("gain")).replace(**changes)
-    return camera.without(*flags.get("without") or ()), _exposure(flags, settings)
+    exposure = _exposure(flags, settings)
+    for note in temperature_note(exposure.temperature_k):  # before a long render
+        err.print(f"note: {note}", highlight=False, soft_wrap=True)
+    return camera.without(*flags.get("without") or ()), exposure
 
 
 def _exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure | Metering:
@@ -82,7 +87,7 @@ def _exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure | Metering:
 def settings_of(known: RenderedFor | None, flags: Flags) -> SceneSettings:
     """Camera and exposure that an irradiance was rendered for, as if a scene named them; says so if it has none."""
     if (known is None or known.camera is None) and flags.get("camera") is None:
-        default = f"the camera is {options.DEFAULT_CAMERA} unless --camera names another"
+        default = f"the camera is {DEFAULT_CAMERA} unless --camera names another"
         err.print(
             f"note: this irradiance names no camera; {default}", highlight=False, soft_wrap=True
         )

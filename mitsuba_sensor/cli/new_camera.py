@@ -14,10 +14,10 @@ import mitsuba_sensor as ms
 from ..camera.camera import SET_BY_USER
 from ..camera.emva_sheet import ROWS, Row, Value, camera_of_sheet, comparisons, is_asked
 from ..camera.gain_ladder import SAME, SET
+from ..camera.shipped import DEFAULT_CAMERA as DEFAULT
 from ..core import InputError
 from .app import err
 from .inputs import changes_of
-from .options import DEFAULT_CAMERA as DEFAULT
 from .values import Flag
 
 OF_SHEET = "by its EMVA 1288 sheet"

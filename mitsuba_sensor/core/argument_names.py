@@ -98,7 +98,7 @@ def tells_of_names(called: Called) -> Called:
     return cast(Called, called)
 
 
-def _told_method(kind: type, name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+def _told_method(kind: type, name: str, method: Callable[..., object]) -> Callable[..., object]:
     """A method, or what makes an object, that tells."""
     noun = "argument"
     title = f"{kind.__name__}.{name}"

@@ -12,8 +12,8 @@ MOST_LETTERS = 2
 LETTERS_OF_ONE_WRONG = 4
 """A whole name may have one wrong letter for so many letters, and one in any case."""
 
-LETTERS_OF_ONE_WRONG_IN_WORD = 3
-"""A word of a name may have one wrong letter for so many letters beyond the first."""
+LETTERS_OF_ONE_WRONG_IN_PART = 3
+"""A part of a name may have one wrong letter for so many letters beyond the first."""
 
 SHORTEST_BEGINNING = 4
 """Letters of an unfinished name."""
@@ -39,39 +39,39 @@ def closest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
 
 
 def _is_close(name: str, known: str) -> bool:
-    """Whether one is a misspelling, the beginning or the words of the other."""
+    """Whether one is a misspelling, the beginning or the parts of the other."""
     allowed = min(MOST_LETTERS, max(1, len(known) // LETTERS_OF_ONE_WRONG))
     if wrong_letters(name, known) <= allowed:
         return True
     if len(name) >= SHORTEST_BEGINNING and known.startswith(name):
         return True
-    return _share_words(_words(name), _words(known))
+    return _share_parts(_parts(name), _parts(known))
 
 
-def _words(name: str) -> list[str]:
-    return [word for word in re.split(r"[\W_]+", name) if word]
+def _parts(name: str) -> list[str]:
+    return [part for part in re.split(r"[\W_]+", name) if part]
 
 
-def _share_words(words: list[str], others: list[str]) -> bool:
-    """Whether each word of the name that has fewer is a word of the other one, or a misspelling of it."""
-    fewer, more = sorted((words, others), key=len)
-    for word in fewer:
-        match = next((other for other in more if _is_word(word, other)), None)
+def _share_parts(parts: list[str], others: list[str]) -> bool:
+    """Whether each part of the name that has fewer is a part of the other one, or a misspelling of it."""
+    fewer, more = sorted((parts, others), key=len)
+    for part in fewer:
+        match = next((other for other in more if _is_part(part, other)), None)
         if match is None:
             return False
         more = [other for other in more if other is not match]
     return bool(fewer)
 
 
-def _is_word(word: str, other: str) -> bool:
-    longer = max(len(word), len(other))
-    return wrong_letters(word, other) <= (longer - 1) // LETTERS_OF_ONE_WRONG_IN_WORD
+def _is_part(part: str, other: str) -> bool:
+    longer = max(len(part), len(other))
+    return wrong_letters(part, other) <= (longer - 1) // LETTERS_OF_ONE_WRONG_IN_PART
 
 
 def wrong_letters(name: str, other: str) -> int:
     """Letters to add, leave out, change, or exchange with the next one, to make one name of the other."""
-    before: list[int] = []
-    above = [*range(len(other) + 1)]
+    before = list[int]()
+    above = list(range(len(other) + 1))
     for row, letter in enumerate(name, 1):
         current = [row]
         for column, its in enumerate(other, 1):

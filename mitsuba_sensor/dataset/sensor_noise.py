@@ -23,6 +23,7 @@ from ..optics.spectra import srgb_curve
 from ..output.demosaic import demosaic
 from ..output.frames import Frames
 from ..stages.stage import converter_of
+from ..stages.usual_range import warn_of_temperature
 from .images import Image, Values, as_array, as_given, scaled
 
 Output: TypeAlias = Literal["raw", "developed"]
@@ -121,6 +122,7 @@ class SensorNoise:
         self.camera = camera_of(camera)
         self.exposure = Exposure(0.01) if exposure is None else exposure
         check_types(self.camera, self.exposure)
+        warn_of_temperature(self.exposure.temperature_k)
         self.gains = (
             tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
         )

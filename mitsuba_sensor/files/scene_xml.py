@@ -52,7 +52,7 @@ def require_scene_file(name: str) -> None:
     if not path.is_file():
         what = f"there is no file {name!r}"
         if os.path.exists(name):
-            what = f"{name!r} is a folder or a device and no file"
+            what = f"{name!r} is a folder, or no plain file"
         raise InputError(
             f"{what}; give the path of a Mitsuba 3 scene in XML, or {names_of_scenes(name)}"
         )

@@ -35,6 +35,7 @@ from ..sensor.options import GradientOptions
 from ..sensor.run import begin, choose_backend, row_strips_of
 from ..stages.chain import chain, whole_chain
 from ..stages.stage import Chain, sample
+from ..stages.usual_range import warn_of_temperature
 from ..theory.response import least_noise_dn
 from .conditional_slope import ConditionalSlope
 from .field_derivatives import Recording
@@ -234,6 +235,7 @@ def differentiable(
     """
     camera = camera_of(camera)
     check_types(camera, exposure)
+    warn_of_temperature(exposure.temperature_k)
     chosen = complete(GradientOptions, options)
     camera = camera.at_gain(chosen["gain"])
     names = (parameters,) if isinstance(parameters, str) else tuple(dict.fromkeys(parameters))

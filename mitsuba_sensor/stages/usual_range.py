@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..core import Doubt
+from ..core import Doubt, warn_of
 
 
 class Mistake(NamedTuple):
@@ -102,3 +102,8 @@ def temperature_note(temperature_k: float) -> tuple[str, ...]:
     if usual:
         return ()
     return (Doubt(COOLED_TO_HOT_K.doubt("temperature_k", temperature_k)),)
+
+
+def warn_of_temperature(temperature_k: float) -> None:
+    """Warn of a sensor temperature that is probably not meant, before anything is computed at it."""
+    warn_of(temperature_note(temperature_k))

@@ -32,6 +32,7 @@ from ..sensor.precision import Float32, float32_effect
 from ..sensor.run import row_strips_of
 from ..stages.chain import whole_chain
 from ..stages.stage import Chain, Stage, sample, without, without_law
+from ..stages.usual_range import warn_of_temperature
 from .light_levels import WIDTH, light_levels
 from .notebook import plan_html
 from .plan_effects import Effect, PlanRange, Trial
@@ -202,6 +203,7 @@ def plan(
     """
     camera = camera_of(camera)
     check_types(camera, exposure)
+    warn_of_temperature(exposure.temperature_k)
     require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
     window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin)

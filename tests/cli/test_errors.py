@@ -22,7 +22,7 @@ MALFORMED = "<scene version='3.0.0'><sensor type='perspective'></scene>"
 # (arguments of the command, what the sentence must say); SCENE, LIGHT, OUT and TMP are filled in.
 CASES: dict[str, tuple[Sequence[str], str]] = {
     "missing scene": (("render", "TMP/none.xml", "-o", "OUT"), "none.xml"),
-    "scene is a folder": (("render", "TMP", "-o", "OUT"), "is a folder or a device"),
+    "scene is a folder": (("render", "TMP", "-o", "OUT"), "is a folder, or no plain file"),
     "malformed XML": (("render", "TMP/malformed.xml", "-o", "OUT"), "malformed.xml"),
     "not XML": (("render", "LIGHT", "-o", "OUT"), "irradiance.exr"),
     "no light in the band": (

@@ -153,7 +153,10 @@ def test_every_option_of_a_capture_says_what_it_does_and_has_a_valid_default(one
         (lambda: ms.Exposure(0.1, temperature=300), "it is called temperature_k here"),  # type: ignore[call-arg]
         (lambda: ms.Exposure(time_ms=5), "its fields are time_s, temperature_k. Did you mean"),  # type: ignore[call-arg]
         (lambda: ms.Exposure(), "Exposure needs time_s, which is not given"),  # type: ignore[call-arg]
-        (lambda: ms.Exposure(0.1, 300, 2), "3 values without a name, which are too many; its fields are"),  # type: ignore[call-arg]
+        (
+            lambda: ms.Exposure(0.1, 300, 2),
+            "3 values without a name, which are too many; its fields are",
+        ),  # type: ignore[call-arg]
         (lambda: ms.Metering(percent=50), "its fields are temperature_k, percentile, share"),  # type: ignore[call-arg]
     ],
 )

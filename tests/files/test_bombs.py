@@ -230,7 +230,7 @@ def test_text_files_have_a_largest_size_and_a_depth(tmp_path: Path) -> None:
             with pytest.raises(ms.InputError, match=said):
                 ms.load_camera("konnik_table1").replace(**{field: str(tmp_path / "x.json")})
             (tmp_path / "x.json").rename(path)
-    with pytest.raises(ms.InputError, match="is a folder or a device"):
+    with pytest.raises(ms.InputError, match="is a folder, or no plain file"):
         parse_scene(pipe, {})
 
 

@@ -16,6 +16,7 @@ from ...optics.shutter import shutter_of
 from ...sensor.expose import PreparedExposure
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
+from ...stages.usual_range import warn_of_temperature
 from ...theory.input_noise import input_noise
 from ...theory.planned_exposure import prepare_planned_exposure
 from ..denoise.network import denoised_if_possible, is_undecided
@@ -383,12 +384,12 @@ def prepare(
     parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen)
     parsed = parsed if camera is not None else parsed.with_camera()
     settings = parsed.settings
-    camera = first_given(camera, settings.camera)
+    camera = cast(Camera, first_given(camera, settings.camera))
     asked = settings.metering() if asked is AUTO else first_given(asked, settings.exposure)
-    assert camera is not None
     camera = camera.at_gain(chosen["gain"])
     metering = asked if isinstance(asked, Metering) else None
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
+    warn_of_temperature(known.temperature_k)
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ...stages.usual_range import temperature_note
 from ..denoise.network import is_installed
 from .stop_criterion import End, StopCriterion
 
 if TYPE_CHECKING:
+    from ...output.frames import Frames
+    from ..light.irradiance import Irradiance
     from .prepared import PreparedRender
 
 
@@ -26,3 +29,10 @@ def render_notes(prepared: PreparedRender, stop: StopCriterion, end: End) -> lis
     if renderer.choice is not None:
         notes += renderer.choice.notes()
     return notes + stop.notes(end, renderer.samples_per_pixel)
+
+
+def notes_after_render(light: Irradiance, frames: Frames) -> list[str]:
+    """Notes on light that was rendered and its frames, but for the one that was made before the first ray."""
+    told = temperature_note(frames.first.exposure.temperature_k)
+    late = [note for note in frames.exposure_notes if note not in told]
+    return [*light.notes, *late]
