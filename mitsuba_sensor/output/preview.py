@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from ..camera.camera import Camera
 from ..camera.colour_matrix import ColourMatrix, colour_matrix, colour_order
+from ..camera.figures import saturation_dn
+from ..core import Float64Array
 from ..core.illuminant import Illuminant
 from ..optics.spectra import srgb_curve
 from ..stages.stage import converter_of
-from .demosaic import demosaic
+from .demosaic import bilinear, demosaic
 
 PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
 BRIGHT_PERCENTILE, BRIGHT_LEVEL = 95.0, 0.5
@@ -35,7 +37,7 @@ def preview(
 
     origin : row and column of its first pixel on the sensor, from which its colour filters follow.
     illuminant : of the scene; daylight where it is not known. A white surface under it is white.
-    White is the largest code, or 1/``gain`` of it for a picture that is pushed.
+    White is the largest code, or 1/``gain`` of it for a picture that is pushed. Highlights that clip go to white.
     """
     return developed(digital, camera, colour_matrix(camera, illuminant), gain, origin)
 
@@ -81,10 +83,54 @@ def _develop_strip(
     black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.adc.bits - 1.0
     linear = (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn)
     if colours is not None:
+        clip = min((saturation_dn(camera) - black_dn) / (white_dn - black_dn), 1.0)
         filters = camera.filter_index(linear.shape, origin)
-        balanced = np.minimum(colours.white_balance * demosaic(linear, filters, camera), 1.0)
+        balanced = _balance_and_demosaic(linear, filters, camera, colours, clip)
         order = colour_order(camera.filter_names)
-        saturated = (balanced[..., order] >= 1).all(axis=-1)
+        saturated = (balanced[..., order] >= clip).all(axis=-1)
         linear = balanced @ colours.to_srgb.T
-        linear[saturated] = 1.0  # saturation is white
+        linear[saturated] = clip  # saturation has no colour
     return np.rint(255.0 * srgb_curve(np.clip(gain * linear, 0.0, 1.0))).astype(np.uint8)
+
+
+def _balance_and_demosaic(
+    linear: Float64Array,
+    filters: NDArray[np.integer],
+    camera: Camera,
+    colours: ColourMatrix,
+    clip: float,
+) -> Float64Array:
+    """(H, W, F) white-balanced colours of a mosaic (H, W), all clipped where the filter of the least factor clips.
+
+    The mosaic is balanced and clipped before colours are interpolated: a grey surface then has equal values in it, and
+    no filter is brighter than the others where it saturates.
+    """
+    mosaic = colours.white_balance[filters] * linear
+    clipped = np.minimum(mosaic, clip)
+    balanced = np.minimum(demosaic(clipped, filters, camera), clip)
+    excess = mosaic - clipped
+    if not excess.any():
+        return balanced
+    order = colour_order(camera.filter_names)
+    excesses = bilinear(excess, filters, len(camera.filter_names))[..., order]
+    is_clipped = excesses.any(axis=-1)
+    colour = balanced[is_clipped][:, order]
+    with_hue = balanced[is_clipped]
+    with_hue[:, order] = np.minimum(_keep_hue(colour, excesses[is_clipped]), clip)
+    balanced[is_clipped] = with_hue
+    return balanced
+
+
+def _keep_hue(clipped: Float64Array, excesses: Float64Array) -> Float64Array:
+    """Colours (N, 3) with the mean and the chroma of the clipped ones, and the hue of the unclipped ones.
+
+    Without it a bluish light whose blue is clipped would become cyan before it becomes white. The highlight
+    reconstruction "blend" of dcraw and LibRaw does the same.
+    """
+    unclipped = clipped + excesses
+    mean = clipped.mean(axis=-1, keepdims=True)
+    hue = unclipped - unclipped.mean(axis=-1, keepdims=True)
+    chroma_clipped = np.linalg.norm(clipped - mean, axis=-1, keepdims=True)
+    chroma = np.linalg.norm(hue, axis=-1, keepdims=True)
+    ratio = np.divide(chroma_clipped, chroma, out=np.zeros_like(chroma), where=chroma > 0)
+    return mean + ratio * hue

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007, masks_CFA_Bayer
+from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.colour_matrix import colour_matrix
+from mitsuba_sensor.camera.figures import saturation_dn
 from mitsuba_sensor.optics.spectra import srgb_curve
 from mitsuba_sensor.output.demosaic import bilinear, demosaic, demosaic_bayer
 from mitsuba_sensor.output.preview import preview
 from mitsuba_sensor.stages.chain import black_level_dn
+from mitsuba_sensor.stages.gains import full_scale_v
 
 MONO = ms.load_camera("konnik_table1")
 RGBIR = ms.load_camera("rgbir_2mp")
@@ -127,3 +133,72 @@ def test_a_preview_of_some_rows_at_a_time_is_that_of_the_whole_frame(
     for rows in (1, 7):
         monkeypatch.setattr("mitsuba_sensor.output.preview.PIXELS_AT_ONCE", rows * 34)
         np.testing.assert_array_equal(preview(raw, camera, origin=origin), whole)
+
+
+def mosaic_of(
+    balanced: Sequence[NDArray[np.float64] | float], camera: ms.Camera
+) -> NDArray[np.float64]:
+    """The codes of pixels that see these white-balanced red, green and blue, clipped at the highest code."""
+    matrix = colour_matrix(camera)
+    assert matrix is not None
+    colours = np.stack(np.broadcast_arrays(*balanced), axis=-1) / matrix.white_balance
+    filters = camera.filter_index(colours.shape[:2])
+    linear = np.take_along_axis(colours, filters[..., None], axis=-1)[..., 0]
+    black, white = black_level_dn(camera), 2**camera.adc.bits - 1
+    return np.rint(np.minimum(black + (white - black) * linear, white))
+
+
+@pytest.mark.parametrize("name", ["sony_a7s2", "raspberry_pi_hq", "bayer_2mp"])
+def test_a_grey_ramp_through_saturation_has_no_colour(name: str) -> None:
+    """From black to three times white, as a ramp, and as steps at which the highlight begins."""
+    camera = ms.load_camera(name)
+    ramp = np.linspace(0, 3, 96) * np.ones((96, 1))
+    steps = 0.3 + 2.7 * (np.indices((96, 96))[1] // 12 % 2)
+    for levels in (ramp, steps):
+        shown = preview(mosaic_of([levels] * 3, camera), camera).astype(int)
+        assert np.ptp(shown, axis=-1).max() <= 6
+        assert (shown[levels >= 1] >= 249).all()
+
+
+def test_a_clipped_blue_keeps_its_hue_and_goes_to_white() -> None:
+    """Brighter and brighter: its chroma falls from where it clips, and it is never as green as it is blue."""
+    camera, light = ms.load_camera("sony_a7s2"), np.array([0.55, 0.75, 1.0])
+    exposures = np.linspace(0.2, 2.5, 60)
+    pictures = []
+    for exposure in exposures:
+        even = [np.full((8, 8), exposure * level) for level in light]
+        pictures.append(preview(mosaic_of(even, camera), camera)[4, 4])
+    shown = np.array(pictures).astype(int)
+    red, green, blue = shown.T
+    hue = (green - red) / np.maximum(blue - red, 1)
+    chroma = np.ptp(shown, axis=-1)
+    unclipped = exposures <= 1
+    assert np.ptp(hue[unclipped]) < 0.2
+    assert (np.diff(chroma[~unclipped]) <= 1).all()
+    assert shown[-1].tolist() == [255, 255, 255]
+
+
+def test_colours_that_do_not_clip_are_those_beside_no_highlight() -> None:
+    """Equal bytes, as far from the highlight as demosaicing reaches, and those of the matrix on even colours."""
+    camera = ms.load_camera("sony_a7s2")
+    colours = np.random.default_rng(3).random((3, 40, 120)) * 0.9
+    plain = mosaic_of(colours, camera)
+    colours[:, :, 80:] = 4.0
+    with_highlight = preview(mosaic_of(colours, camera), camera)
+    np.testing.assert_array_equal(with_highlight[:, :64], preview(plain, camera)[:, :64])
+    assert (with_highlight[:, 96:] == 255).all()
+    even, matrix = [0.3, 0.5, 0.4], colour_matrix(camera)
+    assert matrix is not None
+    shown = preview(mosaic_of([np.full((8, 8), level) for level in even], camera), camera)
+    assert np.abs(shown - 255 * srgb_curve(matrix.to_srgb @ even)).max() <= 1
+
+
+def test_a_full_well_below_the_highest_code_has_no_colour_either() -> None:
+    """Codes end at 80 % of the range, where a pixel is full: red and blue are clipped where green is."""
+    camera = ms.load_camera("bayer_2mp")
+    full_v = full_scale_v(camera)
+    camera = camera.replace(**{"adc.full_scale_v": full_v / 0.8})
+    raw = np.full((16, 16), saturation_dn(camera))
+    assert 0.75 < raw[0, 0] / 2**camera.adc.bits < 0.85
+    shown = preview(raw, camera).astype(int)
+    assert np.ptp(shown, axis=-1).max() == 0
