@@ -105,10 +105,10 @@ def test_a_dark_frame_has_a_picture_beside_it_that_is_brighter_and_says_by_how_m
     share: float, stops: int, tmp_path: Path
 ) -> None:
     """Half of white is passed by less than a stop: 0.5/0.1 = 5, 2 stops. The caption is below the picture."""
-    frames = ms.expose(np.full((40, 60), 1.0), CAMERA, EXPOSURE)
+    frames = ms.expose(np.full((40, 90), 1.0), CAMERA, EXPOSURE)
     white_dn, black_dn = 4095, frames.stages[-1].black_level_dn
     code = round(black_dn + share * (white_dn - black_dn))
-    frames = replace(frames, digital=np.full((1, 40, 60), code, np.uint16))
+    frames = replace(frames, digital=np.full((1, 40, 90), code, np.uint16))
     frames.save(tmp_path)
     summary = json.loads((tmp_path / "frame.json").read_text("utf-8"))["summary"]
     assert summary["brightened"] == 2**stops
@@ -118,7 +118,7 @@ def test_a_dark_frame_has_a_picture_beside_it_that_is_brighter_and_says_by_how_m
     if stops:
         picture = np.asarray(Image.open(brightened))
         np.testing.assert_array_equal(picture[:40], frames.preview(gain=2.0**stops))
-        assert picture.shape == (54, 60) and picture[40:].max() > 200 > picture[40:].mean()
+        assert picture.shape == (68, 90) and picture[40:].max() > 200 > picture[40:].mean()
 
 
 def test_frame_json_begins_with_what_is_looked_for_first() -> None:

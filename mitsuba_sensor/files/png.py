@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +16,45 @@ from .texts import plain_values
 
 NOTHING: Mapping[str, Any] = {}
 
-
-CAPTION_ROWS = 14
+CAPTION_ROWS, CAPTION_MARGIN = 14, 2  # of a line, and left of it [pixels]
+NARROWEST_CAPTION = 72
+"""Columns [pixels]; narrower pictures are enlarged for a caption."""
 
 
 def captioned(picture: np.ndarray, caption: str) -> np.ndarray:
-    """The picture with a line of text in a black strip below it, cut off where the picture is narrow."""
-    from PIL import Image, ImageDraw
+    """The picture above its caption in a black strip, in as many lines as it takes.
 
-    strip = Image.new("L", (picture.shape[1], CAPTION_ROWS), 0)
-    ImageDraw.Draw(strip).text((2, 1), caption, fill=255)
+    A picture in which a word would be wider than the lines is enlarged by a whole number: each pixel is a square.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    font, words = ImageFont.load_default(), caption.split()
+    widest_word = max(math.ceil(font.getlength(word)) for word in words)
+    factor = math.ceil(
+        max(widest_word + 2 * CAPTION_MARGIN, NARROWEST_CAPTION) / picture.shape[1]
+    )
+    enlarged = picture.repeat(factor, axis=0).repeat(factor, axis=1)
+    lines = _wrapped(words, font.getlength, enlarged.shape[1])
+    strip = Image.new("L", (enlarged.shape[1], CAPTION_ROWS * len(lines)), 0)
+    draw = ImageDraw.Draw(strip)
+    for number, line in enumerate(lines):
+        draw.text((CAPTION_MARGIN, 1 + CAPTION_ROWS * number), line, fill=255, font=font)
     rows = np.asarray(strip)
     if picture.ndim == 3:
         rows = np.repeat(rows[..., None], picture.shape[2], axis=2)
-    return np.concatenate([picture, rows])
+    return np.concatenate([enlarged, rows])
+
+
+def _wrapped(words: Sequence[str], width_of: Callable[[str], float], columns: int) -> list[str]:
+    """Lines of whole words that are no wider than so many columns [pixels] without the margins."""
+    lines = [words[0]]
+    for word in words[1:]:
+        longer = f"{lines[-1]} {word}"
+        if width_of(longer) + 2 * CAPTION_MARGIN <= columns:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
 
 
 def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:

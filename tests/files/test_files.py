@@ -149,6 +149,24 @@ def test_png_holds_the_picture(tmp_path: Path, shape: tuple[int, ...]) -> None:
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "x.png")), picture)
 
 
+@pytest.mark.parametrize("columns", [16, 17, 31, 40, 60, 96, 128, 384])
+@pytest.mark.parametrize(
+    "caption", ["2 x brighter", "32768 x brighter than exposed (15 stops)"]
+)
+def test_a_caption_is_whole_below_a_picture_of_any_width(columns: int, caption: str) -> None:
+    """All the ink that its words have where there is room; the picture is itself, each pixel a square."""
+    picture = np.random.default_rng(1).integers(0, 255, (5, columns, 3), dtype=np.uint8)
+    shown = png.captioned(picture, caption)
+    factor = shown.shape[1] // columns
+    assert shown.shape[1] == factor * columns and (factor == 1 or columns < 96)
+    np.testing.assert_array_equal(shown[: 5 * factor : factor, ::factor], picture)
+    lines = shown[5 * factor :]
+    words = [png.captioned(np.zeros((1, 1000), np.uint8), word)[1:] for word in caption.split()]
+    ink = sum(word.sum(dtype=float) for word in words)
+    assert lines[..., 0].sum(dtype=float) == pytest.approx(ink, rel=0.05)
+    assert not lines[:, -1].any()
+
+
 def test_json_is_strict_whatever_stands_in_the_report(tmp_path: Path) -> None:
     report = {
         "nan": float("nan"),
