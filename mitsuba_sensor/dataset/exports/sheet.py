@@ -9,9 +9,10 @@ import numpy as np
 
 from ...output.contact_sheet import Captioned, SheetRow
 from ..keys import Config, Facts
+from ..reader import sample_of
 from ..store import Store
 from ..values import text_of
-from .job import PICTURE, checked
+from .job import PICTURE, checked, facts_of
 
 MOST_ROWS, MOST_COLUMNS = 8, 10
 MOST_LINES = 3  # of the caption of a picture
@@ -49,7 +50,9 @@ def _pictures(store: Store, lines: Sequence[Facts], varied: Sequence[str]) -> li
     for line in lines:
         path = store.folder_of("samples", line["key"]) / PICTURE
         if path.exists():
-            pictures.append(Captioned(checked(path), caption(line["values"], varied)))
+            exposure_s = facts_of(sample_of(store, line))["image"]["exposure_s"]
+            text = caption(line["values"], varied, exposure_s)
+            pictures.append(Captioned(checked(path), text))
     return pictures
 
 
@@ -64,12 +67,12 @@ def names_that_vary(lines: Sequence[Facts]) -> list[str]:
     return [name for name in first if name in varied]
 
 
-def caption(values: Config, varied: Sequence[str]) -> list[str]:
-    """The exposure, and what else varies and is not said left of the row: one line for each."""
-    if any(name in values for name in OF_EXPOSURE):
-        lines = [_exposure(values)]
-    else:
-        lines = []
+def caption(values: Config, varied: Sequence[str], exposure_s: float) -> list[str]:
+    """The exposure, and what else varies and is not said left of the row: one line for each.
+
+    exposure_s : as it was exposed, metering and stops included.
+    """
+    lines = [_exposure(values, exposure_s)]
     for name in varied:
         if name in values and name not in (*OF_ROW, *OF_EXPOSURE):
             if name == "camera":
@@ -80,17 +83,12 @@ def caption(values: Config, varied: Sequence[str]) -> list[str]:
     return lines[:MOST_LINES]
 
 
-def _exposure(values: Config) -> str:
-    """``0.01 s``, ``auto, -2 EV`` or ``-2 EV``."""
-    asked = values.get("exposure_s", "")
-    if isinstance(asked, str):
-        time = asked
-    else:
-        time = f"{asked:g} s"
+def _exposure(values: Config, exposure_s: float) -> str:
+    """``0.01 s`` or ``0.0025 s, -2 EV``: the time that was exposed, and the stops that are in it."""
     stops = values.get("exposure_ev")
     if not stops:
-        return time or "0 EV"
-    return f"{time}, {stops:+g} EV".removeprefix(", ")
+        return f"{exposure_s:.3g} s"
+    return f"{exposure_s:.3g} s, {stops:+g} EV"
 
 
 def _text(value: object) -> str:
