@@ -24,17 +24,17 @@ NARROWEST_CAPTION = 72
 def captioned(picture: np.ndarray, caption: str) -> np.ndarray:
     """The picture above its caption in a black strip, in as many lines as it takes.
 
-    A picture in which a word would be wider than the lines is enlarged by a whole number: each pixel is a square.
+    One that is narrower than a text without blanks is enlarged by a whole number: each pixel becomes a square.
     """
     from PIL import Image, ImageDraw, ImageFont
 
-    font, words = ImageFont.load_default(), caption.split()
-    widest_word = max(math.ceil(font.getlength(word)) for word in words)
+    font, pieces = ImageFont.load_default(), caption.split()
+    widest_piece = max(math.ceil(font.getlength(piece)) for piece in pieces)
     factor = math.ceil(
-        max(widest_word + 2 * CAPTION_MARGIN, NARROWEST_CAPTION) / picture.shape[1]
+        max(widest_piece + 2 * CAPTION_MARGIN, NARROWEST_CAPTION) / picture.shape[1]
     )
     enlarged = picture.repeat(factor, axis=0).repeat(factor, axis=1)
-    lines = _wrapped(words, font.getlength, enlarged.shape[1])
+    lines = _wrapped(pieces, font.getlength, enlarged.shape[1])
     strip = Image.new("L", (enlarged.shape[1], CAPTION_ROWS * len(lines)), 0)
     draw = ImageDraw.Draw(strip)
     for number, line in enumerate(lines):
@@ -45,15 +45,17 @@ def captioned(picture: np.ndarray, caption: str) -> np.ndarray:
     return np.concatenate([enlarged, rows])
 
 
-def _wrapped(words: Sequence[str], width_of: Callable[[str], float], columns: int) -> list[str]:
-    """Lines of whole words that are no wider than so many columns [pixels] without the margins."""
-    lines = [words[0]]
-    for word in words[1:]:
-        longer = f"{lines[-1]} {word}"
+def _wrapped(
+    pieces: Sequence[str], width_of: Callable[[str], float], columns: int
+) -> list[str]:
+    """Lines of texts between blanks that are no wider than so many columns [pixels] without the margins."""
+    lines = [pieces[0]]
+    for piece in pieces[1:]:
+        longer = f"{lines[-1]} {piece}"
         if width_of(longer) + 2 * CAPTION_MARGIN <= columns:
             lines[-1] = longer
         else:
-            lines.append(word)
+            lines.append(piece)
     return lines
 
 
