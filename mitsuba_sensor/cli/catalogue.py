@@ -147,26 +147,29 @@ def show_camera(
     if as_toml:
         return show(camera.to_toml().rstrip("\n"), False)
     fields = camera.model_dump(mode="json")
-    table = FittedTable(("field", "value", "source"))
-    for field, value in _flat(
-        {key: x for key, x in fields.items() if key not in ("sources", "gains")}
-    ).items():
-        table.add_row(
-            field, Text(short(value)), Text(short(camera.sources.get(field, "")), style="dim")
-        )
     figures = figures_if_any(camera)
     found = {
         "sources": dict(camera.sources),
         "notes": list(camera.notes),
         "emva1288": figures and figures.to_dict(),
     }
-    show({**fields, **found} if as_json else table, as_json)
+    show({**fields, **found} if as_json else _field_table(camera), as_json)
     if camera.gains and not as_json:
         show(_settings(camera), False)
     if figures and not as_json:
         show(_figure_table(figures), False)
     for note in () if as_json else camera.notes:
         show(f"note: {said_here(note)}", False)
+
+
+def _field_table(camera: ms.Camera) -> FittedTable:
+    """A row for every number of the camera."""
+    table = FittedTable(("field", "value", "source"))
+    own = camera.model_dump(mode="json", exclude={"sources", "gains"})
+    for name, value in _flat(own).items():
+        source = short(camera.sources.get(name, ""))
+        table.add_row(name, Text(short(value)), Text(source, style="dim"))
+    return table
 
 
 def _figure_table(figures: EmvaFigures) -> FittedTable:

@@ -17,7 +17,10 @@ from ..core.printable import printable
 
 NUMBER = re.compile(r"[<(+−-]?\d[\d.,]*(e[+-]?\d+)?%?[),;:]?", re.IGNORECASE)
 NO_TEXT = ("", "–")  # in a column of numbers
-LONGEST_PIECE = 20  # longer ones, paths for example, are broken where the terminal is narrow
+PIECE = re.compile(r"[^\s/]*/+|[^\s/]+")  # paths and addresses may break behind a slash
+PART = re.compile(
+    r"[^._-]*[._-]+|[^._-]+"
+)  # where that is not enough, names between their parts
 GAP = 2  # between columns
 FINEST = 1e-4  # of a unit: half of this and less is printed as 0
 
@@ -27,7 +30,8 @@ class FittedTable:
     """Rows under headings, as every table of the command line looks.
 
     keys : so many leading columns name the rows; they stand in front of every block.
-    Text breaks at blanks. Numbers stay whole, and columns of nothing else are flush right.
+    Text breaks at blanks and behind slashes. Numbers stay whole, and columns of nothing else are flush right.
+    A block below the first one has only the rows that have something in it.
     """
 
     headings: Sequence[str]
@@ -63,30 +67,42 @@ class FittedTable:
         return [[*keys, *block] for block in blocks]
 
     def least(self, columns: Sequence[int]) -> int:
-        """The smallest width [characters] of these columns in which nothing is cut."""
+        """The smallest width [characters] of these columns in which nothing breaks within a name or number."""
         return sum(self._range(column)[0] for column in columns) + GAP * (len(columns) - 1)
 
     def block(self, columns: Sequence[int], width: int) -> Table:
-        """These columns in so many characters. Where that is not enough, names of rows are broken."""
+        """These columns in so many characters. Where that is not enough, texts break, then names of rows."""
         drawn = Table(
             box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, GAP - 1, 0, 0)
         )
-        for column, characters in zip(columns, self._widths(columns, width), strict=True):
+        widths = self._widths(columns, width)
+        for column, characters in zip(columns, widths, strict=True):
             side: Literal["right", "left"] = "right" if self._is_of_numbers(column) else "left"
             heading = self.headings[column]
             drawn.add_column(heading, overflow="fold", width=characters, justify=side)
         for row, style in zip(self.rows, self.styles, strict=True):
-            drawn.add_row(*(row[column] for column in columns), style=style)
+            if self._has_text(row, columns):
+                cells = map(_broken, (row[column] for column in columns), widths)
+                drawn.add_row(*cells, style=style)
         return drawn
+
+    def _has_text(self, row: Sequence[Text], columns: Sequence[int]) -> bool:
+        """Whether a row stands in a block: in the first one all do."""
+        own = columns[self.keys :]
+        return self.keys in own or not own or any(row[column].plain for column in own)
 
     def _widths(self, columns: Sequence[int], width: int) -> list[int]:
         """What is left over goes to the columns that can use it, in equal shares."""
         found = {column: self._range(column)[0] for column in columns}
         left = width - self.least(columns)
-        for column in columns[: self.keys]:
-            if left < 0:
-                given = min(-left, found[column] - 1)
-                found[column], left = found[column] - given, left + given
+        names, texts = columns[: self.keys], columns[self.keys :]
+        least = {column: self._least_of_parts(column) for column in columns}
+        for column, end in [
+            *((one, least[one]) for one in (*texts, *names)),
+            *((one, 1) for one in names),
+        ]:
+            given = max(min(-left, found[column] - end), 0)
+            found[column], left = found[column] - given, left + given
         wanted = {column: self._range(column)[1] - found[column] for column in columns}
         for number, column in enumerate(sorted(columns, key=lambda one: wanted[one])):
             more = max(min(wanted[column], left // (len(columns) - number)), 0)
@@ -94,22 +110,25 @@ class FittedTable:
         return [found[column] for column in columns]
 
     def _range(self, column: int) -> tuple[int, int]:
-        """Smallest width in which no number and no usual text breaks, and the one that takes a line for each row."""
-        texts = [self.headings[column], *(row[column].plain for row in self.rows)]
-        pieces = [
-            (cell_len(one), NUMBER.fullmatch(one)) for text in texts for one in text.split()
-        ]
-        least = max(
-            (size if number else min(size, LONGEST_PIECE) for size, number in pieces), default=1
-        )
-        of_rows = max(
-            (cell_len(line) for text in texts[1:] for line in text.split("\n")), default=1
-        )
+        """Smallest width in which no number and no name breaks, and the one that takes a line for each row."""
+        texts = self._texts(column)
+        pieces = (cell_len(piece) for text in texts for piece in PIECE.findall(text))
+        least = max(pieces, default=1)
+        lines = [line for text in texts[1:] for line in text.split("\n")]
+        of_rows = max(map(cell_len, lines), default=1)
         if self._is_of_numbers(column):
             heading = least
         else:
             heading = cell_len(texts[0])
         return least, max(least, of_rows, heading)
+
+    def _least_of_parts(self, column: int) -> int:
+        """Smallest width in which names break between their parts."""
+        texts = self._texts(column)
+        return max((cell_len(part) for text in texts for part in _parts(text)), default=1)
+
+    def _texts(self, column: int) -> list[str]:
+        return [self.headings[column], *(row[column].plain for row in self.rows)]
 
     def _is_of_numbers(self, column: int) -> bool:
         texts = [row[column].plain for row in self.rows]
@@ -124,6 +143,41 @@ def _printable_cell(cell: Text) -> Text:
     if shown == cell.plain:
         return cell
     return Text(shown, style=cell.style)
+
+
+def _parts(text: str) -> Iterator[str]:
+    """The parts of a text at which it may break where it must."""
+    for piece in PIECE.findall(text):
+        if NUMBER.fullmatch(piece):
+            yield piece
+        else:
+            yield from PART.findall(piece)
+
+
+def _broken(cell: Text, width: int) -> Text:
+    """The cell with line breaks in what is longer than a line: behind slashes, else between the parts of names."""
+    breaks = []
+    for text in re.finditer(r"\S+", cell.plain):
+        if cell_len(text[0]) > width:
+            breaks += [text.start() + place for place in _breaks(text[0], width)]
+    if not breaks:
+        return cell
+    return Text("\n").join(cell.divide(breaks))
+
+
+def _breaks(text: str, width: int) -> Iterator[int]:
+    """Places at which a text without blanks goes on in the next line."""
+    used, place = 0, 0
+    for piece in PIECE.findall(text):
+        if cell_len(piece) <= width:
+            parts = [piece]
+        else:
+            parts = [*_parts(piece)]
+        for part in parts:
+            if used and used + cell_len(part) > width:
+                yield place
+                used = 0
+            used, place = used + cell_len(part), place + len(part)
 
 
 def number(value: float | None) -> str:

@@ -19,6 +19,7 @@ from rich.console import Console, RenderableType
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import progress as progress_module
 from mitsuba_sensor.cli import terminal
+from mitsuba_sensor.cli.catalogue import _field_table
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.cli.tables import FittedTable, number, rough
 from mitsuba_sensor.pages.page import Grid, Section, Table, study_of
@@ -147,6 +148,44 @@ def test_all_columns_of_a_narrow_table_follow_in_blocks_that_name_their_rows() -
     assert shown(table, 80).count("first row") == 1
 
 
+def texts_without_blanks(text: str) -> set[str]:
+    return {piece for piece in text.split() if "─" not in piece}
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("camera", one_in(6, ms.list_cameras()))
+def test_no_name_and_no_text_of_a_camera_is_split(camera: str, width: int) -> None:
+    """Whatever stands between two blanks at this width does so in a table with all the width there is.
+
+    The exceptions are addresses, at their slashes, and at 60 columns names within the texts, between their parts, that
+    are wider than what the names of the fields leave.
+    """
+    table = _field_table(ms.load_camera(camera))
+    narrow, whole = shown(table, width), shown(table, 2000)
+    assert max(map(len, narrow.splitlines())) <= width
+    ends = "/" if width > 60 else "/._-"
+    pieces = texts_without_blanks(whole)
+    for text in texts_without_blanks(narrow):
+        at_ends = rf"(^|[{ends}]){re.escape(text)}" + ("" if text[-1] in ends else "$")
+        assert any(re.search(at_ends, piece) for piece in pieces), text
+    fields = [line.split()[0] for line in whole.splitlines()[3:-1]]
+    assert [name for name in fields if name not in texts_without_blanks(narrow)] == []
+
+
+@pytest.mark.parametrize("width", [24, 40, 60])
+def test_rows_and_texts_of_later_blocks_are_whole(width: int) -> None:
+    """Addresses break behind slashes, names between their parts; rows of blanks are left out."""
+    table = FittedTable(("name", "value", "source"))
+    table.add_row("first_name.of_two_parts", "value", "https://example.org/one/two/three.html")
+    table.add_row("second", "a_long_value_of_parts", "")
+    narrow = shown(table, width)
+    assert max(map(len, narrow.splitlines())) <= width
+    joined = "".join(narrow.split())
+    for part in ("first_", "parts", "https://", "example.org/", "three.html", "second"):
+        assert part in joined
+    assert narrow.count("second") == 1
+
+
 def test_a_name_breaks_before_a_number_does() -> None:
     table = FittedTable(("name", "value"))
     table.add_row("internationalization", "1234567890")
@@ -237,5 +276,5 @@ def test_a_terminal_without_our_letters_gets_question_marks() -> None:
         for x in ([], ["--json"])
     )
     assert shown.returncode == data.returncode == 0 and not shown.stderr + data.stderr
-    assert "5.7 ?m" in shown.stdout.decode("ascii")
+    assert re.search(r"5\.7\s+\?m", shown.stdout.decode("ascii"))
     assert "5.7 µm" in json.loads(data.stdout)["description"]
