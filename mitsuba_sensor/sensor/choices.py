@@ -134,5 +134,5 @@ def check_law(stages: Chain, what: str, way_out: str) -> None:
             missing = "couples neighbours"
         raise InputError(
             f"{type(stage).__name__} {missing}, so that the law of a pixel is not known, and {what} of that law; "
-            f"{way_out}, or take the camera without that stage."
+            f"{way_out}, or {stage.no_noise or 'take the camera without that stage'}."
         )

@@ -13,6 +13,7 @@ from .effects.dark_current import DarkCurrent
 from .effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
 from .effects.full_well import FullWell
 from .effects.integral_nonlinearity import IntegralNonlinearity
+from .effects.inter_pixel_capacitance import InterPixelCapacitance
 from .effects.prnu import Prnu, PrnuColumn
 from .effects.quantum_efficiency import QuantumEfficiency
 from .effects.quantum_yield import QuantumYield
@@ -38,6 +39,7 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
     ShotNoise,
     QuantumYield,
     FullWell,
+    InterPixelCapacitance,
     SenseNode,
     ResetNoise,
     SourceFollowerNoise,

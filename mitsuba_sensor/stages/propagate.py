@@ -23,9 +23,9 @@ SIGNAL = "signal of a measured stage"
 
 
 def propagate(stages: Iterable[Stage], m: Moments) -> Moments:
-    """Moments behind these stages, one stage after the other; a stage without a law is measured."""
+    """Moments behind these stages, one stage after the other; a stage without any is measured."""
     for stage in stages:
-        if stage.has_law:
+        if stage.has_moments:
             m = stage.moments(m)
         else:
             m = measured_behind(stage, m)

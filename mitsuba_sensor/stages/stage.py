@@ -132,9 +132,14 @@ class Stage(ABC):
         return 0
 
     @property
+    def has_moments(self) -> bool:
+        """Whether the stage says what it does to mean and variances; one that couples neighbours: of a flat field."""
+        return type(self).moments is not Stage.moments
+
+    @property
     def has_law(self) -> bool:
         """Whether the law of a pixel behind this stage follows from ``moments`` and that pixel alone."""
-        return type(self).moments is not Stage.moments and self.reach_px == 0
+        return self.has_moments and self.reach_px == 0
 
     def outcomes(
         self, electrons: Electrons, frame: Frame

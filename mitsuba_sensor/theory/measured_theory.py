@@ -93,7 +93,8 @@ class MeasuredTheory(FrameTheory):
         named = ", ".join(measured["stages_without_law"])
         return (
             f"temporal and spatial are measured by {measured['samples']} pixels of {measured['serial_numbers']} serial "
-            f"numbers in {measured['frames_of_each']} frames each, not derived: nobody has written the law of {named}"
+            f"numbers in {measured['frames_of_each']} frames each, not derived: no law of a single pixel is "
+            f"known behind {named}"
         )
 
     @cached_property

@@ -49,12 +49,13 @@ LEVELS = 65
 WORTH_SAVING = 0.1
 """Share of the time of a frame from which on a plan is said to save time."""
 
-WITHOUT_THEM = "Stages that have no theory (no `moments`) are not in the chain of which the numbers below are"
+WITHOUT_THEM = "Stages that have no theory are not in the chain of which the numbers below are"
 """Said where there are some: what they do to the effects of the others is not known."""
 
 IDLE = "has no effect here"  # why a neutral stage is left out
 NEEDED = "changes the unit; always needed"
 NO_LAW = "has no theory (no `moments`); always kept"
+COUPLED = "has no theory (it couples neighbours); always kept"
 
 
 @tells_of_names
@@ -261,7 +262,8 @@ def _largest_yield(light: Electrons) -> tuple[float, float]:
 def _verdict(stage: Stage, alone: Effect | None, left_out: bool) -> Effect:
     """What is said of a stage.  alone : what it does by itself; None where its law is not known."""
     if alone is None:
-        return Effect(stage.label, True, 0.0, 0.0, 0.0, 0.0, 0.0, NO_LAW)
+        reason = COUPLED if stage.reach_px else NO_LAW
+        return Effect(stage.label, True, 0.0, 0.0, 0.0, 0.0, 0.0, reason)
     if stage.required:
         return replace(alone, reason=NEEDED)
     if not left_out:

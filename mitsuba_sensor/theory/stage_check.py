@@ -159,9 +159,9 @@ def check_stage(
     exposure : time and temperature; None: 0.1 s.
     Mean, temporal and spatial variance may be 5 standard errors apart: chance fails about one right stage
     in 1000, one in 200 of those whose neighbouring columns or rows are coupled, and the same one each time.
-    A crop of a frame must be the frame of the crop, but for ``reach_px`` pixels at its edges. Of a stage without
-    moments nothing else is looked at. Where LLVM is there, the compiled engine must give the
-    bytes that NumPy gives in float32. It takes a few seconds.
+    A crop of a frame must be the frame of the crop, but for ``reach_px`` pixels at its edges, which are not
+    compared with moments either. Of a stage without moments nothing else is looked at. Where LLVM is there, the
+    compiled engine must give the bytes that NumPy gives in float32. It takes a few seconds.
     Raises InputError where something does not fit: where, what ``moments`` says, and what ``sample`` does.
     """
     camera = camera_of(camera)
@@ -181,7 +181,8 @@ def check_stage(
     levels, places = levels_behind(chain[:place], camera, exposure), random_places(camera)
     require_same_bytes(stage, levels[-1], places[1], exposure)
     rows: list[StageComparison] = []
-    for window in places if type(stage).moments is not Stage.moments else ():
+    whole = [place for place in places if min(place.shape) > 2 * stage.reach_px]
+    for window in whole if stage.has_moments else ():
         rows += compare_at(window, stage, levels, exposure, camera.name)
     worst = max(rows, key=lambda row: row.standard_errors, default=None)
     if worst is not None and worst.standard_errors > STANDARD_ERRORS:
@@ -241,7 +242,13 @@ def frames_of_chip(
 def compare_at(
     place: Place, stage: Stage, levels: tuple[Level, ...], exposure: Exposure, camera: str
 ) -> Iterator[StageComparison]:
-    """Mean and variances of every signal behind the stage in one window."""
+    """Mean and variances of every signal behind the stage in one window, but for pixels that lack a neighbour."""
+
+    def inside(values: Array) -> Array:
+        edge, (rows, columns) = stage.reach_px, place.shape
+        whole = np.broadcast_to(values, place.shape)
+        return whole[edge : rows - edge, edge : columns - edge]
+
     off = np.empty((len(levels), CHIPS, len(QUANTITIES)))
     expected = np.empty_like(off)
     for serial in range(CHIPS):
@@ -249,11 +256,11 @@ def compare_at(
         for number, level in enumerate(levels):
             theory = stage.moments(level.moments(frames[0]))
             first, second = (
-                total(stage.sample(level.sample(frame), frame)) - theory.mean
+                inside(total(stage.sample(level.sample(frame), frame)) - theory.mean)
                 for frame in frames
             )
-            spatial = first * second - theory.spatial
-            temporal = (first - second) ** 2 / 2 - theory.temporal
+            spatial = first * second - inside(theory.spatial)
+            temporal = (first - second) ** 2 / 2 - inside(theory.temporal)
             off[number, serial] = [
                 np.mean(first + second) / 2,
                 np.mean(temporal),

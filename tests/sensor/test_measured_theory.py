@@ -142,7 +142,7 @@ def test_report_noise_budget_and_frame_json_say_that_the_expectation_is_measured
     assert abs(last["mean_expected"] - last["mean_frame"]) < 4 * error
     assert 0 < last["sigma_temporal_error"] < 0.01 * last["sigma_temporal_expected"]
     said = frames.noise_budget().explain()
-    assert f"measured by {theory['samples']} pixels" in said and "the law of ipc" in said
+    assert f"measured by {theory['samples']} pixels" in said and "is known behind ipc" in said
     frames.save(tmp_path)
     assert json.loads((tmp_path / "frame.json").read_text())["theory"] == theory
     derived = ms.expose(SCENE, TABLE1, SHORT)

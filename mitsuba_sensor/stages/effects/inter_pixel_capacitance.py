@@ -1,0 +1,121 @@
+"""Inter-pixel capacitance (IPC): a pixel's charge raises the voltage of its neighbours' sense nodes, too.
+
+Moore, Ninkov & Forrest, Opt. Eng. 45, 076402 (2006), measure it by the correlation of neighbours in flat fields;
+Kannawadi et al., PASP 128, 095001 (2016), give its effect on the images of points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from ...core import Array, Electrons, Frame, Moments
+from ..datasheet import FileTable
+from ..stage import Datasheet, Stage
+
+
+class InterPixelCapacitanceFields(FileTable):
+    """Coupling of the sense nodes."""
+
+    cmos_only: ClassVar[Mapping[str, float | str]] = {
+        "ipc_coupling": 0.0,
+        "ipc_corner_coupling": 0.0,
+    }
+
+    ipc_coupling: Annotated[float, Field(ge=0, le=0.2, strict=True)] = Field(
+        0.0,
+        title="IPC coupling α",
+        description="inter-pixel capacitance: share of a pixel's signal that each of its 4 neighbours shows",
+        examples=[0.01],
+    )
+    ipc_corner_coupling: Annotated[float, Field(ge=0, le=0.1, strict=True)] = Field(
+        0.0,
+        description="the same share for each of its 4 diagonal neighbours",
+        examples=[0.001],
+    )
+
+    @model_validator(mode="after")
+    def _centre_is_largest(self) -> Self:
+        side, corner = self.ipc_coupling, self.ipc_corner_coupling
+        centre = 1 - 4 * side - 4 * corner
+        if centre < max(side, corner):
+            raise ValueError(
+                f"ipc_coupling is {side:g} and ipc_corner_coupling {corner:g}, which leave {centre:.3g} in the pixel "
+                "itself, less than in a neighbour; take smaller couplings, e.g. 0.01 and 0.001"
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class InterPixelCapacitance(Stage):
+    """Each pixel shows α of the charge of each of its four neighbours, and 1 − 4α of its own, behind the shot noise.
+
+    Nothing is random: the noise of neighbours becomes correlated, and the variance of a flat field is Σk² of what it
+    was, (1 − 4α)² + 4α², so that a photon transfer curve shows K·Σk² (Moore et al. 2006). No charge is lost: at
+    the edge of the window a pixel keeps the shares of the neighbours that are missing there. Noise of the amplifiers
+    comes behind the coupling and is not coupled.
+
+    side : α, of each of the four neighbours.  corner : of each of the four diagonal ones, 1 − 4α − 4·corner is left.
+    """
+
+    side: float
+    corner: float = 0.0
+    domain = "electrons"
+    table = "readout"
+    fields = InterPixelCapacitanceFields
+    terms = "inter-pixel capacitance, IPC, deterministic crosstalk (Moore et al. 2006)"
+    label = "inter-pixel capacitance"
+    no_noise = "set readout.ipc_coupling and readout.ipc_corner_coupling to 0"
+    reach_px: ClassVar[int] = 1
+
+    @classmethod
+    def from_camera(
+        cls, camera: Datasheet, before: tuple[Stage, ...]
+    ) -> InterPixelCapacitance | None:
+        """None for a camera whose pixels are not coupled."""
+        side, corner = camera.readout.ipc_coupling, camera.readout.ipc_corner_coupling
+        if side or corner:
+            return cls(side, corner)
+        return None
+
+    @property
+    def centre(self) -> float:
+        """What a pixel shows of its own charge."""
+        return 1 - 4 * self.side - 4 * self.corner
+
+    @property
+    def sum_of_squares(self) -> float:
+        """Σk² of the nine couplings: the variance of independent pixels behind the coupling, over that before."""
+        return self.centre**2 + 4 * self.side**2 + 4 * self.corner**2
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """The charge that each sense node shows [e-]; no longer whole numbers."""
+
+        def coupled(charge: Array) -> Array:
+            return self._coupled(charge, frame)
+
+        return electrons.changed(coupled, lambda light, dark: (coupled(light), coupled(dark)))
+
+    def moments(self, m: Moments) -> Moments:
+        """In a flat field whose pixels are independent: the mean stays, both variances are Σk² of what they were."""
+        share = self.sum_of_squares
+        return replace(m, temporal=m.temporal * share, spatial=m.spatial * share)
+
+    def _coupled(self, charge: Array, frame: Frame) -> Array:
+        """Σ k·charge over the pixel and its eight neighbours."""
+
+        def around(*places: tuple[int, int]) -> Array:
+            first, second, third, fourth = (frame.neighbour(charge, *place) for place in places)
+            return (first + second) + (third + fourth)
+
+        shown = frame.number(self.centre) * charge
+        if self.side:
+            sides = around((-1, 0), (1, 0), (0, -1), (0, 1))
+            shown = shown + frame.number(self.side) * sides
+        if self.corner:
+            corners = around((-1, -1), (1, 1), (-1, 1), (1, -1))
+            shown = shown + frame.number(self.corner) * corners
+        return shown

@@ -1,0 +1,201 @@
+"""Inter-pixel capacitance: a 3 × 3 coupling of the charge behind the shot noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.stage_tests import ENGINES, SQUARE, StageTests, backend_of
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.camera.figures import emva_figures
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.stages.effects.inter_pixel_capacitance import InterPixelCapacitance
+
+BASE = ms.load_camera("konnik_table1")
+SIDE, CORNER = 0.02, 0.005
+KERNEL = np.array([[CORNER, SIDE, CORNER], [SIDE, 0.9, SIDE], [CORNER, SIDE, CORNER]])
+COUPLED = BASE.replace(**{"readout.ipc_coupling": SIDE, "readout.ipc_corner_coupling": CORNER})
+SHOT_NOISE_ALONE = BASE.replace(
+    **{
+        "pixel.prnu": 0.0,
+        "dark_current.fom_na_per_cm2": 0.0,
+        "readout.dsnu_col": 0.0,
+        "source_follower.white_nv_per_rthz": 0.0,
+        "adc.black_level_dn": 16.0,
+    }
+)
+SHORT = ms.Exposure(0.1)
+
+
+class TestInterPixelCapacitance(StageTests):
+    """In a square window: the variance of the pixels at its edges is another one, which moves the average by 0.03 %."""
+
+    stage = InterPixelCapacitance
+    camera = COUPLED
+    without = BASE
+    neutral = (InterPixelCapacitance(0.0),)
+    shape = SQUARE
+
+    @pytest.mark.parametrize("engine", ENGINES)
+    def test_a_crop_of_a_frame_is_the_frame_of_the_crop(self, engine: str) -> None:
+        """But for the pixels at its edges, whose neighbours are not in it; at the edge of the sensor for them, too."""
+        options = {"precision": "float64"} if engine == "float64" else {"engine": engine}
+        backend_of(engine)
+        light = np.random.default_rng(1).uniform(0.0, 6e4, (40, 50))
+        whole = ms.expose(light, COUPLED, SHORT, **options).digital[0]  # type: ignore[arg-type]
+        for rows, columns in ((slice(0, 17), slice(0, 9)), (slice(9, 40), slice(30, 50))):
+            origin = rows.start, columns.start
+            part = ms.expose(light[rows, columns], COUPLED, SHORT, origin=origin, **options)  # type: ignore[arg-type]
+            top, left = min(rows.start, 1), min(columns.start, 1)
+            bottom, right = min(40 - rows.stop, 1), min(50 - columns.stop, 1)
+            inside = (
+                slice(top, part.digital.shape[1] - bottom),
+                slice(left, part.digital.shape[2] - right),
+            )
+            np.testing.assert_array_equal(part.digital[0][inside], whole[rows, columns][inside])
+
+
+def coupled(
+    charge: NDArray[np.float64], stage: InterPixelCapacitance, precision: str = "float64"
+) -> NDArray[np.float64]:
+    """What the sense nodes show of this charge."""
+    backend = backend_of("float64" if precision == "float64" else "numpy")
+    frame = ms.Frame(SHORT, SensorWindow(1, charge.shape, backend=backend))
+    found = stage.sample(ms.Electrons(charge.astype(precision), 0.0), frame)
+    return np.asarray(found.total, np.float64)
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_one_bright_pixel_shows_the_kernel(precision: str) -> None:
+    charge = np.zeros((7, 9))
+    charge[3, 4] = 1e4
+    shown = coupled(charge, InterPixelCapacitance(SIDE, CORNER), precision)
+    expected = np.zeros_like(charge)
+    expected[2:5, 3:6] = 1e4 * KERNEL
+    np.testing.assert_allclose(shown, expected, rtol=1e-6)
+
+
+def test_galsim_couples_the_same_image_the_same_way() -> None:
+    """Its kernel is of correlation and ours symmetric. At the edges it takes light from nowhere."""
+    galsim = pytest.importorskip("galsim")
+    charge = np.random.default_rng(3).poisson(2000.0, (30, 40)).astype(np.float64)
+    image = galsim.ImageD(charge.copy())
+    image.applyIPC(galsim.ImageD(KERNEL))
+    shown = coupled(charge, InterPixelCapacitance(SIDE, CORNER))
+    np.testing.assert_allclose(shown[1:-1, 1:-1], image.array[1:-1, 1:-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1), (1, 50), (50, 1), (2, 2), (30, 41)])
+@pytest.mark.parametrize("stage", [(0.2, 0.0), (0.12, 0.1), (0.02, 0.005), (0.0, 0.1)])
+def test_charge_is_conserved_and_a_flat_field_stays_flat_up_to_the_edge(
+    shape: tuple[int, int], stage: tuple[float, float]
+) -> None:
+    """Also for the largest couplings that a camera file can have, on sensors of one pixel or one line."""
+    charge = np.random.default_rng(4).uniform(0.0, 3e4, shape)
+    assert coupled(charge, InterPixelCapacitance(*stage)).sum() == pytest.approx(
+        charge.sum(), rel=1e-12
+    )
+    flat = coupled(np.full(shape, 1234.0), InterPixelCapacitance(*stage))
+    np.testing.assert_allclose(flat, 1234.0, rtol=1e-12)
+
+
+def photon_transfer(camera: ms.Camera) -> tuple[float, NDArray[np.float64]]:
+    """Slope of temporal variance against mean between two levels [DN], and the noise of the brighter [DN]."""
+    means, variances = [], []
+    for level in (1e3, 5e4):
+        light = np.full((512, 512), level)
+        pair = ms.expose(light, camera, SHORT, frames=2, engine="numpy").digital.astype(float)
+        noise = (pair[1] - pair[0]) / 2**0.5
+        means.append(pair.mean())
+        variances.append(noise.var())
+    return (variances[1] - variances[0]) / (means[1] - means[0]), noise
+
+
+def test_the_photon_transfer_curve_shows_848_thousandths_of_the_gain_at_2_percent() -> None:
+    """Σk² = (1 − 4α)² + 4α², for the same counts. Correlation of neighbours in a row 2α(1 − 4α)/Σk², as Moore et al.
+    measure it, of two in a diagonal 2α²/Σk²: within 5 of their standard errors, 1/512."""
+    alone, _ = photon_transfer(SHOT_NOISE_ALONE)
+    slope, noise = photon_transfer(SHOT_NOISE_ALONE.replace(**{"readout.ipc_coupling": 0.02}))
+    assert slope / alone == pytest.approx(0.848, rel=0.005)
+    beside = (noise[:, 1:] * noise[:, :-1]).mean() / noise.var()
+    diagonal = (noise[1:, 1:] * noise[:-1, :-1]).mean() / noise.var()
+    assert beside == pytest.approx(2 * 0.02 * 0.92 / 0.848, abs=5 / 512)
+    assert diagonal == pytest.approx(2 * 0.02**2 / 0.848, abs=5 / 512)
+
+
+def test_a_full_pixel_spills_nothing_but_its_neighbours_show_it() -> None:
+    """One pixel beyond its full well among dark ones: 33 000·α beside it, whatever the light."""
+    camera = SHOT_NOISE_ALONE.without("shot_noise").replace(**{"readout.ipc_coupling": 0.01})
+    light = np.zeros((5, 5))
+    light[2, 2] = 1e9
+    shown = ms.expose(light, camera, SHORT, precision="float64", keep="electrons").electrons
+    full_well_e = camera.pixel.full_well_e
+    assert shown is not None
+    assert shown[0, 2, 2] == pytest.approx(0.96 * full_well_e, rel=1e-12)
+    np.testing.assert_allclose(shown[0, [1, 3, 2, 2], [2, 2, 1, 3]], 0.01 * full_well_e)
+    assert shown[0, 1, 1] == 0
+
+
+@pytest.mark.exhaustive
+def test_the_engines_have_the_same_bytes_on_small_and_odd_sensors() -> None:
+    backend_of("drjit")
+    for shape in ((1, 1), (1, 37), (37, 1), (3, 5), (130, 67)):
+        light = np.random.default_rng(5).uniform(0.0, 4e4, shape)
+        numpy, drjit = (
+            ms.expose(light, COUPLED, SHORT, frames=2, engine=engine).digital
+            for engine in ("numpy", "drjit")
+        )
+        np.testing.assert_array_equal(numpy, drjit)
+
+
+def test_dark_figures_have_the_noise_that_is_left() -> None:
+    """σ_d² of dark shot noise behind the coupling, Σk² times it; read noise stays: a closed form."""
+    hot, exposure = BASE.replace(**{"dark_current.fom_na_per_cm2": 1.0}), ms.Exposure(1.0)
+    cameras = hot, hot.without("shot_noise"), hot.replace(**{"readout.ipc_coupling": 0.02})
+    apart, read, beside = (
+        emva_figures(camera, exposure).temporal_dark_noise_e ** 2 for camera in cameras
+    )
+    assert apart > 3 * read
+    assert beside == pytest.approx(0.848 * (apart - read) + read, rel=1e-6)
+
+
+@pytest.mark.exhaustive
+def test_check_stage_compares_its_moments_inside_the_windows() -> None:
+    stage = next(x for x in COUPLED.stages if isinstance(x, InterPixelCapacitance))
+    assert len(ms.check_stage(stage, camera=COUPLED).comparisons) > 50
+
+
+REFUSED = {
+    "percent": ({"readout.ipc_coupling": 2.0}, "less than or equal to 0.2"),
+    "negative": ({"readout.ipc_coupling": -0.01}, "greater than or equal to 0"),
+    "hollow": (
+        {"readout.ipc_coupling": 0.2, "readout.ipc_corner_coupling": 0.01},
+        r"leave 0\.16 in the pixel itself.*take smaller",
+    ),
+    "ccd": (
+        {"sensor.technology": "ccd", "readout.dsnu_col": 0.0, "readout.ipc_coupling": 0.01},
+        "set readout.ipc_coupling to 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_impossible_couplings_are_refused_with_the_way_out(case: str) -> None:
+    fields, said = REFUSED[case]
+    with pytest.raises(ms.InputError, match=said):
+        BASE.replace(**fields)
+
+
+def test_what_needs_the_law_of_a_pixel_says_how_to_switch_the_coupling_off() -> None:
+    frames = ms.expose(np.full((8, 8), 100.0), COUPLED, SHORT)
+    with pytest.raises(
+        ms.InputError, match=r"average many frames, or set readout\.ipc_coupling"
+    ):
+        _ = frames.clean
+    with pytest.raises(ms.InputError, match=r"or set readout\.ipc_coupling"):
+        ms.differentiable(np.full((4, 4), 100.0), COUPLED, SHORT, parameters="photons")
+    with pytest.raises(ms.InputError, match=r"is no noise source; set readout\.ipc_coupling"):
+        COUPLED.without("inter-pixel capacitance")
+    said = ms.plan(COUPLED, SHORT, np.full((8, 8), 100.0)).explain()
+    assert "it couples neighbours" in said
