@@ -3,56 +3,49 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias, Unpack, cast
-
-import numpy as np
+from typing import Any, NamedTuple, Unpack, cast
 
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
-from .capture_options import CaptureOptions, check_asked_files, refuse_render_options
+from .capture_options import CaptureOptions, check_asked_files
 from .core import Exposure, InputError, Photons, tells_of_names, warn_of
 from .core.heap import trim_heap
-from .core.options import complete, documents, part_of, used
+from .core.options import complete, documents, used
+from .exposed import (
+    Exposed,
+    Light,
+    Request,
+    Scene,
+    expose_light,
+    render_each_frame,
+    render_once,
+    timed,
+)
 from .files import tiff
-from .files.appearing import output_folder
+from .files.appearing import output_folder, output_folders
 from .files.openexr import is_exr
+from .files.sensor_names import ALL_SENSORS
 from .output import exr
-from .output.dng import check_dng, dng_names, write_dng
+from .output.dng import dng_names, write_dng
 from .output.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
 from .output.frames import Frames
-from .output.light_files import read_irradiance
-from .render.denoise.network import denoised_if_possible, is_undecided
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
-from .render.light.light_sum import check_group_names
-from .render.light.photons import collected, metered, photons_of
 from .render.motion.aovs import Aovs
-from .render.motion.moving_scene import MovingScene
-from .render.options import FrameSeriesOptions, RenderOptions
-from .render.passes.passes import hashed_seed
-from .render.passes.per_frame import FrameSeries
-from .render.passes.prepared import PreparedRender, prepare
+from .render.motion.motion import read_motion
 from .render.passes.render_notes import notes_after_render
-from .render.passes.stop_criterion import Progress, RenderProgress, StopCriterion
+from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput
-from .render.scene.scene_settings import ParsedScene
+from .render.scene.scene_sensors import sensor_taken
+from .render.scene.scene_settings import ParsedScene, parse_sensors
 from .render.variants import restores_variant
-from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
 from .sensor.metering import AskedExposure, Metering, checked_exposure
-from .sensor.options import ExposeOptions
-from .theory.pixel_moments import check_clean_is_known
-from .theory.planned_exposure import prepare_planned_exposure
-from .timed_frames import TimedFrame, expose_frames, expose_moving, series_facts, write_video
-
-Scene: TypeAlias = SceneInput | ParsedScene
-Light: TypeAlias = str | os.PathLike[str] | Irradiance
+from .timed_frames import TimedFrame, series_facts, write_video
 
 
 @tells_of_names
@@ -70,6 +63,7 @@ class Capture:
     aovs : depth, normals, … of the same pixels, if asked for.
     timed : the frames one by one, where they follow each other in time (``fps``).
     metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.
+    sensors : with ``sensor="all"`` the capture of each sensor by its name, of which this one is the first; else none.
     """
 
     frames: Frames
@@ -79,38 +73,47 @@ class Capture:
     metadata: dict[str, Any]
     rendered: bool
     timed: tuple[TimedFrame, ...] = ()
+    sensors: Mapping[str, Capture] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Capture: {self.frames!r}, {self.light!r}>"
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, and what else was asked for.
+        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, and what else was asked for; of
+        several sensors each into a folder of its name.
 
         All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
         """
-        gain = float(self.metadata["options"]["preview_gain"])
-        with output_folder(
-            os.fspath(folder), CAPTURE_FILES if self.rendered else FRAME_FILES
-        ) as scratch:
-            write_frames(scratch, self.frames, self.metadata, gain)
-            if self.metadata["options"]["clean"]:
-                each, shared = self.frames.own_clean, self.frames.clean
-                clean_name, variance_name = CLEAN
-                tiff.write_tiff(scratch / clean_name, shared if each is None else each)
-                tiff.write_tiff(scratch / variance_name, self.frames.temporal_variance)
-            if self.metadata["options"]["dng"]:
-                for number, name in enumerate(dng_names(self.frames)):
-                    if self.timed:
-                        write_dng(scratch / name, self.timed[number].frames, 0)
-                    else:
-                        write_dng(scratch / name, self.frames, number)
-            write_video(scratch, self.timed, gain)
-            if self.rendered and not self.metadata["options"]["no_irradiance"]:
-                exr.write_irradiance_exr(
-                    scratch / "irradiance.exr", self.light, self.metadata["options"]["half"]
-                )
-            if self.aovs is not None:
-                exr.write_aovs_exr(scratch / "aovs.exr", self.aovs)
+        if self.sensors:
+            with output_folders(folder, self.sensors, CAPTURE_FILES) as folders:
+                for name, one in self.sensors.items():
+                    one.write(folders[name])
+            return
+        names = CAPTURE_FILES if self.rendered else FRAME_FILES
+        with output_folder(os.fspath(folder), names) as scratch:
+            self.write(scratch)
+
+    def write(self, folder: Path) -> None:
+        """Write these files into an empty folder, one by one."""
+        options = self.metadata["options"]
+        gain = float(options["preview_gain"])
+        write_frames(folder, self.frames, self.metadata, gain)
+        if options["clean"]:
+            each, shared = self.frames.own_clean, self.frames.clean
+            clean_name, variance_name = CLEAN
+            tiff.write_tiff(folder / clean_name, shared if each is None else each)
+            tiff.write_tiff(folder / variance_name, self.frames.temporal_variance)
+        if options["dng"]:
+            for number, name in enumerate(dng_names(self.frames)):
+                if self.timed:
+                    write_dng(folder / name, self.timed[number].frames, 0)
+                else:
+                    write_dng(folder / name, self.frames, number)
+        write_video(folder, self.timed, gain)
+        if self.rendered and not options["no_irradiance"]:
+            exr.write_irradiance_exr(folder / "irradiance.exr", self.light, options["half"])
+        if self.aovs is not None:
+            exr.write_aovs_exr(folder / "aovs.exr", self.aovs)
 
 
 @documents(CaptureOptions)
@@ -136,21 +139,67 @@ def capture(
         rendered for, and so is its serial number; else konnik_table1, as a note says, and a metered exposure ("auto").
     progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
+    With ``sensor="all"`` every sensor of the scene takes a frame of the same instant: ``captured.sensors["left"]``.
     Everything is checked before the first ray is traced. Raises InputError.
     """
     chosen, asked = camera_of(camera), complete(CaptureOptions, options)
     check_asked_files(asked)
     when = checked_exposure(chosen, exposure)
     with told_progress(progress, "capture", asked) as tell:
-        return _captured(Request(source, chosen, when, asked, tell))
+        if asked["sensor"] != ALL_SENSORS or _is_light(source):
+            return _captured(Request(source, chosen, when, asked, tell))
+        parsed = parse_sensors(cast(SceneInput, source), asked)
+        return capture_sensors(
+            {name: SensorView(one, chosen, when) for name, one in parsed.items()}, asked, tell
+        )
+
+
+class SensorView(NamedTuple):
+    """A scene as one of its sensors sees it, and what it is rendered for; None for what the scene says."""
+
+    scene: ParsedScene
+    camera: Camera | None
+    exposure: Exposure | Metering | None
+
+
+def capture_sensors(
+    views: Mapping[str, SensorView], options: CaptureOptions, progress: Progress | None
+) -> Capture:
+    """A capture of each sensor of a scene, by name, one after the other and of the same instant. Raises InputError."""
+    check_sensors(views, options)
+    captures = dict[str, Capture]()
+    for name, view in views.items():
+        asked: CaptureOptions = {**options, "sensor": name}
+        captures[name] = _captured(Request(*view, asked, progress))
+    return replace(next(iter(captures.values())), sensors=captures)
+
+
+def check_sensors(names: Collection[str], options: CaptureOptions) -> None:
+    """Raise InputError for poses in the world that would put all sensors of a scene into one place."""
+    if len(names) < 2:
+        return
+    camera = read_motion(options["motion"]).camera
+    in_world = camera is not None and any(key.pose is not None for key in camera.keys)
+    for what, given, remedy in (
+        ("look_at", options["look_at"] is not None, "move them in the scene file"),
+        ("the motion", in_world, "give its keys move_m and turn_deg"),
+    ):
+        if given:
+            raise InputError(
+                f"{what} has a pose of the camera in the world, where all {len(names)} sensors would be in one "
+                f"place; {remedy}, or take one sensor ({', '.join(names)})."
+            )
+
+
+def _is_light(source: Scene | Light) -> bool:
+    """Whether it is rendered already."""
+    is_file = isinstance(source, str | os.PathLike)
+    return isinstance(source, Irradiance) or (is_file and is_exr(cast(str, source)))
 
 
 def _captured(request: Request) -> Capture:
     """The light, the frames and the files that are asked for."""
-    source = request.source
-    if isinstance(source, Irradiance) or (
-        isinstance(source, str | os.PathLike) and is_exr(source)
-    ):
+    if _is_light(request.source):
         exposed = expose_light(request)
     elif request.options["render_noise"] == "shared":
         exposed = render_once(request)
@@ -165,218 +214,6 @@ def _captured(request: Request) -> Capture:
     warn_of(frames.exposure_notes if render is None else notes_after_render(light, frames))
     rendered = render is not None
     return Capture(frames, light, frames.light, aovs, metadata, rendered, exposed.timed)
-
-
-@dataclass(frozen=True, eq=False)
-class Request:
-    """What a capture is asked for.
-
-    camera, exposure : None for those of the scene or the light.  options : all of them.
-    times_s : wall-clock seconds of each step, noted as they end.
-    """
-
-    source: Scene | Light
-    camera: Camera | None
-    exposure: Exposure | Metering | None
-    options: CaptureOptions
-    progress: Progress | None
-    times_s: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Exposed:
-    """Frames, and the light that they were exposed to.
-
-    origin : where the light comes from, for the metadata.  options : with the serial number that was taken.
-    render : of the scene; None for light that was rendered before.  timed : frames that follow each other in time.
-    """
-
-    frames: Frames
-    light: Irradiance
-    origin: Mapping[str, object]
-    options: CaptureOptions
-    render: PreparedRender | None = None
-    timed: tuple[TimedFrame, ...] = ()
-
-
-def expose_light(request: Request) -> Exposed:
-    """Frames of light that is rendered already."""
-    refuse_render_options(request.options)
-    source = cast(Light, request.source)
-    path = None if isinstance(source, Irradiance) else Path(source)
-    with timed(request.times_s, "read irradiance"):
-        light = source if isinstance(source, Irradiance) else read_irradiance(source)
-        light = light.before_denoising() if request.options["raw_light"] else light
-        light = lit_as_asked(light, request.options)
-    begin_s = FrameTimes.of(request.options).of_frame(request.options["first_frame"])
-    asked = request.options["serial"], request.options["gain"], begin_s
-    photons, camera, exposure, serial = collected(
-        light, request.camera, request.exposure, *asked
-    )
-    options: CaptureOptions = {**request.options, "serial": serial}
-    metering = request.exposure
-    if metering is None and light.rendered_for is None:
-        metering = Metering()
-    origin = {
-        "irradiance": path,
-        "as_rendered": light.rendered_for.shared_with(camera, exposure, serial)
-        if light.rendered_for
-        else [],
-        "metering": metering.record(exposure) if isinstance(metering, Metering) else None,
-    }
-    sensor = prepare_planned_exposure(
-        camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options)
-    )
-    check_frame_files(sensor, options)
-    with timed(request.times_s, "expose"):
-        exposed = expose_frames(sensor.of(photons), light, options, request.progress)
-    return Exposed(exposed.frames, light, origin, options, timed=exposed.timed)
-
-
-def render_once(request: Request) -> Exposed:
-    """One render of a scene, and all frames of it; where something moves in time, a render for each."""
-    options, progress = request.options, request.progress
-    times = FrameTimes.of(options)
-    undecided = is_undecided(part_of(RenderOptions, options))
-    rendering = denoised_if_possible(part_of(RenderOptions, options))
-    rendering["start_s"] = times.of_frame(options["first_frame"])
-    with timed(request.times_s, "render"):
-        started = time.monotonic()
-        given = cast(Scene, request.source), request.camera, request.exposure
-        render = prepare(*given, undecided=undecided, **rendering)
-        if options["chain"] == "konnik2014" and len(render.bands) != 1:
-            raise InputError(
-                "chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550."
-            )
-        sensor = render.sensor(part_of(ExposeOptions, options))
-        check_frame_files(sensor, options)  # before the first ray
-        if options["lights"] is not None:
-            check_group_names(options["lights"], [group.name for group in render.light_groups])
-        if render.metering is None and options["auto_exposure"] is None:
-            times.check(render.exposure)
-        stop = render.stop_criterion(rendering)
-        if isinstance(render.scene, MovingScene) and times.period_s is not None:
-            decided = replace(render, undecided=False)  # alike in all frames
-            return render_in_time(request, decided, sensor, stop)
-        light = render.render(sensor.first.seed, stop, progress, started=started)
-        render.renderer.release()
-    with timed(request.times_s, "expose"):
-        exposure = render.exposure_of(light)
-        lit = lit_as_asked(light, options)
-        if lit is not light and render.metering is not None:
-            exposure = metered(lit, render.camera, render.metering)
-        photons = photons_of(lit, render.camera, exposure, rendering["start_s"])
-        exposed = expose_frames(sensor.at(exposure).of(photons), lit, options, progress)
-    scene = exposed_of_scene(request, render, light, exposed.frames)
-    return replace(scene, timed=exposed.timed)
-
-
-def render_in_time(
-    request: Request, render: PreparedRender, sensor: PreparedExposure, stop: StopCriterion
-) -> Exposed:
-    """A render for every frame of a scene that moves, at its own time; the scene is loaded once. Irradiance and
-    metadata are those of the first."""
-    options, progress, seed = request.options, request.progress, sensor.first.seed
-    assert isinstance(render.scene, MovingScene)
-    subframes, lights = render.scene.asked_subframes, list[Irradiance]()
-
-    def light_of(number: int, begin_s: float, exposure: Exposure) -> Irradiance:
-        one = render.moved_to(render.motion, begin_s, exposure, subframes)
-
-        def tell(step: RenderProgress) -> None:
-            if progress is not None:
-                progress(replace(step, frame=number))
-
-        light = one.render(hashed_seed(seed, -3, number) if number else seed, stop, tell)
-        one.renderer.release()
-        lights.extend([] if lights else [light])
-        return lit_as_asked(light, options)
-
-    exposed = expose_moving(sensor, light_of, options)
-    scene = exposed_of_scene(request, render, lights[0], exposed.frames)
-    return replace(scene, timed=exposed.timed)
-
-
-def lit_as_asked(light: Irradiance, options: CaptureOptions) -> Irradiance:
-    """The light with the levels of its groups that are asked for."""
-    return light if options["lights"] is None else light.with_lights(options["lights"])
-
-
-def render_each_frame(request: Request) -> Exposed:
-    """A render of a scene for every frame; irradiance and metadata are those of the first."""
-    options, noise = request.options, request.options["render_noise"]
-    assert noise != "shared"
-    if options["chain"] != "physical":
-        raise InputError(
-            f"render_noise is {noise!r}, which is for the physical chain; leave the chain out."
-        )
-    if options["light_groups"] is not None or options["lights"] is not None:
-        raise InputError(
-            f"render_noise is {noise!r} and light_groups are kept for later exposures of one render; leave one of "
-            "both out."
-        )
-    with timed(request.times_s, "render and expose"):
-        scene, series_options = (
-            cast(Scene, request.source),
-            part_of(FrameSeriesOptions, options),
-        )
-        series = FrameSeries.prepare(
-            scene, request.camera, request.exposure, series_options, noise
-        )
-        check_frame_files(series.sensor, options)
-        renders, parts = [], list[Frames]()
-        for render in series.renders(request.progress):
-            renders.append(render)
-            parts.append(
-                Frames.exposed(render.exposed)
-                if parts
-                else Frames.exposed_with_report(render.exposed)
-            )
-    left = {
-        "uncompensated": float(np.mean([render.uncompensated for render in renders])),
-        "above_shot_noise": float(np.mean([render.above_shot_noise for render in renders])),
-    }
-    frames = Frames.joined(parts, with_clean=options["clean"])
-    return exposed_of_scene(request, series.prepared, renders[0].light, frames, left)
-
-
-def exposed_of_scene(
-    request: Request,
-    render: PreparedRender,
-    light: Irradiance,
-    frames: Frames,
-    left: Mapping[str, float] | None = None,
-) -> Exposed:
-    """The frames of a scene.  left : what the noise of renders for every frame leaves in the frames."""
-    options = request.options
-    origin = {
-        "scene": render.parsed.file.path,
-        "parameters": dict(options["parameters"] or {}),
-        "motion": used(CaptureOptions, options)["motion"],
-        "render_noise": options["render_noise"],
-        "metering": light.statistics.metering,
-        **(left or {}),
-    }
-    return Exposed(frames, light.of_serial(frames.first.window.serial), origin, options, render)
-
-
-def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None:
-    """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known, and for more of
-    them than memory holds."""
-    sensor.check_memory(options["frames"])
-    if options["clean"]:
-        check_clean_is_known(sensor.stages)
-    if options["dng"]:
-        check_dng(sensor.camera, sensor.first.window.shape)
-
-
-@contextmanager
-def timed(times_s: dict[str, float], name: str) -> Iterator[None]:
-    """Note the wall-clock seconds that the block takes, and give back the memory that it no longer needs."""
-    start = time.perf_counter()
-    yield
-    trim_heap()
-    times_s[name] = round(time.perf_counter() - start, 4)
 
 
 def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any]:
@@ -403,6 +240,7 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
         "summary": summary,
         "notes": notes,
         "origin": {**exposed.origin, "scene_sha256": statistics["scene_sha256"]},
+        "sensor": sensor_facts(exposed),
         **of_frames,
         "options": used(CaptureOptions, options),
         "series": series_facts(exposed.timed, options),
@@ -417,4 +255,20 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
         "effects": planned.get("stages", []),
         "float32": planned.get("float32"),
         "times_s": times_s,
+    }
+
+
+def sensor_facts(exposed: Exposed) -> dict[str, object] | None:
+    """The sensor of the scene that took the frames, where it was and when; None for light that was rendered before.
+
+    to_world : pose, 4×4 with lengths in metres, when the first frame began.  start_s : when that was [s].
+    """
+    if exposed.render is None:
+        return None
+    sensor, times = sensor_taken(exposed.render.parsed.file), FrameTimes.of(exposed.options)
+    return {
+        "name": sensor.name,
+        "number": sensor.number,
+        "to_world": exposed.light.statistics.camera_to_world,
+        "start_s": times.of_frame(exposed.options["first_frame"]),
     }

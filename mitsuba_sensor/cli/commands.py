@@ -9,7 +9,12 @@ import typer
 
 import mitsuba_sensor as ms
 
-from ..capture_options import CaptureOptions, LightOptions, refuse_render_options
+from ..capture_options import (
+    CaptureOptions,
+    LightOptions,
+    check_asked_files,
+    refuse_render_options,
+)
 from ..core.options import complete
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from . import arguments, options
@@ -44,15 +49,18 @@ def render(
     """Render SCENE and expose a camera to it.
 
     Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --dng, --aovs and --clean if
-    asked for): all, or none.
+    asked for): all, or none. With --sensor all these are in DIR/NAME for each sensor of the scene.
     """
     from ..files.appearing import output_folder
+    from ..files.sensor_names import ALL_SENSORS
     from ..output.frame_files import CAPTURE_FILES
     from .inputs import render_input
     from .progress import render_progress
     from .remarks import taken_by_default, written
     from .terminal import summary
 
+    if flags["sensor"] == ALL_SENSORS:
+        return _render_sensors(scene, Path(out_dir), as_json, flags)
     given, asked = render_input(scene, flags)
     with (
         output_folder(out_dir, CAPTURE_FILES) as folder,
@@ -65,6 +73,39 @@ def render(
     show(found.metadata if as_json else summary(found.metadata, str(out_dir)), as_json)
     defaults = taken_by_default(flags, given.scene.settings, given.camera)
     show_remarks(as_json, [*defaults, written(out_dir, CAPTURE_FILES)])
+
+
+def _render_sensors(scene: str, out_dir: Path, as_json: bool, flags: options.Flags) -> None:
+    """``render --sensor all``: a folder below ``out_dir`` for each sensor of the scene."""
+    from rich.console import Group
+
+    from ..capture import capture_sensors
+    from ..files.appearing import output_folders
+    from ..output.frame_files import CAPTURE_FILES
+    from .inputs import render_inputs
+    from .progress import render_progress
+    from .remarks import taken_by_default, written
+    from .terminal import summary
+
+    views, flags_left = render_inputs(scene, flags)
+    asked = complete(CaptureOptions, flags_left)
+    check_asked_files(asked)
+    with (
+        output_folders(out_dir, views, CAPTURE_FILES) as folders,
+        render_progress(err, flags_left) as progress,
+    ):
+        found = capture_sensors(views, asked, progress)
+        for name, one in found.sensors.items():
+            one.write(folders[name])
+    reports = {name: one.metadata for name, one in found.sensors.items()}
+    pages = [summary(report, str(out_dir / name)) for name, report in reports.items()]
+    show(reports if as_json else Group(*pages), as_json)
+    remarks = dict[str, None]()
+    for view in views.values():
+        assert view.camera is not None
+        remarks |= dict.fromkeys(taken_by_default(flags, view.scene.settings, view.camera))
+    wrote = [written(out_dir / name, CAPTURE_FILES) for name in views]
+    show_remarks(as_json, [*remarks, *wrote])
 
 
 @app.command(

@@ -8,9 +8,10 @@ import mitsuba_sensor as ms
 
 from ..camera.camera_file import toml_value
 from ..camera.shipped import DEFAULT_CAMERA
+from ..capture import SensorView
 from ..core import InputError, first_given
 from ..render.light.irradiance import RenderedFor
-from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
+from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse, parse_sensors
 from ..sensor.metering import Metering
 from ..stages.usual_range import temperature_note
 from . import options
@@ -33,6 +34,15 @@ def render_input(scene: str, flags: Flags) -> tuple[RenderInput, dict[str, Flag]
     """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
     parsed = parse(scene, flags)
     return RenderInput(parsed, *camera_and_exposure(flags, parsed.settings)), other_flags(flags)
+
+
+def render_inputs(scene: str, flags: Flags) -> tuple[dict[str, SensorView], dict[str, Flag]]:
+    """The scene as each of its sensors sees it, by name, parsed once; and all other flags."""
+    views = {
+        name: SensorView(parsed, *camera_and_exposure(flags, parsed.settings))
+        for name, parsed in parse_sensors(scene, flags).items()
+    }
+    return views, other_flags(flags)
 
 
 def other_flags(flags: Flags) -> dict[str, Flag]:

@@ -33,18 +33,28 @@ def list_command(as_json: arguments.Json = False) -> None:
 
 @scenes.command("show", cls=Command, epilog="Example: mitsuba-sensor scenes show still_life")
 def show_scene(name: arguments.SceneName, as_json: arguments.Json = False) -> None:
-    """What can be set in one scene by `-D NAME=VALUE`, and where its file is."""
-    from ..files.shipped_scenes import scene_description, scene_file, scene_parameters
+    """What can be set in one scene by `-D NAME=VALUE`, its sensors for `--sensor`, and where its file is."""
+    from ..files.shipped_scenes import (
+        scene_description,
+        scene_file,
+        scene_parameters,
+        scene_sensors,
+    )
 
     file, description = scene_file(name), scene_description(name)
-    parameters = scene_parameters(name)
+    parameters, sensors = scene_parameters(name), scene_sensors(name)
     if as_json:
-        facts = {"name": name, "description": description, "file": str(file)}
+        facts = {
+            "name": name,
+            "description": description,
+            "file": str(file),
+            "sensors": sensors,
+        }
         return show({**facts, "parameters": [one._asdict() for one in parameters]}, True)
     table = FittedTable(("-D", "default", "meaning"))
     for one in parameters:
         table.add_row(one.name, Text(one.value), Text(one.meaning))
-    show(f"{description}\n{file}", False)
+    show(f"{description}\n{file}\nsensors: {', '.join(sensors)}", False)
     show(table, False)
 
 

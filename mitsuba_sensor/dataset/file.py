@@ -40,6 +40,7 @@ OUTPUTS: tuple[str, ...] = get_args(Output)
 OF_SCENE = (
     "parameters",
     "traverse",
+    "sensor",
     "motion",
     "scene_unit",
     "integrator",

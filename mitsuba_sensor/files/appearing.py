@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -68,13 +68,26 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             raise
 
 
+@contextmanager
+def output_folders(
+    path: str | os.PathLike[str], folders: Iterable[str], names: Sequence[str]
+) -> Iterator[dict[str, Path]]:
+    """Yield a scratch folder for each of the ``folders`` in ``path``, by its name; see :func:`output_folder`."""
+    refuse_empty(path, "-o", "give the name of a folder, e.g. -o out")
+    with ExitStack() as stack:
+        yield {
+            name: stack.enter_context(output_folder(Path(path) / name, names))
+            for name in folders
+        }
+
+
 def write_drawing(path: Path, content: bytes) -> None:
     """A file that is already made, a drawn PNG for example."""
     with appearing(path, len(content)) as temporary:
         temporary.write_bytes(content)
 
 
-def refuse_empty(path: Path | str, name: str, remedy: str) -> None:
+def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:
     """Raise InputError for an empty path, which would be the current folder. name : of the option."""
     if not os.fspath(path):
         raise InputError(f"{name} is empty; {remedy}.")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError, nearest
+from .sensor_names import sensor_name
 
 PACKAGE = Path(__file__).parents[1]
 SCENE, MOTION = ".xml", ".toml"
@@ -88,6 +89,16 @@ def scene_parameters(name: str) -> list[SceneParameter]:
         SceneParameter(one["name"], one["value"], _plain(one["comment"] or ""))
         for one in DEFAULT.finditer(scene_file(name).read_text("utf-8"))
     ]
+
+
+def scene_sensors(name: str) -> list[str]:
+    """What ``render --sensor`` calls its sensors, in their order."""
+    text = re.sub(COMMENT, "", scene_file(name).read_text("utf-8"), flags=re.S)
+    sensors = list[str]()
+    for number, tag in enumerate(re.findall(r"<sensor\b[^>]*>", text)):
+        given = re.search(r'\bid="([^"]*)"', tag)
+        sensors.append(sensor_name(given[1] if given else "", number))
+    return sensors
 
 
 def _plain(comment: str) -> str:

@@ -5,6 +5,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
+from ..core import InputError
 from ..core.options import Option
 from ..sensor.options import FrameOptions, Gain, StartOptions
 from .limits import (
@@ -44,6 +45,15 @@ def _checked_look_at(name: str, value: object) -> object:
     return checked_look_at(name, value)
 
 
+def _checked_sensor(name: str, value: object) -> str:
+    """The id or number of a sensor, as text. Raises InputError."""
+    if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
+        return str(value)
+    raise InputError(
+        f"{name} is {value!r}; give the id of a sensor, its number from 0, or 'all'."
+    )
+
+
 class FileOptions(TypedDict, total=False):
     """How a scene file is parsed: parameters, Mitsuba variant, what is replaced in it."""
 
@@ -65,6 +75,16 @@ class FileOptions(TypedDict, total=False):
             metavar="NAME=VALUE",
             text=list[str],
             check=_checked_traverse,
+        ),
+    ]
+    sensor: Annotated[
+        str | int | None,
+        Option(
+            "The sensor of the scene file that takes the picture: its id, or its number from 0; all: a frame of each, "
+            "of the same instant, in a folder of its own. Default: the first one.",
+            metavar="NAME|all",
+            check=_checked_sensor,
+            text=str,
         ),
     ]
     variant: Annotated[

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..passes.passes import SAMPLER
 from ..scene.scene_file import POLARISING, SceneFile
+from ..scene.scene_sensors import sensors_of
 from ..scene.scene_settings import FILM
 from ..variants import MitsubaObject, mitsuba
 from .finding import Finding, lines_of, most_serious_first, places
@@ -241,6 +242,8 @@ def _sensors(scene: SceneFile) -> Iterator[Finding]:
             f"{SPECTRAL_RESPONSE} replaced by that of the camera",
         )
     sensors = [node for _, node in scene.children(scene.root, "Sensor")]
-    if len(sensors) > 1:
-        what = f"the scene has {len(sensors)} sensors; the first one was taken"
-        yield Finding("note", lines_of(scene, sensors[1:]), what, "put the one you want first")
+    if len(sensors) > 1 and scene.chosen is None:
+        names = ", ".join(sensors_of(scene))
+        what = f"the scene has {len(sensors)} sensors ({names}); the first one was taken"
+        remedy = "--sensor NAME takes another one, and --sensor all a frame of each"
+        yield Finding("note", lines_of(scene, sensors[1:]), what, remedy)

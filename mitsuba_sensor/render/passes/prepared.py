@@ -8,7 +8,7 @@ from typing import Literal, Unpack, cast
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
-from ...core import Exposure, Float64Array, first_given, require_seed, warn_of
+from ...core import Exposure, Float64Array, first_given, warn_of
 from ...core.options import complete, documents
 from ...optics.f_number_law import shading
 from ...optics.intrinsics import aperture_f_number, intrinsics
@@ -148,8 +148,8 @@ class PreparedRender:
         return 0.0 if isinstance(self.scene, Scene) else self.scene.begin_s
 
     def seed(self, given: int | None) -> int:
-        """The seed that was given, else the scene file's, else 1. Raises InputError."""
-        return require_seed("seed", first_given(given, self.parsed.settings.seed, 1))
+        """The seed that was given, else the scene file's, else 1, as this sensor has it. Raises InputError."""
+        return self.parsed.seed(given)
 
     def stop_criterion(self, options: RenderOptions) -> StopCriterion:
         """When a render of these bands is good enough."""
@@ -186,7 +186,7 @@ class PreparedRender:
         found = renderer.result()
         if not (found.data.any() or self.is_group):
             refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
-        exposure, serial = self.exposure, self.parsed.settings.serial
+        exposure, serial = self.exposure, self.parsed.serial(None)
         light = self._irradiance(found, raw, self._statistics(stop, end, began, exposure, raw))
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
@@ -257,13 +257,10 @@ class PreparedRender:
         """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
         number are by default the scene file's, else 1. Raises InputError."""
         (columns, rows), (column, row) = self.scene.view.crop_size, self.scene.view.crop_offset
-        serial = require_seed(
-            "serial", first_given(options.get("serial"), self.parsed.settings.serial, 1)
-        )
         seeds: ExposeOptions = {
             **options,
             "seed": self.seed(options.get("seed")),
-            "serial": serial,
+            "serial": self.parsed.serial(options.get("serial")),
         }
         return prepare_planned_exposure(
             self.camera, self.exposure, (rows, columns), (row, column), seeds

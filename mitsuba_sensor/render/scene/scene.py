@@ -1,6 +1,6 @@
 """Loads any Mitsuba 3 scene file and replaces its film by one of spectral bands.
 
-Film and sampler of the first sensor are replaced between parsing and building, so that any scene (rgb, any film or
+Film and sampler of one sensor are replaced between parsing and building, so that any scene (rgb, any film or
 filter) renders as spectral irradiance. Nothing else is changed, and notes say what was replaced.
 """
 
@@ -269,7 +269,7 @@ def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | 
 
 
 def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
-    """Replace film and sampler of the first sensor; remove other sensors; unwrap integrators that add channels."""
+    """Replace film and sampler of the sensor; remove other sensors; unwrap integrators that add channels."""
     mi, node = mitsuba(), scene.sensor()
     refuse_misspelt(scene)
     for name, _ in scene.children(node.props, "Film", "Sampler"):

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from ...core import InputError
 from ..variants import MitsubaObject, mitsuba
@@ -27,6 +28,14 @@ AS_TEXT = (
 POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 
 
+class ChosenSensor(NamedTuple):
+    """A sensor of a scene.  key : its name in the properties of the scene.  number : its place among the sensors."""
+
+    key: str
+    name: str
+    number: int
+
+
 @dataclass(frozen=True, eq=False)
 class SceneFile:
     """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names.
@@ -40,6 +49,7 @@ class SceneFile:
     ignore_polarization : whether elements that polarise light are rendered in unpolarised light.
     resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
     edits : what is changed when it is built.
+    chosen : the sensor that was asked for; None for the first one.
     """
 
     path: Path
@@ -55,6 +65,7 @@ class SceneFile:
     content: bytes = b""
     loaded: MitsubaObject = None
     edits: SceneEdits = field(default_factory=SceneEdits)
+    chosen: ChosenSensor | None = None
 
     @property
     def name(self) -> str:
@@ -94,9 +105,10 @@ class SceneFile:
         )
 
     def sensor(self) -> MitsubaObject:
-        """The node of the scene's first sensor; raises InputError if there is none."""
-        for _, sensor in self.children(self.root, "Sensor"):
-            return sensor
+        """The node of the sensor that was asked for, else of the first one; raises InputError if there is none."""
+        for key, sensor in self.children(self.root, "Sensor"):
+            if self.chosen is None or self.chosen.key == key:
+                return sensor
         raise InputError(f"scene {self.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
 
     def film(self) -> MitsubaObject:
@@ -113,6 +125,8 @@ class SceneFile:
         if self.changes:
             digest.update(json.dumps(self.changes).encode())
         digest.update(self.edits.digest())
+        if self.chosen is not None and self.chosen.number:
+            digest.update(f"sensor {self.chosen.number}".encode())
         return digest.hexdigest()
 
     def build(self) -> MitsubaObject:

@@ -54,6 +54,7 @@ POLARISERS = (
 # Options which change a scene before it is loaded:
 OPTIONS = (
     "parameters",
+    "sensor",
     "integrator",
     "motion",
     "ignore_polarization",
@@ -157,8 +158,10 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
         content=content,
     )
     file = replace(file, loaded=loaded)
-    for field, value in fields.items():
-        file.film().props[field] = value
+    for key, node in file.children(file.root, "Sensor"):
+        for _, film in file.children(node.props, "Film"):
+            for field, value in fields.get(key, {}).items():
+                film.props[field] = value
     return with_integrator(file, options.get("integrator"))
 
 
@@ -189,15 +192,16 @@ def _variant_of(value: Any) -> str:
     return str(value.variant_name()) if hasattr(value, "variant_name") else ""
 
 
-def _fields_apart(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The tree without the fields of a camera in its film ("adc.bits"), because no name in a dict of Mitsuba has a dot;
-    and these."""
+def _fields_apart(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """The tree without the fields of cameras in its films ("adc.bits"), because no name in a dict of Mitsuba has a dot;
+    and these by the name of the sensor."""
+    plain, fields = dict(tree), dict[str, dict[str, Any]]()
     for name, sensor in tree.items():
         if isinstance(sensor, Mapping) and isinstance(film := sensor.get("film"), Mapping):
-            fields = {key: value for key, value in film.items() if "." in key}
-            others = {key: value for key, value in film.items() if key not in fields}
-            return {**tree, name: {**sensor, "film": others}}, fields
-    return tree, {}
+            fields[name] = {key: value for key, value in film.items() if "." in key}
+            others = {key: value for key, value in film.items() if "." not in key}
+            plain[name] = {**sensor, "film": others}
+    return plain, fields
 
 
 def _know_types(state: MitsubaObject) -> None:

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ...camera.camera import Camera, with_fields_of
 from ...camera.camera_file import camera_of, load_camera, toml_value
@@ -19,6 +19,7 @@ from ...core.options import complete, part_of
 from ...sensor.metering import Metering
 from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
 from ..options import FileOptions, RenderOptions
+from ..passes.passes import hashed_seed
 from ..variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 from .parse_scene import parse_scene
 from .plugin_names import OWN_PLUGINS
@@ -33,6 +34,7 @@ from .plugin_parameters import (
 from .scene_edits import SceneEdits
 from .scene_file import SceneFile, as_input_error, searching
 from .scene_nodes import SceneInput, check_loaded, parse_nodes, view_of_loaded
+from .scene_sensors import each_sensor, with_sensor
 
 SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
 SET_BY_SCENE = "set by the scene file"
@@ -58,6 +60,9 @@ METRES = {
     "in": 0.0254,
     "ft": 0.3048,
 }
+OF_SENSOR = -4
+"""Of the seeds of sensors: see :func:`hashed_seed`."""
+
 Fields = dict[str, Any]  # parameter name → value, of one element
 
 
@@ -146,7 +151,7 @@ class SceneSettings:
 
 
 def settings_of(scene: SceneFile) -> SceneSettings:
-    """The settings of the first sensor of a parsed scene; no variant need be set. Raises InputError."""
+    """The settings of the sensor of a parsed scene that is rendered; no variant need be set. Raises InputError."""
     sensor, film = scene.sensor(), scene.film()
     of_film, of_sensor = Fields(), Fields()
     try:
@@ -310,6 +315,25 @@ class ParsedScene:
             return self
         return replace(self, settings=self.settings.with_default_camera())
 
+    def seed(self, given: int | None) -> int:
+        """The seed that was given, else the scene file's, else 1; of the sensors after the first one a seed that
+        follows from it, so that their noise is independent. Raises InputError."""
+        seed = require_seed("seed", first_given(given, self.settings.seed, 1))
+        if not self._sensor_number:
+            return seed
+        return hashed_seed(seed, OF_SENSOR, self._sensor_number)
+
+    def serial(self, given: int | None) -> int:
+        """The serial number of the camera, by default 1, of the sensors after the first one counted on; a number of the
+        scene file is that of its own sensor. Raises InputError."""
+        if given is None and self.settings.serial is not None:
+            return require_seed("serial", self.settings.serial)
+        return require_seed("serial", first_given(given, 1)) + self._sensor_number
+
+    @property
+    def _sensor_number(self) -> int:
+        return 0 if self.file.chosen is None else self.file.chosen.number
+
 
 def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
     """Parse a scene, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of them.
@@ -330,10 +354,20 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
         )
     else:
         file = parse_nodes(scene, chosen)
+    file = with_sensor(file, cast(str | None, chosen["sensor"]))
     with as_input_error(file.path):
         return ParsedScene(
             replace(file, edits=SceneEdits.of(options)), settings_of(file), variant
         )
+
+
+def parse_sensors(scene: SceneInput, options: Mapping[str, Any]) -> dict[str, ParsedScene]:
+    """Parse a scene once; it is returned for each of its sensors, by name. Raises InputError."""
+    whole = parse(scene, {**options, "sensor": None})
+    return {
+        name: replace(whole, file=file, settings=settings_of(file))
+        for name, file in each_sensor(whole.file).items()
+    }
 
 
 def bands_asked_for(

@@ -1,0 +1,259 @@
+"""The frames of a capture: of light that is rendered already, of one render, of a render for each frame.
+
+Read from top to bottom: what is asked for (:class:`Request`), what comes of it (:class:`Exposed`), and the three ways.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeAlias, cast
+
+import numpy as np
+
+from .camera.camera import Camera
+from .capture_options import CaptureOptions, refuse_render_options
+from .core import Exposure, InputError
+from .core.heap import trim_heap
+from .core.options import part_of, used
+from .output.dng import check_dng
+from .output.frames import Frames
+from .output.light_files import read_irradiance
+from .render.denoise.network import denoised_if_possible, is_undecided
+from .render.light.irradiance import Irradiance
+from .render.light.light_sum import check_group_names
+from .render.light.photons import collected, metered, photons_of
+from .render.motion.moving_scene import MovingScene
+from .render.options import FrameSeriesOptions, RenderOptions
+from .render.passes.passes import hashed_seed
+from .render.passes.per_frame import FrameSeries
+from .render.passes.prepared import PreparedRender, prepare
+from .render.passes.stop_criterion import Progress, RenderProgress, StopCriterion
+from .render.scene.scene_nodes import SceneInput
+from .render.scene.scene_settings import ParsedScene
+from .sensor.expose import PreparedExposure
+from .sensor.frame_times import FrameTimes
+from .sensor.metering import Metering
+from .sensor.options import ExposeOptions
+from .theory.pixel_moments import check_clean_is_known
+from .theory.planned_exposure import prepare_planned_exposure
+from .timed_frames import TimedFrame, expose_frames, expose_moving
+
+Scene: TypeAlias = SceneInput | ParsedScene
+Light: TypeAlias = str | os.PathLike[str] | Irradiance
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a capture is asked for.
+
+    camera, exposure : None for those of the scene or the light.  options : all of them.
+    times_s : wall-clock seconds of each step, noted as they end.
+    """
+
+    source: Scene | Light
+    camera: Camera | None
+    exposure: Exposure | Metering | None
+    options: CaptureOptions
+    progress: Progress | None
+    times_s: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Exposed:
+    """Frames, and the light that they were exposed to.
+
+    origin : where the light comes from, for the metadata.  options : with the serial number that was taken.
+    render : of the scene; None for light that was rendered before.  timed : frames that follow each other in time.
+    """
+
+    frames: Frames
+    light: Irradiance
+    origin: Mapping[str, object]
+    options: CaptureOptions
+    render: PreparedRender | None = None
+    timed: tuple[TimedFrame, ...] = ()
+
+
+def expose_light(request: Request) -> Exposed:
+    """Frames of light that is rendered already."""
+    refuse_render_options(request.options)
+    source = cast(Light, request.source)
+    path = None if isinstance(source, Irradiance) else Path(source)
+    with timed(request.times_s, "read irradiance"):
+        light = source if isinstance(source, Irradiance) else read_irradiance(source)
+        light = light.before_denoising() if request.options["raw_light"] else light
+        light = lit_as_asked(light, request.options)
+    begin_s = FrameTimes.of(request.options).of_frame(request.options["first_frame"])
+    asked = request.options["serial"], request.options["gain"], begin_s
+    photons, camera, exposure, serial = collected(
+        light, request.camera, request.exposure, *asked
+    )
+    options: CaptureOptions = {**request.options, "serial": serial}
+    metering = request.exposure
+    if metering is None and light.rendered_for is None:
+        metering = Metering()
+    origin = {
+        "irradiance": path,
+        "as_rendered": light.rendered_for.shared_with(camera, exposure, serial)
+        if light.rendered_for
+        else [],
+        "metering": metering.record(exposure) if isinstance(metering, Metering) else None,
+    }
+    sensor = prepare_planned_exposure(
+        camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options)
+    )
+    check_frame_files(sensor, options)
+    with timed(request.times_s, "expose"):
+        exposed = expose_frames(sensor.of(photons), light, options, request.progress)
+    return Exposed(exposed.frames, light, origin, options, timed=exposed.timed)
+
+
+def render_once(request: Request) -> Exposed:
+    """One render of a scene, and all frames of it; where something moves in time, a render for each."""
+    options, progress = request.options, request.progress
+    times = FrameTimes.of(options)
+    undecided = is_undecided(part_of(RenderOptions, options))
+    rendering = denoised_if_possible(part_of(RenderOptions, options))
+    rendering["start_s"] = times.of_frame(options["first_frame"])
+    with timed(request.times_s, "render"):
+        started = time.monotonic()
+        given = cast(Scene, request.source), request.camera, request.exposure
+        render = prepare(*given, undecided=undecided, **rendering)
+        if options["chain"] == "konnik2014" and len(render.bands) != 1:
+            raise InputError(
+                "chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550."
+            )
+        sensor = render.sensor(part_of(ExposeOptions, options))
+        check_frame_files(sensor, options)  # before the first ray
+        if options["lights"] is not None:
+            check_group_names(options["lights"], [group.name for group in render.light_groups])
+        if render.metering is None and options["auto_exposure"] is None:
+            times.check(render.exposure)
+        stop = render.stop_criterion(rendering)
+        if isinstance(render.scene, MovingScene) and times.period_s is not None:
+            decided = replace(render, undecided=False)  # alike in all frames
+            return render_in_time(request, decided, sensor, stop)
+        light = render.render(sensor.first.seed, stop, progress, started=started)
+        render.renderer.release()
+    with timed(request.times_s, "expose"):
+        exposure = render.exposure_of(light)
+        lit = lit_as_asked(light, options)
+        if lit is not light and render.metering is not None:
+            exposure = metered(lit, render.camera, render.metering)
+        photons = photons_of(lit, render.camera, exposure, rendering["start_s"])
+        exposed = expose_frames(sensor.at(exposure).of(photons), lit, options, progress)
+    scene = exposed_of_scene(request, render, light, exposed.frames)
+    return replace(scene, timed=exposed.timed)
+
+
+def render_in_time(
+    request: Request, render: PreparedRender, sensor: PreparedExposure, stop: StopCriterion
+) -> Exposed:
+    """A render for every frame of a scene that moves, at its own time; the scene is loaded once. Irradiance and
+    metadata are those of the first."""
+    options, progress, seed = request.options, request.progress, sensor.first.seed
+    assert isinstance(render.scene, MovingScene)
+    subframes, lights = render.scene.asked_subframes, list[Irradiance]()
+
+    def light_of(number: int, begin_s: float, exposure: Exposure) -> Irradiance:
+        one = render.moved_to(render.motion, begin_s, exposure, subframes)
+
+        def tell(step: RenderProgress) -> None:
+            if progress is not None:
+                progress(replace(step, frame=number))
+
+        light = one.render(hashed_seed(seed, -3, number) if number else seed, stop, tell)
+        one.renderer.release()
+        lights.extend([] if lights else [light])
+        return lit_as_asked(light, options)
+
+    exposed = expose_moving(sensor, light_of, options)
+    scene = exposed_of_scene(request, render, lights[0], exposed.frames)
+    return replace(scene, timed=exposed.timed)
+
+
+def lit_as_asked(light: Irradiance, options: CaptureOptions) -> Irradiance:
+    """The light with the levels of its groups that are asked for."""
+    return light if options["lights"] is None else light.with_lights(options["lights"])
+
+
+def render_each_frame(request: Request) -> Exposed:
+    """A render of a scene for every frame; irradiance and metadata are those of the first."""
+    options, noise = request.options, request.options["render_noise"]
+    assert noise != "shared"
+    if options["chain"] != "physical":
+        raise InputError(
+            f"render_noise is {noise!r}, which is for the physical chain; leave the chain out."
+        )
+    if options["light_groups"] is not None or options["lights"] is not None:
+        raise InputError(
+            f"render_noise is {noise!r} and light_groups are kept for later exposures of one render; leave one of "
+            "both out."
+        )
+    with timed(request.times_s, "render and expose"):
+        scene, series_options = (
+            cast(Scene, request.source),
+            part_of(FrameSeriesOptions, options),
+        )
+        series = FrameSeries.prepare(
+            scene, request.camera, request.exposure, series_options, noise
+        )
+        check_frame_files(series.sensor, options)
+        renders, parts = [], list[Frames]()
+        for render in series.renders(request.progress):
+            renders.append(render)
+            parts.append(
+                Frames.exposed(render.exposed)
+                if parts
+                else Frames.exposed_with_report(render.exposed)
+            )
+    left = {
+        "uncompensated": float(np.mean([render.uncompensated for render in renders])),
+        "above_shot_noise": float(np.mean([render.above_shot_noise for render in renders])),
+    }
+    frames = Frames.joined(parts, with_clean=options["clean"])
+    return exposed_of_scene(request, series.prepared, renders[0].light, frames, left)
+
+
+def exposed_of_scene(
+    request: Request,
+    render: PreparedRender,
+    light: Irradiance,
+    frames: Frames,
+    left: Mapping[str, float] | None = None,
+) -> Exposed:
+    """The frames of a scene.  left : what the noise of renders for every frame leaves in the frames."""
+    options = request.options
+    origin = {
+        "scene": render.parsed.file.path,
+        "parameters": dict(options["parameters"] or {}),
+        "motion": used(CaptureOptions, options)["motion"],
+        "render_noise": options["render_noise"],
+        "metering": light.statistics.metering,
+        **(left or {}),
+    }
+    return Exposed(frames, light.of_serial(frames.first.window.serial), origin, options, render)
+
+
+def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None:
+    """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known, and for more of
+    them than memory holds."""
+    sensor.check_memory(options["frames"])
+    if options["clean"]:
+        check_clean_is_known(sensor.stages)
+    if options["dng"]:
+        check_dng(sensor.camera, sensor.first.window.shape)
+
+
+@contextmanager
+def timed(times_s: dict[str, float], name: str) -> Iterator[None]:
+    """Note the wall-clock seconds that the block takes, and give back the memory that it no longer needs."""
+    start = time.perf_counter()
+    yield
+    trim_heap()
+    times_s[name] = round(time.perf_counter() - start, 4)
