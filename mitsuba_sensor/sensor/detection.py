@@ -14,7 +14,7 @@ from ..core.signals import Filters
 from ..core.types import Float64Array
 from ..stages.stage import Stage
 from .photon_checks import check_light
-from .run import row_strips_of
+from .run import Strip, row_strips_of
 from .threads import for_each
 
 if TYPE_CHECKING:
@@ -166,11 +166,13 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
     found: dict[str, Array] = {}
 
     def layers(rows: slice) -> dict[str, Array]:
-        part = replace(whole, window=whole.window.crop_rows(rows), _blocks={})
-        signal = stage.sample(photons.crop_rows(rows), part)
+        strip = Strip.of(rows, stage.light_reach_px, shape[0])
+        part = replace(whole, window=whole.window.crop_rows(strip.around), _blocks={})
+        signal = stage.sample(photons.crop_rows(strip.around), part)
+        values = {"": signal}
         if isinstance(signal, Electrons):
-            return {k: getattr(signal, k) for k in LAYERS}
-        return {"": signal}
+            values = {name: getattr(signal, name) for name in LAYERS}
+        return {name: x[strip.inside] if np.ndim(x) else x for name, x in values.items()}
 
     def write(rows: slice) -> None:
         for name, values in layers(rows).items():

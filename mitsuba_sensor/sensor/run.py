@@ -84,6 +84,13 @@ class Strip(NamedTuple):
     rows: slice
     around: slice
 
+    @classmethod
+    def of(cls, rows: slice, reach_px: int, height: int) -> Strip:
+        """These rows of a window of so many, with the neighbours of that reach."""
+        return cls(
+            rows, slice(max(rows.start - reach_px, 0), min(rows.stop + reach_px, height))
+        )
+
     @property
     def inside(self) -> slice:
         """What it delivers, counted from the first row that is computed."""
@@ -100,8 +107,7 @@ def strips_of(stages: Chain, window: SensorWindow) -> list[Strip]:
     whole = reach_px and (backend.compiled or reach_px * width > backend.strip_pixels)
     strips = []
     for rows in row_strips_of(window.shape, height * width if whole else backend.strip_pixels):
-        around = slice(max(rows.start - reach_px, 0), min(rows.stop + reach_px, height))
-        strips.append(Strip(rows, around))
+        strips.append(Strip.of(rows, reach_px, height))
     return strips
 
 

@@ -132,6 +132,11 @@ class Stage(ABC):
         return 0
 
     @property
+    def light_reach_px(self) -> int:
+        """Of the first stage: how many rows and columns away the light falls that a pixel collects, too."""
+        return 0
+
+    @property
     def has_moments(self) -> bool:
         """Whether the stage says what it does to mean and variances; one that couples neighbours: of a flat field."""
         return type(self).moments is not Stage.moments

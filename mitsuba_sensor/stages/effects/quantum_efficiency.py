@@ -5,7 +5,7 @@ QE_k is that of a wavelength, or the mean over a band, weighted by photons.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self
 
@@ -25,6 +25,8 @@ from ...core import (
 )
 from ...core.band_average import photon_averages
 from ...core.signals import Filters
+from ...core.types import NumpyArray
+from ..crosstalk import Crosstalk, CrosstalkFields
 from ..datasheet import Chance, FileTable, Nanometres, Positive
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
@@ -37,7 +39,7 @@ LEAST_PEAK = 0.01
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 
 
-class QuantumEfficiencyFields(FileTable):
+class CurveFields(FileTable):
     """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
 
     value: Annotated[Chance | None, Usual.of(0.001, 1, PERCENT)] = Field(
@@ -134,6 +136,10 @@ class QuantumEfficiencyFields(FileTable):
         )
 
 
+class QuantumEfficiencyFields(CrosstalkFields, CurveFields):
+    """Electrons per photon, filters, and where the electrons go; pydantic takes the fields of the last base first."""
+
+
 def _plausible(value: Any) -> bool:
     """Whether a QE is absent or a fraction."""
     return value is None or (
@@ -183,12 +189,15 @@ class QuantumEfficiency(Stage):
     curves : one QE curve per colour filter.  tile : rows of filter numbers that repeat over the sensor.
     reference_nm : the wavelength of photons that come without one [nm], or None when they must have one.
     quantum_yield : electrons per interacting photon against wavelength, or None for one everywhere.
+    crosstalk : behind the filters, or None where each pixel keeps its electrons. Beyond the edge of the window is the
+        light of a mirror there, behind the filters that are there.
     """
 
     curves: tuple[SpectralCurve, ...]
     tile: tuple[tuple[int, ...], ...] = ((0,),)
     reference_nm: float | None = None
     quantum_yield: SpectralCurve | None = None
+    crosstalk: Crosstalk | None = None
     domain = "electrons"
     table = "quantum_efficiency"
     fields = QuantumEfficiencyFields
@@ -208,7 +217,20 @@ class QuantumEfficiency(Stage):
             burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield)
         else:
             burst = None
-        return cls(curves, section.filter_tile, section.reference_nm, burst)
+        crosstalk = Crosstalk.of(
+            section.crosstalk,
+            section.crosstalk_from,
+            tuple(section.curves),
+            section.filter_tile,
+        )
+        return cls(curves, section.filter_tile, section.reference_nm, burst, crosstalk)
+
+    @property
+    def light_reach_px(self) -> int:
+        """That of the crosstalk."""
+        if self.crosstalk is None:
+            return 0
+        return self.crosstalk.reach_px
 
     @classmethod
     def notes(cls, camera: Datasheet) -> tuple[str, ...]:
@@ -225,32 +247,38 @@ class QuantumEfficiency(Stage):
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
-        weights, window = self._weights(photons), frame.window
+        window = frame.window
+        if self.crosstalk is None:
+            collected = self._freed(photons, window)
+        else:
+            wider, around = _mirrored(photons, window, self.crosstalk.reach_px)
+            collected = self.crosstalk.mixed(self._freed(wider, around), around.origin)
+        layers = {
+            name: window.backend.from_numpy(values, window)
+            for name, values in vars(collected).items()
+            if np.ndim(values)
+        }
+        return replace(collected, **layers)
+
+    def _freed(self, photons: Photons, window: SensorWindow) -> Electrons:
+        """Mean photoelectrons (interactions) that the light frees in each pixel, (H, W) on NumPy."""
+        weights = self._weights(photons)
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
         known = 1.0 if photons.in_band is None else photons.in_band
         flat = self._collected(layers, weights, window)
         light = flat * known
-        electrons = window.backend.from_numpy(light, window)
         if self.quantum_yield is None:
-            noise = photons.variance_e2
-            return Electrons(
-                electrons,
-                variance_e2=None if noise is None else window.backend.from_numpy(noise, window),
-            )
+            return Electrons(light, variance_e2=photons.variance_e2)
         once, twice = (self._weights(photons, power) for power in (1, 2))
         first = arrays.ratio(self._collected(layers, once, window), flat, 1.0)
         second = arrays.ratio(self._collected(layers, twice, window), flat, 1.0)
         spread = arrays.maximum(second - first**2, 0.0)
-        return Electrons(
-            electrons,
-            yield_mean=window.backend.from_numpy(first, window),
-            yield_variance=window.backend.from_numpy(spread, window),
-        )
+        return Electrons(light, yield_mean=first, yield_variance=spread)
 
     def filters(self, photons: Photons) -> Filters | None:
-        """For sums over bands, quantum yield and render noise: None. There the host is faster than a kernel."""
+        """For sums over bands, quantum yield, crosstalk and render noise: None; the host is faster there."""
         one_layer = photons.detected or len(photons.shape) == 2 or photons.shape[2] == 1
-        maps = (self.quantum_yield, photons.variance_e2, photons.in_band)
+        maps = (self.quantum_yield, self.crosstalk, photons.variance_e2, photons.in_band)
         if not one_layer or any(one is not None for one in maps):
             return None
         weights = self._weights(photons)
@@ -302,3 +330,26 @@ class QuantumEfficiency(Stage):
                 "pass wavelengths_nm=[...], one per band, or set quantum_efficiency.reference_nm in the camera."
             )
         return (self.reference_nm,)
+
+
+def _mirrored(
+    photons: Photons, window: SensorWindow, by_px: int
+) -> tuple[Photons, SensorWindow]:
+    """Light on a window that is wider by so many pixels on each side, as a mirror at the last pixels shows it."""
+
+    def wider(values: NumpyArray | None) -> NumpyArray | None:
+        if values is None:
+            return None
+        sides = [(by_px, by_px)] * 2 + [(0, 0)] * (values.ndim - 2)
+        return np.pad(values, sides, mode="reflect")
+
+    (height, width), (row, column) = window.shape, window.origin
+    around = SensorWindow(
+        window.serial, (height + 2 * by_px, width + 2 * by_px), (row - by_px, column - by_px)
+    )
+    mean = wider(photons.mean)
+    assert mean is not None
+    more = photons.changed(
+        mean=mean, variance_e2=wider(photons.variance_e2), in_band=wider(photons.in_band)
+    )
+    return more, around
