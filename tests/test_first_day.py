@@ -32,7 +32,9 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "plan": lambda camera: ms.plan(camera, EXPOSURE, PHOTONS).to_dict()["stages"],
     "fpn_maps": lambda camera: ms.fpn_maps(camera, (3, 4))["prnu"],
     "collect": lambda camera: ms.collect(PHOTONS * 1e-6, camera, EXPOSURE).mean,
-    "light_from_rgb": lambda camera: ms.light_from_rgb(np.ones((2, 2, 3)), camera).data,
+    "light_from_rgb": lambda camera: (
+        ms.light_from_rgb(np.ones((2, 2, 3)), camera, unit="cd_per_m2").data
+    ),
     "render": lambda camera: ms.render(FLAT, camera, EXPOSURE, **QUICK).data,
     "capture": lambda camera: ms.capture(FLAT, camera, EXPOSURE, **QUICK).frames.digital,
 }

@@ -47,8 +47,14 @@ OF_SCENE = (
     "ignore_polarization",
     "look_at",
 )
-NOT_RENDER = (*OF_SCENE, "max_seconds", "repeatable", "raw_light", "variant", "gain")
-"""What a [render] table does not have: what belongs to a scene, and what would differ from run to run."""
+NOT_RENDER = dict.fromkeys(OF_SCENE, "belongs to the tables of [[scenes]]") | {
+    "max_seconds": "would make other samples on another machine; max_spp limits the samples",
+    "repeatable": "is always true of a dataset",
+    "raw_light": "is for light that is kept; the outputs of the dataset say what is kept",
+    "variant": "is chosen by the run",
+    "gain": "is varied: gain in [grid], [[list]] or [random]",
+}
+"""What a [render] table does not have, and why."""
 Plain = Annotated[bool | float | int | str, PlainValidator(plain_value)]
 Value = Annotated[bool | float | int | str | tuple[float, ...], PlainValidator(value_or_list)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -350,8 +356,11 @@ class DatasetFile(FileTable):
         known = [one.name for one in declared(RenderOptions) if one.name not in NOT_RENDER]
         for name in self.render:
             if name not in known:
+                why = NOT_RENDER.get(
+                    name, f"is no field of it.{nearest(name, known)}".rstrip("?")
+                )
                 raise ValueError(
-                    f"render has {name!r}, which it cannot; its fields: {', '.join(known)}"
+                    f"[render] has {name!r}, which {why}; the fields of [render] are {', '.join(known)}"
                 )
         try:
             complete(RenderOptions, self.render)

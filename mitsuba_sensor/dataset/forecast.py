@@ -14,6 +14,7 @@ from statistics import fmean
 from ..render.variants import restores_variant
 from .keys import Facts
 from .planned import DatasetPlan, PlannedView
+from .scene_checks import SceneChecks
 from .store import Store
 
 SHORT_SPP = 32
@@ -63,7 +64,7 @@ class Forecast:
 def counts_of(plan: DatasetPlan) -> Counts:
     """All views and samples counted, and every one of them checked. Raises InputError."""
     found = Counts()
-    for view in plan.views():
+    for view in SceneChecks().checked(plan.views()):
         of_scene = found.by_scene.setdefault(view.scene, [0, 0])
         found.views, of_scene[0] = found.views + 1, of_scene[0] + 1
         found.samples, of_scene[1] = (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core import InputError, refuse_masked
 from ..core.checks import PICTURE_FILE, refuse_path
-from ..core.types import Float32Array
+from ..core.types import Float32Array, NumpyArray
 from ..optics.spectra import inverse_srgb_curve
 
 Values: TypeAlias = Literal["electrons", "linear", "srgb"]
@@ -17,8 +17,8 @@ Image: TypeAlias = Any
 """A NumPy array, or a tensor of PyTorch, whose methods alone are used."""
 
 EIGHT_BITS = 255
-MOST_SRGB = 2.0
-"""Filters overshoot, and screens of high range go beyond 1; numbers of 8 bits in floats are a mistake."""
+MOST_SRGB = 1.001
+"""Up to rounding in half precision, a value behind the sRGB curve is 1 at most."""
 
 
 def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Array:
@@ -35,15 +35,24 @@ def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Arr
     if values.dtype == np.uint8:
         levels = inverse_srgb_curve(np.linspace(0, 1, EIGHT_BITS + 1, dtype=np.float32))
         return np.asarray(np.take(levels * factor, values), np.float32)
-    if values.dtype.kind in "iu":
-        raise InputError(
-            f"image is {values.dtype} and values 'srgb'; pass uint8, or floats from 0 to 1."
-        )
-    if values.max(initial=0) > MOST_SRGB:
-        raise InputError(
-            f"image has values up to {values.max():g} and values 'srgb'; pass uint8, or floats from 0 to 1."
-        )
+    _check_srgb(values)
     return np.asarray(inverse_srgb_curve(values.astype(np.float32)) * factor, np.float32)
+
+
+def _check_srgb(values: NumpyArray) -> None:
+    """Raise InputError for values that are not behind the sRGB curve: integers of more than 8 bits, and numbers out of
+    the range from 0 to 1."""
+    if values.dtype.kind in "iu":
+        highest = np.iinfo(values.dtype).max
+        raise InputError(
+            f"image is {values.dtype} with values up to {values.max(initial=0)}, and values 'srgb' takes uint8, or "
+            f"floats from 0 to 1; divide by the code of white, e.g. image / {highest}."
+        )
+    if values.size and not 0 <= values.min() <= values.max() <= MOST_SRGB:
+        raise InputError(
+            f"image has values from {values.min():g} to {values.max():g}, and values 'srgb' takes floats from 0 to 1, "
+            'or uint8; clip them, np.clip(image, 0, 1), or pass values="linear" for light that goes beyond white.'
+        )
 
 
 def as_array(image: Image) -> NDArray[Any]:

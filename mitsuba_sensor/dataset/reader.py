@@ -33,6 +33,15 @@ IMAGES = {
     "electrons": "electrons.tiff",
     "electrons_error": "electrons_error.tiff",
 }
+NO_ARRAYS = {
+    "noise_budget": "sample.noise_budget",
+    "aovs": "sample.read(name), by the name of one of them, e.g. 'depth_m',",
+    "irradiance": 'ms.read_irradiance(sample.view_folder / "irradiance.exr")',
+    "preview": 'the picture sample.folder / "frame.png"',
+    "dng": 'the file sample.folder / "frame.dng"',
+}
+"""Outputs that are not read as arrays, and what has them."""
+
 MOST_SAID = 20  # values, in the sentence on one that no sample has
 AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 
@@ -61,6 +70,12 @@ class Sample:
         """view.json: what the files of the view were made of. Raises InputError where it has none."""
         return read_json(self.view_folder / "view.json", CHANGED)
 
+    @cached_property
+    def noise_budget(self) -> Facts:
+        """noise_budget.json: what each noise source contributes [DN]. Raises InputError where it has none."""
+        path = self.existing(self.folder / "noise_budget.json", "noise_budget")
+        return read_json(path, CHANGED)
+
     def read(self, name: str) -> NDArray[Any]:
         """An array of the sample. Raises InputError where it has none of this name.
 
@@ -72,6 +87,8 @@ class Sample:
             return np.asarray(
                 getattr(read_aovs_exr(self.existing(self.view_folder / "aovs.exr", name)), name)
             )
+        if name in NO_ARRAYS:
+            raise InputError(f"{name} of a sample is no array; {NO_ARRAYS[name]} has it.")
         if name not in IMAGES:
             known = (*IMAGES, *AOVS)
             raise InputError(

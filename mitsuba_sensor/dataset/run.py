@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import TypeAlias, Unpack
 
@@ -22,6 +23,7 @@ from .origin import origin_in, require_same_versions, write_index, write_origin
 from .overview import write_overview
 from .planned import DatasetPlan, PlannedView
 from .record import FILE
+from .scene_checks import MOST_CHECKED, SceneChecks
 from .store import Store
 from .task import Outcome, log_path
 
@@ -125,6 +127,8 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
     store, progress = Store(out), RunProgress(0)
     require_folder(out)
     check_same(plan, store)
+    for _ in SceneChecks().checked(islice(plan.views(), MOST_CHECKED)):
+        pass  # before anything is written
     progress.changed = write_origin(plan, store.folder)
     store.clean()
     progress.samples = round(plan.samples / shard[1])

@@ -22,6 +22,7 @@ from ..core import (
 )
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
+from ..files.free_memory import free_memory_bytes
 from ..stages.chain import whole_chain
 from ..stages.stage import Chain, converter_of
 from .checks import (
@@ -72,14 +73,13 @@ class PreparedExposure:
         """Raise InputError for so many frames that this machine has no memory for them."""
         shape = self.first.window.shape
         bytes_of_pixel = self._code_type.itemsize + 8 * len(self.keep)
-        size = count * math.prod(shape) * bytes_of_pixel
-        try:
-            np.empty(size, np.uint8)
-        except (MemoryError, ValueError):  # ValueError: more than can be addressed
+        size, free = count * math.prod(shape) * bytes_of_pixel, free_memory_bytes()
+        if size > free:
             raise InputError(
-                f"frames is {count}, of {shape[1]} × {shape[0]} pixels each: {size / 1e9:.0f} GB, more than this "
-                "machine has memory for; ask for fewer at a time: --first-frame (first_frame) goes on."
-            ) from None
+                f"frames is {count}, of {shape[1]} × {shape[0]} pixels each: {_gigabytes(size)}, and "
+                f"{_gigabytes(free)} of memory are free; take them one by one from ms.stream, or fewer at a time: "
+                "--first-frame (first_frame) goes on."
+            )
 
     def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
         """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated.
@@ -105,7 +105,8 @@ class PreparedExposure:
         return replace(self, light=detected, first=first, plan=plan, stages=stages)
 
     def frames(self, observer: Observer | None = None) -> RawFrames:
-        """All frames at once.  observer : sees the first one."""
+        """All frames at once.  observer : sees the first one. Raises InputError for more than memory holds."""
+        self.check_memory(self.count)
         kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
         kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
         first = self.first.index
@@ -167,6 +168,11 @@ class PreparedExposure:
         return self.first.on(
             NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32
         )
+
+
+def _gigabytes(size: float) -> str:
+    """A number of bytes, for people."""
+    return f"{size / 1e9:.3g} GB"
 
 
 def exposure_of_photons(

@@ -28,6 +28,7 @@ Positive = Annotated[
 NotNegative = Annotated[float, Field(ge=0, le=1e30, strict=True)]
 Fraction = Annotated[float, Field(gt=0, le=1, strict=True)]
 Count = Annotated[int, Field(ge=1, strict=True)]
+Side = Annotated[int, Field(ge=1, le=10**6, strict=True)]
 Chance = Annotated[float, Field(ge=0, le=1, strict=True)]
 LineCoupling = Annotated[float, Field(ge=0, le=0.4999, strict=True)]
 MapCoupling = Annotated[float, Field(ge=0, le=0.45, strict=True)]
@@ -92,8 +93,8 @@ class SensorSection(FileTable):
     technology: Literal["cmos", "ccd"] = Field(
         title="CCD, CMOS", description="chooses the stages of the chain", examples=["cmos"]
     )
-    columns: Count = Field(description="pixels in a row", examples=[1900])
-    rows: Count = Field(description="pixels in a column", examples=[1300])
+    columns: Side = Field(description="pixels in a row", examples=[1900])
+    rows: Side = Field(description="pixels in a column", examples=[1300])
     shutter: Literal["global", "rolling"] = Field(
         "global",
         title="global shutter, rolling shutter",

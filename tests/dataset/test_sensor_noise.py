@@ -227,12 +227,22 @@ def test_an_image_may_be_larger_than_the_sensor() -> None:
         (
             {"values": "srgb", "white_e": 9.0},
             GREY.astype(np.uint16),
-            "image is uint16 and values 'srgb'",
+            "and values 'srgb' takes uint8, or floats from 0 to 1; divide by the code of white, e.g. image / 65535",
         ),
         (
             {"values": "srgb", "white_e": 9.0},
             np.full((4, 4), 255.0),
-            "image has values up to 255 and values 'srgb'",
+            "image has values from 255 to 255, and values 'srgb' takes floats from 0 to 1",
+        ),
+        (
+            {"values": "srgb", "white_e": 9.0},
+            np.array([[0.0, 2.0], [1.0, 0.5]]),
+            "image has values from 0 to 2, and values 'srgb' takes floats from 0 to 1, or uint8; clip them",
+        ),
+        (
+            {"values": "srgb", "white_e": 9.0},
+            np.array([[-0.5, 1.0]]),
+            "image has values from -0.5 to 1, and values 'srgb' takes",
         ),
         (
             {"white_e": 9.0},

@@ -63,7 +63,7 @@ def test_a_green_picture_is_seen_by_green_pixels() -> None:
 
 
 def test_black_is_dark_and_a_capture_takes_the_light() -> None:
-    black = ms.light_from_rgb(np.zeros((3, 4, 3)), BAYER)
+    black = ms.light_from_rgb(np.zeros((3, 4, 3)), BAYER, unit="cd_per_m2")
     assert not black.data.any()
     light = ms.light_from_rgb(PICTURE, BAYER, unit="srgb", white_cd_per_m2=100)
     captured = ms.capture(light, "bayer_2mp", ms.Exposure(0.02), seed=5)
@@ -78,9 +78,11 @@ def test_the_camera_that_a_picture_is_for_has_the_electrons_of_its_whole_spectru
     """Against bands of 0.5 nm, in which no spectrum changes. Flat bands of 10 nm would be off by up to 1 %."""
     camera, exposure = ms.load_camera(name).without("shot_noise"), ms.Exposure(1e-5)
     picture = np.random.default_rng(7).integers(0, 2, (8, 8, 3)).astype(float)
-    known = ms.collect(ms.light_from_rgb(picture, camera), camera, exposure)
+    known = ms.collect(
+        ms.light_from_rgb(picture, camera, unit="radiance_rgb"), camera, exposure
+    )
     monkeypatch.setattr(foreign_light, "BANDWIDTH_NM", 0.5)
-    fine = ms.collect(ms.light_from_rgb(picture, camera), camera, exposure)
+    fine = ms.collect(ms.light_from_rgb(picture, camera, unit="radiance_rgb"), camera, exposure)
     own = camera.filter_index((8, 8))
     electrons, wanted = (
         (x.mean * camera.qe(x.wavelengths_nm, x.bandwidths_nm)[own]).sum(axis=-1)
@@ -111,11 +113,13 @@ def test_a_picture_for_a_camera_that_sees_infrared_says_that_it_has_none() -> No
         ("picture.png", {}, r"is the name of a file, 'picture.png'; .*PIL\.Image\.open"),
         (np.ones((6, 8, 4)), {}, r"with transparency; pass rgb\[\.\.\., :3\]"),
         (PICTURE[..., 0], {}, r"shape \(6, 8\); pass \(H, W, 3\)"),
-        (PICTURE, {}, 'pass unit="srgb" and white_cd_per_m2'),
+        (PICTURE, {}, 'unit is not given, .*pass unit="srgb" .* e.g. white_cd_per_m2=200'),
+        (PICTURE / 255, {}, "unit is not given, .*73 000 cd/m²"),
+        (PICTURE, {"unit": "cd_per_m2"}, 'pass unit="srgb" and white_cd_per_m2'),
         (PICTURE, {"unit": "srgb"}, "say how bright its white is"),
-        (PICTURE / 255, {"white_cd_per_m2": 20}, 'is for unit "srgb"'),
+        (PICTURE / 255, {"unit": "cd_per_m2", "white_cd_per_m2": 20}, 'is for unit "srgb"'),
         (PICTURE / 1.0, {"unit": "srgb", "white_cd_per_m2": 20}, "from 0 to 1"),
-        (0.0 - PICTURE, {}, "negative or not finite"),
+        (0.0 - PICTURE, {"unit": "cd_per_m2"}, "negative or not finite"),
         (PICTURE / 255, {"unit": "srg"}, "Did you mean 'srgb'"),
         (PICTURE > 9, {}, "is of bool"),
     ],

@@ -30,6 +30,11 @@ RGB_UNITS = {
     "cd_per_m2": "linear sRGB: 1, 1, 1 is D65 of 1 cd/m²",
     "srgb": "a picture behind the sRGB curve",
 }
+NO_UNIT = (
+    'unit is not given, and an array does not say how bright its values are; for a picture pass unit="srgb" and '
+    'the luminance of its white, e.g. white_cd_per_m2=200; for linear sRGB pass unit="cd_per_m2", where 1, 1, 1 is '
+    'D65 of 1 cd/m², or unit="radiance_rgb", as Mitsuba has it, where it is D65 of 73 000 cd/m².'
+)
 MOST_SRGB = 1.001
 EIGHT_BITS = 255
 SURE = "give it planes last: np.moveaxis(rgb, 0, -1)"
@@ -40,7 +45,7 @@ def light_from_rgb(
     rgb: ArrayLike,
     camera: AnyCamera,
     *,
-    unit: RgbUnit = "radiance_rgb",
+    unit: RgbUnit | None = None,
     white_cd_per_m2: float | None = None,
     fov_deg: float | None = None,
 ) -> Irradiance:
@@ -53,9 +58,9 @@ def light_from_rgb(
 
     rgb : (H, W, 3); a pixel of it is a pixel of the sensor.
     camera : whose lens the light passes.
-    unit : what the values are. "radiance_rgb": linear sRGB as Mitsuba renders it, where (1, 1, 1) is D65 of
-        73 000 cd/m². "cd_per_m2": linear sRGB, where (1, 1, 1) is D65 of 1 cd/m². "srgb": a picture behind the sRGB
-        curve, uint8 or 0 to 1, whose white has ``white_cd_per_m2``.
+    unit : what the values are, which no array says by itself. "radiance_rgb": linear sRGB as Mitsuba renders it, where
+        (1, 1, 1) is D65 of 73 000 cd/m². "cd_per_m2": linear sRGB, where (1, 1, 1) is D65 of 1 cd/m². "srgb": a
+        picture behind the sRGB curve, uint8 or 0 to 1, whose white has ``white_cd_per_m2``.
     white_cd_per_m2 : luminance of white in a picture [cd/m²]: a screen 200, a cloudy day 5000.
     fov_deg : horizontal field of view [°], for the cos⁴ of the lens; without it there is none.
 
@@ -77,7 +82,7 @@ def light_from_rgb(
         )
     bands, lens = behind_lens(upsampled(linear, camera), camera, fov_deg)
     notes = (
-        f"read as {RGB_UNITS[unit]}",
+        f"read as {RGB_UNITS[str(unit)]}",
         "RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65",
         lens,
     )
@@ -104,8 +109,12 @@ def _check_shape(values: NumpyArray) -> None:
         raise InputError(f"rgb is of {values.dtype}; pass integers or floats.")
 
 
-def _linear(values: NumpyArray, unit: str, white_cd_per_m2: float | None) -> Float32Array:
+def _linear(
+    values: NumpyArray, unit: str | None, white_cd_per_m2: float | None
+) -> Float32Array:
     """Values in the unit of Mitsuba's RGB."""
+    if unit is None:
+        raise InputError(NO_UNIT)
     if unit not in get_args(RgbUnit):
         known = get_args(RgbUnit)
         raise InputError(

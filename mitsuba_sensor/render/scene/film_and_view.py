@@ -37,6 +37,16 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
     )
 
 
+def film_area(
+    scene: SceneFile, camera: Camera, width: int | None
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """(rows, columns) of what is rendered of the film, and (row, column) of its first pixel. Raises InputError."""
+    size = film_size(scene, camera, width)
+    columns = size.get("crop_width", size.get("width", WIDTH))
+    rows = size.get("crop_height", size.get("height", HEIGHT))
+    return (rows, columns), (size.get("crop_offset_y", 0), size.get("crop_offset_x", 0))
+
+
 def _larger_film(scene: SceneFile, width: int, height: int) -> str:
     """How the film of the scene becomes as large as that: the end of a sentence."""
     if {"width", "height"} <= {*scene.parameters}:
