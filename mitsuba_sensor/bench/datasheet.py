@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from ..camera.camera import Camera
@@ -60,7 +61,12 @@ def expected(
     }
     found = {symbol: Said(value, value, value) for symbol, value in exact.items()}
     near_e = SIGMAS * math.hypot(math.sqrt(full_e), pixel.prnu * full_e)
-    found["µ_e.sat"] = Said(full_e, full_e - near_e, full_e)
+    sat = found["µ_e.sat"] = Said(full_e, full_e - near_e, full_e)
+    if any(stage.counts_electrons for stage in camera.stages):
+        found["SNR_max"] = Said(*(math.sqrt(max(value, 0.0)) for value in sat))
+    found["DR"] = Said(*(value / figures.absolute_sensitivity_e for value in sat))
+    prnu = found["PRNU1288_pixel"], found["PRNU1288_col"], found["PRNU1288_row"]
+    found["PRNU1288"] = _together(prnu)
     if efficiency is not None:
         found["η"] = _about(efficiency, SIGMAS * pixel.prnu / math.sqrt(pixels))
     if not dark.components and not dark.rts_fraction:
@@ -70,9 +76,17 @@ def expected(
             pixel.dsnu_e * readout.dsnu_residual, mean_dark_e(camera, exposure) * dark.cv
         )
         found["DSNU1288_pixel"] = Said(spread, spread, spread)
+        dsnu = found["DSNU1288_pixel"], found["DSNU1288_col"], found["DSNU1288_row"]
+        found["DSNU1288"] = _together(dsnu)
         if rate > 0:
             found["T_d"] = _about(_doubling_k(camera, exposure.temperature_k), 0.0)
     return found
+
+
+def _together(parts: Iterable[Said]) -> Said:
+    """The standard deviation of independent patterns of rows, columns and pixels together."""
+    total = math.hypot(*(part.value for part in parts))
+    return Said(total, total, total)
 
 
 def _about(value: float, share: float) -> Said:

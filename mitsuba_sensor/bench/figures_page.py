@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ..lab.frames.bench import Bench
 from ..lab.measure.measurement import INSTRUMENTS, Measurement, measure
@@ -27,6 +27,9 @@ MAIN = (
     "µ_I.mean",
     "T_d",
 )
+RATIOS_IN_DB, DECIBELS = ("SNR_max", "DR"), "dB"
+DIGITS_OF_INTERVAL, MOST_DECIMALS = 2, 6
+NO_UNIT = "1"  # the unit of a ratio, which a reader need not see
 MAIN_HEADINGS = "figure | measured | 95 % from | to | unit | datasheet"
 HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | section | note"
 
@@ -89,9 +92,12 @@ def filter_section(
     where = ""
     if measured.filter_name:
         where = f" behind {measured.filter_name}"
-    rows = [figure_row(figure, datasheet, limit) for figure in measured.figures.values()]
-    wrong = [cells for mark, cells in rows if mark == "bad"]
-    compared = sum(mark in ("good", "bad") for mark, _ in rows)
+    rows = []
+    for figure in measured.figures.values():
+        row = figure_row(figure, datasheet, limit)
+        rows += [row, *_in_decibels(row)]
+    wrong = [cells for mark, cells in rows if mark == "bad" and cells[5] != DECIBELS]
+    compared = sum(mark in ("good", "bad") and cells[5] != DECIBELS for mark, cells in rows)
     findings = []
     if compared:
         findings.append(
@@ -99,7 +105,8 @@ def filter_section(
             "standard errors"
         )
     for symbol, _, value, _, _, unit, said, *_ in wrong:
-        findings.append(f"{symbol}{where}: measured {value:.4g}, datasheet {said:.4g} {unit}")
+        both = f"{symbol}{where}: measured {value:.4g}, datasheet {said:.4g} {unit}"
+        findings.append(both.rstrip())
     if measured.hidden:
         findings.append(
             f"not measured{where}, because pixels of the frames are at the lowest or highest code: "
@@ -110,8 +117,9 @@ def filter_section(
         for title, sentence in measured.refused.items()
     ]
     findings += [f"{where.lstrip()}: {note}" if where else note for note in measured.notes]
+    shown = [(mark, _with_digits(cells)) for mark, cells in rows]
     main: list[MarkedRow] = []
-    for mark, cells in rows:
+    for mark, cells in shown:
         if cells[0] in MAIN:
             main.append(
                 ("" if mark == "good" else mark, (f"{cells[0]} {cells[1]}", *cells[2:7]))
@@ -119,7 +127,7 @@ def filter_section(
     parts: tuple[Part, ...] = (
         table(f"Main figures{where}", MAIN_HEADINGS, main),
         *(Drawing(f"{name}{where}", draw) for name, draw in measured.drawings.items()),
-        table(f"All figures{where}", HEADINGS, rows),
+        table(f"All figures{where}", HEADINGS, shown),
     )
     return Section(tuple(findings), not wrong and not measured.hidden, parts)
 
@@ -135,7 +143,7 @@ def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) ->
         figure.symbol,
         figure.name,
         *interval,
-        figure.unit,
+        figure.unit.removeprefix(NO_UNIT),
         *said,
         figure.section,
         figure.note,
@@ -143,6 +151,41 @@ def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) ->
     if not beside or not math.isfinite(figure.value):
         return "", cells
     return ("good" if abs(beside["z"]) < limit else "bad"), cells
+
+
+def _in_decibels(row: MarkedRow) -> Iterator[MarkedRow]:
+    """The row of a ratio once more as EMVA 1288 R4 prints it too, 20·log10 of it [dB]; of other figures nothing."""
+    mark, (symbol, name, value, low, high, _, said, *rest) = row
+    if symbol in RATIOS_IN_DB:
+        numbers = [_decibels(ratio) for ratio in (value, low, high)]
+        yield mark, (symbol, name, *numbers, DECIBELS, _decibels(said), *rest)
+
+
+def _with_digits(cells: Sequence[object]) -> tuple[object, ...]:
+    """The cells of a row with as many decimals as give half the width of its interval two digits."""
+    symbol, name, value, low, high, unit, said, *rest = cells
+    if not (isinstance(low, float) and isinstance(high, float) and high > low):
+        return tuple(cells)
+    decimals = DIGITS_OF_INTERVAL - 1 - math.floor(math.log10((high - low) / 2))
+    if decimals > MOST_DECIMALS:
+        return tuple(cells)
+    numbers = (_decimal(number, max(decimals, 0)) for number in (value, low, high, said))
+    value, low, high, said = numbers
+    return symbol, name, value, low, high, unit, said, *rest
+
+
+def _decimal(number: object, decimals: int) -> object:
+    """A number as text; what is none as it is."""
+    if not isinstance(number, float):
+        return number
+    return f"{number:.{decimals}f}"
+
+
+def _decibels(ratio: object) -> float | None:
+    """20·log10 of a ratio [dB]; none of none and of zero."""
+    if not isinstance(ratio, float) or ratio <= 0:
+        return None
+    return 20 * math.log10(ratio)
 
 
 def beside_datasheet(figure: Quantity, datasheet: Mapping[str, Said]) -> dict[str, float]:
