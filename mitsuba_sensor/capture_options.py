@@ -2,7 +2,7 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
 from .core import InputError
 from .core.options import Option, declared
@@ -27,8 +27,8 @@ def _checked_lights(name: str, value: object) -> object:
     return checked_lights(name, value)
 
 
-class LightOptions(FrameOptions, total=False):
-    """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
+class LevelOptions(TypedDict, total=False):
+    """How bright the lamps of light groups are."""
 
     lights: Annotated[
         Mapping[str, "float | str | Waveform"] | None,
@@ -39,10 +39,15 @@ class LightOptions(FrameOptions, total=False):
             "groups as they were rendered.",
             flag="--light",
             metavar="NAME=LEVEL",
+            panel="Light groups",
             text=list[str],
             check=_checked_lights,
         ),
     ]
+
+
+class LightOptions(FrameOptions, LevelOptions, total=False):
+    """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
 
     auto_exposure: Annotated[
         "str | AutoExposure | None",
@@ -51,6 +56,7 @@ class LightOptions(FrameOptions, total=False):
             "saturation: 'target 0.18, damping 0.5, delay 2'; also shortest_s, longest_s, and mains_hz 50, which keeps "
             "the time at multiples of half a period. For frames with --fps; the first one has --exposure-s.",
             metavar="NUMBERS",
+            panel="Camera and exposure",
             text=str,
             check=_checked_auto_exposure,
         ),

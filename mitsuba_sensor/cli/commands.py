@@ -11,6 +11,7 @@ import mitsuba_sensor as ms
 
 from ..capture_options import (
     CaptureOptions,
+    LevelOptions,
     LightOptions,
     check_asked_files,
     refuse_render_options,
@@ -113,7 +114,13 @@ def _render_sensors(scene: str, out_dir: Path, as_json: bool, flags: options.Fla
     epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8",
 )
 @options.flags(
-    options.CameraFlags, UnitOptions, LightOptions, RawLightOptions, first=FIRST_OF_EXPOSE
+    options.CameraFlags,
+    UnitOptions,
+    LightOptions,
+    RawLightOptions,
+    first=FIRST_OF_EXPOSE,
+    source="that of the render",
+    helps={"seed": "Seed of all temporal noise. Default: 1."},
 )
 def expose(
     irradiance: arguments.IrradianceFile,
@@ -160,7 +167,14 @@ def expose(
     cls=Command,
     epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02",
 )
-@options.flags(options.CameraFlags, UnitOptions, RenderOptions, first=FIRST_OF_PLAN)
+@options.flags(
+    options.CameraFlags,
+    UnitOptions,
+    LevelOptions,
+    RenderOptions,
+    first=FIRST_OF_PLAN,
+    source="that of the scene file or render",
+)
 def plan(
     source: arguments.SceneOrIrradiance,
     tolerance_dn: arguments.ToleranceDn = "0",
@@ -186,6 +200,7 @@ def plan(
         "tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02"
     )
     unit, fov_deg = flags.pop("unit"), flags.pop("fov_deg")
+    lights = complete(LevelOptions, {"lights": flags.pop("lights")})["lights"]
     if source.lower().endswith(".exr"):
         _refuse_lens(flags, unit)
         wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
@@ -203,6 +218,8 @@ def plan(
         settings, camera, exposure = given.scene.settings, given.camera, given.exposure
         with render_progress(err, asked) as progress:
             light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
+    if lights is not None:
+        light = light.with_lights(lights)
     if isinstance(exposure, Metering):
         exposure = metered(light, camera, exposure)
     found = ms.plan(
@@ -246,6 +263,7 @@ def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
     options.MapFlags,
     without=("exposure_s", "meter", "temperature_k"),
     first=("out_file", "camera", "gain", "serial", "rows", "width", "as_json"),
+    source="",
 )
 def fpn_maps(
     out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: Flag

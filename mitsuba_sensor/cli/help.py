@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any, ClassVar, TypeAlias
 
 import typer
+from rich.markup import escape
 from typer.core import TyperCommand, TyperGroup
 
 from ..core.number_text import number_hint
@@ -54,7 +55,7 @@ class Command(TyperCommand):
     def __init__(self, name: str | None, **settings: Click) -> None:
         super().__init__(name, **settings)
         paragraphs = (self.help or "").split("\n\n")
-        self.help = "\n\n".join(" ".join(one.split()) for one in paragraphs)
+        self.help = escape("\n\n".join(" ".join(one.split()) for one in paragraphs))
 
     def get_params(self, ctx: Click) -> list[Click]:
         """Its arguments and options; a switch is shown without a value."""

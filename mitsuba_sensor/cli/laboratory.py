@@ -92,6 +92,12 @@ class CharacterizeFlags(TypedDict, total=False):
     StudyFlags,
     without=("exposure_s", "meter", "force"),
     first=("out", "as_json", "camera", "frames", "bits", "wavelength_nm", "gain"),
+    source="",
+    helps={
+        "out": "Folder for report.html and report.json. Default: characterize.",
+        "camera": "A name from `cameras list`, or the path of a .toml of your own; with --frames, the camera whose "
+        f"datasheet is compared. Default: {options.DEFAULT_CAMERA}; with --frames none.",
+    },
 )
 def characterize(**flags: Flag) -> None:
     """Measure a camera as EMVA 1288 does: K, QE, noise, saturation, non-uniformity, dark current, defects.

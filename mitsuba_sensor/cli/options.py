@@ -4,6 +4,7 @@
 import inspect
 from collections.abc import Callable, Mapping
 from functools import partial
+from types import MappingProxyType
 from typing import Annotated, TypeAlias, TypedDict, TypeVar
 
 import typer
@@ -104,11 +105,17 @@ class NewCameraFlags(TypedDict, total=False):
     ]
     name: Annotated[
         str | None,
-        Option("Name of the camera. Default: asked at a terminal, else that of the file."),
+        Option(
+            "Name of the camera. Default: asked at a terminal, else that of the file.",
+            metavar="TEXT",
+        ),
     ]
     description: Annotated[
         str | None,
-        Option("One line about the camera. Default: asked at a terminal, else derived."),
+        Option(
+            "One line about the camera. Default: asked at a terminal, else derived.",
+            metavar="TEXT",
+        ),
     ]
     settings: Settings
     without: Without
@@ -129,7 +136,10 @@ class ImportFlags(TypedDict, total=False):
     settings: Settings
     name: Annotated[
         str | None,
-        Option("Name of the camera. Default: what the file says, else its own name."),
+        Option(
+            "Name of the camera. Default: what the file says, else its own name.",
+            metavar="TEXT",
+        ),
     ]
     force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
 
@@ -143,15 +153,26 @@ class MapFlags(TypedDict, total=False):
             "Serial number of the camera: selects its fixed-pattern noise.",
             1,
             check=require_seed,
+            panel="Sensor",
         ),
     ]
     rows: Annotated[
         int | None,
-        Option("Height of the maps. Default: the whole sensor.", low=1, metavar="PIXELS"),
+        Option(
+            "Height of the maps. Default: the whole sensor.",
+            low=1,
+            metavar="PIXELS",
+            panel="Sensor",
+        ),
     ]
     width: Annotated[
         int | None,
-        Option("Width of the maps. Default: the whole sensor.", low=1, metavar="PIXELS"),
+        Option(
+            "Width of the maps. Default: the whole sensor.",
+            low=1,
+            metavar="PIXELS",
+            panel="Sensor",
+        ),
     ]
 
 
@@ -161,7 +182,7 @@ class StudyFlags(TypedDict, total=False):
     out: Annotated[
         str | None,
         Option(
-            "Folder for the page (default: characterize, or study/ and the study's name).",
+            "Folder for the page and its data. Default: study/ and the study's name.",
             flag="-o --out",
             metavar="DIR",
             panel="Output",
@@ -211,6 +232,7 @@ class WorkPrecisionFlags(TypedDict, total=False):
         Option(
             "A Mitsuba variant to compare. Repeatable. Default: all that work.",
             flag="--variant",
+            metavar="NAME",
             text=list[str],
         ),
     ]
@@ -264,20 +286,25 @@ PANELS: dict[type, str] = {  # titles in --help, above the options that are decl
     FrameOptions: "Frames and seeds",
     CaptureOptions: OUTPUT,
     StudyFlags: OUTPUT,
-    MapFlags: "Sensor",
     WorkPrecisionFlags: "Study",
     AblationFlags: "Study",
 }
 
 
 def flags(
-    *kinds: type, without: tuple[str, ...] = (), first: tuple[str, ...] = ()
+    *kinds: type,
+    without: tuple[str, ...] = (),
+    first: tuple[str, ...] = (),
+    source: str = "the scene file's",
+    helps: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[[Command], Command]:
     """Give a command the flags of these options; it takes them as ``**flags``, read but not yet checked.
 
     The flags stand in ``--help`` in the order of their declaration, before the command's own.
     without : names of options that this command does not have.  first : names of those that ``--help`` shows, where
         all are more than a screen; ``--help-all`` shows all.
+    source : what gives the values that are not given, in place of a scene file; empty where nothing does.
+    helps : texts that differ from those of the declaration.
     """
 
     def with_flags(command: Command) -> Command:
@@ -292,10 +319,11 @@ def flags(
             [p for p in own if p.default is p.empty],
             [p for p in own if p.default is not p.empty],
         )
+        texts = [helps.get(x.name) or _text_of_help(x, source) for x in found.values()]
         kind = inspect.Parameter.KEYWORD_ONLY
         made = [
-            inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x))
-            for x in found.values()
+            inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x, text))
+            for x, text in zip(found.values(), texts, strict=True)
         ]
         if first:
             optional.append(HELP_ALL)
@@ -319,7 +347,19 @@ def flags(
     return with_flags
 
 
-def _type(one: Declared) -> Flag:
+def _text_of_help(one: Declared, source: str) -> str:
+    """The help of an option; camera, exposure, seed and serial number may come from something else than a scene file.
+
+    source : see :func:`flags`.
+    """
+    if one.name not in (*CameraFlags.__annotations__, "seed", "serial"):
+        return one.option.help
+    if not source:
+        return one.option.help.replace("the scene file's, else ", "")
+    return one.option.help.replace("Default: the scene file's", f"Default: {source}")
+
+
+def _type(one: Declared, text_of_help: str) -> Flag:
     """The type of an option as typer wants it, with its flag and its help. Numbers are texts, so that a wrong one gets
     the same sentence as in Python."""
     flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
@@ -332,9 +372,7 @@ def _type(one: Declared) -> Flag:
         (title for kind, title in PANELS.items() if one.name in kind.__annotations__), None
     )
     proposals = PROPOSALS.get(one.name) or one_of(one.choices)
-    flag_of = partial(
-        typer.Option, *flag.split(), metavar=metavar, help=escape(one.option.help)
-    )
+    flag_of = partial(typer.Option, *flag.split(), metavar=metavar, help=escape(text_of_help))
     return Annotated[text, flag_of(rich_help_panel=panel, autocompletion=proposals)]
 
 

@@ -90,7 +90,9 @@ class FileOptions(TypedDict, total=False):
     variant: Annotated[
         str | None,
         Option(
-            "Spectral Mitsuba variant. Default: the one that is set, else the fastest that works.",
+            "Spectral Mitsuba variant, which `doctor` lists. Default: the one that is set, else the fastest that "
+            "works.",
+            metavar="NAME",
             example="scalar_spectral",
         ),
     ]
@@ -130,6 +132,7 @@ class SceneOptions(FileOptions, total=False):
         str | float | None,
         Option(
             "What a length of 1 in the scene is: m, mm, … or metres. Default: the scene file's, else m.",
+            metavar="m|mm|…|METRES",
             text=str,
         ),
     ]
@@ -188,8 +191,9 @@ class UnitOptions(TypedDict, total=False):
         ]
         | None,
         Option(
-            "What an EXR of another program holds: irradiance on the sensor or radiance in front of the lens; per nm "
-            "in channels S0.*, in one channel with --wavelength-nm, or in R, G, B, which become spectra.",
+            "What an EXR of another program holds: irradiance on the sensor, w_per_m2_nm in channels S0.* or w_per_m2 "
+            "in one channel with --wavelength-nm; or radiance in front of the lens, radiance_w_per_m2_sr_nm, "
+            "radiance_w_per_m2_sr, or radiance_rgb in R, G, B, which become spectra.",
             metavar="UNIT",
             panel="Light of another program",
         ),
@@ -296,6 +300,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
             "Each group is rendered by itself; they share the samples.",
             flag="--light-groups",
             metavar="auto|NAME=IDS",
+            panel="Light groups",
             text=list[str],
             check=_checked_light_groups,
         ),

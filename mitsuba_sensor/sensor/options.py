@@ -97,6 +97,7 @@ class StartOptions(TypedDict, total=False):
             low=-1e9,
             high=1e9,
             example="0.5",
+            panel="Frames and seeds",
         ),
     ]
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,8 +21,29 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.options import declared
+from mitsuba_sensor.output.exr import write_irradiance_exr
+from mitsuba_sensor.render.options import UnitOptions
 
 PROGRAM = typer.main.get_command(app)
+
+
+@pytest.fixture
+def light_of_two_lamps(tmp_path: Path) -> Path:
+    lamps = "".join(
+        f"<shape type='rectangle'><transform name='to_world'><translate x='{x}' y='0' z='0'/></transform>"
+        f"<emitter type='area' id='{name}'><spectrum name='radiance' value='1'/></emitter></shape>"
+        for name, x in (("a", -1), ("b", 1))
+    )
+    view = "<lookat origin='0, 0, 5' target='0, 0, 0' up='0, 1, 0'/>"
+    sensor = (
+        f"<sensor type='perspective'><transform name='to_world'>{view}</transform></sensor>"
+    )
+    scene = tmp_path / "lamps.xml"
+    integrator = "<integrator type='path'/>"
+    scene.write_text(f"<scene version='3.0.0'>{integrator}{sensor}{lamps}</scene>", "utf-8")
+    found = ms.render(str(scene), light_groups="auto", width=8, spp=4, denoise=False)
+    write_irradiance_exr(tmp_path / "irradiance.exr", found)
+    return tmp_path / "irradiance.exr"
 
 
 def commands(
@@ -141,6 +164,46 @@ def test_choices_are_shown_as_choices() -> None:
             assert "|".join(one.choices) in help_text
         else:  # too long for a narrow terminal: they stand in the sentence
             assert all(re.search(rf"\b{choice}\b", one.option.help) for choice in one.choices)
+
+
+@pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
+def test_help_lists_every_allowed_value_and_loses_no_bracket(path: tuple[str, ...]) -> None:
+    """What the declaration of an option allows stands in its help; [sources] is no markup; no value is a <str>."""
+    names = {one.name for one in COMMANDS[path].params}
+    help_text = said(
+        *path, "--help-all" if "help_all" in names else "--help", env={"COLUMNS": "250"}
+    )
+    for kind in (CaptureOptions, UnitOptions):
+        for one in declared(kind):
+            if one.choices and one.option.flag is not None and one.name in names:
+                row = re.search(
+                    rf"--{one.name.replace('_', '-')} .*?(?=│ +--|╰)", help_text, re.S
+                )
+                assert row and all(str(value) in row[0] for value in one.choices), one.name
+    assert not re.search(r"--[a-z-]+ +(?:<str>|<list)", help_text)
+    callback = getattr(COMMANDS[path], "callback", None)
+    if callback is not None and path:
+        assert flat(inspect.getdoc(callback) or "").replace("-", "") in flat(help_text).replace(
+            "-", ""
+        )
+
+
+def test_defaults_are_those_of_what_the_command_reads() -> None:
+    """`expose` reads a render; `fpn-maps` and `characterize` read neither scene nor render."""
+    light, maps = flat(said("expose", "--help-all")), flat(said("fpn-maps", "--help-all"))
+    assert "that of the render, else konnik_table1" in light and "scene file's" not in light
+    assert "Default: konnik_table1" in maps and "scene file's" not in maps
+    assert "scene file's" not in flat(said("characterize", "--help-all"))
+
+
+def test_plan_takes_the_levels_of_lamps(light_of_two_lamps: Path) -> None:
+    """With half the light a pixel has half the photoelectrons."""
+    means = []
+    for level in ("1", "0.5"):
+        arguments = ["plan", str(light_of_two_lamps), "--exposure-s", "0.01", "--json"]
+        lights = ["--light", f"a={level}", "--light", f"b={level}"]
+        means.append(json.loads(said(*arguments, *lights))["range"]["brightest_e"])
+    assert means[1] == pytest.approx(means[0] / 2)
 
 
 def test_the_version_is_one_line() -> None:
