@@ -15,7 +15,7 @@ from rich.text import Text
 
 from ..core.printable import printable
 
-NUMBER = re.compile(r"[<(+−-]?\d[\d.,]*(e[+-]?\d+)?%?[),;:]?", re.IGNORECASE)
+NUMBER = re.compile(r"[<(+−-]?\d[\d.,]*(e[+-]?\d+)?(±[\d.e+-]+)?%?[),;:]?", re.IGNORECASE)
 NO_TEXT = ("", "–")  # in a column of numbers
 PIECE = re.compile(r"[^\s/]*/+|[^\s/]+")  # paths and addresses may break behind a slash
 PART = re.compile(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,8 @@ OF_STAGES = (
     "theory expects them. At the sense node the charge becomes a voltage"
 )
 """Below the table of a frame."""
+UNCERTAIN = 0.03
+"""Relative standard error of a σ of the theory from which on it is printed."""
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 SIGNAL = (
     "mean_frame",
@@ -44,16 +47,21 @@ def summary(report: Report, folder: str) -> RenderableType:
     conditions = (
         f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
     )
-    gain = ""
-    if report["camera"]["gain"] is not None:
-        gain = f" at gain {report['camera']['gain']}"
-    head = Text.assemble(
-        (report["camera"]["name"] + gain, "bold"), conditions, (folder, "bold")
-    )
+    head = Text.assemble((_camera_and_gain(report), "bold"), conditions, (folder, "bold"))
     notes = (
         Text.assemble(("note: ", "bold yellow"), said_here(note)) for note in report["notes"]
     )
     return Group(head, _stages(report), *_facts(report), *notes)
+
+
+def _camera_and_gain(report: Report) -> str:
+    """The camera, its gain setting if it has any, and its overall system gain."""
+    camera, setting = report["camera"], ""
+    if camera["gain"] is not None:
+        setting = f" at gain {camera['gain']}"
+    elif camera["gains"]:
+        setting = " at no gain setting"
+    return f"{camera['name']}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-"
 
 
 def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
@@ -170,6 +178,8 @@ def _stages(report: Report) -> FittedTable:
         )
     if report["theory"]["measured"]:
         caption += f"; theory is measured by {report['theory']['samples']} pixels, not derived"
+    if any(map(_is_uncertain, report["stages"])):
+        caption += "; ±: standard error of a σ that few very bright pixels make, that of the frame depends on the same"
     table = FittedTable(
         ("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption
     )
@@ -179,11 +189,27 @@ def _stages(report: Report) -> FittedTable:
             continue
         scale, unit = (1e3, "mV") if stage["unit"] == "V" else (1.0, stage["unit"])
         cells = [number(stage[key] * scale) for key in SIGNAL]
+        if _is_uncertain(stage):
+            cells[-1] = f"{cells[-1]}±{rough(_error_of_sigma(stage) * scale)}"
         effect = effects.get(stage["name"], {})
         noise = [effect.get(f"{name}_dn") for name in of_plan]
         cells += [rough(value) if value else "" for value in noise]
         table.add_row(stage["name"], Text(unit, style="dim"), *cells)
     return table
+
+
+def _error_of_sigma(stage: Report) -> float:
+    """Standard error of the σ that theory expects behind a stage, in its unit."""
+    parts = [
+        stage[f"sigma_{part}_expected"] * stage[f"sigma_{part}_error"]
+        for part in ("temporal", "spatial")
+    ]
+    return math.hypot(*parts) / max(stage["sigma_expected"], math.ulp(0.0))
+
+
+def _is_uncertain(stage: Report) -> bool:
+    """Whether the σ that theory expects is known to no better than a few percent."""
+    return _error_of_sigma(stage) > UNCERTAIN * stage["sigma_expected"]
 
 
 def _idle_stages(report: Report) -> list[str]:

@@ -90,14 +90,31 @@ class FrameTheory:
         noise = np.clip(temporal - plain[1], -LARGEST, LARGEST)
         noise_shift = self._light_groups.smooth(noise)
         square = self._squares(residual, temporal) * shift.unbiased
-        errors = (residual, noise - noise_shift.at(levels), square - square.mean())
         plain_mean, plain_temporal = self._plain(number, self.levels.light_e)
+        spatial = max(float(square.mean()), 0.0)
+        missed = spatial * self._missed_share(plain_mean, plain[0])
+        mean_error, temporal_error, spatial_error = map(
+            self._standard_error,
+            (residual, noise - noise_shift.at(levels), square - square.mean()),
+        )
         return Averages(
             self._over_light(plain_mean + shift.at(self.levels.light_e)),
             self._over_light(plain_temporal + noise_shift.at(self.levels.light_e)),
-            max(float(square.mean()), 0.0),
-            tuple(map(self._standard_error, errors)),  # type: ignore[arg-type]
+            spatial,
+            (mean_error, temporal_error, math.hypot(spatial_error, missed)),
         )
+
+    def _missed_share(self, at_levels: Float64Array, sampled: Float64Array) -> float:
+        """By which share the mean square of a signal over all pixels differs from that over the sampled ones.
+
+        Where few very bright pixels make most of it, the sample may have none of them; spatial variance, which is
+        about proportional to the square, is then wrong by as much, and its spread does not show it.
+        """
+        over_all = self._over_light(np.clip(at_levels, -LARGEST, LARGEST) ** 2)
+        over_sample = float(np.mean(np.clip(sampled, -LARGEST, LARGEST) ** 2))
+        if not over_sample > 0:
+            return 0.0
+        return abs(over_all / over_sample - 1)
 
     def means(self, light_e: Float64Array) -> dict[int, Float64Array]:
         """Expected signal behind every stage, by its number, in pixels with so many mean photoelectrons."""

@@ -12,6 +12,7 @@ import subprocess
 import sys
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.marks import one_in
 from rich.console import Console, RenderableType
@@ -146,6 +147,34 @@ def test_all_columns_of_a_narrow_table_follow_in_blocks_that_name_their_rows() -
         "3333333333",
     ]
     assert shown(table, 80).count("first row") == 1
+
+
+def test_a_sigma_that_few_bright_pixels_make_is_printed_with_its_standard_error() -> None:
+    """PRNU has σ = prnu·√(mean of N²) over all pixels, and the theory samples them: within four standard errors."""
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
+    photons = np.full((200, 300), 1e3)
+    uniform = ms.expose(photons, camera, exposure)
+    photons[::67, ::101] = 1e8
+    few = ms.expose(photons, camera, exposure)
+    for frames, is_uncertain in ((uniform, False), (few, True)):
+        stage = frames.report["stages"][1]
+        exact_e = camera.pixel.prnu * np.sqrt((np.asarray(frames.detected.mean_e) ** 2).mean())
+        error_e = terminal._error_of_sigma(stage)
+        assert stage["name"] == "PRNU"
+        assert abs(stage["sigma_expected"] - exact_e) < 4 * error_e
+        assert terminal._is_uncertain(stage) == is_uncertain
+
+
+def test_the_first_line_of_a_frame_names_gain_setting_and_system_gain(light: Any) -> None:
+    exposure = ms.Exposure(0.1)
+    for camera, said in (
+        (ms.load_camera("konnik_table1"), "konnik_table1, K = 0.1241 DN/e-, 0.1 s"),
+        (ms.load_camera("sony_a7s2").at_gain(3200), "sony_a7s2 at gain 3200, K = 3.06 DN/e-"),
+        (ms.load_camera("sony_a7s2"), "sony_a7s2 at no gain setting, K = 0.09563 DN/e-"),
+    ):
+        found = ms.capture(light, camera, exposure)
+        head = shown(terminal.summary({**found.metadata, "times_s": {}}, "out"), WHOLE)
+        assert head.startswith(said)
 
 
 def texts_without_blanks(text: str) -> set[str]:
