@@ -33,9 +33,10 @@ def list_command(as_json: arguments.Json = False) -> None:
 
 @scenes.command("show", cls=Command, epilog="Example: mitsuba-sensor scenes show still_life")
 def show_scene(name: arguments.SceneName, as_json: arguments.Json = False) -> None:
-    """What can be set in one scene by `-D NAME=VALUE`, its sensors for `--sensor`, and where its file is."""
+    """What can be set in one scene by `-D NAME=VALUE`, its sensors, its emitters, and where its file is."""
     from ..files.shipped_scenes import (
         scene_description,
+        scene_emitters,
         scene_file,
         scene_parameters,
         scene_sensors,
@@ -43,19 +44,25 @@ def show_scene(name: arguments.SceneName, as_json: arguments.Json = False) -> No
 
     file, description = scene_file(name), scene_description(name)
     parameters, sensors = scene_parameters(name), scene_sensors(name)
+    emitters = scene_emitters(name)
     if as_json:
         facts = {
             "name": name,
             "description": description,
             "file": str(file),
             "sensors": sensors,
+            "emitters": [one._asdict() for one in emitters],
         }
         return show({**facts, "parameters": [one._asdict() for one in parameters]}, True)
     table = FittedTable(("-D", "default", "meaning"))
     for one in parameters:
         table.add_row(one.name, Text(one.value), Text(one.meaning))
+    lamps = FittedTable(("emitter id", "type"), caption="ids are for --light-groups")
+    for emitter in emitters:
+        lamps.add_row(emitter.id or "–", emitter.type)
     show(f"{description}\n{file}\nsensors: {', '.join(sensors)}", False)
     show(table, False)
+    show(lamps, False)
 
 
 @scenes.command(

@@ -32,6 +32,13 @@ class SceneParameter(NamedTuple):
     meaning: str
 
 
+class SceneEmitter(NamedTuple):
+    """An emitter of a scene file.  id : for ``render --light-groups``; empty where it has none."""
+
+    id: str
+    type: str
+
+
 def scenes_folder() -> Path:
     """Where the scenes are on this machine."""
     installed = PACKAGE / "scenes"
@@ -99,6 +106,16 @@ def scene_sensors(name: str) -> list[str]:
         given = re.search(r'\bid="([^"]*)"', tag)
         sensors.append(sensor_name(given[1] if given else "", number))
     return sensors
+
+
+def scene_emitters(name: str) -> list[SceneEmitter]:
+    """Its emitters in their order."""
+    text = re.sub(COMMENT, "", scene_file(name).read_text("utf-8"), flags=re.S)
+    emitters = list[SceneEmitter]()
+    for tag in re.findall(r"<emitter\b[^>]*>", text):
+        given = dict(re.findall(r'\b(type|id)="([^"]*)"', tag))
+        emitters.append(SceneEmitter(given.get("id", ""), given["type"]))
+    return emitters
 
 
 def _plain(comment: str) -> str:

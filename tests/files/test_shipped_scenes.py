@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.marks import one_in
 from helpers.scenes import SKY, scene_text
 from typer.testing import CliRunner
 
@@ -204,3 +207,12 @@ def test_an_installed_wheel_renders_a_scene_by_its_name(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     text = (tmp_path / "empty" / "out" / "frame.json").read_text("utf-8")
     assert str(tmp_path / "site" / "mitsuba_sensor" / "scenes" / "first_frame.xml") in text
+
+
+@pytest.mark.parametrize("name", one_in(4, list_scenes()))
+def test_the_emitters_that_are_shown_are_those_that_mitsuba_loads(name: str) -> None:
+    """Ids and plugin types, as `--light-groups` matches them."""
+    shown = json.loads(CliRunner().invoke(app, ["scenes", "show", name, "--json"]).stdout)
+    tags = ElementTree.parse(scene_file(name)).iter("emitter")
+    found = [{"id": tag.get("id", ""), "type": tag.get("type")} for tag in tags]
+    assert shown["emitters"] == found and found
