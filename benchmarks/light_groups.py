@@ -3,7 +3,7 @@
     python benchmarks/light_groups.py [--scene night_crossing] [--width 96] [--spp 256] [--seeds 3] [--json]
 
 Both are rendered in turns with the same number of samples, which the groups share, and compared with a reference of
-64 times as many. Of all pixels, |z| < 1 should hold in 0.60 to 0.75 and |z| < 2 in 0.90 to 0.97. ``time`` is that of
+64 times as many. Seconds are of the processor. Of all pixels, |z| < 1 should hold in 0.60 to 0.75 and |z| < 2 in 0.90 to 0.97. ``time`` is that of
 the groups over that of the whole, ``error`` the median of the groups' errors over that of the whole, ``equal`` the time
 of the groups at the error of the whole, error² falling as one over the time.
 """
@@ -71,9 +71,9 @@ def measure(asked: argparse.Namespace) -> dict[str, Any]:
     render(asked.spp, 1, light_groups=asked.groups), render(asked.spp, 1)  # compile
     for seed in range(2, asked.seeds + 2):
         for name, options in (("groups", {"light_groups": asked.groups}), ("whole", {})):
-            started = time.perf_counter()
+            started = time.process_time()
             light = render(asked.spp, seed, **options)
-            seconds = time.perf_counter() - started
+            seconds = time.process_time() - started
             rows[name].append({**compared(light, reference, camera), "seconds": seconds})
     found: dict[str, Any] = {
         name: {key: statistics.median(row[key] for row in several) for key in several[0]}

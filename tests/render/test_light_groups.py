@@ -9,13 +9,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import write_scene
+from helpers.scenes import skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.group_notes import notes_of_groups
+from mitsuba_sensor.render.passes import grouped
 from mitsuba_sensor.render.passes.prepared import prepare
-from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
+from mitsuba_sensor.render.passes.stop_criterion import (
+    GROUP_LAUNCH,
+    RenderProgress,
+    stop_criterion_of,
+)
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(1e-4)
@@ -318,3 +324,48 @@ def test_a_scene_that_is_loaded_already_cannot_be_taken_apart() -> None:
     ms.render(text, CAMERA, EXPOSURE, **{**QUICK, "spp": 1})  # sets a variant
     with pytest.raises(ms.InputError, match="loaded already"):
         ms.render(mi.load_string(text), CAMERA, EXPOSURE, light_groups="auto", **QUICK)
+
+
+def test_a_second_group_of_the_same_kind_compiles_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two equal lamps, left and right: the renders of both groups launch the same kernels, and so do two renders."""
+    variant = skip_unless_usable("llvm_ad_spectral")
+    other = SPOT.replace("lamp_2", "lamp_1").replace('x="0"', 'x="0.5"')
+    scene = write_scene(tmp_path, f'<scene version="3.0.0">{VIEW}{FLOOR}{SPOT}{other}</scene>')
+    dr, launched = drjit(), list[set[str]]()
+    one_group = grouped._render_group
+
+    def noted(*given: Any) -> Any:
+        dr.kernel_history_clear()
+        found = one_group(*given)
+        launched.append({k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])})
+        return found
+
+    monkeypatch.setattr(grouped, "_render_group", noted)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        for seed in (1, 2):
+            options = {**QUICK, "variant": variant, "light_groups": "auto", "denoise": None}
+            ms.render(scene, CAMERA, EXPOSURE, seed=seed, **options)
+    assert len(launched) == 4 and launched[0]
+    assert all(kernels == launched[0] for kernels in launched)
+
+
+@pytest.mark.parametrize("repeatable", [False, True])
+def test_the_passes_of_groups_have_few_sizes_and_about_the_samples_of_their_share(
+    repeatable: bool,
+) -> None:
+    """From 8 samples to 65 536: within a fifth, in whole launches, of sizes that double, each a full grid."""
+    sizes = set()
+    for spp in (64, 256, 1000, 65536):
+        stop = stop_criterion_of({"spp": spp, "repeatable": repeatable})
+        for share in np.geomspace(8 / spp, 1.0, 40):
+            part = stop.for_share(float(share))
+            wanted = stop.passes * stop.samples * share
+            assert part.passes % GROUP_LAUNCH == 0 and part.passes >= 2 * GROUP_LAUNCH
+            assert part.passes * part.samples == pytest.approx(max(wanted, 8), rel=0.2)
+            assert part.together(99) == GROUP_LAUNCH
+            sizes.add(part.samples)
+    assert sizes == (
+        {1, 2, 4, 8} if repeatable else {1, 2, 4, 8, 16, 30, 64, 121, 256, 506, 1024}
+    )

@@ -24,10 +24,11 @@ from .statistics import POOLED, NoiseRatios, RenderStatistics, sum_error, summar
 from .stop_criterion import Progress, RenderProgress, StopCriterion
 
 if TYPE_CHECKING:
+    from ..scene.light_groups import LightGroup
     from .prepared import PreparedRender
     from .renderer import Electrons
 
-PILOT = StopCriterion(passes=4, samples=4)
+PILOT = StopCriterion(passes=4, samples=2, launch=4)
 """Samples that measure the variance of a group before its render."""
 
 SEEN = 95.0
@@ -62,21 +63,23 @@ def render_light_groups(
     progress: Progress | None,
     started: float | None,
 ) -> Irradiance:
-    """All groups of a prepared scene, and their sum.  started : when it began, on the monotonic clock [s]."""
+    """All groups of a prepared scene, and their sum.  started : when it began, on the monotonic clock [s].
+
+    The scene of a still group is loaded for its pilot and again for its render, so that there are never two of them:
+    kernels have in them where Dr.Jit keeps the objects of a scene among those of all scenes that are loaded, and groups
+    with emitters of the same number and kinds share them.
+    """
     began = time.monotonic() if started is None else started
-    parts = {group.name: whole.of_light_group(group) for group in whole.light_groups}
-    pilots = {name: _pilot(part, name, seed) for name, part in parts.items()}
+    pilots = {group.name: _pilot(whole, group, seed) for group in whole.light_groups}
     shares = _shares(whole, pilots)
     renders, done = dict[str, GroupRender](), 0.0
-    for name, part in parts.items():
+    for group in whole.light_groups:
+        name = group.name
         others = [mean_e for other, (mean_e, _) in pilots.items() if other != name]
-        part.renderer.beside_e = np.asarray(sum(others, np.zeros((1, 1))))
+        beside_e = np.asarray(sum(others, np.zeros((1, 1))))
         told = _told(progress, name, began, done, shares[name])
-        light = part.render(
-            _seed_of(seed, name), stop.for_share(shares[name]), told, started=time.monotonic()
-        )
-        renders[name] = GroupRender(light, part.renderer.electrons())
-        part.renderer.release()
+        within = stop.for_share(shares[name])
+        renders[name] = _render_group(whole, group, seed, within, told, beside_e)
         done += shares[name]
     lights = {name: render.light for name, render in renders.items()}
     total = sum_of_groups(lights)
@@ -92,12 +95,26 @@ def _seed_of(seed: int, group: str) -> int:
     return hashed_seed(seed, 0, int.from_bytes(group.encode(), "little"))
 
 
-def _pilot(part: PreparedRender, name: str, seed: int) -> Electrons:
+def _pilot(whole: PreparedRender, group: LightGroup, seed: int) -> Electrons:
     """Mean photoelectrons of a group, and the variance of that mean, by a few samples."""
-    part.renderer.run(_seed_of(seed, f"{name} before"), PILOT, lambda step: None)
-    electrons = part.renderer.electrons()
-    part.renderer.release()
-    return electrons
+    renderer = whole.of_light_group(group).renderer
+    renderer.run(_seed_of(seed, f"{group.name} before"), PILOT, lambda step: None)
+    return renderer.electrons()
+
+
+def _render_group(
+    whole: PreparedRender,
+    group: LightGroup,
+    seed: int,
+    stop: StopCriterion,
+    progress: Progress | None,
+    beside_e: Float64Array,
+) -> GroupRender:
+    """The light of one group.  beside_e : mean photoelectrons of the others."""
+    part = whole.of_light_group(group)
+    part.renderer.beside_e = beside_e
+    light = part.render(_seed_of(seed, group.name), stop, progress, started=time.monotonic())
+    return GroupRender(light, part.renderer.electrons())
 
 
 def _shares(whole: PreparedRender, pilots: Mapping[str, Electrons]) -> dict[str, float]:

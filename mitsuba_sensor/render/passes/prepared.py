@@ -195,6 +195,7 @@ class PreparedRender:
             light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial)
         )
         light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
+        renderer.choice = None  # a cycle, which would keep the scene loaded for a while
         if kept is None or renderer.denoised is None:
             return light
         ratios = self.noise_ratios(exposure, raw, renderer.passes)
@@ -371,8 +372,7 @@ def prepare(
     """Check all that was asked for, read what was not from the scene file, and load the scene.
 
     usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
-    sampler : of Mitsuba; no option of :func:`render`, because no other is better.  undecided : whether a forecast may
-        leave out denoising.
+    sampler : of Mitsuba; no other is better.  undecided : whether a forecast may leave out denoising.
     No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
     ratio: a short render at rest finds it. Raises InputError.
     """

@@ -19,6 +19,7 @@ DEFAULT_PASS_SPP = 8
 FIRST_LOOK = 8  # passes of the default render, before it is compared with the sensor's noise
 # Render variance over sensor variance falls as samples^-0.75 where it is denoised: its gain falls, too.
 RATIO_EXPONENT = 0.75
+GROUP_LAUNCH = 4  # passes of a light group that are made at once: of all groups, because it is part of a kernel
 FEWEST_TO_STOP = 16  # passes before a goal counts as reached: 15 degrees of freedom
 SIZED = 32  # passes that a render towards a goal is sized for
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
@@ -40,6 +41,7 @@ class StopCriterion:
     passes : the most there may be.  samples : per pixel and pass; of the first pass where the rest is not ``sized``.
     goal, reached : value of the renderer's criterion at which to stop, or None, and what that is called.
     max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
+    launch : passes that are made at once where so many fit on a film; None: as many as is best.
     grouped : whether ``samples`` are of each group of bands apart.
     repeatable : see :func:`passes.pass_plan`.
     sensor_noise_share : of the sensor's noise that the render's may have; less than 1 of a light group.
@@ -54,13 +56,18 @@ class StopCriterion:
     end: End = "spp"
     asked: int | None = None
     sized: bool = True
+    launch: int | None = None
     grouped: bool = False
     repeatable: bool = False
     to_sensor_noise: bool = False
     sensor_noise_share: float = 1.0
 
     def for_share(self, share: float) -> StopCriterion:
-        """That of a light group with this share of the samples, and of the variance that the render may have."""
+        """That of a light group with this share of the samples, and of the variance that the render may have.
+
+        A kernel has in it how many samples a pass has, and how many passes are made at once. So groups have passes of
+        a few sizes, each twice as large as the one before, in multiples of what is made at once.
+        """
         within = replace(
             self,
             goal=None if self.goal is None else self.goal * share,
@@ -70,10 +77,11 @@ class StopCriterion:
         )
         if self.to_sensor_noise or not self.sized:
             return replace(within, passes=max(round(self.passes * share), FIRST_LOOK))
-        passes, samples = pass_plan(
-            max(round(self.passes * self.samples * share), FEWEST), self.repeatable
-        )
-        return replace(within, passes=passes, samples=samples)
+        wanted = max(self.passes * self.samples * share, FEWEST)
+        samples = whole_grid(2 ** int(math.log2(wanted / FEWEST)), self.repeatable)
+        launches = max(round(wanted / samples / GROUP_LAUNCH), FEWEST // GROUP_LAUNCH)
+        passes = launches * GROUP_LAUNCH
+        return replace(within, passes=passes, samples=samples, launch=GROUP_LAUNCH)
 
     def is_long(self, values: int) -> bool:
         """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
@@ -88,6 +96,8 @@ class StopCriterion:
         """
         if not self.sized or self.goal is not None or math.isfinite(self.max_seconds):
             return 1
+        if self.launch is not None:
+            return self.launch if self.launch <= most else 1
         passes = min(self.passes, FIRST_LOOK) if self.to_sensor_noise else self.passes
         divisors = [n for n in range(1, min(most, passes) + 1) if passes % n == 0]
         return max([n for n in divisors if 1 < n <= passes // 2] or divisors)
