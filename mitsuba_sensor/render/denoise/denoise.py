@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Float64Array
-from .combine import Image, box, combine, with_residuals
+from .combine import Image, combine, with_residuals
 from .guides import DARKEST_REFLECTANCE, Guides
-from .network import COLOURS, Network, library, name
+from .network import COLOURS, Network, name
 
 LEAST_PASSES = 4  # two in each half, so that their variance is known
 LEAST_PIXELS = 13 * 13  # the neighbourhood from which the weights are estimated
@@ -59,12 +59,6 @@ def is_noisy(mean: Float64Array, variance: Float64Array) -> bool:
     lit = mean > 0
     noisy = np.count_nonzero(variance[lit] > LEAST_NOISE * mean[lit] ** 2)
     return bool(noisy > LEAST_NOISY * np.count_nonzero(lit))
-
-
-def load_libraries() -> None:
-    """Import what :func:`denoise` needs, which takes longer than to use it on few pixels."""
-    library()
-    box(np.zeros((1, 1)), 0)
 
 
 def denoise(halves: Halves, guides: Guides | None) -> Denoised:

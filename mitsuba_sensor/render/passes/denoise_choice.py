@@ -2,12 +2,12 @@
 
 A trial denoises some rows of the render alone, or all of a small picture, which is kept if it is better. The error is
 compared by the mean render noise of the lit pixels over the sensor's own, in which no pixel counts for more than the
-95th percentile of the render that is not denoised: a few pixels of rare paths decide nothing.
+95th percentile of the render that is not denoised: a few pixels of rare paths decide nothing. The time that denoising
+takes is counted in samples, by constants, so that no clock decides: the same command chooses the same again, anywhere.
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...core import Float64Array
 from ..denoise.denoise import LEAST_PASSES, is_noisy
+from ..denoise.guides import FEWEST_RAYS
 from .noise_goals import exposure_for
 from .stop_criterion import FIRST_LOOK, RATIO_EXPONENT, StopCriterion
 
@@ -29,8 +30,9 @@ ROWS_OF_TRIAL = 32  # of so many rows one is tried
 SMALL = 3  # times the rows of a trial: smaller pictures are tried as a whole
 CALM = 0.25
 """Mean noise ratio below which denoising matters little to this sensor: no trial, unless it costs hardly anything."""
-START_S, PIXEL_S = 0.06, 30e-6
-"""Seconds of a trial, about: to start the network and the rays, and for each pixel."""
+START_SAMPLES, NETWORK_SAMPLES, RAY_SAMPLES = 1e5, 30.0, 0.15
+"""Samples that take as long as denoising: its start, the network for a pixel, a ray of its guides. In the middle of the
+scenes of this package, of which a sample of a closed room takes ten times as long as one of a chart."""
 LITTLE = 40.0  # a trial costs hardly anything where the samples take so many times as long
 
 
@@ -40,20 +42,18 @@ class DenoiseForecast:
 
     gain : squared error of the render over that of its denoised light, in the trial; None without a trial.
     noise : mean render noise over sensor noise, of the render without denoising.
-    denoiser_s : seconds that denoising takes after the trial, as far as that tells.  samples_s : of all samples.
+    denoiser_samples : samples per pixel in the time that denoising takes after the trial.  samples : of the render.
     """
 
     gain: float | None
     noise: float
-    denoiser_s: float
-    samples_s: float
+    denoiser_samples: float
+    samples: float
 
     @property
     def needed(self) -> float:
         """What samples gain in the time of the denoiser; a variance falls as one over the samples."""
-        if not self.samples_s > 0:
-            return np.inf
-        return 1 + self.denoiser_s / self.samples_s
+        return 1 + self.denoiser_samples / self.samples
 
     @property
     def denoises(self) -> bool:
@@ -62,12 +62,12 @@ class DenoiseForecast:
 
     def record(self) -> dict[str, float | None]:
         """What the render statistics say of it."""
-        seconds = {"denoiser_s": self.denoiser_s, "samples_s": self.samples_s}
         return {
             "gain": self.gain,
             "gain_of_samples": self.needed,
             "noise": self.noise,
-            **seconds,
+            "denoiser_samples": self.denoiser_samples,
+            "samples": self.samples,
         }
 
     def note(self) -> str:
@@ -114,11 +114,11 @@ class DenoiseChoice:
         return [self.forecast.note()]
 
     def _passes_for(self, forecast: DenoiseForecast) -> int:
-        renderer = self._prepared.renderer
-        pass_s = renderer.seconds_per_sample * renderer.samples * len(renderer.groups)
-        if forecast.denoises or not pass_s > 0:
+        if forecast.denoises:
             return 0
-        passes = min(forecast.denoiser_s / pass_s, self._stop.passes)
+        renderer = self._prepared.renderer
+        of_pass = renderer.samples * len(renderer.groups)
+        passes = min(forecast.denoiser_samples / of_pass, self._stop.passes)
         return FIRST_LOOK * round(passes / FIRST_LOOK)
 
     def _make_forecast(self) -> DenoiseForecast:
@@ -126,28 +126,26 @@ class DenoiseChoice:
         renderer = self._prepared.renderer
         raw, rows = renderer.electrons(), self._tried_rows()
         self._exposure = exposure_for(self._prepared, raw[0][_lit(raw[0])])
-        sample_s, done = renderer.seconds_per_sample, renderer.samples_per_pixel
         noise_ratio = self._noise_ratio(raw, slice(None))
         most = _most(noise_ratio)
-        noise, pixels = _mean_below(noise_ratio, most), raw[0][rows].size
-        ends = self._samples_at_end(noise_ratio, 1.0)
-        if noise <= CALM and ends * sample_s < LITTLE * (START_S + PIXEL_S * pixels):
-            denoiser_s = START_S + PIXEL_S * raw[0].size
-            return DenoiseForecast(None, noise, denoiser_s, ends * sample_s)
-        is_whole = pixels == raw[0].size
-        renderer.prepare_trial()
-        started = time.perf_counter()
+        noise, pixels = _mean_below(noise_ratio, most), raw[0].size
+        is_whole = raw[0][rows].size == pixels
+        done, ends = renderer.samples_per_pixel, self._samples_at_end(noise_ratio, 1.0)
+        trial_samples = _denoiser_samples(raw[0][rows].size, FEWEST_RAYS) / pixels
+        if noise <= CALM and ends < LITTLE * trial_samples:
+            denoiser_samples = _denoiser_samples(pixels, FEWEST_RAYS) / pixels
+            return DenoiseForecast(None, noise, denoiser_samples, ends)
         denoised = renderer.denoised_electrons() if is_whole else renderer.denoised_rows(rows)
-        denoiser_s = _for_picture(time.perf_counter() - started, raw[0].size / pixels)
         assert denoised is not None
         before = _mean_below(self._noise_ratio((raw[0][rows], raw[1][rows]), rows), most)
         after = _mean_below(self._noise_ratio(denoised, rows), most)
         gain = before / max(after, np.finfo(float).tiny)
         ends = self._samples_at_end(noise_ratio, max(gain, 1.0))
         gain *= (done / ends) ** (1 - RATIO_EXPONENT)
+        denoiser_samples = _denoiser_samples(pixels, renderer.guide_rays) / pixels
         if is_whole and ends == done:
-            denoiser_s = 0.0
-        return DenoiseForecast(gain, noise, denoiser_s, ends * sample_s)
+            denoiser_samples = 0.0
+        return DenoiseForecast(gain, noise, denoiser_samples, ends)
 
     def _tried_rows(self) -> slice:
         """Rows in the middle of the picture, enough of them that their mean error is known."""
@@ -182,10 +180,9 @@ class DenoiseChoice:
         return float(min(max(needed, done), max(most, done)))
 
 
-def _for_picture(tried_s: float, times: float) -> float:
-    """Seconds for a picture of so many times the pixels that took ``tried_s``: what starts, starts once."""
-    started_s = min(START_S, tried_s / 2)
-    return started_s + (tried_s - started_s) * times
+def _denoiser_samples(pixels: int, rays: int) -> float:
+    """Samples, of all pixels, that take as long as denoising so many.  rays : of the guides, per pixel."""
+    return START_SAMPLES + (NETWORK_SAMPLES + RAY_SAMPLES * rays) * pixels
 
 
 def _lit(mean_e: Float64Array) -> NDArray[np.bool_]:

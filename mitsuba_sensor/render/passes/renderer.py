@@ -27,7 +27,6 @@ from ..denoise.denoise import (
     Halves,
     denoise,
     is_noisy,
-    load_libraries,
 )
 from ..denoise.filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
 from ..denoise.guides import Guides, detected_quarters, most_rays, noise_share, traced
@@ -58,6 +57,7 @@ class Renderer:
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
     seconds_per_sample : of one sample in every pixel, without the first pass, which compiles.
     negative, non_finite : its values that were set to 0.  lost : those of them that were NaN or −∞.
+    guide_rays : per pixel, of the guides that were traced last.
     denoised : what :meth:`denoise` made of the last render, else None.
     choice : whether to denoise, of a forecast; None where it is decided.
     beside_e : mean photoelectrons of the other light groups in the same pixels, (H, W) or (1, 1): they make shot noise.
@@ -82,6 +82,7 @@ class Renderer:
         self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
         self.negative = self.non_finite = self.lost = self.passes = self.samples = 0
         self.beside_e: Map = np.zeros((1, 1))
+        self.guide_rays = 0
         self.strips: list[RowStrip] = []
         self._fireflies: float | None = None
         self.choice: DenoiseChoice | None = None
@@ -279,12 +280,6 @@ class Renderer:
         """Whether no forecast is against denoising the light."""
         return self.choice is None or self.choice.denoises()
 
-    def prepare_trial(self) -> None:
-        """Load and compile what denoising needs, so that the time of :meth:`denoised_rows` is that of any rows."""
-        load_libraries()
-        if not mitsuba().variant().startswith("scalar"):
-            self.scene.guides(self._typical_wavelengths_nm(), (0, 1), 2)
-
     def denoised_rows(self, rows: slice) -> Electrons:
         """What :meth:`electrons` of some rows would be, if the picture had no others and were denoised."""
         share = ((self.passes + 1) // 2) / self.passes
@@ -328,12 +323,14 @@ class Renderer:
     def _traced_guides(self, rows: slice, known: Guides | None) -> Guides:
         """Those that are known, if any, and more rays as needed, of some rows."""
         mean, variance = (image[rows] for image in self._raw_electrons())
-        return traced(
+        guides = traced(
             partial(self.scene.guides, self._typical_wavelengths_nm(), (rows.start, rows.stop)),
             most_rays(self.samples_per_pixel),
             lambda noise: noise_share(self._own(noise, rows), mean, variance),
             known,
         )
+        self.guide_rays = guides.rays
+        return guides
 
     def infinite(self) -> NDArray[np.bool_]:
         """(H, W) where the irradiance is infinite."""
