@@ -3,9 +3,9 @@
     python benchmarks/light_groups.py [--scene night_crossing] [--width 96] [--spp 256] [--seeds 3] [--json]
 
 Both are rendered in turns with the same number of samples, which the groups share, and compared with a reference of
-64 times as many. Seconds are of the processor. Of all pixels, |z| < 1 should hold in 0.60 to 0.75 and |z| < 2 in 0.90 to 0.97. ``time`` is that of
-the groups over that of the whole, ``error`` the median of the groups' errors over that of the whole, ``equal`` the time
-of the groups at the error of the whole, error² falling as one over the time.
+64 times as many. Of all pixels, |z| < 1 should hold in 0.60 to 0.75 and |z| < 2 in 0.90 to 0.97. ``time`` is that of
+the groups over that of the whole, in seconds of the processor, ``error`` the median of the groups' errors over that of
+the whole, ``equal`` the time of the groups at the error of the whole, error² falling as one over the time.
 """
 
 from __future__ import annotations

@@ -155,7 +155,7 @@ def test_a_goal_that_a_render_without_denoising_works_towards_is_reached(
     assert found.noise_ratio_median <= 20.0
 
 
-def test_where_the_same_bits_or_both_lights_are_asked_for_no_clock_decides() -> None:
+def test_where_repeatable_or_both_lights_are_asked_for_no_forecast_decides() -> None:
     decided = {"denoise": True}, {"denoise": False}, {"repeatable": True}, {"raw_light": True}
     assert is_undecided(complete(RenderOptions, {}))
     assert not any(is_undecided(complete(RenderOptions, options)) for options in decided)

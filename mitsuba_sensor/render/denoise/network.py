@@ -53,7 +53,7 @@ def denoised_if_possible(options: RenderOptions) -> RenderOptions:
 
 
 def is_undecided(options: RenderOptions) -> bool:
-    """Whether a forecast may leave out denoising: not where the same bits or both lights are asked for."""
+    """Whether a forecast may leave out denoising: not where both lights or repeatable ones are asked for."""
     decided = options["denoise"] is not None or options["raw_light"] or options["repeatable"]
     return not decided and is_installed()
 
