@@ -32,7 +32,7 @@ CALM = 0.25
 """Mean noise ratio below which denoising matters little to this sensor: no trial, unless it costs hardly anything."""
 START_SAMPLES, NETWORK_SAMPLES, RAY_SAMPLES = 1e5, 30.0, 0.15
 """Samples that take as long as denoising: its start, the network for a pixel, a ray of its guides. In the middle of the
-scenes of this package, of which a sample of a closed room takes ten times as long as one of a chart."""
+scenes of this package, of which a sample of a closed box takes ten times as long as one of a chart."""
 LITTLE = 40.0  # a trial costs hardly anything where the samples take so many times as long
 
 
