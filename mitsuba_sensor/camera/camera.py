@@ -20,6 +20,7 @@ from pydantic import (
 from ..core import Doubt, Exposure, InputError, nearest, numbers, refuse_masked
 from ..core.argument_names import tells_of_names
 from ..core.band_average import photon_averages
+from ..core.checks import require_pair
 from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from ..stages.gains import gain_dn_per_e
@@ -362,13 +363,21 @@ class Camera(FileTable):
         centres = numbers("wavelengths_nm", wavelengths_nm, "wavelengths in nm, e.g. [550.0]")
         if bandwidths_nm is None:
             return at(centres)
-        return photon_averages(at, points, centres, np.asarray(bandwidths_nm, dtype=np.float64))
+        centres = np.atleast_1d(centres)
+        widths = numbers("bandwidths_nm", bandwidths_nm, "widths in nm, one or one each")
+        if centres.ndim != 1 or widths.shape not in ((), (1,), centres.shape):
+            raise InputError(
+                f"bandwidths_nm has shape {widths.shape} and wavelengths_nm {centres.shape}; pass one width per band."
+            )
+        return photon_averages(at, points, centres, np.broadcast_to(widths, centres.shape))
 
     def filter_index(
         self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)
     ) -> NDArray[np.intp]:
         """Filter number of every pixel of a window, (H, W)."""
-        tile = np.array(self.tile)
+        tile, what = np.array(self.tile), "(row, column) of the first pixel, e.g. (0, 0)"
+        shape = require_pair("shape", shape, "(rows, columns), e.g. (480, 640)")
+        origin = require_pair("origin", origin, what)
         rows = (np.arange(shape[0]) + origin[0]) % tile.shape[0]
         columns = (np.arange(shape[1]) + origin[1]) % tile.shape[1]
         return tile[np.ix_(rows, columns)]

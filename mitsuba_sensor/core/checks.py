@@ -1,11 +1,12 @@
 """Checks of the arguments of public functions that both rendering and the sensor use."""
 
 import os
-from typing import TypeVar, overload
+from pathlib import Path
+from typing import TypeVar, cast, overload
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, require_seed, shown
 from .exposure import Exposure
 from .types import Float64Array
 
@@ -84,6 +85,30 @@ def numbers(name: str, values: object, remedy: str) -> Float64Array:
     if array.dtype.kind not in "iuf":
         raise InputError(f"{name} is not numeric; pass {remedy}.")
     return np.asarray(array, dtype=np.float64)
+
+
+def require_path(name: str, path: object, example: str) -> Path:
+    """A path, as text or path. Raises InputError for anything else.  example : of what to pass."""
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"{name} is {shown(path)}; pass a path, e.g. {example!r}.")
+    return Path(path)
+
+
+def require_pair(name: str, pair: object, what: str) -> tuple[int, int]:
+    """Two whole numbers of rows and columns. Raises InputError.  what : they are, with an example."""
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise InputError(f"{name} is {shown(pair)}; it must be {what}.")
+    return require_seed(name, pair[0]), require_seed(name, pair[1])
+
+
+def require_frame(number: object, count: int) -> int:
+    """The number of one of the frames, from 0, or from the end. Raises InputError."""
+    whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+    if not whole or not -count <= int(cast(int, number)) < count:
+        raise InputError(
+            f"number is {shown(number)}; the frames are numbered from 0 to {count - 1}."
+        )
+    return int(cast(int, number))
 
 
 @overload

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..core import InputError, nearest
 from ..core.argument_names import tells_of_names
+from ..core.checks import require_path
 from ..files.raw_files import read_raw
 from ..files.texts import read_json, text_of_file
 from ..output.exr import read_aovs_exr
@@ -120,7 +121,7 @@ class Dataset(Sequence[Sample]):
     """
 
     def __init__(self, folder: str | os.PathLike[str], split: str | None = None) -> None:
-        self.folder = Path(folder)
+        self.folder = require_path("folder", folder, "pairs/")
         store, lines = Store(self.folder), read_index(self.folder).lines
         splits = sorted({line["split"] for line in lines})
         if split is not None and split not in splits:

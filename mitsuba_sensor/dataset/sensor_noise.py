@@ -16,6 +16,7 @@ from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, InputError, Photons, check_types
 from ..core.argument_names import tells_of_names
+from ..core.errors import shown
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
 from ..kept_sensor import Sensor
@@ -319,8 +320,8 @@ def _as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
 
 
 def _choice(name: str, value: Any, known: tuple[str, ...]) -> Any:
-    if value not in known:
-        raise InputError(f"{name} is {value!r}; it must be one of {', '.join(known)}.")
+    if not isinstance(value, str) or value not in known:
+        raise InputError(f"{name} is {shown(value)}; it must be one of {', '.join(known)}.")
     return value
 
 

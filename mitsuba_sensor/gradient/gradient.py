@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Unpack
+from typing import Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,7 @@ from ..core import (
 from ..core.backend import NUMPY_FLOAT32
 from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
+from ..core.errors import shown
 from ..core.options import complete, documents
 from ..sensor.checks import as_photons, check_numbers, checked_maps, placed
 from ..sensor.choices import check_law
@@ -208,6 +209,20 @@ class DifferentiableFrames:
         return np.stack([self.stages[0].sample(one, frame).light for one in ones], axis=-1)
 
 
+def _names_of(parameters: object) -> tuple[str, ...]:
+    """Names of what is differentiated by, one or several, each once. Raises InputError."""
+    names = (parameters,)
+    if isinstance(parameters, list | tuple | set | frozenset | Mapping):
+        names = tuple(parameters)
+    for name in names:
+        if not isinstance(name, str):
+            raise InputError(
+                f"parameters is {shown(parameters)}; pass names of fields, e.g. 'pixel.prnu', 'exposure.time_s' or "
+                "'photons'."
+            )
+    return tuple(dict.fromkeys(cast(tuple[str, ...], names)))
+
+
 @documents(GradientOptions)
 def differentiable(
     photons: Photons | ArrayLike,
@@ -238,7 +253,7 @@ def differentiable(
     warn_of_temperature(exposure.temperature_k)
     chosen = complete(GradientOptions, options)
     camera = camera.at_gain(chosen["gain"])
-    names = (parameters,) if isinstance(parameters, str) else tuple(dict.fromkeys(parameters))
+    names = _names_of(parameters)
     light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
     _check(names, light, camera)
     check_law(stages, "derivatives of the expected code are", "compute differences of frames")

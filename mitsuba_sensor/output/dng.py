@@ -19,6 +19,7 @@ from ..camera.camera import Camera
 from ..camera.colour_matrix import STEP_NM, colour_matrix, colour_order, standard_light
 from ..camera.figures import QUANTISATION_DN2, figures_if_any, saturation_dn, saturation_e
 from ..core import Exposure, Float64Array, InputError
+from ..core.checks import require_frame, require_path
 from ..files.appearing import appearing
 from ..files.texts import to_json
 from ..files.tiff import (
@@ -100,10 +101,7 @@ def dng_names(frames: RawFrames) -> list[str]:
 def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) -> None:
     """One of the frames as a DNG 1.4, its pixels unchanged and uncompressed. Raises InputError (see check_dng)."""
     check_dng(frames.camera, frames.digital.shape)
-    if not -len(frames.digital) <= number < len(frames.digital):
-        raise InputError(
-            f"number is {number!r}, and there are {len(frames.digital)} frames; the first one is 0."
-        )
+    number = require_frame(number, len(frames.digital))
     facts, tags = image_facts(frames) | {"frames": 1}, list(_about(frames))
     if len(frames.camera.filter_names) > 1:
         photometric = CFA
@@ -111,7 +109,9 @@ def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) 
     else:
         photometric = LINEAR_RAW
         tags += _levels(frames, 1)
-    with appearing(Path(path), frames.digital[number].nbytes) as temporary:
+    with appearing(
+        require_path("path", path, "frame.dng"), frames.digital[number].nbytes
+    ) as temporary:
         write_pages(temporary, frames.digital[number], to_json(facts).encode(), tags)
         _finish(temporary, photometric, list(_exif(frames)))
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..camera.camera import Camera
 from ..camera.colour_matrix import ColourMatrix, colour_matrix
 from ..core import Float64Array, require
+from ..core.checks import require_frame, require_path
 from ..core.html import facts, fragment, picture
 from ..core.versions import versions
 from ..files import png, texts, tiff
@@ -46,9 +47,8 @@ def preview_of(frames: RawFrames, number: int = 0, gain: float = 1.0) -> NDArray
     """frame.png: one of the frames, as :func:`preview` develops it in the light of the scene."""
     illuminant = frames.light.illuminant
     gain = require("gain", gain, 0.0, np.inf, "how many times as bright, e.g. 2")
-    return preview(
-        frames.digital[number], frames.camera, gain, frames.first.window.origin, illuminant
-    )
+    digital = frames.digital[require_frame(number, len(frames.digital))]
+    return preview(digital, frames.camera, gain, frames.first.window.origin, illuminant)
 
 
 def frames_metadata(frames: Frames) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def summary_of(frames: Frames, report: Mapping[str, Any]) -> dict[str, Any]:
 
 def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
     """Write frame.tiff, frame.png and frame.json, all or none; CLEAN of other frames goes. Raises InputError."""
-    with output_folder(os.fspath(folder), FRAME_FILES) as scratch:
+    with output_folder(require_path("folder", folder, "out/"), FRAME_FILES) as scratch:
         write_frames(scratch, frames, frames_metadata(frames))
 
 

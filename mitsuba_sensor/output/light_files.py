@@ -16,6 +16,7 @@ from ..camera.camera import Camera
 from ..camera.camera_file import load_camera
 from ..core import Float64Array, InputError, nearest, require
 from ..core.argument_names import tells_of_names
+from ..core.checks import require_path
 from ..core.units import LIGHT_SPEED_M_PER_S
 from ..files.openexr import whole_exr
 from .exr import read_irradiance_exr
@@ -70,7 +71,7 @@ def read_irradiance(
     fov_deg : horizontal field of view of the radiance, for the cos⁴ of the lens; without it there is none.
     Raises InputError for what cannot be read, and where unit, wavelength or camera must be given, or must not.
     """
-    file = Path(path)
+    file = require_path("path", path, "out/irradiance.exr")
     with whole_exr(file, "that cannot be read", pixels=False) as (header, _):
         is_own = OWN in header
         names = [channel.name for channel in header["channels"]]

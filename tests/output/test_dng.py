@@ -353,6 +353,6 @@ def test_a_frame_that_is_none_of_these_is_refused(tmp_path: Path) -> None:
     frames.save_dng(tmp_path / "a.dng", -1)
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.dng"), frames.digital[1])
     with pytest.raises(
-        ms.InputError, match=r"number is 2, and there are 2 frames; the first one is 0\."
+        ms.InputError, match=r"number is 2; the frames are numbered from 0 to 1\."
     ):
         frames.save_dng(tmp_path / "b.dng", 2)

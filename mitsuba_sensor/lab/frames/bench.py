@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.argument_names import tells_of_names
+from ...core.checks import require_path
 from ...files.raw_files import RawFile, read_raw
 from .manifest import (
     KINDS,
@@ -140,7 +141,7 @@ def read_bench(
     report : called with the files that are read, and all of them, after each.
     Raises InputError for what cannot be read or told apart, with the file and the way out.
     """
-    asked = manifest = Path(path)
+    asked = manifest = require_path("path", path, "bench/")
     if asked.is_dir():
         manifest = asked / MANIFEST
     elif not asked.exists():

@@ -115,7 +115,7 @@ def _linear(
     """Values in the unit of Mitsuba's RGB."""
     if unit is None:
         raise InputError(NO_UNIT)
-    if unit not in get_args(RgbUnit):
+    if not isinstance(unit, str) or unit not in get_args(RgbUnit):
         known = get_args(RgbUnit)
         raise InputError(
             f"unit is {unit!r}; it must be one of {', '.join(known)}.{nearest(str(unit), known)}"
