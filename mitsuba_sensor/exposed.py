@@ -25,7 +25,7 @@ from .output.frames import Frames
 from .output.light_files import read_irradiance
 from .render.denoise.network import denoised_if_possible, is_undecided
 from .render.light.irradiance import Irradiance
-from .render.light.light_sum import check_group_names
+from .render.light.light_sum import check_group_names, waveforms_of
 from .render.light.photons import collected, metered, photons_of
 from .render.motion.moving_scene import MovingScene
 from .render.options import FrameSeriesOptions, RenderOptions
@@ -128,6 +128,7 @@ def render_once(request: Request) -> Exposed:
             raise InputError(
                 "chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550."
             )
+        render = replace(render, waveforms=waveforms_of(options["lights"] or {}))
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
         if options["lights"] is not None:

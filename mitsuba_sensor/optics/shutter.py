@@ -9,6 +9,10 @@ instant of the exposure has the same probability: the blur is that of the open s
 ghosts of the sub-frames (systematic sampling with a random start). A new random u in each of P
 passes would make the blur short by 1/(2·m²·P), and its length uncertain by twice as much.
 
+Of a lamp that flickers, sub-frame j of a row has the share of the light that the lamp gives in part j of the m equal
+parts of the row's exposure, ∫w over the part by ∫w over the exposure, in place of 1/m. Where Δ = exposure/m the instant
+lies within that part, so that what moves is seen by each flash where it is within half a part.
+
 Global shutter: all rows open at the begin of the frame. Rolling: row r of the film opens r·t_row later, read from top
 to bottom.
 """
@@ -26,6 +30,7 @@ from ..core import Exposure, Float64Array
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
+    from .waveform import Waveform
 
 GOLDEN_RATIO = (1 + math.sqrt(5)) / 2
 STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway
@@ -75,22 +80,41 @@ def phase_of_pass(first: float, number: int) -> float:
 
 
 def subframes(
-    shutter: Shutter, rows: tuple[int, int], count: int, step_s: float, phase: float
+    shutter: Shutter,
+    rows: tuple[int, int],
+    count: int,
+    step_s: float,
+    phase: float,
+    waveform: Waveform | None = None,
 ) -> tuple[Float64Array, Float64Array]:
     """Sub-frames Δ = ``step_s`` apart for the rows [first, last) of the film, ``count`` for each row.
 
     Returns their K instants [s], and the share of each in each row, (rows, K); every row adds up to 1.
     phase : u, from 0 to 1. Averaged over u, a row weights the time ``count``·Δ about the middle of its exposure evenly.
+    waveform : of a light that flickers; None of one that does not.
     """
-    starts = shutter.start_s(np.arange(*rows)) + (shutter.open_s - count * step_s) / 2
+    opens = shutter.start_s(np.arange(*rows))
+    starts = opens + (shutter.open_s - count * step_s) / 2
     steps_later = np.zeros(len(starts))
     if step_s:
         steps_later = (starts - starts[0]) / step_s
     first = np.ceil(steps_later - phase).astype(np.intp)
     numbers = np.arange(first[0], first[-1] + count)
     offset = numbers - first[:, None]
-    weights = np.where((offset >= 0) & (offset < count), 1 / count, 0.0)
+    shares = np.full((len(starts), count), 1 / count)
+    if waveform is not None:
+        shares = waveform.shares(opens, shutter.open_s, count)
+    own = np.take_along_axis(shares, np.clip(offset, 0, count - 1), axis=1)
+    weights = np.where((offset >= 0) & (offset < count), own, 0.0)
     return starts[0] + (numbers + phase) * step_s, np.asarray(weights)
+
+
+def displaced_share(
+    shutter: Shutter, rows: tuple[int, int], count: int, waveform: Waveform
+) -> float:
+    """The largest share of the light of a row that twice as many sub-frames would have in the other half of a part."""
+    halves = waveform.shares(shutter.start_s(np.arange(*rows)), shutter.open_s, 2 * count)
+    return float(np.abs(halves[:, ::2] - halves[:, 1::2]).sum(axis=1).max() / 2)
 
 
 def shutter_of(camera: Camera, exposure: Exposure, begin_s: float = 0.0) -> Shutter:

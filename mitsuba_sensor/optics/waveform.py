@@ -76,6 +76,16 @@ class Waveform:
         """What the rows [first, last) of a frame get of the light of the render, (rows,)."""
         return self.mean_over(shutter.start_s(np.arange(*rows)), shutter.open_s)
 
+    def shares(self, start_s: ArrayLike, open_s: float, parts: int) -> Float64Array:
+        """Share of the light of each row in each of so many equal parts of its exposure, (H, parts); of rows that are
+        dark all the time, and of those that are open for 0 s, 1/parts."""
+        starts = np.asarray(start_s, dtype=np.float64)[:, None]
+        edges = starts + open_s * np.arange(parts + 1) / parts
+        light = np.maximum(self.integral(edges[:, :-1], edges[:, 1:]), 0.0)
+        total = light.sum(axis=1, keepdims=True)
+        shares = np.full(light.shape, 1 / parts)
+        return np.asarray(np.divide(light, total, out=shares, where=total > 0))
+
     def integral(self, start_s: Float64Array, stop_s: Float64Array) -> Float64Array:
         """∫ w dt from start to stop [s]."""
         return stop_s - start_s + self.departure(stop_s) - self.departure(start_s)

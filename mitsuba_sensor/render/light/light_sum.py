@@ -60,6 +60,12 @@ def checked_lights(name: str, given: object) -> dict[str, float | Waveform]:
     return lights
 
 
+def waveforms_of(lights: Mapping[str, float | str | Waveform]) -> dict[str, Waveform]:
+    """Those of the groups that flicker."""
+    shapes = {name: waveform_of(name, given) for name, given in lights.items()}
+    return {name: shape for name, shape in shapes.items() if shape.flickers}
+
+
 def check_group_names(lights: Iterable[str], groups: Collection[str]) -> None:
     """Raise InputError for levels of light groups that are not among these groups."""
     if not groups:
@@ -80,7 +86,7 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
     check_group_names(lights, light.groups)
     shapes = {name: waveform_of(name, given) for name, given in lights.items()}
     total = sum_of_groups(light.groups, {name: shape.level for name, shape in shapes.items()})
-    flickering = {name: shape for name, shape in shapes.items() if shape.flickers}
+    flickering = waveforms_of(lights)
     raw = None if total.raw is None else replace(total.raw, waveforms=flickering)
     return replace(total, statistics=light.statistics, waveforms=flickering, raw=raw)
 

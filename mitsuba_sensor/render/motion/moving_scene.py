@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...core import Exposure, Float64Array, InputError, nearest
-from ...optics.shutter import phase_of_pass, shutter_of, subframes
+from ...optics.shutter import displaced_share, phase_of_pass, shutter_of, subframes
+from ...optics.waveform import Waveform
 from ..denoise.guides import power_of_two, render_guides
 from ..passes.noisy_pixels import NoisyPixels
 from ..passes.passes import hashed_seed, whole_grid
+from ..passes.statistics import TimeSampling
 from ..scene.scene import GUIDE_SEED, Scene
 from ..scene.scene_edits import moved_vertices, vertex_arrays
 from ..variants import MitsubaObject, mitsuba
@@ -41,6 +43,8 @@ INSTANTS = np.linspace(
     0, 1, 5
 )  # when they look, as fractions of the time from first row open to last row closed
 MOST_GUIDE_SUBFRAMES, FEWEST_GUIDE_RAYS = 16, 16  # of one exposure; per pixel and sub-frame
+OF_BOX: Float64Array = np.stack(np.meshgrid(*3 * [[0.0, 0.5, 1.0]]), axis=-1).reshape(-1, 3)
+MOST_FLASHED = 256  # sub-frames of an exposure and pass under a lamp that flickers, unless more are asked for
 MIDDLE = 0.5  # phase of sub-frames in the middles of their shares of the exposure
 DIFFERENCE = (
     1 / 256
@@ -143,7 +147,7 @@ class AnimatedTransforms:
 
     def image_speed(self, at_s: float, difference_s: float) -> float:
         """The largest speed of anything in the image at an instant [px/s]: of all that a grid of rays meets, and of the
-        corners of the bounding boxes of the moved shapes, where they are in view."""
+        bounding boxes of the moved shapes (corners, middles of edges and sides, centre), where they are in view."""
         self.set_time(at_s)
         (width, height), (left, top) = self.scene.view.crop_size, self.scene.view.crop_offset
         x, y = (np.unique(np.linspace(0, n - 1, PROBES).round()) + 0.5 for n in (width, height))
@@ -152,12 +156,11 @@ class AnimatedTransforms:
         points, shapes = hits.points, hits.shape
         for index in self.indices.values():
             box = self.scene.mitsuba_scene.shapes()[index].bbox()
-            corners = np.array([[*np.ravel(box.corner(k)), 1.0] for k in range(8)])
-            points, shapes = (
-                np.concatenate([points, corners]),
-                np.concatenate([shapes, np.full(8, index)]),
-            )
-            grid = np.concatenate([grid, np.tile(np.mean(grid, axis=0), (8, 1))])
+            low, high = np.ravel(box.min), np.ravel(box.max)
+            of_box = np.column_stack([low + OF_BOX * (high - low), np.ones(len(OF_BOX))])
+            points = np.concatenate([points, of_box])
+            shapes = np.concatenate([shapes, np.full(len(OF_BOX), index)])
+            grid = np.concatenate([grid, np.tile(np.mean(grid, axis=0), (len(OF_BOX), 1))])
         before = self.reproject(points, shapes, grid, at_s, at_s)
         after = self.reproject(points, shapes, before, at_s, at_s + difference_s)
         inside = (
@@ -218,6 +221,7 @@ class MovingScene:
     subframes : sub-frames of one exposure; by default so many that nothing in the image moves by more than half a
         pixel from one to the next. At most one for each sample of a pass; they share the samples evenly.
     unit_m : metres per scene unit.  begin_s : when the frame begins, in the time of the motion.
+    waveform : of the light, by which the sub-frames are weighed; each row has the same light as with a steady one.
     Raises InputError for a motion that does not fit the scene.
     """
 
@@ -230,7 +234,9 @@ class MovingScene:
         subframes: int | None = None,
         unit_m: float = 1.0,
         begin_s: float = 0.0,
+        waveform: Waveform | None = None,
     ) -> None:
+        self._waveform = waveform
         self.scene, self._shutter, self.asked_subframes = (
             scene,
             shutter_of(camera, exposure, begin_s),
@@ -241,7 +247,7 @@ class MovingScene:
             scene.sha256,
             scene.restrict_wavelengths,
         )
-        self.transforms, self._counts = AnimatedTransforms(scene, motion, unit_m), set[int]()
+        self.transforms, self._counts = AnimatedTransforms(scene, motion, unit_m), list[int]()
         self._phase = MIDDLE
         (_, rows), (_, top) = scene.view.crop_size, scene.view.crop_offset
         first_s, last_s = self._shutter.span_s((top, top + rows))
@@ -266,8 +272,27 @@ class MovingScene:
         more = f" ({needed} would be smooth in each pass; that takes more samples)"
         return (
             *self.scene.notes,
-            *(f"{n} {moves}{more if n < needed else ''}" for n in sorted(self._counts)),
+            *(f"{n} {moves}{more if n < needed else ''}" for n in self._counts),
         )
+
+    def time_sampling(self) -> TimeSampling | None:
+        """How finely the exposure was sampled; None before the first pass."""
+        if not self._counts:
+            return None
+        (_, rows), (_, top) = self.view.crop_size, self.view.crop_offset
+        count, film_rows, speed = self._counts[0], (top, top + rows), self.speed_px_per_s
+        step_s, open_s = self._step_s(count, film_rows), self._shutter.open_s
+        share = None
+        if self._waveform is not None:
+            share = displaced_share(self._shutter, film_rows, count, self._waveform)
+        return {
+            "subframes": count,
+            "speed_px_per_s": speed,
+            "step_px": speed * step_s,
+            "blur_too_long_px": speed * max(count * step_s - open_s, 0.0),
+            "waveform_displaced_share": share,
+            "waveform_displaced_px": None if share is None else speed * open_s / (2 * count),
+        }
 
     def with_noisy(self, pixels: NoisyPixels) -> MovingScene:
         """The same with more samples for some pixels."""
@@ -289,10 +314,13 @@ class MovingScene:
     ) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         assert count == self.most_together(samples)
-        count = subframes_of_pass(self.asked_subframes or self._needed, samples)
-        self._counts.add(count)
+        wanted = self.asked_subframes or self._needed
+        count = subframes_of_pass(wanted, samples)
+        if self._waveform is not None:  # flashes are missed by fewer: one sample each at least
+            count = max(count, min(wanted, MOST_FLASHED))
+        self._counts[:] = [count]  # of the last render, that of a pilot before it is no matter
         return self._exposed(
-            lambda number, block: self.scene.render(number, samples // count, block),
+            lambda number, block: self.scene.render(number, max(samples // count, 1), block),
             (seed, self._phase),
             count,
             rows,
@@ -331,13 +359,15 @@ class MovingScene:
     ) -> Float64Array:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
         film_rows = rows[0] + self.view.crop_offset[1], rows[1] + self.view.crop_offset[1]
-        step_s = self._shutter.step_s(
-            count, math.inf if self.asked_subframes else self.speed_px_per_s, film_rows
-        )
+        step_s = self._step_s(count, film_rows)
         seed, phase = start
-        times_s, weights = subframes(self._shutter, film_rows, count, step_s, phase)
+        times_s, weights = subframes(
+            self._shutter, film_rows, count, step_s, phase, self._waveform
+        )
         frame: Float64Array | None = None
         for k, time_s in enumerate(times_s):
+            if not weights[:, k].any():  # between two flashes
+                continue
             self.transforms.set_time(time_s)
             image = make(hashed_seed(seed, 1 + rows[0], k), rows)
             frame = np.zeros(image.shape) if frame is None else frame
@@ -347,6 +377,11 @@ class MovingScene:
             frame[open_] += weights[open_, k, None, None] * image[open_]
         assert frame is not None
         return frame
+
+    def _step_s(self, count: int, film_rows: tuple[int, int]) -> float:
+        """Time from one sub-frame to the next, ``count`` of them in an exposure."""
+        speed = math.inf if self.asked_subframes else self.speed_px_per_s
+        return self._shutter.step_s(count, speed, film_rows)
 
 
 def subframes_of_pass(needed: int, samples: int) -> int:

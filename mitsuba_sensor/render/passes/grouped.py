@@ -20,7 +20,7 @@ from ..light.light_sum import sum_of_groups
 from ..lint.electron_share import with_notes_of_shares
 from ..lint.refusals import refuse_black
 from .passes import hashed_seed
-from .statistics import POOLED, NoiseRatios, RenderStatistics, sum_error, summary_of
+from .statistics import POOLED, NoiseRatios, RenderStatistics, coarsest, sum_error, summary_of
 from .stop_criterion import Progress, RenderProgress, StopCriterion
 
 if TYPE_CHECKING:
@@ -179,6 +179,7 @@ def _statistics(
         denoised=denoised,
         denoise_forecast=None,
         sum_error=sum_error(*of_passes),
+        motion=coarsest(part.motion for part in parts),
     )
 
 

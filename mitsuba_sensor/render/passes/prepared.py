@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, Unpack, cast
 
@@ -13,6 +14,7 @@ from ...core.options import complete, documents
 from ...optics.f_number_law import shading
 from ...optics.intrinsics import aperture_f_number, intrinsics
 from ...optics.shutter import shutter_of
+from ...optics.waveform import Waveform
 from ...sensor.expose import PreparedExposure
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
@@ -111,7 +113,7 @@ class PreparedRender:
     exposure is found, or was; None where it was given.  metered : whether it is known; otherwise it is one second, and
     each light has :meth:`exposure_of` its own.  light_groups : that are rendered apart; none: all light together.
     is_group : whether it is of one of these groups, which may be black.
-    group_scenes : of the groups where something moves, by name, for later frames.
+    group_scenes, waveforms : of the groups where something moves, by name; the scenes for later frames.
     """
 
     parsed: ParsedScene
@@ -132,6 +134,7 @@ class PreparedRender:
     is_group: bool = False
     group_scenes: dict[str, Scene] = field(default_factory=dict)
     undecided: bool = False
+    waveforms: Mapping[str, Waveform] = field(default_factory=dict)
 
     @property
     def _kept(self) -> Kept:
@@ -227,21 +230,19 @@ class PreparedRender:
         return replace(self.exposure, time_s=found["exposure_s"])
 
     def moved_to(
-        self, motion: Motion, begin_s: float, exposure: Exposure, subframes: int | None
+        self,
+        motion: Motion,
+        begin_s: float,
+        exposure: Exposure,
+        subframes: int | None,
+        waveform: Waveform | None = None,
     ) -> PreparedRender:
         """The same scene with a motion, in a frame that begins at ``begin_s``. Raises InputError."""
-        moving = MovingScene(
-            self.at_rest, motion, self.camera, exposure, subframes, self.unit_m, begin_s
-        )
+        asked = self.camera, exposure, subframes, self.unit_m, begin_s, waveform
+        moving = MovingScene(self.at_rest, motion, *asked)
         renderer = Renderer(moving, self.camera, exposure, self.bands, self._kept)
-        return replace(
-            self,
-            scene=moving,
-            motion=motion,
-            renderer=renderer,
-            exposure=exposure,
-            metered=True,
-        )
+        moved = replace(self, scene=moving, motion=motion, renderer=renderer)
+        return replace(moved, exposure=exposure, metered=True)
 
     def metered_first(self) -> PreparedRender:
         """The same, its exposure known: where it is to be metered, by a short render from now on. Raises InputError."""
@@ -309,8 +310,8 @@ class PreparedRender:
         if isinstance(self.scene, Scene):
             return still
         self.group_scenes[group.name] = at_rest
-        subframes = self.scene.asked_subframes
-        return still.moved_to(self.motion, self.begin_s, self.exposure, subframes)
+        waveform, subframes = self.waveforms.get(group.name), self.scene.asked_subframes
+        return still.moved_to(self.motion, self.begin_s, self.exposure, subframes, waveform)
 
     def _denoised(self, exposure: Exposure, raw: Electrons) -> dict[str, object] | None:
         """What the denoiser did, and the noise ratio before."""
@@ -356,6 +357,7 @@ class PreparedRender:
             denoise_forecast=None if choice is None else choice.record(),
             metering=None if self.metering is None else self.metering.record(exposure),
             sum_error=sum_error(*raw),
+            motion=self.scene.time_sampling(),
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, TypedDict
 
@@ -23,6 +23,30 @@ POOLED = (
 )  # passes whose variance is known: a denoised or pooled pixel's is that of its neighbourhood
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise
 ONE_PASS = 0.75  # of the squared deviations of all passes
+
+
+class TimeSampling(TypedDict):
+    """How finely the open shutter was sampled by sub-frames, and the error that is left of it.
+
+    subframes : of each pass, in the exposure of a row; over the passes they lie at all instants of it, so that the blur
+        of a steady light has no error of its own but ``blur_too_long_px``, where rows of a rolling shutter share them.
+    speed_px_per_s, step_px : largest motion of the image, and from one sub-frame to the next.
+    waveform_displaced_share, waveform_displaced_px : of a light that flickers, what twice as many sub-frames would
+        change at most: this share of the light of a row is seen so far from its place. None of a steady light.
+    """
+
+    subframes: int
+    speed_px_per_s: float
+    step_px: float
+    blur_too_long_px: float
+    waveform_displaced_share: float | None
+    waveform_displaced_px: float | None
+
+
+def coarsest(parts: Iterable[TimeSampling | None]) -> TimeSampling | None:
+    """Of several light groups, that with the most displaced light."""
+    known = [part for part in parts if part is not None]
+    return max(known, key=lambda part: part["waveform_displaced_share"] or 0.0, default=None)
 
 
 @dataclass(frozen=True)
@@ -55,6 +79,7 @@ class RenderStatistics:
         :class:`lint.electron_share.ElectronShare`.
     sum_error : relative standard error of the sum of the photoelectrons of all pixels, denoised or not; for regions
         see :meth:`light.irradiance.Irradiance.error_of_sum`. None where it is not known.
+    motion : how finely an exposure of moving things was sampled; None where nothing moves.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
     """
 
@@ -84,6 +109,7 @@ class RenderStatistics:
     seconds_per_sample: float = 0.0
     sum_error: float | None = None
     beyond_data: tuple[Mapping[str, object], ...] = ()
+    motion: TimeSampling | None = None
 
     def __repr__(self) -> str:
         taken = f"{self.samples_per_pixel} samples per pixel in {self.seconds:.3g} s"

@@ -72,6 +72,9 @@ class Scene:
         """From now on sample wavelengths between two edges of the bands only."""
         restrict_wavelengths(self.sensor.film(), low_nm, high_nm)
 
+    def time_sampling(self) -> None:
+        """None: nothing moves."""
+
     def most_together(self, samples: int) -> int:
         """How many passes over the whole crop, of so many samples, :meth:`render` makes at once."""
         columns, rows = self.view.crop_size
