@@ -189,18 +189,19 @@ def test_expose_takes_levels_of_the_command_line(light: ms.Irradiance, tmp_path:
 
 
 def test_the_samples_go_where_the_noise_is(tmp_path: Path) -> None:
-    """A lamp that lights next to nothing gets the least share; the sum of the samples is what was asked for."""
+    """A lamp that lights next to nothing gets the least share, a ninth of two; all get what was asked for, in whole
+    launches of passes of few sizes: within a fifth."""
     faint = BALL.replace("400:0.01, 700:0.05", "400:1e-7, 700:1e-7")
     text = f'<scene version="3.0.0">{VIEW}{FLOOR}{AREA}{faint}</scene>'
     scene = write_scene(tmp_path, text)
     options = {**QUICK, "spp": 256}
     light = ms.render(scene, CAMERA, EXPOSURE, light_groups="auto", **options)
     samples = {name: one.statistics.samples_per_pixel for name, one in light.groups.items()}
-    assert samples["lamp_1"] <= 16 < 200 < samples["area"]
+    assert samples["lamp_1"] <= 32 < 200 < samples["area"]
     assert (
         light.statistics.samples_per_pixel
         == sum(samples.values())
-        == pytest.approx(256, rel=0.1)
+        == pytest.approx(256, rel=0.2)
     )
 
 

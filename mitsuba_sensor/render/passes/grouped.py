@@ -34,8 +34,8 @@ PILOT = StopCriterion(passes=4, samples=2, launch=4)
 SEEN = 95.0
 """Percentile of the pixels whose variance counts: the brightest few are of rare paths."""
 
-LEAST_SHARE = 1 / 64
-"""Of the samples, which every group gets."""
+LEAST_SHARE = 1 / 4
+"""Of an equal share of the samples, which every group gets: passes of one or two samples have too small error bars."""
 
 
 class GroupRender(NamedTuple):
@@ -129,7 +129,8 @@ def _shares(whole: PreparedRender, pilots: Mapping[str, Electrons]) -> dict[str,
     total = sum(seen.values())
     if not total > 0:
         return dict.fromkeys(pilots, 1 / len(pilots))
-    raised = {name: max(root / total, LEAST_SHARE) for name, root in seen.items()}
+    least = LEAST_SHARE / len(pilots)
+    raised = {name: max(root / total, least) for name, root in seen.items()}
     return {name: share / sum(raised.values()) for name, share in raised.items()}
 
 
