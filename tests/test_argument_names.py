@@ -66,6 +66,7 @@ def test_there_are_many_and_the_open_ones_are_public() -> None:
         (lambda: ms.Photons(), "Photons needs mean"),
         (lambda: ms.SensorNoise("bayer_2mp", whit_e=3), "Did you mean 'white_e'?"),
         (lambda: ms.SensorNoise(), "SensorNoise needs camera"),
+        (lambda: ms.SensorNoise("bayer_2mp", white_e=300)(unknown=1), "SensorNoise.__call__; its arguments are image"),
         (lambda: ms.Exposure(1, 2, 3), "given 3 values without a name, which are too many"),
         (lambda: ms.Exposure(1, time_s=3), "given time_s twice"),
         (lambda: CAMERA.replace({"adc.bits": 14}), r"write two stars before it: replace\(\*\*{…}\)"),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
+from ..camera.shipped import DEFAULT_CAMERA
 from ..core import InputError, require_seed
 from ..core.options import Option, complete, part_of
 from . import options
@@ -96,7 +97,7 @@ class CharacterizeFlags(TypedDict, total=False):
     helps={
         "out": "Folder for report.html and report.json. Default: characterize.",
         "camera": "A name from `cameras list`, or the path of a .toml of your own; with --frames, the camera whose "
-        f"datasheet is compared. Default: {options.DEFAULT_CAMERA}; with --frames none.",
+        f"datasheet is compared. Default: {DEFAULT_CAMERA}; with --frames none.",
     },
 )
 def characterize(**flags: Flag) -> None:

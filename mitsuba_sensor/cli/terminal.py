@@ -201,15 +201,15 @@ def _stages(report: Report) -> FittedTable:
 def _error_of_sigma(stage: Report) -> float:
     """Standard error of the σ that theory expects behind a stage, in its unit."""
     parts = [
-        stage[f"sigma_{part}_expected"] * stage[f"sigma_{part}_error"]
+        float(stage[f"sigma_{part}_expected"] * stage[f"sigma_{part}_error"])
         for part in ("temporal", "spatial")
     ]
-    return math.hypot(*parts) / max(stage["sigma_expected"], math.ulp(0.0))
+    return math.hypot(*parts) / max(float(stage["sigma_expected"]), math.ulp(0.0))
 
 
 def _is_uncertain(stage: Report) -> bool:
     """Whether the σ that theory expects is known to no better than a few percent."""
-    return _error_of_sigma(stage) > UNCERTAIN * stage["sigma_expected"]
+    return _error_of_sigma(stage) > UNCERTAIN * float(stage["sigma_expected"])
 
 
 def _idle_stages(report: Report) -> list[str]:

@@ -42,6 +42,8 @@ CALLED_OTHERWISE = {
 }
 """How users call some options."""
 
+CALLED = {"__init__", "__call__"}
+"""Methods that a user calls by the name of the class or of the object."""
 
 OWN = {"self", "cls"}
 """What a method is of, which nobody gives by its name."""
@@ -90,7 +92,8 @@ def tells_of_names(called: Called) -> Called:
         signature = inspect.signature(called)
         return told(called, Names.of(called.__name__, "argument", signature))
     for name, method in list(vars(called).items()):
-        if inspect.isfunction(method) and (not name.startswith("_") or name == "__init__"):
+        is_public = name in CALLED or not name.startswith("_")
+        if inspect.isfunction(method) and is_public:
             setattr(called, name, _told_method(called, name, method))
         elif isinstance(method, classmethod) and not name.startswith("_"):
             function = _told_method(called, name, method.__func__)

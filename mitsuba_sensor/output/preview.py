@@ -133,4 +133,4 @@ def _keep_hue(clipped: Float64Array, excesses: Float64Array) -> Float64Array:
     chroma_clipped = np.linalg.norm(clipped - mean, axis=-1, keepdims=True)
     chroma = np.linalg.norm(hue, axis=-1, keepdims=True)
     ratio = np.divide(chroma_clipped, chroma, out=np.zeros_like(chroma), where=chroma > 0)
-    return mean + ratio * hue
+    return np.asarray(mean + ratio * hue)
