@@ -4,7 +4,7 @@
 
 X is the exposure time times the overall system gain K. Of a light that does not change, without delay, the error
 shrinks by (1 − damping) from frame to frame. Time comes first: a higher gain setting is taken only where the time of
-the lower one would be beyond its limit.
+the lower one would be beyond its limit. A rolling shutter is open for a whole number of rows.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..camera.camera import Camera
 from ..camera.figures import saturation_e
 from ..core import Exposure, InputError, nearest, require
 from ..core.argument_names import tells_of_names
+from ..optics.shutter import shutter_of
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of
 
@@ -152,13 +153,23 @@ class ExposureControl:
         self.exposure = replace(self.exposure, time_s=time_s)
 
     def _allowed_s(self, time_s: float) -> float:
-        """The time within the limits, and of whole half periods of the mains where it has one at least."""
+        """The time within the limits, of whole half periods of the mains where it has one at least, and of whole rows
+        of a rolling shutter."""
         time_s = min(max(time_s, self.rule.shortest_s), self.longest_s)
-        if self.rule.mains_hz is None:
-            return time_s
-        half_s = 0.5 / self.rule.mains_hz
-        whole = min(round(time_s / half_s), math.floor(self.longest_s / half_s + 1e-9))
-        return whole * half_s if whole else time_s
+        if self.rule.mains_hz is not None:
+            time_s = whole_steps(time_s, 0.5 / self.rule.mains_hz, 0.0, self.longest_s)
+        row_s = shutter_of(self.camera, self.exposure).row_time_s
+        if row_s > 0:
+            time_s = whole_steps(time_s, row_s, self.rule.shortest_s, self.longest_s)
+        return time_s
+
+
+def whole_steps(time_s: float, step_s: float, shortest_s: float, longest_s: float) -> float:
+    """The nearest whole number of steps within the limits, one at least; the time itself where there is none."""
+    fewest = math.ceil(shortest_s / step_s - 1e-9)
+    most = math.floor(longest_s / step_s + 1e-9)
+    steps = min(max(round(time_s / step_s), fewest), most)
+    return steps * step_s if steps >= max(fewest, 1) else time_s
 
 
 def _settings(camera: Camera) -> Iterator[tuple[float, Camera]]:
