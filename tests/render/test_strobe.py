@@ -95,7 +95,8 @@ def test_the_flashes_show_the_bar_where_the_closed_form_says() -> None:
 def test_every_row_of_a_rolling_shutter_sees_the_flashes_of_its_own_exposure(
     waveform: Waveform,
 ) -> None:
-    """Centroid of each row: v·∫t·w/∫w over its exposure, by 20 000 instants; within 0.25 px, the light within 5 %."""
+    """Centroid of each row: v·∫t·w/∫w over its exposure, by 20 000 instants; within 0.25 px. The light of a row
+    has a render noise of 3 %, of which 12 % are four; the seed is fixed."""
     exposure_s = 0.02
     image, _ = photons(ROLLING, exposure_s, {"bar": waveform})
     opens_s = np.arange(HEIGHT) * ROW_TIME_S
@@ -105,7 +106,7 @@ def test_every_row_of_a_rolling_shutter_sees_the_flashes_of_its_own_exposure(
     found_px = image @ (np.arange(WIDTH) + 0.5) / image.sum(axis=1)
     np.testing.assert_allclose(found_px, START_PX + SPEED_PX_PER_S * middle_s, atol=0.25)
     light = image.sum(axis=1) / image.sum()
-    np.testing.assert_allclose(light, weights.sum(axis=1) / weights.sum(), rtol=0.05)
+    np.testing.assert_allclose(light, weights.sum(axis=1) / weights.sum(), rtol=0.12)
     skew_px = SPEED_PX_PER_S * (opens_s + exposure_s / 2)
     assert np.abs(found_px - START_PX - skew_px).max() > 2  # without the waveform
 
