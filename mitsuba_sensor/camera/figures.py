@@ -47,6 +47,9 @@ class EmvaFigures:
     absolute_sensitivity_e : µ_e.min, photoelectrons whose signal equals their noise, √(σ_d² + σ_q²/K² + ¼) + ½ (2.4).
     snr_max : √µ_e.sat, with shot noise alone (2.4).  dynamic_range : DR = µ_e.sat/µ_e.min; the QE cancels (2.4).
 
+    With an EM gain electrons are those of the pixel, and its excess noise F² is in µ_e.min = √(σ_d² + σ_q²/K² + F⁴/4) +
+    F²/2 and SNR_max = √(µ_e.sat/F²).
+
     A camera without shot noise has the same SNR without its variance: µ_e.min = √(σ_d² + σ_q²/K²), and the largest SNR
     is the dynamic range. Photons are electrons over the QE: ``figures.saturation_e / camera.qe([550.0])``.
     """
@@ -106,15 +109,17 @@ def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     well = [stage for stage in stages[1:-1] if stage.domain == "electrons"]
     dark = propagate(well, Moments(0.0, 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, 1)))))
     swing = propagate(stages[len(well) + 1 : -1], dark)
-    noise_e = math.sqrt(float(np.mean(swing.temporal))) / volts_per_electron(camera)
-    full_e = max(saturation_e(camera) - float(np.mean(dark.mean)), 0.0)
-    shot = (
-        1.0 if any(stage.counts_electrons for stage in stages) else 0.0
-    )  # variance of one photoelectron
+    multiplied = math.prod(stage.nominal_gain for stage in well)
+    noise_v = math.sqrt(float(np.mean(swing.temporal)))
+    noise_e = noise_v / (multiplied * volts_per_electron(camera))
+    full_e = max(saturation_e(camera) - float(np.mean(dark.mean)) / multiplied, 0.0)
+    shot = 0.0  # variance of one photoelectron
+    if any(stage.counts_electrons for stage in stages):
+        shot = math.prod(stage.excess_noise for stage in stages)
     still_e = math.sqrt(noise_e**2 + QUANTISATION_DN2 / gain**2)
-    least_e = math.sqrt(still_e**2 + shot / 4) + shot / 2
+    least_e = math.sqrt(still_e**2 + shot**2 / 4) + shot / 2
     if shot:
-        snr_max = math.sqrt(full_e)
+        snr_max = math.sqrt(full_e / shot)
     else:
         snr_max = full_e / still_e
     return EmvaFigures(exposure, gain, noise_e, full_e, least_e, snr_max, full_e / least_e)
@@ -139,7 +144,7 @@ BEYOND_ALL_DN = 1e12
 
 def saturation_e(camera: Camera) -> float:
     """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
-    full_well_e = float(camera.pixel.full_well_e)
+    full_well_e = _smallest_well_e(camera)
     dark_dn, full_dn = (
         _beyond_converter_dn(electrons, camera) for electrons in (0.0, full_well_e)
     )
@@ -158,8 +163,17 @@ def saturation_e(camera: Camera) -> float:
 def saturation_dn(camera: Camera) -> int:
     """The code of a saturated pixel: that of a full well, above the black level and at most the highest [DN]."""
     converter = converter_of(camera.stages)
-    full_dn = converter.highest + _beyond_converter_dn(float(camera.pixel.full_well_e), camera)
+    full_dn = converter.highest + _beyond_converter_dn(_smallest_well_e(camera), camera)
     return min(converter.highest, max(round(full_dn), math.floor(converter.black_level_dn) + 1))
+
+
+def _smallest_well_e(camera: Camera) -> float:
+    """Electrons in the pixel that fill its well, or the register behind it."""
+    filled_e = float(camera.pixel.full_well_e)
+    for stage in camera.stages[1:-1]:
+        if stage.domain == "electrons":
+            filled_e = min(filled_e, stage.limits[1] / stage.nominal_gain)
+    return filled_e
 
 
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
@@ -168,6 +182,8 @@ def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
         np.float64(electrons), 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1)))
     )
     for stage in camera.stages:
+        if stage.domain == "electrons":
+            level = level.scale(stage.nominal_gain)
         if stage.domain == "volts":
             level = replace(propagate((stage,), level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from ..core import InputError, nearest
 from ..stages.datasheet import FileTable, NotNegative, Positive, optional
 from ..stages.effects.source_follower_noise import check_shape
-from ..stages.gains import gain_dn_per_e, sense_gain_v_per_e
+from ..stages.gains import gain_behind_register_dn_per_e, sense_gain_v_per_e
 from ..stages.usual_range import THOUSANDS, VOLTS_TO_UV, Usual
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ def gain_notes(camera: Camera) -> tuple[str, ...]:
     found = next((one for one in camera.gains if one.label == camera.gain), None)
     if found is None:
         return ()
-    numbers: dict[str, float | None] = {"gain_dn_per_e": gain_dn_per_e(camera)}
+    numbers: dict[str, float | None] = {"gain_dn_per_e": gain_behind_register_dn_per_e(camera)}
     for name, field in SET.items():
         table, key = field.split(".")
         numbers[name] = getattr(getattr(camera, table), key)

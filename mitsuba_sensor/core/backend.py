@@ -111,6 +111,10 @@ class Backend:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
         return distributions.poisson(bits, mean)
 
+    def gamma_of_shape(self, bits: Array, shape: Array) -> Array:
+        """Gamma numbers of this ``shape``, one per pixel, which is their mean and their variance."""
+        return distributions.gamma_of_shape(bits, shape)
+
     def split(
         self, bits: Array, count: Array, light: Array, dark: Array
     ) -> tuple[Array, Array]:
@@ -156,6 +160,12 @@ class NumpyFloat32(Backend):
 
     def distributed(self, bits: Array, distribution: NoiseDistribution) -> Array:
         return quantiles.stretched_normal(bits, [self.number(c) for c in distribution.series])
+
+    def gamma_of_shape(self, bits: Array, shape: Array) -> Array:
+        series = distributions.gamma_shape_series(
+            quantiles.CHEBYSHEV_REACH, *quantiles.GAMMA_TERMS
+        )
+        return quantiles.gamma_of_shape(bits, shape, series)
 
     def wald(self, z: Array, u: Array, cv: float) -> Array:
         return quantiles.wald(z, u, self.number(cv))

@@ -6,6 +6,7 @@ largest normal that can be drawn is 6.3 σ. No rejection loop, no state.
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import accumulate
 
 import numpy as np
@@ -87,6 +88,41 @@ def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
         float(c)
         for c in np.polynomial.chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)
     ]
+
+
+def gamma_of_shape(bits: RandomBits, shape: Array) -> Float64Array:
+    """Gamma of this shape k, mean and variance k; above 1e6 by its expansion in 1/√k, to 1e-9 of σ.
+
+    Below 1 an exponential one of mean (1 + k)/2 with chance 2k/(1 + k), else 0: mean and variance are k, too.
+    """
+    shape = np.broadcast_to(np.asarray(shape, np.float64), bits.shape)
+    s, root = survival(bits), np.sqrt(np.maximum(shape, 1.0))
+    exact = scipy.special.gammainccinv(np.clip(shape, 1.0, EXACT_BELOW), s)
+    z = normal(bits)
+    expanded = shape + root * z + (z * z - 1) / 3 + (z**3 - 7 * z) / (36 * root)
+    chance = 2 * shape / (1 + shape)
+    share = np.divide(s, chance, out=np.ones(bits.shape), where=s < chance)
+    few = -(1 + shape) / 2 * np.log(share)
+    return np.asarray(np.select([shape < 1, shape < EXACT_BELOW], [few, exact], expanded))
+
+
+@lru_cache(maxsize=1)
+def gamma_shape_series(reach: float, terms: int, of_shape: int) -> list[list[float]]:
+    """Chebyshev coefficients over z/reach of q in (X/k)^⅓ = 1 + q/√k, each a polynomial in 2/√k − 1, for k ≥ 1."""
+    z, place = (np.cos(np.pi * (np.arange(n) + 0.5) / n) for n in (terms, of_shape))
+    narrow = np.maximum((place + 1) / 2, 1e-3)
+    k, height = narrow[None, :] ** -2, reach * z[:, None]
+    x = np.where(
+        height > 0,
+        scipy.special.gammainccinv(k, scipy.special.ndtr(-height)),
+        scipy.special.gammaincinv(k, scipy.special.ndtr(height)),
+    )
+    q = (np.cbrt(x / k) - 1) / narrow
+    in_z = np.linalg.solve(np.polynomial.chebyshev.chebvander(z, terms - 1), q)
+    rows = np.linalg.solve(
+        np.polynomial.chebyshev.chebvander(2 * narrow - 1, of_shape - 1), in_z.T
+    ).T
+    return [np.polynomial.chebyshev.cheb2poly(row).tolist() for row in rows]
 
 
 def _log_gamma(z: Float64Array, cv: float) -> Float64Array:

@@ -137,6 +137,10 @@ class Frame:
         """Poisson counts of ``source`` with this ``mean`` (scalar or (H, W)), (H, W)."""
         return self.window.backend.poisson(self.random_bits(source), mean)
 
+    def gamma_of_shape(self, source: str, shape: Array) -> Array:
+        """Gamma numbers of ``source`` of this ``shape``, their mean and their variance, (H, W)."""
+        return self.window.backend.gamma_of_shape(self.random_bits(source), shape)
+
     def split(
         self, source: str, count: Array, light: Array, dark: Array
     ) -> tuple[Array, Array]:

@@ -256,6 +256,7 @@ def differentiable(
     names = _names_of(parameters)
     light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
     _check(names, light, camera)
+    _check_derivatives(stages)
     check_law(stages, "derivatives of the expected code are", "compute differences of frames")
     choose_backend(chosen["engine"], "float32", 0)  # refuses one that is not on this machine
     check_numbers(1, 0, seed)
@@ -299,6 +300,15 @@ def _of_light(slope: ConditionalSlope) -> str:
 def _backend_of(frame: Frame) -> DifferentiableBackend:
     assert isinstance(frame.window.backend, DifferentiableBackend)
     return frame.window.backend
+
+
+def _check_derivatives(stages: Chain) -> None:
+    """Raise InputError for a stage whose random numbers depend on the signal in a way that has no derivatives here."""
+    for stage in stages:
+        if not stage.has_derivatives:
+            raise InputError(
+                f"{stage.label} of this camera has no derivatives; compute differences of frames, or {stage.no_noise}."
+            )
 
 
 def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:

@@ -6,6 +6,7 @@ Tags by their numbers in Adobe's Digital Negative Specification 1.4 and, below `
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import struct
 from collections.abc import Iterator, Sequence
@@ -152,9 +153,10 @@ def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
 def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
     """(S, O) of DNG 1.4: the temporal variance of a pixel is S·x + O, black level at x = 0 and white level at x = 1.
 
-    S = K/(white − black) and O = (K²·σ_d² + σ_q²)/(white − black)², with EMVA 1288's overall system gain K of small
-    signals, temporal dark noise σ_d and quantisation noise σ_q² = 1/12 DN². Dark current counts as signal: it has shot
-    noise as light has. None for chain konnik2014, and for cameras without shot noise, which have no S.
+    S = F²·K/(white − black) and O = (K²·σ_d² + σ_q²)/(white − black)², with EMVA 1288's overall system gain K of small
+    signals, temporal dark noise σ_d and quantisation noise σ_q² = 1/12 DN²; F² is the excess noise of an EMCCD, else 1.
+    Dark current counts as signal: it has shot noise as light has. None for chain konnik2014, and for cameras without
+    shot noise, which have no S.
     """
     camera, figures = frames.camera, figures_if_any(frames.camera)
     shot = any(stage.counts_electrons for stage in camera.stages)
@@ -163,7 +165,8 @@ def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
     span_dn = saturation_dn(camera) - converter_of(camera.stages).black_level_dn
     gain_dn_per_e = figures.system_gain_dn_per_e
     dark_dn2 = (gain_dn_per_e * figures.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
-    return gain_dn_per_e / span_dn, dark_dn2 / span_dn**2
+    excess = math.prod(stage.excess_noise for stage in camera.stages)
+    return excess * gain_dn_per_e / span_dn, dark_dn2 / span_dn**2
 
 
 def _colours(frames: RawFrames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:

@@ -11,6 +11,7 @@ from .effects.adc import Adc
 from .effects.cds_gain import CdsGain
 from .effects.dark_current import DarkCurrent
 from .effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
+from .effects.em_gain import EmGain
 from .effects.full_well import FullWell
 from .effects.integral_nonlinearity import IntegralNonlinearity
 from .effects.inter_pixel_capacitance import InterPixelCapacitance
@@ -40,6 +41,7 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
     QuantumYield,
     FullWell,
     InterPixelCapacitance,
+    EmGain,
     SenseNode,
     ResetNoise,
     SourceFollowerNoise,

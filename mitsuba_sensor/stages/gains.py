@@ -23,7 +23,7 @@ def sense_gain_v_per_e(camera: Datasheet) -> float:
 
 
 def volts_per_electron(camera: Datasheet) -> float:
-    """A_SN·A_SF·A_CDS [V/e-]."""
+    """A_SN·A_SF·A_CDS [V/e-] of electrons at the sense node."""
     return float(
         sense_gain_v_per_e(camera) * camera.source_follower.gain * camera.readout.cds_gain
     )
@@ -74,8 +74,21 @@ def adc_gain_dn_per_v(camera: Datasheet) -> float:
     return float(2.0**camera.adc.bits / full_scale_v(camera))
 
 
+def em_excess_noise(gain: float, elements: int) -> float:
+    """F² of a register of so many elements, each of which adds an electron with the same chance."""
+    return float(2 * (gain - 1) * gain ** (-(elements + 1) / elements) + 1 / gain)
+
+
 def gain_dn_per_e(camera: Datasheet) -> float:
-    """EMVA 1288's overall system gain K = A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-], of small signals."""
+    """EMVA 1288's overall system gain K = G·A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-], of small signals in the pixel.
+
+    G is the EM gain of an EMCCD, else 1.
+    """
+    return float(camera.readout.em_gain) * gain_behind_register_dn_per_e(camera)
+
+
+def gain_behind_register_dn_per_e(camera: Datasheet) -> float:
+    """K of an EM gain of 1: of electrons at the sense node [DN/e-]."""
     given = camera.readout.gain_dn_per_e
     if given is not None:
         return float(given)

@@ -77,6 +77,7 @@ class Stage(ABC):
     reach_px : how many rows and columns away the neighbours are that change the signal of a pixel behind this stage; 0
         where each pixel is by itself. A chain with such a stage is measured by its samples.
     saturation_e : where the stage clips [e-], None where it does not.
+    has_derivatives : whether its sample has the derivatives of its numbers.
     no_noise : of a stage that is no noise, the fields that change it; others can be switched off by their keys.
     """
 
@@ -89,6 +90,7 @@ class Stage(ABC):
     counts_electrons: ClassVar[bool] = False
     frees_electrons: ClassVar[bool] = False
     curved: ClassVar[bool] = False
+    has_derivatives: ClassVar[bool] = True
     shared_by: ClassVar[Literal["row", "column"] | None] = None
     label: ClassVar[str] = ""
     no_noise: ClassVar[str] = ""
@@ -181,6 +183,11 @@ class Stage(ABC):
     @property
     def nominal_gain(self) -> float:
         """Small-signal gain: unit behind the stage per unit in front of it."""
+        return 1.0
+
+    @property
+    def excess_noise(self) -> float:
+        """Temporal variance of shot noise behind the stage, over that in front of it times the square of its gain."""
         return 1.0
 
     @property

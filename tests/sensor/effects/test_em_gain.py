@@ -1,0 +1,246 @@
+"""Electron multiplication: gain, excess noise and the law of the register of an EMCCD."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers.marks import one_in
+from helpers.stage_tests import StageTests, backend_of
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.camera.figures import emva_figures, saturation_dn, saturation_e
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.output.dng import noise_profile
+from mitsuba_sensor.stages.effects.em_gain import EmGain
+
+GAIN, ELEMENTS = 300.0, 536
+EXCESS = 1.9756  # 2·299·300^(−537/536) + 1/300
+BASE = ms.load_camera("eev_44_82").replace(
+    **{
+        "adc.full_scale_v": None,
+        "adc.bits": 14,
+        "adc.black_level_dn": 200.0,
+        "readout.gain_dn_per_e": 1 / 15,
+        "source_follower.read_noise_e": 50.0,
+        "pixel.prnu": 0.0,
+    }
+)
+EMCCD = BASE.replace(**{"readout.em_gain": GAIN, "readout.em_stages": ELEMENTS})
+COLD = ms.Exposure(0.01, 170.0)
+K = GAIN / 15
+
+
+def light_of(electrons: float, shape: tuple[int, int] = (256, 256)) -> NDArray[np.float64]:
+    """Photons of so many photoelectrons."""
+    qe = EMCCD.qe([EMCCD.quantum_efficiency.reference_nm]).item()
+    return np.full(shape, electrons / qe)
+
+
+class TestEmGain(StageTests):
+    """A small gain, so that the well of the pixel fills before the converter ends."""
+
+    stage = EmGain
+    camera = BASE.replace(
+        **{"readout.em_gain": 4.0, "readout.em_stages": 60, "pixel.full_well_e": 30_000.0}
+    )
+    without = BASE.replace(**{"pixel.full_well_e": 30_000.0})
+    neutral = (EmGain(1.0, 536),)
+
+
+class TestEmGainOfOneElement(TestEmGain):
+    """Each electron is doubled for certain: no noise of its own."""
+
+    camera = TestEmGain.camera.replace(**{"readout.em_gain": 2.0, "readout.em_stages": 1})
+
+
+@pytest.mark.parametrize(
+    ("gain", "elements"), [(300.0, 536), (1000.0, 604), (1.5, 20), (2.0, 1)]
+)
+def test_the_excess_noise_is_that_of_a_branching_process(gain: float, elements: int) -> None:
+    """Element by element: mean' = (1 + p)·mean and variance' = (1 + p)²·variance + p(1 − p)·mean."""
+    chance, mean, variance = (
+        gain ** (1 / elements) - 1,
+        1.0,
+        1.0,
+    )  # one electron, of Poisson noise
+    for _ in range(elements):
+        mean, variance = (
+            (1 + chance) * mean,
+            (1 + chance) ** 2 * variance + chance * (1 - chance) * mean,
+        )
+    assert EmGain(gain, elements).excess_noise == pytest.approx(variance / gain**2, rel=1e-9)
+
+
+def test_the_temporal_variance_of_a_flat_field_has_the_excess_noise() -> None:
+    """F²·G²·λ within 1 %: 5 standard errors of 2^18 differences. The mean is G·λ."""
+    pair = ms.expose(
+        light_of(400.0, (512, 512)), EMCCD, COLD, frames=2, keep="electrons", engine="numpy"
+    ).electrons
+    assert pair is not None
+    noise = (pair[1].astype(float) - pair[0]) / 2**0.5
+    assert pair.mean() == pytest.approx(GAIN * 400.0, rel=1e-3)
+    assert noise.var() / (GAIN**2 * 400.0) == pytest.approx(EXCESS, rel=0.014)
+    assert EmGain(GAIN, ELEMENTS).excess_noise == pytest.approx(EXCESS, abs=1e-4)
+
+
+@pytest.mark.parametrize("electrons", one_in(3, [1, 2, 3]))
+def test_the_law_of_few_electrons_is_near_that_of_the_register(electrons: int) -> None:
+    """Kolmogorov distance below 0.01 of 10^5 electrons that are multiplied element by element; chance alone makes more
+    than 0.0073 once in 100."""
+    random, chance = np.random.default_rng(6), GAIN ** (1 / ELEMENTS) - 1
+    register = np.full(100_000, electrons)
+    for _ in range(ELEMENTS):
+        register = register + random.binomial(register, chance)
+    sampled = behind(np.full((400, 250), float(electrons)), EmGain(GAIN, ELEMENTS))
+    assert scipy.stats.ks_2samp(register, sampled.ravel()).statistic < 0.01
+    gamma = scipy.stats.gamma(electrons, scale=GAIN)
+    assert scipy.stats.kstest(sampled.ravel(), gamma.cdf).statistic < 0.01
+
+
+def behind(
+    count: NDArray[np.float64], stage: EmGain, precision: str = "float64"
+) -> NDArray[np.float64]:
+    """What leaves the register."""
+    backend = NUMPY_FLOAT64 if precision == "float64" else NUMPY_FLOAT32
+    frame = ms.Frame(COLD, SensorWindow(1, count.shape, backend=backend))
+    found = stage.sample(ms.Electrons(count.astype(precision), 0.0), frame)
+    return np.asarray(found.total, np.float64)
+
+
+@pytest.mark.parametrize("shape", [1e-6, 0.3, 0.999, 1.0, 1.02, 1.7, 3.0, 40.0, 1e4, 1e8, 1e30])
+def test_gamma_numbers_in_float32_are_those_of_scipy(shape: float) -> None:
+    """Within 1e-4 of σ, over random bits of all sizes; 1e-3 at the ends of the distribution."""
+    bits = np.random.default_rng(7).integers(0, 2**32, 100_000, dtype=np.uint64)
+    bits[:4] = 0, 1, 2**32 - 2, 2**32 - 1
+    shapes = np.full(bits.shape, shape, np.float32)
+    single, double = (
+        backend.gamma_of_shape(bits.astype(np.uint32), shapes)
+        for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64)
+    )
+    assert single.dtype == np.float32
+    rounding = 3e-7 * double
+    off = np.maximum(np.abs(single - double) - rounding, 0) / np.float32(shape) ** 0.5
+    assert off[4:].max() < 2e-4 and off.max() < 2e-3
+
+
+@pytest.mark.parametrize("electrons", [0.01, 0.3, 0.9, 1.0, 7.5])
+def test_parts_of_an_electron_have_the_same_mean_and_variance(electrons: float) -> None:
+    """As there are without shot noise: within 5 standard errors of 10^6 numbers, and none is negative."""
+    for precision in ("float64", "float32"):
+        found = (
+            behind(np.full((1000, 1000), electrons), EmGain(GAIN, ELEMENTS), precision) / GAIN
+        )
+        square = (found - electrons) ** 2
+        assert found.min() >= 0
+        assert abs(found.mean() - electrons) < 5 * found.std() / 1000
+        assert abs(square.mean() - (EXCESS - 1) * electrons) < 5 * square.std() / 1000
+
+
+def test_nothing_stays_nothing_and_one_bright_pixel_is_finite() -> None:
+    for precision in ("float64", "float32"):
+        found = behind(np.array([[0.0, 0.25, 1e30]]), EmGain(GAIN, ELEMENTS), precision)
+        assert found[0, 0] == 0 and found[0, 1] >= 0
+        assert found[0, 2] == pytest.approx(GAIN * 1e30, rel=1e-3)
+
+
+def test_light_and_dark_electrons_are_multiplied_together() -> None:
+    """Their sum is the output of the register, and each has the share that it has in front of it."""
+    light, dark = np.full((20, 30), 30.0), np.full((20, 30), 10.0)
+    frame = ms.Frame(COLD, SensorWindow(1, light.shape))
+    found = EmGain(GAIN, ELEMENTS).sample(ms.Electrons(light, dark), frame)
+    np.testing.assert_allclose(found.light, 3 * found.dark, rtol=1e-12)
+    np.testing.assert_allclose(found.total, behind(light + dark, EmGain(GAIN, ELEMENTS)))
+
+
+def test_read_noise_is_divided_by_the_gain_and_k_multiplied() -> None:
+    plain, em = (emva_figures(camera, ms.Exposure(0.0, 170.0)) for camera in (BASE, EMCCD))
+    assert em.temporal_dark_noise_e == pytest.approx(plain.temporal_dark_noise_e / GAIN)
+    assert em.system_gain_dn_per_e == pytest.approx(GAIN * plain.system_gain_dn_per_e)
+    assert EMCCD.system_gain_dn_per_e == pytest.approx(K)
+    assert em.saturation_e == pytest.approx((2**14 - 1 - 200) / K, rel=1e-3)
+    still_e2 = (50.0 / GAIN) ** 2 + 1 / 12 / K**2
+    least_e = EXCESS / 2 + (EXCESS**2 / 4 + still_e2) ** 0.5
+    assert em.absolute_sensitivity_e == pytest.approx(least_e, rel=1e-3)
+    assert em.snr_max == pytest.approx((em.saturation_e / EXCESS) ** 0.5, rel=1e-3)
+    frames = ms.expose(light_of(100.0), EMCCD, COLD)
+    assert frames.digital.mean() == pytest.approx(200.0 + 100.0 * K, rel=2e-3)
+    assert frames.report["K_dn_per_e"] == pytest.approx(K)
+    profile = noise_profile(frames)
+    assert profile is not None
+    assert profile[0] == pytest.approx(EXCESS * K / (saturation_dn(EMCCD) - 200.0), rel=1e-3)
+
+
+def test_a_full_register_saturates_the_pixel() -> None:
+    camera = EMCCD.replace(**{"readout.em_full_well_e": 90_000.0})
+    assert saturation_e(camera) == pytest.approx(300.0)
+    assert saturation_dn(camera) == 6200
+    with pytest.warns(UserWarning, match="saturated"):
+        frames = ms.expose(light_of(1000.0), camera, COLD, keep="electrons")
+    assert frames.electrons is not None
+    np.testing.assert_array_equal(frames.electrons, 90_000.0)
+
+
+@pytest.mark.parametrize(
+    ("electrons", "fields", "off"),
+    [
+        (0.0, {}, 0.003),
+        (0.2, {}, 0.006),
+        (1.0, {}, 0.003),
+        (3.0, {}, 0.003),
+        (100.0, {}, 0.003),
+        (700.0, {}, 0.003),
+        (1.0, {"adc.black_level_dn": 10.0}, 0.025),
+        (330.0, {"readout.em_full_well_e": 1e5}, 0.03),
+    ],
+)
+def test_clean_frame_and_its_variance_are_near_the_frames(
+    electrons: float, fields: dict[str, Any], off: float
+) -> None:
+    """Mean within 0.004 σ, σ within 0.3 % where nothing clips, which are 3 and 4 standard errors of 2^19 pixels (0.2
+    electrons have a long tail: 0.6 %); within 1.5 and 3 % of σ where a normal law about few counts is clipped."""
+    frames = ms.expose(light_of(electrons), EMCCD.replace(**fields), COLD, frames=8)
+    codes, sigma = frames.digital.astype(float), frames.temporal_variance.mean() ** 0.5
+    assert codes.std() / sigma == pytest.approx(1.0, abs=off)
+    mean_off = 0.015 if fields else 0.004
+    assert abs(codes.mean() - frames.clean.mean()) < mean_off * sigma
+
+
+@pytest.mark.exhaustive
+def test_the_engines_have_the_same_bytes_on_small_and_odd_sensors() -> None:
+    backend_of("drjit")
+    for shape in ((1, 1), (1, 37), (37, 1), (130, 67)):
+        light = np.random.default_rng(5).uniform(0.0, 50.0, shape)
+        numpy, drjit = (
+            ms.expose(light, EMCCD, COLD, frames=2, engine=engine).digital
+            for engine in ("numpy", "drjit")
+        )
+        np.testing.assert_array_equal(numpy, drjit)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "elements": ({"readout.em_gain": 300.0}, "em_stages is missing; give the elements"),
+    "too few": (
+        {"readout.em_gain": 300.0, "readout.em_stages": 4},
+        "at most doubles the electrons; take a gain up to 16",
+    ),
+    "less": ({"readout.em_gain": 0.5}, "greater than or equal to 1"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_impossible_registers_are_refused_with_the_way_out(case: str) -> None:
+    fields, said = REFUSED[case]
+    with pytest.raises(ms.InputError, match=said):
+        BASE.replace(**fields)
+
+
+def test_derivatives_and_switching_off_by_name_say_which_field_to_set() -> None:
+    with pytest.raises(ms.InputError, match=r"or set readout\.em_gain to 1"):
+        ms.differentiable(light_of(9.0, (4, 4)), EMCCD, COLD, parameters="photons")
+    with pytest.raises(ms.InputError, match=r"is no noise source; set readout\.em_gain to 1"):
+        EMCCD.without("EM gain")
