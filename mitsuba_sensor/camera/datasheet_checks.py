@@ -18,6 +18,8 @@ ADD_SENSE_GAIN = (
     "add readout.sense_gain_uv_per_e, e.g. 50"
 )
 
+WITHOUT_DIFFRACTION = "set lens.diffraction to false to render without it"
+
 LARGEST = 1e30
 """Of a product of gains: squares of larger ones leave the range of numbers on the way to a variance."""
 
@@ -100,7 +102,8 @@ def checked_source(name: object, more: Iterable[str] = ()) -> str:
     key = name.strip().lower().replace(" ", "_").replace("-", "_")
     if key in known:
         return key
-    remedy = next((effect.no_noise for effect in ORDER if effect.key() == key), "")
+    remedies = {effect.key(): effect.no_noise for effect in ORDER}
+    remedy = {**remedies, "diffraction": WITHOUT_DIFFRACTION}.get(key, "")
     if remedy:
         raise InputError(f"without names {name!r}, which is no noise source; {remedy}.")
     raise InputError(

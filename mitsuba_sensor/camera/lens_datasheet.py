@@ -122,6 +122,18 @@ class LensSection(FileTable):
     pupil_magnification: Positive = optional(
         "exit over entrance pupil diameter P", 1.0, 1.0, title="pupil magnification P"
     )
+    diffraction: Flag = optional(
+        "whether renders have the diffraction of the pupil at this f-number",
+        True,
+        False,
+        title="diffraction, Airy disk, point spread function (PSF)",
+    )
+    obstruction: Annotated[float, Field(ge=0, le=0.7, strict=True)] = optional(
+        "diameter of a central obstruction over that of the pupil, for diffraction alone",
+        0.3,
+        0.0,
+        title="central obstruction ε",
+    )
     convention: Literal["working", "planar"] = optional(
         "πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴",
         "working",

@@ -122,14 +122,14 @@ def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) ->
 
     Exit code: 0 if there are at most warnings, 2 if the file cannot be used.
     """
+    from ..optics.image_record import airy_sentence
+
     found = ms.check_camera(name)
+    lines = [*map(str, found), _verdict(name, found)]
     errors = sum(one.level == "error" for one in found)
-    show(
-        [one.to_dict() for one in found]
-        if as_json
-        else "\n".join(map(str, (*found, _verdict(name, found)))),
-        as_json,
-    )
+    if not errors:
+        lines.append(f"{name}: {airy_sentence(ms.load_camera(name))}")
+    show([one.to_dict() for one in found] if as_json else "\n".join(lines), as_json)
     if errors:
         raise typer.Exit(2)
 

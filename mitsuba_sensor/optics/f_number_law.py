@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from ..core import Float64Array, InputError
 from .distortion import distortion_of
 from .intrinsics import View, image_distance_m, magnification
+from .paraxial import cardinal_points
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
@@ -40,13 +41,20 @@ def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
     """
     if view.sequential:
         return np.ones(view.crop_size[::-1])
-    lens, m = camera.lens, magnification(view, camera)
-    if lens.convention == "planar":
-        on_axis = math.pi / (1 + 4 * lens.f_number**2 * (1 + m) ** 2)
-    else:
-        working = lens.f_number * (1 + m / lens.pupil_magnification)
-        on_axis = math.pi / (4 * working**2)
+    on_axis = math.pi * numerical_aperture(view, camera) ** 2
     return on_axis * _relative_illumination(view, camera)
+
+
+def numerical_aperture(view: View, camera: Camera) -> float:
+    """Sine of half the cone of light on the axis behind the lens: 1/(2·N_w), or of the planar law."""
+    lens = camera.lens
+    if view.sequential:
+        principal_mm = cardinal_points(lens).principal_distance(view.focus_m)
+        return cardinal_points(lens).entrance_radius / principal_mm
+    m = magnification(view, camera)
+    if lens.convention == "planar":
+        return 1 / math.sqrt(1 + 4 * lens.f_number**2 * (1 + m) ** 2)
+    return 1 / (2 * lens.f_number * (1 + m / lens.pupil_magnification))
 
 
 def _relative_illumination(view: View, camera: Camera) -> Float64Array:

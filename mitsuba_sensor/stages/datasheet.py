@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from ..core import InputError
 from .usual_range import (
@@ -35,6 +36,7 @@ MapCoupling = Annotated[float, Field(ge=0, le=0.45, strict=True)]
 Pitch = Annotated[Positive, Usual.of(0.3, 200, METRES_TO_UM, MM_TO_UM, NM_TO_UM)]
 Kelvin = Usual.of(65, 500, CELSIUS)
 Nanometres = Usual.of(100, 3000, UM_TO_NM, METRES_TO_NM)
+SAME_AREA = 0.01  # by how much fill factor and area of the pixel's aperture may differ
 
 
 class FileTable(BaseModel):
@@ -125,6 +127,20 @@ class SensorSection(FileTable):
         return self
 
 
+def _aperture(value: object) -> object:
+    """The value of pixel.aperture, if it is one. Raises ValueError."""
+    if isinstance(value, str) and value in ("full", "square"):
+        return value
+    if isinstance(value, list | tuple) and len(value) == 2:
+        are_numbers = all(type(side) in (int, float) for side in value)
+        if are_numbers and all(0 < side <= 1 for side in value):
+            return tuple(map(float, value))
+    raise ValueError(
+        f"{value!r} is neither 'full' nor 'square' nor a width and a height; give these as shares of the pitch, above "
+        "0 and at most 1, e.g. [0.8, 0.6]"
+    )
+
+
 class PixelGeometry(CameraTable):
     """One pixel."""
 
@@ -137,3 +153,39 @@ class PixelGeometry(CameraTable):
     fill_factor: Annotated[Fraction, Usual.of(0.05, 1, PERCENT)] = Field(
         title="fill factor", description="share of the pixel that sees light", examples=[0.5]
     )
+    aperture: Annotated[
+        Literal["full", "square"] | tuple[Fraction, Fraction], BeforeValidator(_aperture)
+    ] = Field(
+        "full",
+        title="pixel aperture, pixel MTF",
+        description="what of the pixel collects light: all of it by a microlens, a square of the fill factor in its "
+        "middle, or a width and height as shares of the pitch",
+        examples=["square"],
+    )
+
+    @property
+    def aperture_sides(self) -> tuple[float, float]:
+        """Width and height of the part that collects light, as shares of the pitch."""
+        if self.aperture == "full":
+            return 1.0, 1.0
+        if self.aperture == "square":
+            side_um = math.sqrt(self.fill_factor * self.pitch_x_um * self.pitch_y_um)
+            return side_um / self.pitch_x_um, side_um / self.pitch_y_um
+        return self.aperture
+
+    @model_validator(mode="after")
+    def _aperture_has_the_fill_factor(self) -> Self:
+        if (largest := max(self.aperture_sides)) > 1 + 1e-9:
+            raise ValueError(
+                f"aperture is 'square' and its side would be {largest:.3g} of the smaller pitch, at most 1; give its "
+                "two sides, e.g. [0.9, 0.6]"
+            )
+        if isinstance(self.aperture, tuple) and self.fill_factor < 1:
+            area = math.prod(self.aperture)
+            if abs(area / self.fill_factor - 1) > SAME_AREA:
+                raise ValueError(
+                    f"aperture has {area:.3g} of the pixel's area and fill_factor is {self.fill_factor:g}; make "
+                    "their product the fill factor, or set it to 1 where the quantum efficiency is that of the whole "
+                    "pixel"
+                )
+        return self

@@ -10,6 +10,8 @@ from itertools import chain
 
 import numpy as np
 
+from ...camera.camera import Camera
+from ...optics.image_record import LARGE_PX, airy_diameter_px
 from ..passes.passes import SAMPLER
 from ..scene.scene_file import POLARISING, SceneFile
 from ..scene.scene_sensors import sensors_of
@@ -47,7 +49,10 @@ def lint(scene: SceneFile, band: Band, unit_m: float | None) -> tuple[list[Findi
     others = (
         check(scene) for check in (_changes, _integrator, _film, _sensors, colours_above_one)
     )
-    found = chain(spectrum_findings(scene, spectra, band), _units(scene, unit_m), *others)
+    spread = _point_spread(scene, band.camera)
+    found = chain(
+        spectrum_findings(scene, spectra, band), _units(scene, unit_m), *others, spread
+    )
     return most_serious_first(found), bool(spectra.lights) and dark
 
 
@@ -181,6 +186,21 @@ def _integrator(scene: SceneFile) -> Iterator[Finding]:
         if props.get("hide_emitters"):
             what = "hide_emitters makes visible emitters black"
             yield Finding("wrong", where, what, "leave it out: a sensor images lamps and sky")
+
+
+def _point_spread(scene: SceneFile, camera: Camera | None) -> Iterator[Finding]:
+    """Diffraction that is rendered, or that is not and would be seen."""
+    if camera is None:
+        return
+    diameter_px, lens = airy_diameter_px(camera), camera.lens
+    what = f"at f/{lens.f_number:g} the Airy disk is {diameter_px:.2g} pixels across"
+    if lens.diffraction:
+        remedy = "rays are displaced by it, lens.diffraction = false leaves it out"
+    elif diameter_px > LARGE_PX:
+        remedy = "it is not rendered, lens.diffraction = true does"
+    else:
+        return
+    yield Finding("note", scene.where(scene.sensor()), what, remedy)
 
 
 def _film(scene: SceneFile) -> Iterator[Finding]:

@@ -65,7 +65,7 @@ def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float6
     positions, pupil_centre = (pixels - offset.ravel()) / size.ravel(), mi.Point2f(0.5, 0.5)
 
     def sample_ray(x: Array, y: Array) -> tuple[Array, ...]:
-        ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), pupil_centre)
+        ray, _ = scene.sharp.sample_ray(0.0, 0.5, mi.Point2f(x, y), pupil_centre)
         return ray.o, ray.d, ray.maxt
 
     origins, directions, maxt = _evaluate(sample_ray, positions)

@@ -11,8 +11,8 @@ from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
 from ...core import Exposure, Float64Array, first_given, warn_of
 from ...core.options import complete, documents
-from ...optics.f_number_law import shading
-from ...optics.intrinsics import aperture_f_number, intrinsics
+from ...optics.image_record import image_record
+from ...optics.intrinsics import aperture_f_number
 from ...optics.shutter import shutter_of
 from ...optics.waveform import Waveform
 from ...sensor.expose import PreparedExposure
@@ -348,8 +348,7 @@ class PreparedRender:
             notes=(*notes, *(note for note in (doubt, self.parsed.variant.hint) if note)),
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
-            intrinsics=intrinsics(self.scene.view, self.camera)
-            | {"shading": shading(self.scene.view, self.camera)},
+            intrinsics=image_record(self.scene.view, self.camera),
             camera_to_world=pose_m(
                 self.at_rest, self.motion, self.unit_m, self.begin_s
             ).tolist(),

@@ -23,6 +23,7 @@ from ...core import Array, Float64Array, InputError
 from ...core.llvm import drjit
 from ...optics.distortion import Distortion, distortion_of
 from ...optics.exit_pupil import exit_pupil_bounds
+from ...optics.f_number_law import numerical_aperture
 from ...optics.intrinsics import View, image_distance_m
 from ...optics.paraxial import cardinal_points, surfaces_at_f_number
 from ...optics.ray_trace import D_NM, Ray, stopped_down, trace
@@ -30,7 +31,9 @@ from ..variants import MitsubaObject, mitsuba
 
 TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection
 COARSEST, FINEST = 32, 1024  # cells of its table along a side
+IN_PYTHON = "the lens is computed in Python here, 0.1 ms per ray; an llvm variant is as fast as without it"
 NO_HEIGHT = 1e-9  # below it an image point is on the axis [mm]
+LEAST_PUPIL = 1e-3  # of that on the axis, where hardly any light passes
 Samples: TypeAlias = tuple[
     Array, Array, Array, Array
 ]  # time, wavelength, position on the full film [pixels], aperture
@@ -68,9 +71,7 @@ def with_lens(
             return sensor, view, ()
         lens = DistortedProjection(distortion, view)
     if variant.startswith("scalar"):
-        notes.append(
-            "the lens is computed in Python here, 0.1 ms per ray; an llvm variant is as fast as without it"
-        )
+        notes.append(IN_PYTHON)
     return sensor_class(variant)(sensor, lens), view, tuple(notes)
 
 
@@ -228,6 +229,7 @@ class SequentialLens:
         )
         self._bounds = mi.Texture1f(mi.TensorXf(table), use_accel=False)
         self._per_mm = dr.opaque(mi.Float, 1 / bounds.highest)
+        self._numerical_aperture = dr.opaque(mi.Float, numerical_aperture(self.view, camera))
 
     def notes(self, name: str, scene: View) -> list[str]:
         """What the lens of this name determines instead of the scene, whose own view is given."""
@@ -266,6 +268,28 @@ class SequentialLens:
         ray.maxt = dr.select(unvignetted, ray.maxt, 0.0)  # a vignetted ray intersects nothing
         return ray, weight * dr.select(unvignetted, solid_angle, 0.0)
 
+    def numerical_apertures(self, place: Array) -> tuple[Array, Array]:
+        """Of the ellipse that passes light to a position on the full film [pixels], along and across the radius.
+
+        That on the axis is paraxial; the exit-pupil bounds say how it changes over the image.
+        """
+        dr, (axis_x, axis_y), (pitch_x, pitch_y) = drjit(), self.view.axis, self._pitch_mm
+        x, y = (place.x - axis_x) * pitch_x, (place.y - axis_y) * pitch_y
+        height = dr.sqrt(x * x + y * y)
+        centre, radial, tangential = self._bounds_at(height)
+        _, radius, _ = self._bounds_at(0.0 * height)
+        cosine = self._distance * dr.rsqrt((centre - height) ** 2 + self._distance**2)
+        across = self._numerical_aperture * cosine / radius
+        along = across * cosine * cosine * dr.maximum(radial, LEAST_PUPIL * radius)
+        return along, across * dr.maximum(tangential, LEAST_PUPIL * radius)
+
+    def _bounds_at(self, height: Array) -> tuple[Array, Array, Array]:
+        """Centre and half axes of the exit pupil's ellipse, linear between the entries of the table."""
+        cells = self._bounds.shape[0] - 1
+        at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
+        centre, radial, tangential = self._bounds.eval(at)
+        return centre, radial, tangential
+
     def _start(self, position: Array, aperture: Array) -> tuple[Ray, Array]:
         """A ray from the film to the plane of the last vertex, and the projected solid angle it represents [sr]."""
         dr, (axis_x, axis_y), (pitch_x, pitch_y) = drjit(), self.view.axis, self._pitch_mm
@@ -277,9 +301,7 @@ class SequentialLens:
         height = dr.sqrt(x * x + y * y)
         on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
         ux, uy = dr.select(on_axis, 1.0, x * inverse), y * inverse
-        cells = self._bounds.shape[0] - 1  # of the exit-pupil bounds, linear in between
-        at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
-        centre, radial, tangential = self._bounds.eval(at)
+        centre, radial, tangential = self._bounds_at(height)
         disk = mitsuba().warp.square_to_uniform_disk_concentric(aperture)
         along, across = centre + radial * disk.x, tangential * disk.y
         dx, dy = along * ux - across * uy - x, along * uy + across * ux - y

@@ -37,6 +37,7 @@ from ..passes.interleaved import interleaved, most_interleaved
 from ..passes.noisy_pixels import NoisyPixels
 from ..passes.passes import SAMPLER
 from ..variants import MitsubaObject, mitsuba
+from .displaced_rays import with_displaced_rays
 from .film_and_view import WIDTH, built_in_sensor, film_size
 from .lens_sensor import with_lens
 from .light_groups import keep_emitters
@@ -52,6 +53,7 @@ FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the bu
 class Scene:
     """A scene ready to render into bands.
 
+    sharp : the sensor without the point spread, for rays through the middle of each pixel.
     view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
     sha256 : of the scene file, its includes and its parameters.  responses : of the channels of the film.  noisy :
     pixels that get more samples, or None.
@@ -60,6 +62,7 @@ class Scene:
     mitsuba_scene: MitsubaObject
     integrator: MitsubaObject
     sensor: MitsubaObject
+    sharp: MitsubaObject
     view: View
     sha256: str
     responses: Sequence[Mapping[str, object]]
@@ -214,18 +217,18 @@ def _load(
         () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
     )
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
-    sensor, view, lens_notes = with_lens(
+    sharp, view, lens_notes = with_lens(
         sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
+    sensor, spread_notes = with_displaced_rays(sharp, view, camera)
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
         check_on_sensor(
             f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera
         )
-    notes = (*(finding.as_note for finding in findings), *lens_notes)
-    return Scene(
-        world, integrator, sensor, view, scene.digest(), bands.responses, notes, tuple(findings)
-    )
+    notes = (*(finding.as_note for finding in findings), *lens_notes, *spread_notes)
+    loaded = world, integrator, sensor, sharp, view
+    return Scene(*loaded, scene.digest(), bands.responses, notes, tuple(findings))
 
 
 def inspect_scene(

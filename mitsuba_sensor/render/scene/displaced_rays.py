@@ -1,0 +1,215 @@
+"""Point spread of lens and pixel: each ray starts from a place on the film that is displaced by a draw from it.
+
+    E_pixel = ∫ pixel aperture ∫ PSF_λ(δ) E_λ(p + δ) dδ dp
+
+is then what the mean over the rays of a pixel estimates, without bias and without more rays; beyond the edge of film or
+crop the rays see the scene that is there. The aperture of the pixel is a smaller part of it in which rays start. The
+wavelengths of a ray share its δ, which is drawn for the first of them; each of them could have been the first. So
+wavelength k has the weight PSF_k(δ)/mean_j PSF_j(δ) (balance heuristic), and the sum of the weights stays what it was.
+
+Away from the axis the pupil is an ellipse in direction cosines, and the spread has the inverse of its axes: cos³θ and
+cos θ of a thin lens, along and across the radius; the ellipse that passes light of a sequential lens.
+
+A pinhole leaves the two numbers of the aperture free. Where a lens uses them, two new ones are a hash of all numbers
+of the ray.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from ...camera.camera import Camera
+from ...core import Array, Float64Array
+from ...core.llvm import drjit
+from ...optics.f_number_law import numerical_aperture
+from ...optics.intrinsics import View
+from ...optics.point_spread import point_spread_tables
+from ..variants import MitsubaObject, mitsuba
+from .lens_sensor import IN_PYTHON, NO_HEIGHT, Samples, sensor_class
+
+SMALLEST_SHARE = 2.0**-24  # of the energy: the last bit of a random number
+WHOLE = (1.0, 1.0)  # sides of the aperture of a pixel
+WEAKEST = 1e-12  # added to densities, so that no ray falls where there is none
+
+
+class Pupil(Protocol):
+    """The pupil as a point of the film sees it."""
+
+    def numerical_apertures(self, place: Array) -> tuple[Array, Array]:
+        """Along and across the radius of the image, at a position on the full film [pixels]."""
+
+
+class ThinPupil:
+    """That of a thin lens or pinhole, whose plane is parallel to the film; of an orthographic sensor everywhere the
+    same."""
+
+    def __init__(self, camera: Camera, view: View) -> None:
+        self._axis, self._scale = view.axis, _data(view.tangent_per_pixel)
+        self._on_axis = _data(numerical_aperture(view, camera))
+
+    def numerical_apertures(self, place: Array) -> tuple[Array, Array]:
+        """NA·cos³θ and NA·cos θ."""
+        x, y = (place.x - self._axis[0]) * self._scale, (place.y - self._axis[1]) * self._scale
+        cosine = drjit().rsqrt(1 + x * x + y * y)
+        return self._on_axis * cosine * cosine * cosine, self._on_axis * cosine
+
+
+def with_displaced_rays(
+    sensor: MitsubaObject, view: View, camera: Camera | None
+) -> tuple[MitsubaObject, tuple[str, ...]]:
+    """The sensor behind the point spread of the camera's lens and pixel, and notes; unchanged without one."""
+    if camera is None:
+        return sensor, ()
+    if not camera.lens.diffraction and camera.pixel.aperture_sides == WHOLE:
+        return sensor, ()
+    slow = mitsuba().variant().startswith("scalar") and not hasattr(sensor, "lens")
+    pupil: Pupil = sensor.lens if view.sequential else ThinPupil(camera, view)
+    rays = DisplacedRays(
+        camera,
+        view,
+        pupil,
+        diffraction=camera.lens.diffraction,
+        aperture_is_free=not view.sequential and view.aperture_radius_m == 0,
+        shared=not camera.lens.dispersion,
+    )
+    notes = (IN_PYTHON,) if slow else ()
+    return sensor_class(mitsuba().variant())(sensor, rays), notes
+
+
+class DisplacedRays:
+    """Rays of another sensor from displaced places.
+
+    diffraction : whether the spread of the lens displaces them, or only the aperture of the pixel.
+    aperture_is_free : whether the other sensor makes no use of the two numbers for its aperture.
+    shared : whether the wavelengths of a ray share its path; else the first one alone has a weight.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        view: View,
+        pupil: Pupil,
+        *,
+        diffraction: bool,
+        aperture_is_free: bool,
+        shared: bool,
+    ) -> None:
+        self._axis, self._pupil = view.axis, pupil
+        self._diffraction, self._aperture_is_free, self._shared = (
+            diffraction,
+            aperture_is_free,
+            shared,
+        )
+        sides = camera.pixel.aperture_sides
+        self._is_full, self._aperture = sides == WHOLE, [_data(side) for side in sides]
+        self._pitch_nm = (camera.pixel.pitch_x_um * 1e3, camera.pixel.pitch_y_um * 1e3)
+        tables = point_spread_tables(camera.lens.obstruction)
+        self._radii, self._densities = _texture(tables.radii), _texture(tables.densities)
+        self._inside, self._edge = _data(tables.inside), _data(tables.edge)
+        self._beyond, self._tail = _data((1 - tables.inside) * tables.edge), _data(tables.tail)
+
+    def sample(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
+        """The other sensor's ray through the displaced place, and its weight per wavelength."""
+        time, wavelength, place, aperture = samples
+        start = place if self._is_full else self._in_aperture(place)
+        if not self._diffraction:
+            return self._ray(sensor, (time, wavelength, start, aperture), active)
+        mi, dr = mitsuba(), drjit()
+        shares = self._random_numbers(samples)
+        no_surface = dr.zeros(mi.SurfaceInteraction3f)
+        lengths_nm, _ = sensor.inner.sample_wavelengths(no_surface, wavelength, active)
+        x_nm = lengths_nm[0] * self._radius(shares.x)
+        displaced = self._displaced(start, x_nm, 2 * math.pi * shares.y)
+        ray, weight = self._ray(sensor, (time, wavelength, displaced, aperture), active)
+        if self._shared:
+            weight = weight * self._balance(x_nm, lengths_nm)
+        return ray, weight
+
+    def _ray(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
+        time, wavelength, place, aperture = samples
+        size, corner = sensor.crop()
+        in_crop = type(place)((place.x - corner.x) / size.x, (place.y - corner.y) / size.y)
+        ray, weight = sensor.inner.sample_ray(time, wavelength, in_crop, aperture, active)
+        return ray, weight
+
+    def _in_aperture(self, place: Array) -> Array:
+        """The place within the aperture of the same pixel."""
+        dr, (width, height) = drjit(), self._aperture
+        column, row = dr.floor(place.x) + 0.5, dr.floor(place.y) + 0.5
+        return type(place)(column + (place.x - column) * width, row + (place.y - row) * height)
+
+    def _random_numbers(self, samples: Samples) -> Array:
+        """Two, for radius and direction of the displacement."""
+        mi, (_, wavelength, place, aperture) = mitsuba(), samples
+        if self._aperture_is_free:
+            return aperture
+        first, second = mi.sample_tea_32(_bits(place.x), _bits(place.y))
+        first, second = mi.sample_tea_32(first ^ _bits(aperture.x), second ^ _bits(aperture.y))
+        first, second = mi.sample_tea_32(first ^ _bits(wavelength), second)
+        shares = (first >> 8) * SMALLEST_SHARE, (second >> 8) * SMALLEST_SHARE
+        return mi.Point2f(*shares)
+
+    def _radius(self, share: Array) -> Array:
+        """x inside which there is this share of the energy."""
+        dr = drjit()
+        inside = _at(self._radii, dr.minimum(share / self._inside, 1.0))
+        left = dr.maximum(1.0 - share, SMALLEST_SHARE)
+        return dr.select(share < self._inside, inside, self._beyond / left)
+
+    def _displaced(self, place: Array, x_nm: Array, angle: Array) -> Array:
+        """The place moved by x·λ/(2π·NA) in a direction.  x_nm : x·λ."""
+        dr, (pitch_x, pitch_y) = drjit(), self._pitch_nm
+        from_x, from_y = place.x - self._axis[0], place.y - self._axis[1]
+        height = dr.sqrt(from_x * from_x + from_y * from_y)
+        on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
+        ux, uy = (
+            dr.select(on_axis, 1.0, from_x * inverse),
+            dr.select(on_axis, 0.0, from_y * inverse),
+        )
+        along_na, across_na = self._pupil.numerical_apertures(place)
+        radius = x_nm / (2 * math.pi)
+        along, across = radius * dr.cos(angle) / along_na, radius * dr.sin(angle) / across_na
+        dx, dy = along * ux - across * uy, along * uy + across * ux
+        return type(place)(place.x + dx / pitch_x, place.y + dy / pitch_y)
+
+    def _balance(self, x_nm: Array, lengths_nm: Array) -> Array:
+        """PSF of each wavelength over their mean."""
+        dr, densities = drjit(), []
+        for nm in lengths_nm:
+            x = x_nm / nm
+            near = _at(self._densities, dr.minimum(x / self._edge, 1.0))
+            far = self._tail / dr.maximum(x * x * x, 1.0)
+            densities.append((dr.select(x < self._edge, near, far) + WEAKEST) / (nm * nm))
+        mean = sum(densities) / len(densities)
+        return mitsuba().Spectrum(*(density / mean for density in densities))
+
+
+def _data(number: float) -> Array:
+    """A number as data of the kernel, so that one kernel serves all values."""
+    return drjit().opaque(mitsuba().Float, number)
+
+
+def _texture(values: Float64Array) -> MitsubaObject:
+    mi = mitsuba()
+    return mi.Texture1f(mi.TensorXf(values.astype(np.float32)[:, None]), use_accel=False)
+
+
+def _at(table: MitsubaObject, share: Array) -> Array:
+    """A table, linear between its nodes, at a share of its length."""
+    nodes = table.shape[0]
+    return table.eval(share * ((nodes - 1) / nodes) + 0.5 / nodes)[0]
+
+
+def _bits(number: Array) -> Array:
+    """The 32 bits of a real number."""
+    if isinstance(number, float):
+        return int(np.float32(number).view(np.uint32))
+    dr = drjit()
+    return dr.reinterpret_array(mitsuba().UInt32, dr.detach(number))
