@@ -84,7 +84,8 @@ def gain_dn_per_e(camera: Datasheet) -> float:
 
     G is the EM gain of an EMCCD, else 1.
     """
-    return float(camera.readout.em_gain) * gain_behind_register_dn_per_e(camera)
+    em_gain = camera.readout.em_gain or 1.0
+    return float(em_gain * gain_behind_register_dn_per_e(camera))
 
 
 def gain_behind_register_dn_per_e(camera: Datasheet) -> float:

@@ -24,8 +24,8 @@ SMALLEST_SPREAD = 1e-9
 class EmGainFields(FileTable):
     """The multiplication register of an EMCCD."""
 
-    em_gain: Annotated[float, Field(ge=1, le=1e6, strict=True)] = Field(
-        1.0,
+    em_gain: Annotated[float, Field(ge=1, le=1e6, strict=True)] | None = Field(
+        None,
         title="EM gain G, multiplication gain",
         description="mean electrons out of the register of an EMCCD per electron in; gain_dn_per_e is K without it",
         examples=[300.0],
@@ -45,7 +45,7 @@ class EmGainFields(FileTable):
 
     @model_validator(mode="after")
     def _register_can_multiply(self) -> Self:
-        if self.em_gain == 1:
+        if self.em_gain in (None, 1):
             return self
         if self.em_stages is None:
             raise ValueError(
@@ -87,7 +87,7 @@ class EmGain(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> EmGain | None:
         """None for a camera without electron multiplication."""
         readout = camera.readout
-        if readout.em_gain == 1:
+        if readout.em_gain in (None, 1):
             return None
         return cls(readout.em_gain, readout.em_stages, readout.em_full_well_e)
 
