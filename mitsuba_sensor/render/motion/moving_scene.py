@@ -282,17 +282,18 @@ class MovingScene:
         (_, rows), (_, top) = self.view.crop_size, self.view.crop_offset
         count, film_rows, speed = self._counts[0], (top, top + rows), self.speed_px_per_s
         step_s, open_s = self._step_s(count, film_rows), self._shutter.open_s
-        share = None
+        share = displaced_px = None
         if self._waveform is not None:
             share = displaced_share(self._shutter, film_rows, count, self._waveform)
-        return {
-            "subframes": count,
-            "speed_px_per_s": speed,
-            "step_px": speed * step_s,
-            "blur_too_long_px": speed * max(count * step_s - open_s, 0.0),
-            "waveform_displaced_share": share,
-            "waveform_displaced_px": None if share is None else speed * open_s / (2 * count),
-        }
+            displaced_px = speed * open_s / (2 * count)
+        return TimeSampling(
+            subframes=count,
+            speed_px_per_s=speed,
+            step_px=speed * step_s,
+            blur_too_long_px=speed * max(count * step_s - open_s, 0.0),
+            waveform_displaced_share=share,
+            waveform_displaced_px=displaced_px,
+        )
 
     def with_noisy(self, pixels: NoisyPixels) -> MovingScene:
         """The same with more samples for some pixels."""

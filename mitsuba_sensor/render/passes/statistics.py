@@ -25,7 +25,8 @@ ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise
 ONE_PASS = 0.75  # of the squared deviations of all passes
 
 
-class TimeSampling(TypedDict):
+@dataclass(frozen=True)
+class TimeSampling:
     """How finely the open shutter was sampled by sub-frames, and the error that is left of it.
 
     subframes : of each pass, in the exposure of a row; over the passes they lie at all instants of it, so that the blur
@@ -46,7 +47,7 @@ class TimeSampling(TypedDict):
 def coarsest(parts: Iterable[TimeSampling | None]) -> TimeSampling | None:
     """Of several light groups, that with the most displaced light."""
     known = [part for part in parts if part is not None]
-    return max(known, key=lambda part: part["waveform_displaced_share"] or 0.0, default=None)
+    return max(known, key=lambda part: part.waveform_displaced_share or 0.0, default=None)
 
 
 @dataclass(frozen=True)
