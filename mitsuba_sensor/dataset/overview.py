@@ -13,7 +13,7 @@ from .exports.summary import summary
 from .planned import DatasetPlan
 from .reader import Index
 from .record import CARD, INDEX, SHEET, TABLE
-from .samples_table import exposures_of_table, write_samples_table
+from .samples_table import known_of_table, write_samples_table
 from .store import Store
 
 MOST_READ = 200
@@ -33,10 +33,10 @@ def write_overview(plan: DatasetPlan, store: Store, index: Index) -> list[str]:
         if table_is_whole and sheet_is_there and _is_in_card(store, INDEX, card):
             return []
         if table_is_whole:
-            known_s = exposures_of_table(store)
+            known = known_of_table(store)
         else:
-            known_s = {}
-        write_samples_table(store, index.lines, known_s)
+            known = {}
+        write_samples_table(store, index.lines, known)
         write_card(store.folder, card_facts(plan, store, index))
     except Exception as error:  # all samples are there: the run has not failed
         return [f"{CARD}, {SHEET} or {TABLE} in {store.folder} was not written: {error}"]

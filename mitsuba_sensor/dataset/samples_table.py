@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 from ..files.texts import read_json, text_of_file, write_page
 from .keys import Config, Facts
@@ -14,17 +15,18 @@ from .record import TABLE
 from .store import Store
 from .values import text_of
 
-NOTHING: Mapping[str, str] = {}
-COLUMNS = ("key", "folder", "split", "scene", "view", "camera", "serial", "exposure_s")
+Known: TypeAlias = Mapping[str, Mapping[str, str]]
+NOTHING: Known = {}
+OF_SAMPLE = ("exposure_s", "system_gain_dn_per_e", "black_level_dn")
+"""Columns that stand in sample.json: the time that was exposed, and what makes electrons of digital numbers."""
+COLUMNS = ("key", "folder", "split", "scene", "view", "camera", "serial", *OF_SAMPLE)
 """Of every table; then all others that vary, in the order in which the samples have them."""
 
 
-def write_samples_table(
-    store: Store, lines: Sequence[Facts], known_s: Mapping[str, str] = NOTHING
-) -> None:
+def write_samples_table(store: Store, lines: Sequence[Facts], known: Known = NOTHING) -> None:
     """Write samples.csv.
 
-    lines : of the index.  known_s : key → exposure time of samples that an earlier table had, which are not read.
+    lines : of the index.  known : key → what an earlier table had of sample.json, which is not read.
     Raises InputError for a sample that is not as it was written.
     """
     names = dict.fromkeys(COLUMNS)
@@ -34,25 +36,29 @@ def write_samples_table(
     writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
     writer.writeheader()
     for line in lines:
-        writer.writerow(_row(store, line, known_s))
+        writer.writerow(_row(store, line, known))
     write_page(store.folder / TABLE, text.getvalue())
 
 
-def exposures_of_table(store: Store) -> dict[str, str]:
-    """Key → exposure time in samples.csv. Raises InputError where it cannot be read."""
+def known_of_table(store: Store) -> dict[str, dict[str, str]]:
+    """Key → what samples.csv has of sample.json. Raises InputError where it cannot be read."""
     text = text_of_file(store.folder / TABLE, "a run writes it again")
-    return {row["key"]: row["exposure_s"] for row in csv.DictReader(io.StringIO(text))}
+    known = dict[str, dict[str, str]]()
+    for row in csv.DictReader(io.StringIO(text)):
+        if row.keys() >= set(OF_SAMPLE):
+            known[row["key"]] = {name: row[name] for name in OF_SAMPLE}
+    return known
 
 
-def _row(store: Store, line: Config, known_s: Mapping[str, str]) -> dict[str, str]:
+def _row(store: Store, line: Config, known: Known) -> dict[str, str]:
     """Column → text of one sample."""
-    folder, values = store.folder_of("samples", line["key"]), line["values"]
+    folder = store.folder_of("samples", line["key"])
     return {
         "key": line["key"],
         "folder": folder.relative_to(store.folder).as_posix(),
         "split": line["split"],
-        **_cells(values),
-        "exposure_s": known_s.get(line["key"]) or repr(_exposed_s(folder, values)),
+        **_cells(line["values"]),
+        **(known.get(line["key"]) or _of_sample(folder)),
     }
 
 
@@ -69,9 +75,13 @@ def _cells(values: Config) -> dict[str, str]:
     return cells
 
 
-def _exposed_s(folder: Path, values: Config) -> float:
-    """Time for which a sample was exposed, stops included [s]: one that was metered stands in sample.json."""
-    asked_s = values.get("exposure_s")
-    if isinstance(asked_s, int | float):
-        return float(asked_s * 2.0 ** values.get("exposure_ev", 0))
-    return float(read_json(folder / "sample.json", CHANGED)["image"]["exposure_s"])
+def _of_sample(folder: Path) -> dict[str, str]:
+    """Column → text, of sample.json."""
+    facts = read_json(folder / "sample.json", CHANGED)
+    values = (
+        facts["image"]["exposure_s"],
+        facts["system_gain_dn_per_e"],
+        facts["image"]["black_level_dn"],
+    )
+    texts = [repr(float(value)) for value in values]
+    return dict(zip(OF_SAMPLE, texts, strict=True))

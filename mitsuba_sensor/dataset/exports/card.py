@@ -11,6 +11,10 @@ from ...files.texts import write_page
 from ...output.contact_sheet import SheetRow, contact_sheet
 from ..record import CARD, SHEET
 
+DIFFERS = (
+    "Where two numbers stand, scenes or axes of the dataset set fields of the camera, and samples differ: "
+    "`samples.csv` has K and the black level of each, for its digital numbers."
+)
 QUANTILES = ("lowest", "1 %", "median", "99 %", "highest")
 UNITS = (
     "K [DN/e-]",
@@ -25,15 +29,15 @@ UNITS = (
 class CameraNumbers:
     """One camera at one gain setting, and the values of its samples.
 
-    noise : EMVA 1288's K [DN/e-], temporal dark noise [e-] of a short exposure and saturation [e-], black and white
-        level [DN]; None where it has none.
+    noise : smallest and largest over the samples of EMVA 1288's K [DN/e-], temporal dark noise [e-] of a short exposure
+        and saturation [e-], black and white level [DN]; None where it has none.
     digital_dn, electrons_e : QUANTILES of its frames: lowest and highest of all, medians over the samples between.
     """
 
     name: str
     gain: str
     samples: int
-    noise: tuple[float | None, ...]
+    noise: Sequence[tuple[float, float] | None]
     digital_dn: Sequence[float]
     electrons_e: Sequence[float]
 
@@ -74,7 +78,7 @@ def card_text(facts: CardFacts) -> str:
     splits: list[tuple[str | int, ...]] = [
         (name or "–", *numbers) for name, numbers in facts.splits.items()
     ]
-    noise = [(x.name, x.gain, x.samples, *x.noise) for x in facts.cameras]
+    noise = [(x.name, x.gain, x.samples, *map(_range, x.noise)) for x in facts.cameras]
     versions = ", ".join(
         f"{name} {version}" for name, version in facts.versions.items() if version
     )
@@ -88,6 +92,7 @@ def card_text(facts: CardFacts) -> str:
         _table(("split", "samples", "scenes", "renders", "chips"), splits),
         "## Noise of the cameras",
         "EMVA 1288 figures of the datasheets: overall system gain K, temporal dark noise and saturation.",
+        DIFFERS if any(" to " in str(cell) for row in noise for cell in row[3:]) else "",
         _table(("camera", "gain setting", "samples", *UNITS), noise),
         "## Values",
         "Digital numbers of the raw frames, and photoelectrons that the light makes on average: lowest and highest of "
@@ -105,6 +110,13 @@ def card_text(facts: CardFacts) -> str:
         f"Made with {versions}." if versions else "",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _range(ends: tuple[float, float] | None) -> str | float | None:
+    """One value, or the smallest and the largest."""
+    if ends is None or _cell(ends[0]) == _cell(ends[1]):
+        return ends and ends[0]
+    return f"{_cell(ends[0])} to {_cell(ends[1])}"
 
 
 def _values(camera: CameraNumbers) -> list[tuple[str | float, ...]]:

@@ -15,7 +15,7 @@ from ...camera.figures import figures_if_any
 from ...core import InputError
 from ...files import durable
 from ..file import DatasetFile
-from ..keys import Facts
+from ..keys import Facts, key_of
 from ..reader import IMAGES, sample_of
 from ..record import FILE, RECORD, Kind, Record, text_of
 from ..store import Store
@@ -39,9 +39,9 @@ NO_SHEET = "There is no contact sheet: `preview` is not among the outputs of the
 
 @dataclass
 class _Group:
-    """Samples of one camera at one gain."""
+    """Samples of one camera at one gain.  noise : the figures of each camera that it is, by scene and varied field."""
 
-    noise: tuple[float | None, ...]
+    noise: list[tuple[float | None, ...]] = field(default_factory=list)
     digital: list[list[float]] = field(default_factory=list)
     electrons: list[list[float]] = field(default_factory=list)
 
@@ -51,9 +51,11 @@ class _Read:
     """What is known of the samples that were read so far.
 
     models : entry of the dataset file → camera's own name.  noise_ratios : key of a view → its median noise ratio.
+    figures : key of a camera and its gain → σ_d and saturation.
     """
 
     groups: dict[tuple[str, str], _Group] = field(default_factory=dict)
+    figures: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
     models: dict[str, str] = field(default_factory=dict)
     noise_ratios: dict[str, float] = field(default_factory=dict)
     sizes: set[str] = field(default_factory=set)
@@ -160,33 +162,33 @@ def _add(read: _Read, line: Facts, facts: Facts) -> None:
     """Count one sample."""
     config, image = facts["config"], facts["image"]
     key = facts["camera"], str(config["gain"] or "–")
-    if key not in read.groups:
-        read.groups[key] = _Group(_noise(facts))
-    read.groups[key].digital.append(facts["digital_quantiles_dn"])
-    read.groups[key].electrons.append(facts["electrons_quantiles_e"])
+    group = read.groups.setdefault(key, _Group())
+    group.noise.append((*_noise(read, facts), *_levels(facts)))
+    group.digital.append(facts["digital_quantiles_dn"])
+    group.electrons.append(facts["electrons_quantiles_e"])
     read.models[str(line["values"].get("camera"))] = facts["camera"]
     read.noise_ratios[line["view"]] = facts["light"]["noise_ratio_median"]
     read.sizes.add(f"{image['columns']} × {image['rows']}")
     read.versions = facts["versions"]
 
 
-def _noise(facts: Facts) -> tuple[float | None, ...]:
-    """K, σ_d, saturation, black and white level of the camera of a sample, at its gain."""
-    config, image = facts["config"], facts["image"]
-    figures = figures_if_any(
-        camera_from(config["camera"], "of the sample").at_gain(config["gain"])
-    )
-    emva = (
-        (None, None)
-        if figures is None
-        else (figures.temporal_dark_noise_e, figures.saturation_e)
-    )
-    return (
-        facts["system_gain_dn_per_e"],
-        *emva,
-        image["black_level_dn"],
-        image["white_level_dn"],
-    )
+def _noise(read: _Read, facts: Facts) -> tuple[float | None, ...]:
+    """K, σ_d and saturation of the camera of a sample, as its scene and the dataset set it, at its gain."""
+    config = facts["config"]
+    key = key_of({"camera": config["camera"], "gain": config["gain"]})
+    if key not in read.figures:
+        camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])
+        figures = figures_if_any(camera)
+        if figures is None:
+            read.figures[key] = None, None
+        else:
+            read.figures[key] = figures.temporal_dark_noise_e, figures.saturation_e
+    return (facts["system_gain_dn_per_e"], *read.figures[key])
+
+
+def _levels(facts: Facts) -> tuple[float, float]:
+    """Black and white level of a sample."""
+    return facts["image"]["black_level_dn"], facts["image"]["white_level_dn"]
 
 
 def _add_record(read: _Read, store: Store, entry: tuple[Kind, str], digest: Any) -> None:
@@ -205,10 +207,18 @@ def _numbers(name: str, gain: str, group: _Group) -> CameraNumbers:
         name,
         gain,
         len(group.digital),
-        group.noise,
+        [_ends(values) for values in zip(*group.noise, strict=True)],
         _over(group.digital),
         _over(group.electrons),
     )
+
+
+def _ends(values: Sequence[float | None]) -> tuple[float, float] | None:
+    """The smallest and the largest of those that there are."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return None
+    return min(known), max(known)
 
 
 def _over(quantiles: list[list[float]]) -> list[float]:
