@@ -14,7 +14,7 @@ def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_t
 ):
     table, geometry = (
         stage_table(),
-        {"pixel.pitch_x_um", "pixel.pitch_y_um", "pixel.fill_factor"},
+        {"pixel.pitch_x_um", "pixel.pitch_y_um", "pixel.fill_factor", "pixel.aperture"},
     )
     fields = {
         name

@@ -125,10 +125,11 @@ def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) ->
     from ..optics.image_record import airy_sentence
 
     found = ms.check_camera(name)
-    lines = [*map(str, found), _verdict(name, found)]
+    lines = [*map(str, found)]
     errors = sum(one.level == "error" for one in found)
     if not errors:
         lines.append(f"{name}: {airy_sentence(ms.load_camera(name))}")
+    lines.append(_verdict(name, found))
     show([one.to_dict() for one in found] if as_json else "\n".join(lines), as_json)
     if errors:
         raise typer.Exit(2)

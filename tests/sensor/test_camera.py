@@ -210,6 +210,7 @@ def test_every_misspelt_field_is_refused_with_the_right_one(
 NOT_ALONE = (
     "dark_current",
     "source_follower",
+    "readout.em_gain",
     "readout.ve_k1",
     "lens.focal_length_mm",
     "lens.focus_m",

@@ -232,7 +232,7 @@ def _remedy(message: str, file: Path, values: Mapping[str, str]) -> str:
                 "; it is no XML: `mitsuba-sensor expose` takes light that is rendered already."
             )
         return "; it is no XML, or empty: give the path of a Mitsuba 3 scene."
-    unreadable = re.search(r'could not parse (.*) value "(.*)"', message)
+    unreadable = re.search(r'[Cc]ould not parse (.*) value "(.*)"', message)
     for name, value in values.items():
         if unreadable and value == unreadable[2]:
             kind = unreadable[1]
