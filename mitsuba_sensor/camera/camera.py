@@ -44,7 +44,7 @@ from .notebook import camera_html
 
 QE_WAYS = ("value", "file", "curves")
 QE_CURVES = "quantum_efficiency.curves"  # what each way of giving the QE becomes
-SET_BY_USER = "set by the user"
+SET_BY_USER, SET_BY_SCENE = "set by the user", "set by the scene file"
 GAIN_WAYS = ("readout.gain_dn_per_e", "adc.full_scale_v")
 SHORT = Exposure(0.0)
 UNSET = " None unsets a field; on the command line: --set FIELD=none."

@@ -1,10 +1,32 @@
-"""Which camera light was made for: hashes of what detects it."""
+"""Which camera light was made for: hashes of what detects it, and fields in which two cameras differ."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from .camera import Camera
+
+NO_NUMBERS = {"sources", "gains", "description"}
+"""Of a camera file: what no frame depends on, and other settings of the same camera."""
+
+
+def differing_fields(camera: Camera, other: Camera) -> list[str]:
+    """Fields that the cameras have otherwise, or one of them has not, ``adc.full_scale_v`` for example."""
+    one, two = (
+        dict(flat_fields(each.model_dump(exclude=NO_NUMBERS))) for each in (camera, other)
+    )
+    return [name for name in one | two if one.get(name) != two.get(name)]
+
+
+def flat_fields(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Fields of nested tables under dotted names, with their values."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from flat_fields(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def response_fingerprint(camera: Camera) -> str:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich.text import Text
 
 import mitsuba_sensor as ms
 
+from ..camera.fingerprint import flat_fields
 from ..camera.shipped import DEFAULT_CAMERA
 from . import arguments, options
 from .app import app, show
@@ -167,7 +168,7 @@ def _field_table(camera: ms.Camera) -> FittedTable:
     """A row for every number of the camera."""
     table = FittedTable(("field", "value", "source"))
     own = camera.model_dump(mode="json", exclude={"sources", "gains"})
-    for name, value in _flat(own).items():
+    for name, value in flat_fields(own):
         source = short(camera.sources.get(name, ""))
         table.add_row(name, Text(short(value)), Text(source, style="dim"))
     return table
@@ -273,15 +274,3 @@ def _verdict(name: str, found: Sequence[CameraFinding]) -> str:
     ]
     said = ", ".join(f"{n} {level}{'s' if n > 1 else ''}" for n, level in counts if n)
     return f"{name}: {said or 'nothing is wrong'}"
-
-
-def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, object]:
-    """Nested fields under dotted names."""
-    flat: dict[str, object] = {}
-    for key, value in fields.items():
-        flat |= (
-            _flat(value, f"{prefix}{key}.")
-            if isinstance(value, dict)
-            else {f"{prefix}{key}": value}
-        )
-    return flat

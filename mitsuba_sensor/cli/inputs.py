@@ -69,6 +69,9 @@ def camera_and_exposure(
     else:
         camera = None
     camera = camera or ms.load_camera(DEFAULT_CAMERA if name is None else name)
+    if name is not None and (kept := settings.overruled_by(camera)):
+        note = f"{', '.join(kept)} of the scene file set in {camera.name}; --set overrules"
+        err.print(f"note: {note}", highlight=False, soft_wrap=True)
     camera = settings.applied_to(camera.replace(**changes) if changes else camera)
     camera = camera.at_gain(flags.get("gain")).replace(**changes)
     exposure = _exposure(flags, settings)

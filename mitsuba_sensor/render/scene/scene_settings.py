@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
-from ...camera.camera import Camera, with_fields_of
+from ...camera.camera import SET_BY_SCENE, Camera, with_fields_of
 from ...camera.camera_file import camera_of, load_camera, toml_value
+from ...camera.fingerprint import differing_fields
 from ...camera.shipped import DEFAULT_CAMERA, list_cameras
 from ...core import Exposure, InputError, first_given, nearest, require, require_seed
 from ...core.options import complete, part_of
@@ -37,7 +38,6 @@ from .scene_nodes import SceneInput, check_loaded, parse_nodes, view_of_loaded
 from .scene_sensors import each_sensor, with_sensor
 
 SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
-SET_BY_SCENE = "set by the scene file"
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
 SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
     tuple(one.name for one in those)
@@ -140,14 +140,8 @@ class SceneSettings:
 
     def overruled_by(self, camera: Camera) -> list[str]:
         """The fields that this file sets and this camera has otherwise."""
-        given, file = (one.model_dump() for one in (camera, self.applied_to(camera)))
-
-        def value(fields: Any, name: str) -> Any:
-            for key in name.split("."):
-                fields = (fields or {}).get(key)  # a table that is not set is None
-            return fields
-
-        return [name for name in self.fields if value(given, name) != value(file, name)]
+        changed = differing_fields(camera, self.applied_to(camera))
+        return [name for name in self.fields if name in changed]
 
 
 def settings_of(scene: SceneFile) -> SceneSettings:

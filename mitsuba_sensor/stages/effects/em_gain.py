@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
+import numpy as np
+import scipy
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, Moments, arrays
@@ -97,6 +99,11 @@ class EmGain(Stage):
         return self.gain
 
     @property
+    def curved(self) -> bool:  # type: ignore[override]
+        """Where the register can be full."""
+        return self.full_well_e is not None
+
+    @property
     def excess_noise(self) -> float:
         """F²."""
         return em_excess_noise(self.gain, self.elements)
@@ -122,12 +129,14 @@ class EmGain(Stage):
         return electrons.changed(multiplied, parts)
 
     def moments(self, m: Moments) -> Moments:
-        """Mean G·n; temporal variance G²·(v + (F² − 1)·n)."""
+        """Mean G·n; temporal variance G²·(v + (F² − 1)·n); of a gamma law with these where the register clips it."""
         added = (self.excess_noise - 1) * m.mean
         behind = replace(m, temporal=m.temporal + added, light=None).scale(self.gain)
         if self.full_well_e is None:
             return behind
-        return behind.clip(-float("inf"), self.full_well_e)
+        mean, variance = clipped_gamma(behind.mean, behind.temporal, self.full_well_e)
+        clipped = behind.clip(-float("inf"), self.full_well_e)
+        return replace(clipped, mean=mean, temporal=variance)
 
     def _multiplied(self, count: Array, frame: Frame) -> Array:
         """What leaves the register for so many electrons; of less than one, mean and variance alone are right."""
@@ -140,3 +149,21 @@ class EmGain(Stage):
         if self.full_well_e is None:
             return behind
         return arrays.minimum(behind, frame.number(self.full_well_e))
+
+
+def clipped_gamma(mean: Array, variance: Array, limit: float) -> tuple[Array, Array]:
+    """Mean and variance of min(X, limit) of a gamma law X, by its incomplete moments; of a certain X without variance.
+
+    E[X; X < c] = μ·P(k + 1, c/θ) and E[X²; X < c] = (μ² + σ²)·P(k + 2, c/θ) with k = μ²/σ², θ = σ²/μ.
+    """
+    certain = np.minimum(mean, limit)
+    is_random = (np.asarray(variance) > 0) & (np.asarray(mean) > 0)
+    mu, sigma2 = np.where(is_random, mean, 1.0), np.where(is_random, variance, 1.0)
+    shape, end = mu**2 / sigma2, limit * mu / sigma2
+    full = scipy.special.gammaincc(shape, end)
+    first = mu * scipy.special.gammainc(shape + 1, end) + limit * full
+    second = (mu**2 + sigma2) * scipy.special.gammainc(shape + 2, end) + limit**2 * full
+    return (
+        np.where(is_random, first, certain),
+        np.where(is_random, np.maximum(second - first**2, 0.0), 0.0),
+    )
