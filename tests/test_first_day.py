@@ -56,6 +56,30 @@ def test_a_camera_by_name_is_the_same_object_each_time_so_that_its_maps_are_kept
     assert first.camera is again.camera
 
 
+def test_the_name_of_a_camera_that_its_scene_changed_is_told(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """`first_frame` sets the full scale of the converter of bayer_2mp: K is 5.016 DN/e- there, else 0.1253."""
+    out = tmp_path / "out"
+    assert cli("render", "first_frame", "-o", out, "--width", 8, "--spp", 2).exit_code == 0
+    light = out / "irradiance.exr"
+    same = ms.capture(light)
+    other = ms.capture(light, "bayer_2mp")
+    asked = ms.capture(light, ms.load_camera("bayer_2mp").replace(**{"adc.full_scale_v": 0.5}))
+    assert (
+        same.frames.camera.system_gain_dn_per_e > 30 * other.frames.camera.system_gain_dn_per_e
+    )
+    told = [
+        any("bayer_2mp with adc.full_scale_v changed" in note for note in one.frames.notes)
+        for one in (same, other, asked)
+    ]
+    assert told == [False, True, False]
+    kept = cli(
+        "render", "first_frame", "-o", out, "--width", 8, "--spp", 2, "--camera", "sony_a7s2"
+    )
+    assert "note: adc.full_scale_v of the scene file set in sony_a7s2" in kept.stderr
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

@@ -229,8 +229,8 @@ def test_clean_frame_and_its_variance_are_near_the_frames(
     electrons: float, fields: dict[str, Any], off: float
 ) -> None:
     """Mean within 0.004 σ, σ within 0.3 % where nothing clips, which are 3 and 4 standard errors of 2^19 pixels (0.2
-    electrons have a long tail: 0.6 %); within 1.5 and 2.5 % of σ where a normal law about few counts is clipped. A part of
-    the pixels fills the register at 330 electrons, most at 400, where few make the noise: 0.6 and 2 % of σ."""
+    electrons have a long tail: 0.6 %); within 1.5 and 2.5 % of σ where a normal law about few counts is clipped. A
+    part of the pixels fills the register at 330 electrons, most at 400, where few make the noise: 0.6 and 2 % of σ."""
     frames = ms.expose(light_of(electrons), EMCCD.replace(**fields), COLD, frames=8)
     codes, sigma = frames.digital.astype(float), frames.temporal_variance.mean() ** 0.5
     assert codes.std() / sigma == pytest.approx(1.0, abs=off)
