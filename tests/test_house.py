@@ -61,7 +61,8 @@ IMPORTED_IN = {
     "rich": ("cli/",),
     "pydantic": ("stages/", "camera/", "render/", "dataset/file.py"),
     "distributed": ("dataset/cluster.py",),
-    "psutil": ("dataset/workers.py",),
+    "psutil": ("files/memory.py",),
+    "rapidfuzz": ("core/near_names.py",),
     "pyoidn": ("render/denoise/network.py",),
     "yaml": ("output/importers/calibration.py",),
     "torch": ("dataset/exports/torch_dataset.py",),
@@ -80,6 +81,7 @@ SLOW = {
     "distributed",
     "dask",
     "psutil",
+    "rapidfuzz",
     "numpy.f2py",
     "numpy.ma",
 }

@@ -70,16 +70,6 @@ def _is_part(part: str, other: str) -> bool:
 
 def wrong_letters(name: str, other: str) -> int:
     """Letters to add, leave out, change, or exchange with the next one, to make one name of the other."""
-    before = list[int]()
-    above = list(range(len(other) + 1))
-    for row, letter in enumerate(name, 1):
-        current = [row]
-        for column, its in enumerate(other, 1):
-            changed = above[column - 1] + (letter != its)
-            least = min(changed, above[column] + 1, current[-1] + 1)
-            crossed = row > 1 and column > 1 and name[row - 2] == its
-            if crossed and letter == other[column - 2]:
-                least = min(least, before[column - 2] + 1)
-            current.append(least)
-        before, above = above, current
-    return above[-1]
+    from rapidfuzz.distance import OSA
+
+    return int(OSA.distance(name, other))

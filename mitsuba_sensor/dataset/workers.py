@@ -14,6 +14,7 @@ from multiprocessing.context import SpawnProcess
 from typing import NamedTuple
 
 from ..core import InputError
+from ..files.memory import resident_memory_bytes
 from ..stopping import signals_held, undone_if_stopped, whole_step
 from .keys import Facts
 from .planned import PlannedView
@@ -105,12 +106,12 @@ class LocalWorkers:
     def _end_too_large(self) -> None:
         if self.memory_gb is None:
             return
-        import psutil
-
         for worker, _ in self._busy.values():
-            with suppress(psutil.Error):
-                if psutil.Process(worker.process.pid).memory_info().rss > self.memory_gb * 1e9:
-                    worker.process.terminate()
+            process_id = worker.process.pid
+            if process_id is None:
+                continue
+            if resident_memory_bytes(process_id) > self.memory_gb * 1e9:
+                worker.process.terminate()
 
 
 @contextmanager

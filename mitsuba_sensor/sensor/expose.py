@@ -22,7 +22,7 @@ from ..core import (
 )
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
-from ..files.free_memory import free_memory_bytes
+from ..files.memory import free_memory_bytes
 from ..stages.chain import whole_chain
 from ..stages.stage import Chain, converter_of
 from .checks import (

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import psutil
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.files import free_memory
+from mitsuba_sensor.files import memory
 from mitsuba_sensor.sensor import expose
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.01)
@@ -17,22 +22,19 @@ PHOTONS = np.full((48, 64), 100.0)
 
 
 def said(folder: Path, monkeypatch: pytest.MonkeyPatch, **files: str) -> float:
-    """What is free on a system that has these files."""
+    """What is free in a container that has these files, on a machine where 5 MB are free."""
     for name, text in files.items():
         (folder / name.replace("_", ".")).write_text(text)
-    monkeypatch.setattr(free_memory, "MEMORY", folder / "meminfo")
-    monkeypatch.setattr(free_memory, "CONTAINER", folder)
-    return free_memory.free_memory_bytes()
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=5e6))
+    monkeypatch.setattr(memory, "CONTAINER", folder)
+    return memory.free_memory_bytes()
 
 
 def test_it_is_that_of_the_machine_or_of_its_container(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert said(tmp_path, monkeypatch) == float("inf")
-    machine = "MemTotal: 9000 kB\nMemAvailable:    5000 kB\n"
-    assert said(tmp_path, monkeypatch, meminfo=machine) == 5000 * 1024
-    unlimited = said(tmp_path, monkeypatch, memory_max="max\n", memory_current="7\n")
-    assert unlimited == 5000 * 1024
+    assert said(tmp_path, monkeypatch) == 5e6
+    assert said(tmp_path, monkeypatch, memory_max="max\n", memory_current="7\n") == 5e6
     limited = said(
         tmp_path,
         monkeypatch,
@@ -41,6 +43,15 @@ def test_it_is_that_of_the_machine_or_of_its_container(
         memory_stat="anon 5\ninactive_file 200000\n",
     )
     assert limited == 1_000_000 - (700_000 - 200_000)
+
+
+def test_a_process_has_what_its_arrays_take_and_one_that_ended_nothing() -> None:
+    before = memory.resident_memory_bytes(os.getpid())
+    held = np.ones(5_000_000)
+    assert memory.resident_memory_bytes(os.getpid()) - before > 0.9 * held.nbytes
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    assert memory.resident_memory_bytes(ended.pid) == 0
 
 
 @pytest.mark.parametrize("keep", [(), ("volts",)])

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
-import numpy as np
-import scipy
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, Moments, arrays
+from ...core.distributions import clipped_gamma
 from ..datasheet import Count, FileTable, NotNegative
 from ..gains import em_excess_noise
 from ..stage import Datasheet, Stage
@@ -149,21 +148,3 @@ class EmGain(Stage):
         if self.full_well_e is None:
             return behind
         return arrays.minimum(behind, frame.number(self.full_well_e))
-
-
-def clipped_gamma(mean: Array, variance: Array, limit: float) -> tuple[Array, Array]:
-    """Mean and variance of min(X, limit) of a gamma law X, by its incomplete moments; of a certain X without variance.
-
-    E[X; X < c] = μ·P(k + 1, c/θ) and E[X²; X < c] = (μ² + σ²)·P(k + 2, c/θ) with k = μ²/σ², θ = σ²/μ.
-    """
-    certain = np.minimum(mean, limit)
-    is_random = (np.asarray(variance) > 0) & (np.asarray(mean) > 0)
-    mu, sigma2 = np.where(is_random, mean, 1.0), np.where(is_random, variance, 1.0)
-    shape, end = mu**2 / sigma2, limit * mu / sigma2
-    full = scipy.special.gammaincc(shape, end)
-    first = mu * scipy.special.gammainc(shape + 1, end) + limit * full
-    second = (mu**2 + sigma2) * scipy.special.gammainc(shape + 2, end) + limit**2 * full
-    return (
-        np.where(is_random, first, certain),
-        np.where(is_random, np.maximum(second - first**2, 0.0), 0.0),
-    )

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.figures import emva_figures, saturation_dn, saturation_e
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from mitsuba_sensor.core.distributions import clipped_gamma
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.output.dng import noise_profile
-from mitsuba_sensor.stages.effects.em_gain import EmGain, clipped_gamma
+from mitsuba_sensor.stages.effects.em_gain import EmGain
 
 GAIN, ELEMENTS = 300.0, 536
 EXCESS = 1.9756  # 2·299·300^(−537/536) + 1/300
