@@ -343,3 +343,23 @@ def test_without_names_noise_and_the_lens_field_switches_diffraction_off() -> No
     with pytest.raises(ms.InputError, match=r"lens\.diffraction"):
         ms.load_camera("konnik_table1").without("diffraction")
     assert not ms.load_camera("konnik_table1").lens.diffraction
+
+
+@pytest.mark.parametrize(
+    ("scene", "options"), [("flat_field", {}), ("rolling_fan", {"motion": "rolling_fan"})]
+)
+def test_a_repeatable_render_has_the_same_bytes_with_displaced_rays(
+    scene: str, options: dict[str, str]
+) -> None:
+    """Still and moving; another seed has others."""
+    camera = ms.load_camera("bayer_2mp").replace(
+        **{"lens.diffraction": True, "lens.f_number": 16.0}
+    )
+
+    def light(seed: int) -> np.ndarray:
+        asked = {"spp": 8, "width": 12, "repeatable": True, "seed": seed, **options}
+        return ms.render(scene, camera, ms.Exposure(0.001), **asked).data
+
+    first = light(1)
+    np.testing.assert_array_equal(light(1), first)
+    assert np.isfinite(first).all() and (light(2) != first).any()
