@@ -100,7 +100,7 @@ def scene_parameters(name: str) -> list[SceneParameter]:
 
 def scene_sensors(name: str) -> list[str]:
     """What ``render --sensor`` calls its sensors, in their order."""
-    text = re.sub(COMMENT, "", scene_file(name).read_text("utf-8"), flags=re.S)
+    text = _elements(scene_file(name))
     sensors = list[str]()
     for number, tag in enumerate(re.findall(r"<sensor\b[^>]*>", text)):
         given = re.search(r'\bid="([^"]*)"', tag)
@@ -110,12 +110,19 @@ def scene_sensors(name: str) -> list[str]:
 
 def scene_emitters(name: str) -> list[SceneEmitter]:
     """Its emitters in their order."""
-    text = re.sub(COMMENT, "", scene_file(name).read_text("utf-8"), flags=re.S)
+    text = _elements(scene_file(name))
     emitters = list[SceneEmitter]()
     for tag in re.findall(r"<emitter\b[^>]*>", text):
         given = dict(re.findall(r'\b(type|id)="([^"]*)"', tag))
         emitters.append(SceneEmitter(given.get("id", ""), given["type"]))
     return emitters
+
+
+def _elements(file: Path) -> str:
+    """The text of a scene without comments, and that of the files it includes behind it."""
+    text = re.sub(COMMENT, "", file.read_text("utf-8"), flags=re.S)
+    included = re.findall(r'<include\b[^>]*\bfilename="([^"]+)"', text)
+    return "\n".join([text, *(_elements(file.parent / name) for name in included)])
 
 
 def _plain(comment: str) -> str:

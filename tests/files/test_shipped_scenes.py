@@ -9,7 +9,6 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -35,6 +34,7 @@ from mitsuba_sensor.files.shipped_scenes import (
     shipped_file,
 )
 from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 NAMES = list_scenes()
 NO_TIMES = {"width": 8, "spp": 16, "variant": "scalar_spectral", "denoise": False}
@@ -211,8 +211,16 @@ def test_an_installed_wheel_renders_a_scene_by_its_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", one_in(4, list_scenes()))
 def test_the_emitters_that_are_shown_are_those_that_mitsuba_loads(name: str) -> None:
-    """Ids and plugin types, as `--light-groups` matches them."""
+    """Ids and plugin types, as `--light-groups` matches them, those of included files too."""
     shown = json.loads(CliRunner().invoke(app, ["scenes", "show", name, "--json"]).stdout)
-    tags = ElementTree.parse(scene_file(name)).iter("emitter")
-    found = [{"id": tag.get("id", ""), "type": tag.get("type")} for tag in tags]
-    assert shown["emitters"] == found and found
+    use(choose_variant("scalar_spectral"))
+    parser, emitter = mitsuba().parser, mitsuba().ObjectType.Emitter
+    state = parser.parse_file(parser.ParserConfig("scalar_spectral"), str(scene_file(name)))
+    found = [
+        (node.props.id(), node.props.plugin_name())
+        for node in state.nodes
+        if node.type == emitter
+    ]
+    assert found and sorted(found) == sorted(
+        (one["id"], one["type"]) for one in shown["emitters"]
+    )
