@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -56,28 +57,55 @@ def test_a_camera_by_name_is_the_same_object_each_time_so_that_its_maps_are_kept
     assert first.camera is again.camera
 
 
-def test_the_name_of_a_camera_that_its_scene_changed_is_told(
+def facts_of(frames: ms.Frames) -> dict[str, Any]:
+    """What is compared of frames that have no metadata."""
+    return {"K_dn_per_e": frames.camera.system_gain_dn_per_e, "notes": frames.notes}
+
+
+def test_a_named_camera_is_that_camera_everywhere_and_tells_what_the_scene_had(
     tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    """`first_frame` sets the full scale of the converter of bayer_2mp: K is 5.016 DN/e- there, else 0.1253."""
-    out = tmp_path / "out"
-    assert cli("render", "first_frame", "-o", out, "--width", 8, "--spp", 2).exit_code == 0
+    """`first_frame` sets the full scale of the converter of bayer_2mp: K is 5.016 DN/e- there, and 0.1253 of the camera
+    by its name, from the scene or from its light, in Python and on the command line."""
+    out, name, changed = tmp_path / "out", "bayer_2mp", {"adc.full_scale_v": 0.5}
+    small: Any = {"width": 8, "spp": 2, "denoise": False}
+    flags = ("--width", 8, "--spp", 2, "--no-denoise")
+    own = ms.capture("first_frame", **small)
+    own.save(out)
     light = out / "irradiance.exr"
-    same = ms.capture(light)
-    other = ms.capture(light, "bayer_2mp")
-    asked = ms.capture(light, ms.load_camera("bayer_2mp").replace(**{"adc.full_scale_v": 0.5}))
-    assert (
-        same.frames.camera.system_gain_dn_per_e > 30 * other.frames.camera.system_gain_dn_per_e
-    )
-    told = [
-        any("bayer_2mp with adc.full_scale_v changed" in note for note in one.frames.notes)
-        for one in (same, other, asked)
-    ]
-    assert told == [False, True, False]
-    kept = cli(
-        "render", "first_frame", "-o", out, "--width", 8, "--spp", 2, "--camera", "sony_a7s2"
-    )
-    assert "note: adc.full_scale_v of the scene file set in sony_a7s2" in kept.stderr
+    camera = ms.load_camera(name)
+    found = {
+        "scene": ms.capture("first_frame", name, **small).metadata,
+        "light": ms.capture(light, name).metadata,
+        "expose": facts_of(ms.expose(own.light, name)),
+        "render -": json.loads(
+            cli("render", "first_frame", "-o", out, *flags, "--camera", name, "--json").stdout
+        ),
+    }
+    own.save(out)
+    argv = ("expose", light, "-o", tmp_path / "again", "--camera", name, "--json")
+    found["expose -"] = json.loads(cli(*argv).stdout)
+    for how, report in found.items():
+        assert report["K_dn_per_e"] == camera.system_gain_dn_per_e, how
+        told = [
+            n for n in report["notes"] if n.startswith("not used of the scene: adc.full_sc")
+        ]
+        assert len(told) == 1, (how, report["notes"])
+    assert own.frames.camera.system_gain_dn_per_e > 30 * camera.system_gain_dn_per_e
+    asked = ms.capture(light, camera.replace(**changed))
+    for one in (own, ms.capture(light), asked):
+        assert not any("not used of the scene" in note for note in one.frames.notes)
+
+
+def test_a_named_camera_leaves_view_exposure_and_seeds_to_the_scene() -> None:
+    """`one_file` is exposed 0.1 s, chip 1, through f/2.8; eev_44_82 is f/2 and has another pixel."""
+    with warnings.catch_warnings(action="ignore", category=ms.SensorWarning):
+        found = ms.capture("one_file", "eev_44_82", width=8, spp=2, denoise=False)
+    assert found.metadata["exposure"] == {"time_s": 0.1, "temperature_k": 298.15}
+    assert found.frames.camera.lens == ms.load_camera("eev_44_82").lens
+    own = ms.capture("one_file", width=8, spp=2, denoise=False)
+    assert own.frames.camera.lens.f_number == 2.8
+    assert found.light.data.shape[:2] == own.light.data.shape[:2]
 
 
 @pytest.mark.parametrize(

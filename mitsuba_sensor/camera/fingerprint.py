@@ -1,12 +1,12 @@
-"""Which camera light was made for: hashes of what detects it, and fields in which two cameras differ."""
+"""Which camera light was made for: hashes of what detects it, and which fields of a scene a named camera has not."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from .camera import Camera
+from .camera import SET_BY_USER, Camera
 
 NO_NUMBERS = {"sources", "gains", "description"}
 """Of a camera file: what no frame depends on, and other settings of the same camera."""
@@ -18,6 +18,25 @@ def differing_fields(camera: Camera, other: Camera) -> list[str]:
         dict(flat_fields(each.model_dump(exclude=NO_NUMBERS))) for each in (camera, other)
     )
     return [name for name in one | two if one.get(name) != two.get(name)]
+
+
+def unused_fields(names: Iterable[str], of_scene: Camera, given: Camera) -> list[str]:
+    """Fields that a scene sets and a camera named by the user has otherwise, unless the user set them himself.
+
+    names : set by the scene.  of_scene : the camera with them.
+    """
+    differing = differing_fields(of_scene, given)
+    return [n for n in names if n in differing and given.sources.get(n) != SET_BY_USER]
+
+
+def unused_note(names: Iterable[str], of_scene: Camera, given: Camera) -> list[str]:
+    """The sentence about :func:`unused_fields`, or none."""
+    unused = unused_fields(names, of_scene, given)
+    if not unused:
+        return []
+    return [
+        f"not used of the scene: {', '.join(unused)}; {given.name} was named, and a named camera is as its file says"
+    ]
 
 
 def flat_fields(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:

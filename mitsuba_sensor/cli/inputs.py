@@ -57,27 +57,28 @@ def other_flags(flags: Flags) -> dict[str, Flag]:
 def camera_and_exposure(
     flags: Flags, settings: SceneSettings = NO_SCENE
 ) -> tuple[ms.Camera, ms.Exposure | Metering]:
-    """The named camera behind the scene's lens, else the scene's own, else the default one; the exposure likewise, else
-    how it is metered.
+    """The named camera as it is, else the scene's own, else the default one behind the scene's lens; the exposure
+    likewise the one asked for, else the scene's, else how it is metered."""
+    exposure = _exposure(flags, settings)
+    for note in temperature_note(exposure.temperature_k):  # before a long render
+        err.print(f"note: {note}", highlight=False, soft_wrap=True)
+    return _camera(flags, settings), exposure
+
+
+def _camera(flags: Flags, settings: SceneSettings) -> ms.Camera:
+    """The camera at its gain setting, with --set and --without.
 
     The --set fields are set before the scene's too, because a prescription takes focal length and focus from the scene.
     They are set after the gain setting, so that they overrule its numbers.
     """
     name, changes = flags.get("camera"), changes_of(flags)
-    if name is None:
-        camera = settings.camera
+    if name is not None:
+        camera = ms.load_camera(name)
     else:
-        camera = None
-    camera = camera or ms.load_camera(DEFAULT_CAMERA if name is None else name)
-    if name is not None and (kept := settings.overruled_by(camera)):
-        note = f"{', '.join(kept)} of the scene file set in {camera.name}; --set overrules"
-        err.print(f"note: {note}", highlight=False, soft_wrap=True)
-    camera = settings.applied_to(camera.replace(**changes) if changes else camera)
+        own = settings.camera or ms.load_camera(DEFAULT_CAMERA)
+        camera = settings.applied_to(own.replace(**changes) if changes else own)
     camera = camera.at_gain(flags.get("gain")).replace(**changes)
-    exposure = _exposure(flags, settings)
-    for note in temperature_note(exposure.temperature_k):  # before a long render
-        err.print(f"note: {note}", highlight=False, soft_wrap=True)
-    return camera.without(*flags.get("without") or ()), exposure
+    return camera.without(*flags.get("without") or ())
 
 
 def _exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure | Metering:

@@ -56,8 +56,8 @@ class CameraFlags(TypedDict, total=False):
     camera: Annotated[
         str | None,
         Option(
-            "A name from `cameras list`, or the path of a .toml of your own. Default: the scene file's, else "
-            f"{DEFAULT_CAMERA}.",
+            "A name from `cameras list`, or the path of a .toml of your own. It is taken as it is, without what the "
+            f"scene file sets in its own. Default: the scene file's, else {DEFAULT_CAMERA}.",
             metavar="NAME",
         ),
     ]

@@ -25,12 +25,11 @@ MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")
 class VariedCamera(NamedTuple):
     """A camera before its gain.
 
-    set_fields : dotted names of what the dataset sets in it.  datasheet : its numbers, without what is written for
-    people.  key : of the datasheet.  gain : name of its gain setting, or None for that of the datasheet.
+    datasheet : its numbers, without what is written for people.  key : of the datasheet.  gain : name of its gain
+    setting, or None for that of the datasheet.
     """
 
     camera: Camera
-    set_fields: list[str]
     datasheet: Facts
     key: str
     gain: str | None
@@ -68,10 +67,7 @@ class Cameras:
             else:
                 setting = camera.at_gain(gain).gain
             sheet = camera.model_dump(mode="json", exclude={"description", "sources"})
-            fields = sorted(
-                {*fields_in(self.entries[one.camera].set), *varied} - {"description"}
-            )
-            self._varied[known] = VariedCamera(camera, fields, sheet, key_of(sheet), setting)
+            self._varied[known] = VariedCamera(camera, sheet, key_of(sheet), setting)
         return self._varied[known]
 
     def _of_entry(self, entry: CameraEntry) -> Camera:

@@ -77,7 +77,7 @@ class Rendered:
         """Render it, for the camera of its first sample. Raises InputError."""
         config, options = view.config, scene_options(view)
         parsed, lead = parse(view.scene_file, options), view.samples[0].config
-        camera = camera_of(parsed.settings, lead)
+        camera = camera_of(lead)
         if config["render"]["spectral"] == "cube":
             camera = flat_camera(camera)
         asked, stops = exposure_of(parsed.settings, lead), lead["exposure"]["ev"]
@@ -87,7 +87,7 @@ class Rendered:
         prepared = prepare(parsed, camera, asked, **options)
         if any("dng" in sample.config["outputs"] for sample in view.samples):
             columns, rows = prepared.scene.view.crop_size
-            check_dng(camera_of(parsed.settings, lead), (rows, columns))
+            check_dng(camera_of(lead), (rows, columns))
         light = prepared.render(seed, prepared.stop_criterion(complete(RenderOptions, options)))
         if (
             config["render"]["spectral"] == "cube" and light.rendered_for is not None
@@ -139,7 +139,7 @@ class Rendered:
     def expose(self, sample: PlannedSample, folder: Path) -> None:
         """The files of one sample."""
         config, outputs = sample.config, sample.config["outputs"]
-        camera = camera_of(self.settings, config)
+        camera = camera_of(config)
         timed = is_timed(self.view)
         asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
         light = self.light
@@ -225,21 +225,9 @@ def budget(frames: Frames) -> Facts:
     }
 
 
-def camera_of(settings: SceneSettings, config: Config) -> Camera:
-    """The camera of a sample behind the scene's lens, at its gain: as the command line puts them together."""
-    camera, own = camera_from(config["camera"], "of the sample"), set(config["set"])
-    of_scene = {name: value for name, value in settings.fields.items() if name not in own}
-    focal_mm = (
-        None if "lens.focal_length_mm" in own else settings.focal_length_mm
-    )  # of a prescription
-    if "lens.focus_m" in own:
-        focus_m = None
-    else:
-        focus_m = settings.focus_distance_m
-    settings = replace(
-        settings, fields=of_scene, focal_length_mm=focal_mm, focus_distance_m=focus_m
-    )
-    return settings.applied_to(camera).at_gain(config["gain"])
+def camera_of(config: Config) -> Camera:
+    """The camera of a sample at its gain: as a dataset names it, whatever fields the scene sets."""
+    return camera_from(config["camera"], "of the sample").at_gain(config["gain"])
 
 
 def exposure_of(settings: SceneSettings, config: Config) -> Exposure | Metering:

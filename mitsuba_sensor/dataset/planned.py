@@ -31,7 +31,7 @@ from .splits import SplitOf
 from .sweep import Combination, changes_light, combinations, count, of_kind
 from .values import text_of
 
-FORMAT = 1  # of a configuration; another one is another key
+FORMAT = 2  # of a configuration; another one is another key
 OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
 MOST_LIGHTS = 10_000  # whose descriptions are kept
 SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
@@ -156,7 +156,6 @@ class DatasetPlan:
             "format": FORMAT,
             "view": key,
             "camera": camera.datasheet,
-            "set": camera.set_fields,
             "gain": camera.gain,
             "exposure": exposure,
             "serial": serial,
@@ -187,7 +186,7 @@ class DatasetPlan:
         """What decides the light, and its key; made once for all samples of it."""
         entry = self.file.scenes[one.scene]
         if self._is_timed(entry):
-            timed = (*exposure.values(), camera.key, *camera.set_fields, camera.gain)
+            timed = (*exposure.values(), camera.key, camera.gain)
         else:
             timed = ()
         varied = tuple((name, x) for name, x in one.values.items() if changes_light(name))
@@ -217,7 +216,7 @@ class DatasetPlan:
             "gain": camera.gain,
             "exposure": dict(exposure),
         }
-        noisy["set"], cube = camera.set_fields, options["spectral"] == "cube"
+        cube = options["spectral"] == "cube"
         motion = self._motion(entry)
         moving: Facts = {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
         moving |= (
@@ -235,9 +234,6 @@ class DatasetPlan:
             },
             "render": options,
             "lens": of_light(camera.camera, cube),
-            "set": [
-                name for name in camera.set_fields if of_lens(name, cube)
-            ],  # not as the scene has it
             "dataset_seed": self.file.seed,
             **({} if motion == Motion() else moving),
             **(noisy if options["noise_ratio"] else {}),
@@ -272,13 +268,6 @@ class DatasetPlan:
     def _find(self, name: str, end: str, what: str) -> Path:
         """A file below the roots, else one that ships with the package."""
         return shipped_file(name, end, self.roots) or find_below(name, self.roots, what)
-
-
-def of_lens(field: str, cube: bool) -> bool:
-    """Whether a field of the camera changes the light in front of its pixels."""
-    return changes_light(f"camera.{field}") and not (
-        cube and field.startswith("quantum_efficiency.")
-    )
 
 
 def _exposure(values: Config) -> Facts:

@@ -50,7 +50,7 @@ def check_scene(view: PlannedView) -> None:
         options = scene_options(view)
         parsed = parse(view.scene_file, options)
         for sample in view.samples:
-            camera: Camera = camera_of(parsed.settings, sample.config)
+            camera: Camera = camera_of(sample.config)
             shape, origin = film_area(parsed.file, camera, options["width"])
             check_on_sensor("the film", shape, origin, camera)
     except InputError as error:

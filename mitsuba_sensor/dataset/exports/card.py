@@ -12,7 +12,7 @@ from ...output.contact_sheet import SheetRow, contact_sheet
 from ..record import CARD, SHEET
 
 DIFFERS = (
-    "Where two numbers stand, scenes or axes of the dataset set fields of the camera, and samples differ: "
+    "Where two numbers stand, axes of the dataset set fields of the camera, and samples differ: "
     "`samples.csv` has K and the black level of each, for its digital numbers."
 )
 QUANTILES = ("lowest", "1 %", "median", "99 %", "highest")

@@ -7,16 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...camera.camera import SET_BY_SCENE, SET_BY_USER, Camera
-from ...camera.fingerprint import differing_fields, pixel_fingerprint
+from ...camera.camera import SET_BY_SCENE, Camera
+from ...camera.fingerprint import pixel_fingerprint, unused_note
 from ...core import Doubt
 from ...sensor.frames import RawFrames
 from .band_error import BandError, band_error, notes_of_bands
 from .irradiance import Irradiance
 from .render_noise import noise_note, render_noise
-
-BY_HAND = (SET_BY_SCENE, SET_BY_USER)
-"""Sources of fields that are not those of the camera file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +52,7 @@ class CollectedLight:
         return (
             *notes_of_bands(self.light, camera, self.band_error(camera)),
             *self._lens_note(camera),
-            *self._changed_note(camera),
+            *self._scene_note(camera),
         )
 
     def _lens_note(self, camera: Camera) -> Iterator[str]:
@@ -68,22 +65,16 @@ class CollectedLight:
                 f"{camera.name} (f/{camera.lens.f_number:g}) is not used; render it for this camera"
             )
 
-    def _changed_note(self, camera: Camera) -> Iterator[str]:
-        """Where scene or user had changed the camera of the render, and a camera of its name has not these fields."""
+    def _scene_note(self, camera: Camera) -> list[str]:
+        """Where the scene had set fields of its camera, and another one was named. Its lens is used: the light came
+        through it."""
         known = self.light.rendered_for
         own = None if known is None else known.camera
-        if own is None or own.name != camera.name or own.gain != camera.gain:
-            return
-        changed = [
-            name
-            for name in differing_fields(own, camera)
-            if own.sources.get(name) in BY_HAND and camera.sources.get(name) not in BY_HAND
-        ]
-        if changed:
-            yield Doubt(
-                f"the light was rendered for {own.name} with {', '.join(changed)} changed by its scene or by --set, "
-                f"and is exposed by {camera.name} without that; leave the camera out for the one of the render"
-            )
+        if own is None:
+            return []
+        of_scene = [name for name, source in own.sources.items() if source == SET_BY_SCENE]
+        names = [name for name in of_scene if not name.startswith("lens.")]
+        return unused_note(names, own, camera)
 
     def render_noise(
         self, frames: RawFrames

@@ -21,9 +21,7 @@ def render_notes(prepared: PreparedRender, stop: StopCriterion, end: End) -> lis
         notes.append(
             f"rendered for {prepared.camera.name}, because no camera was given and the scene names none (--camera)"
         )
-    if overruled := prepared.parsed.settings.overruled_by(prepared.camera):
-        names = ", ".join(overruled)
-        notes.append(f"{names} of the scene file overruled by the camera that was given")
+    notes += prepared.parsed.settings.unused_note(prepared.camera)
     if prepared.denoise is None and not is_installed():
         notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
     if renderer.choice is not None:

@@ -103,7 +103,7 @@ FILM_PARAMETERS = (
         "3200",
         "",
         OF_CAMERA,
-        "gain setting of that camera: an ISO number, or a name; another camera keeps its own",
+        "gain setting of that camera: an ISO number, or a name; a camera that you name keeps its own",
     ),
     P(
         "output",

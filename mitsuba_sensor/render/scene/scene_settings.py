@@ -13,7 +13,7 @@ from typing import Any, cast
 
 from ...camera.camera import SET_BY_SCENE, Camera, with_fields_of
 from ...camera.camera_file import camera_of, load_camera, toml_value
-from ...camera.fingerprint import differing_fields
+from ...camera.fingerprint import unused_note
 from ...camera.shipped import DEFAULT_CAMERA, list_cameras
 from ...core import Exposure, InputError, first_given, nearest, require, require_seed
 from ...core.options import complete, part_of
@@ -118,7 +118,8 @@ class SceneSettings:
         return self.unit_m if scene_unit is None else unit_m(scene_unit)
 
     def applied_to(self, camera: Camera) -> Camera:
-        """Another camera with the fields that this file sets; focal length and focus apply to a prescription too."""
+        """The camera of this file, or the default one, with the fields that the file sets; focal length and focus apply
+        to a prescription too. A camera that the user names is taken as it is."""
         changed = with_fields_of(camera, self.fields, SET_BY_SCENE)
         if changed.lens.prescription is None:
             return changed
@@ -138,10 +139,9 @@ class SceneSettings:
         camera = self.applied_to(camera_of(DEFAULT_CAMERA))
         return replace(self, camera=camera, is_default_camera=True)
 
-    def overruled_by(self, camera: Camera) -> list[str]:
-        """The fields that this file sets and this camera has otherwise."""
-        changed = differing_fields(camera, self.applied_to(camera))
-        return [name for name in self.fields if name in changed]
+    def unused_note(self, camera: Camera) -> list[str]:
+        """The sentence about fields that this file sets and that this named camera has otherwise, or none."""
+        return unused_note(self.fields, self.applied_to(camera), camera)
 
 
 def settings_of(scene: SceneFile) -> SceneSettings:
