@@ -18,7 +18,10 @@ ADD_SENSE_GAIN = (
     "add readout.sense_gain_uv_per_e, e.g. 50"
 )
 
-WITHOUT_DIFFRACTION = "set lens.diffraction to false to render without it"
+WITHOUT_OPTICS = {
+    "diffraction": "set lens.diffraction to false to render without it",
+    "veiling_glare": "set lens.veiling_glare to 0 to render without it",
+}
 
 LARGEST = 1e30
 """Of a product of gains: squares of larger ones leave the range of numbers on the way to a variance."""
@@ -103,7 +106,7 @@ def checked_source(name: object, more: Iterable[str] = ()) -> str:
     if key in known:
         return key
     remedies = {effect.key(): effect.no_noise for effect in ORDER}
-    remedy = {**remedies, "diffraction": WITHOUT_DIFFRACTION}.get(key, "")
+    remedy = (remedies | WITHOUT_OPTICS).get(key, "")
     if remedy:
         raise InputError(f"without names {name!r}, which is no noise source; {remedy}.")
     raise InputError(

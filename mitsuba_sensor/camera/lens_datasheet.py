@@ -134,6 +134,16 @@ class LensSection(FileTable):
         0.0,
         title="central obstruction ε",
     )
+    veiling_glare: Annotated[Chance, Usual.of(1e-3, 0.2, PERCENT)] = optional(
+        "share of the light that the lens scatters over the whole picture",
+        0.02,
+        0.0,
+        title="veiling glare, glare spread function (ISO 9358)",
+    )
+    glare_width_mm: Positive | None = optional(
+        "distance on the sensor at which scattered light is half as much; none: it is even [mm]",
+        2.0,
+    )
     convention: Literal["working", "planar"] = optional(
         "πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴",
         "working",
@@ -177,6 +187,10 @@ class LensSection(FileTable):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         self._tables()
+        if self.glare_width_mm is not None and self.veiling_glare == 0:
+            raise ValueError(
+                "glare_width_mm is the width of a glare of 0; give veiling_glare, e.g. 0.02"
+            )
         if self.distortion is not None and self.distortion_percent is not None:
             raise ValueError("give either distortion or distortion_percent, and not both")
         if self.prescription is None:

@@ -44,13 +44,25 @@ def airy_sentence(camera: Camera) -> str:
 
 
 def image_record(view: View, camera: Camera) -> dict[str, object]:
-    """Intrinsics, ``shading`` and ``point_spread`` of a render, ready for JSON.
+    """Intrinsics, ``shading``, ``point_spread`` and ``veiling_glare`` of a render, ready for JSON.
 
     point_spread : what displaced its rays: working f-number and obstruction of the pupil, the diameter of its Airy disk
         at a wavelength, and the sides of the pixel's aperture as shares of the pitch; None of a render without.
+    veiling_glare : the share of the light, and the width of its spread [mm] or None; None of a render without.
     """
-    shape = {"shading": shading(view, camera), "point_spread": _point_spread(view, camera)}
+    shape = {
+        "shading": shading(view, camera),
+        "point_spread": _point_spread(view, camera),
+        "veiling_glare": _veiling_glare(camera),
+    }
     return intrinsics(view, camera) | shape
+
+
+def _veiling_glare(camera: Camera) -> dict[str, float | None] | None:
+    lens = camera.lens
+    if lens.veiling_glare == 0:
+        return None
+    return {"fraction": lens.veiling_glare, "width_mm": lens.glare_width_mm}
 
 
 def _point_spread(view: View, camera: Camera) -> dict[str, object] | None:

@@ -127,12 +127,13 @@ def _foreign(
         bands = foreign_light.Bands(*_spectral(file, pixels, unit))
     else:
         bands = foreign_light.Bands(*_one_channel(file, pixels, wavelength_nm, unit))
-    if unit.startswith("radiance"):
-        assert camera is not None
-        bands, how = foreign_light.behind_lens(bands, camera, fov_deg)
-        notes.append(how)
     sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
-    return foreign_light.irradiance_of(bands, tuple(notes), sha256)
+    if not unit.startswith("radiance"):
+        return foreign_light.irradiance_of(bands, tuple(notes), sha256)
+    assert camera is not None
+    bands, how = foreign_light.behind_lens(bands, camera, fov_deg)
+    light = foreign_light.irradiance_of(bands, (*notes, how), sha256)
+    return foreign_light.behind_glare(light, camera)
 
 
 def _rgb(file: Path, pixels: dict[str, np.ndarray]) -> np.ndarray:

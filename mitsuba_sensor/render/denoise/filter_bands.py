@@ -10,6 +10,7 @@ from ..light.own_filter import in_band_factor
 from ..passes.pooled import pooled
 from ..passes.row_strip import RowStrip
 from .combine import SMALLEST, Image, box
+from .denoise import Denoised
 
 VALUES_AT_ONCE = 2**18  # pixels × bands: 2 MiB for each array in between
 LEAST_SLOPE = 1e-6  # of the largest: filters that are nearly equal cannot be told apart
@@ -52,6 +53,20 @@ def band_errors(
         own = box(0.25 * apart[..., k].astype(np.float64) ** 2, OWN_RADIUS_PX)
         errors[..., k] = np.sqrt(np.maximum(own, (relative * mean[..., k]) ** 2))
     return errors
+
+
+def bands_of(
+    strip: RowStrip,
+    denoised: Denoised | None,
+    weights: Float64Array,
+    relative: NDArray[np.float32],
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Bands of a strip and their standard errors, denoised where that was done.  relative : (H, W), of the picture."""
+    if denoised is None or strip.even is None:
+        return raw_bands(strip)
+    halves = denoised.mean, denoised.even, denoised.odd
+    here = [image[strip.rows] for image in halves]
+    return denoised_bands(strip, weights, here, relative[strip.rows])
 
 
 def denoised_bands(

@@ -9,6 +9,7 @@ and D65.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,13 +22,14 @@ from ...core.band_average import NODES, Curves, band_integrals
 from ...optics import spectra
 from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
+from ...optics.veiling_glare import glare_sentence, veiling_glare_of
 from ..lint.scene_spectra import MITSUBA_NM
 from ..passes.passes import clean
 from ..passes.statistics import RenderStatistics
 from ..variants import any_spectral_variant, mitsuba, restores_variant, use
 from .bands import BANDWIDTH_NM
 from .irradiance import Irradiance
-from .own_filter import in_band_factor
+from .own_filter import in_band_factor, of_own_filter
 
 D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION
 
@@ -193,3 +195,34 @@ def irradiance_of(bands: Bands, notes: tuple[str, ...], sha256: str) -> Irradian
         in_band=bands.in_band,
         response=bands.response,
     )
+
+
+def behind_glare(light: Irradiance, camera: Camera) -> Irradiance:
+    """The same light behind the veiling glare of the camera's lens; infinite light makes none."""
+    size = light.data.shape[1], light.data.shape[0]
+    glare = veiling_glare_of(camera, View(size, size))
+    if glare is None:
+        return light
+    infinite = ~np.isfinite(light.data)
+    data = np.where(infinite, np.float32(0), light.data)
+    before_e = _flat_electrons(light, data, camera)
+    glare.add_to_bands(data, np.zeros_like(data))
+    in_band = light.in_band
+    if in_band is not None:
+        filters = camera.filter_index((size[1], size[0]))
+        exact_e, _ = glare.of_electrons(before_e * in_band, np.zeros(in_band.shape), filters)
+        in_band = in_band_factor(exact_e, _flat_electrons(light, data, camera))
+    data[infinite] = np.inf
+    notes = (*light.statistics.notes, glare_sentence(camera))
+    return replace(
+        light, data=data, in_band=in_band, statistics=replace(light.statistics, notes=notes)
+    )
+
+
+def _flat_electrons(
+    light: Irradiance, data: NDArray[np.float32], camera: Camera
+) -> Float64Array:
+    """Photoelectrons of each pixel over a number that all share, of a spectrum that is flat within each band."""
+    detected = camera.qe(light.wavelengths_nm, light.bandwidths_nm) * light.wavelengths_nm
+    weights = np.atleast_2d(detected) * light.bandwidths_nm
+    return of_own_filter(data @ weights.T, np.array(camera.tile), light.origin)

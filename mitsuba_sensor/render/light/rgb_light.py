@@ -21,7 +21,13 @@ from ...core import (
 from ...core.argument_names import tells_of_names
 from ...core.checks import PICTURE_FILE, refuse_masked, refuse_path
 from ...optics import spectra
-from .foreign_light import D65_OF_WHITE, behind_lens, irradiance_of, upsampled
+from .foreign_light import (
+    D65_OF_WHITE,
+    behind_glare,
+    behind_lens,
+    irradiance_of,
+    upsampled,
+)
 from .irradiance import Irradiance
 
 RgbUnit = Literal["radiance_rgb", "cd_per_m2", "srgb"]
@@ -86,7 +92,8 @@ def light_from_rgb(
         "RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65",
         lens,
     )
-    return irradiance_of(bands, notes, hashlib.sha256(linear.tobytes()).hexdigest())
+    light = irradiance_of(bands, notes, hashlib.sha256(linear.tobytes()).hexdigest())
+    return behind_glare(light, camera)
 
 
 def luminance_of_white() -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ...optics.veiling_glare import glare_sentence
 from ...stages.usual_range import temperature_note
 from ..denoise.network import is_installed
 from .stop_criterion import End, StopCriterion
@@ -22,6 +23,8 @@ def render_notes(prepared: PreparedRender, stop: StopCriterion, end: End) -> lis
             f"rendered for {prepared.camera.name}, because no camera was given and the scene names none (--camera)"
         )
     notes += prepared.parsed.settings.unused_note(prepared.camera)
+    if prepared.camera.lens.veiling_glare > 0:
+        notes.append(glare_sentence(prepared.camera))
     if prepared.denoise is None and not is_installed():
         notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
     if renderer.choice is not None:

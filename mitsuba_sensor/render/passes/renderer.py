@@ -19,6 +19,7 @@ from ...camera.camera import Camera
 from ...core import Exposure, Float64Array
 from ...core.heap import trim_heap
 from ...optics.f_number_law import solid_angle_sr
+from ...optics.veiling_glare import veiling_glare_of
 from ...theory.input_noise import InputNoise, input_noise
 from ..denoise.denoise import (
     LEAST_PASSES,
@@ -28,7 +29,7 @@ from ..denoise.denoise import (
     denoise,
     is_noisy,
 )
-from ..denoise.filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
+from ..denoise.filter_bands import VALUES_AT_ONCE, bands_of
 from ..denoise.guides import Guides, detected_quarters, most_rays, noise_share, traced
 from ..light.bands import Bands
 from ..light.film_channels import electrons_of_film, radiance_of
@@ -80,6 +81,7 @@ class Renderer:
         self._film_weights = electrons_of_film(camera, exposure, bands)
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
+        self._glare = veiling_glare_of(camera, scene.view)
         self.negative = self.non_finite = self.lost = self.passes = self.samples = 0
         self.beside_e: Map = np.zeros((1, 1))
         self.guide_rays = 0
@@ -218,17 +220,26 @@ class Renderer:
 
     def electrons(self) -> Electrons:
         """Mean photoelectrons of one exposure, and the expected squared error of that mean, (H, W) each: denoised where
-        that was done, else the mean of the passes and its variance."""
-        if self.denoised is not None:
-            return self._own(self.denoised.mean), self._own(self.denoised.variance)
-        return self._raw_electrons()
+        that was done, else the mean of the passes and its variance; behind the veiling glare."""
+        return self._behind_glare(self._electrons_before_glare())
+
+    def _electrons_before_glare(self) -> Electrons:
+        if self.denoised is None:
+            return self._raw_electrons()
+        return self._own(self.denoised.mean), self._own(self.denoised.variance)
+
+    def _behind_glare(self, electrons: Electrons) -> Electrons:
+        """What a lens with veiling glare makes of the electrons of all pixels."""
+        if self._glare is None:
+            return electrons
+        origin = self.scene.view.crop_offset[::-1]
+        filters = self._camera.filter_index(electrons[0].shape, origin)
+        return self._glare.of_electrons(*electrons, filters)
 
     def pass_error(self, raw: Electrons, denoised: bool) -> NDArray[np.float32]:
         """(H, W) standard error of the photoelectrons by the spread of the passes, over the light.  raw : electrons
         before denoising.  denoised : whether the light is."""
-        mean = (
-            self._own(self.denoised.mean) if denoised and self.denoised is not None else raw[0]
-        )
+        mean = self.electrons()[0] if denoised else raw[0]
         return relative_errors(mean, raw[1], self.infinite())
 
     def _raw_electrons(self) -> Electrons:
@@ -288,8 +299,11 @@ class Renderer:
         if not mitsuba().variant().startswith("scalar"):
             guides = self._traced_guides(rows, None)
         halves = Halves(even, odd, partial(self._variance_of, rows=rows), share)
-        found = denoise(halves, guides)
-        return self._own(found.mean, rows), self._own(found.variance, rows)
+        found, (mean, variance) = denoise(halves, guides), self._raw_electrons()
+        mean[rows] = self._own(found.mean, rows)
+        variance[rows] = self._own(found.variance, rows)
+        mean, variance = self._behind_glare((mean, variance))
+        return mean[rows], variance[rows]
 
     def _half(self, share: float, odd: bool, rows: slice = slice(None)) -> NDArray[np.float32]:
         """Mean photoelectrons of the even passes or the others, (H, W, F) of these rows."""
@@ -350,7 +364,7 @@ class Renderer:
     def noise_estimate(self) -> tuple[Map, Map, int]:
         """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
         pass is half the squared difference of neighbours behind one filter, correct where the image is smooth."""
-        mean, variance = self._raw_electrons()
+        mean, variance = self._behind_glare(self._raw_electrons())
         if self.passes > 1 or mean.shape[1] <= (step := self._tile.shape[1]):
             return mean, variance, max(self.passes - 1, 1)
         right, left = mean[:, step:], mean[:, :-step]
@@ -371,24 +385,35 @@ class Renderer:
         relative = relative_errors(mean, variance, self.infinite())
         del variance
         trim_heap()
-        in_band = np.empty_like(relative) if self.bands.filters else None
-        for strip in self.strips:
-            infinite, here = strip.infinite, strip.rows
-            if self.denoised is None or strip.even is None:
-                data[here], error[here] = raw_bands(strip)
-            else:
-                of_rows = [
-                    getattr(self.denoised, name)[here] for name in ("mean", "even", "odd")
-                ]
-                data[here], error[here] = denoised_bands(
-                    strip, self._weights, of_rows, relative[here]
-                )
-            data[here][infinite] = error[here][infinite] = np.inf
-            if in_band is not None:
-                in_band[here] = in_band_factor(
-                    mean[here], self._own(data[here] @ self._weights.T, here)
-                )
+        self._write_bands(data, error, relative)
+        in_band = self._in_band(mean, data) if self.bands.filters else None
         if not keep and self.denoised is not None:
             self.denoised = self.denoised.without_halves()
         trim_heap()
         return Estimate(data, error, relative, in_band)
+
+    def _write_bands(
+        self,
+        data: NDArray[np.float32],
+        error: NDArray[np.float32],
+        relative: NDArray[np.float32],
+    ) -> None:
+        """The bands (H, W, B) and their standard errors.  relative : standard error of the photoelectrons, (H, W)."""
+        if self._glare is not None:
+            relative = relative_errors(*self._electrons_before_glare(), self.infinite())
+        for strip in self.strips:
+            found = bands_of(strip, self.denoised, self._weights, relative)
+            data[strip.rows], error[strip.rows] = found
+        if self._glare is not None:
+            self._glare.add_to_bands(data, error)
+        infinite = self.infinite()
+        data[infinite] = error[infinite] = np.inf
+
+    def _in_band(self, mean_e: Map, data: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(H, W) photoelectrons over those of spectra that are flat within each band."""
+        factor = np.empty(mean_e.shape, np.float32)
+        for strip in self.strips:
+            here = strip.rows
+            flat = self._own(data[here] @ self._weights.T, here)
+            factor[here] = in_band_factor(mean_e[here], flat)
+        return factor
