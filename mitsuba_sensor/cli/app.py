@@ -54,6 +54,7 @@ COMMANDS = {
     "expose": Listed(
         "commands", PICTURES, "Expose a camera to light that is rendered already."
     ),
+    "budget": Listed("budget", PICTURES, "How much noise each source of a camera adds."),
     "plan": Listed("commands", PICTURES, "Which noise sources matter here, and which do not."),
     "cameras": Listed("catalogue", THINGS, "Cameras by name, and camera files of your own."),
     "scenes": Listed("scenes", THINGS, "Scenes by name, and copies of them to change."),

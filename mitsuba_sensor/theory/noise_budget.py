@@ -16,22 +16,20 @@ from ..sensor.detection import Detected
 from ..sensor.run import Strip, strips_of
 from ..sensor.threads import processors
 from ..stages.stage import Chain, total
+from .budget_rows import BudgetRow, budget_rows, idle_sources, remarks_on, table_text
 from .frame_theory import FrameTheory
-from .notebook import LESS_NOISE, budget_html
+from .notebook import budget_html
 
 Contributions = list[dict[str, tuple[Float64Array, Array]]]
 """By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""
-
-
-ROUNDING_DN2 = 1e-9
-"""Variances below this are rounding, and shown as 0 [DN²]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contribution:
     """What one source contributes to a frame.
 
-    mean_dn, rms_dn : its average over the pixels, and the rms about that [DN].
+    mean_dn, rms_dn : its average over the pixels of this frame, and their standard deviation about that (root mean
+        square), which for the light is that of the picture [DN].
     temporal_dn2, spatial_dn2 : what it adds to the two variances on average [DN²]; negative where a clip reduces noise.
     """
 
@@ -118,23 +116,19 @@ class NoiseBudget:
         )
 
     @property
-    def has_negative_variances(self) -> bool:
-        """Whether a stage takes noise away, by more than rounding."""
-        return any(min(e.temporal_dn2, e.spatial_dn2) < -ROUNDING_DN2 for e in self.entries)
+    def rows(self) -> list[BudgetRow]:
+        """What :meth:`explain` prints: the sources that have an effect, and their sum."""
+        return budget_rows(self.entries)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences below the rows: sources without effect, what the columns are, how the theory was found."""
+        notes = [self.theory.note] if self.theory.note else []
+        return [*remarks_on(self.rows, idle_sources(self.entries)), *notes]
 
     def explain(self) -> str:
-        """A table for people."""
-        columns = ("mean [DN]", "rms [DN]", "temporal [DN²]", "spatial [DN²]")
-        lines = [f"{'source':<26}" + "".join(f"{name:>16}" for name in columns)]
-        for e in self.entries:
-            numbers = (e.mean_dn, e.rms_dn, e.temporal_dn2, e.spatial_dn2)
-            shown = [x if abs(x) > ROUNDING_DN2 else 0.0 for x in numbers]
-            lines.append(f"{e.source:<26}" + "".join(f"{x:>16.5g}" for x in shown))
-        if self.has_negative_variances:
-            lines.append(LESS_NOISE)
-        if self.theory.note:
-            lines.append(self.theory.note)
-        return "\n".join(lines)
+        """A table for people: σ and share of the variance of each source, and their total."""
+        return table_text(self.rows, self.remarks)
 
     def _repr_html_(self) -> str:
         return budget_html(self)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..core.html import Bar, bar, facts, fragment, table
+from .budget_rows import HEADINGS
 
 if TYPE_CHECKING:
     from .noise_budget import NoiseBudget
@@ -52,39 +53,20 @@ def plan_html(plan: Plan) -> str:
     return fragment("Plan of an exposure", facts(head), table(names, rows))
 
 
-LESS_NOISE = "negative variances: where a stage clips, as a full well does, it takes noise away"
-"""Below a noise budget that has some."""
-
-
 def budget_html(budget: NoiseBudget) -> str:
-    """The contributions of all sources; bars show how much each adds to the two variances."""
-    entries = budget.entries
-    most = (
-        max((max(abs(one.temporal_dn2), abs(one.spatial_dn2)) for one in entries), default=0.0)
-        or 1.0
+    """The sources that have an effect; bars show the share of each in the variances."""
+    rows = budget.rows
+    most = max(
+        (abs(v) for row in rows[:-1] for v in (row.temporal_dn2, row.spatial_dn2)), default=0
     )
 
-    def variance(value: float) -> Bar:
-        return bar(abs(value) / most, f"{value:.3g}")
+    def sigma(variance_dn2: float, text: str) -> Bar:
+        return bar(min(abs(variance_dn2) / (most or 1.0), 1.0), text)
 
-    names = "source", "mean [DN]", "rms [DN]", "temporal [DN²]", "spatial [DN²]"
-    rows = [
-        (
-            one.source,
-            f"{one.mean_dn:.5g}",
-            f"{one.rms_dn:.4g}",
-            variance(one.temporal_dn2),
-            variance(one.spatial_dn2),
-        )
-        for one in entries
-    ]
-    if budget.has_negative_variances:
-        remarks = [LESS_NOISE]
-    else:
-        remarks = []
-    if budget.theory.note:
-        remarks.append(budget.theory.note)
-    title = "Noise budget of one frame"
-    if remarks:
-        title += f" ({'; '.join(remarks)})"
-    return fragment(title, table(names, rows))
+    lines = []
+    for row in rows:
+        mean, temporal, spatial, share = row.cells
+        sigmas = sigma(row.temporal_dn2, temporal), sigma(row.spatial_dn2, spatial)
+        lines.append((row.source, mean, *sigmas, share))
+    title = f"Noise budget of one frame ({'; '.join(budget.remarks)})"
+    return fragment(title, table(HEADINGS, lines))

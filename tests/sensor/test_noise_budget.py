@@ -194,8 +194,37 @@ def test_a_noise_budget_of_frame_3_is_of_frame_3_and_explains_itself() -> None:
         np.abs(frames.noise_budget().total - frames_of(TABLE1, frames=4).digital[3]).max()
         < 1e-6
     )
-    text = frames.noise_budget().explain()
-    assert (
-        len(text.splitlines()) == 1 + len(frames.noise_budget().entries)
-        and "photon shot noise" in text
-    )
+    assert "photon shot noise" in frames.noise_budget().explain()
+
+
+def test_the_table_has_sigma_share_and_total_and_no_source_without_effect() -> None:
+    """The shares of what sources add are 100 %; the total is the variance of the theory, its root the printed σ."""
+    frames = frames_of(TABLE1)
+    budget = frames.noise_budget()
+    *rows, total = budget.rows
+    assert total.share == pytest.approx(1) and sum(r.share for r in rows) == pytest.approx(1)
+    expected = frames.theory.averages(frames.stages[-1])
+    assert total.temporal_dn2 == pytest.approx(expected.temporal, rel=1e-9)
+    assert total.spatial_dn2 == pytest.approx(expected.spatial, rel=1e-9)
+    assert total.mean_dn == pytest.approx(frames.digital[0].mean(), rel=1e-9)
+    text = budget.explain()
+    shown = {line.split("  ")[0]: line.split() for line in text.splitlines()}
+    for row in (*rows, total):
+        assert abs(row.temporal_dn2) + abs(row.spatial_dn2) + abs(row.mean_dn) > 5e-4
+        for cell, variance_dn2 in zip(shown[row.source][-3:-1], row[2:4], strict=True):
+            if variance_dn2:
+                assert float(cell) ** 2 == pytest.approx(abs(variance_dn2), rel=1e-3)
+            else:
+                assert cell == "–"
+    assert "without effect here:" in text and "reset noise" in shown
+
+
+def test_what_a_clip_takes_away_is_below_zero_and_says_so() -> None:
+    """Far above the full well nothing is left: what sources add and what the clips take cancel within 1 %."""
+    budget = frames_of(TABLE1, 200_000.0).noise_budget()
+    *rows, total = budget.rows
+    assert next(row.source for row in rows if row.takes_noise) == "full well"
+    assert sum(row.share for row in rows if row.share > 0) == pytest.approx(1)
+    assert abs(total.share) < 0.01
+    assert "below zero: the stage takes away noise" in " ".join(budget.explain().split())
+    assert "below zero" not in frames_of(TABLE1).noise_budget().explain()

@@ -1,0 +1,130 @@
+"""The command budget: what each noise source of a camera contributes, for so much light or that of a render."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Group
+from rich.text import Text
+
+import mitsuba_sensor as ms
+
+from ..render.scene.scene_settings import SceneSettings
+from ..theory.budget_rows import HEADINGS
+from . import arguments, options
+from .app import app, show, show_remarks
+from .completion import shell_files
+from .help import Command
+from .tables import FittedTable
+from .values import Flag, number
+
+FIRST = ("electrons", "camera", "exposure_s", "gain", "settings", "as_json")
+SIDE = 128
+"""Rows and columns of pixels in uniform light, at most."""
+USUAL_TIME_S = 0.01
+
+OptionalLight = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[IRRADIANCE.exr]",
+        help="The light of a render, as `render` wrote it; or give --electrons.",
+        show_default=False,
+        autocompletion=shell_files,
+    ),
+]
+MeanElectrons = Annotated[
+    str | None,
+    typer.Option(
+        "--electrons",
+        metavar="NUMBER",
+        help="Mean photoelectrons of every pixel, in uniform light.",
+        rich_help_panel="Light",
+    ),
+]
+
+
+@app.command(
+    cls=Command,
+    epilog="Example: mitsuba-sensor budget --camera sony_imx174 --electrons 1000 --exposure-s 0.01",
+)
+@options.flags(
+    options.CameraFlags, without=("meter",), first=FIRST, source="that of the render"
+)
+def budget(
+    irradiance: OptionalLight = None,
+    electrons: MeanElectrons = None,
+    as_json: arguments.Json = False,
+    **flags: Flag,
+) -> None:
+    """Say how much noise each source adds, in DN and percent, for a number of photoelectrons or the light of a render.
+
+    Writes nothing. In Python: frames.noise_budget().explain().
+    """
+    from ..core import InputError
+
+    if (irradiance is None) == (electrons is None):
+        raise InputError(
+            "give the light, and give it once: --electrons 1000 (mean photoelectrons of every pixel), or the "
+            "irradiance.exr of a render."
+        )
+    if irradiance is None:
+        frames, remarks = _in_uniform_light(electrons, flags)
+    else:
+        frames, remarks = _in_light_of(irradiance, flags)
+    found = frames.noise_budget()
+    show([row._asdict() for row in found.rows] if as_json else _sheet(frames), as_json)
+    show_remarks(as_json, remarks)
+
+
+def _in_uniform_light(
+    electrons: str | None, flags: options.Flags
+) -> tuple[ms.Frames, list[str]]:
+    """A frame of equal pixels, and what was taken by default."""
+    from ..core import InputError, require
+    from .inputs import camera_and_exposure
+    from .remarks import taken_by_default
+
+    mean_e = require("electrons", number(str(electrons)), 0, 1e9, "per pixel, e.g. 1000")
+    if flags["exposure_s"] == "auto":
+        raise InputError(
+            "--exposure-s is auto, and --electrons are those of one exposure; give its seconds."
+        )
+    settings = SceneSettings(exposure_s=USUAL_TIME_S)
+    camera, exposure = camera_and_exposure(flags, settings)
+    rows, columns = (min(n, SIDE) for n in (camera.sensor.rows, camera.sensor.columns))
+    light = ms.Photons(np.full((rows, columns), mean_e), detected=True)
+    remarks = taken_by_default(flags, settings, camera)
+    if flags["exposure_s"] is None:
+        remarks.append(f"taken by default: an exposure of {USUAL_TIME_S:g} s (--exposure-s)")
+    return ms.expose(light, camera, exposure), remarks
+
+
+def _in_light_of(irradiance: str, flags: options.Flags) -> tuple[ms.Frames, list[str]]:
+    """A frame in the light of a render, and what was taken by default."""
+    from ..output.exr import rendered_for
+    from .inputs import camera_and_exposure, settings_of
+    from .remarks import taken_by_default
+
+    settings = settings_of(rendered_for(irradiance), flags)
+    camera, exposure = camera_and_exposure(flags, settings)
+    frames = ms.expose(ms.read_irradiance(irradiance), camera, exposure, progress=False)
+    return frames, taken_by_default(flags, settings, camera)
+
+
+def _sheet(frames: ms.Frames) -> Group:
+    """The camera, and the noise budget as a table."""
+    exposure, camera = frames.first.exposure, frames.camera
+    gain = ""
+    if camera.gain is not None:
+        gain = f" at gain {camera.gain}"
+    head = Text.assemble(
+        (f"{camera.name}{gain}, K = {camera.system_gain_dn_per_e:.4g} DN/e-", "bold"),
+        f", {exposure.time_s:g} s at {exposure.temperature_k:g} K",
+    )
+    found = frames.noise_budget()
+    table = FittedTable(HEADINGS)
+    for row in found.rows:
+        table.add_row(row.source, *row.cells)
+    return Group(head, table, *map(Text, found.remarks))

@@ -1,0 +1,66 @@
+"""The command budget: the noise budget of Python, for photoelectrons or for the light of a render."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.output.exr import write_irradiance_exr
+
+
+def test_shot_noise_read_noise_and_quantisation_are_what_a_hand_calculation_gives(
+    cli: Callable[..., Any],
+) -> None:
+    """K·√N, K·σ_d and 1/√12; PRNU·K·N. The PRNU of the drawn chip is that of the datasheet within 1 % (the theory
+    averages over all chips)."""
+    camera, electrons = ms.load_camera("sony_imx174"), 1000
+    argv = ("budget", "--camera", camera.name, "--electrons", electrons, "--json")
+    rows = {row["source"]: row for row in json.loads(cli(*argv).stdout)}
+    k_dn_per_e = camera.system_gain_dn_per_e
+    shot, prnu = rows["photon shot noise"], rows["PRNU"]
+    assert shot["temporal_dn2"] == pytest.approx(k_dn_per_e**2 * electrons, rel=1e-3)
+    expected = (k_dn_per_e * electrons * camera.pixel.prnu) ** 2
+    assert prnu["spatial_dn2"] == pytest.approx(expected, rel=0.01)
+    assert rows["ADC"]["temporal_dn2"] == pytest.approx(1 / 12, rel=1e-3)
+    assert rows["total"]["share"] == pytest.approx(1)
+    text = cli(*argv[:-1]).stdout
+    assert f"{math.sqrt(shot['temporal_dn2']):.4g}" in text and "total" in text
+    assert "0.01 s (--exposure-s)" in text
+
+
+def test_the_budget_of_a_render_is_that_of_its_frames(
+    cli: Callable[..., Any], tmp_path: Path
+) -> None:
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
+    light = ms.render("flat_field", camera, exposure, width=8, spp=4, denoise=False)
+    write_irradiance_exr(tmp_path / "irradiance.exr", light)
+    shown = json.loads(cli("budget", tmp_path / "irradiance.exr", "--json").stdout)
+    expected = [row._asdict() for row in ms.expose(light).noise_budget().rows]
+    for one, other in zip(shown, expected, strict=True):
+        assert one["source"] == other["source"]
+        np.testing.assert_allclose(one["temporal_dn2"], other["temporal_dn2"], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("argv", "sentence"),
+    [
+        ((), "give the light, and give it once: --electrons 1000"),
+        (("light.exr", "--electrons", "3"), "give it once"),
+        (("--electrons", "1k"), "'1k' is 1000"),
+        (("--electrons", "-1"), "electrons is -1"),
+        (("--electrons", "9", "--exposure-s", "auto"), "give its seconds"),
+        (("none.exr",), "none.exr"),
+    ],
+)
+def test_wrong_light_is_one_sentence(
+    cli: Callable[..., Any], argv: tuple[str, ...], sentence: str
+) -> None:
+    done = cli("budget", *argv)
+    assert done.exit_code == 2 and sentence in done.stderr and done.stderr.count("error:") == 1
