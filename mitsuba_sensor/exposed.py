@@ -39,7 +39,7 @@ from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
 from .sensor.metering import Metering
 from .sensor.options import ExposeOptions
-from .theory.pixel_moments import check_clean_is_known
+from .theory.combined_theory import check_moments_are_known
 from .theory.planned_exposure import prepare_planned_exposure
 from .timed_frames import TimedFrame, expose_frames, expose_moving
 
@@ -246,7 +246,7 @@ def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None
     them than memory holds."""
     sensor.check_memory(options["frames"])
     if options["clean"]:
-        check_clean_is_known(sensor.stages)
+        check_moments_are_known(sensor.stages)
     if options["dng"]:
         check_dng(sensor.camera, sensor.first.window.shape)
 

@@ -208,7 +208,15 @@ def joined(series: Iterator[TimedFrame], with_clean: bool = False) -> TimedFrame
     for one in series:
         if timed:
             first = timed[0].frames
-            frames = replace(one.frames, light=first.light, detected=first.detected)
+            readouts = None
+            if first.camera.readouts:
+                readouts = one.frames.readouts  # of its own light, which is not kept
+            frames = replace(
+                one.frames,
+                light=first.light,
+                detected=first.detected,
+                own_readouts=readouts,
+            )
             one = one._replace(frames=frames)
         timed.append(one)
     return TimedFrames(Frames.joined([one.frames for one in timed], with_clean), tuple(timed))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.camera import Camera
+from ..camera.figures import refuse_readouts
 from ..core import Exposure, InputError
 from ..kept_sensor import Sensor
 from ..lab.frames.bench import Bench
@@ -93,6 +94,7 @@ def virtual_bench(
     report : called with the stacks that are taken, and all of them.
     Raises InputError for a camera that sees nothing at the wavelength.
     """
+    refuse_readouts(camera, "the bench measures one of them")
     wavelength_nm = (
         best_wavelength_nm(camera) if setup.wavelength_nm is None else setup.wavelength_nm
     )

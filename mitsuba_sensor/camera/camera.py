@@ -17,11 +17,10 @@ from pydantic import (
     model_validator,
 )
 
-from ..core import Doubt, Exposure, InputError, nearest, numbers, refuse_masked
+from ..core import Doubt, Exposure, InputError, nearest, refuse_masked
 from ..core.argument_names import tells_of_names
-from ..core.band_average import photon_averages
-from ..core.checks import require_pair
 from ..stages.chain import ORDER, chain, check_added, whole_chain
+from ..stages.combined_readouts import CombinedReadouts
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import Chain, Stage
@@ -38,14 +37,20 @@ from .datasheet_checks import (
 from .datasheet_errors import doubts, faults, fields_of, init_in_a_sentence
 from .field_terms import did_you_mean
 from .figures import EmvaFigures, emva_figures
+from .filters import band_seen_nm, filter_numbers, qe_of_filters
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
+from .given_ways import QE_CURVES, QE_WAYS, leave_other_ways
 from .lens_datasheet import LensSection
 from .notebook import camera_html
+from .readouts import (
+    CombineSection,
+    Readout,
+    check_readouts,
+    combined_readouts,
+    readout_cameras,
+)
 
-QE_WAYS = ("value", "file", "curves")
-QE_CURVES = "quantum_efficiency.curves"  # what each way of giving the QE becomes
 SET_BY_USER, SET_BY_SCENE = "set by the user", "set by the scene file"
-GAIN_WAYS = ("readout.gain_dn_per_e", "adc.full_scale_v")
 SHORT = Exposure(0.0)
 UNSET = " None unsets a field; on the command line: --set FIELD=none."
 
@@ -124,6 +129,12 @@ class Camera(FileTable):
         description="gain settings, from which --gain and camera.at_gain choose one",
         examples=[[{"iso": 800, "gain_dn_per_e": 0.25, "read_noise_e": 3.0}]],
     )
+    readouts: tuple[Readout, ...] = Field(
+        (),
+        description="read-outs of every pixel, the most sensitive first, which [combine] makes one code of",
+        examples=[[{"name": "high", "fields": {"readout.gain_dn_per_e": 1.4}}]],
+    )
+    combine: CombineSection = Field(default_factory=CombineSection)
     sources: dict[Annotated[str, AfterValidator(_known_field)], str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",
@@ -135,6 +146,7 @@ class Camera(FileTable):
     def _tables_fit(self) -> Camera:
         check_technology(self)
         check_one_gain(self)
+        check_readouts(self)
         check_gains(self)
         check_gain(self)
         return self
@@ -180,17 +192,7 @@ class Camera(FileTable):
             table[last] = value
             if value is None:
                 del table[last]
-            if path == ["quantum_efficiency"] and last in QE_WAYS and value is not None:
-                for other in QE_WAYS:  # the new way of giving the QE stands in for the old one
-                    if other != last and f"quantum_efficiency.{other}" not in changes:
-                        table.pop(other, None)
-                        data["sources"].pop(f"quantum_efficiency.{other}", None)
-            if dotted in GAIN_WAYS and value is not None:
-                for other in GAIN_WAYS:
-                    if other != dotted and other not in changes:
-                        other_table, key = other.split(".")
-                        data[other_table].pop(key, None)
-                        data["sources"].pop(other, None)
+            leave_other_ways(data, dotted, value, changes)
             sources = data["sources"]
             data["sources"] = {
                 key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")
@@ -237,7 +239,8 @@ class Camera(FileTable):
             )
         camera = self.model_copy()
         camera._added = (*self._added, (after, stage))
-        check_added(whole_chain(camera), stage, sum(camera.band_nm) / 2)
+        one = next(iter(camera.readout_cameras.values()), camera)
+        check_added(whole_chain(one), stage, sum(camera.band_nm) / 2)
         return camera
 
     def without(self, *names: str) -> Camera:
@@ -263,7 +266,7 @@ class Camera(FileTable):
     ) -> Self:
         """A copy, as of every pydantic model, with a chain of its own; :meth:`replace` checks the values too."""
         camera = super().model_copy(update=update, deep=deep)
-        for made in ("stages", "notes"):
+        for made in ("stages", "notes", "readout_cameras", "combined_readouts"):
             vars(camera).pop(made, None)
         return camera
 
@@ -311,6 +314,30 @@ class Camera(FileTable):
         """The signal chain of this camera, from photons to digital numbers."""
         return chain(self)
 
+    @cached_property
+    def readout_cameras(self) -> Mapping[str, Camera]:
+        """The camera of each read-out by its name: this one with the fields of the read-out, and no others."""
+        return readout_cameras(self)
+
+    @cached_property
+    def combined_readouts(self) -> CombinedReadouts:
+        """Of a camera with several read-outs the stage that makes one code of them."""
+        return combined_readouts(self)
+
+    def at_readout(self, name: str) -> Camera:
+        """The camera with one of its read-outs alone: ``camera.at_readout("high")``. Raises InputError."""
+        if name not in self.readout_cameras:
+            known = ", ".join(self.readout_cameras) or "none: add [[readouts]]"
+            raise InputError(
+                f"{name!r} is no read-out of {self.name}; its read-outs are {known}."
+            )
+        return self.readout_cameras[name]
+
+    @property
+    def code_bits(self) -> int:
+        """Bits of its codes: of the converter, or of the linear code of several read-outs."""
+        return int(self.combine.bits if self.readouts else self.adc.bits)
+
     @property
     def system_gain_dn_per_e(self) -> float:
         """EMVA 1288's overall system gain K of small signals [DN/e-]."""
@@ -339,48 +366,20 @@ class Camera(FileTable):
     @property
     def band_nm(self) -> tuple[float, float]:
         """From the first to the last wavelength at which any filter sees anything [nm]."""
-        points = self.quantum_efficiency.wavelengths_nm
-        curves = self.quantum_efficiency.curves.values()
-        seen = [i for i in range(len(points)) if any(curve[i] > 0 for curve in curves)] or [
-            0,
-            len(points) - 1,
-        ]
-        return points[max(seen[0] - 1, 0)], points[min(seen[-1] + 1, len(points) - 1)]
+        return band_seen_nm(self.quantum_efficiency)
 
     def qe(
         self, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None = None
     ) -> NDArray[np.float64]:
         """Quantum efficiency of every filter at (B,) wavelengths, (F, B); or averaged over bands, weighted by photons
         of a flat spectrum."""
-        points, curves = (
-            np.array(self.quantum_efficiency.wavelengths_nm),
-            self.quantum_efficiency.curves.values(),
-        )
-
-        def at(nm: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.array([np.interp(nm, points, curve, 0.0, 0.0) for curve in curves])
-
-        centres = numbers("wavelengths_nm", wavelengths_nm, "wavelengths in nm, e.g. [550.0]")
-        if bandwidths_nm is None:
-            return at(centres)
-        centres = np.atleast_1d(centres)
-        widths = numbers("bandwidths_nm", bandwidths_nm, "widths in nm, one or one each")
-        if centres.ndim != 1 or widths.shape not in ((), (1,), centres.shape):
-            raise InputError(
-                f"bandwidths_nm has shape {widths.shape} and wavelengths_nm {centres.shape}; pass one width per band."
-            )
-        return photon_averages(at, points, centres, np.broadcast_to(widths, centres.shape))
+        return qe_of_filters(self.quantum_efficiency, wavelengths_nm, bandwidths_nm)
 
     def filter_index(
         self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)
     ) -> NDArray[np.intp]:
         """Filter number of every pixel of a window, (H, W)."""
-        tile, what = np.array(self.tile), "(row, column) of the first pixel, e.g. (0, 0)"
-        shape = require_pair("shape", shape, "(rows, columns), e.g. (480, 640)")
-        origin = require_pair("origin", origin, what)
-        rows = (np.arange(shape[0]) + origin[0]) % tile.shape[0]
-        columns = (np.arange(shape[1]) + origin[1]) % tile.shape[1]
-        return tile[np.ix_(rows, columns)]
+        return filter_numbers(self.tile, shape, origin)
 
 
 def with_fields_of(camera: Camera, changes: Mapping[str, Any], source: str) -> Camera:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_types
 from ..core.special import root
+from ..stages.combined_readouts import combined_of
 from ..stages.effects.adc import BLACK_LEVEL_AT
 from ..stages.gains import gain_dn_per_e, volts_per_electron
 from ..stages.propagate import propagate
@@ -105,6 +106,7 @@ class EmvaFigures:
 def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     """The figures of a camera. Raises InputError where darkness is at the highest code."""
     check_types(camera, exposure)
+    refuse_readouts(camera, "EMVA 1288's figures are those of one read-out")
     gain, stages = gain_dn_per_e(camera), camera.stages
     well = [stage for stage in stages[1:-1] if stage.domain == "electrons"]
     dark = propagate(well, Moments(0.0, 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, 1)))))
@@ -123,6 +125,19 @@ def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     else:
         snr_max = full_e / still_e
     return EmvaFigures(exposure, gain, noise_e, full_e, least_e, snr_max, full_e / least_e)
+
+
+def refuse_readouts(camera: Camera, why: str, way_out: str = "camera.at_readout") -> None:
+    """Raise InputError for a camera with several read-outs.
+
+    why : what there is of one read-out only.  way_out : what one of them is taken from.
+    """
+    if not camera.readouts:
+        return
+    names = ", ".join(one.name for one in camera.readouts)
+    raise InputError(
+        f"{camera.name} has the read-outs {names}, and {why}; take one of them by its name, from {way_out}."
+    )
 
 
 def figures_if_any(camera: Camera) -> EmvaFigures | None:
@@ -160,6 +175,14 @@ def saturation_e(camera: Camera) -> float:
     return root(lambda electrons: _beyond_converter_dn(electrons, camera), 0.0, full_well_e)
 
 
+def metered_saturation_e(camera: Camera) -> float:
+    """Electrons at which a pixel saturates that is metered: of several read-outs the most sensitive one."""
+    combined = combined_of(camera.stages)
+    if combined is None:
+        return saturation_e(camera)
+    return saturation_e(camera.readout_cameras[combined.readouts[0].name])
+
+
 def saturation_dn(camera: Camera) -> int:
     """The code of a saturated pixel: that of a full well, above the black level and at most the highest [DN]."""
     converter = converter_of(camera.stages)
@@ -168,7 +191,12 @@ def saturation_dn(camera: Camera) -> int:
 
 
 def _smallest_well_e(camera: Camera) -> float:
-    """Electrons in the pixel that fill its well, or the register behind it."""
+    """Electrons in the pixel that fill its well, or the register behind it; of several read-outs those that saturate
+    the least sensitive one."""
+    combined = combined_of(camera.stages)
+    if combined is not None:
+        last = combined.readouts[-1]
+        return saturation_e(camera.readout_cameras[last.name]) / last.light_ratio
     filled_e = float(camera.pixel.full_well_e)
     for stage in camera.stages[1:-1]:
         if stage.domain == "electrons":

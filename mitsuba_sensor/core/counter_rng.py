@@ -43,6 +43,14 @@ STREAMS = {
     for slot, source in enumerate(sources)
 }
 
+OF_CHARGE = frozenset(
+    (
+        *("photon_shot", "dark_shot", "quantum_yield", "compensation", "rts_state", "rts_site"),
+        *("prnu", "prnu_pick", "dark_fpn", "dark_fpn_pick", "dark_component"),
+    )
+)
+"""Noise sources of the photodiode and the charge in it, which several read-outs of one charge have in common."""
+
 
 def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:
     """Stream (block, slot) of a noise source, ``fixed`` for an FPN map; one not in ``STREAMS`` has it from its name."""

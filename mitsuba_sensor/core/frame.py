@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import distributions
 from .argument_names import tells_of_names
 from .backend import Backend
-from .counter_rng import key_of, random_bits_at, stream_of
+from .counter_rng import OF_CHARGE, key_of, random_bits_at, stream_of
 from .errors import require_seed
 from .exposure import Exposure
 from .noise_distributions import NoiseDistribution
@@ -38,7 +38,10 @@ class Frame:
     seed: int = 1
     index: int = 0
     gain: str = ""  # setting of the camera's gain ladder, where it has one
-    _blocks: dict[int, Array] = field(default_factory=dict)
+    _blocks: dict[tuple[int, int], Array] = field(default_factory=dict)
+    charge: str = (
+        ""  # of a frame with several exposures or photodiodes: another one than the first
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(
@@ -53,9 +56,21 @@ class Frame:
         """
         window, exposure = self.window, self.exposure
         conditions = float(exposure.time_s), float(exposure.temperature_k)
-        return key_of(
-            "temporal", self.seed, window.camera, window.serial, self.gain, *conditions
-        )
+        of_chip = "temporal", self.seed, window.camera, window.serial, self.gain
+        if self.charge:
+            return key_of(*of_chip, *conditions, self.charge)
+        return key_of(*of_chip, *conditions)
+
+    @cached_property
+    def _readout_key(self) -> int:
+        """Key of the noise behind the charge, which every read-out of it has of its own."""
+        return key_of("readout", self.window.readout, self.key)
+
+    def key_of_source(self, source: str) -> int:
+        """Key of the temporal noise of a source: read-outs of the same charge have the same electrons."""
+        if self.window.readout and source not in OF_CHARGE:
+            return self._readout_key
+        return self.key
 
     def on(self, backend: Backend) -> Self:
         """The same frame of the same camera, computed by ``backend``."""
@@ -75,11 +90,12 @@ class Frame:
     def random_bits(self, source: str) -> Array:
         """The random bits of ``source`` in this frame, (H, W)."""
         block, slot = stream_of(source)
-        if block not in self._blocks:
-            self._blocks[block] = self.window.backend.random_bits(
-                block, self.window, self.index, self.key
+        key = self.key_of_source(source)
+        if (block, key) not in self._blocks:
+            self._blocks[block, key] = self.window.backend.random_bits(
+                block, self.window, self.index, key
             )
-        return self._blocks[block][slot]
+        return self._blocks[block, key][slot]
 
     def random_bits_at(
         self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: Array
@@ -89,8 +105,9 @@ class Frame:
         rows, columns : pixel coordinates on the sensor (not in the window); they broadcast with the frames.
         """
         block, slot = stream_of(source)
+        key = self.key_of_source(source)
         return random_bits_at(
-            block, np.asarray(rows), np.asarray(columns), np.asarray(frame_index), self.key
+            block, np.asarray(rows), np.asarray(columns), np.asarray(frame_index), key
         )[slot]
 
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:

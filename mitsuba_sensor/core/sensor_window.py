@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from . import distributions
 from .backend import NUMPY_FLOAT64, Backend
-from .counter_rng import key_of, random_bits_at, stream_of
+from .counter_rng import OF_CHARGE, key_of, random_bits_at, stream_of
 from .errors import require_seed
 from .types import Array, Float64Array, RandomBits
 
@@ -30,6 +30,8 @@ class SensorWindow:
     )  # measured maps that replace the random ones
     backend: Backend = NUMPY_FLOAT64  # what computes the maps and the frames
     camera: str = ""  # name of the camera; serial number 1 of another one is another chip
+    photodiode: str = ""  # of a pixel with several: another one than the first
+    readout: str = ""  # of a pixel that is read out several times
     _maps: dict[Hashable, Array] = field(default_factory=dict)
     _tiles: dict[Hashable, tuple[int, Float64Array]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -48,12 +50,22 @@ class SensorWindow:
             dict(self.given),
             self.backend,
             self.camera,
+            self.photodiode,
+            self.readout,
         )
 
     @cached_property
     def key(self) -> int:
         """Key of the FPN maps: the same in every frame, exposure and gain setting of this chip."""
         return key_of("fixed", self.camera, self.serial)
+
+    def key_of_source(self, source: str) -> int:
+        """Key of the FPN map of a source: what the photodiode has is the same in all read-outs of it."""
+        if self.readout and source not in OF_CHARGE:
+            return key_of("fixed", self.camera, self.serial, self.photodiode, self.readout)
+        if self.photodiode:
+            return key_of("fixed", self.camera, self.serial, self.photodiode)
+        return self.key
 
     @property
     def rows(self) -> NDArray[np.int64]:
@@ -103,7 +115,9 @@ class SensorWindow:
         backend, key = self.backend, (source, distribution)
         return self.cached(
             key,
-            lambda: distribution(backend, backend.random_bits(block, self, 0, self.key)[slot]),
+            lambda: distribution(
+                backend, backend.random_bits(block, self, 0, self.key_of_source(source))[slot]
+            ),
         )
 
     def correlated(self, source: str, coupling: float) -> Array:
@@ -126,7 +140,8 @@ class SensorWindow:
         self, source: str, y: int, x: int, coupling: float, margin: int
     ) -> Float64Array:
         """One tile of a fixed grid on the sensor, so that every window has the same values; the last one is kept."""
-        if self._tiles.get((source, coupling, x), (None,))[0] != y:
+        place = (self.photodiode, self.readout, source, coupling, x)
+        if self._tiles.get(place, (None,))[0] != y:
             size = distributions.AR_MAP_BLOCK
             rows, columns = (
                 np.arange(y - margin, y + size + margin),
@@ -136,8 +151,8 @@ class SensorWindow:
             tile = distributions.isotropic_ar(
                 distributions.isotropic_ar(white, coupling, margin).T, coupling, margin
             ).T
-            self._tiles[source, coupling, x] = y, tile
-        return self._tiles[source, coupling, x][1]
+            self._tiles[place] = y, tile
+        return self._tiles[place][1]
 
     def line_map(self, source: str, coupling: float, axis: int = 1) -> Array:
         """FPN of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): standard normals, coupled as an AR process."""
@@ -166,10 +181,12 @@ class SensorWindow:
         self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]
     ) -> RandomBits:
         block, slot = stream_of(source, fixed=True)
-        return random_bits_at(block, rows, columns, 0, self.key)[slot]
+        return random_bits_at(block, rows, columns, 0, self.key_of_source(source))[slot]
 
     def cached(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """What ``make`` returns, computed once per window."""
+        """What ``make`` returns, computed once per window and read-out."""
+        if self.photodiode or self.readout:
+            key = (self.photodiode, self.readout, key)
         if key not in self._maps:
             self._maps[key] = make()
         value: Value = self._maps[key]

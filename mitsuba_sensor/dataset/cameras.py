@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import load_camera
 from ..camera.datasheet_errors import fields_of
+from ..camera.figures import refuse_readouts
 from ..camera.lens_file import list_lenses
 from ..camera.shipped import list_cameras
 from ..core import InputError, nearest
@@ -84,6 +85,7 @@ class Cameras:
         if file is not None:
             check_below(camera_references(file), self.roots)
         camera = load_camera(entry.camera if file is None else file)
+        refuse_readouts(camera, "a dataset has frames of one of them")
         changes = self._with_places(fields_in(entry.set), where)
         return with_fields_of(camera, changes, SET_BY_DATASET).without(*entry.without)
 

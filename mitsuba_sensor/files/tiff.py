@@ -34,7 +34,8 @@ LARGEST_TIFF = 2**32 - 2**25
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
 
 
-TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
+TIFF_BYTE, TIFF_ASCII, TIFF_SHORT, TIFF_LONG = 1, 2, 3, 4  # types of tags
+PAGE_NAME = 285
 
 
 @tells_of_names
@@ -100,6 +101,36 @@ def write_pages(
                 metadata=None,
                 software="mitsuba_sensor",
                 description=text,
+                extratags=tags,
+            )
+
+
+def write_named_pages(
+    path: Path,
+    pages: Sequence[tuple[str, np.ndarray]],
+    pattern: Sequence[Sequence[str]] | None,
+) -> None:
+    """A TIFF of pages (H, W) of any unsigned type, each with its PageName.
+
+    pattern : names of colour filters, of all pages.
+
+    Raises InputError for what the disk refuses.
+    """
+    import tifffile
+
+    size = sum(page.nbytes for _, page in pages)
+    with (
+        appearing(path, size) as temporary,
+        io.BufferedWriter(_NoTofile(temporary, "wb")) as file,
+        tifffile.TiffWriter(file, bigtiff=size > LARGEST_TIFF, byteorder="<") as tiff,
+    ):
+        for name, page in pages:
+            tags = [(PAGE_NAME, TIFF_ASCII, 0, name, False), *cfa_tags(pattern)]
+            tiff.write(
+                page,
+                photometric="minisblack",
+                metadata=None,
+                software="mitsuba_sensor",
                 extratags=tags,
             )
 

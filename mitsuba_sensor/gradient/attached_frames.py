@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
+from ..camera.figures import refuse_readouts
 from ..core import Array, Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.code_slope import LARGEST_DN
 from ..core.differentiable import DifferentiableBackend
@@ -91,6 +92,7 @@ def attached_frames_with_maps(
     maps: Mapping[str, ArrayLike],
 ) -> AttachedFrames:
     """The same with measured FPN maps."""
+    refuse_readouts(camera, "derivatives are those of one read-out")
     stages = chain(camera)
     check_law(stages, "derivatives of the expected code are", "compute differences of frames")
     window = SensorWindow(pixels.serial, pixels.shape, pixels.origin, camera=camera.name)

@@ -45,6 +45,7 @@ class QuietFrame(Frame):
             frame.index,
             frame.gain,
             frame._blocks,
+            frame.charge,
             only,
         )
 

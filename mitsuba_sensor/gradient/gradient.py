@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
 from ..camera.camera_file import AnyCamera, camera_of
+from ..camera.figures import refuse_readouts
 from ..core import (
     Array,
     Electrons,
@@ -254,6 +255,7 @@ def differentiable(
     chosen = complete(GradientOptions, options)
     camera = camera.at_gain(chosen["gain"])
     names = _names_of(parameters)
+    refuse_readouts(camera, "derivatives are those of one read-out")
     light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
     _check(names, light, camera)
     _check_derivatives(stages)

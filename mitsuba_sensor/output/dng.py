@@ -63,9 +63,9 @@ LIGHT_SOURCES = {"A": 17, "D65": 21}
 
 def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
     """Raise InputError for a camera, or a (H, W) of its pictures, that no DNG holds which other programs open."""
-    if camera.adc.bits > MOST_BITS:
+    if camera.code_bits > MOST_BITS:
         raise InputError(
-            f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.adc.bits}; {INSTEAD}."
+            f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.code_bits}; {INSTEAD}."
         )
     if len(camera.filter_names) > 1:
         _check_filters(camera)

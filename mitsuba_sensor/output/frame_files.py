@@ -22,6 +22,7 @@ from ..files import png, texts, tiff
 from ..files.appearing import output_folder
 from ..stages.stage import converter_of
 from .preview import brightening, developed, preview
+from .readout_files import READOUTS, readout_facts, write_readouts
 
 if TYPE_CHECKING:
     from ..sensor.frames import RawFrames
@@ -31,7 +32,16 @@ CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
 BRIGHTENED = "frame_brightened.png"
 VIDEO = "frames.webp"
-FRAME_FILES = ("frame.tiff", "frame.png", BRIGHTENED, VIDEO, *DNGS, *CLEAN, "frame.json")
+FRAME_FILES = (
+    "frame.tiff",
+    READOUTS,
+    "frame.png",
+    BRIGHTENED,
+    VIDEO,
+    *DNGS,
+    *CLEAN,
+    "frame.json",
+)
 """Files of frames of light that is rendered already."""
 CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
 """Files of frames of a scene."""
@@ -70,6 +80,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
         "given_maps": sorted(first.window.given),
         "image": image_facts(frames),
         "colour": None if colours is None else colours._asdict(),
+        "readouts": readout_facts(frames),
         "left_out": [] if frames.plan is None else frames.plan.left_out,
         **report,
         "versions": versions(),
@@ -113,6 +124,8 @@ def write_frames(
         matrix = ColourMatrix(**colours)
     first, camera, origin = frames.digital[0], frames.camera, frames.first.window.origin
     tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
+    if frames.camera.readouts:
+        write_readouts(folder / READOUTS, frames, image["cfa_pattern"])
     png.write_png(folder / "frame.png", developed(first, camera, matrix, gain, origin), image)
     factor = metadata["summary"]["brightened"]
     if factor > 1:

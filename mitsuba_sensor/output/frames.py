@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.figures import refuse_readouts
 from ..core.argument_names import tells_of_names
 from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import RawFrames
+from ..sensor.readouts import exposures_of_readouts
+from ..theory.combined_theory import moments_of_pixels, theory_of
 from ..theory.frame_theory import FrameTheory
-from ..theory.measured_theory import theory_of
 from ..theory.noise_budget import NoiseBudget
-from ..theory.pixel_moments import PixelMoments, pixel_moments
+from ..theory.pixel_moments import PixelMoments
 from ..theory.plan import Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
@@ -44,12 +46,13 @@ class Frames(RawFrames):
     photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if asked for
         by ``keep``, else None.
     observer : who followed the first frame while it was computed, for the report.
-    own_clean : clean frames where each has a light of its own.
+    own_clean, own_readouts : clean frames and read-outs where each frame has a light of its own.
     """
 
     plan: Plan | None = None
     observer: FrameObserver | None = None
     own_clean: NDArray[np.float32] | None = None
+    own_readouts: Mapping[str, Frames] | None = None
 
     @classmethod
     def of(cls, raw: RawFrames, observer: FrameObserver | None = None) -> Frames:
@@ -82,7 +85,24 @@ class Frames(RawFrames):
         clean = None
         if with_clean:
             clean = np.concatenate([part.clean_of_each for part in parts])
-        return replace(first, **joined, own_clean=clean)
+        readouts = None
+        if first.camera.readouts:
+            readouts = {
+                name: cls.joined([part.readouts[name] for part in parts], False)
+                for name in first.readouts
+            }
+        return replace(first, **joined, own_clean=clean, own_readouts=readouts)
+
+    @cached_property
+    def readouts(self) -> Mapping[str, Frames]:
+        """The frames of each read-out by its name, whose codes were combined; none of a camera with one read-out.
+
+        They are computed when they are asked for, byte for byte as they were for the combination.
+        """
+        if self.own_readouts is not None:
+            return self.own_readouts
+        exposures = exposures_of_readouts(self)
+        return {name: Frames.exposed(one) for name, one in exposures.items()}
 
     @cached_property
     def theory(self) -> FrameTheory:
@@ -119,7 +139,7 @@ class Frames(RawFrames):
     @cached_property
     def pixel_moments(self) -> PixelMoments:
         """``clean`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
-        return pixel_moments(self.stages, self.detected, self.first)
+        return moments_of_pixels(self.stages, self.detected, self.first)
 
     @property
     def clean(self) -> NDArray[np.float32]:
@@ -180,5 +200,11 @@ class Frames(RawFrames):
         return frames_html(self)
 
     def noise_budget(self) -> NoiseBudget:
-        """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
+        """What every source contributes to each pixel of the first frame, in DN; the sum is the frame.
+
+        Raises InputError for combined read-outs: each has its own, ``frames.readouts["high"].noise_budget()``.
+        """
+        refuse_readouts(
+            self.camera, "a noise budget is that of one read-out", "frames.readouts"
+        )
         return NoiseBudget(self.stages, self.detected, self.first, self.theory)

@@ -20,6 +20,7 @@ from ..core import (
     require_seed,
 )
 from ..core.backend import FLOAT32_LIMIT
+from ..stages.combined_readouts import combined_of
 from ..stages.gains import adc_gain_dn_per_v
 from ..stages.stage import Chain
 from .map_units import maps_in_dn
@@ -314,6 +315,10 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
     """Raise InputError where the render's variance cannot be counted within the shot noise of each frame."""
     if light.variance_e2 is None:
         return
+    if combined_of(stages) is not None:
+        raise InputError(
+            "photons has variance_e2 and this camera has several read-outs of its shot noise; pass photons without it."
+        )
     if not any(stage.counts_electrons for stage in stages):
         raise InputError(
             "photons has variance_e2 and this chain has no shot noise to count it in; pass photons without it, or take "
@@ -388,7 +393,7 @@ COUNTABLE_E, COUNTABLE_DN = 2**24, 2**23
 
 def float32_counts(camera: Camera) -> bool:
     """Whether float32 holds single electrons of a full well and the codes of this camera."""
-    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.adc.bits <= COUNTABLE_DN
+    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.code_bits <= COUNTABLE_DN
     return countable and adc_gain_dn_per_v(camera) <= FLOAT32_LIMIT
 
 

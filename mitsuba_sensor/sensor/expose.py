@@ -39,6 +39,7 @@ from .frame_notes import exposure_notes
 from .frames import RawFrames
 from .options import ExposeOptions
 from .photon_checks import check_kept
+from .readout_checks import check_options_of_readouts
 from .run import FrameRunner, Observer, StripWindows, choose_backend, require_kept
 
 Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
@@ -165,9 +166,14 @@ class PreparedExposure:
     @property
     def first_on_numpy(self) -> Frame:
         """The first frame on the NumPy backend of the same precision, which has the same bytes."""
-        return self.first.on(
-            NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32
-        )
+        return on_numpy(self.first)
+
+
+def on_numpy(frame: Frame) -> Frame:
+    """A frame on the NumPy backend of the same precision, which has the same bytes."""
+    if frame.window.backend is NUMPY_FLOAT64:
+        return frame.on(NUMPY_FLOAT64)
+    return frame.on(NUMPY_FLOAT32)
 
 
 def _gigabytes(size: float) -> str:
@@ -208,6 +214,8 @@ def prepare_exposure(
     check_types(camera, exposure)
     chosen = complete(ExposeOptions, options)
     camera = camera.at_gain(chosen["gain"])
+    if camera.readouts:
+        check_options_of_readouts(camera, chosen)
     seed, serial = first_given(chosen["seed"], 1), first_given(chosen["serial"], 1)
     first_frame, frames = chosen["first_frame"], chosen["frames"]
     check_numbers(frames, first_frame, seed)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.camera_file import AnyCamera, camera_of
+from ..camera.figures import refuse_readouts
 from ..camera.sensor_size import check_on_sensor
 from ..core import Exposure, InputError, SensorWindow, check_types, require_seed
 from ..core.argument_names import tells_of_names
@@ -37,6 +38,7 @@ def fpn_maps(
     """
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
+    refuse_readouts(camera, "fixed-pattern noise maps are those of one read-out")
     size = shape
     if shape is None:
         size = (camera.sensor.rows, camera.sensor.columns)

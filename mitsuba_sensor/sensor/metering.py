@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.figures import saturation_e
+from ..camera.figures import metered_saturation_e, saturation_e
 from ..core import (
     Doubt,
     Electrons,
@@ -105,7 +105,7 @@ class Metering:
                 "no pixel has any light to meter; give an exposure time, e.g. 0.1 s."
             )
         level_e = float(np.percentile(lit, self.percentile)) + mean_dark_e(camera, exposure)
-        time_s = exposure.time_s * self.share * saturation_e(camera) / level_e
+        time_s = exposure.time_s * self.share * metered_saturation_e(camera) / level_e
         return min(float(f"{time_s:.{DIGITS}g}"), LONGEST_S)
 
     def record(self, exposure: Exposure) -> dict[str, float]:

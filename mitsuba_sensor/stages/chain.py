@@ -64,11 +64,15 @@ def chain(camera: "Camera") -> Chain:
 
     Those left are the stages of the whole chain: black level and gains are those of the whole camera.
     """
+    if camera.readouts:
+        return QuantumEfficiency.from_camera(camera, ()), camera.combined_readouts
     return _chain(camera, camera.sensor.without)
 
 
 def whole_chain(camera: "Camera") -> Chain:
     """All stages of this camera, with those that :meth:`Camera.with_stage` added."""
+    if camera.readouts:
+        return chain(camera)
     return _chain(camera, ())
 
 

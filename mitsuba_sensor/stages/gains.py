@@ -82,8 +82,10 @@ def em_excess_noise(gain: float, elements: int) -> float:
 def gain_dn_per_e(camera: Datasheet) -> float:
     """EMVA 1288's overall system gain K = G·A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-], of small signals in the pixel.
 
-    G is the EM gain of an EMCCD, else 1.
+    G is the EM gain of an EMCCD, else 1. Of several read-outs it is that of their linear code.
     """
+    if camera.readouts:
+        return float(camera.combined_readouts.nominal_gain)
     em_gain = camera.readout.em_gain or 1.0
     return float(em_gain * gain_behind_register_dn_per_e(camera))
 

@@ -39,6 +39,13 @@ class Subject:
     exposure: ms.Exposure
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.camera.readouts:
+            raise ms.InputError(
+                f"{self.camera.name} has several read-outs, and a study is of one; take one of them by its name, from "
+                "camera.at_readout."
+            )
+
     def render(
         self, seed: int, camera: ms.Camera | None = None, **options: Any
     ) -> ms.Irradiance:

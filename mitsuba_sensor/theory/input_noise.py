@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera.camera import Camera
+from ..camera.figures import saturation_e
 from ..core import Exposure, Frame, SensorWindow
 from ..stages.stage import Chain, converter_of, without, without_law
+from .combined_theory import codes_by_light
 from .pixel_codes import SHARP_DN
 from .response import behind_stages_at
 
@@ -42,11 +44,32 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
 
     Stages whose law nobody has written are left out of it.
     """
+    if camera.readouts:
+        return _of_combined(camera, exposure)
     stages = without(camera.stages, without_law(camera.stages))
     try:
         return _of_chain(stages, camera.pixel.full_well_e, exposure)
     except TypeError:  # a stage of the user's that holds arrays has no hash
         return _of_chain.__wrapped__(stages, camera.pixel.full_well_e, exposure)
+
+
+def _of_combined(camera: Camera, exposure: Exposure) -> InputNoise:
+    """Of the linear code of several read-outs."""
+    levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * saturation_e(camera)), LEVELS))
+    frame = Frame(exposure, SensorWindow(0, (1, 1)))
+    mean_dn, variance_dn2 = codes_by_light(camera.combined_readouts, frame, levels)
+    return _of_codes(levels, mean_dn, variance_dn2)
+
+
+def _of_codes(
+    levels: NDArray[np.float64],
+    mean_dn: NDArray[np.float64],
+    variance_dn2: NDArray[np.float64],
+) -> InputNoise:
+    """From mean and temporal variance of the code at these levels of light [e-]."""
+    slope = np.gradient(mean_dn, levels)
+    slope[slope < NO_SLOPE * slope.max()] = 0.0
+    return InputNoise(levels, slope**2 / np.maximum(variance_dn2, ROUNDING_DN2))
 
 
 @lru_cache(maxsize=8)  # it takes as long as a short render
@@ -63,6 +86,4 @@ def _of_chain(stages: Chain, full_well_e: float, exposure: Exposure) -> InputNoi
         mean_dn = np.clip(
             converter.black_level_dn + converter.gain_dn_per_v * swing_v, 0.0, converter.highest
         )
-    slope = np.gradient(mean_dn, levels)
-    slope[slope < NO_SLOPE * slope.max()] = 0.0
-    return InputNoise(levels, slope**2 / np.maximum(variance_dn2, ROUNDING_DN2))
+    return _of_codes(levels, mean_dn, variance_dn2)

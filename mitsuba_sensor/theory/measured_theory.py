@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Electrons, Frame, SensorWindow
+from ..core import Electrons, SensorWindow
 from ..core.counter_rng import key_of
 from ..core.types import Array, Float64Array
-from ..sensor.detection import LAYERS, Detected
+from ..sensor.detection import LAYERS
 from ..sensor.threads import for_each
 from ..stages.propagate import FIRST_SERIAL, FRAMES
-from ..stages.stage import Chain, total, without, without_law
+from ..stages.stage import total, without, without_law
 from .frame_theory import FrameTheory
 from .pixel_moments import HIGHEST_E
 from .pixel_swing import Codes
@@ -59,16 +59,6 @@ class Tile(NamedTuple):
         return Tile(
             *(slice(mine.start - its.start, mine.stop - its.start) for mine, its in sides)
         )
-
-
-def theory_of(stages: Chain, light: Detected, frame: Frame) -> FrameTheory:
-    """The theory of a chain, measured where a stage has no law.
-
-    light, frame : of the window, and its exposure, place and measured maps.
-    """
-    if without_law(stages):
-        return MeasuredTheory(stages, light, frame)
-    return FrameTheory(stages, light, frame)
 
 
 class MeasuredTheory(FrameTheory):

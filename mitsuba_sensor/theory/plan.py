@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
 from ..camera.camera_file import AnyCamera, camera_of
+from ..camera.figures import refuse_readouts
 from ..core import (
     Electrons,
     Exposure,
@@ -205,6 +206,7 @@ def plan(
     camera = camera_of(camera)
     check_types(camera, exposure)
     warn_of_temperature(exposure.temperature_k)
+    refuse_readouts(camera, "a plan is for one of them")
     require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
     window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..camera.camera import Camera
 from ..camera.camera_file import AnyCamera, camera_of
+from ..camera.figures import refuse_readouts
 from ..core import (
     Array,
     Electrons,
@@ -165,6 +166,7 @@ def check_stage(
     Raises InputError where something does not fit: where, what ``moments`` says, and what ``sample`` does.
     """
     camera = camera_of(camera)
+    refuse_readouts(camera, "a stage is checked in one of them")
     if after is None:
         chain = camera.stages
     else:

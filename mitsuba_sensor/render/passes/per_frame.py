@@ -125,6 +125,9 @@ class FrameSeries:
         if compensated and options["chain"] != "physical":
             end = f"chain {options['chain']!r}; that needs the physical chain"
             raise InputError(f"render_noise is 'compensated' and {end}.")
+        if compensated and prepared.camera.readouts:
+            end = "has several read-outs of its shot noise; take render_noise 'per-frame'"
+            raise InputError(f"render_noise is 'compensated' and {prepared.camera.name} {end}.")
         if compensated and prepared.camera.quantum_efficiency.quantum_yield:
             end = "has a quantum_yield, whose electrons come in bursts; take render_noise 'per-frame'"
             raise InputError(f"render_noise is 'compensated' and {prepared.camera.name} {end}.")

@@ -1,0 +1,293 @@
+"""The read-outs of a camera that reads every pixel several times, and how they are combined into one linear code.
+
+Each read-out is a camera of its own: the camera of the file with some of its fields changed (``readout_cameras``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ..core import InputError, nearest
+from ..stages.combination import Combination, LinearisedReadout
+from ..stages.combined_readouts import CombinedReadouts, ReadoutChain
+from ..stages.datasheet import FileTable, Fraction, NotNegative, Positive
+from ..stages.gains import gain_dn_per_e
+from ..stages.stage import converter_of
+from .figures import saturation_dn, saturation_e
+
+if TYPE_CHECKING:
+    from .camera import Camera
+
+BEHIND_CHARGE = (
+    "pixel.full_well_e",
+    "readout.",
+    "source_follower.",
+    "adc.",
+    "dark_current.overflow",
+)
+"""Fields, or beginnings of fields, that read-outs of one charge may have differently."""
+
+OF_PHOTODIODE = ("pixel.prnu", "dark_current.")
+"""Fields that a second photodiode may have differently, too."""
+
+MOST_READOUTS = 8
+HAND_OVER = 0.9
+"""Share of its saturation at which a read-out hands over to the next, unless the file says otherwise."""
+
+
+class Readout(FileTable):
+    """One read-out of every pixel: the camera above with these fields changed."""
+
+    name: Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_-]+$")] = Field(
+        description="how the read-out is called", examples=["high"]
+    )
+    of: Literal["charge", "exposure", "photodiode"] = Field(
+        "charge",
+        title="dual conversion gain, LOFIC; staggered exposures (DOL); split pixel",
+        description="the same charge as that of the read-out before, read again; an exposure of its own; or the charge "
+        "of a photodiode of its own",
+        examples=["exposure"],
+    )
+    exposure_ratio: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = Field(
+        1.0,
+        description="its exposure time over that of the frame, of an exposure or photodiode of its own",
+        examples=[0.0625],
+    )
+    sensitivity: Annotated[float, Field(ge=1e-6, le=1, strict=True)] = Field(
+        1.0,
+        description="photoelectrons of its photodiode over those of the first one in the same time: area times "
+        "transmission",
+        examples=[0.1],
+    )
+    fields: dict[str, Any] = Field(
+        default_factory=dict,
+        description="dotted field of the camera → its value in this read-out",
+        examples=[{"readout.gain_dn_per_e": 0.05}],
+    )
+
+    @model_validator(mode="after")
+    def _ratios_have_a_charge(self) -> Self:
+        if self.of == "charge" and (self.exposure_ratio, self.sensitivity) != (1, 1):
+            raise ValueError(
+                "exposure_ratio and sensitivity belong to a charge of its own; set of to 'exposure' or 'photodiode', "
+                "or leave them out"
+            )
+        if self.of == "exposure" and self.sensitivity != 1:
+            raise ValueError(
+                "sensitivity belongs to a photodiode of its own; set of to 'photodiode', or give exposure_ratio"
+            )
+        allowed: tuple[str, ...] = BEHIND_CHARGE
+        if self.of == "photodiode":
+            allowed = BEHIND_CHARGE + OF_PHOTODIODE
+        for dotted in self.fields:
+            if not dotted.startswith(allowed):
+                raise ValueError(
+                    f"fields names {dotted!r}, which a read-out of {self.of!r} has as the camera has it; its own can "
+                    f"be {', '.join(allowed)}{nearest(dotted, allowed)}"
+                )
+        return self
+
+
+Shares = Annotated[tuple[Fraction, ...], Field(min_length=1)]
+
+
+class CombineSection(FileTable):
+    """How the read-outs become one linear code."""
+
+    bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(
+        20, description="resolution of the linear code [bit]", examples=[20]
+    )
+    gain_dn_per_e: Positive | None = Field(
+        None,
+        description="linear code per electron of the first read-out; default: that of the first read-out [DN/e-]",
+        examples=[1.0],
+    )
+    black_level_dn: NotNegative | None = Field(
+        None,
+        description="linear code of darkness; default: that of the first read-out in the steps of the linear code [DN]",
+        examples=[64],
+    )
+    hand_over: Fraction | Shares = Field(
+        HAND_OVER,
+        description="share of its saturation at which a read-out hands over to the next; one for all, or one for each "
+        "but the last",
+        examples=[0.9],
+    )
+    blend_from: Fraction | Shares | None = Field(
+        None,
+        description="share of its saturation from which on a read-out is averaged with the next, up to hand_over; "
+        "default: a threshold without averaging",
+        examples=[0.6],
+    )
+
+
+def check_readouts(camera: Camera) -> None:
+    """Raise ValueError for read-outs that do not fit the camera or each other."""
+    readouts = camera.readouts
+    if not readouts:
+        if camera.combine != CombineSection():
+            raise ValueError(
+                "combine is set and there are no read-outs; add [[readouts]], or leave [combine] out"
+            )
+        return
+    if not 2 <= len(readouts) <= MOST_READOUTS:
+        raise ValueError(
+            f"readouts has {len(readouts)} table(s); a combination has 2 to {MOST_READOUTS} of them, the most "
+            "sensitive first"
+        )
+    names = [one.name for one in readouts]
+    if len(set(names)) < len(names):
+        raise ValueError(f"readouts are called {', '.join(names)}; give each another name")
+    if (readouts[0].of, readouts[0].exposure_ratio) != ("charge", 1):
+        raise ValueError(
+            f"the first of readouts, {names[0]!r}, is that of the frame's own exposure; leave out its of and its "
+            "exposure_ratio"
+        )
+    refused = (
+        (
+            camera.sensor.technology == "ccd",
+            "sensor.technology is 'ccd', which reads its charge once",
+        ),
+        (
+            bool(camera.gains),
+            "gains are settings of a camera with one read-out; give each read-out its gain in fields",
+        ),
+    )
+    for is_refused, why in refused:
+        if is_refused:
+            raise ValueError(f"readouts and {why}, or leave readouts out")
+    _shares(camera.combine.hand_over, len(readouts) - 1, "hand_over")
+    if camera.combine.blend_from is not None:
+        _check_blend(camera)
+    _check_order(camera)
+
+
+def _check_blend(camera: Camera) -> None:
+    """Raise ValueError where averaging would begin behind its end."""
+    count = len(camera.readouts) - 1
+    assert camera.combine.blend_from is not None
+    begins = _shares(camera.combine.blend_from, count, "blend_from")
+    for begin, end in zip(
+        begins, _shares(camera.combine.hand_over, count, "hand_over"), strict=True
+    ):
+        if begin > end:
+            raise ValueError(
+                f"combine.blend_from is {begin:g} and hand_over {end:g}; averaging begins below where it ends"
+            )
+
+
+def _shares(given: float | Sequence[float], count: int, name: str) -> tuple[float, ...]:
+    """One share for every read-out but the last. Raises ValueError."""
+    if isinstance(given, float | int):
+        return (float(given),) * count
+    if len(given) != count:
+        raise ValueError(
+            f"combine.{name} has {len(given)} values; give one, or {count}: one for each read-out but the last"
+        )
+    return tuple(given)
+
+
+def readout_cameras(camera: Camera) -> dict[str, Camera]:
+    """The camera of each read-out by its name: the same chip with one read-out. Raises ValueError."""
+    plain = camera.model_copy(update={"readouts": (), "combine": CombineSection()})
+    found: dict[str, Camera] = {}
+    of_charge: dict[str, object] = {}
+    for number, readout in enumerate(camera.readouts):
+        fields = dict(readout.fields)
+        in_front = (*OF_PHOTODIODE, "pixel.full_well_e", "quantum_efficiency.")
+        if readout.of == "charge" and number:
+            fields = {**of_charge, **fields}
+        elif readout.sensitivity != 1:
+            fields["quantum_efficiency.curves"] = _scaled_curves(camera, readout.sensitivity)
+        of_charge = {name: x for name, x in fields.items() if name.startswith(in_front)}
+        found[readout.name] = _with_fields(plain, readout.name, fields)
+    return found
+
+
+def _scaled_curves(camera: Camera, factor: float) -> dict[str, list[float]]:
+    """QE curves of a photodiode that collects so many photoelectrons of those of the first one."""
+    curves = camera.quantum_efficiency.curves
+    return {name: [factor * value for value in curve] for name, curve in curves.items()}
+
+
+def _with_fields(camera: Camera, name: str, fields: Mapping[str, object]) -> Camera:
+    """The camera with fields of a read-out. Raises ValueError."""
+    try:
+        changed = camera.replace(**fields)
+    except InputError as error:
+        said = str(error).removeprefix(f"{camera.name}: ").rstrip(".")
+        raise ValueError(f"read-out {name!r}: {said}") from None
+    sources = dict.fromkeys(fields, f"read-out {name}")
+    return changed.model_copy(update={"sources": {**camera.sources, **sources}})
+
+
+def combined_readouts(camera: Camera) -> CombinedReadouts:
+    """The last stage of a camera with read-outs: their chains and combination. Raises ValueError."""
+    chains, cameras = list[ReadoutChain](), camera.readout_cameras
+    charge, photodiode, exposure_ratio, light_ratio = "", "", 1.0, 1.0
+    for number, readout in enumerate(camera.readouts):
+        if number and readout.of != "charge":
+            charge = readout.name
+            exposure_ratio = readout.exposure_ratio
+            light_ratio = readout.exposure_ratio * readout.sensitivity
+            photodiode = ""
+            if readout.of == "photodiode":
+                photodiode = readout.name
+        chains.append(
+            ReadoutChain(
+                readout.name,
+                charge,
+                photodiode,
+                exposure_ratio,
+                light_ratio,
+                cameras[readout.name].stages,
+            )
+        )
+    return CombinedReadouts(tuple(chains), _combination(camera, cameras, chains))
+
+
+def _combination(
+    camera: Camera, cameras: Mapping[str, Camera], chains: Sequence[ReadoutChain]
+) -> Combination:
+    """The combination of read-outs by their nominal gains. Raises ValueError."""
+    section, count = camera.combine, len(chains) - 1
+    ends = _shares(section.hand_over, count, "hand_over")
+    begins = (
+        ends if section.blend_from is None else _shares(section.blend_from, count, "blend_from")
+    )
+    linearised = list[LinearisedReadout]()
+    for number, chain in enumerate(chains):
+        one = cameras[chain.name]
+        black_dn = converter_of(one.stages).black_level_dn
+        per_dn_e = 1 / (gain_dn_per_e(one) * chain.light_ratio)
+        if number == count:
+            linearised.append(LinearisedReadout(black_dn, per_dn_e))
+            break
+        span_dn = saturation_dn(one) - black_dn
+        end_dn = round(black_dn + ends[number] * span_dn)
+        begin_dn = min(round(black_dn + begins[number] * span_dn), end_dn)
+        linearised.append(LinearisedReadout(black_dn, per_dn_e, begin_dn, end_dn))
+    first = linearised[0]
+    gain = section.gain_dn_per_e or 1 / first.electrons_per_dn
+    black_dn = float(round(first.black_dn * gain * first.electrons_per_dn))
+    if section.black_level_dn is not None:
+        black_dn = section.black_level_dn
+    return Combination(tuple(linearised), section.bits, gain, black_dn)
+
+
+def _check_order(camera: Camera) -> None:
+    """Raise ValueError where a read-out hands over to one that saturates in less light."""
+    readouts = camera.combined_readouts.readouts
+    ends_e = [
+        saturation_e(camera.readout_cameras[one.name]) / one.light_ratio for one in readouts
+    ]
+    for number in range(1, len(readouts)):
+        if ends_e[number] <= ends_e[number - 1]:
+            before, name = readouts[number - 1].name, readouts[number].name
+            raise ValueError(
+                f"read-out {name!r} saturates at {ends_e[number]:.4g} e- of the frame's exposure, and {before!r} "
+                f"before it at {ends_e[number - 1]:.4g}; give the most sensitive read-out first"
+            )

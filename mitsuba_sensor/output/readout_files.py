@@ -1,0 +1,62 @@
+"""What files say of combined read-outs: the pages of readouts.tiff, and what frame.json tells of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..files.tiff import write_named_pages
+from ..stages.combined_readouts import combined_of
+from ..stages.gains import gain_dn_per_e
+from ..stages.stage import converter_of
+
+if TYPE_CHECKING:
+    from .frames import Frames
+
+READOUTS = "readouts.tiff"
+"""Every read-out of every frame, and what they were combined to."""
+
+
+def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] | None) -> None:
+    """A page for every read-out of every frame, and one for their linear code, each with its name.
+
+    pattern : names of the colour filters as they lie in the file.
+    """
+    pages = list[tuple[str, np.ndarray]]()
+    for number, code in enumerate(frames.digital):
+        place = f"frame {frames.first.index + number}"
+        for name, readout in frames.readouts.items():
+            pages.append((f"{place}, {name}", readout.digital[number]))
+        pages.append((f"{place}, combined", code))
+    write_named_pages(path, pages, pattern)
+
+
+def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
+    """Of each read-out, for frame.json: exposure, gain, levels, where it hands over, and the share of the pixels of the
+    first frame whose code is that of this read-out alone; None of a camera with one read-out."""
+    combined = combined_of(frames.stages)
+    if combined is None:
+        return None
+    left, found = np.ones(frames.digital.shape[1:]), list[dict[str, object]]()
+    for chain, linear in zip(combined.readouts, combined.combination.readouts, strict=True):
+        one = frames.readouts[chain.name]
+        converter, code = converter_of(one.stages), one.digital[0]
+        is_last = chain is combined.readouts[-1]
+        found.append(
+            {
+                "name": chain.name,
+                "exposure_s": one.first.exposure.time_s,
+                "overall_system_gain_dn_per_e": gain_dn_per_e(one.camera),
+                "black_level_dn": converter.black_level_dn,
+                "white_level_dn": converter.highest,
+                "electrons_per_dn": linear.electrons_per_dn,
+                "hand_over_from_dn": None if is_last else linear.begin_dn,
+                "hand_over_dn": None if is_last else linear.end_dn,
+                "share_of_pixels": float(np.mean(left * (code < linear.begin_dn))),
+            }
+        )
+        left = left * (code >= linear.end_dn)
+    return found

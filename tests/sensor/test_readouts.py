@@ -1,0 +1,252 @@
+"""Read-outs of one pixel and their combination: the same electrons, hand-over, closed forms, what is refused.
+
+Closed forms and conservation are the oracles. The random numbers are the same in every run: what passes once passes
+always; bounds are five standard errors where none is stated.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from helpers.marks import exhaustive
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import Frame, SensorWindow
+from mitsuba_sensor.theory.combined_theory import codes_by_light
+
+SHORT = ms.Exposure(0.01)
+PLAIN = ms.load_camera("sony_imx174").replace(
+    **{"pixel.prnu": 0.0, "pixel.full_well_e": 32_000.0, "adc.bits": 12, "dark_current.cv": 0.0}
+)
+HIGH = {
+    "readout.gain_dn_per_e": 1.6,
+    "source_follower.read_noise_e": 1.2,
+    "adc.black_level_dn": 64,
+}
+LOW = {
+    "readout.gain_dn_per_e": 0.12,
+    "source_follower.read_noise_e": 9.0,
+    "adc.black_level_dn": 64,
+}
+
+
+def dual_gain(**changes: Any) -> ms.Camera:
+    """A camera that reads every pixel at two gains."""
+    readouts = [{"name": "high", "fields": HIGH}, {"name": "low", "fields": LOW}]
+    return PLAIN.replace(**{"readouts": readouts, **changes})
+
+
+def electrons(level_e: float, shape: tuple[int, int]) -> ms.Photons:
+    """A flat field of so many mean photoelectrons."""
+    return ms.Photons(np.full(shape, level_e), detected=True)
+
+
+def in_electrons(camera: ms.Camera, codes: np.ndarray) -> np.ndarray:
+    """Linear codes as electrons of the first read-out."""
+    stage = camera.combined_readouts
+    return np.asarray((codes - stage.black_level_dn) / stage.nominal_gain)
+
+
+def test_two_gains_read_the_same_electrons() -> None:
+    frames = ms.expose(electrons(1500.0, (512, 512)), dual_gain(), SHORT, frames=4)
+    high, low = (one.digital.astype(float).ravel() for one in frames.readouts.values())
+    covariance_dn2 = np.cov(high, low)[0, 1]
+    dark_e = frames.readouts["high"].clean.mean() / 1.6 - 64 / 1.6 - 1500
+    # standard error of the ratio: 0.15 % of 2^20 pixels
+    assert covariance_dn2 / (1.6 * 0.12) == pytest.approx(1500 + dark_e, rel=0.01)
+
+
+def test_read_noises_of_two_gains_are_independent() -> None:
+    camera = dual_gain().without("shot_noise", "dsnu_pixel", "dsnu_column", "dsnu_row")
+    frames = ms.expose(electrons(100.0, (256, 256)), camera, SHORT)
+    high, low = (one.digital.astype(float).ravel() for one in frames.readouts.values())
+    assert high.std() > 1 and low.std() > 0.5
+    assert abs(np.corrcoef(high, low)[0, 1]) < 5 / 256
+
+
+def test_the_electrons_are_those_of_the_camera_with_one_readout() -> None:
+    light = electrons(300.0, (32, 48))
+    camera = dual_gain()
+    plain = ms.expose(light, PLAIN, SHORT, keep=["electrons"]).electrons
+    alone = ms.expose(light, camera.at_readout("high"), SHORT, keep=["electrons"]).electrons
+    assert np.array_equal(plain, alone)
+
+
+def test_the_combination_hands_over_where_the_code_reaches_the_threshold() -> None:
+    camera = dual_gain()
+    light = ms.Photons(np.tile(np.geomspace(1, 30_000, 400), (64, 1)), detected=True)
+    frames = ms.expose(light, camera, SHORT, precision="float64")
+    high, low = (one.digital[0].astype(float) for one in frames.readouts.values())
+    threshold = round(64 + 0.9 * (4095 - 64))
+    expected_e = np.where(high >= threshold, (low - 64) / 0.12, (high - 64) / 1.6)
+    expected = np.floor(64 + 1.6 * expected_e + 0.5 + 1e-9)
+    assert np.array_equal(frames.digital[0], expected)
+    assert 0.1 < (high >= threshold).mean() < 0.9
+
+
+def test_blended_codes_are_averages_with_weights_linear_in_the_code() -> None:
+    camera = dual_gain(**{"combine.blend_from": 0.4, "combine.hand_over": 0.8})
+    light = ms.Photons(np.tile(np.geomspace(500, 4_000, 400), (64, 1)), detected=True)
+    frames = ms.expose(light, camera, SHORT, precision="float64")
+    high, low = (one.digital[0].astype(float) for one in frames.readouts.values())
+    begin, end = round(64 + 0.4 * 4031), round(64 + 0.8 * 4031)
+    weight = np.clip((high - begin) / (end - begin), 0, 1)
+    expected_e = (1 - weight) * (high - 64) / 1.6 + weight * (low - 64) / 0.12
+    assert np.abs(frames.digital[0] - (64 + 1.6 * expected_e)).max() <= 0.5 + 1e-6
+    assert (np.unique(weight).size) > 100
+
+
+@pytest.mark.parametrize("combine", [{}, {"combine.blend_from": 0.5}])
+def test_mean_and_noise_of_the_combination_follow_the_closed_form(
+    combine: dict[str, Any],
+) -> None:
+    """Also where half the pixels have handed over: 64 levels about the hand-over and far from it."""
+    camera = dual_gain(**combine).without(
+        "dsnu_pixel", "dsnu_column", "dsnu_row", "prnu_column"
+    )
+    levels = np.concatenate([np.geomspace(2, 30_000, 24), np.linspace(1_000, 2_600, 40)])
+    frames = ms.expose(
+        ms.Photons(np.tile(levels[:, None], (1, 20_000)), detected=True), camera, SHORT
+    )
+    mean, variance = codes_by_light(
+        camera.combined_readouts, Frame(SHORT, SensorWindow(1, (1, 1))), levels
+    )
+    codes = frames.digital[0].astype(float)
+    off = (codes.mean(axis=1) - mean) / np.sqrt(variance / codes.shape[1])
+    assert np.abs(off).max() < 5
+    ratio_db = 10 * np.log10(codes.var(axis=1) / variance)
+    assert (
+        np.abs(ratio_db).max() < 0.25
+    )  # five standard errors of 20 000 pixels, of laws that are not normal
+
+
+def test_the_theory_of_a_frame_is_measured_and_right() -> None:
+    camera = dual_gain(**{"pixel.prnu": 0.01})
+    light = ms.Photons(np.tile(np.linspace(10, 20_000, 160), (120, 1)), detected=True)
+    report = ms.expose(light, camera, SHORT).report
+    line = report["stages"][-1]
+    assert report["theory"]["stages_without_law"] == ["combined readouts"]
+    assert line["mean_frame"] == pytest.approx(line["mean_expected"], rel=2e-3)
+    assert line["sigma_frame"] == pytest.approx(line["sigma_expected"], rel=0.02)
+
+
+def test_the_clean_frame_is_the_mean_of_many_frames() -> None:
+    camera = dual_gain(**{"pixel.prnu": 0.01})
+    light = ms.Photons(np.tile(np.linspace(500, 3_000, 40), (16, 1)), detected=True)
+    frames = ms.expose(light, camera, SHORT, frames=400)
+    error = np.sqrt(frames.temporal_variance / 400)
+    off = (frames.digital.mean(axis=0) - frames.clean) / error
+    assert abs(off.mean()) < 0.2 and off.std() == pytest.approx(1, abs=0.15)
+    ratio = frames.digital.var(axis=0, ddof=1) / frames.temporal_variance
+    assert ratio.mean() == pytest.approx(1, abs=0.03)
+
+
+def test_a_crop_of_combined_frames_is_the_frame_of_the_crop() -> None:
+    light, camera = np.full((40, 60), 900.0), dual_gain(**{"pixel.prnu": 0.01})
+    whole = ms.expose(ms.Photons(light, detected=True), camera, SHORT, frames=2)
+    crop = ms.Photons(light[:10, :20], detected=True, origin=(5, 7))
+    part = ms.expose(crop, camera, SHORT, first_frame=1)
+    assert np.array_equal(part.digital[0], whole.digital[1, 5:15, 7:27])
+    for name, one in part.readouts.items():
+        assert np.array_equal(one.digital[0], whole.readouts[name].digital[1, 5:15, 7:27])
+
+
+@exhaustive
+def test_both_engines_make_the_same_bytes() -> None:
+    light = ms.Photons(np.tile(np.geomspace(1, 30_000, 300), (200, 1)), detected=True)
+    for camera in (dual_gain(**{"pixel.prnu": 0.01}), dual_gain(**{"combine.blend_from": 0.3})):
+        numpy, compiled = (
+            ms.expose(light, camera, SHORT, frames=2, engine=engine)
+            for engine in ("numpy", "drjit")
+        )
+        assert np.array_equal(numpy.digital, compiled.digital)
+        for name, one in numpy.readouts.items():
+            assert np.array_equal(one.digital, compiled.readouts[name].digital)
+
+
+def test_a_switched_off_noise_source_leaves_the_others_as_they_are() -> None:
+    light, camera = electrons(500.0, (32, 32)), dual_gain()
+    quiet = ms.expose(light, camera.without("source_follower_noise"), SHORT).readouts["low"]
+    noisy = ms.expose(light, camera, SHORT).readouts["low"]
+    assert 0 < np.abs(quiet.digital.astype(int) - noisy.digital).mean() < 3
+
+
+def test_a_sensor_and_a_stream_make_the_same_frames() -> None:
+    light, camera = electrons(500.0, (32, 32)), dual_gain(**{"pixel.prnu": 0.01})
+    frames = ms.expose(light, camera, SHORT, frames=3, serial=5)
+    sensor = ms.Sensor(camera, serial=5)
+    for k in range(3):
+        assert np.array_equal(sensor.expose(light, SHORT).digital[0], frames.digital[k])
+    streamed = list(ms.stream(light, camera, SHORT, frames=3, serial=5))
+    assert np.array_equal(np.stack(streamed), frames.digital)
+
+
+def test_files_hold_every_readout_and_their_combination(tmp_path: Path) -> None:
+    frames = ms.expose(electrons(2_000.0, (32, 32)), dual_gain(), SHORT, frames=2)
+    frames.save(tmp_path)
+    with tifffile.TiffFile(tmp_path / "readouts.tiff") as tiff:
+        pages = {page.tags[285].value: page.asarray() for page in tiff.pages}
+    assert list(pages)[:3] == ["frame 0, high", "frame 0, low", "frame 0, combined"]
+    assert np.array_equal(pages["frame 1, low"], frames.readouts["low"].digital[1])
+    assert np.array_equal(pages["frame 1, combined"], frames.digital[1])
+    assert np.array_equal(tifffile.imread(tmp_path / "frame.tiff"), frames.digital)
+    said = json.loads((tmp_path / "frame.json").read_text())["readouts"]
+    assert [one["name"] for one in said] == ["high", "low"]
+    assert sum(one["share_of_pixels"] for one in said) == pytest.approx(1)
+    ms.expose(electrons(2_000.0, (32, 32)), PLAIN, SHORT).save(tmp_path)
+    assert not (tmp_path / "readouts.tiff").exists()
+
+
+def test_a_camera_file_with_readouts_reads_again() -> None:
+    camera = dual_gain(**{"combine.bits": 18, "combine.hand_over": [0.8]})
+    again = ms.load_camera(camera.to_toml())
+    assert again.combined_readouts == camera.combined_readouts
+    assert again.code_bits == 18
+
+
+@pytest.mark.parametrize(
+    ("readouts", "said"),
+    [
+        ([{"name": "high"}], "2 to 8"),
+        ([{"name": "a"}, {"name": "a"}], "another name"),
+        ([{"name": "a", "exposure_ratio": 0.5}, {"name": "b"}], "charge of its own"),
+        ([{"name": "a", "of": "exposure"}, {"name": "b"}], "first of readouts"),
+        ([{"name": "low", "fields": LOW}, {"name": "high", "fields": HIGH}], "most sensitive"),
+        ([{"name": "a"}, {"name": "b", "fields": {"sensor.rows": 5}}], "sensor.rows"),
+        ([{"name": "a"}, {"name": "b", "fields": {"adc.bits": 99}}], "adc.bits"),
+        ([{"name": "a"}, {"name": "b", "fields": {"adc.bit": 10}}], "adc.bit "),
+    ],
+)
+def test_readouts_that_do_not_fit_are_refused(
+    readouts: list[dict[str, Any]], said: str
+) -> None:
+    with pytest.raises(ms.InputError, match=said):
+        PLAIN.replace(readouts=readouts)
+
+
+def test_what_there_is_of_one_readout_only_is_refused() -> None:
+    camera, light = dual_gain(), electrons(100.0, (24, 24))
+    frames = ms.expose(light, camera, SHORT)
+    refused = (
+        lambda: camera.emva1288(),
+        lambda: ms.plan(camera, SHORT, light),
+        lambda: ms.fpn_maps(camera, (8, 8)),
+        lambda: ms.expose(light, camera, SHORT, keep=["electrons"]),
+        lambda: ms.expose(light, camera, SHORT, tolerance_dn=0.1),
+        lambda: ms.expose(light, camera, SHORT, chain="konnik2014"),
+        lambda: ms.expose(light, camera, SHORT, maps={"prnu": np.ones((24, 24))}),
+        lambda: ms.differentiable(light, camera, SHORT, ("photons",)),
+        lambda: frames.noise_budget(),
+        lambda: camera.at_readout("middle"),
+        lambda: frames.save_dng("frame.dng"),
+    )
+    for call in refused:
+        with pytest.raises(ms.InputError):
+            call()
+    assert frames.readouts["high"].noise_budget().entries
+    assert camera.at_readout("low").emva1288().saturation_e > 30_000
