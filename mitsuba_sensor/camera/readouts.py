@@ -278,6 +278,22 @@ def _combination(
     return Combination(tuple(linearised), section.bits, gain, black_dn)
 
 
+def check_times_of_readouts(camera: Camera, what: str) -> None:
+    """Raise InputError for light that changes in time, where read-outs are exposed one after the other.
+
+    what : changes.
+    """
+    staggered = [
+        one.name for one in camera.readouts if one.of == "exposure" or one.exposure_ratio != 1
+    ]
+    if staggered:
+        raise InputError(
+            f"the read-out {staggered[0]!r} of {camera.name} is exposed at another time than the first, and {what}; "
+            "its light would be that of the first exposure: keep the light and the scene still, or take "
+            f"camera.at_readout({camera.readouts[0].name!r})."
+        )
+
+
 def _check_order(camera: Camera) -> None:
     """Raise ValueError where a read-out hands over to one that saturates in less light."""
     readouts = camera.combined_readouts.readouts

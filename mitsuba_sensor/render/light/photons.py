@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
 from ...camera.fingerprint import response_fingerprint
+from ...camera.readouts import check_times_of_readouts
 from ...camera.sensor_size import check_on_sensor
 from ...core import (
     Exposure,
@@ -110,6 +111,8 @@ def collect(
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
             raise InputError(f"{why}; {remedy}.")
+        if light.waveforms:
+            check_times_of_readouts(camera, "lamps flicker")
         light = light_of_frame(light, shutter_of(camera, exposure, start_s))
         photons = _photons(
             light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure
