@@ -91,9 +91,6 @@ class Readout(FileTable):
         return self
 
 
-Shares = Annotated[tuple[Fraction, ...], Field(min_length=1)]
-
-
 class CombineSection(FileTable):
     """How the read-outs become one linear code."""
 
@@ -110,17 +107,17 @@ class CombineSection(FileTable):
         description="linear code of darkness; default: that of the first read-out in the steps of the linear code [DN]",
         examples=[64],
     )
-    hand_over: Fraction | Shares = Field(
-        HAND_OVER,
+    hand_over: Annotated[tuple[Fraction, ...], Field(min_length=1)] = Field(
+        (HAND_OVER,),
         description="share of its saturation at which a read-out hands over to the next; one for all, or one for each "
         "but the last",
-        examples=[0.9],
+        examples=[[0.9]],
     )
-    blend_from: Fraction | Shares | None = Field(
-        None,
+    blend_from: tuple[Fraction, ...] = Field(
+        (),
         description="share of its saturation from which on a read-out is averaged with the next, up to hand_over; "
         "default: a threshold without averaging",
-        examples=[0.6],
+        examples=[[0.6]],
     )
 
 
@@ -128,10 +125,6 @@ def check_readouts(camera: Camera) -> None:
     """Raise ValueError for read-outs that do not fit the camera or each other."""
     readouts = camera.readouts
     if not readouts:
-        if camera.combine != CombineSection():
-            raise ValueError(
-                "combine is set and there are no read-outs; add [[readouts]], or leave [combine] out"
-            )
         return
     if not 2 <= len(readouts) <= MOST_READOUTS:
         raise ValueError(
@@ -159,35 +152,31 @@ def check_readouts(camera: Camera) -> None:
     for is_refused, why in refused:
         if is_refused:
             raise ValueError(f"readouts and {why}, or leave readouts out")
-    _shares(camera.combine.hand_over, len(readouts) - 1, "hand_over")
-    if camera.combine.blend_from is not None:
-        _check_blend(camera)
+    _check_hand_over(camera)
     _check_order(camera)
 
 
-def _check_blend(camera: Camera) -> None:
-    """Raise ValueError where averaging would begin behind its end."""
+def _check_hand_over(camera: Camera) -> None:
+    """Raise ValueError where there are too many shares, or averaging would begin behind its end."""
     count = len(camera.readouts) - 1
-    assert camera.combine.blend_from is not None
+    ends = _shares(camera.combine.hand_over, count, "hand_over")
+    if not camera.combine.blend_from:
+        return
     begins = _shares(camera.combine.blend_from, count, "blend_from")
-    for begin, end in zip(
-        begins, _shares(camera.combine.hand_over, count, "hand_over"), strict=True
-    ):
+    for begin, end in zip(begins, ends, strict=True):
         if begin > end:
             raise ValueError(
                 f"combine.blend_from is {begin:g} and hand_over {end:g}; averaging begins below where it ends"
             )
 
 
-def _shares(given: float | Sequence[float], count: int, name: str) -> tuple[float, ...]:
+def _shares(given: Sequence[float], count: int, name: str) -> tuple[float, ...]:
     """One share for every read-out but the last. Raises ValueError."""
-    if isinstance(given, float | int):
-        return (float(given),) * count
-    if len(given) != count:
+    if len(given) not in (1, count):
         raise ValueError(
             f"combine.{name} has {len(given)} values; give one, or {count}: one for each read-out but the last"
         )
-    return tuple(given)
+    return tuple(given) * (count // len(given))
 
 
 def readout_cameras(camera: Camera) -> dict[str, Camera]:
@@ -255,9 +244,7 @@ def _combination(
     """The combination of read-outs by their nominal gains. Raises ValueError."""
     section, count = camera.combine, len(chains) - 1
     ends = _shares(section.hand_over, count, "hand_over")
-    begins = (
-        ends if section.blend_from is None else _shares(section.blend_from, count, "blend_from")
-    )
+    begins = _shares(section.blend_from or ends, count, "blend_from")
     linearised = list[LinearisedReadout]()
     for number, chain in enumerate(chains):
         one = cameras[chain.name]

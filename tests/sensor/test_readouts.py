@@ -90,7 +90,7 @@ def test_the_combination_hands_over_where_the_code_reaches_the_threshold() -> No
 
 
 def test_blended_codes_are_averages_with_weights_linear_in_the_code() -> None:
-    camera = dual_gain(**{"combine.blend_from": 0.4, "combine.hand_over": 0.8})
+    camera = dual_gain(**{"combine.blend_from": [0.4], "combine.hand_over": [0.8]})
     light = ms.Photons(np.tile(np.geomspace(500, 4_000, 400), (64, 1)), detected=True)
     frames = ms.expose(light, camera, SHORT, precision="float64")
     high, low = (one.digital[0].astype(float) for one in frames.readouts.values())
@@ -101,7 +101,7 @@ def test_blended_codes_are_averages_with_weights_linear_in_the_code() -> None:
     assert (np.unique(weight).size) > 100
 
 
-@pytest.mark.parametrize("combine", [{}, {"combine.blend_from": 0.5}])
+@pytest.mark.parametrize("combine", [{}, {"combine.blend_from": [0.5]}])
 def test_mean_and_noise_of_the_combination_follow_the_closed_form(
     combine: dict[str, Any],
 ) -> None:
@@ -159,7 +159,10 @@ def test_a_crop_of_combined_frames_is_the_frame_of_the_crop() -> None:
 @exhaustive
 def test_both_engines_make_the_same_bytes() -> None:
     light = ms.Photons(np.tile(np.geomspace(1, 30_000, 300), (200, 1)), detected=True)
-    for camera in (dual_gain(**{"pixel.prnu": 0.01}), dual_gain(**{"combine.blend_from": 0.3})):
+    for camera in (
+        dual_gain(**{"pixel.prnu": 0.01}),
+        dual_gain(**{"combine.blend_from": [0.3]}),
+    ):
         numpy, compiled = (
             ms.expose(light, camera, SHORT, frames=2, engine=engine)
             for engine in ("numpy", "drjit")
