@@ -22,6 +22,7 @@ from ..statistics.mean_squares import (
     spatial_mean_squares,
     temporal_mean_squares,
 )
+from ..statistics.outliers import Pixels, fill, note_left_out_pixels, outliers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,20 +104,47 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
     degrees of freedom of the analysis of variance, where EMVA 1288 divides by the number of lines, and temporal row and
     column noise is removed from rows and columns as well: both vanish for many lines and frames.
 
+    Pixels that stand out in the dark or in the light are left out, and a note says how many and what the figure is with
+    them: a handful of hot pixels would hide PRNU, which is a difference of two variances.
+
     high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part.
 
     Raises InputError for stacks that do not fit, a mosaic, one pixel, and light that is not brighter than the dark.
     """
-    percent = 100 / _signal(dark, light)
-    in_dark, in_light, power = dark.mean, light.mean, (1.0, 1.0, 1.0)
+    _check(dark, light)
+    left_out = outliers(dark.mean) | outliers(light.mean - dark.mean)
+    measured = _measure_without(left_out, dark, light, high_pass)
+    whole = measured
+    if left_out.any():
+        whole = _measure_without(np.zeros_like(left_out), dark, light, high_pass)
+    note = note_left_out_pixels(left_out)
+    figures: dict[str, Quantity] = {}
+    for name, figure in measured.items():
+        stacks = (dark, light) if figure.unit == "%" else (dark,)
+        if note and math.isfinite(figure.value):
+            value = whole[name].value
+            figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
+        figures[name] = _mark(figure, *stacks)
+    return Nonuniformity(**figures, difference=light.mean - dark.mean)
+
+
+def _measure_without(
+    left_out: Pixels, dark: Stack, light: Stack, high_pass: bool
+) -> dict[str, Quantity]:
+    """All figures by their names in Nonuniformity, without some pixels."""
+    in_dark, in_light, power = fill(dark.mean, left_out), fill(light.mean, left_out), (1.0,) * 3
+    percent = 100 / float((in_light - in_dark).mean())
+    inside = left_out
     if high_pass:
         in_dark, in_light, power = highpass(in_dark), highpass(in_light), highpass_power()
+        inside = left_out[MARGIN:-MARGIN, MARGIN:-MARGIN]
     difference, total = in_light - in_dark, in_light + in_dark
-    dark_squares = spatial_mean_squares(in_dark).divided(power)
+    filled = int(np.count_nonzero(inside))
+    dark_squares = spatial_mean_squares(in_dark, filled=filled).divided(power)
     # The product of difference and sum of two images is the difference of their squares.
-    light_less_dark_squares = spatial_mean_squares(difference, total).divided(power)
-    difference_squares = spatial_mean_squares(difference).divided(power)
-    dark_noise, light_noise = _noise_of_mean(dark), _noise_of_mean(light)
+    light_less_dark_squares = spatial_mean_squares(difference, total, filled).divided(power)
+    difference_squares = spatial_mean_squares(difference, filled=filled).divided(power)
+    dark_noise, light_noise = _noise_of_mean(dark, left_out), _noise_of_mean(light, left_out)
 
     figures: dict[str, Quantity] = {}
     for part, terms in PARTS.items():
@@ -143,8 +171,7 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
     figures["paper_raw"] = Quantity("σ/µ raw", name, *raw, "%", PAPER)
     spatial = sigma.sigma_without((light_noise, 1), (dark_noise, 1), scale=percent)
     figures["paper"] = Quantity("σ/µ", f"{name}, without temporal noise", *spatial, "%", PAPER)
-    marked = {name: _mark(figure, dark, light) for name, figure in figures.items()}
-    return Nonuniformity(**marked, difference=light.mean - dark.mean)
+    return figures
 
 
 @dataclass(frozen=True)
@@ -166,31 +193,30 @@ class _Spatial:
         return root([*self.measured, *removed], scale)
 
 
-def _noise_of_mean(stack: Stack) -> MeanSquares | None:
+def _noise_of_mean(stack: Stack, left_out: Pixels) -> MeanSquares | None:
     """Mean squares of temporal noise in the mean of the frames; None for one frame."""
     frames = len(stack)
     if frames == 1:
         return None
-    return temporal_mean_squares(stack).divided((frames, frames, frames))
+    return temporal_mean_squares(stack, left_out).divided((frames, frames, frames))
 
 
-def _mark(figure: Quantity, dark: Stack, light: Stack) -> Quantity:
+def _mark(figure: Quantity, *stacks: Stack) -> Quantity:
     """The figure with what restricts it: lines, frames, clipped values, rounding, a value of 0."""
-    stacks = (dark, light) if figure.unit == "%" else (dark,)
     if math.isnan(figure.high):
         figure = figure.noted(
             "a single line of pixels: rows, columns and pixels are not told apart"
         )
     figure = mark_clipped_sigma(figure, *stacks)
-    if figure.low == 0 and len(dark) > 1 and len(light) > 1:
+    if figure.low == 0 and all(len(stack) > 1 for stack in stacks):
         figure = figure.noted("not told from 0")
     for stack in stacks:
         figure = figure.noted(temporal_note(stack))
     return figure
 
 
-def _signal(dark: Stack, light: Stack) -> float:
-    """Mean difference [DN], of stacks that fit."""
+def _check(dark: Stack, light: Stack) -> None:
+    """Raises InputError for stacks that do not fit."""
     for stack in (dark, light):
         stack.require_one_filter()
     if dark.shape != light.shape or dark.exposure_s != light.exposure_s:
@@ -205,7 +231,6 @@ def _signal(dark: Stack, light: Stack) -> float:
         raise InputError(
             f"the light is {signal:g} DN brighter than the dark; pass the dark stack first, then light."
         )
-    return signal
 
 
 KERNEL = np.convolve(np.convolve(np.full(7, 1 / 7), np.full(11, 1 / 11)), (0.25, 0.5, 0.25))

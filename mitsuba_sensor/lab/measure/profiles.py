@@ -12,6 +12,7 @@ from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
 from ..quantity import Quantity, no_value, student_interval
+from ..statistics.outliers import fill, note_left_out_pixels, outliers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +52,8 @@ class Profile:
 def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]:
     """Horizontal and vertical profile of the mean of a stack.  dark : what is subtracted, as for PRNU.
 
+    The means of the lines are without pixels that stand out, and a note says how many these are.
+
     Raises InputError for a mosaic, and for a dark stack of another size.
     """
     stack.require_one_filter()
@@ -62,16 +65,19 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
             )
         image = image - dark.mean
         stacks.append(dark)
-    horizontal, vertical = _profile("horizontal", image), _profile("vertical", image.T)
+    left_out = outliers(image)
+    filled, note = fill(image, left_out), note_left_out_pixels(left_out)
+    horizontal = _profile("horizontal", image, filled)
+    vertical = _profile("vertical", image.T, filled.T)
     return (
-        replace(horizontal, slope=mark_clipped(horizontal.slope, *stacks)),
-        replace(vertical, slope=mark_clipped(vertical.slope, *stacks)),
+        replace(horizontal, slope=mark_clipped(horizontal.slope.noted(note), *stacks)),
+        replace(vertical, slope=mark_clipped(vertical.slope.noted(note), *stacks)),
     )
 
 
-def _profile(direction: str, image: Float64Array) -> Profile:
-    """Profile along the second direction of an image."""
-    mean = image.mean(axis=0)
+def _profile(direction: str, image: Float64Array, filled: Float64Array) -> Profile:
+    """Profile along the second direction of an image, with the means of that without pixels that stand out."""
+    mean = filled.mean(axis=0)
     return Profile(
         direction=direction,
         mean=mean,

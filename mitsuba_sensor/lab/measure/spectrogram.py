@@ -13,6 +13,7 @@ from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
 from ..quantity import Quantity, no_value, normal_interval
+from ..statistics.outliers import fill, note_left_out_pixels, outliers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,18 +50,22 @@ class Spectrogram:
 def spectrograms(image: Stack | Float64Array) -> tuple[Spectrogram, Spectrogram]:
     """Horizontal and vertical spectrogram of one image, (H, W) [DN], or of the mean of a stack.
 
-    The mean of the image is subtracted, each line padded with as many zeros. Raises InputError for a mosaic.
+    The mean of the image is subtracted, each line padded with as many zeros. Pixels of a stack that stand out, whose
+    spectrum is white, are replaced by what their lines let expect, and a note says how many.
+    Raises InputError for a mosaic.
     """
     if not isinstance(image, Stack):
         return _spectrogram("horizontal", image), _spectrogram("vertical", image.T)
     image.require_one_filter()
-    along_rows, along_columns = spectrograms(image.mean)
-    return _mark(along_rows, image), _mark(along_columns, image)
+    left_out = outliers(image.mean)
+    along_rows, along_columns = spectrograms(fill(image.mean, left_out))
+    note = note_left_out_pixels(left_out)
+    return _mark(along_rows, image, note), _mark(along_columns, image, note)
 
 
-def _mark(spectrogram: Spectrogram, stack: Stack) -> Spectrogram:
-    """The spectrogram with a figure that is marked where the frames are clipped."""
-    figure = mark_clipped(spectrogram.non_whiteness, stack)
+def _mark(spectrogram: Spectrogram, stack: Stack, note: str) -> Spectrogram:
+    """The spectrogram with a figure that has a note, and is marked where the frames are clipped."""
+    figure = mark_clipped(spectrogram.non_whiteness.noted(note), stack)
     return replace(spectrogram, non_whiteness=figure)
 
 

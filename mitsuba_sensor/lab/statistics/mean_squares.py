@@ -12,6 +12,7 @@ import scipy
 from ...core.types import Float64Array
 from ..frames.stack import Stack
 from ..quantity import LEVEL
+from .outliers import Pixels
 
 
 @dataclass(frozen=True)
@@ -134,9 +135,11 @@ def root(terms: Iterable[MeanSquare], scale: float = 1.0) -> tuple[float, float,
 
 
 def spatial_mean_squares(
-    first: Float64Array, second: Float64Array | None = None
+    first: Float64Array, second: Float64Array | None = None, filled: int = 0
 ) -> MeanSquares:
     """Mean squares of one image, or mean products of two images of the same pixels, (H, W) each.
+
+    filled : how many pixels are not measured, but what their rows and columns let expect.
 
     Degrees of freedom are those of normal, independent values, fewer where tails or correlations of neighbouring lines
     are larger than chance has them.
@@ -146,7 +149,8 @@ def spatial_mean_squares(
         line = other_line = _centred(first.ravel())
         if second is not None:
             other_line = _centred(second.ravel())
-        pixels = _mean_product(line, other_line, first.size - 1, are_lines=True)
+        freedom = max(first.size - 1 - filled, 1)
+        pixels = _mean_product(line, other_line, freedom, are_lines=True)
         return MeanSquares(None, None, pixels, first.shape)
     parts = other_parts = _parts(first)
     if second is not None:
@@ -154,21 +158,25 @@ def spatial_mean_squares(
     (rows, columns, rest), (other_rows, other_columns, other_rest) = parts, other_parts
     by_row = _mean_product(rows, other_rows, height - 1, are_lines=True)
     by_column = _mean_product(columns, other_columns, width - 1, are_lines=True)
-    freedom = (height - 1) * (width - 1)
+    freedom = max((height - 1) * (width - 1) - filled, 1)
     pixels = _mean_product(rest, other_rest, freedom, are_lines=False)
     return MeanSquares(by_row.times(width), by_column.times(height), pixels, first.shape)
 
 
-def temporal_mean_squares(stack: Stack) -> MeanSquares:
+def temporal_mean_squares(stack: Stack, left_out: Pixels | None = None) -> MeanSquares:
     """Mean squares of what changes from frame to frame in N ≥ 2 frames.
 
-    These are the deviations from each pixel's and each frame's mean.
+    These are the deviations from each pixel's and each frame's mean.  left_out : pixels that are as noisy as the others
+    on average.
     """
     height, width = stack.shape
     drift = stack.frame_means - stack.frame_means.mean()
     more = len(stack) - 1
-    total = more * float(stack.variance.sum()) - height * width * float(drift @ drift)
-    uneven = _unevenness(stack.variance, more)
+    variance = stack.variance
+    if left_out is not None and left_out.any():
+        variance = np.where(left_out, variance[~left_out].mean(), variance)
+    total = more * float(variance.sum()) - height * width * float(drift @ drift)
+    uneven = _unevenness(variance, more)
     if min(stack.shape) == 1:
         freedom = more * (max(height, width) - 1)
         only = MeanSquare(0.0, 1.0)

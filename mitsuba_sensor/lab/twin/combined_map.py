@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.types import Float64Array
 from ..statistics.mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares
+from ..statistics.outliers import fill, outliers
 
 PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
     "row": MeanSquares.row_variance,
@@ -35,8 +36,13 @@ class CombinedMap:
     noises: tuple[Noise, ...]
 
     def spread(self, scale: float = 1.0) -> dict[str, tuple[float, float, float]]:
-        """(value, low, high) of the standard deviation of rows, columns, pixels and all, times a factor."""
-        measured = spatial_mean_squares(self.image)
+        """(value, low, high) of the standard deviation of rows, columns, pixels and all, times a factor.
+
+        Pixels that stand out are left out: they are what they are in the map, and no width of a distribution.
+        """
+        left_out = outliers(self.image, least_sigma=0.0)
+        image = fill(self.image, left_out)
+        measured = spatial_mean_squares(image, filled=int(np.count_nonzero(left_out)))
         spreads: dict[str, tuple[float, float, float]] = {}
         for name, terms in PARTS.items():
             variance = terms(measured)
@@ -51,9 +57,10 @@ class CombinedMap:
         What averaging left of the temporal noise widens each part; it is scaled down to the σ without it. A part whose
         σ is not told from 0 is 0.
         """
-        mean = self.image.mean()
-        rows = self.image.mean(axis=1, keepdims=True) - mean
-        columns = self.image.mean(axis=0, keepdims=True) - mean
+        filled = fill(self.image, outliers(self.image, least_sigma=0.0))
+        mean = filled.mean()
+        rows = filled.mean(axis=1, keepdims=True) - mean
+        columns = filled.mean(axis=0, keepdims=True) - mean
         parts = {"row": rows, "col": columns, "pixel": self.image - mean - rows - columns}
         spreads = self.spread()
         for name, part in parts.items():
@@ -65,8 +72,11 @@ class CombinedMap:
 
 
 def scaled_to(part: Float64Array, sigma: float) -> Float64Array:
-    """A part of mean 0 with this standard deviation, at most its own; 0 where the wanted one is not known."""
-    own = math.sqrt(float(np.square(part).mean()))
+    """A part of mean 0 with this standard deviation, at most its own; 0 where the wanted one is not known.
+
+    Pixels that stand out are scaled as the others are.
+    """
+    own = math.sqrt(float(np.square(part[~outliers(part, least_sigma=0.0)]).mean()))
     if not own or not math.isfinite(sigma):
         return part * 0.0
     return part * min(sigma / own, 1.0)
