@@ -20,7 +20,7 @@ SHAPE = 160, 250
 def stacks_with_hot_pixels(
     rng: np.random.Generator, count: int, shape: tuple[int, int] = SHAPE
 ) -> tuple[Stack, Stack]:
-    """12 bits, 8 frames, half-saturated light; so many pixels have an offset of 500 to 3500 DN, clipped in the light."""
+    """12 bits, 8 frames, half saturation; so many pixels have an offset of 500 to 3500 DN, clipped in the light."""
     dark = 100 + noise(rng, shape, DSNU)
     hot = rng.choice(dark.size, count, replace=False)
     dark.flat[hot] += rng.uniform(500, 3500, count)
