@@ -31,7 +31,13 @@ RATIOS_IN_DB, DECIBELS = ("SNR_max", "DR"), "dB"
 DIGITS_OF_INTERVAL, MOST_DECIMALS = 2, 6
 NO_UNIT = "1"  # the unit of a ratio, which a reader need not see
 MAIN_HEADINGS = "figure | measured | 95 % from | to | unit | datasheet"
-HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | section | note"
+HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | one chip from | to | section | note"
+OF_TABLE = (
+    "z: distance from the datasheet in standard errors; one chip from, to: where the figure of a single chip of this "
+    "datasheet lies as it is measured here, where that is not the datasheet's value alone. A figure is marked where it "
+    "is farther from that range than chance allows for so many figures"
+)
+"""Below the table of all figures."""
 
 
 def figures_of(
@@ -104,6 +110,11 @@ def filter_section(
             f"{compared - len(wrong)} of {compared} figures{where} agree with the datasheet within {limit:.1f} "
             "standard errors"
         )
+    if chips := list(_outside_of_interval(measured.figures, datasheet)):
+        findings.append(
+            f"the datasheet's value is outside of the 95 % interval{where}, and as single chips are measured here: "
+            f"{', '.join(chips)}"
+        )
     for symbol, _, value, _, _, unit, said, *_ in wrong:
         both = f"{symbol}{where}: measured {value:.4g}, datasheet {said:.4g} {unit}"
         findings.append(both.rstrip())
@@ -127,7 +138,7 @@ def filter_section(
     parts: tuple[Part, ...] = (
         table(f"Main figures{where}", MAIN_HEADINGS, main),
         *(Drawing(f"{name}{where}", draw) for name, draw in measured.drawings.items()),
-        table(f"All figures{where}", HEADINGS, shown),
+        table(f"All figures{where}", HEADINGS, shown, OF_TABLE),
     )
     return Section(tuple(findings), not wrong and not measured.hidden, parts)
 
@@ -138,7 +149,9 @@ def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) ->
     interval = [
         x if math.isfinite(x) else None for x in (figure.value, figure.low, figure.high)
     ]
-    said = beside.get("datasheet"), beside.get("z")
+    said = [beside.get("datasheet"), beside.get("z"), None, None]
+    if beside and beside["chip_low"] < beside["chip_high"]:
+        said[2:] = beside["chip_low"], beside["chip_high"]
     cells = (
         figure.symbol,
         figure.name,
@@ -150,7 +163,7 @@ def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) ->
     )
     if not beside or not math.isfinite(figure.value):
         return "", cells
-    return ("good" if abs(beside["z"]) < limit else "bad"), cells
+    return ("good" if abs(beside["z_of_chip"]) < limit else "bad"), cells
 
 
 def _in_decibels(row: MarkedRow) -> Iterator[MarkedRow]:
@@ -158,7 +171,9 @@ def _in_decibels(row: MarkedRow) -> Iterator[MarkedRow]:
     mark, (symbol, name, value, low, high, _, said, *rest) = row
     if symbol in RATIOS_IN_DB:
         numbers = [_decibels(ratio) for ratio in (value, low, high)]
-        yield mark, (symbol, name, *numbers, DECIBELS, _decibels(said), *rest)
+        z, low, high, *last = rest
+        chip = _decibels(low), _decibels(high)
+        yield mark, (symbol, name, *numbers, DECIBELS, _decibels(said), z, *chip, *last)
 
 
 def _with_digits(cells: Sequence[object]) -> tuple[object, ...]:
@@ -189,17 +204,47 @@ def _decibels(ratio: object) -> float | None:
 
 
 def beside_datasheet(figure: Quantity, datasheet: Mapping[str, Said]) -> dict[str, float]:
-    """The datasheet's value, and how far the interval is outside of its range, in standard errors of the figure."""
+    """What stands beside a figure that the datasheet has.
+
+    datasheet, z : its value, and how far the measured one is from it, in standard errors of the figure.
+    chip_low, chip_high, z_of_chip : the range of single chips, and how far the measured value is outside of it.
+    """
     if figure.symbol not in datasheet:
         return {}
     said = datasheet[figure.symbol]
     nearest = min(max(figure.value, said.low), said.high)
-    if nearest > figure.value:
+    return {
+        "datasheet": said.value,
+        "z": _distance(figure, said.value),
+        "chip_low": said.low,
+        "chip_high": said.high,
+        "z_of_chip": _distance(figure, nearest),
+    }
+
+
+def _distance(figure: Quantity, value: float) -> float:
+    """How far a figure is above a value, in standard errors: those of the side of its interval that is nearer."""
+    if value > figure.value:
         half_width = figure.high - figure.value
     else:
         half_width = figure.value - figure.low
-    error = half_width / TWO_SIDED
-    if error > 0:
-        return {"datasheet": said.value, "z": (figure.value - nearest) / error}
-    is_inside = figure.low <= nearest <= figure.high
-    return {"datasheet": said.value, "z": 0.0 if is_inside else math.inf}
+    if half_width > 0:
+        return (figure.value - value) / (half_width / TWO_SIDED)
+    if figure.low <= value <= figure.high:
+        return 0.0
+    return math.copysign(math.inf, figure.value - value)
+
+
+def _outside_of_interval(
+    figures: Mapping[str, Quantity], sheet: Mapping[str, Said]
+) -> Iterator[str]:
+    """The figures whose interval does not hold the datasheet's value, while it meets the range of single chips."""
+    for symbol, figure in figures.items():
+        said = sheet.get(symbol)
+        if said is None or said.low == said.high or figure.covers(said.value):
+            continue
+        if figure.low <= said.high and figure.high >= said.low:
+            yield (
+                f"{symbol} ({said.low:.4g} to {said.high:.4g} {figure.unit.removeprefix(NO_UNIT)}".rstrip()
+                + ")"
+            )

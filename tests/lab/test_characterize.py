@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench import virtual_bench as bench_module
 from mitsuba_sensor.bench.datasheet import Said, expected
-from mitsuba_sensor.bench.figures_page import characterized, figures_of
+from mitsuba_sensor.bench.figures_page import beside_datasheet, characterized, figures_of
 from mitsuba_sensor.bench.rendered_field import rendered_field
 from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
 from mitsuba_sensor.cli import app
@@ -61,7 +61,12 @@ def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
         if "z" in one
     }
     assert set(beside) == set(sheet) and len(sheet) == 22
-    assert all(abs(one["z"]) < 4 for one in beside.values())
+    assert all(abs(one["z_of_chip"]) < 4 for one in beside.values())
+    for one in beside.values():
+        if one["low"] <= one["datasheet"] <= one["high"]:
+            assert abs(one["z"]) < 2  # 1.96 standard errors are the interval
+        else:
+            assert abs(one["z"]) > 1.9, one["symbol"]
     assert beside["K"]["value"] == pytest.approx(0.1241212, rel=0.01)  # Table 1: A_SN·2^12/V_FS
     assert beside["η"]["value"] == pytest.approx(0.6, rel=0.01) and beside["σ_row"][
         "value"
@@ -87,6 +92,26 @@ def test_ratios_stand_in_the_page_as_ratios_and_in_db_with_the_digits_of_their_i
         assert float(row[5]) > 0
     low, high = (float(x) for x in rows["K", "DN/e-"][2:4])
     assert high > low and len(rows["K", "DN/e-"][1]) >= 6
+
+
+def test_a_datasheet_outside_of_the_interval_is_told_with_the_range_of_single_chips(
+    small: Bench,
+) -> None:
+    """z is the distance from the datasheet, also where a single chip may be so far from it."""
+    (found,) = measure(small)
+    figure = found.figures["µ_e.sat"]
+    error = (figure.high - figure.value) / 1.96
+    said = Said(figure.value + 3 * error, figure.value - error, figure.value + 3 * error)
+    study = characterized("x", [found], {"": {"µ_e.sat": said}})
+    assert study.passed
+    beside = beside_datasheet(figure, {"µ_e.sat": said})
+    assert beside["z"] == pytest.approx(-3, rel=1e-3) and beside["z_of_chip"] == 0
+    (told,) = (one for one in study.findings if "outside of the 95 % interval" in one)
+    assert f"µ_e.sat ({said.low:.4g} to {said.high:.4g} e-)" in told
+    inside = characterized(
+        "x", [found], {"": {"µ_e.sat": Said(figure.value, said.low, said.high)}}
+    )
+    assert not any("outside of the 95 % interval" in one for one in inside.findings)
 
 
 def test_a_datasheet_that_is_5_percent_off_is_found_out(small: Bench) -> None:
