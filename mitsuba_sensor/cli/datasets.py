@@ -36,6 +36,14 @@ READ_FIRST = {
 }
 """Files of a dataset for people."""
 
+COUNTED = ("scene", "renders", "samples")
+MEASURED = ("render [s]", "sample [s]", "sample [MB]", "render noise")
+"""Headings of a plan; the second ones where a short render was made."""
+NOT_DENOISED = (
+    "not denoised, as what a denoiser leaves is alike in neighbouring pixels, which training could learn; with "
+    "`denoise = true` in [render] of the dataset file it is, as by `mitsuba-sensor render`"
+)
+
 dataset = typer.Typer(
     cls=Group,
     no_args_is_help=True,
@@ -253,42 +261,35 @@ def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableT
             f"\n{folder} was made from another text of the file before; samples that this one does not have stay there "
             f"and are in no index: `mitsuba-sensor dataset status {folder}` counts them"
         )
-    head.append("".join(f"\n{remark}" for remark in found.remarks))
+    for sentence in (found.render_noise, *found.remarks):
+        head.append(f"\n{sentence}" if sentence else "")
     return _with_failed(head, {one.view: one.failed for one in found.failed})
 
 
 def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> RenderableType:
     """A line for each scene, and the sums."""
-    table = FittedTable(
-        ("scene", "renders", "samples", "s/render", "s/sample", "MB/sample"), keys=1
-    )
+    headings = COUNTED if found is None else (*COUNTED, *MEASURED)
+    table = FittedTable(headings, keys=1)
     for scene, (views, samples) in counts.by_scene.items():
-        if found:
-            cost = found.scenes.get(scene)
-        else:
-            cost = None
-        if cost:
-            costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6)
-        else:
-            costs = None
-        if costs is None:
-            cells = ["–"] * 3
-        else:
-            cells = [rough(x) for x in costs]
+        cells = [""] * (len(headings) - len(COUNTED))
+        if found and scene in found.scenes:
+            cost = found.scenes[scene]
+            numbers = cost.render_s, cost.sample_s, cost.sample_bytes / 1e6, cost.noise_ratio
+            cells = [rough(x) for x in numbers]
         table.add_row(scene, str(views), str(samples), *cells)
-    if counts.views == 1:
-        renders = "1 render"
-    else:
-        renders = f"{counts.views} renders"
+    renders = "1 render" if counts.views == 1 else f"{counts.views} renders"
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
     head = f"{plan.file.name}: {counts.samples} samples of {renders}{f' ({splits})' if splits else ''}"
-    if found is None:
-        takes = []
-    else:
-        takes = [
-            f"about {duration(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"
+    below = []
+    if found is not None:
+        size = f"{found.bytes / 1e6:.3g} MB"
+        below = [
+            f"about {duration(found.seconds)} and {size} on this machine",
+            "render noise: the render's variance over the sensor's, in the median pixel; above 0.1 it shows",
         ]
-    return Lines(Text(head, style="bold"), table, *map(Text, takes))
+    if not plan.file.render.get("denoise"):
+        below.append(NOT_DENOISED)
+    return Lines(Text(head, style="bold"), table, *map(Text, below))
 
 
 def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
@@ -327,5 +328,6 @@ def _summary(found: RunProgress) -> dict[str, object]:
         "made": found.made,
         "there": found.there,
         "failed": failed,
+        "render_noise": found.render_noise,
         "remarks": found.remarks,
     }

@@ -78,7 +78,7 @@ class FittedTable:
         widths = self._widths(columns, width)
         for column, characters in zip(columns, widths, strict=True):
             side: Literal["right", "left"] = "right" if self._is_of_numbers(column) else "left"
-            heading = self.headings[column]
+            heading = Text(self.headings[column])  # not markup: [s] is a unit
             drawn.add_column(heading, overflow="fold", width=characters, justify=side)
         for row, style in zip(self.rows, self.styles, strict=True):
             if self._has_text(row, columns):

@@ -6,11 +6,12 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
 
+from ..render.passes.stop_criterion import RATIO_EXPONENT
 from ..render.variants import restores_variant
 from .keys import Facts
 from .planned import DatasetPlan, PlannedView
@@ -39,12 +40,14 @@ class Counts:
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one scene: seconds of a render, seconds of a sample, bytes of the files of a view and of a sample."""
+    """Of one scene: seconds of a render, seconds of a sample, bytes of the files of a view and of a sample; and the
+    noise ratio of a render with all its samples, in the median pixel."""
 
     render_s: float
     sample_s: float
     view_bytes: int
     sample_bytes: int
+    noise_ratio: float
 
 
 @dataclass(frozen=True)
@@ -120,8 +123,10 @@ def cost_of(view: PlannedView) -> Cost:
     started = time.monotonic()
     rendered = Rendered.of(view if whole else short)
     render_s, statistics = time.monotonic() - started, rendered.light.statistics
+    noise_ratio = statistics.noise_ratio_median
     if not whole:
         render_s += rendered.seconds_per_sample * (spp - statistics.samples_per_pixel)
+        noise_ratio *= (statistics.samples_per_pixel / spp) ** RATIO_EXPONENT
     took, view_bytes, sizes = list[float](), 0, list[int]()
     with tempfile.TemporaryDirectory() as folder:
         if view.outputs:
@@ -140,7 +145,7 @@ def cost_of(view: PlannedView) -> Cost:
             )
             took.append(time.monotonic() - started)
             sizes.append(_bytes(record.files))
-    return Cost(render_s, fmean(took[1:]), view_bytes, round(fmean(sizes[1:])))
+    return Cost(render_s, fmean(took[1:]), view_bytes, round(fmean(sizes[1:])), noise_ratio)
 
 
 def _bytes(files: Mapping[str, tuple[int, str]]) -> int:
@@ -160,5 +165,5 @@ def _middle_views(plan: DatasetPlan, counts: Counts) -> Iterator[tuple[str, Plan
 
 
 def _mean(costs: list[Cost]) -> Cost:
-    names = "render_s", "sample_s", "view_bytes", "sample_bytes"
+    names = [each.name for each in fields(Cost)]
     return Cost(*(sum(getattr(one, name) for one in costs) / len(costs) for name in names))

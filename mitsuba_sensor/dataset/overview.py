@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 from ..core import InputError
 from ..files import durable
@@ -24,23 +25,33 @@ AGAIN = (
 )
 
 
-def write_overview(plan: DatasetPlan, store: Store, index: Index) -> list[str]:
-    """Write all three where the index is another one than theirs; remarks on what could not be written."""
+class Overview(NamedTuple):
+    """What a run says of it at its end.  render_noise : the sentence of the card, where it was written.  failed : what
+    could not be written."""
+
+    render_noise: str = ""
+    failed: str = ""
+
+
+def write_overview(plan: DatasetPlan, store: Store, index: Index) -> Overview:
+    """Write all three where the index is another one than theirs."""
     try:
         card = _card_text(store)
         table_is_whole = _is_in_card(store, TABLE, card)
         sheet_is_there = f"({SHEET})" not in card or (store.folder / SHEET).is_file()
         if table_is_whole and sheet_is_there and _is_in_card(store, INDEX, card):
-            return []
+            return Overview()
         if table_is_whole:
             known = known_of_table(store)
         else:
             known = {}
         write_samples_table(store, index.lines, known)
-        write_card(store.folder, card_facts(plan, store, index))
+        facts = card_facts(plan, store, index)
+        write_card(store.folder, facts)
     except Exception as error:  # all samples are there: the run has not failed
-        return [f"{CARD}, {SHEET} or {TABLE} in {store.folder} was not written: {error}"]
-    return []
+        what = f"{CARD}, {SHEET} or {TABLE} in {store.folder}"
+        return Overview(failed=f"{what} was not written: {error}")
+    return Overview(facts.render_noise)
 
 
 def _card_text(store: Store) -> str:

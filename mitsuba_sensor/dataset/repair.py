@@ -58,8 +58,8 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
 
 
 class Holdings(NamedTuple):
-    """What a folder has.  samples : of the dataset, of which are there : so many, with so many bytes.  others : samples
-    that an earlier text of the dataset file had."""
+    """What a folder has.  samples : of the dataset, of which are there : so many, with so many bytes, those of the
+    files that views share included.  others : samples that an earlier text of the dataset file had."""
 
     samples: int
     there: int
@@ -70,12 +70,16 @@ class Holdings(NamedTuple):
 
 def holdings(store: Store, plan: DatasetPlan) -> Holdings:
     """By the records of the store: no file is read."""
-    sizes = {
-        one.key: sum(size for size, _ in one.files.values()) for one in store.scan("samples")
-    }
-    keys = [line["key"] for line in plan_lines(plan)]
-    own = [sizes.pop(key) for key in keys if key in sizes]
-    return Holdings(len(keys), len(own), sum(own), len(sizes), sum(sizes.values()))
+    sizes, of_views = _bytes_by_key(store, "samples"), _bytes_by_key(store, "views")
+    lines = list(plan_lines(plan))
+    own = [sizes.pop(line["key"]) for line in lines if line["key"] in sizes]
+    shared = [of_views.get(key, 0) for key in dict.fromkeys(line["view"] for line in lines)]
+    total = sum(own) + sum(shared)
+    return Holdings(len(lines), len(own), total, len(sizes), sum(sizes.values()))
+
+
+def _bytes_by_key(store: Store, kind: Kind) -> dict[str, int]:
+    return {one.key: sum(size for size, _ in one.files.values()) for one in store.scan(kind)}
 
 
 def store_of(folder: Path) -> Store:

@@ -33,7 +33,7 @@ class RunProgress:
     """How far a run is.  samples : of the dataset, or of this shard; before splits and shards leave any out.
     there : complete before this run.  made : by it.  failed : views in quarantine, with the reason.
     changed : the folder was made from another text of the dataset file, whose samples stay in it.
-    remarks : sentences that the user must read."""
+    remarks : sentences that the user must read.  render_noise : how large it is in the frames, at the end."""
 
     samples: int
     there: int = 0
@@ -42,6 +42,7 @@ class RunProgress:
     failed: list[Outcome] = field(default_factory=list)
     changed: bool = False
     remarks: list[str] = field(default_factory=list)
+    render_noise: str = ""
 
     @property
     def done(self) -> int:
@@ -161,8 +162,12 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
             store.release(one.view)
         count(0, one.samples)
         show(progress)
+    store.remove_empty_quarantine()
     index = write_index(plan, store)
-    progress.remarks += write_overview(plan, store, index)
+    overview = write_overview(plan, store, index)
+    progress.render_noise = overview.render_noise
+    if overview.failed:
+        progress.remarks.append(overview.failed)
     return progress
 
 

@@ -245,6 +245,7 @@ class Store:
     def quarantine(self, key: str, facts: Config) -> None:
         """Note that a view cannot be made.  facts : plain values, its log for example."""
         path = self._quarantine_of(key)
+        self._flushed.discard(path.parent)  # another run may have removed it, empty
         with disk_sentences(path):
             self._make_parent(path.parent)
             write_drawing(path, sealed(json.dumps(facts, ensure_ascii=False)))
@@ -276,6 +277,11 @@ class Store:
     def release(self, key: str) -> None:
         """Let a view be tried again."""
         self._move_away_and_remove(self._quarantine_of(key))
+
+    def remove_empty_quarantine(self) -> None:
+        """Remove the folder of what could not be made, where nothing is in it."""
+        with suppress(OSError):
+            (self.folder / QUARANTINE).rmdir()
 
     def _quarantine_of(self, key: str) -> Path:
         self.folder_of("views", key)  # refuses what is no key

@@ -6,6 +6,7 @@ they say so, or the program that watches them does.
 
 from __future__ import annotations
 
+import errno
 import faulthandler
 import os
 import socket
@@ -13,6 +14,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from io import FileIO
 from pathlib import Path
 
 from .disk_errors import disk_sentences
@@ -23,6 +25,8 @@ CRASHED = b"Fatal Python error:", b"Timeout ("
 """Beginnings of what a process writes when it dies of a signal of its own, or of its time limit (faulthandler)."""
 MOST_BYTES = 16_000  # that are kept of a log, from its end
 MOST_BYTES_IN_ALL = 2**24
+TRIES = 10
+"""To make a log in a folder that other runs remove when it is empty."""
 
 
 @contextmanager
@@ -36,14 +40,22 @@ def logged(path: Path, capture: bool) -> Iterator[int]:
     begun = b"%s%s %d %d\n" % (BEGUN, socket.gethostname().encode(), os.getpid(), time.time())
     with ExitStack() as stack:
         with disk_sentences(path, len(begun)):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            log = stack.enter_context(path.open("ab", buffering=0))
+            log = stack.enter_context(_opened(path))
             stack.callback(forget, path)
             log.write(begun)
         stack.enter_context(_traces_to(log.fileno()))
         if capture:
             stack.enter_context(_stderr_to(log.fileno()))
         yield log.fileno()
+
+
+def _opened(path: Path) -> FileIO:
+    """The log, open at its end; its folder is made again where another run has removed it, empty, meanwhile."""
+    for _ in range(TRIES):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            return path.open("ab", buffering=0)
+    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
 
 
 @contextmanager

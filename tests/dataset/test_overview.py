@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from mitsuba_sensor.dataset import overview, samples_table
 from mitsuba_sensor.dataset.exports import summary
 from mitsuba_sensor.dataset.exports.job import facts_of
 from mitsuba_sensor.dataset.exports.sheet import caption, names_that_vary, sheet_rows
+from mitsuba_sensor.dataset.forecast import forecast
 from mitsuba_sensor.dataset.keys import Facts
 from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
 from mitsuba_sensor.dataset.reader import Sample, read_index
@@ -269,6 +272,7 @@ def test_what_cannot_be_written_is_a_remark_and_the_run_has_not_failed(
     assert found.there == 12 and not found.failed
     assert (
         len(found.remarks) == 1
+        and not found.render_noise
         and f"was not written: cannot write {copy / name}" in found.remarks[0]
     )
     assert not list(verify(copy)) and not list(copy.glob(".*"))
@@ -321,3 +325,47 @@ def test_a_text_is_as_wide_as_it_is_and_cut_where_it_has_no_end() -> None:
     assert picture.shape[1] == max(widths) and picture.min() < 100
     assert text_picture(["i" * MOST_LETTERS]).width < widths[2] + 10 * GAP < 200
     assert text_picture([]).size == (1, 1)
+
+
+def test_a_run_ends_with_the_render_noise_and_leaves_no_empty_folder(tmp_path: Path) -> None:
+    """The sentence of the card; a second run, which makes nothing, says nothing of it."""
+    found = run(plan_in(tmp_path), tmp_path / "out", workers=0)
+    assert found.render_noise.startswith("Render noise is ")
+    assert found.render_noise in (tmp_path / "out" / "README.md").read_text("utf-8")
+    assert not (tmp_path / "out" / "quarantine").exists()
+    assert not run(plan_in(tmp_path), tmp_path / "out", workers=0).render_noise
+
+
+def test_a_plan_forecasts_the_render_noise_and_says_why_nothing_is_denoised(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """Within a factor of two of that of the run: a variance falls about as one over the samples (32 of 64 here; the flat field
+    has hardly any noise of light paths)."""
+    text = FILE.replace("spp = 4", "spp = 64")
+    plan = plan_in(tmp_path, text)
+    found = forecast(plan, 1)
+    run(plan, tmp_path / "out", workers=0)
+    samples = ms.Dataset(tmp_path / "out").where(scene="box")
+    made = np.median([one.facts["light"]["noise_ratio_median"] for one in samples])
+    assert 0.5 < found.scenes["box"].noise_ratio / made < 2
+    said = " ".join(
+        cli("dataset", "plan", tmp_path / "views.toml", "--root", SCENES).stdout.split()
+    )
+    assert "render noise" in said and "not denoised, as what a denoiser leaves" in said
+    counted = cli(
+        "dataset", "plan", tmp_path / "views.toml", "--root", SCENES, "--count-only"
+    ).stdout
+    assert "not denoised" in counted and "[MB]" not in counted and "sample [MB]" in said
+
+
+def test_status_and_card_count_the_same_bytes(tmp_path: Path) -> None:
+    """Those of the files that samples of a view share, too."""
+    text = FILE.replace('"preview"]', '"preview", "irradiance"]')
+    plan = plan_in(tmp_path, text)
+    run(plan, tmp_path / "out", workers=0)
+    held = holdings(Store(tmp_path / "out"), plan)
+    card = (tmp_path / "out" / "README.md").read_text("utf-8")
+    assert f"| bytes of the dataset | {held.bytes:,}".replace(",", " ") in card
+    files = [p for kind in ("samples", "views") for p in (tmp_path / "out" / kind).rglob("*.*")]
+    whole = sum(p.stat().st_size for p in files if p.is_file() and p.name != "record.json")
+    assert held.bytes == whole

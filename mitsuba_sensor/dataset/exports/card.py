@@ -47,7 +47,7 @@ class CardFacts:
     """What a card says.
 
     figures : what → how many.  splits : split → samples, scenes, renders and chips.  hashes : what → SHA-256.
-    how_to_read : code.  pictures : rows of the contact sheet.  notes : sentences on the figures.
+    how_to_read : code.  pictures : rows of the contact sheet.  render_noise : how large it is; notes : other sentences.
     """
 
     name: str
@@ -60,6 +60,7 @@ class CardFacts:
     how_to_read: str = ""
     pictures: Sequence[SheetRow] = ()
     versions: Mapping[str, str | None] = field(default_factory=dict)
+    render_noise: str = ""
     notes: Sequence[str] = ()
 
 
@@ -87,6 +88,7 @@ def card_text(facts: CardFacts) -> str:
         facts.description,
         sheet,
         _table(("", ""), list(facts.figures.items())),
+        facts.render_noise,
         *facts.notes,
         "## Splits" if splits else "",
         _table(("split", "samples", "scenes", "renders", "chips"), splits),

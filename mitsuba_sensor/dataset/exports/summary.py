@@ -88,7 +88,7 @@ def summary(
     if most is None:
         records = f"every `{RECORD}` in the order of the samples, then of the renders"
         hashes[records] = digest.hexdigest()
-    notes = _render_noise_notes(read.noise_ratios)
+    notes = []
     if "preview" not in file.outputs:
         notes.append(NO_SHEET)
     bytes_of = "bytes of the dataset"
@@ -117,6 +117,7 @@ def summary(
         HOW.format(array=arrays[0]) if arrays else "",
         sheet_rows(store, lines),
         read.versions,
+        _render_noise_note(read.noise_ratios),
         notes,
     )
 
@@ -141,10 +142,10 @@ def _splits(
     }
 
 
-def _render_noise_notes(noise_ratios: Mapping[str, float]) -> list[str]:
+def _render_noise_note(noise_ratios: Mapping[str, float]) -> str:
     """How large the render noise of the views is beside the sensor's, and what helps where it shows."""
     if not noise_ratios:
-        return []
+        return ""
     median = float(np.median([*noise_ratios.values()]))
     views = f", and over {len(noise_ratios)} views"
     if len(noise_ratios) == 1:
@@ -155,7 +156,7 @@ def _render_noise_notes(noise_ratios: Mapping[str, float]) -> list[str]:
     )
     if median > VISIBLE_RATIO:
         note = f"{note} {LESS_RENDER_NOISE}"
-    return [note]
+    return note
 
 
 def _add(read: _Read, line: Facts, facts: Facts) -> None:

@@ -74,11 +74,22 @@ class SensorNoise:
         """How many passes there may be: more where they take the time of a denoiser that is left out."""
         return self._stop.passes if self._stop.to_sensor_noise else before
 
+    def expected_passes(self, before: int) -> int:
+        """After how many passes the render may end, for the forecast of its time: at the next look, which most renders
+        of denoised light do not outlast; where there is none, after the most.  before : those that were planned."""
+        if self._next_look is None:
+            return self.most_passes(before)
+        return self._next_look
+
+    def is_due(self) -> bool:
+        """Whether it looks now, which takes a while where the light is denoised."""
+        return self._next_look is not None and self._prepared.renderer.passes >= self._next_look
+
     def is_reached(self) -> bool:
         """Whether the passes so far suffice."""
-        passes = self._prepared.renderer.passes
-        if self._next_look is None or passes < self._next_look:
+        if not self.is_due():
             return False
+        passes = self._prepared.renderer.passes
         ratio = self._ratio()
         choice = self._prepared.renderer.choice
         if choice is not None:

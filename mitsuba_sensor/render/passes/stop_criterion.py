@@ -237,6 +237,11 @@ class ProgressMeter:
         self._began += seconds
         self._first = self._first[0] + seconds, self._first[1]
 
+    def report_denoising(self) -> None:
+        """The passes so far are denoised, to see whether they suffice; what follows is not known."""
+        seconds, strips = self.times(1)[0], self._expected * self._strips
+        self._progress(RenderProgress(strips, strips, self._value, seconds, doing="denoising"))
+
     def report(self, strips: int) -> None:
         """So many strips of all passes are done."""
         (seconds, since), expected = self.times(1), self._expected * self._strips
