@@ -339,8 +339,8 @@ def test_a_run_ends_with_the_render_noise_and_leaves_no_empty_folder(tmp_path: P
 def test_a_plan_forecasts_the_render_noise_and_says_why_nothing_is_denoised(
     tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    """Within a factor of two of that of the run: a variance falls about as one over the samples (32 of 64 here; the flat field
-    has hardly any noise of light paths)."""
+    """Within a factor of two of that of the run: a variance falls about as one over the samples (32 of 64 here).
+    The flat field has hardly any noise of light paths."""
     text = FILE.replace("spp = 4", "spp = 64")
     plan = plan_in(tmp_path, text)
     found = forecast(plan, 1)
@@ -355,7 +355,7 @@ def test_a_plan_forecasts_the_render_noise_and_says_why_nothing_is_denoised(
     counted = cli(
         "dataset", "plan", tmp_path / "views.toml", "--root", SCENES, "--count-only"
     ).stdout
-    assert "not denoised" in counted and "[MB]" not in counted and "sample [MB]" in said
+    assert "not denoised" in counted and "[MB]" not in counted and "[MB]" in said
 
 
 def test_status_and_card_count_the_same_bytes(tmp_path: Path) -> None:
