@@ -26,7 +26,8 @@ from pydantic.fields import FieldInfo
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, ROWS
+from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS
+from mitsuba_sensor.camera.emva_sheet_file import NAMES as ROW_NAMES
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
 from mitsuba_sensor.render.infrared.materials import materials
 from mitsuba_sensor.render.motion.motion import KeyPose, RigidMotion
@@ -172,16 +173,16 @@ def camera_file() -> str:
 def emva_sheet() -> str:
     """The rows of an EMVA 1288 summary sheet, their keys, and an example of each."""
     lines = [
-        "| EMVA 1288 sheet | example | key of the camera file | value in the file |",
-        "|---|---|---|---|",
+        "| EMVA 1288 sheet | name for `--emva-file` | example | key of the camera file | value in the file |",
+        "|---|---|---|---|---|",
     ]
-    for row in ROWS:
+    for sheet_name, row in ROW_NAMES.items():
         example = SHEET_EXAMPLE[row.key]
         keys = ", ".join(f"`{key}`" for key in KEYS.get(row.key, ()))
         name, text = row.question.partition(", or")[0], _in_file(row.value(example))
         if not keys:
             keys, text = WITHOUT_KEY.get(row.key, "none"), ""
-        lines.append(f"| {name} | {example} | {keys} | {text} |")
+        lines.append(f"| {name} | `{sheet_name}` | {example} | {keys} | {text} |")
     return "\n".join(lines)
 
 

@@ -57,6 +57,25 @@ def _number(
     return read
 
 
+def _percent(
+    low: float, high: float, example: str, least: float
+) -> Callable[[str, str], float]:
+    """Reads a percentage. A number that may be meant as a fraction, below ``least``, needs its %."""
+    read_number = _number(low, high, example, factor=0.01)
+
+    def read(question: str, text: str) -> float:
+        alone = text.removesuffix("%").strip()
+        value = read_number(question, alone)
+        if alone == text and 0 < value * 100 < least:
+            raise InputError(
+                f"{question} is {text}, which is {text} %; write {100 * value * 100:.6g} if it is a fraction, or "
+                f"'{text} %' if it is meant."
+            )
+        return value
+
+    return read
+
+
 def _plain_number(text: str) -> Any:
     """The number in a text, with a decimal point or comma, as a fraction too; a text that is none as it is."""
     parts = [part.strip().replace(",", ".") for part in text.split("/")]
@@ -106,7 +125,7 @@ ROWS = (
     ),
     Row("bits", "bit depth [bit]", _whole(1, 24, "12")),
     Row("wavelength_nm", "wavelength of the measurement [nm]", _number(200, 2500, "525")),
-    Row("qe", "quantum efficiency QE [%]", _number(0.01, 100, "77", factor=0.01)),
+    Row("qe", "quantum efficiency QE [%]", _percent(0.01, 100, "77", least=1.5)),
     Row(
         "gain_dn_per_e",
         "overall system gain K [DN/e-], or 1/8.16 where the sheet has 8.16 e-/DN",
@@ -123,7 +142,7 @@ ROWS = (
     Row("saturation_e", "saturation capacity [e-]", _number(1, 1e9, "32691")),
     Row("dynamic_range_db", "dynamic range [dB]", _number(0, 200, "72.5"), optional=True),
     Row("dsnu_e", "DSNU [e-]", _number(0, 1e6, "2.1")),
-    Row("prnu", "PRNU [%]", _number(0, 100, "0.5", factor=0.01)),
+    Row("prnu", "PRNU [%]", _percent(0, 100, "0.5", least=0.05)),
     Row("linearity_percent", "linearity error LE [%]", _number(0, 100, "0.2"), optional=True),
     Row("dark_e_per_s", "dark current [e-/s]", _number(0, 1e9, "5")),
     Row(

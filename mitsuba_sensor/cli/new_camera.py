@@ -13,6 +13,7 @@ import mitsuba_sensor as ms
 
 from ..camera.camera import SET_BY_USER
 from ..camera.emva_sheet import ROWS, Row, Value, camera_of_sheet, comparisons, is_asked
+from ..camera.emva_sheet_file import read_sheet
 from ..camera.gain_ladder import SAME, SET
 from ..camera.shipped import DEFAULT_CAMERA as DEFAULT
 from ..core import InputError
@@ -25,12 +26,14 @@ OF_SHEET = "by its EMVA 1288 sheet"
 
 def new_camera_of(flags: Mapping[str, Flag], file: Path) -> tuple[ms.Camera, list[str]]:
     """The camera to write, and what is to be said of it. Raises InputError."""
-    if flags["emva"] and flags["like"] is not None:
+    given = [name for name in ("emva", "emva_file", "like") if flags[name]]
+    if len(given) > 1:
         raise InputError(
-            "--emva asks for all numbers, and --like takes those of a camera; give one of both."
+            "--emva asks for all numbers, --emva-file reads them, and --like takes those of a camera; give "
+            "one of these."
         )
-    if flags["emva"]:
-        values = asked_rows()
+    if flags["emva"] or flags["emva_file"]:
+        values = read_sheet(flags["emva_file"]) if flags["emva_file"] else asked_rows()
         name, description, notes = asked_names(flags, file, OF_SHEET)
         camera = camera_of_sheet(values, name, description).replace(**changes_of(flags))
         notes += comparisons(values, camera)
@@ -97,7 +100,8 @@ def is_terminal() -> bool:
 
 
 def asked_rows() -> dict[str, Value]:
-    """The values of a sheet, each asked until it can be used. Raises InputError where the answers end before."""
+    """The values of a sheet, each asked until it can be used; of answers that nobody types the first that cannot ends
+    it, because all others would belong to another row. Raises InputError, also where the answers end before."""
     err.print(
         "The rows of the EMVA 1288 summary sheet, from top to bottom; an optional one may stay empty.",
         highlight=False,
@@ -124,4 +128,6 @@ def _asked(row: Row) -> Value:
         try:
             return row.value(str(text))
         except InputError as error:
+            if not is_terminal():
+                raise
             err.print(str(error), markup=False, highlight=False, soft_wrap=True)

@@ -103,6 +103,10 @@ class NewCameraFlags(TypedDict, total=False):
         bool,
         Option("Ask for the rows of an EMVA 1288 sheet, in its order, instead.", False),
     ]
+    emva_file: Annotated[
+        str | None,
+        Option("Read these rows from a file, NAME = VALUE in each line.", metavar="FILE"),
+    ]
     name: Annotated[
         str | None,
         Option(

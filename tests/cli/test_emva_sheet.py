@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, ROWS, camera_of_sheet
+from mitsuba_sensor.camera.emva_sheet_file import NAMES
 from mitsuba_sensor.cli import app
 
 SHEETS: dict[str, dict[str, str]] = {
@@ -131,13 +132,86 @@ def test_the_rows_stand_in_the_order_of_the_sheet() -> None:
     assert places == sorted(places)
 
 
-def test_what_cannot_be_is_said_and_asked_again(tmp_path: Path) -> None:
+def test_what_cannot_be_is_said_and_asked_again_at_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mitsuba_sensor.cli.new_camera.is_terminal", lambda: True)
     text = typed(SHEETS["sony_imx174"]).replace("1/8.16\n", "a lot\n0\n1/8.16\n")
+    text = text.replace("\n77\n", "\n0.77\n77\n") + "mine\n\n"
     arguments = ["cameras", "new", str(tmp_path / "my.toml"), "--emva"]
     done = CliRunner().invoke(app, arguments, input=text)
     assert done.exit_code == 0
     assert "K [DN/e-]" in done.stderr and "is 'a lot'; it must be a number" in done.stderr
     assert "is 0.0; it must be from 1e-06 to 10000" in done.stderr
+    assert "QE [%] is 0.77, which is 0.77 %; write 77 if it is a fraction" in done.stderr
+    assert ms.load_camera(tmp_path / "my.toml").qe([525.0])[0, 0] == pytest.approx(0.77)
+
+
+def test_a_wrong_answer_of_a_pipe_ends_it_before_the_others_are_taken_for_other_rows(
+    tmp_path: Path,
+) -> None:
+    for wrong, said in (("0.65", "write 65 if it is a fraction"), ("x", "it must be a number")):
+        done = new(tmp_path, {**SHEETS["sony_imx174"], "qe": wrong})
+        assert done.exit_code == 2 and said in done.stderr and done.stderr.count("error:") == 1
+        assert not list(tmp_path.iterdir())
+    done = new(tmp_path, {**SHEETS["sony_imx174"], "prnu": "0.006"})
+    assert (
+        done.exit_code == 2 and "PRNU [%] is 0.006, which is 0.006 %; write 0.6" in done.stderr
+    )
+
+
+def test_a_small_percentage_that_is_meant_has_its_sign(tmp_path: Path) -> None:
+    done = new(tmp_path, {**SHEETS["sony_imx174"], "prnu": "0.006 %", "qe": "1.2%"})
+    assert done.exit_code == 0, done.stderr
+    camera = ms.load_camera(tmp_path / "my.toml")
+    assert camera.pixel.prnu == pytest.approx(6e-5)
+    assert camera.qe([525.0])[0, 0] == pytest.approx(0.012)
+
+
+def sheet_file(folder: Path, sheet: dict[str, str], more: str = "") -> list[str]:
+    names = {row.key: name for name, row in NAMES.items()}
+    lines = [f"{names[key]} = {value}  # as typed" for key, value in sheet.items()]
+    (folder / "sheet.txt").write_text("\n".join(["# EMVA 1288", *lines, more]), "utf-8")
+    file, out = str(folder / "sheet.txt"), str(folder / "file.toml")
+    return ["cameras", "new", out, "--emva-file", file, "--name", "my", "--force"]
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_a_file_of_rows_makes_the_camera_that_typed_ones_make(
+    name: str, tmp_path: Path
+) -> None:
+    assert new(tmp_path, SHEETS[name], "--name", "my").exit_code == 0
+    done = CliRunner().invoke(app, sheet_file(tmp_path, SHEETS[name]))
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "file.toml").read_text() == (tmp_path / "my.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("changes", "more", "said"),
+    [
+        ({"qe": "0.65"}, "", "qe_percent: quantum efficiency QE [%] is 0.65, which is 0.65 %"),
+        ({}, "qee_percent = 3", "Did you mean 'qe_percent'?"),
+        ({}, "bits = 3", "bits is given twice"),
+        ({}, "just words", "is no row NAME = VALUE"),
+        ({"bits": ""}, "", "bit depth [bit] is empty"),
+    ],
+)
+def test_a_wrong_file_is_one_sentence(
+    changes: dict[str, str], more: str, said: str, tmp_path: Path
+) -> None:
+    argv = sheet_file(tmp_path, {**SHEETS["sony_imx174"], **changes}, more)
+    done = CliRunner().invoke(app, argv)
+    assert done.exit_code == 2 and said in done.stderr, done.stderr
+    assert not (tmp_path / "file.toml").exists()
+
+
+def test_a_file_without_a_row_names_all_that_are_missing(tmp_path: Path) -> None:
+    (tmp_path / "sheet.txt").write_text("bits = 12\n", "utf-8")
+    argv = ["cameras", "new", str(tmp_path / "my.toml"), "--emva-file"]
+    done = CliRunner().invoke(app, [*argv, str(tmp_path / "sheet.txt")])
+    assert done.exit_code == 2 and "pitch_um (pixel size [µm])" in done.stderr
+    assert "dark_e_per_s" in done.stderr and "snr_max_db" not in done.stderr
+    assert CliRunner().invoke(app, [*argv, str(tmp_path / "none.txt")]).exit_code == 2
 
 
 def test_no_dark_current_has_no_temperature(tmp_path: Path) -> None:
@@ -189,4 +263,4 @@ def test_a_terminal_is_asked_for_name_and_description(
 
 def test_a_sheet_and_a_camera_are_two_ways(tmp_path: Path) -> None:
     done = new(tmp_path, SHEETS["cmv4000"], "--like", "bayer_2mp")
-    assert done.exit_code == 2 and "give one of both" in done.stderr
+    assert done.exit_code == 2 and "give one of these" in done.stderr

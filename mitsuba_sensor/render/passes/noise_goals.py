@@ -5,6 +5,7 @@ The noise ratio is the render's variance over the sensor's own temporal variance
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -75,21 +76,19 @@ class SensorNoise:
         return self._stop.passes if self._stop.to_sensor_noise else before
 
     def expected_passes(self, before: int) -> int:
-        """After how many passes the render may end, for the forecast of its time: at the next look, which most renders
-        of denoised light do not outlast; where there is none, after the most.  before : those that were planned."""
+        """After how many passes the render may end: at the next look, which most renders of denoised light do not
+        outlast; where there is none, after the most.  before : those that were planned."""
         if self._next_look is None:
             return self.most_passes(before)
         return self._next_look
 
-    def is_due(self) -> bool:
-        """Whether it looks now, which takes a while where the light is denoised."""
-        return self._next_look is not None and self._prepared.renderer.passes >= self._next_look
-
-    def is_reached(self) -> bool:
-        """Whether the passes so far suffice."""
-        if not self.is_due():
-            return False
+    def is_reached(self, looks: Callable[[], object] = lambda: None) -> bool:
+        """Whether the passes so far suffice.  looks : called before it looks, which takes a while where the light is
+        denoised."""
         passes = self._prepared.renderer.passes
+        if self._next_look is None or passes < self._next_look:
+            return False
+        looks()
         ratio = self._ratio()
         choice = self._prepared.renderer.choice
         if choice is not None:
@@ -122,3 +121,10 @@ class SensorNoise:
         return prepared.noise_ratios(exposure, light, prepared.renderer.passes)[
             "noise_ratio_p95"
         ]
+
+
+def until_look(stop: StopCriterion, noise: SensorNoise | None) -> StopCriterion:
+    """What the forecast of the time expects of a render."""
+    if noise is None:
+        return stop
+    return replace(stop, passes=noise.expected_passes(stop.passes))

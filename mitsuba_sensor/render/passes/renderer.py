@@ -40,7 +40,7 @@ from ..scene.scene import Scene
 from ..variants import mitsuba
 from .denoise_choice import DenoiseChoice
 from .estimate import Estimate
-from .noise_goals import MedianNoiseRatio, SensorNoise
+from .noise_goals import MedianNoiseRatio, SensorNoise, until_look
 from .passes import clean, hashed_seed, row_strips
 from .pooled import pooled, relative_errors
 from .row_strip import BandSums, Kept, RowStrip
@@ -113,7 +113,7 @@ class Renderer:
         self._guides: Guides | None = None
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
-        meter.forecast(_until_look(budget, noise), 0, np.nan)
+        meter.forecast(until_look(budget, noise), 0, np.nan)
         count = len(self.groups)
         if budget.is_long(math.prod(self.scene.view.crop_size) * count) and isinstance(
             self.scene, Scene
@@ -125,12 +125,10 @@ class Renderer:
             most = self.scene.most_together(self.samples) if len(self.strips) == 1 else 1
             self._passes(seed, meter, budget.together(most))
             value = measure(*self.noise_estimate())
-            meter.forecast(_until_look(budget, noise), self.passes, value)
+            meter.forecast(until_look(budget, noise), self.passes, value)
             self.seconds_per_sample = meter.later_pass_s / (self.samples * len(self.groups))
             with meter.not_counted():
-                if noise is not None and noise.is_due():
-                    meter.report_denoising()
-                reached = noise is not None and noise.is_reached()
+                reached = noise is not None and noise.is_reached(meter.report_denoising)
             if noise is not None:
                 budget = replace(budget, passes=noise.most_passes(budget.passes))
             if reached:
@@ -419,10 +417,3 @@ class Renderer:
             flat = self._own(data[here] @ self._weights.T, here)
             factor[here] = in_band_factor(mean_e[here], flat)
         return factor
-
-
-def _until_look(budget: StopCriterion, noise: SensorNoise | None) -> StopCriterion:
-    """What is expected of a render: to end where it is compared with the sensor's noise next."""
-    if noise is None:
-        return budget
-    return replace(budget, passes=noise.expected_passes(budget.passes))
