@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 from rich.text import Text
 
+from ..core.id_groups import as_options, groups_of_ids
 from . import arguments
 from .app import app, show
 from .help import Command, Group
@@ -63,6 +64,12 @@ def show_scene(name: arguments.SceneName, as_json: arguments.Json = False) -> No
     show(f"{description}\n{file}\nsensors: {', '.join(sensors)}", False)
     show(table, False)
     show(lamps, False)
+    ids = [emitter.id for emitter in emitters if emitter.id]
+    if len(ids) > 1:
+        show(
+            f"groups, as the ids suggest: {as_options(groups_of_ids(dict.fromkeys(ids)))}",
+            False,
+        )
 
 
 @scenes.command(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +13,20 @@ import pytest
 from helpers.scenes import skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core.id_groups import groups_of_ids
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.group_notes import notes_of_groups
 from mitsuba_sensor.render.passes import grouped
+from mitsuba_sensor.render.passes import prepared as prepared_module
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import (
     GROUP_LAUNCH,
     RenderProgress,
     stop_criterion_of,
 )
+from mitsuba_sensor.render.scene.light_groups import checked_light_groups, light_groups_of
+from mitsuba_sensor.render.scene.scene_settings import parse
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(1e-4)
@@ -370,3 +375,47 @@ def test_the_passes_of_groups_have_few_sizes_and_about_the_samples_of_their_shar
     assert sizes == (
         {1, 2, 4, 8} if repeatable else {1, 2, 4, 8, 16, 30, 64, 121, 256, 506, 1024}
     )
+
+
+def test_too_many_groups_are_refused_before_the_scene_is_loaded_with_those_that_its_ids_suggest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The night crossing has 19 emitters; what is suggested is accepted and has every one of them."""
+
+    def load(*_: object, **__: object) -> None:
+        raise AssertionError("the scene was loaded")
+
+    monkeypatch.setattr(prepared_module, "load_scene", load)
+    with pytest.raises(ms.InputError, match="makes 19 groups") as refused:
+        ms.render("night_crossing", light_groups="auto")
+    said = str(refused.value)
+    groups = dict(re.findall(r"--light-groups (\w+)=([\w*,]+)", said))
+    assert groups["lamp"] == "lamp_*" and groups["moon"] == "moon" and len(groups) <= 16
+    assert str(groups) in said
+    scene = parse("night_crossing", {}).file
+    found = light_groups_of(scene, checked_light_groups("light_groups", groups))
+    assert [one.name for one in found] == list(groups)
+    assert sum(len(one.emitters) for one in found) == 19
+
+
+@pytest.mark.parametrize(
+    ("ids", "groups"),
+    [
+        (["lamp_1", "sky", "lamp_2"], {"lamp": "lamp_*", "sky": "sky"}),
+        (["lamp", "lamp_2"], {"lamp": "lamp,lamp_*"}),
+        (["moon_shape"], {"moon_shape": "moon_shape"}),
+        ([], {}),
+    ],
+)
+def test_ids_that_begin_alike_are_a_group(ids: list[str], groups: dict[str, str]) -> None:
+    assert groups_of_ids(ids) == groups
+
+
+def test_more_samples_than_were_asked_for_are_told(tmp_path: Path) -> None:
+    """Three groups with 8 samples or more each take 24 where 4 were asked for."""
+    scene = scene_of(tmp_path, "all")
+    groups = {"area": "area", "lamps": "lamp_*"}
+    few = ms.render(scene, CAMERA, EXPOSURE, light_groups=groups, **{**QUICK, "spp": 4})
+    samples = few.statistics.samples_per_pixel
+    (note,) = (one for one in few.notes if "asked for" in one)
+    assert note.startswith(f"4 samples per pixel asked for, {samples} taken by 3 light groups")

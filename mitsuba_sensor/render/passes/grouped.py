@@ -19,7 +19,7 @@ from ..light.irradiance import Irradiance
 from ..light.light_sum import sum_of_groups
 from ..lint.electron_share import with_notes_of_shares
 from ..lint.refusals import refuse_black
-from .passes import hashed_seed
+from .passes import FEWEST, hashed_seed
 from .statistics import POOLED, NoiseRatios, RenderStatistics, coarsest, sum_error, summary_of
 from .stop_criterion import Progress, RenderProgress, StopCriterion
 
@@ -86,6 +86,8 @@ def render_light_groups(
     if not total.data.any():
         refuse_black(whole.bands.ends_nm, total.statistics.non_finite, whole.at_rest.findings)
     statistics = _statistics(whole, renders, time.monotonic() - began)
+    more = _note_of_samples(stop, len(renders), statistics.samples_per_pixel)
+    statistics = replace(statistics, notes=(*statistics.notes, *more))
     light = replace(total, statistics=statistics)
     return with_notes_of_shares(light, whole.camera, whole.at_rest.findings)
 
@@ -214,6 +216,16 @@ def _own_notes(whole: PreparedRender, renders: Mapping[str, GroupRender]) -> lis
         for name, render in renders.items()
     }
     return notes_of_groups(notes)
+
+
+def _note_of_samples(stop: StopCriterion, groups: int, samples: int) -> list[str]:
+    """Where all groups together took another number of samples than was asked for."""
+    if stop.asked is None or stop.asked == samples:
+        return []
+    return [
+        f"{stop.asked} samples per pixel asked for, {samples} taken by {groups} light groups together: each has "
+        f"{FEWEST} or more, in passes of a full grid"
+    ]
 
 
 def _sum_of(parts: Iterable[Electrons]) -> Electrons:

@@ -390,6 +390,9 @@ def prepare(
     warn_of_temperature(known.temperature_k)
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
+    groups: tuple[LightGroup, ...] = ()
+    if chosen["light_groups"] is not None:
+        groups = light_groups_of(parsed.file, cast(AskedGroups, chosen["light_groups"]))
     at_rest = load_scene(
         parsed.file,
         bands,
@@ -409,8 +412,7 @@ def prepare(
     still = PreparedRender(
         *loaded, *asked_for, Motion(), metres, sampler, metering, undecided=undecided
     )
-    if chosen["light_groups"] is not None:
-        groups = light_groups_of(parsed.file, cast(AskedGroups, chosen["light_groups"]))
+    if groups:
         still = replace(still.metered_first(), light_groups=groups)
     if chosen["motion"] is None:
         return still if chosen["noise_ratio"] is None else still.metered_first()

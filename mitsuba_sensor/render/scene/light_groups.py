@@ -13,6 +13,7 @@ from fnmatch import fnmatchcase
 from typing import Literal, NamedTuple, TypeAlias
 
 from ...core import InputError, nearest
+from ...core.id_groups import as_options, groups_of_ids
 from ..variants import MitsubaObject, mitsuba
 from .scene_file import SceneFile
 
@@ -88,12 +89,18 @@ def _patterns(given: object) -> tuple[str, ...]:
     return tuple(pattern for pattern in (str(part).strip() for part in listed) if pattern)
 
 
-def _refuse_many(name: str, groups: Collection[str]) -> None:
-    if len(groups) > MOST_GROUPS:
-        raise InputError(
-            f"{name} makes {len(groups)} groups, each a render of its own; at most {MOST_GROUPS}: put several "
-            f"emitters into one by patterns of their ids, e.g. {PATTERN_EXAMPLE} ({', '.join(groups)})."
-        )
+def _refuse_many(name: str, groups: Collection[str], ids: Sequence[str] = ()) -> None:
+    """Raise InputError for more groups than there may be.  ids : of the emitters, for those that the scene suggests."""
+    if len(groups) <= MOST_GROUPS:
+        return
+    suggested = groups_of_ids(dict.fromkeys(ids))
+    example = f"e.g. {PATTERN_EXAMPLE} ({', '.join(groups)})"
+    if 0 < len(suggested) <= MOST_GROUPS:
+        example = f"as the ids of this scene suggest, `{as_options(suggested)}` ({suggested})"
+    raise InputError(
+        f"{name} makes {len(groups)} groups, each a render of its own; at most {MOST_GROUPS}: put several emitters "
+        f"into one by patterns of their ids, {example}."
+    )
 
 
 def emitters_of(scene: SceneFile) -> list[PlacedEmitter]:
@@ -139,7 +146,7 @@ def light_groups_of(scene: SceneFile, asked: AskedGroups) -> tuple[LightGroup, .
             raise InputError(
                 f"light_groups: no emitter is named {named} ({group}); {has}.{nearest(named, known)}"
             )
-    _refuse_many("light_groups", members)
+    _refuse_many("light_groups", members, [name for one in emitters for name in one.names[-1:]])
     order = [*patterns, *(name for name in members if name not in patterns)]
     return tuple(LightGroup(name, frozenset(members[name])) for name in order)
 
