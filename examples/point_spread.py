@@ -1,7 +1,7 @@
 """Make the pictures of docs/point-spread.md: the still life on pixels of 1.1 µm at f/4 and f/22.
 
 python examples/point_spread.py                                    # small, into point_spread/
-python examples/point_spread.py docs/images --size 96 --spp 64     # the pictures of docs/point-spread.md
+python examples/point_spread.py docs/images --size 160 --spp 256   # the pictures of docs/point-spread.md
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ from mitsuba_sensor.output.preview import preview
 
 SCENE = Path(__file__).parent.parent / "scenes" / "still_life.xml"
 F_NUMBERS = 4, 22
+FRAMES = 32  # whose mean is shown
+BRIGHTER = 1.5
 TIME_S = 0.6  # at f/4; the same light takes longer at f/22
 
 
 def still_life(f_number: float, size: int, spp: int) -> np.ndarray:
-    """A preview of the still life at this f-number, with the diffraction of the pupil."""
+    """A preview of the mean frame of the still life at this f-number, with the diffraction of the pupil."""
     camera = ms.load_camera("raspberry_pi_hq").replace(
         **{
             "pixel.pitch_x_um": 1.1,
@@ -34,10 +36,13 @@ def still_life(f_number: float, size: int, spp: int) -> np.ndarray:
     light = ms.render(
         SCENE, camera, exposure, spp=spp, parameters={"width": size * 3 // 2, "height": size}
     )
-    frame = ms.expose(ms.collect(light, camera, exposure), camera, exposure)
+    frames = ms.expose(ms.collect(light, camera, exposure), camera, exposure, frames=FRAMES)
     known = light.rendered_for
     return preview(
-        frame.digital[0], camera, illuminant=None if known is None else known.illuminant
+        frames.digital.mean(axis=0),
+        camera,
+        BRIGHTER,
+        illuminant=None if known is None else known.illuminant,
     )
 
 

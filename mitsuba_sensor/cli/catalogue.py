@@ -123,15 +123,18 @@ def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) ->
 
     Exit code: 0 if there are at most warnings, 2 if the file cannot be used.
     """
-    from ..optics.image_record import airy_sentence
+    from ..optics.image_record import airy_record, airy_sentence
 
-    found = ms.check_camera(name)
+    found, airy = ms.check_camera(name), None
     lines = [*map(str, found)]
     errors = sum(one.level == "error" for one in found)
     if not errors:
-        lines.append(f"{name}: {airy_sentence(ms.load_camera(name))}")
+        camera = ms.load_camera(name)
+        airy = airy_record(camera)
+        lines.append(f"{name}: {airy_sentence(camera)}")
     lines.append(_verdict(name, found))
-    show([one.to_dict() for one in found] if as_json else "\n".join(lines), as_json)
+    checked = {"findings": [one.to_dict() for one in found], "airy_disk": airy}
+    show(checked if as_json else "\n".join(lines), as_json)
     if errors:
         raise typer.Exit(2)
 

@@ -34,6 +34,16 @@ def airy_wavelength_nm(camera: Camera) -> float:
     return sum(camera.band_nm) / 2
 
 
+def airy_record(camera: Camera) -> dict[str, object]:
+    """The Airy disk of the camera's lens, focused at infinity, and whether renders have it; ready for JSON."""
+    return {
+        "diameter_px": airy_diameter_px(camera),
+        "wavelength_nm": airy_wavelength_nm(camera),
+        "f_number": camera.lens.f_number,
+        "rendered": camera.lens.diffraction,
+    }
+
+
 def airy_sentence(camera: Camera) -> str:
     """How large the Airy disk of the camera's lens is on its pixels, and whether renders have it."""
     size = f"{airy_diameter_px(camera):.2g} pixels across at {airy_wavelength_nm(camera):g} nm"

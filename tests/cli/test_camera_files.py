@@ -32,7 +32,7 @@ def test_a_new_file_is_the_camera_that_it_is_like(
     checked = cli("cameras", "check", file)
     assert checked.exit_code == 0 and checked.stdout.endswith(f"{file}: nothing is wrong\n")
     assert "the Airy disk of f/" in checked.stdout and checked.stdout.count("\n") == 2
-    assert json.loads(cli("cameras", "check", file, "--json").stdout) == []
+    assert json.loads(cli("cameras", "check", file, "--json").stdout)["findings"] == []
 
 
 def test_an_existing_file_is_written_over_only_by_force(
@@ -120,11 +120,21 @@ def test_a_check_prints_errors_and_warnings_and_exits_2_only_for_errors(
     )
     found = cli("cameras", "check", file, "--json")
     assert found.exit_code == 2
-    assert [one["field"] for one in json.loads(found.stdout)] == [
+    assert json.loads(found.stdout)["airy_disk"] is None
+    assert [one["field"] for one in json.loads(found.stdout)["findings"]] == [
         "sensor.rows",
         "adc.bitts",
         "pixel.prnu",
     ]
+
+
+def test_a_check_as_json_has_the_airy_disk_in_pixels(cli: Callable[..., Any]) -> None:
+    """2.44·λN over the pitch: 2.44 · 0.55 µm · 2.8 over 5.7 µm."""
+    found = json.loads(cli("cameras", "check", "konnik_table1", "--json").stdout)
+    expected = 2.44 * 0.55 * 2.8 / 5.7
+    assert found["airy_disk"]["diameter_px"] == pytest.approx(expected, rel=1e-3)
+    assert found["airy_disk"]["wavelength_nm"] == 550
+    assert found["airy_disk"]["rendered"] is False
 
 
 def test_set_unsets_a_field_so_that_its_alternative_can_be_given(

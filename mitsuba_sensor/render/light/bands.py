@@ -83,6 +83,11 @@ class Bands:
         return tuple(slice(k, min(k + GROUP, len(self))) for k in range(0, len(self), GROUP))
 
     @property
+    def first_filter(self) -> int:
+        """Number of the first channel of the film that is a colour filter."""
+        return 0 if self.kind == "channels" else len(self)
+
+    @property
     def ends_nm(self) -> tuple[float, float]:
         """Where the first channel begins, and where the last one ends."""
         return float(self.edges_nm[0]), float(self.edges_nm[-1])

@@ -37,13 +37,14 @@ from ..light.own_filter import in_band_factor, of_own_filter
 from ..light.photons import electrons_per_irradiance
 from ..motion.moving_scene import MovingScene
 from ..scene.scene import Scene
+from ..scene.weight_noise import without_weight_noise
 from ..variants import mitsuba
 from .denoise_choice import DenoiseChoice
 from .estimate import Estimate
 from .noise_goals import MedianNoiseRatio, SensorNoise, until_look
 from .passes import clean, hashed_seed, row_strips
 from .pooled import pooled, relative_errors
-from .row_strip import BandSums, Kept, RowStrip
+from .row_strip import BandSums, Kept, RowStrip, mean_spectrum
 from .statistics import firefly_fraction
 from .stop_criterion import End, Progress, ProgressMeter, StopCriterion
 
@@ -183,7 +184,8 @@ class Renderer:
 
     def _add(self, strip: RowStrip, first: int, radiance: NDArray[np.float32]) -> None:
         """Some rows of passes, (passes, rows, W, channels).  first : the first one's number in the strip."""
-        found, start = clean(radiance), strip.rows.start + first
+        channels = len(self.bands) + self.bands.filters
+        found, start = clean(radiance[..., :channels]), strip.rows.start + first
         rows = slice(start, start + radiance.shape[1])
         self.negative += found.negative
         self.non_finite += found.non_finite
@@ -193,6 +195,9 @@ class Renderer:
                 axis=(0, -1)
             )
         irradiance = found.values
+        if radiance.shape[-1] > channels:
+            of_filters = irradiance[..., self.bands.first_filter :]
+            without_weight_noise(of_filters, radiance[..., channels:])
         irradiance *= self._solid_angle[rows, :, None] * self._scale
         per_filter = irradiance @ self._film_weights.T
         own = np.stack([self._own(one, rows) for one in per_filter])
@@ -246,7 +251,8 @@ class Renderer:
         """Mean of the passes and its variance behind each pixel's own filter, (H, W) each."""
         parts = [(strip.electrons, strip.rows) for strip in self.strips]
         variance = np.concatenate([self._own(e.variance_of_mean, rows) for e, rows in parts])
-        return np.concatenate([self._own(e.mean, rows) for e, rows in parts]), variance
+        mean = np.concatenate([self._own(e.mean, rows) for e, rows in parts])
+        return np.maximum(mean, 0.0, out=mean), variance  # of a control variate
 
     def denoise(self, last: bool = False) -> None:
         """Denoise what was rendered so far; from now on :meth:`electrons` and :meth:`result` are the denoised light.
@@ -312,7 +318,7 @@ class Renderer:
         for strip in self.strips if odd else []:
             here = found[strip.rows]
             here[...] = (strip.electrons.mean - share * here) / (1 - share)
-        return found[rows]
+        return np.asarray(np.maximum(found[rows], 0))
 
     def _variance_of(self, number: int, rows: slice = slice(None)) -> Map:
         """Variance of the mean photoelectrons behind one filter."""
@@ -326,19 +332,13 @@ class Renderer:
         self.strips, self.denoised, self._filtered, self._guides = [], None, None, None
         trim_heap()
 
-    def _typical_wavelengths_nm(self) -> Float64Array:
-        """Of what each filter detects, (F, 4)."""
-        spectrum = np.mean(
-            [strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips],
-            axis=0,
-        )
-        return detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
-
     def _traced_guides(self, rows: slice, known: Guides | None) -> Guides:
         """Those that are known, if any, and more rays as needed, of some rows."""
         mean, variance = (image[rows] for image in self._raw_electrons())
+        spectrum, nm = mean_spectrum(self.strips), self.bands.wavelengths_nm
+        typical_nm = detected_quarters(self._weights, spectrum, nm)  # of each filter, (F, 4)
         guides = traced(
-            partial(self.scene.guides, self._typical_wavelengths_nm(), (rows.start, rows.stop)),
+            partial(self.scene.guides, typical_nm, (rows.start, rows.stop)),
             most_rays(self.samples_per_pixel),
             lambda noise: noise_share(self._own(noise, rows), mean, variance),
             known,
@@ -402,8 +402,8 @@ class Renderer:
         if self._glare is not None:
             relative = relative_errors(*self._electrons_before_glare(), self.infinite())
         for strip in self.strips:
-            found = bands_of(strip, self.denoised, self._weights, relative)
-            data[strip.rows], error[strip.rows] = found
+            mean, deviation = bands_of(strip, self.denoised, self._weights, relative)
+            data[strip.rows], error[strip.rows] = np.maximum(mean, 0), deviation
         if self._glare is not None:
             self._glare.add_to_bands(data, error)
         infinite = self.infinite()

@@ -159,6 +159,12 @@ class RowStrip:
         return np.asarray(apart**2 / (count * (1 / first + 1 / (count - first))))
 
 
+def mean_spectrum(strips: Sequence[RowStrip]) -> Float64Array:
+    """Mean light of each band over the picture, (B,)."""
+    means = [strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in strips]
+    return np.asarray(np.mean(means, axis=0))
+
+
 class Spillable:
     """A float32 array of zeros whose memory is its own, so that it can be given back and filled again in place.
 

@@ -5,7 +5,8 @@
 is then what the mean over the rays of a pixel estimates, without bias and without more rays; beyond the edge of film or
 crop the rays see the scene that is there. The aperture of the pixel is a smaller part of it in which rays start. The
 wavelengths of a ray share its δ, which is drawn for the first of them; each of them could have been the first. So
-wavelength k has the weight PSF_k(δ)/mean_j PSF_j(δ) (balance heuristic), and the sum of the weights stays what it was.
+wavelength k has the weight PSF_k(δ)/mean_j PSF_j(δ) (balance heuristic), and the sum of the weights stays what it was;
+weight_noise.py takes away most of the noise that they add.
 
 Away from the axis the pupil is an ellipse in direction cosines, and the spread has the inverse of its axes: cos³θ and
 cos θ of a thin lens, along and across the radius; the ellipse that passes light of a sequential lens.
@@ -85,7 +86,10 @@ class DisplacedRays:
     diffraction : whether the spread of the lens displaces them, or only the aperture of the pixel.
     aperture_is_free : whether the other sensor makes no use of the two numbers for its aperture.
     shared : whether the wavelengths of a ray share its path; else the first one alone has a weight.
+    excess : of the rays that were sampled last, their wavelengths [nm] and (w − 1)/pdf of each.
     """
+
+    excess: tuple[Array, Array]
 
     def __init__(
         self,
@@ -111,6 +115,11 @@ class DisplacedRays:
         self._inside, self._edge = _data(tables.inside), _data(tables.edge)
         self._beyond, self._tail = _data((1 - tables.inside) * tables.edge), _data(tables.tail)
 
+    @property
+    def has_weights(self) -> bool:
+        """Whether the wavelengths of a ray have weights of their own."""
+        return self._diffraction and self._shared
+
     def sample(
         self, sensor: MitsubaObject, samples: Samples, active: Array
     ) -> tuple[MitsubaObject, Array]:
@@ -122,12 +131,16 @@ class DisplacedRays:
         mi, dr = mitsuba(), drjit()
         shares = self._random_numbers(samples)
         no_surface = dr.zeros(mi.SurfaceInteraction3f)
-        lengths_nm, _ = sensor.inner.sample_wavelengths(no_surface, wavelength, active)
+        lengths_nm, per_density = sensor.inner.sample_wavelengths(
+            no_surface, wavelength, active
+        )
         x_nm = lengths_nm[0] * self._radius(shares.x)
         displaced = self._displaced(start, x_nm, 2 * math.pi * shares.y)
         ray, weight = self._ray(sensor, (time, wavelength, displaced, aperture), active)
         if self._shared:
-            weight = weight * self._balance(x_nm, lengths_nm)
+            balance = self._balance(x_nm, lengths_nm)
+            self.excess = lengths_nm, (balance - 1) * per_density
+            weight = weight * balance
         return ray, weight
 
     def _ray(

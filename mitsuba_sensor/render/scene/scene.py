@@ -44,6 +44,7 @@ from .light_groups import keep_emitters
 from .parse_scene import parse_scene
 from .scene_file import SceneFile, as_input_error, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
+from .weight_noise import WeightCounter, weight_counter
 
 GUIDE_SEED = 1
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
@@ -56,7 +57,7 @@ class Scene:
     sharp : the sensor without the point spread, for rays through the middle of each pixel.
     view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
     sha256 : of the scene file, its includes and its parameters.  responses : of the channels of the film.  noisy :
-    pixels that get more samples, or None.
+    pixels that get more samples, or None.  weights : counts those of displaced rays for channels behind the others.
     """
 
     mitsuba_scene: MitsubaObject
@@ -69,6 +70,7 @@ class Scene:
     notes: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
     noisy: NoisyPixels | None = None
+    weights: WeightCounter | None = None
     _interleaved: dict[tuple[int, tuple[int, int]], MitsubaObject] = field(default_factory=dict)
 
     def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
@@ -120,6 +122,13 @@ class Scene:
         return found
 
     def _rendered(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
+        if self.weights is None:
+            return self._image(sensor, seed, samples)
+        return self.weights.rendered(
+            sensor, samples, lambda counting: self._image(counting, seed, samples)
+        )
+
+    def _image(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
         try:
             image = self.integrator.render(
                 self.mitsuba_scene, sensor=sensor, seed=seed, spp=samples
@@ -228,7 +237,8 @@ def _load(
         )
     notes = (*(finding.as_note for finding in findings), *lens_notes, *spread_notes)
     loaded = world, integrator, sensor, sharp, view
-    return Scene(*loaded, scene.digest(), bands.responses, notes, tuple(findings))
+    described = scene.digest(), bands.responses, notes, tuple(findings)
+    return Scene(*loaded, *described, weights=weight_counter(sensor, bands))
 
 
 def inspect_scene(
