@@ -34,7 +34,7 @@ for white_e in ELECTRONS:
     print(
         f"white of {white_e:6g} e-: temporal noise {sigma_dn:.2f} DN by theory, {measured_dn:.2f} DN in 32 frames"
     )
-    shown.append(np.clip(np.rint(255 * noisy.image), 0, 255).astype(np.uint8))
+    shown.append(noisy.image)
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "noise_on_pictures.png")
 Image.fromarray(np.concatenate(shown, axis=1)).save(picture)

@@ -76,7 +76,14 @@ class Capture:
     sensors: Mapping[str, Capture] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return f"<Capture: {self.frames!r}, {self.light!r}>"
+        count = len(self.notes)
+        notes = f", {count} note{'s' * (count > 1)}: .notes" if count else ""
+        return f"<Capture: {self.frames!r}, {self.light!r}{notes}>"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what may surprise, as the command line prints them; of the first frame's light and exposure."""
+        return tuple(self.metadata["notes"])
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, and what else was asked for; of

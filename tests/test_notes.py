@@ -250,3 +250,31 @@ def test_an_exposure_of_no_time_to_light_is_called_a_bias_frame(of_bayer: Any) -
     said = "the exposure time is 0 s, so that no light is collected: this is a bias frame"
     assert said in ms.expose(of_bayer, BAYER, ms.Exposure(0.0)).notes
     assert said not in ms.expose(of_bayer, BAYER, ms.Exposure(0.01)).notes
+
+
+def test_photons_without_a_wavelength_say_which_qe_a_colour_camera_takes() -> None:
+    camera = ms.load_camera("bayer_2mp")
+    nm = camera.quantum_efficiency.reference_nm
+    assert nm is not None
+    with pytest.warns(ms.SensorWarning, match=f"are taken for {nm:g} nm"):
+        frames = ms.expose(np.full((4, 4), 100.0), camera, ms.Exposure(0.01))
+    (note,) = (one for one in frames.notes if "without a wavelength" in one)
+    for name, qe in zip(camera.filter_names, camera.qe([nm])[:, 0], strict=True):
+        assert f"{name} {100 * qe:.3g} %" in note
+    light = ms.Photons(np.full((4, 4), 100.0), detected=True)
+    known = ms.expose(light, camera, ms.Exposure(0.01))
+    banded = ms.expose(
+        np.full((4, 4, 1), 9.0), camera, ms.Exposure(0.01), wavelengths_nm=[530.0]
+    )
+    mono = ms.expose(np.full((4, 4), 100.0), "sony_imx174", ms.Exposure(0.01))
+    for one in (known, banded, mono):
+        assert not any("without a wavelength" in note for note in one.notes)
+
+
+def test_a_capture_says_how_many_notes_it_has() -> None:
+    captured = ms.capture(
+        "flat_field", "konnik_table1", ms.Exposure(0.01), width=8, spp=2, denoise=False
+    )
+    assert captured.notes == tuple(captured.metadata["notes"]) and captured.notes
+    assert f"{len(captured.notes)} note" in repr(captured) and ".notes>" in repr(captured)
+    assert len(repr(captured)) <= 160

@@ -75,3 +75,10 @@ def as_given(found: NDArray[Any], given: Image) -> Image:
     if hasattr(given, "new_tensor"):
         return given.new_empty(0).float().new_tensor(found.astype(np.float32))
     return found
+
+
+def as_came_in(developed: Float32Array, given: NDArray[Any]) -> NDArray[Any]:
+    """A developed picture as integers of 8 bits where such came in, rounded and clipped; else as it is."""
+    if given.dtype != np.uint8:
+        return developed
+    return np.clip(np.rint(developed * 255), 0, 255).astype(np.uint8)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
-from ..core import Exposure, InputError, Photons, check_types
+from ..camera.figures import saturation_e
+from ..core import Doubt, Exposure, InputError, Photons, check_types, warn_of
 from ..core.argument_names import tells_of_names
 from ..core.errors import shown
 from ..core.llvm import backend_problem
@@ -23,15 +24,20 @@ from ..kept_sensor import Sensor
 from ..optics.spectra import srgb_curve
 from ..output.demosaic import demosaic
 from ..output.frames import Frames
+from ..sensor.metering import electrons_of, saturated_share
 from ..stages.stage import converter_of
 from ..stages.usual_range import warn_of_temperature
-from .images import Image, Values, as_array, as_given, scaled
+from .images import Image, Values, as_array, as_came_in, as_given, scaled
 
 Output: TypeAlias = Literal["raw", "developed"]
 KEPT = 8
 """Sensors with their FPN maps that are kept, of the last chips and gains."""
 MOST_SERIAL = 2**31 - 1
 LARGEST_SEED = 2**63
+NEARLY_SATURATED = 0.8
+"""Share of the saturation below which the brightest pixel is not looked at more closely."""
+MANY_SATURATED = 0.05
+"""Share of the pixels of an image from which on a note says that they are saturated."""
 ALONE = threading.Lock()
 """Dr.Jit compiles and runs for one thread at a time."""
 
@@ -55,6 +61,7 @@ class NoisyImage:
     """image : as the transform was asked for, of the kind that it was given: an array, or a tensor.
 
     draws : of each image of a batch, one for a single image.  frames : of each, with theory, clean frame and origin.
+    notes : sentences on what may surprise, of all images together.
     """
 
     image: Image
@@ -62,6 +69,7 @@ class NoisyImage:
     frames: tuple[Frames, ...]
     _like: Image
     _batch: bool
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """``<NoisyImage: 120 × 160 of raspberry_pi_hq, 1 draw>``."""
@@ -97,8 +105,9 @@ class SensorNoise:
     values : of the images: ``"electrons"``, mean photoelectrons per pixel; ``"linear"``, proportional to them, where 1
         is ``white_e``; ``"srgb"``, the same behind the curve of IEC 61966-2-1, integers of 8 bits or 0 … 1.
     white_e : mean electrons of a value of 1, or (least, most), between which the logarithm is uniform.
-    output : ``"raw"``, digital numbers; ``"developed"``, an image of the values that came in, demosaiced and not
-        clipped, so that the noise of linear values stays centred; negative ones have the curve of sRGB mirrored.
+    output : ``"raw"``, digital numbers; ``"developed"``, an image of the values that came in, demosaiced: integers of 8
+        bits again, or floats that are not clipped, so that the noise of linear values stays centred; negative ones have
+        the curve of sRGB mirrored.
     seed : of all that is drawn.
 
     ``engine`` is the compiled one where there is LLVM, and may be set to another of :func:`expose`'s: ``"numpy"`` in
@@ -146,6 +155,7 @@ class SensorNoise:
             self.camera.at_gain(setting)
         self.light_nm = _usual_nm(self.camera)
         self._sensors: dict[tuple[Any, ...], Sensor] = {}
+        self._is_warned = False
 
     def __repr__(self) -> str:
         return f"SensorNoise({self.camera.name!r}, values={self.values!r}, output={self.output!r}, seed={self.seed})"
@@ -159,18 +169,28 @@ class SensorNoise:
         sample, given = _seed("sample", sample), as_array(image)
         colour = self._is_colour(given)
         batch = given.ndim == (4 if colour else 3)
-        draws, frames, out = [], [], []
+        draws, frames, out, saturated = [], [], [], list[str]()
         for number, one in enumerate(given if batch else given[None]):
             draw = self.draw(sample + number)
             draws.append(draw)
-            frames.append(self._expose(self._photons(one, draw, colour), draw))
+            photons = self._photons(one, draw, colour)
+            saturated += self._saturation_note(photons, draw)
+            frames.append(self._expose(photons, draw))
             raw = frames[-1].digital[0]
-            out.append(raw if self.output == "raw" else self._developed(raw, draw, colour))
+            if self.output == "developed":
+                out.append(as_came_in(self._developed(raw, draw, colour), given))
+            else:
+                out.append(raw)
         if batch:
             found = np.stack(out)
         else:
             found = out[0]
-        return NoisyImage(as_given(found, image), tuple(draws), tuple(frames), image, batch)
+        notes = tuple(dict.fromkeys(saturated))
+        if not self._is_warned:  # once of each transform: a training has thousands of images
+            self._is_warned = bool(notes)
+            warn_of(notes)
+        made = as_given(found, image), tuple(draws), tuple(frames)
+        return NoisyImage(*made, image, batch, notes)
 
     def __getstate__(self) -> dict[str, Any]:
         """For other processes: without sensors."""
@@ -190,6 +210,28 @@ class SensorNoise:
             else:
                 white_e = float(least * (most / least) ** share)
         return Draw(serial, gain, white_e, int(chance.integers(LARGEST_SEED)))
+
+    def _saturation_note(self, photons: Photons, draw: Draw) -> list[str]:
+        """Where many pixels are saturated: what the brightest pixel has, and what the camera holds."""
+        camera = self.camera.at_gain(draw.gain)
+        level_e = saturation_e(camera)
+        efficiency = camera.qe([self.light_nm])[:, 0]
+        if photons.mean.max() * efficiency.max() < NEARLY_SATURATED * level_e:
+            return []
+        electrons = electrons_of(photons, camera, self.exposure)
+        share = saturated_share(electrons, camera, self.exposure)
+        if share < MANY_SATURATED:
+            return []
+        white = "give fewer electrons"
+        if draw.white_e is not None:
+            white = f"a value of 1 is {draw.white_e:.4g} e- here; give a smaller white_e"
+        setting = "" if draw.gain is None else f" at gain {draw.gain}"
+        return [
+            Doubt(
+                f"{share:.0%} of the pixels of an image are saturated: {camera.name}{setting} holds {level_e:.4g} e-; "
+                f"{white}"
+            )
+        ]
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:
         key = (

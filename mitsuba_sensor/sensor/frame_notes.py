@@ -31,6 +31,7 @@ def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, 
         *camera.notes,
         *size_note(first.window.shape, first.window.origin, camera),
         *_outside_note(light.photons, camera),
+        *_wavelength_note(light.photons, camera),
         *clipped_note(light, camera, first),
         *_bias_note(light.photons, first),
         *temperature_note(first.exposure.temperature_k),
@@ -62,6 +63,21 @@ def _outside_note(photons: Photons, camera: Camera) -> Iterator[str]:
     ends_low, ends_high = _is_cut_off(camera)
     cut_off = (ends_low and first_nm < points[0]) or (ends_high and last_nm > points[-1])
     yield Doubt(note) if share > (MUCH_OUTSIDE if cut_off else NEARLY_ALL) else note
+
+
+def _wavelength_note(photons: Photons, camera: Camera) -> Iterator[str]:
+    """Where photons without a wavelength meet colour filters: the wavelength that they are taken for."""
+    reference_nm = camera.quantum_efficiency.reference_nm
+    is_known = photons.detected or photons.wavelengths_nm is not None
+    if is_known or reference_nm is None or len(camera.filter_names) == 1:
+        return
+    efficiencies = camera.qe([reference_nm])[:, 0]
+    named = zip(camera.filter_names, efficiencies, strict=True)
+    of_filters = ", ".join(f"{name} {100 * qe:.3g} %" for name, qe in named)
+    yield Doubt(
+        f"photons without a wavelength are taken for {reference_nm:g} nm, where the QE of {camera.name} is "
+        f"{of_filters}; give wavelengths_nm, or photoelectrons as ms.Photons(electrons, detected=True)"
+    )
 
 
 def _is_cut_off(camera: Camera) -> tuple[bool, bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -290,3 +291,31 @@ def test_a_result_shows_itself_in_one_line_and_one_brightness_is_that() -> None:
         "<Frames: 1 × 21 × 30, uint16, of bayer_2mp at 0.01 s, serial 1, seed "
     )
     assert [draw.white_e for draw in found.draws] == [100.0, 100.0]
+
+
+def test_saturated_images_are_told_once_of_a_transform_and_noted_each_time() -> None:
+    """A white of ten full wells; half a full well is silent."""
+    camera = ms.load_camera("sony_imx174")
+    image = np.full((8, 8), 0.9)
+    too_bright = ms.SensorNoise(camera, white_e=10 * camera.pixel.full_well_e)
+    with pytest.warns(ms.SensorWarning, match="100% of the pixels of an image are saturated"):
+        first = too_bright(image)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        second = too_bright(np.stack([image, image]), 1)
+        fine = ms.SensorNoise(camera, white_e=camera.pixel.full_well_e / 2)(image)
+    assert len(first.notes) == len(second.notes) == 1 and fine.notes == ()
+    assert "give a smaller white_e" in first.notes[0] and "sony_imx174 holds" in first.notes[0]
+    electrons = ms.SensorNoise(camera, values="electrons")
+    with pytest.warns(ms.SensorWarning, match="give fewer electrons"):
+        electrons(image * 1e6)
+
+
+def test_a_developed_picture_of_8_bits_is_one_of_8_bits_again() -> None:
+    """In bright light within five standard deviations of shot noise of what came in; floats stay floats."""
+    grey = np.full((16, 16, 3), 128, np.uint8)
+    noise = ms.SensorNoise(BAYER, values="srgb", white_e=20_000, output="developed", seed=4)
+    found, floats = noise(grey).image, noise((grey / 255).astype(np.float32)).image
+    assert found.dtype == np.uint8 and floats.dtype == np.float32
+    np.testing.assert_array_equal(found, np.clip(np.rint(floats * 255), 0, 255))
+    assert np.abs(found.astype(float) - 128).max() < 8
