@@ -260,3 +260,48 @@ def test_signatures_can_be_read_and_options_have_types_in_the_docstring(function
     assert text is not None and "numpy._typing" not in shown and "Literal[" not in shown
     assert "typing." not in shown and "Options:" in text
     assert "seed : int" in text or "spp : int" in text
+
+
+@pytest.mark.parametrize("words", ["imx477", "IMX 477", "imx-477", "raspberry"])
+def test_a_sensor_by_its_name_finds_the_cameras_that_have_it(
+    words: str, cli: Callable[..., Any]
+) -> None:
+    with pytest.raises(ms.InputError, match=r"Did you mean 'raspberry_pi_hq' .*IMX477"):
+        ms.load_camera(words)
+    found = json.loads(cli("cameras", "list", *words.split(), "--json").stdout)
+    assert [one["name"] for one in found] == ["raspberry_pi_hq"]
+
+
+def test_cameras_are_listed_with_their_gain_settings(cli: Callable[..., Any]) -> None:
+    text = " ".join(cli("cameras", "list").stdout.split())
+    for name in ms.list_cameras():
+        labels = [one.label for one in ms.load_camera(name).gains]
+        assert name in text and (len(labels) <= 3 or f"({len(labels)})" in text)
+    none = cli("cameras", "list", "nikon99")
+    assert none.exit_code == 2 and "no camera has 'nikon99'" in none.stderr
+
+
+def test_arithmetic_on_frames_says_what_to_take() -> None:
+    frames = ms.expose(PHOTONS, NAME, EXPOSURE)
+    for wrong in (
+        lambda: frames - 3,  # type: ignore[operator]
+        lambda: 3 * frames,  # type: ignore[operator]
+        lambda: np.ones(3) - frames,  # type: ignore[operator]
+        lambda: frames - frames,  # type: ignore[operator]
+    ):
+        with pytest.raises(ms.InputError, match=r"frames\.minus\(dark\) subtracts"):
+            wrong()
+
+
+def test_what_is_no_number_or_camera_is_one_sentence() -> None:
+    gain = ms.lab.Quantity("K", "gain", 0.25, 0.24, 0.26, "DN/e-", "6.6")
+    assert gain.covers(0.245) and gain.covers(np.float32(0.25)) and not gain.covers(0.3)
+    for value in ([], [0.25, 0.3], "0.25", None):
+        with pytest.raises(ms.InputError, match="value "):
+            gain.covers(value)  # type: ignore[arg-type]
+    stage = CAMERA.stages[1]
+    for camera in (np.float32(2), 3, None):
+        with pytest.raises(
+            ms.InputError, match=r"camera is .*; pass a Camera, or the name of one"
+        ):
+            ms.check_stage(stage, camera=camera)  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from functools import cache
@@ -24,6 +25,9 @@ CHAINS = {
     "konnik2014": "; it is a chain of stages, for any camera: `--chain konnik2014` (chain='konnik2014')."
 }
 """What is no camera and may be taken for one: the end of the sentence about it."""
+
+SHORTEST_WORD, MOST_MEANT = 4, 4
+"""Letters of a word that descriptions are searched for, and cameras that are proposed."""
 
 TOML_TEXT = "the TOML text"
 """What a camera that is given as text is called in messages."""
@@ -83,6 +87,15 @@ class CameraText(NamedTuple):
     folder: str = "."
 
 
+def _meant(name: str) -> str:
+    """The cameras whose description has this word, a sensor for example, else the one whose name is close."""
+    described = cameras_with(name) if len(name) >= SHORTEST_WORD else []
+    if not described:
+        return nearest(name, list_cameras())
+    found = "; ".join(f"{one!r} ({description_of(one)})" for one in described[:MOST_MEANT])
+    return f" Did you mean {found}?"
+
+
 def camera_text(name: str | Path) -> CameraText:
     """The file of a shipped camera by name, any camera file by path, or its text itself. Raises InputError."""
     if not isinstance(name, str | Path):
@@ -94,11 +107,11 @@ def camera_text(name: str | Path) -> CameraText:
         return CameraText(str(name), TOML_TEXT)
     shipped, path = list_cameras(), Path(name)
     if isinstance(name, str) and name in shipped:
-        return CameraText((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
+        return CameraText(_shipped_text(name), f"{name}.toml")
     if path.suffix != ".toml" and not (str(name) and os.path.exists(path)):
         raise InputError(
             f"{str(name)[:200]!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file"
-            f"{CHAINS.get(str(name), '.')}{nearest(str(name), shipped)}"
+            f"{CHAINS.get(str(name), '.')}{_meant(str(name))}"
         )
     try:
         require_small(path, "the camera file")
@@ -153,3 +166,25 @@ def toml_value(text: str) -> Any:
         return toml_tables(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
+
+
+def _shipped_text(name: str) -> str:
+    """The text of the file of a camera that ships with the package."""
+    return (SHIPPED / f"{name}.toml").read_text("utf-8")
+
+
+def description_of(name: str) -> str:
+    """Its line about itself."""
+    found = re.search(r'^description = "(.*)"$', _shipped_text(name), re.M)
+    return found[1] if found else ""
+
+
+def cameras_with(words: str) -> list[str]:
+    """Names of those whose name or description has each of these words, in any writing: imx477, IMX-477, "pi hq"."""
+    wanted = [plain for word in words.split() if (plain := _letters(word))]
+    described = {name: _letters(f"{name} {description_of(name)}") for name in list_cameras()}
+    return [n for n, text in described.items() if wanted and all(one in text for one in wanted)]
+
+
+def _letters(text: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", text.lower())

@@ -140,17 +140,16 @@ def check_gain(camera: Camera) -> None:
 
 
 def _nearest_setting(label: str, settings: Iterable[str]) -> str:
-    """`` Did you mean …?`` with the setting of the nearest number, by their ratio; of names, the one spelt alike."""
+    """`` Did you mean …?`` with the settings next below and above the number; of names, the one spelt alike."""
     value = _number_of(label)
     numbers = {name: _number_of(name) for name in settings}
-    distances = {
-        name: abs(math.log(number / value))
-        for name, number in numbers.items()
-        if number > 0 and value > 0
-    }
-    if not distances:
+    below = [name for name, number in numbers.items() if 0 < number < value]
+    above = [name for name, number in numbers.items() if number > value > 0]
+    near = [max(below, key=numbers.__getitem__)] if below else []
+    near += [min(above, key=numbers.__getitem__)] if above else []
+    if not near:
         return nearest(label, numbers)
-    return f" Did you mean {min(distances, key=distances.__getitem__)!r}?"
+    return f" Did you mean {' or '.join(map(repr, near))}?"
 
 
 def _number_of(label: str) -> float:

@@ -99,6 +99,14 @@ CameraName = Annotated[
         autocompletion=camera_names,
     ),
 ]
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[WORD]...",
+        help="Only cameras with these words in name or description, e.g. imx477.",
+        show_default=False,
+    ),
+]
 MapFile = Annotated[
     str,
     typer.Option(

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from ..camera.camera_check import CameraFinding
     from ..camera.figures import EmvaFigures
 
+MOST_LABELS = 3
+"""Gain settings that `cameras list` names one by one."""
+
 cameras = typer.Typer(
     cls=Group,
     no_args_is_help=True,
@@ -33,13 +36,22 @@ app.add_typer(cameras, name="cameras")
 
 
 @cameras.command("list", cls=Command)
-def list_command(as_json: arguments.Json = False) -> None:
-    """The cameras that ship with the package."""
-    known = [ms.load_camera(name) for name in ms.list_cameras()]
-    table = FittedTable(("camera", "technology", "pixels", "what it is"))
+def list_command(words: arguments.Words = None, as_json: arguments.Json = False) -> None:
+    """The cameras that ship with the package, or those with these words in name or description: a sensor, a maker."""
+    from ..camera.camera_file import cameras_with
+    from ..core import InputError
+
+    names = cameras_with(" ".join(words)) if words else ms.list_cameras()
+    if not names:
+        raise InputError(
+            f"no camera has {' '.join(words or ())!r} in name or description; `cameras list` has all of them."
+        )
+    known = [ms.load_camera(name) for name in names]
+    table = FittedTable(("camera", "technology", "pixels", "gain settings", "what it is"))
     for one in known:
         size = f"{one.sensor.columns} × {one.sensor.rows}"
-        table.add_row(one.name, one.sensor.technology, size, one.description)
+        gains = _gain_range(one)
+        table.add_row(one.name, one.sensor.technology, size, gains, one.description)
     found = [
         {"name": x.name, "description": x.description, "gains": [one.label for one in x.gains]}
         for x in known
@@ -165,6 +177,14 @@ def show_camera(
         show(_figure_table(figures), False)
     for note in () if as_json else camera.notes:
         show(f"note: {said_here(note)}", False)
+
+
+def _gain_range(camera: ms.Camera) -> str:
+    """Its gain settings in short, for --gain."""
+    labels = [one.label for one in camera.gains]
+    if len(labels) > MOST_LABELS:
+        return f"{labels[0]} … {labels[-1]} ({len(labels)})"
+    return ", ".join(labels) or "–"
 
 
 def _field_table(camera: ms.Camera) -> FittedTable:

@@ -77,7 +77,7 @@ def as_given(found: NDArray[Any], given: Image) -> Image:
     return found
 
 
-def as_came_in(developed: Float32Array, given: NDArray[Any]) -> NDArray[Any]:
+def as_came_in(developed: Float32Array, given: NumpyArray) -> NumpyArray:
     """A developed picture as integers of 8 bits where such came in, rounded and clipped; else as it is."""
     if given.dtype != np.uint8:
         return developed

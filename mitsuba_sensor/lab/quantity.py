@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import scipy
 
-from ..core import InputError
+from ..core import InputError, numbers
 from ..core.argument_names import tells_of_names
 
 LEVEL = 0.95
@@ -64,8 +64,13 @@ class Quantity:
         return (self.high - self.low) / (2 * TWO_SIDED)
 
     def covers(self, value: float) -> bool:
-        """Whether the interval contains this value."""
-        return self.low <= value <= self.high
+        """Whether the interval contains this value. Raises InputError for what is no number."""
+        number = numbers("value", value, "a number, e.g. 0.125")
+        if number.ndim:
+            raise InputError(
+                f"value has shape {number.shape}; pass one number, and call covers of each of several."
+            )
+        return self.low <= float(number) <= self.high
 
     def noted(self, note: str) -> Self:
         """This quantity with one more sentence in its note, unless the sentence is empty or already there."""

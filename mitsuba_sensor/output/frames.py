@@ -6,12 +6,13 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.figures import refuse_readouts
+from ..core import InputError
 from ..core.argument_names import tells_of_names
 from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
@@ -59,6 +60,15 @@ class Frames(RawFrames):
         """Frames with these digital numbers.  observer : who followed the first of them, for the report."""
         values = {field.name: getattr(raw, field.name) for field in fields(RawFrames)}
         return cls(**values, observer=observer)
+
+    def __sub__(self, other: object) -> NoReturn:
+        raise InputError(
+            "frames are no array: frames.minus(dark) subtracts a zero-exposure frame, and frames.digital is the array "
+            "of the numbers, of an unsigned type: take frames.digital.astype(float) to calculate with it."
+        )
+
+    __rsub__ = __add__ = __radd__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __sub__
+    __array_ufunc__ = None
 
     @classmethod
     def exposed(cls, sensor: PreparedExposure) -> Frames:

@@ -26,6 +26,7 @@ from ..core import (
     Moments,
     Photons,
     SensorWindow,
+    check_types,
 )
 from ..core.argument_names import tells_of_names
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, normals
@@ -166,6 +167,8 @@ def check_stage(
     Raises InputError where something does not fit: where, what ``moments`` says, and what ``sample`` does.
     """
     camera = camera_of(camera)
+    exposure = Exposure(0.1) if exposure is None else exposure
+    check_types(camera, exposure)
     refuse_readouts(camera, "a stage is checked in one of them")
     if after is None:
         chain = camera.stages
@@ -178,8 +181,6 @@ def check_stage(
             f"{name} is not between the first and the last stage of {camera.name}; "
             "say where it stands, e.g. after='dark_current', or pass one of camera.stages[1:-1]."
         )
-    if exposure is None:
-        exposure = Exposure(0.1)
     levels, places = levels_behind(chain[:place], camera, exposure), random_places(camera)
     require_same_bytes(stage, levels[-1], places[1], exposure)
     rows: list[StageComparison] = []
