@@ -26,8 +26,8 @@ CHAINS = {
 }
 """What is no camera and may be taken for one: the end of the sentence about it."""
 
-SHORTEST_WORD, MOST_MEANT = 4, 4
-"""Letters of a word that descriptions are searched for, and cameras that are proposed."""
+SHORTEST_TEXT, MOST_MEANT = 4, 4
+"""Letters of a text that descriptions are searched for, and cameras that are proposed."""
 
 TOML_TEXT = "the TOML text"
 """What a camera that is given as text is called in messages."""
@@ -88,8 +88,8 @@ class CameraText(NamedTuple):
 
 
 def _meant(name: str) -> str:
-    """The cameras whose description has this word, a sensor for example, else the one whose name is close."""
-    described = cameras_with(name) if len(name) >= SHORTEST_WORD else []
+    """The cameras whose description has this text, a sensor for example, else the one whose name is close."""
+    described = cameras_with(name) if len(name) >= SHORTEST_TEXT else []
     if not described:
         return nearest(name, list_cameras())
     found = "; ".join(f"{one!r} ({description_of(one)})" for one in described[:MOST_MEANT])
@@ -179,11 +179,13 @@ def description_of(name: str) -> str:
     return found[1] if found else ""
 
 
-def cameras_with(words: str) -> list[str]:
-    """Names of those whose name or description has each of these words, in any writing: imx477, IMX-477, "pi hq"."""
-    wanted = [plain for word in words.split() if (plain := _letters(word))]
+def cameras_with(text: str) -> list[str]:
+    """Names of those whose name or description has each part of the text, in any writing: imx477, IMX-477, "pi hq"."""
+    wanted = [plain for part in text.split() if (plain := _letters(part))]
     described = {name: _letters(f"{name} {description_of(name)}") for name in list_cameras()}
-    return [n for n, text in described.items() if wanted and all(one in text for one in wanted)]
+    return [
+        n for n, known in described.items() if wanted and all(one in known for one in wanted)
+    ]
 
 
 def _letters(text: str) -> str:

@@ -99,11 +99,11 @@ CameraName = Annotated[
         autocompletion=camera_names,
     ),
 ]
-Words = Annotated[
+SearchText = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="[WORD]...",
-        help="Only cameras with these words in name or description, e.g. imx477.",
+        metavar="[TEXT]...",
+        help="Only cameras with this text in name or description, e.g. imx477.",
         show_default=False,
     ),
 ]

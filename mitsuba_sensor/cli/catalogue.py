@@ -36,15 +36,15 @@ app.add_typer(cameras, name="cameras")
 
 
 @cameras.command("list", cls=Command)
-def list_command(words: arguments.Words = None, as_json: arguments.Json = False) -> None:
-    """The cameras that ship with the package, or those with these words in name or description: a sensor, a maker."""
+def list_command(search: arguments.SearchText = None, as_json: arguments.Json = False) -> None:
+    """The cameras that ship with the package, or those with a text in name or description: a sensor, a maker."""
     from ..camera.camera_file import cameras_with
     from ..core import InputError
 
-    names = cameras_with(" ".join(words)) if words else ms.list_cameras()
+    names = cameras_with(" ".join(search)) if search else ms.list_cameras()
     if not names:
         raise InputError(
-            f"no camera has {' '.join(words or ())!r} in name or description; `cameras list` has all of them."
+            f"no camera has {' '.join(search or ())!r} in name or description; `cameras list` has all of them."
         )
     known = [ms.load_camera(name) for name in names]
     table = FittedTable(("camera", "technology", "pixels", "gain settings", "what it is"))
