@@ -29,6 +29,7 @@ from .camera_toml import camera_file
 from .datasheet_checks import (
     check_gains,
     check_one_gain,
+    check_resets,
     check_technology,
     checked_source,
     noise_sources,
@@ -146,6 +147,7 @@ class Camera(FileTable):
     def _tables_fit(self) -> Camera:
         check_technology(self)
         check_one_gain(self)
+        check_resets(self)
         check_readouts(self)
         check_gains(self)
         check_gain(self)

@@ -87,6 +87,22 @@ def check_gains(camera: Datasheet) -> None:
         )
 
 
+def check_resets(camera: Datasheet) -> None:
+    """Raise ValueError for partial resets of a well that nobody counts, or whose electrons come in bursts."""
+    if not camera.pixel.partial_resets:
+        return
+    if "shot_noise" in camera.sensor.without:
+        raise ValueError(
+            "pixel.partial_resets is set, and they are part of the shot noise that sensor.without switches off; unset "
+            "one of both"
+        )
+    if camera.quantum_efficiency.quantum_yield:
+        raise ValueError(
+            "pixel.partial_resets is set and quantum_efficiency.quantum_yield too, whose electrons come in bursts "
+            "behind the resets; unset one of both"
+        )
+
+
 def noise_sources() -> tuple[str, ...]:
     """Keys of the stages that are noise sources, in the order of the chain."""
     return tuple(effect.key() for effect in ORDER if not effect.no_noise)

@@ -13,6 +13,7 @@ from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_typ
 from ..core.special import root
 from ..stages.combined_readouts import combined_of
 from ..stages.effects.adc import BLACK_LEVEL_AT
+from ..stages.effects.shot_noise import ShotNoiseWithResets
 from ..stages.gains import gain_dn_per_e, volts_per_electron
 from ..stages.propagate import propagate
 from ..stages.stage import converter_of
@@ -107,6 +108,11 @@ def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     """The figures of a camera. Raises InputError where darkness is at the highest code."""
     check_types(camera, exposure)
     refuse_readouts(camera, "EMVA 1288's figures are those of one read-out")
+    if camera.pixel.partial_resets:
+        raise InputError(
+            f"{camera.name} has pixel.partial_resets, and EMVA 1288's figures are those of a straight response; unset "
+            "pixel.partial_resets."
+        )
     gain, stages = gain_dn_per_e(camera), camera.stages
     well = [stage for stage in stages[1:-1] if stage.domain == "electrons"]
     dark = propagate(well, Moments(0.0, 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, 1)))))
@@ -201,7 +207,12 @@ def _smallest_well_e(camera: Camera) -> float:
     for stage in camera.stages[1:-1]:
         if stage.domain == "electrons":
             filled_e = min(filled_e, stage.limits[1] / stage.nominal_gain)
-    return filled_e
+    if not camera.pixel.partial_resets:
+        return filled_e
+    well = ShotNoiseWithResets(camera.pixel.partial_resets)
+    last_share, _ = camera.pixel.partial_resets[-1]
+    most_e = filled_e / (1 - last_share)
+    return root(lambda electrons: well.well_e(electrons) - filled_e, 0.0, most_e)
 
 
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
@@ -212,6 +223,8 @@ def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     for stage in camera.stages:
         if stage.domain == "electrons":
             level = level.scale(stage.nominal_gain)
+        if isinstance(stage, ShotNoiseWithResets):
+            level = replace(level, mean=np.float64(stage.well_e(float(level.mean))))
         if stage.domain == "volts":
             level = replace(propagate((stage,), level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)

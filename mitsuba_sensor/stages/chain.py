@@ -15,6 +15,7 @@ from .effects.em_gain import EmGain
 from .effects.full_well import FullWell
 from .effects.integral_nonlinearity import IntegralNonlinearity
 from .effects.inter_pixel_capacitance import InterPixelCapacitance
+from .effects.overflow_dark_current import OverflowDarkCurrent
 from .effects.prnu import Prnu, PrnuColumn
 from .effects.quantum_efficiency import QuantumEfficiency
 from .effects.quantum_yield import QuantumYield
@@ -39,6 +40,7 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
     RtsPixels,
     ShotNoise,
     QuantumYield,
+    OverflowDarkCurrent,
     FullWell,
     InterPixelCapacitance,
     EmGain,

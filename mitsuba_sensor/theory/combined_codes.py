@@ -66,8 +66,11 @@ def _estimate(combination: Combination, number: int, codes: CodeMoments) -> Esti
     """The codes of a read-out as electrons of the reference exposure, rounded to the linear code."""
     readout = combination.readouts[number]
     per_dn_e = readout.electrons_per_dn
-    variance_e2 = per_dn_e**2 * codes.variance + combination.rounding_e2(number)
-    return Estimate(per_dn_e * (codes.mean - readout.black_dn), variance_e2)
+    mean_e, variance_e2 = combination.rounding_e(number)
+    return Estimate(
+        per_dn_e * (codes.mean - readout.black_dn) + mean_e,
+        per_dn_e**2 * codes.variance + variance_e2,
+    )
 
 
 def _handed_over(
@@ -95,10 +98,9 @@ def _handed_over(
     if between.any():
         part = _Part(
             readout.electrons_per_dn,
-            readout.black_dn,
             begin_dn,
             end_dn,
-            *(x[between] for x in (codes.mean, sigma_dn, own.variance, *other, covariance_e2)),
+            *(x[between] for x in (codes.mean, sigma_dn, *own, *other, covariance_e2)),
         )
         mean[between], variance[between] = part.moments()
     return Estimate(mean, variance)
@@ -109,16 +111,16 @@ class _Part:
     """Pixels whose code may or may not hand over, (P,) each.
 
     begin_dn, end_dn : codes between which the other read-out takes over.  mean_dn, sigma_dn : of the code.
-    own_e2 : variance of the code as electrons.  other_e, other_e2 : mean and variance of the other estimate.
+    own_e, own_e2 : mean and variance of the code as electrons.  other_e, other_e2 : those of the other estimate.
     covariance_e2 : of both estimates.
     """
 
     electrons_per_dn: float
-    black_dn: float
     begin_dn: float
     end_dn: float
     mean_dn: Float64Array
     sigma_dn: Float64Array
+    own_e: Float64Array
     own_e2: Float64Array
     other_e: Float64Array
     other_e2: Float64Array
@@ -150,7 +152,7 @@ class _Part:
     def _given(self, code_dn: Float64Array, middle_dn: Float64Array) -> Estimate:
         """Mean and variance of the combination where the code is known.  middle_dn : of the part of the integral."""
         off_e = self.electrons_per_dn * (code_dn - self.mean_dn)
-        own_e = self.electrons_per_dn * (code_dn - self.black_dn)
+        own_e = self.own_e + off_e
         slope = np.divide(
             self.covariance_e2, self.own_e2, out=np.zeros(off_e.size), where=self.own_e2 > 0
         )

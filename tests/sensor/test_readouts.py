@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
@@ -156,7 +155,7 @@ def test_a_crop_of_combined_frames_is_the_frame_of_the_crop() -> None:
         assert np.array_equal(one.digital[0], whole.readouts[name].digital[1, 5:15, 7:27])
 
 
-@exhaustive
+@pytest.mark.exhaustive
 def test_both_engines_make_the_same_bytes() -> None:
     light = ms.Photons(np.tile(np.geomspace(1, 30_000, 300), (200, 1)), detected=True)
     for camera in (

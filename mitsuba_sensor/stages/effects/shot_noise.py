@@ -2,14 +2,48 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from itertools import pairwise
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from ...core import Array, CountedElectrons, Electrons, Frame, Moments, arrays
 from ..compensation import compensable, reserved
+from ..datasheet import FileTable, Positive
 from ..stage import Datasheet, Stage
+
+Share = Annotated[float, Field(gt=0, le=0.9999, strict=True)]
+MOST_RESETS = 3
+SOURCES = ("photon_shot", "shot_behind_reset_1", "shot_behind_reset_2", "shot_behind_reset_3")
+"""Noise sources of the parts of an exposure with partial resets."""
+
+
+class ResetFields(FileTable):
+    """Partial resets of the well during the exposure."""
+
+    partial_resets: Annotated[
+        tuple[tuple[Share, Positive], ...], Field(max_length=MOST_RESETS)
+    ] = Field(
+        (),
+        title="piecewise-linear response, knee, multi-slope, well reset",
+        description="partial resets during the exposure, which make the response piecewise linear: share of the "
+        "exposure time, and the electrons that the reset leaves [e-]",
+        examples=[[[0.9, 8000]]],
+    )
+
+    @model_validator(mode="after")
+    def _resets_follow_each_other(self) -> Self:
+        resets = self.partial_resets
+        for (share, level_e), (later, higher_e) in pairwise(resets):
+            if later <= share or higher_e <= level_e:
+                raise ValueError(
+                    f"partial_resets has [{later:g}, {higher_e:g}] behind [{share:g}, {level_e:g}]; each comes later "
+                    "and leaves more than the one before"
+                )
+        return self
 
 
 @dataclass(frozen=True)
@@ -26,13 +60,17 @@ class ShotNoise(Stage):
     """
 
     domain = "electrons"
+    table = "pixel"
+    fields = ResetFields
     paper = "eq. 13, 17"
     terms = "photon shot noise, dark shot noise, Poisson noise"
     counts_electrons: ClassVar[bool] = True
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ShotNoise:
-        """Every camera has it."""
+        """Every camera has it; with partial resets it is counted in the parts between them."""
+        if camera.pixel.partial_resets:
+            return ShotNoiseWithResets(camera.pixel.partial_resets)
         return cls()
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
@@ -96,3 +134,53 @@ class ShotNoise(Stage):
             )
         count = frame.poisson("photon_shot", light + dark)
         return CountedElectrons.of(count, lambda: frame.split("dark_shot", count, light, dark))
+
+
+@dataclass(frozen=True)
+class ShotNoiseWithResets(ShotNoise):
+    """Poisson counts of the parts of the exposure between partial resets of the well, each of which leaves so much.
+
+    n = min(n + Poisson(μ·Δt), level) at each reset: the response is piecewise linear, and behind the last reset the
+    variance is that of the electrons since then.  resets : share of the exposure time, and level [e-], of each.
+    """
+
+    resets: tuple[tuple[float, float], ...] = ()
+    label = ShotNoise.label
+    has_derivatives: ClassVar[bool] = False
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Mean electrons → whole electrons."""
+        begin, left, mean = 0.0, 0.0, electrons.total
+        for number, (share, level_e) in enumerate(self.resets):
+            left = left + frame.poisson(SOURCES[number], frame.number(share - begin) * mean)
+            left, begin = arrays.minimum(left, frame.number(level_e)), share
+        last = SOURCES[len(self.resets)]
+        count = left + frame.poisson(last, frame.number(1 - begin) * mean)
+        return CountedElectrons.of(
+            count, lambda: frame.split("dark_shot", count, electrons.light, electrons.dark)
+        )
+
+    def moments(self, m: Moments) -> Moments:
+        """Each part adds its mean to mean and variance; each reset clips."""
+        begin, left = 0.0, replace(m, mean=0.0 * m.mean, temporal=0.0, spatial=0.0)
+        for share, level_e in self.resets:
+            part = (share - begin) * m.mean
+            spatial = share**2 * m.spatial - begin**2 * m.spatial
+            left = left.add(mean=part, temporal=part, spatial=spatial)
+            left, begin = left.clip(-math.inf, level_e), share
+        part = (1 - begin) * m.mean
+        left = left.add(mean=part, temporal=part, spatial=(1 - begin) ** 2 * m.spatial)
+        return replace(left, light=None, variance_e2=None)
+
+    def noise_sources(
+        self, before: Electrons, after: Electrons
+    ) -> dict[str, tuple[Array, Array]]:
+        """None: what a reset takes away is no contribution of light or dark current alone."""
+        return {}
+
+    def well_e(self, mean_e: float) -> float:
+        """Electrons in the well at the end of the exposure, of so many mean electrons without resets and noise."""
+        begin, left = 0.0, 0.0
+        for share, level_e in self.resets:
+            left, begin = min(left + (share - begin) * mean_e, level_e), share
+        return left + (1 - begin) * mean_e
