@@ -26,6 +26,7 @@ from ..stages.gains import gain_dn_per_e
 from ..stages.stage import Chain, Stage
 from ..stages.usual_range import warn_of_temperature
 from .camera_toml import camera_file
+from .companding import CompandingSection
 from .datasheet_checks import (
     check_gains,
     check_one_gain,
@@ -136,6 +137,7 @@ class Camera(FileTable):
         examples=[[{"name": "high", "fields": {"readout.gain_dn_per_e": 1.4}}]],
     )
     combine: CombineSection = Field(default_factory=CombineSection)
+    companding: CompandingSection = Field(default_factory=CompandingSection)
     sources: dict[Annotated[str, AfterValidator(_known_field)], str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",

@@ -159,6 +159,7 @@ def show_camera(
 ) -> None:
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
     from ..camera.figures import figures_if_any
+    from .readouts import hdr_facts, readout_table
 
     camera = ms.load_camera(name)
     if as_toml:
@@ -169,10 +170,13 @@ def show_camera(
         "sources": dict(camera.sources),
         "notes": list(camera.notes),
         "emva1288": figures and figures.to_dict(),
+        "hdr": hdr_facts(camera),
     }
     show({**fields, **found} if as_json else _field_table(camera), as_json)
     if camera.gains and not as_json:
         show(_settings(camera), False)
+    if camera.readouts and not as_json:
+        show(readout_table(camera), False)
     if figures and not as_json:
         show(_figure_table(figures), False)
     for note in () if as_json else camera.notes:
@@ -190,7 +194,7 @@ def _gain_range(camera: ms.Camera) -> str:
 def _field_table(camera: ms.Camera) -> FittedTable:
     """A row for every number of the camera."""
     table = FittedTable(("field", "value", "source"))
-    own = camera.model_dump(mode="json", exclude={"sources", "gains"})
+    own = camera.model_dump(mode="json", exclude={"sources", "gains", "readouts"})
     for name, value in flat_fields(own):
         source = short(camera.sources.get(name, ""))
         table.add_row(name, Text(short(value)), Text(source, style="dim"))

@@ -63,9 +63,10 @@ LIGHT_SOURCES = {"A": 17, "D65": 21}
 
 def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
     """Raise InputError for a camera, or a (H, W) of its pictures, that no DNG holds which other programs open."""
-    if camera.code_bits > MOST_BITS:
+    if camera.code_bits > MOST_BITS and not camera.companding.knees:
         raise InputError(
-            f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.code_bits}; {INSTEAD}."
+            f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.code_bits}; {INSTEAD}, "
+            "or set companding.knees."
         )
     if len(camera.filter_names) > 1:
         _check_filters(camera)
@@ -110,10 +111,12 @@ def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) 
     else:
         photometric = LINEAR_RAW
         tags += _levels(frames, 1)
-    with appearing(
-        require_path("path", path, "frame.dng"), frames.digital[number].nbytes
-    ) as temporary:
-        write_pages(temporary, frames.digital[number], to_json(facts).encode(), tags)
+    pixels = frames.digital[number]
+    if frames.camera.companding.knees:
+        pixels = frames.camera.companding.compand(pixels)
+        tags.append(_tag(50712, TIFF_SHORT, *linearization_table(frames.camera)))
+    with appearing(require_path("path", path, "frame.dng"), pixels.nbytes) as temporary:
+        write_pages(temporary, pixels, to_json(facts).encode(), tags)
         _finish(temporary, photometric, list(_exif(frames)))
 
 
@@ -144,10 +147,27 @@ def _about(frames: RawFrames) -> Iterator[Tag]:
 
 def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
     """BlackLevelRepeatDim, BlackLevel of side × side pixels, and WhiteLevel."""
-    black_dn = converter_of(frames.camera.stages).black_level_dn
+    camera, steps = frames.camera, steps_of_table(frames.camera)
+    black_dn = converter_of(camera.stages).black_level_dn / steps
     yield _tag(50713, TIFF_SHORT, side, side)
     yield _tag(50714, RATIONAL, *[black_dn] * side**2)
-    yield _tag(50717, TIFF_LONG, saturation_dn(frames.camera))
+    white_dn = saturation_dn(camera)
+    if camera.companding.knees:
+        white_dn = min(round(white_dn / steps), max(linearization_table(camera)))
+    yield _tag(50717, TIFF_LONG, white_dn)
+
+
+def steps_of_table(camera: Camera) -> int:
+    """Linear codes that are one step of the LinearizationTable, whose values have 16 bits."""
+    if not camera.companding.knees:
+        return 1
+    return int(2 ** max(camera.code_bits - MOST_BITS, 0))
+
+
+def linearization_table(camera: Camera) -> list[int]:
+    """LinearizationTable of DNG 1.4: the linear code of every companded one, in steps of 16 bits at most."""
+    linear = np.floor(camera.companding.linear_codes() / steps_of_table(camera) + 0.5)
+    return [int(value) for value in np.minimum(linear, 2**MOST_BITS - 1)]
 
 
 def noise_profile(frames: RawFrames) -> tuple[float, float] | None:

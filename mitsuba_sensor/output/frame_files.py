@@ -124,7 +124,7 @@ def write_frames(
         matrix = ColourMatrix(**colours)
     first, camera, origin = frames.digital[0], frames.camera, frames.first.window.origin
     tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
-    if frames.camera.readouts:
+    if frames.camera.readouts or frames.camera.companding.knees:
         write_readouts(folder / READOUTS, frames, image["cfa_pattern"])
     png.write_png(folder / "frame.png", developed(first, camera, matrix, gain, origin), image)
     factor = metadata["summary"]["brightened"]

@@ -193,6 +193,14 @@ class Frames(RawFrames):
         exposure.frames(observer)
         return observer
 
+    @property
+    def companded(self) -> NDArray[np.unsignedinteger] | None:
+        """The codes by the camera's table of knees, (N, H, W) [DN]; None without one."""
+        companding = self.camera.companding
+        if not companding.knees:
+            return None
+        return companding.compand(self.digital)
+
     def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
         """What frame.png shows: one of the frames, 8 bit, (H, W) grey or (H, W, 3) sRGB.  gain : brightens it."""
         return preview_of(self, number, gain)

@@ -21,16 +21,19 @@ READOUTS = "readouts.tiff"
 
 
 def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] | None) -> None:
-    """A page for every read-out of every frame, and one for their linear code, each with its name.
+    """A page for every read-out of every frame, one for their linear code and, where the
+    camera has a table of knees, one for the companded code, each with its name.
 
     pattern : names of the colour filters as they lie in the file.
     """
-    pages = list[tuple[str, np.ndarray]]()
+    pages, companded = list[tuple[str, np.ndarray]](), frames.companded
     for number, code in enumerate(frames.digital):
         place = f"frame {frames.first.index + number}"
         for name, readout in frames.readouts.items():
             pages.append((f"{place}, {name}", readout.digital[number]))
         pages.append((f"{place}, combined", code))
+        if companded is not None:
+            pages.append((f"{place}, companded", companded[number]))
     write_named_pages(path, pages, pattern)
 
 

@@ -17,6 +17,7 @@ from mitsuba_sensor.core import Frame, SensorWindow
 from mitsuba_sensor.core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.stages.effects.overflow_dark_current import OverflowDarkCurrent
 from mitsuba_sensor.theory.combined_theory import codes_by_light
+from mitsuba_sensor.theory.dynamic_range import hdr_figures
 
 SHORT = ms.Exposure(0.01)
 PLAIN = (
@@ -223,3 +224,21 @@ def test_the_snr_dips_at_each_hand_over_by_the_ratio_of_the_variances() -> None:
         dip_db = closed_form_db(levels[0], number) - closed_form_db(levels[1], number + 1)
         assert before_db - behind_db == pytest.approx(dip_db, abs=0.02)
         assert closed_form_db(end_e, number) - closed_form_db(end_e, number + 1) > 0.1
+
+
+def test_dynamic_range_by_emva_and_iso_15739_follows_from_noise_and_saturation() -> None:
+    figures = hdr_figures(WIDE, ms.Exposure(0.0))
+    noise_e = math.hypot(0.5, math.sqrt(1 / 12))
+    least_e = math.sqrt(noise_e**2 + 0.25) + 0.5
+    full_e = 2**24 - 1 - 64  # the linear code ends before the small photodiode
+    assert figures.saturation_e == pytest.approx(full_e, rel=1e-6)
+    assert figures.dynamic_range_iso_db == pytest.approx(
+        20 * math.log10(full_e / noise_e), abs=0.1
+    )
+    assert figures.dynamic_range_emva_db == pytest.approx(
+        20 * math.log10(full_e / least_e), abs=0.1
+    )
+    assert figures.dynamic_range_iso_db > 140
+    assert figures.dips_db[0] == pytest.approx(
+        10 * math.log10((2_800 + 12**2) / 2_800), abs=0.05
+    )

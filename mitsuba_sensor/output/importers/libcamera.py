@@ -1,4 +1,5 @@
-"""Reads tuning files of libcamera for the Raspberry Pi (JSON, version 2): rpi.noise, rpi.black_level, rpi.alsc.
+"""Reads tuning files of libcamera for the Raspberry Pi (JSON, version 2): rpi.noise, rpi.black_level, rpi.alsc,
+rpi.decompand.
 
 All in a scale of 16 bits (Raspberry Pi Camera Algorithm and Tuning Guide; utils/raspberrypi/ctt/ctt_noise): the
 standard deviation of a pixel at gain 1 is reference_constant + reference_slope·√(value above black). Shot noise has
@@ -19,6 +20,8 @@ from .draft import Draft
 SCALE_BITS = 16
 GRIDS = {192: (12, 16), 1024: (32, 32)}
 """Length of a table of rpi.alsc → its rows and columns."""
+USUAL_BITS = 12
+"""Of a companded code whose file does not say them."""
 HEIGHTS = 9
 """Image heights of the fall-off, from the axis to the corner."""
 
@@ -40,6 +43,12 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
             f"{file}: rpi.noise has no reference_slope; its algorithms are {', '.join(algorithms)[:200]}. Take the "
             "tuning file of a calibrated sensor."
         )
+    decompand = draft.table("rpi.decompand", algorithms.get("rpi.decompand") or {})
+    if decompand.get("decompand_curve") is not None:
+        _set_companding(draft, decompand)
+    else:
+        why = f"as {like.name}; the file is in a scale of 16 bits (--set adc.bits=12)"
+        draft.assume("adc.bits", draft.bits, why)
     dn_per_dn16 = 2.0 ** (draft.bits - SCALE_BITS)
     black_level = draft.table("rpi.black_level", algorithms.get("rpi.black_level") or {})
     black_dn = _black_dn16(black_level, draft) * dn_per_dn16
@@ -48,8 +57,6 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
         "rpi.noise reference_constant", noise.get("reference_constant", 0.0), -1e-9, 65535.0
     )
     dn_per_e = slope**2 * dn_per_dn16
-    why = f"as {like.name}; the file is in a scale of 16 bits (--set adc.bits=12)"
-    draft.assume("adc.bits", draft.bits, why)
     draft.set_gain(
         dn_per_e, f"rpi.noise reference_slope {slope:g} squared at {draft.bits} bits: K"
     )
@@ -76,6 +83,28 @@ def _black_dn16(table: dict[str, Any], draft: Draft) -> float:
         levels = [table.get("black_level", 4096)]
     numbers = [draft.number("rpi.black_level", level, -1e-9, 65534.0) for level in levels]
     return float(np.mean(numbers))
+
+
+def _set_companding(draft: Draft, table: dict[str, Any]) -> None:
+    """The curve of rpi.decompand, pairs of companded and linear code in a scale of 16 bits, as knees."""
+    numbers = draft.numbers(
+        "rpi.decompand decompand_curve", table["decompand_curve"], -1e-9, 65536.0
+    )
+    if len(numbers) < 4 or len(numbers) % 2:
+        raise InputError(
+            f"{draft.file}: decompand_curve of rpi.decompand has {len(numbers)} numbers; it must have pairs of them, "
+            "companded and linear code."
+        )
+    said_bits = draft.number("rpi.decompand bitdepth", table.get("bitdepth", 0), -1e-9, 16.0)
+    bits, highest = int(said_bits) or USUAL_BITS, 2**SCALE_BITS - 1
+    knees = {0: 0}
+    for companded, linear in zip(numbers[::2], numbers[1::2], strict=True):
+        code = round(companded * 2.0 ** (bits - SCALE_BITS))
+        knees[min(round(linear), highest)] = min(code, 2**bits - 1)
+    draft.says("adc.bits", SCALE_BITS, "the linear code of rpi.decompand has 16 bits")
+    how = "rpi.decompand decompand_curve, pairs in a scale of 16 bits"
+    draft.says("companding.bits", bits, "rpi.decompand bitdepth, or 12")
+    draft.says("companding.knees", [list(pair) for pair in knees.items()], how)
 
 
 def _set_shading(draft: Draft, table: object) -> None:
