@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
 
 QE_WAYS = ("value", "file", "curves")
 QE_CURVES = "quantum_efficiency.curves"  # what each way of giving the QE becomes
@@ -11,7 +10,7 @@ GAIN_WAYS = ("readout.gain_dn_per_e", "adc.full_scale_v")
 
 
 def leave_other_ways(
-    data: dict[str, Any], dotted: str, value: object, changes: Collection[str]
+    data: dict[str, dict[str, object]], dotted: str, value: object, changes: Collection[str]
 ) -> None:
     """Take the other ways of giving the QE or the gain out of the tables, unless they are changed too.
 

@@ -9,6 +9,7 @@ standard deviation of a pixel at gain 1 is reference_constant + reference_slopeÂ
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -85,7 +86,7 @@ def _black_dn16(table: dict[str, Any], draft: Draft) -> float:
     return float(np.mean(numbers))
 
 
-def _set_companding(draft: Draft, table: dict[str, Any]) -> None:
+def _set_companding(draft: Draft, table: Mapping[str, object]) -> None:
     """The curve of rpi.decompand, pairs of companded and linear code in a scale of 16 bits, as knees."""
     numbers = draft.numbers(
         "rpi.decompand decompand_curve", table["decompand_curve"], -1e-9, 65536.0
