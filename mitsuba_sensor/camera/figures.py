@@ -13,7 +13,6 @@ from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_typ
 from ..core.special import root
 from ..stages.combined_readouts import combined_of
 from ..stages.effects.adc import BLACK_LEVEL_AT
-from ..stages.effects.shot_noise import ShotNoiseWithResets
 from ..stages.gains import gain_dn_per_e, volts_per_electron
 from ..stages.propagate import propagate
 from ..stages.stage import converter_of
@@ -209,10 +208,15 @@ def _smallest_well_e(camera: Camera) -> float:
             filled_e = min(filled_e, stage.limits[1] / stage.nominal_gain)
     if not camera.pixel.partial_resets:
         return filled_e
-    well = ShotNoiseWithResets(camera.pixel.partial_resets)
     last_share, _ = camera.pixel.partial_resets[-1]
     most_e = filled_e / (1 - last_share)
-    return root(lambda electrons: well.well_e(electrons) - filled_e, 0.0, most_e)
+
+    def too_many_e(electrons: float) -> float:
+        for stage in camera.stages:
+            electrons = stage.electrons_left(electrons)
+        return electrons - filled_e
+
+    return root(too_many_e, 0.0, most_e)
 
 
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
@@ -223,8 +227,7 @@ def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     for stage in camera.stages:
         if stage.domain == "electrons":
             level = level.scale(stage.nominal_gain)
-        if isinstance(stage, ShotNoiseWithResets):
-            level = replace(level, mean=np.float64(stage.well_e(float(level.mean))))
+            level = replace(level, mean=np.float64(stage.electrons_left(float(level.mean))))
         if stage.domain == "volts":
             level = replace(propagate((stage,), level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)

@@ -21,7 +21,6 @@ from ..core import (
 )
 from ..core.backend import FLOAT32_LIMIT
 from ..stages.combined_readouts import combined_of
-from ..stages.effects.shot_noise import ShotNoiseWithResets
 from ..stages.gains import adc_gain_dn_per_v
 from ..stages.stage import Chain
 from .map_units import maps_in_dn
@@ -320,7 +319,7 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
         raise InputError(
             "photons has variance_e2 and this camera has several read-outs of its shot noise; pass photons without it."
         )
-    if any(isinstance(stage, ShotNoiseWithResets) for stage in stages):
+    if not all(stage.compensates for stage in stages):
         raise InputError(
             "photons has variance_e2 and this camera has pixel.partial_resets, which it would have to pass; pass "
             "photons without it."

@@ -71,6 +71,7 @@ class Stage(ABC):
     required : whether the stage changes the unit of the signal, so that no plan can leave it out.
     counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
         stage compensates it.
+    compensates : whether a stage that counts electrons does so.
     frees_electrons : whether an interaction frees more than one electron, with a spread of its own.
     shared_by : "row" or "column" where all pixels of one have the same value.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
@@ -88,6 +89,7 @@ class Stage(ABC):
     terms: ClassVar[str] = ""
     required: ClassVar[bool] = False
     counts_electrons: ClassVar[bool] = False
+    compensates: ClassVar[bool] = True
     frees_electrons: ClassVar[bool] = False
     curved: ClassVar[bool] = False
     has_derivatives: ClassVar[bool] = True
@@ -199,6 +201,10 @@ class Stage(ABC):
     def limits(self) -> tuple[float, float]:
         """The smallest and the largest signal behind the stage, in its unit."""
         return -math.inf, math.inf if self.saturation_e is None else self.saturation_e
+
+    def electrons_left(self, mean_e: float) -> float:
+        """Electrons behind the stage of so many mean electrons, without noise, gain and full well."""
+        return mean_e
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Masks of the pixels whose number the report of a frame lists: clipped ones, for example.

@@ -147,6 +147,7 @@ class ShotNoiseWithResets(ShotNoise):
     resets: tuple[tuple[float, float], ...] = ()
     label = ShotNoise.label
     has_derivatives: ClassVar[bool] = False
+    compensates: ClassVar[bool] = False
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean electrons → whole electrons."""
@@ -178,8 +179,8 @@ class ShotNoiseWithResets(ShotNoise):
         """None: what a reset takes away is no contribution of light or dark current alone."""
         return {}
 
-    def well_e(self, mean_e: float) -> float:
-        """Electrons in the well at the end of the exposure, of so many mean electrons without resets and noise."""
+    def electrons_left(self, mean_e: float) -> float:
+        """Electrons in the well at the end of the exposure."""
         begin, left = 0.0, 0.0
         for share, level_e in self.resets:
             left, begin = min(left + (share - begin) * mean_e, level_e), share

@@ -63,7 +63,7 @@ def test_saturation_is_where_the_well_is_full_behind_the_last_reset() -> None:
 def test_a_pixel_without_resets_has_none_of_it() -> None:
     plain = CAMERA.replace(**{"pixel.partial_resets": None})
     assert not any(isinstance(stage, ShotNoiseWithResets) for stage in plain.stages)
-    assert ShotNoiseWithResets(((0.5, 10.0),)).well_e(1_000.0) == 510
+    assert ShotNoiseWithResets(((0.5, 10.0),)).electrons_left(1_000.0) == 510
 
 
 @pytest.mark.parametrize(
