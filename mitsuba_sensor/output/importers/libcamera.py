@@ -1,5 +1,4 @@
-"""Reads tuning files of libcamera for the Raspberry Pi (JSON, version 2): rpi.noise, rpi.black_level, rpi.alsc,
-rpi.decompand.
+"""Reads tuning files of libcamera for the Raspberry Pi (JSON, version 2): noise, black level, shading, companding.
 
 All in a scale of 16 bits (Raspberry Pi Camera Algorithm and Tuning Guide; utils/raspberrypi/ctt/ctt_noise): the
 standard deviation of a pixel at gain 1 is reference_constant + reference_slope·√(value above black). Shot noise has
