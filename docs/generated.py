@@ -13,22 +13,26 @@ from __future__ import annotations
 import inspect
 import json
 import re
-import subprocess
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+import typer
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from rich.text import Text
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS
 from mitsuba_sensor.camera.emva_sheet_file import NAMES as ROW_NAMES
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
+from mitsuba_sensor.cli import app
+from mitsuba_sensor.cli.sentences import commands_below
 from mitsuba_sensor.render.infrared.materials import materials
 from mitsuba_sensor.render.motion.motion import KeyPose, RigidMotion
 from mitsuba_sensor.render.scene.plugin_parameters import (
@@ -112,22 +116,59 @@ def pages_of(index: str) -> dict[str, list[str]]:
     }
 
 
-def command_line() -> str:
-    """Every command with all its options, by typer's own generator; without the title, which the page has."""
-    arguments = [
-        sys.executable,
-        "-m",
-        "typer",
-        "mitsuba_sensor.cli",
-        "utils",
-        "docs",
-        "--name",
-        "mitsuba-sensor",
+def commands() -> str:
+    """Every command with its help and all its options."""
+    program = typer.main.get_command(app)
+    return "\n\n".join(_command(path, one) for path, one in commands_below(program))
+
+
+def _command(path: str, command: Any) -> str:
+    """The help of one command, and a row for each of its options."""
+    needed = [
+        str(one.metavar or one.name.upper())
+        for one in command.params
+        if one.param_type_name == "argument"
     ]
-    made = subprocess.run(
-        arguments, capture_output=True, text=True, check=True, encoding="utf-8"
-    ).stdout
-    return made.partition("\n")[2]
+    usage = " ".join(["mitsuba-sensor", path, *needed])
+    rows = [_option(one) for one in command.params if one.param_type_name == "option"]
+    table = ["| option | what it does |", "|---|---|", *rows]
+    text = textwrap.dedent(command.help or "").strip()
+    return "\n\n".join(
+        [f"### {path}", f"`{usage}`", _plain(text), "\n".join(table if rows else [])]
+    )
+
+
+def _option(one: Any) -> str:
+    names = ", ".join(f"`{name}`" for name in (*one.opts, *one.secondary_opts))
+    value = (
+        "" if one.is_flag else f" `{one.metavar or one.type.name.upper()}`".replace("|", "\\|")
+    )
+    return f"| {names}{value} | {_plain(one.help or '')} |"
+
+
+def _plain(markup: str) -> str:
+    """Help without the markup of the terminal; what would end a cell or begin an element is written out."""
+    return Text.from_markup(markup).plain.replace("|", "\\|").replace("<", "&lt;")
+
+
+def public_names() -> str:
+    """Every public name and the first sentence about it."""
+    lines = ["| name | what it is |", "|---|---|"]
+    for prefix, module in (("ms", ms), ("ms.lab", ms.lab)):
+        for name in sorted(module.__all__, key=str.lower):
+            if name != "lab":
+                lines.append(
+                    f"| `{prefix}.{name}` | {_first_sentence(getattr(module, name), name)} |"
+                )
+    return "\n".join(lines)
+
+
+def _first_sentence(value: object, name: str) -> str:
+    if value is Any:
+        return ANNOTATIONS[name]
+    text = " ".join((inspect.getdoc(value) or "").split("\n\n")[0].split())
+    sentence = re.split(r"(?<=\.)\s", text)[0].rstrip(":;")
+    return _plain(sentence.replace("``", "`")).replace(":class:`", "`").replace(":func:`", "`")
 
 
 def api() -> str:
@@ -238,7 +279,7 @@ def glossary_of_chip_and_lens() -> str:
     return _glossary(rows)
 
 
-PARTS = {one.__name__: one for one in (command_line, api, stages)}
+PARTS = {one.__name__: one for one in (api, stages)}
 """What only the site has."""
 
 
@@ -265,6 +306,8 @@ IN_PAGES = {
         infrared_materials,
         film,
         sensor,
+        commands,
+        public_names,
     )
 }
 """What the pages themselves have."""
