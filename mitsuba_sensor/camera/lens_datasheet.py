@@ -170,7 +170,7 @@ class LensSection(FileTable):
         "ideal image heights of distortion_percent, from 0 [mm]", [0.0, 2.0, 4.0]
     )
     prescription: PrescriptionSection | None = optional(
-        "sequential lens: name of a built-in one, path of a .json or .dat file, or its table",
+        "sequential lens: name of a built-in one, path of a .json, .dat, .zmx or .seq file, or its table",
         "double_gauss",
         title="sequential lens, lens prescription",
     )

@@ -1,4 +1,4 @@
-"""Reads lens prescriptions: the package's own JSON, ISET3d's JSON and PBRT's .dat tables.
+"""Reads lens prescriptions: the package's own JSON, ISET3d's JSON, PBRT's .dat tables, and lens designs.
 
 * Own JSON: ``{"name": …, "source": …, "surfaces": [{"radius_mm": …, "thickness_mm": …, "semi_diameter_mm": …}, …]}``,
   the fields of a prescription in a camera file.
@@ -6,6 +6,7 @@
 * ``.dat`` with four columns, as PBRT reads them: radius, thickness, index behind, diameter [mm]; a fifth one, the Abbe
   number, may follow. A single number before them (ISET's focal length) is ignored. The stop has radius 0 and air on
   both sides.
+* ``.zmx`` of Zemax OpticStudio and ``.seq`` of CODE V: see lens_designs.py.
 """
 
 from importlib import resources
@@ -14,9 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from ..core.small_files import json_value, require_small
+from .lens_designs import from_seq, from_zmx
 
 BUILT_IN = resources.files(__package__) / "lenses"
 Row = tuple[float, float, float, float, float, float]
+DESIGNS = {".zmx": from_zmx, ".seq": from_seq}
+SUFFIXES = (".json", ".dat", *DESIGNS)
 COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
 
 
@@ -34,18 +38,22 @@ def read_lens(name: str, folder: str) -> dict[str, object]:
     if name in list_lenses():
         return dict(json_value((BUILT_IN / f"{name}.json").read_text("utf-8")))
     path = Path(folder) / name
-    if path.suffix not in (".json", ".dat"):
+    kind = path.suffix.lower()
+    if kind not in SUFFIXES:
         raise ValueError(
-            f"{name!r} is not a built-in lens ({', '.join(list_lenses())}) and not a .json or .dat file, e.g. 'singlet'"
+            f"{name!r} is not a built-in lens ({', '.join(list_lenses())}) and not a {', '.join(SUFFIXES)} file, "
+            "e.g. 'singlet'"
         )
     try:
         require_small(path, "the lens")
+        if kind in DESIGNS:
+            return DESIGNS[kind](path.read_bytes(), path.stem)
         text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(
             f"the lens {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"
         ) from None
-    if path.suffix == ".dat":
+    if kind == ".dat":
         return from_dat(text, path.stem)
     return from_json(text, path.stem)
 

@@ -146,7 +146,7 @@ FILES = {
         '{"surfaces": [{"semi_diameter_mm": 1, "stop": true, "abbe": 30}, {"semi_diameter_mm": 1}]}',
         "abbe",
     ),
-    "lens.zmx": ("", "not a .json or .dat file"),
+    "lens.len": ("", "not a .json, .dat, .zmx, .seq file"),
 }
 
 
