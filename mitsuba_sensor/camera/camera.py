@@ -165,7 +165,7 @@ class Camera(FileTable):
             gain = f", gain {self.gain}"
         size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm"
         kind = sensor.technology.upper()
-        return f"<Camera: {self.name}, {kind}, {size}, {self.adc.bits} bit{gain}>"
+        return f"<Camera: {self.name}, {kind}, {size}, {self.code_bits} bit{gain}>"
 
     __str__ = __repr__
 

@@ -24,7 +24,7 @@ def camera_html(camera: Camera) -> str:
         else "none",
         "quantum efficiency": f"at most {efficiency:.3g}, {low:g} to {high:g} nm",
         "full well": f"{pixel.full_well_e:g} e-",
-        "converter": f"{camera.adc.bits} bits, black level {converter.black_level_dn:g} DN",
+        "converter": f"{camera.code_bits} bits, black level {converter.black_level_dn:g} DN",
         "lens": f"f/{camera.lens.f_number:g}",
         "stages": ", ".join(stage.label for stage in camera.stages),
     }
