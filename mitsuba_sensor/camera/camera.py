@@ -31,7 +31,7 @@ from .datasheet_checks import (
     check_gains,
     check_one_gain,
     check_resets,
-    check_technology,
+    check_sensor,
     checked_source,
     noise_sources,
     with_checked_sources,
@@ -147,7 +147,7 @@ class Camera(FileTable):
 
     @model_validator(mode="after")
     def _tables_fit(self) -> Camera:
-        check_technology(self)
+        check_sensor(self)
         check_one_gain(self)
         check_resets(self)
         check_readouts(self)
@@ -376,8 +376,8 @@ class Camera(FileTable):
         self, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None = None
     ) -> NDArray[np.float64]:
         """Quantum efficiency of every filter at (B,) wavelengths, (F, B); or averaged over bands, weighted by photons
-        of a flat spectrum."""
-        return qe_of_filters(self.quantum_efficiency, wavelengths_nm, bandwidths_nm)
+        of a flat spectrum. With polarisers that of unpolarised light behind them."""
+        return qe_of_filters(self, wavelengths_nm, bandwidths_nm)
 
     def filter_index(
         self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)

@@ -27,6 +27,12 @@ LARGEST = 1e30
 """Of a product of gains: squares of larger ones leave the range of numbers on the way to a variance."""
 
 
+def check_sensor(camera: Datasheet) -> None:
+    """Raise ValueError where the table of the sensor does not go with the others."""
+    check_technology(camera)
+    check_polarizers(camera)
+
+
 def check_technology(camera: Datasheet) -> None:
     """Raise ValueError where a CCD is given what the amplifiers in every pixel and column of a CMOS sensor make."""
     if camera.sensor.technology != "ccd":
@@ -44,6 +50,18 @@ def check_technology(camera: Datasheet) -> None:
             "CDS, so they have no offsets, gains, reset or telegraph noise of their own; "
             f"set {' and '.join(neutral)}, or sensor.technology to 'cmos'"
         )
+
+
+def check_polarizers(camera: Datasheet) -> None:
+    """Raise ValueError where numbers of the polarisers are not one for each wavelength of the quantum efficiency."""
+    points = len(camera.quantum_efficiency.wavelengths_nm)
+    for name in ("extinction_ratio", "polarizer_transmission"):
+        value = getattr(camera.sensor, name)
+        if isinstance(value, tuple) and len(value) != points:
+            raise ValueError(
+                f"sensor.{name} has {len(value)} values for {points} quantum_efficiency.wavelengths_nm; give one "
+                "number, or one for each of them"
+            )
 
 
 def check_one_gain(camera: Datasheet) -> None:

@@ -11,17 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 from ..core import InputError, numbers
 from ..core.band_average import photon_averages
 from ..core.checks import require_pair
+from ..stages.polarizers import efficiencies
+from ..stages.stage import Datasheet
 
 if TYPE_CHECKING:
     from ..stages.datasheet import CameraTable
 
 
 def qe_of_filters(
-    table: CameraTable, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None
+    camera: Datasheet, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None
 ) -> NDArray[np.float64]:
     """Quantum efficiency of every filter at (B,) wavelengths, (F, B); or averaged over bands, weighted by photons of a
-    flat spectrum.  table : quantum_efficiency of the camera."""
-    points, curves = np.array(table.wavelengths_nm), table.curves.values()
+    flat spectrum. With polarisers that of unpolarised light behind them."""
+    points = np.array(camera.quantum_efficiency.wavelengths_nm)
+    curves = efficiencies(camera).values()
 
     def at(nm: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array([np.interp(nm, points, curve, 0.0, 0.0) for curve in curves])

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from ..stages.polarizers import contrast, efficiencies
 from .camera import SET_BY_USER, Camera
 
 NO_NUMBERS = {"sources", "gains", "description"}
@@ -56,13 +57,21 @@ def response_fingerprint(camera: Camera) -> str:
         camera.lens.transmission_curve,
         camera.lens.transmission_wavelengths_nm,
     )
-    return _hash((section.wavelengths_nm, sorted(section.curves.items()), lens))
+    return _hash((section.wavelengths_nm, sorted(efficiencies(camera).items()), lens))
 
 
 def pixel_fingerprint(camera: Camera) -> str:
     """The same and how the filters repeat: of what each pixel detects."""
     section = camera.quantum_efficiency
     return _hash((response_fingerprint(camera), list(section.curves), section.filter_tile))
+
+
+def polarizer_fingerprint(camera: Camera) -> str | None:
+    """A hash of the angles of the polarisers and of how they extinguish light; None without polarisers."""
+    if camera.sensor.polarizers is None:
+        return None
+    extinguished = camera.quantum_efficiency.wavelengths_nm, contrast(camera).tolist()
+    return _hash((camera.sensor.polarizers, extinguished))
 
 
 def _hash(parts: object) -> str:

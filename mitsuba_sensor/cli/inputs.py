@@ -33,7 +33,8 @@ class RenderInput(NamedTuple):
 def render_input(scene: str, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
     """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
     parsed = parse(scene, flags)
-    return RenderInput(parsed, *camera_and_exposure(flags, parsed.settings)), other_flags(flags)
+    camera, exposure = camera_and_exposure(flags, parsed.settings)
+    return RenderInput(parsed.in_variant_for(camera), camera, exposure), other_flags(flags)
 
 
 def render_inputs(scene: str, flags: Flags) -> tuple[dict[str, SensorView], dict[str, Flag]]:

@@ -39,6 +39,8 @@ class Photons:
         its own filter at ``origin``; None: 1.  in_band_of : fingerprint of the camera that it is for.
     variance_e2 : (H, W), variance of the mean photoelectrons over renders [e-²], for a frame that has a render of its
         own, whose render noise replaces a part of the shot noise; None: the mean is exact.
+    polarizers : fingerprint of the polarisers of the sensor that the light was rendered for, each pixel with its own at
+        ``origin``; None: the light is not polarised.
     illuminant : of the scene, for the colours of a preview; None where it is not known.
     intrinsics : how the picture is a projection of the world, as of :func:`optics.intrinsics.intrinsics`, for the lens
         corrections of a DNG; None where it is not known.
@@ -53,6 +55,7 @@ class Photons:
     bandwidths_nm: Float64Array | None = None
     in_band: NumpyArray | None = None
     in_band_of: str | None = None
+    polarizers: str | None = None
     illuminant: Illuminant | None = None
     intrinsics: Mapping[str, Any] | None = None
     source: SourceOfLight | None = None

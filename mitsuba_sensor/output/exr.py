@@ -55,6 +55,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
     Light that was kept as it was before denoising has the same channels in the layer ``raw``.
     Light groups have the same channels in the layers ``light.<name>``; what is outside of layers is their sum, each as
     it was rendered. ``light_groups`` in the header has the statistics and the illuminant of each as JSON.
+    Light that was rendered behind polarisers has their fingerprint as ``polarizers`` in the header.
     What was rendered into colour filters has ``channel.<filter>`` instead, in W m⁻² at the wavelength in the header.
     """
     header: dict[str, str | float] = {
@@ -78,6 +79,8 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         names, prefix = [length.replace(".", ",") for length in lengths], SPECTRAL_CHANNEL
     if irradiance.in_band is not None:
         header["response"] = irradiance.response or ""
+    if irradiance.polarizers is not None:
+        header["polarizers"] = irradiance.polarizers
     channels = _channels(irradiance, prefix, names, scale)
     if irradiance.rendered_for is not None:
         header["rendered_for"] = json.dumps(plain_values(irradiance.rendered_for.to_dict()))
@@ -176,6 +179,7 @@ def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> 
         "bandwidths_nm": _widths_of(json_value(header["bandwidths_nm"]), len(names)),
         "filters": filters,
         "response": header.get("response") or None,
+        "polarizers": header.get("polarizers"),
         "origin": _pair_of(json_value(header.get("first_pixel", "[0, 0]"))),
     }
 

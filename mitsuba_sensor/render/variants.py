@@ -6,7 +6,7 @@ import importlib
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, wraps
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +22,7 @@ MitsubaObject: TypeAlias = (
     Any  # a scene, sensor, film, ray, transform, properties …: its class depends on the variant
 )
 
+POLARIZED = "_polarized"  # end of the names of variants that follow the polarisation of light
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
 FASTER = "up to about three times faster with LLVM, depending on the processor: " + INSTALL
 
@@ -146,21 +147,23 @@ def any_spectral_variant() -> Variant:
     return fastest_variant("cuda", "llvm")
 
 
-def refuse_polarized(name: str, subject: str) -> None:
-    """Raise InputError for a variant that follows the polarisation of light.  subject : what has it."""
-    if name.endswith("_spectral_polarized"):
-        spectral = name.removesuffix("_polarized")
-        why = "which follows the polarisation of light, and that is not simulated here"
-        raise InputError(f"{subject}, {why}; take {spectral!r}, which has the same spectra.")
+def is_polarized() -> bool:
+    """Whether the variant that is set follows the polarisation of light."""
+    return str(mitsuba().variant()).endswith(POLARIZED)
+
+
+def polarized(variant: Variant) -> Variant:
+    """The variant with the same back end that follows the polarisation of light."""
+    return replace(variant, name=variant.name.removesuffix(POLARIZED) + POLARIZED)
 
 
 def _spectral_variants() -> list[str]:
-    """Variants that render here: with spectra, without polarisation."""
-    return [name for name in mitsuba().variants() if name.endswith("_spectral")]
+    """Variants that render here: with spectra, with and without polarisation."""
+    endings = ("_spectral", "_spectral" + POLARIZED)
+    return [name for name in mitsuba().variants() if name.endswith(endings)]
 
 
 def _checked(name: str, reason: str, subject: str) -> Variant:
-    refuse_polarized(name, subject)
     known = _spectral_variants()
     if name not in known:
         call = "call mitsuba.set_variant('scalar_spectral') or pass variant='scalar_spectral'"

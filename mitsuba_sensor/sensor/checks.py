@@ -29,6 +29,7 @@ from .photon_checks import (
     check_lengths,
     check_light,
     check_photons,
+    check_polarizers,
     checked_channels,
     checked_widths,
     first_place,
@@ -124,6 +125,8 @@ def as_photons(
     check: bool = True,
 ) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
+    if isinstance(photons, Photons):
+        check_polarizers(photons.polarizers, camera)
     if isinstance(photons, PhotonsOfBands) and wavelengths_nm is None:
         return _checked_bands(photons, camera, check)
     if not isinstance(photons, Photons):
@@ -151,7 +154,10 @@ def as_photons(
         photons.detected,
         photons.origin,
         illuminant=photons.illuminant,
-    ).changed(intrinsics=photons.intrinsics, source=photons.source)
+    )
+    checked = checked.changed(
+        intrinsics=photons.intrinsics, source=photons.source, polarizers=photons.polarizers
+    )
     if bands_nm is None or wavelengths_nm is not None or photons.bandwidths_nm is None:
         return checked
     widths_nm = checked_widths(photons.bandwidths_nm, bands_nm.shape)
@@ -259,18 +265,6 @@ def _refuse_infinite(mean: NDArray[np.float64]) -> None:
             f"photons is infinite in {int(bad.sum())} place(s), first at {first_place(bad)}; pass a finite number, "
             "e.g. 1e9 for a pixel that saturates."
         )
-
-
-def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:
-    """The light where it was asked for on the sensor, or where it is; what is known of each pixel's own filter holds
-    behind that one only. Raises InputError."""
-    if first_pixel is None:
-        return light.changed(origin=checked_origin(light.origin))
-    row, column = checked_origin(first_pixel)
-    moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(
-        camera.tile[0]
-    )
-    return light.changed(origin=(row, column), in_band=None if moved else light.in_band)
 
 
 def _checked_factor(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

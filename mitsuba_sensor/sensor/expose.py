@@ -31,7 +31,6 @@ from .checks import (
     check_numbers,
     checked_maps,
     checked_names,
-    placed,
 )
 from .choices import KEEP, KEPT_BY_PUBLISHED, PlannedChain, chain_of, precision_of
 from .detection import Detected, checked_and_detected
@@ -39,6 +38,7 @@ from .frame_notes import exposure_notes
 from .frames import RawFrames
 from .options import ExposeOptions
 from .photon_checks import check_kept
+from .placement import placed
 from .readout_checks import check_options_of_readouts
 from .run import FrameRunner, Observer, StripWindows, choose_backend, require_kept
 

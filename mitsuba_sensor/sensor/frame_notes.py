@@ -10,6 +10,7 @@ import numpy as np
 from ..camera.camera import Camera
 from ..camera.sensor_size import size_note
 from ..core import Doubt, Frame, Photons
+from ..stages.polarizers import mean_transmittance
 from ..stages.usual_range import temperature_note
 from .detection import Detected
 from .metering import clipped_note
@@ -34,6 +35,7 @@ def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, 
         *_wavelength_note(light.photons, camera),
         *clipped_note(light, camera, first),
         *_bias_note(light.photons, first),
+        *_unpolarized_note(light.photons, camera),
         *temperature_note(first.exposure.temperature_k),
         *(() if source is None else source.notes_for(camera)),
     )
@@ -43,6 +45,17 @@ def _bias_note(photons: Photons, first: Frame) -> Iterator[str]:
     """Where the light of a scene is collected for no time."""
     if photons.source is not None and first.exposure.time_s == 0:
         yield "the exposure time is 0 s, so that no light is collected: this is a bias frame"
+
+
+def _unpolarized_note(photons: Photons, camera: Camera) -> Iterator[str]:
+    """Where polarisers see light whose polarisation is not known."""
+    if camera.sensor.polarizers is None or photons.polarizers is not None or photons.detected:
+        return
+    passed = mean_transmittance(camera)
+    shares = f"{passed.min():.3g}"
+    if passed.max() > passed.min():
+        shares += f" to {passed.max():.3g}"
+    yield f"the light is taken as unpolarised: the polarisers of {camera.name} pass {shares} of it"
 
 
 def _outside_note(photons: Photons, camera: Camera) -> Iterator[str]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.fingerprint import polarizer_fingerprint
 from ..core import InputError, Photons, numbers
 
 if TYPE_CHECKING:
@@ -46,6 +47,18 @@ def check_photons(mean: NDArray[np.float64]) -> None:
         raise InputError(
             f"photons is {kind} in {int(bad.sum())} place(s), first at {first_place(bad)}; a mean number of photons is "
             "0 or more: clamp or correct them before expose()."
+        )
+
+
+def check_polarizers(polarizers: str | None, camera: Camera) -> None:
+    """Raise InputError for light behind the polarisers of another camera.  polarizers : fingerprint of its own."""
+    if polarizers not in (None, polarizer_fingerprint(camera)):
+        has = "none"
+        if camera.sensor.polarizers is not None:
+            has = "others"
+        raise InputError(
+            f"the light was rendered behind the polarisers of another camera, and {camera.name} has {has}; render it "
+            "for this camera."
         )
 
 

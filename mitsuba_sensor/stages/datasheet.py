@@ -31,11 +31,13 @@ Fraction = Annotated[float, Field(gt=0, le=1, strict=True)]
 Count = Annotated[int, Field(ge=1, strict=True)]
 Side = Annotated[int, Field(ge=1, le=10**6, strict=True)]
 Chance = Annotated[float, Field(ge=0, le=1, strict=True)]
+Angle = Annotated[float, Field(ge=0, lt=180, strict=True)]
 LineCoupling = Annotated[float, Field(ge=0, le=0.4999, strict=True)]
 MapCoupling = Annotated[float, Field(ge=0, le=0.45, strict=True)]
 Pitch = Annotated[Positive, Usual.of(0.3, 200, METRES_TO_UM, MM_TO_UM, NM_TO_UM)]
 Kelvin = Usual.of(65, 500, CELSIUS)
 Nanometres = Usual.of(100, 3000, UM_TO_NM, METRES_TO_NM)
+ByWavelength = float | tuple[float, ...]
 SAME_AREA = 0.01  # by how much fill factor and area of the pixel's aperture may differ
 
 
@@ -89,6 +91,26 @@ class CameraTable(FileTable):
         def __getattr__(self, name: str) -> Any: ...
 
 
+def _numbers_from(low: float, high: float) -> BeforeValidator:
+    """Check of a number or of one for each wavelength, from one limit to the other."""
+
+    def checked(value: object) -> object:
+        numbers = value if isinstance(value, list | tuple) else (value,)
+        for number in numbers:
+            if value is None:
+                continue
+            if type(number) not in (int, float) or not low <= number <= high:
+                raise ValueError(
+                    f"{number!r} is not a number from {low:g} to {high:g}; give one, or one for each of "
+                    "quantum_efficiency.wavelengths_nm"
+                )
+        if isinstance(value, list | tuple):
+            return tuple(map(float, value))
+        return value
+
+    return BeforeValidator(checked)
+
+
 class SensorSection(FileTable):
     """The chip."""
 
@@ -111,12 +133,57 @@ class SensorSection(FileTable):
         description="time from the start of a row to that of the next, of a rolling shutter [µs]",
         examples=[15.0],
     )
+    polarizers: tuple[tuple[Angle, ...], ...] | None = Field(
+        None,
+        title="polariser mosaic, analyser",
+        description="rows of the angles of the transmission axes of polarisers that repeat over the sensor, from the "
+        "columns' direction to the right counter-clockwise as one looks at the picture [°]",
+        examples=[[[90, 45], [135, 0]]],
+    )
+    extinction_ratio: Annotated[ByWavelength | None, _numbers_from(1, 1e6)] = Field(
+        None,
+        title="extinction ratio, contrast of polarisers",
+        description="of the polarisers, τ_max/τ_min, one number or one for each of quantum_efficiency.wavelengths_nm",
+        examples=[300],
+    )
+    polarizer_transmission: Annotated[ByWavelength | None, _numbers_from(1e-6, 1)] = Field(
+        None,
+        title="transmittance of polarisers",
+        description="of light that is polarised along their axis, τ_max, one number or one for each of "
+        "quantum_efficiency.wavelengths_nm; 1 if not given",
+        examples=[0.9],
+    )
     without: tuple[str, ...] = Field(
         (),
         title="noise source switched off",
         description="noise sources that are switched off, by the keys of their stages",
         examples=[["shot_noise"]],
     )
+
+    @property
+    def polarizer_periods(self) -> tuple[int, int]:
+        """Rows and columns after which the polarisers repeat; (1, 1) without."""
+        tile = self.polarizers or ((0.0,),)
+        return len(tile), len(tile[0])
+
+    @model_validator(mode="after")
+    def _polarizers_are_complete(self) -> Self:
+        tile = self.polarizers
+        if tile is None:
+            for name in ("extinction_ratio", "polarizer_transmission"):
+                if getattr(self, name) is not None:
+                    raise ValueError(
+                        f"{name} is given and no polarizers; give their angles, e.g. [[90, 45], [135, 0]], or unset "
+                        f"{name} too"
+                    )
+            return self
+        if self.extinction_ratio is None:
+            raise ValueError("polarizers need extinction_ratio, τ_max/τ_min, e.g. 300")
+        if not tile or not tile[0] or any(len(row) != len(tile[0]) for row in tile):
+            raise ValueError(
+                "polarizers must be a rectangle of angles: every row as long as the first, and none empty"
+            )
+        return self
 
     @model_validator(mode="after")
     def _rolls_with_a_row_time(self) -> Self:

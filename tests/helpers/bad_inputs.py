@@ -57,10 +57,6 @@ SCENES = {  # old → new in the scene of conftest.py
         "no.png",
         "line",
     ),
-    '<bsdf type="diffuse"> → <bsdf type="polarizer"> && <spectrum name="reflectance" value="0.5"/> → ': (
-        "polarizer",
-        "--ignore-polarization",
-    ),
     '<emitter type="constant"> → <emitter type="envmap"><string name="filename" value="sky.exr"/> && <spectrum name="radiance" value="$level"/> → ': (
         "sky.exr",
     ),

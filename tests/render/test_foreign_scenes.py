@@ -181,7 +181,7 @@ BROKEN = [
     (scene_text(SKY, "<shape").replace("3.0.0", "0.5.0"), "format of Mitsuba 0.5.0"),
     (scene_text(SKY, '<subsurface type="dipole"/>').replace("3.0.0", "0.6.0"), "format of Mitsuba 0.6.0"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="ward"/>')).replace("3.0.0", "0.6.0"), "format of Mitsuba 0.6.0"),
-    (scene_text(SKY, BALL.format(bsdf='<bsdf type="polarizer"/>')), "acts on polarised light, which is not simulated"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="polarizer"/>')), "polarised light, which scalar_spectral does"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')), "line 2: 'circular' acts on polarised light"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="retarder"/>')), "acts on polarised light"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="measured_polarized"/>')), "--ignore-polarization"),

@@ -339,7 +339,7 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         ms.render(given, CAMERA, EXPOSURE, integrator="direct")
 
 
-def test_polarising_materials_of_a_loaded_scene_are_refused() -> None:
+def test_polarising_materials_of_a_scene_loaded_without_polarisation_are_refused() -> None:
     mi = ready("scalar_spectral")
     scene = mi.load_string(scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')))
     with pytest.raises(ms.InputError, match="polarises light"):

@@ -296,8 +296,8 @@ def _reflectances(
     def evaluate(number: Array, *channels: Array) -> tuple[Array, ...]:
         interaction = mi.SurfaceInteraction3f(hit)
         quarters = [dr.gather(mi.Float, table, QUARTERS * number + k) for k in range(QUARTERS)]
-        interaction.wavelengths = mi.Spectrum(*quarters)
-        values = bsdf.eval_diffuse_reflectance(interaction, diffuse)
+        interaction.wavelengths = mi.UnpolarizedSpectrum(*quarters)
+        values = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(interaction, diffuse))
         mean = dr.clip((values[0] + values[1] + values[2] + values[3]) / QUARTERS, 0.0, 1.0)
         changed = []
         for k, value in enumerate(channels):

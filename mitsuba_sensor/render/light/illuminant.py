@@ -85,8 +85,9 @@ def _thrown(
     column, row, *pupil, first, second = numbers
     ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(column, row), mi.Point2f(*pupil))
     hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(ray))
-    hit.wavelengths = mi.Spectrum(*wavelengths_nm)
+    hit.wavelengths = mi.UnpolarizedSpectrum(*wavelengths_nm)
     sample, radiance = scene.mitsuba_scene.sample_emitter_direction(
         hit, mi.Point2f(first, second), False
     )
+    radiance = mi.unpolarized_spectrum(radiance)
     return dr.select(hit.is_valid(), radiance * dr.abs(dr.dot(hit.n, sample.d)), 0.0)

@@ -97,6 +97,8 @@ class Irradiance:
     in_band : (H, W) photoelectrons of each pixel of the camera that it was rendered for, over those of a spectrum that
         is flat within each band; None where they are not known.
     response : the fingerprint of the camera of ``filters`` or ``in_band``.
+    polarizers : the fingerprint of the polarisers that it was rendered for, or None: ``data`` is then for each pixel
+        what unpolarised light would be that passes its polariser as this light does, S0 + c·(S1 cos 2θ + S2 sin 2θ).
     origin : (row, column) of the first pixel on the sensor: where the film's crop window begins.
     rendered_for : camera, exposure and serial number, where they are known.
     raw : the same light before it was denoised, if asked for and denoised; its statistics are its own.
@@ -116,6 +118,7 @@ class Irradiance:
     statistics: RenderStatistics
     filters: tuple[str, ...] | None = None
     response: str | None = None
+    polarizers: str | None = None
     origin: tuple[int, int] = (0, 0)
     in_band: NDArray[np.float32] | None = None
     rendered_for: RenderedFor | None = None

@@ -33,6 +33,7 @@ from ...core.units import photon_energy_j
 from ...optics.shutter import shutter_of
 from ...sensor.checks import as_photons
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
+from ...sensor.photon_checks import check_polarizers
 from .bands import Bands
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight
@@ -113,6 +114,7 @@ def collect(
             raise InputError(f"{why}; {remedy}.")
         if light.waveforms:
             check_times_of_readouts(camera, "lamps flicker")
+        check_polarizers(light.polarizers, camera)
         light = light_of_frame(light, shutter_of(camera, exposure, start_s))
         photons = _photons(
             light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure
@@ -122,7 +124,9 @@ def collect(
             origin=light.origin, illuminant=None if known is None else known.illuminant
         )
         photons = photons.changed(
-            intrinsics=light.statistics.intrinsics, source=CollectedLight.of(light)
+            intrinsics=light.statistics.intrinsics,
+            source=CollectedLight.of(light),
+            polarizers=light.polarizers,
         )
         if light.filters is not None:
             return photons.changed(detected=True, bandwidths_nm=None)

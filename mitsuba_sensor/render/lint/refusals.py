@@ -11,7 +11,7 @@ from ...core import InputError
 from ...files.raw_files import require_plausible_picture
 from ..scene.scene_file import POLARISING, SceneFile, as_input_error
 from ..scene.scene_settings import FILM, SENSOR
-from ..variants import mitsuba
+from ..variants import is_polarized, mitsuba
 from .finding import Finding, Range
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
@@ -29,7 +29,8 @@ UNSUITABLE = {
     "(integrator='path')",
 } | dict.fromkeys(
     POLARISING,
-    "acts on polarised light, which is not simulated; for unpolarised light take --ignore-polarization",
+    "acts on polarised light; take a variant that follows it, e.g. --variant llvm_ad_spectral_polarized, or "
+    "--ignore-polarization for unpolarised light",
 )
 
 
@@ -40,10 +41,9 @@ def refuse_unsuitable(scene: SceneFile) -> None:
         raise InputError(
             f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}."
         )
+    followed = POLARISING if scene.ignore_polarization or is_polarized() else ()
     for node in scene.nodes("Integrator", "BSDF"):
-        if (kind := node.props.plugin_name()) in UNSUITABLE and not (
-            scene.ignore_polarization and kind in POLARISING
-        ):
+        if (kind := node.props.plugin_name()) in UNSUITABLE and kind not in followed:
             raise InputError(
                 f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}."
             )

@@ -92,7 +92,7 @@ def render_aovs(
             "a motion is given and no exposure; pass exposure=Exposure(time_s) for the optical flow."
         )
     moved = read_motion(chosen["motion"])
-    parsed = parse(scene, chosen)
+    parsed = parse(scene, chosen).in_variant_for(camera)
     metres, shutter = (
         parsed.settings.metres(chosen["scene_unit"]),
         shutter_of(camera, exposure or Exposure(0.0)),

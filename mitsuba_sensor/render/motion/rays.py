@@ -211,8 +211,10 @@ def _albedo(hit: MitsubaObject) -> tuple[Array, ...]:
     bsdf, scalar, colour = hit.bsdf(), valid is True, []
     diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
     for low, high in RGB_NM:
-        hit.wavelengths = mi.Spectrum([low + (k + 0.5) * (high - low) / 4 for k in range(4)])
-        quarters = bsdf.eval_diffuse_reflectance(hit, valid)
+        hit.wavelengths = mi.UnpolarizedSpectrum(
+            [low + (k + 0.5) * (high - low) / 4 for k in range(4)]
+        )
+        quarters = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(hit, valid))
         mean = (quarters[0] + quarters[1] + quarters[2] + quarters[3]) / 4
         colour.append(
             min(mean, 1.0) * diffuse

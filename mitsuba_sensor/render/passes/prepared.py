@@ -210,15 +210,15 @@ class PreparedRender:
     def _irradiance(
         self, found: Estimate, raw: Electrons, statistics: RenderStatistics
     ) -> Irradiance:
+        names = self.camera.filter_names if self.bands.kind == "channels" else None
         return Irradiance(
             **found._asdict(),
             wavelengths_nm=self.bands.wavelengths_nm,
             bandwidths_nm=self.bands.bandwidths_nm,
             statistics=statistics,
-            filters=tuple(self.camera.quantum_efficiency.curves)
-            if self.bands.kind == "channels"
-            else None,
+            filters=names,
             response=self.bands.response,
+            polarizers=self.at_rest.polarizers,
             origin=self.scene.view.crop_offset[::-1],
             pass_error=self.renderer.pass_error(raw, statistics.denoised is not None),
         )
@@ -382,9 +382,9 @@ def prepare(
     parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen)
     parsed = parsed if camera is not None else parsed.with_camera()
     settings = parsed.settings
-    camera = cast(Camera, first_given(camera, settings.camera))
+    camera = cast(Camera, first_given(camera, settings.camera)).at_gain(chosen["gain"])
     asked = settings.metering() if asked is AUTO else first_given(asked, settings.exposure)
-    camera = camera.at_gain(chosen["gain"])
+    parsed = parsed.in_variant_for(camera)
     metering = asked if isinstance(asked, Metering) else None
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
     warn_of_temperature(known.temperature_k)

@@ -23,14 +23,13 @@ from ...optics.veiling_glare import veiling_glare_of
 from ...theory.input_noise import InputNoise, input_noise
 from ..denoise.denoise import (
     LEAST_PASSES,
-    LEAST_PIXELS,
     Denoised,
     Halves,
-    denoise,
     is_noisy,
 )
 from ..denoise.filter_bands import VALUES_AT_ONCE, bands_of
 from ..denoise.guides import Guides, detected_quarters, most_rays, noise_share, traced
+from ..denoise.mosaic import denoise_each, least_pixels, tile_of
 from ..light.bands import Bands
 from ..light.film_channels import electrons_of_film, radiance_of
 from ..light.own_filter import in_band_factor, of_own_filter
@@ -73,10 +72,11 @@ class Renderer:
         bands: Bands,
         keep: Kept = Kept.SPREAD,
     ) -> None:
-        (columns, rows), self._tile = scene.view.crop_size, np.array(camera.tile)
+        (columns, rows), self._tile = scene.view.crop_size, tile_of(camera)
         self.scene, self.bands = scene, bands
         self._weights = electrons_per_irradiance(camera, exposure, bands)
-        can_be_denoised = columns * rows >= LEAST_PIXELS and self._weights.any()
+        self._periods = camera.sensor.polarizer_periods
+        can_be_denoised = columns * rows >= least_pixels(self._periods) and self._weights.any()
         self._keep = keep if can_be_denoised else Kept.SPREAD
         self.can_denoise = Kept.HALVES in self._keep
         self._film_weights = electrons_of_film(camera, exposure, bands)
@@ -90,9 +90,7 @@ class Renderer:
         self._fireflies: float | None = None
         self.choice: DenoiseChoice | None = None
         self.denoised: Denoised | None = None
-        self._filtered: Denoised | None = (
-            None  # of the passes so far, if they were denoised already
-        )
+        self._filtered: Denoised | None = None  # of the passes so far, if that was done already
 
     def run(
         self,
@@ -291,7 +289,8 @@ class Renderer:
                 self._guides = guides.without_noise() if last else guides
                 del guides
             trim_heap()
-            return denoise(Halves(even, odd, self._variance_of, share), self._guides)
+            halves = Halves(even, odd, self._variance_of, share)
+            return denoise_each(halves, self._guides, self._periods)
 
     def denoises(self) -> bool:
         """Whether no forecast is against denoising the light."""
@@ -305,7 +304,8 @@ class Renderer:
         if not mitsuba().variant().startswith("scalar"):
             guides = self._traced_guides(rows, None)
         halves = Halves(even, odd, partial(self._variance_of, rows=rows), share)
-        found, (mean, variance) = denoise(halves, guides), self._raw_electrons()
+        found = denoise_each(halves, guides, self._periods)
+        mean, variance = self._raw_electrons()
         mean[rows] = self._own(found.mean, rows)
         variance[rows] = self._own(found.variance, rows)
         mean, variance = self._behind_glare((mean, variance))

@@ -79,6 +79,11 @@ class ImageLight:
             raise InputError(
                 f"{chosen.name} has a quantum_yield, of which digital knows no derivative; take ms.differentiable."
             )
+        if chosen.sensor.polarizers is not None:
+            raise InputError(
+                f"{chosen.name} has polarisers, which an image of Mitsuba's own sensors does not know; take ms.render, "
+                "or a camera without sensor.polarizers."
+            )
         unit_m = settings_from(known.film, known.sensor or {}).unit_m or 1.0
         focus = mitsuba().traverse(sensor).get("focus_distance")
         return cls(settings, chosen, bands, view_of_sensor(sensor, unit_m), focus, unit_m)

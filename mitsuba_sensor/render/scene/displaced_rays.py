@@ -139,8 +139,8 @@ class DisplacedRays:
         ray, weight = self._ray(sensor, (time, wavelength, displaced, aperture), active)
         if self._shared:
             balance = self._balance(x_nm, lengths_nm)
-            self.excess = lengths_nm, (balance - 1) * per_density
-            weight = weight * balance
+            self.excess = lengths_nm, (balance - 1) * mi.unpolarized_spectrum(per_density)
+            weight = mi.Spectrum(mi.unpolarized_spectrum(weight) * balance)
         return ray, weight
 
     def _ray(
@@ -201,7 +201,7 @@ class DisplacedRays:
             far = self._tail / dr.maximum(x * x * x, 1.0)
             densities.append((dr.select(x < self._edge, near, far) + WEAKEST) / (nm * nm))
         mean = sum(densities) / len(densities)
-        return mitsuba().Spectrum(*(density / mean for density in densities))
+        return mitsuba().UnpolarizedSpectrum(*(density / mean for density in densities))
 
 
 def _data(number: float) -> Array:

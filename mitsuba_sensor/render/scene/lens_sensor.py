@@ -255,7 +255,8 @@ class SequentialLens:
         )
         start, solid_angle = self._start(position, aperture)
         if self._dispersion:  # only the first wavelength is traced, and represents the others
-            weight = weight * mi.Spectrum(len(lengths), *[0.0] * (len(lengths) - 1))
+            first = mi.UnpolarizedSpectrum(len(lengths), *[0.0] * (len(lengths) - 1))
+            weight = mi.Spectrum(mi.unpolarized_spectrum(weight) * first)
         end = trace(self._surfaces, start, lengths[0] if self._dispersion else D_NM)
         to_world, unvignetted = sensor.world_transform(), mi.Mask(end.unvignetted & active)
         mm = self._units_per_mm

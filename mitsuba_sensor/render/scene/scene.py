@@ -42,6 +42,7 @@ from .film_and_view import WIDTH, built_in_sensor, film_size
 from .lens_sensor import with_lens
 from .light_groups import keep_emitters
 from .parse_scene import parse_scene
+from .polarizer_rays import with_polarizers
 from .scene_file import SceneFile, as_input_error, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
 from .weight_noise import WeightCounter, weight_counter
@@ -58,6 +59,7 @@ class Scene:
     view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
     sha256 : of the scene file, its includes and its parameters.  responses : of the channels of the film.  noisy :
     pixels that get more samples, or None.  weights : counts those of displaced rays for channels behind the others.
+    polarizers : fingerprint of those of the sensor, or None.
     """
 
     mitsuba_scene: MitsubaObject
@@ -71,6 +73,7 @@ class Scene:
     findings: tuple[Finding, ...] = ()
     noisy: NoisyPixels | None = None
     weights: WeightCounter | None = None
+    polarizers: str | None = None
     _interleaved: dict[tuple[int, tuple[int, int]], MitsubaObject] = field(default_factory=dict)
 
     def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
@@ -229,7 +232,8 @@ def _load(
     sharp, view, lens_notes = with_lens(
         sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
-    sensor, spread_notes = with_displaced_rays(sharp, view, camera)
+    spread, spread_notes = with_displaced_rays(sharp, view, camera)
+    sensor, polarizers = with_polarizers(spread, scene, camera)
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
         check_on_sensor(
@@ -238,7 +242,8 @@ def _load(
     notes = (*(finding.as_note for finding in findings), *lens_notes, *spread_notes)
     loaded = world, integrator, sensor, sharp, view
     described = scene.digest(), bands.responses, notes, tuple(findings)
-    return Scene(*loaded, *described, weights=weight_counter(sensor, bands))
+    counter = weight_counter(sensor, bands)
+    return Scene(*loaded, *described, weights=counter, polarizers=polarizers)
 
 
 def inspect_scene(

@@ -104,6 +104,15 @@ class SceneFile:
             else f"{Path(found[1]).name} line {found[2]}"
         )
 
+    @property
+    def holds_objects(self) -> bool:
+        """Whether it was loaded by Mitsuba or is a dict with objects, which belong to one variant."""
+        kind = mitsuba().Properties.Type.Object
+        nodes = (node.props for node in self.state.nodes)
+        return self.loaded is not None or any(
+            props.type(name) == kind for props in nodes for name in props
+        )
+
     def sensor(self) -> MitsubaObject:
         """The node of the sensor that was asked for, else of the first one; raises InputError if there is none."""
         for key, sensor in self.children(self.root, "Sensor"):

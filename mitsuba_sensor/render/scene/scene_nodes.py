@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ...core import InputError
-from ..variants import MitsubaObject, mitsuba, parser_config, refuse_polarized
+from ..variants import POLARIZED, MitsubaObject, is_polarized, mitsuba, parser_config
 from .plugin_id import PluginParameters, parameters_of
 from .plugin_names import (
     OWN_PLUGINS,
@@ -104,8 +104,7 @@ def view_of_loaded(scene: object) -> LoadedView | None:
 def check_loaded(scene: MitsubaObject, options: Mapping[str, Any]) -> None:
     """Raise InputError for a loaded scene of another variant, or with options that it comes too late for."""
     own, wanted = scene.variant_name(), options.get("variant") or mitsuba().variant()
-    refuse_polarized(own, f"the scene was loaded in variant {own!r}")
-    if not own.endswith("_spectral"):
+    if "_spectral" not in own:
         raise InputError(
             f"the scene was loaded in variant {own!r}, which keeps no spectra; call mitsuba.set_variant"
             "('scalar_spectral') before you load it, or pass its path, XML text or dict."
@@ -250,12 +249,16 @@ def _tree_of(view: LoadedView) -> dict[str, Any]:
     """A dict with the sensor of a loaded scene, described again. Raises InputError where it is of no use."""
     if view.integrator is not None:
         _check_integrator(view.integrator)
+    own = view.scene.variant_name()
+    polarised = own + POLARIZED
     for number, shape in enumerate(view.scene.shapes()):
-        if any(name in str(shape.bsdf()) for name in POLARISERS):
-            raise InputError(
-                f"shape {shape.id() or number!r} of the scene polarises light ({', '.join(POLARISING)}), which is not "
-                f"simulated; {ANOTHER} and ignore_polarization=True for unpolarised light."
-            )
+        if is_polarized() or not any(name in str(shape.bsdf()) for name in POLARISERS):
+            continue
+        raise InputError(
+            f"shape {shape.id() or number!r} of the scene polarises light ({', '.join(POLARISING)}), which "
+            f"{own!r} does not follow; load it in {polarised!r}, or {ANOTHER} and "
+            "ignore_polarization=True for unpolarised light."
+        )
     return {"type": "scene", "sensor": _described_sensor(view.sensor, parameters_of(view.film))}
 
 

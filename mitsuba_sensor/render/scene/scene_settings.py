@@ -21,7 +21,16 @@ from ...sensor.metering import Metering
 from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
 from ..options import FileOptions, RenderOptions
 from ..passes.passes import hashed_seed
-from ..variants import MitsubaObject, Variant, choose_variant, mitsuba, use
+from ..variants import (
+    MitsubaObject,
+    Variant,
+    choose_variant,
+    is_polarized,
+    mitsuba,
+    parser_config,
+    polarized,
+    use,
+)
 from .parse_scene import parse_scene
 from .plugin_names import OWN_PLUGINS
 from .plugin_parameters import (
@@ -32,6 +41,7 @@ from .plugin_parameters import (
     SENSOR_PARAMETERS,
     SIZE_PARAMETERS,
 )
+from .polarizer_rays import polarised_by
 from .scene_edits import SceneEdits
 from .scene_file import SceneFile, as_input_error, searching
 from .scene_nodes import SceneInput, check_loaded, parse_nodes, view_of_loaded
@@ -302,6 +312,21 @@ class ParsedScene:
     file: SceneFile
     settings: SceneSettings
     variant: Variant
+
+    def in_variant_for(self, camera: Camera) -> ParsedScene:
+        """The same in a variant that follows the polarisation of light, which is set from now on, where camera or scene
+        polarise it. Raises InputError where another variant was asked for."""
+        what = polarised_by(self.file, camera)
+        if what is None or is_polarized():
+            return self
+        variant = polarized(self.variant)
+        if self.variant.reason == "asked for" or self.file.holds_objects:
+            raise InputError(
+                f"{what}, which {self.variant.name} does not follow; load and render the scene in variant "
+                f"{variant.name!r}, or ignore_polarization (--ignore-polarization) for unpolarised light."
+            )
+        use(variant)
+        return replace(self, variant=variant, file=replace(self.file, config=parser_config()))
 
     def with_camera(self) -> ParsedScene:
         """With the default camera where the file names none."""

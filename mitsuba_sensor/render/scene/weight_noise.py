@@ -105,7 +105,7 @@ def _integral(response: MitsubaObject, ends_nm: tuple[float, float]) -> float:
     step_nm = (ends_nm[1] - ends_nm[0]) / STEPS
     at = drjit().zeros(mi.SurfaceInteraction3f, STEPS)
     middles_nm = ends_nm[0] + step_nm * (np.arange(STEPS) + 0.5)
-    at.wavelengths = mi.Spectrum(mi.Float(middles_nm))
+    at.wavelengths = mi.UnpolarizedSpectrum(mi.Float(middles_nm))
     values = np.array(response.eval(at)[0], dtype=float)
     return max(float(values.sum()) * step_nm, float(np.finfo(np.float32).tiny))
 

@@ -28,6 +28,7 @@ from ...core.signals import Filters
 from ...core.types import NumpyArray
 from ..crosstalk import Crosstalk, CrosstalkFields
 from ..datasheet import Chance, FileTable, Nanometres, Positive
+from ..polarizers import efficiencies
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
 from ..usual_range import PERCENT, Usual
@@ -186,7 +187,8 @@ class SpectralCurve:
 class QuantumEfficiency(Stage):
     """Mean photoelectrons of each pixel, Σ_k QE(λ_k)·Λ_k (paper eq. 14); not rounded, nothing is random here.
 
-    curves : one QE curve per colour filter.  tile : rows of filter numbers that repeat over the sensor.
+    curves : one QE curve per colour filter, of unpolarised light behind polarisers, if any.
+    tile : rows of filter numbers that repeat over the sensor.
     reference_nm : the wavelength of photons that come without one [nm], or None when they must have one.
     quantum_yield : electrons per interacting photon against wavelength, or None for one everywhere.
     crosstalk : behind the filters, or None where each pixel keeps its electrons. Beyond the edge of the window is the
@@ -211,7 +213,8 @@ class QuantumEfficiency(Stage):
         """The camera's curves, and its quantum yield where that is not one."""
         section = camera.quantum_efficiency
         curves = tuple(
-            SpectralCurve(section.wavelengths_nm, curve) for curve in section.curves.values()
+            SpectralCurve(section.wavelengths_nm, curve)
+            for curve in efficiencies(camera).values()
         )
         if bursts(section.quantum_yield):
             burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield)
