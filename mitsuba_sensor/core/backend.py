@@ -94,13 +94,14 @@ class Backend:
         return random_bits_at(block, window.rows[:, None], window.columns[None, :], frame, key)
 
     # Random bits to random numbers: uniform between 0 and 1; standard normal, also from a survival probability; of mean
-    # 1 and given coefficient of variation log-normal, gamma, and inverse Gaussian (Wald); standard logistic.
+    # 1 and given coefficient of variation log-normal, gamma, and inverse Gaussian (Wald); standard logistic and Moyal.
     uniform = staticmethod(distributions.survival)
     normal = staticmethod(distributions.normal)
     normal_of = staticmethod(distributions.normal_of)
     lognormal = staticmethod(distributions.lognormal)
     gamma = staticmethod(distributions.gamma)
     logistic = staticmethod(distributions.logistic)
+    moyal = staticmethod(distributions.moyal)
     wald = staticmethod(distributions.wald)
 
     def distributed(self, bits: Array, distribution: NoiseDistribution) -> Array:
@@ -145,6 +146,7 @@ class NumpyFloat32(Backend):
     normal = staticmethod(quantiles.normal)
     normal_of = staticmethod(quantiles.normal_of)
     logistic = staticmethod(quantiles.logistic)
+    moyal = staticmethod(quantiles.moyal)
 
     def lognormal(self, bits: Array, cv: float) -> Array:
         variance = math.log1p(cv * cv)

@@ -33,6 +33,7 @@ FROM_NAME = 0x4000_0000  # bit for sources that are not in STREAMS; the 30 bits 
 _SLOTS = {
     0: ("photon_shot", "dark_shot", "source_follower", "reset"),
     1: ("rtn_pixels", "rts_state", "quantum_yield", "compensation"),
+    2: ("radiation_hit", "radiation_charge"),
     FIXED_PATTERN: ("prnu", "dark_fpn", "dark_fpn_pick", "dark_component"),
     FIXED_PATTERN + 1: ("dsnu_col", "dsnu_row", "prnu_col", "dsnu_pixel"),
     FIXED_PATTERN + 2: ("rts_site", "rtn_site", "read_noise"),

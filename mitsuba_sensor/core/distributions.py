@@ -22,6 +22,8 @@ EXACT_BELOW = 1e6
 # same for maps (H, W), whose coupling is 0.45 at most: φ^96 < 4e-20.
 AR_BLOCK, AR_WARM_UP = 4096, 2048
 AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
+SMALLEST_SQUARE = 1e-18
+"""Of a normal number in Moyal's distribution, which ends at 41."""
 # Smallest survival probabilities that are summed one by one [2⁻³²] in a moment of the numbers that can be drawn; in
 # between it is an integral.
 OUTERMOST = 4096
@@ -167,6 +169,12 @@ def logistic(bits: RandomBits) -> Float64Array:
     """Standard logistic ln((1−s)/s), mean 0 and variance π²/3."""
     s = survival(bits)
     return np.log1p(-s) - np.log(s)
+
+
+def moyal(bits: RandomBits) -> Float64Array:
+    """Moyal's distribution −ln z², z standard normal: most probable 0, mean γ + ln 2, variance π²/2."""
+    z = normal(bits)
+    return -np.log(np.maximum(z * z, SMALLEST_SQUARE))
 
 
 def wald(z: Float64Array, u: Float64Array, cv: float) -> Float64Array:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 from . import arrays
+from .distributions import SMALLEST_SQUARE
 from .types import Array
 
 # z/x as a polynomial in w = −ln(1 − x²), x = 1 − 2·survival, for w ≤ 4: relative error 4e-7.
@@ -165,6 +166,12 @@ def logistic(bits: Array) -> Array:
     y = _two_tails(t)
     size = log(2.0 - y) - log(y)
     return arrays.where(t < 0, -size, size)
+
+
+def moyal(bits: Array) -> Array:
+    """Moyal's distribution −ln z², z standard normal: most probable 0, mean γ + ln 2, variance π²/2."""
+    z = normal(bits)
+    return -log(arrays.maximum(z * z, SMALLEST_SQUARE))
 
 
 def wald(z: Array, u: Array, cv: Array) -> Array:

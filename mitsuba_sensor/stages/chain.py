@@ -8,6 +8,7 @@ import numpy as np
 from ..core import Array, Electrons, Exposure, InputError, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32
 from .effects.adc import Adc
+from .effects.blooming import Blooming
 from .effects.cds_gain import CdsGain
 from .effects.dark_current import DarkCurrent
 from .effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
@@ -19,6 +20,7 @@ from .effects.overflow_dark_current import OverflowDarkCurrent
 from .effects.prnu import Prnu, PrnuColumn
 from .effects.quantum_efficiency import QuantumEfficiency
 from .effects.quantum_yield import QuantumYield
+from .effects.radiation_hits import RadiationHits
 from .effects.reset_noise import ResetNoise
 from .effects.rtn_pixels import RtnPixels
 from .effects.rts_pixels import RtsPixels
@@ -41,7 +43,9 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
     ShotNoise,
     QuantumYield,
     OverflowDarkCurrent,
+    Blooming,
     FullWell,
+    RadiationHits,
     InterPixelCapacitance,
     EmGain,
     SenseNode,

@@ -136,6 +136,11 @@ class Stage(ABC):
         return 0
 
     @property
+    def reach_along_rows_px(self) -> int:
+        """The same within a row, where that is less."""
+        return self.reach_px
+
+    @property
     def light_reach_px(self) -> int:
         """Of the first stage: how many rows and columns away the light falls that a pixel collects, too."""
         return 0

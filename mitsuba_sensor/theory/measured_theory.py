@@ -43,15 +43,12 @@ class Tile(NamedTuple):
         height, width = (part.stop - part.start for part in self)
         return int(height * width)
 
-    def wider(self, by_px: int, shape: tuple[int, int]) -> Tile:
-        """With so many neighbours on each side, as far as the window has them."""
-        sides = zip(self, shape, strict=True)
-        return Tile(
-            *(
-                slice(max(side.start - by_px, 0), min(side.stop + by_px, length))
-                for side, length in sides
-            )
-        )
+    def wider(self, by_px: tuple[int, int], shape: tuple[int, int]) -> Tile:
+        """With so many more rows and columns on each side, as far as the window has them."""
+        sides = []
+        for side, more, length in zip(self, by_px, shape, strict=True):
+            sides.append(slice(max(side.start - more, 0), min(side.stop + more, length)))
+        return Tile(*sides)
 
     def within(self, other: Tile) -> Tile:
         """The same pixels counted from the first one of a tile about it."""
@@ -150,7 +147,11 @@ class MeasuredTheory(FrameTheory):
     def _frames_of_tile(self, number: int) -> Float64Array:
         """Two frames of one window behind every stage, (2, S, P); the neighbours about it are computed too."""
         tile, shape = self._tiles[number], self.frame.window.shape
-        around = tile.wider(sum(stage.reach_px for stage in self.stages), shape)
+        reach_px = (
+            sum(stage.reach_px for stage in self.stages),
+            sum(stage.reach_along_rows_px for stage in self.stages),
+        )
+        around = tile.wider(reach_px, shape)
         inside = tile.within(around)
         rows, columns = (np.arange(part.start, part.stop) for part in around)
         window = _chip(self.frame.window, rows, columns, FIRST_SERIAL + number)

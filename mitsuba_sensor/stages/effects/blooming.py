@@ -1,0 +1,104 @@
+"""Blooming: charge that a full pixel cannot hold flows along its column into the wells beside it.
+
+Janesick, Scientific Charge-Coupled Devices (2001), section 4.2.4: the channel stops hold charge in its column; an
+antiblooming drain takes a share of it away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from ...core import Array, Electrons, Frame, arrays
+from ...core.types import NumpyArray
+from ..datasheet import Chance, FileTable
+from ..stage import Datasheet, Stage
+
+WHOLE_COLUMN_PX = 10**6
+"""Rows of the highest sensor."""
+
+
+class BloomingFields(FileTable):
+    """What becomes of charge above the full well."""
+
+    blooming: Chance = Field(
+        0.0,
+        title="blooming, antiblooming",
+        description="share of the charge above full_well_e that flows along the column; an antiblooming drain takes "
+        "the rest",
+        examples=[1.0],
+    )
+
+
+@dataclass(frozen=True)
+class Blooming(Stage):
+    """Charge above the full well flows in halves up and down its column, until wells with room have taken it.
+
+    Nothing is random. Full wells let charge through; what reaches the first or last row of the window is lost there.
+
+    full_well_e : what a pixel holds [e-].  share : of the charge above that which flows; the rest is drained.
+    """
+
+    full_well_e: float
+    share: float
+    domain = "electrons"
+    table = "pixel"
+    fields = BloomingFields
+    terms = "blooming, antiblooming (J)"
+    no_noise = "set pixel.blooming to 0"
+    has_derivatives = False
+
+    @classmethod
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Blooming | None:
+        """None for a camera that drains all of it."""
+        if not camera.pixel.blooming:
+            return None
+        return cls(camera.pixel.full_well_e, camera.pixel.blooming)
+
+    @property
+    def reach_px(self) -> int:
+        """The whole column."""
+        return WHOLE_COLUMN_PX
+
+    @property
+    def reach_along_rows_px(self) -> int:
+        """Charge stays in its column."""
+        return 0
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Electrons once no well holds more than it can; what has flown counts as photoelectrons."""
+        backend, window = frame.window.backend, frame.window
+
+        def flown(count: Array) -> Array:
+            on_host = np.broadcast_to(backend.to_numpy(count, window), window.shape)
+            if not (on_host > self.full_well_e).any():
+                return count
+            return backend.from_numpy(self._flown(on_host), window)
+
+        def parts(light: Array, dark: Array) -> tuple[Array, Array]:
+            held = arrays.minimum(dark, frame.number(self.full_well_e))
+            return flown(light + dark) - held, held
+
+        return electrons.changed(flown, parts)
+
+    def _flown(self, count: NumpyArray) -> NumpyArray:
+        """Charge of every pixel, (H, W) float64, on NumPy."""
+        wells = np.minimum(count, self.full_well_e).astype(np.float64)
+        above = np.floor(self.share * (count.astype(np.float64) - wells))
+        downwards = np.floor(above / 2)
+        self._fill(wells, downwards)
+        self._fill(wells[::-1], (above - downwards)[::-1])
+        return wells
+
+    def _fill(self, wells: NumpyArray, above: NumpyArray) -> None:
+        """Let charge flow from the first row to the last, into wells with room.
+
+        wells, above : charge of every pixel, and what leaves it in this direction, (H, W).
+        """
+        flowing = np.zeros(wells.shape[1])
+        for well, own in zip(wells, above, strict=True):
+            taken = np.minimum(flowing, self.full_well_e - well)
+            well += taken
+            flowing += own - taken

@@ -1,0 +1,85 @@
+"""Radiation hits: how many pixels are hit, how much charge they get, and what theory says of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers.stage_tests import StageTests, backend_of
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.stages.effects.radiation_hits import WIDTH, RadiationHits
+
+BASE = ms.load_camera("eso_efosc2").replace(**{"pixel.prnu": 0.0, "adc.black_level_dn": 300.0})
+FLUX, HIT_E = 1e4, 1500.0
+HITS = {"pixel.hits_per_cm2_s": FLUX, "pixel.hit_e": HIT_E}
+HIT = BASE.replace(**HITS)
+COLD = ms.Exposure(2.0, 150.0)
+CHANCE = 1 - math.exp(-FLUX * 15e-4**2 * 2.0)
+"""4.4 % of the pixels of 15 µm in two seconds."""
+
+
+class TestRadiationHits(StageTests):
+    stage = RadiationHits
+    camera = BASE.replace(**{"pixel.hits_per_cm2_s": 1e6, "pixel.hit_e": 300.0})
+    without = BASE
+    neutral = (RadiationHits(0.0, 1500.0, 225.0),)
+
+
+def charges(precision: str, index: int = 0) -> np.ndarray:
+    """What a million pixels without electrons have behind the stage [e-]."""
+    stage = RadiationHits(FLUX * 1e-8, HIT_E, 225.0)
+    frame = ms.Frame(
+        COLD, SensorWindow(1, (1000, 1000), backend=backend_of(precision)), index=index
+    )
+    dark = frame.window.backend.from_numpy(np.zeros((1000, 1000)), frame.window)
+    found = stage.sample(ms.Electrons(dark, dark), frame)
+    return np.array(frame.window.backend.to_numpy(found.total, frame.window), np.float64)
+
+
+@pytest.mark.parametrize("precision", ["float64", "numpy"])
+def test_as_many_pixels_are_hit_as_particles_cross_them(precision: str) -> None:
+    """p = 1 − e^(−flux·area·t), within 4 standard errors of a million pixels: chance fails 1 in 16 000."""
+    hit = charges(precision) > 0
+    error = math.sqrt(CHANCE * (1 - CHANCE) / hit.size)
+    assert hit.mean() == pytest.approx(CHANCE, abs=4 * error)
+
+
+@pytest.mark.parametrize("precision", ["float64", "numpy"])
+def test_the_charge_of_a_hit_has_the_distribution_of_moyal(precision: str) -> None:
+    """Kolmogorov's test against scipy's at 1 in 10 000, with charges spread over their electron again."""
+    found = charges(precision)
+    hits_e = found[found > 0] + np.random.default_rng(3).uniform(-0.5, 0.5, (found > 0).sum())
+    law = scipy.stats.moyal(HIT_E, WIDTH * HIT_E)
+    assert scipy.stats.kstest(hits_e, law.cdf).pvalue > 1e-4
+    stage = RadiationHits(FLUX * 1e-8, HIT_E, 225.0)
+    assert stage.mean_e == pytest.approx(law.mean(), rel=1e-12)
+    assert stage.variance_e2 == pytest.approx(law.var() + 1 / 12, rel=1e-12)
+
+
+def test_each_frame_has_hits_of_its_own() -> None:
+    """Pixels that are hit in both are p² of all, within 4 standard errors."""
+    both = (charges("numpy", 0) > 0) & (charges("numpy", 1) > 0)
+    error = math.sqrt(CHANCE**2 / both.size)
+    assert both.mean() == pytest.approx(CHANCE**2, abs=4 * error)
+
+
+def test_theory_and_noise_budget_have_what_frames_with_hits_show() -> None:
+    """12 frames of 65 536 pixels have 35 000 hits: 4 standard errors of the mean are 1.5 DN, of the variance 3 %."""
+    frames = ms.expose(np.full((256, 256), 500.0), HIT, COLD, frames=12)
+    codes = frames.digital.astype(np.float64)
+    last = frames.theory.averages(frames.stages[-1])
+    assert codes.mean() == pytest.approx(last.mean, abs=1.5)
+    assert codes.var(axis=0, ddof=1).mean() == pytest.approx(last.temporal, rel=0.03)
+    named = {entry.source: entry for entry in frames.noise_budget().entries}
+    added = HIT.system_gain_dn_per_e**2 * CHANCE * 1.19**2 * HIT_E**2
+    assert named["radiation hits"].temporal_dn2 == pytest.approx(added, rel=0.06)
+
+
+def test_a_camera_without_them_has_no_such_stage() -> None:
+    assert not any(isinstance(stage, RadiationHits) for stage in BASE.stages)
+    assert any(isinstance(stage, RadiationHits) for stage in HIT.stages)
+    assert HIT.without("radiation_hits").stages == BASE.stages
