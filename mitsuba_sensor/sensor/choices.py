@@ -95,6 +95,7 @@ def chain_of(camera: Camera, plan: PlannedChain | None, chain: str) -> Chain:
                     f"chain is 'konnik2014', whose converter ends at the full well, and {camera.name} is at gain "
                     f"{camera.gain!r}; leave the gain out, or take the physical chain."
                 )
+            _check_published_has(camera)
             from . import konnik2014  # a chain that few ask for
 
             return konnik2014.chain_of(konnik2014.Konnik2014Settings.from_camera(camera))
@@ -112,6 +113,23 @@ def chain_of(camera: Camera, plan: PlannedChain | None, chain: str) -> Chain:
             f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
         )
     return plan.stages
+
+
+def _check_published_has(camera: Camera) -> None:
+    """Raise InputError for an effect of the camera that chain konnik2014 does not have."""
+    stages = camera.stages
+    lacking = [stage for stage in stages if stage.paper == "–"]
+    ways_out = {
+        stage.label: stage.no_noise or f"take camera.without({stage.key()!r})"
+        for stage in lacking
+    }
+    if stages[0].light_reach_px:
+        ways_out["crosstalk"] = "unset quantum_efficiency.crosstalk and crosstalk_from"
+    for label, way_out in ways_out.items():
+        raise InputError(
+            f"chain is 'konnik2014', and {camera.name} has {label}, which the published chain lacks; "
+            f"{way_out}, or take the physical chain."
+        )
 
 
 def check_clean(chain: str) -> None:

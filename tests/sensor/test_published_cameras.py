@@ -26,6 +26,7 @@ PUBLISHED = {  # K [DN/e-] and read noise [e-] as published; where, says [source
     "hamamatsu_orca_quest_2": (1 / 0.107, 0.43),
     "moravian_c1_5000": (1 / 2.8, 2.2),
     "photometrics_prime_95b": (1 / 0.7678, 1.4658),
+    "proem_hs_1024b": (100 / 3.96, 36.58 / 100),  # at an EM gain of 100
     "raspberry_pi_hq": (0.47, 3.0),
     "sony_a7s2": (0.09563, np.sqrt(1.0067395**2 - 1 / 12) / 0.09563),  # sigGs [DN]
     "sony_imx174": (1 / 8.16, 6.83),
@@ -170,10 +171,10 @@ def test_a_published_camera_has_no_warnings_and_a_source_for_every_number(name: 
 def row(name: str) -> str:
     """A line of the table in docs/published-cameras.md."""
     camera = ms.load_camera(name)
-    where, noise = (
-        camera.sources["adc.full_scale_v"].partition(": ")[0],
-        camera.source_follower.read_noise_e,
-    )
+    gain = "readout.gain_dn_per_e"
+    if gain not in camera.sources:
+        gain = "adc.full_scale_v"
+    where, noise = camera.sources[gain].partition(": ")[0], camera.source_follower.read_noise_e
     numbers = f"{gain_dn_per_e(camera):.4g} | {noise:.4g} | {camera.pixel.full_well_e:.6g} | {camera.adc.bits}"
     return f"| `{name}` | {camera.description} | {numbers} | {where} |"
 

@@ -101,6 +101,7 @@ def test_the_chain_draws_from_every_listed_stream(monkeypatch: pytest.MonkeyPatc
             "source_follower.rtn_pixel_fraction": 0.5,
             "source_follower.rtn_pixel_amplitude_e": 10.0,
             "quantum_efficiency.quantum_yield": [2.0, 1.0],
+            "pixel.hits_per_cm2_s": 1.0,
         }
     )
     asked = set(bits_used(everything, monkey=monkeypatch))

@@ -1,7 +1,7 @@
 """Radiation hits: cosmic rays and other charged particles leave charge in single pixels, anew in every frame.
 
 The charge that a fast particle frees in a thin layer has Landau's distribution; Moyal, Phil. Mag. 46, 263 (1955), gives
-the closed form that is used here. Flux at sea level: about 1 muon per cm² and minute (Particle Data Group, "Cosmic rays").
+the closed form that is used here. Flux at sea level: about 1 muon per cm² and minute (Particle Data Group).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import Array, Electrons, Frame, Moments, arrays
+from ...core import Electrons, Frame, Moments, arrays
 from ..datasheet import FileTable, NotNegative
 from ..stage import Datasheet, PixelNoise, Stage
 
@@ -63,9 +63,7 @@ class RadiationHits(Stage):
     terms = "cosmic rays, radiation hits, Landau distribution (Moyal 1955)"
 
     @classmethod
-    def from_camera(
-        cls, camera: Datasheet, before: tuple[Stage, ...]
-    ) -> RadiationHits | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> RadiationHits | None:
         """None for a camera without hits."""
         pixel = camera.pixel
         if not pixel.hits_per_cm2_s:

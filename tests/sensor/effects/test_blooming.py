@@ -93,5 +93,7 @@ def test_theory_is_measured_and_has_the_mean_of_frames() -> None:
 
 
 def test_a_clean_frame_is_refused() -> None:
-    with pytest.raises(ms.InputError, match=r"Blooming couples neighbours.*set pixel.blooming to 0"):
+    with pytest.raises(
+        ms.InputError, match=r"Blooming couples neighbours.*set pixel.blooming to 0"
+    ):
         _ = ms.expose(np.full((8, 8), 200.0), CCD, COLD).clean

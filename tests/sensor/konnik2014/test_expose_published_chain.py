@@ -171,3 +171,27 @@ def test_the_command_line_refuses_a_cube_with_a_sentence(
         and "3 bands and the published code has one wavelength" in done.stderr
     )
     assert not (tmp_path / "out").exists()
+
+
+CROSSTALK = [[0.0, 0.02, 0.0], [0.02, 0.92, 0.02], [0.0, 0.02, 0.0]]
+RTS = {"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 50.0}
+
+
+@pytest.mark.parametrize(
+    ("fields", "label", "way_out"),
+    [
+        ({"readout.ipc_coupling": 0.01}, "inter-pixel capacitance", "set readout.ipc_coupling"),
+        ({"pixel.blooming": 1.0}, "blooming", "set pixel.blooming to 0"),
+        ({"pixel.hits_per_cm2_s": 1.0}, "radiation hits", "camera.without('radiation_hits')"),
+        (RTS, "RTS pixels", "camera.without('rts_pixels')"),
+        ({"quantum_efficiency.crosstalk": CROSSTALK}, "crosstalk", "unset quantum_efficiency"),
+    ],
+)
+def test_an_effect_that_the_published_chain_lacks_is_refused(
+    fields: dict[str, object], label: str, way_out: str
+) -> None:
+    camera = ms.load_camera("konnik_table1").replace(**fields)
+    with pytest.raises(ms.InputError) as refused:
+        ms.expose(100.0, camera, ms.Exposure(0.1), chain="konnik2014")
+    assert f"has {label}, which the published chain lacks" in str(refused.value)
+    assert way_out in str(refused.value)
