@@ -34,7 +34,7 @@ class BloomingFields(FileTable):
 
 @dataclass(frozen=True)
 class Blooming(Stage):
-    """Charge above the full well flows in halves up and down its column, until wells with room have taken it.
+    """Charge above the full well flows in halves up and down its column, until wells that are not full have taken it.
 
     Nothing is random. Full wells let charge through; what reaches the first or last row of the window is lost there.
 
@@ -93,7 +93,7 @@ class Blooming(Stage):
         return wells
 
     def _fill(self, wells: NumpyArray, above: NumpyArray) -> None:
-        """Let charge flow from the first row to the last, into wells with room.
+        """Let charge flow from the first row to the last, into wells that are not full.
 
         wells, above : charge of every pixel, and what leaves it in this direction, (H, W).
         """
