@@ -1,6 +1,6 @@
 """Blooming: charge that a full pixel cannot hold flows along its column into the wells beside it.
 
-Janesick, Scientific Charge-Coupled Devices (2001), section 4.2.4: the channel stops hold charge in its column; an
+Janesick, Scientific CCDs (2001), section 4.2.4: the channel stops hold charge in its column; an
 antiblooming drain takes a share of it away.
 """
 
