@@ -13,7 +13,6 @@ from pathlib import Path
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench.virtual_bench import Setup, virtual_bench
 from mitsuba_sensor.files.appearing import write_drawing
-from mitsuba_sensor.lab.measure.measurement import measure
 from mitsuba_sensor.pages.drawing import png
 from mitsuba_sensor.pages.page import Drawing
 
@@ -33,7 +32,7 @@ def main() -> None:
     camera = ms.load_camera(options.camera)
     camera = camera.replace(**{"sensor.rows": options.size, "sensor.columns": options.size})
     bench = virtual_bench(camera, Setup(serial=options.serial))
-    for measured in measure(bench):
+    for measured in ms.lab.measure_bench(bench):
         print(f"filter {measured.filter_name}" if measured.filter_name else "all pixels")
         for figure in measured.figures.values():
             print(f"    {figure}")

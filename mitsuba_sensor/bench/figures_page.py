@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ..lab.frames.bench import Bench
-from ..lab.measure.measurement import INSTRUMENTS, Measurement, measure
+from ..lab.measure.measurement import INSTRUMENTS, Measurement, measure_bench
 from ..lab.quantity import TWO_SIDED, Quantity
 from ..lab.statistics.estimators import z_limit
 from ..pages.page import Drawing, MarkedRow, Part, Section, Study, study_of, table
@@ -50,7 +50,7 @@ def figures_of(
         titles.append(title)
         progress(len(titles) - 1, filters * INSTRUMENTS, f"measuring: {title}")
 
-    return measure(bench, begins)
+    return measure_bench(bench, begins)
 
 
 def characterized(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
@@ -21,7 +21,7 @@ from .file import read_dataset
 from .options import RunOptions
 from .origin import origin_in, require_same_versions, write_index, write_origin
 from .overview import write_overview
-from .planned import DatasetPlan, PlannedView
+from .planned import DatasetPlan, PlannedView, load_plan
 from .record import FILE
 from .scene_checks import MOST_CHECKED, SceneChecks
 from .store import Store
@@ -99,6 +99,28 @@ def shown_run(progress: Show | bool | None) -> Iterator[Show]:
                 teller.tick()
 
         yield tell
+
+
+@documents(RunOptions)
+def make_dataset(
+    file: str | Path,
+    out: str | Path,
+    *,
+    roots: Sequence[str | Path] = (),
+    progress: Show | bool | None = None,
+    **options: Unpack[RunOptions],
+) -> RunProgress:
+    """Make everything of the dataset of a TOML file that is missing in the folder ``out``.
+
+    ::
+
+        made = make_dataset("pairs.toml", "out/pairs")
+        print(made.made, made.render_noise)
+
+    roots : folders below which scenes and cameras are read, too.  progress : see :func:`run`.
+    Raises InputError, and DiskFull.
+    """
+    return run(load_plan(file, roots), Path(out), progress=progress, **options)
 
 
 @documents(RunOptions)

@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from ..core.printable import printable
+from ..optics.spectra import inverse_srgb_curve, srgb_curve
 
 if TYPE_CHECKING:
     from PIL import Image
 
-SIDE, GAP = 160, 4  # longer side of a picture, and the space between two [pixels]
-LINE_HEIGHT, MOST_LETTERS = 13, 28  # of a line of text; so many are about as wide as a picture
+SIDE, GAP = 256, 4  # longer side of a picture, and the space between two [pixels]
+LINE_HEIGHT, MOST_LETTERS = 13, 42  # of a line of text; so many are about as wide as a picture
+BRIGHT_PERCENTILE, HALF, MOST_STOPS = 98, 0.5, 6
+"""Of the pixels of a picture, the share of white that they reach, and by how many stops at most it is made brighter."""
 WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 
 
@@ -64,12 +67,29 @@ def _cell(picture: Captioned) -> Image.Image:
     """A small version of a picture below its caption."""
     from PIL import Image
 
-    text, small = text_picture(picture.caption), Image.fromarray(thumbnail(picture.path))
+    pixels, factor = brightened(thumbnail(picture.path))
+    shown = f"shown {factor} x brighter" if factor > 1 else ""
+    text = text_picture([*picture.caption, *([shown] if shown else [])])
+    small = Image.fromarray(pixels)
     size = (max(text.width, small.width), text.height + small.height)
     cell = Image.new("RGB", size, WHITE)
     cell.paste(text, (0, 0))
     cell.paste(small, (0, text.height))
     return cell
+
+
+def brightened(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], int]:
+    """A dark sRGB picture by as many whole stops brighter as leave its bright pixels below half of white, and the
+    factor of its light; 1 of one that is bright enough."""
+    light = inverse_srgb_curve(pixels.astype(np.float32) / 255)
+    bright = float(np.percentile(light.max(axis=-1), BRIGHT_PERCENTILE))
+    if bright <= 0:
+        return pixels, 1
+    stops = int(np.clip(np.floor(np.log2(HALF / bright)), 0, MOST_STOPS))
+    if stops == 0:
+        return pixels, 1
+    shown = srgb_curve(np.minimum(light * 2.0**stops, 1.0))
+    return np.rint(255 * shown).astype(np.uint8), 2**stops
 
 
 def text_picture(lines: Sequence[str]) -> Image.Image:

@@ -15,7 +15,7 @@ from helpers.datasets import SCENES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset import overview, samples_table
+from mitsuba_sensor.dataset import make_dataset, overview, samples_table
 from mitsuba_sensor.dataset.exports import summary
 from mitsuba_sensor.dataset.exports.job import facts_of
 from mitsuba_sensor.dataset.exports.sheet import caption, names_that_vary, sheet_rows
@@ -28,7 +28,8 @@ from mitsuba_sensor.dataset.repair import holdings, verify
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files.texts import read_json
-from mitsuba_sensor.output.contact_sheet import GAP, MOST_LETTERS, text_picture
+from mitsuba_sensor.optics.spectra import inverse_srgb_curve, srgb_curve
+from mitsuba_sensor.output.contact_sheet import GAP, MOST_LETTERS, brightened, text_picture
 
 FILE = """
 name = "views"
@@ -369,3 +370,20 @@ def test_status_and_card_count_the_same_bytes(tmp_path: Path) -> None:
     files = [p for kind in ("samples", "views") for p in (tmp_path / "out" / kind).rglob("*.*")]
     whole = sum(p.stat().st_size for p in files if p.is_file() and p.name != "record.json")
     assert held.bytes == whole
+
+
+def test_make_dataset_is_the_run_of_a_file(tmp_path: Path) -> None:
+    (tmp_path / "views.toml").write_text(FILE, "utf-8")
+    made = make_dataset(tmp_path / "views.toml", tmp_path / "out", roots=[SCENES], workers=0)
+    assert made.made == 12 and len(ms.Dataset(tmp_path / "out")) == 12
+
+
+@pytest.mark.parametrize(("code", "stops"), [(255, 0), (190, 0), (60, 3), (8, 6), (0, 0)])
+def test_a_dark_picture_of_a_sheet_is_shown_brighter_by_whole_stops(
+    code: int, stops: int
+) -> None:
+    """Half of white is 188 of 255 behind the curve of sRGB; 60 is 4.5 % of white, 8 is 0.24 %; black stays black."""
+    picture, factor = brightened(np.full((4, 5, 3), code, np.uint8))
+    assert factor == 2**stops
+    expected = srgb_curve(inverse_srgb_curve(np.array(code / 255)) * factor)
+    np.testing.assert_array_equal(picture, np.rint(255 * expected).astype(np.uint8))

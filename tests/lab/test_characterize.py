@@ -19,7 +19,7 @@ from mitsuba_sensor.bench.rendered_field import rendered_field
 from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
-from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure
+from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure_bench
 from mitsuba_sensor.pages.drawing import png
 from mitsuba_sensor.pages.page import Drawing, Table
 
@@ -77,7 +77,7 @@ def test_ratios_stand_in_the_page_as_ratios_and_in_db_with_the_digits_of_their_i
     small: Bench,
 ) -> None:
     """EMVA 1288 prints both; nothing has the unit 1; datasheet and measurement of K differ in a digit that is shown."""
-    (found,) = measure(small)
+    (found,) = measure_bench(small)
     sheet = expected(CAMERA, ms.Exposure(FLAT_S), 0.6, 128 * 160)
     study = characterized(CAMERA.name, [found], {"": sheet})
     main = next(part for part in study.parts if isinstance(part, Table))
@@ -98,7 +98,7 @@ def test_a_datasheet_outside_of_the_interval_is_told_with_the_range_of_single_ch
     small: Bench,
 ) -> None:
     """z is the distance from the datasheet, also where a single chip may be so far from it."""
-    (found,) = measure(small)
+    (found,) = measure_bench(small)
     figure = found.figures["µ_e.sat"]
     error = (figure.high - figure.value) / 1.96
     said = Said(figure.value + 3 * error, figure.value - error, figure.value + 3 * error)
@@ -115,7 +115,7 @@ def test_a_datasheet_outside_of_the_interval_is_told_with_the_range_of_single_ch
 
 
 def test_a_datasheet_that_is_5_percent_off_is_found_out(small: Bench) -> None:
-    (found,) = measure(small)
+    (found,) = measure_bench(small)
     wrong, right = 1.05 * 0.1241212, 0.6
     study = characterized(
         "x", [found], {"": {"K": Said(wrong, wrong, wrong), "η": Said(right, right, right)}}
@@ -133,7 +133,7 @@ def test_a_datasheet_that_is_5_percent_off_is_found_out(small: Bench) -> None:
 def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench) -> None:
     from matplotlib.figure import Figure
 
-    (found,) = measure(small)
+    (found,) = measure_bench(small)
     assert len(found.drawings) >= 20
     for title, draw in found.drawings.items():
         axes = Figure().subplots()
@@ -150,7 +150,7 @@ def test_the_light_of_a_mosaic_saturates_every_filter_and_each_is_measured_apart
         patch.setattr(bench_module, "MOST_ROWS", 64)
         patch.setattr(bench_module, "MOST_COLUMNS", 64)
         bench = virtual_bench(camera, Setup())
-    found = {one.filter_name: one.figures for one in measure(bench)}
+    found = {one.filter_name: one.figures for one in measure_bench(bench)}
     assert list(found) == ["R", "G", "G (2)", "B"]
     for (name, figures), number in zip(found.items(), (0, 1, 1, 2), strict=True):
         qe = float(camera.qe([530.0])[number, 0])
@@ -183,7 +183,7 @@ def test_frames_on_disk_give_the_figures_of_the_same_frames_in_memory(
     assert f"measured: frames from {tmp_path}" in said
     assert said.endswith("report.html, report.json")
     told = json.loads((tmp_path / "out/report.json").read_text())["measured"]["all pixels"]
-    (found,) = measure(small)
+    (found,) = measure_bench(small)
     of_memory = {
         symbol: one.value for symbol, one in found.figures.items() if symbol != "K_scene"
     }
@@ -221,17 +221,17 @@ def test_what_cannot_be_measured_is_one_sentence_and_nothing_is_written(
 def test_several_gain_settings_are_measured_one_at_a_time(small: Bench) -> None:
     two = Bench((), small.darks, tuple(one for one in small.flats), wavelength_nm=550)
     two = Bench((), (*two.darks, *two.given(bits=12).darks), two.flats)
-    assert measure(two)[0].figures["K"].value > 0
+    assert measure_bench(two)[0].figures["K"].value > 0
     with pytest.raises(ms.InputError, match="no frames"):
-        measure(Bench((), (), ()))
+        measure_bench(Bench((), (), ()))
 
 
 def test_what_frames_cannot_show_is_said_and_not_made_up(small: Bench) -> None:
-    (only_flats,) = measure(Bench((), (), small.flats))
+    (only_flats,) = measure_bench(Bench((), (), small.flats))
     assert (
         "K" not in only_flats.figures and "take some" in only_flats.refused["photon transfer"]
     )
-    (black,) = measure(Bench((), small.darks[:1], ()))
+    (black,) = measure_bench(Bench((), small.darks[:1], ()))
     assert "K" not in black.figures and all(
         math.isnan(one.value) or one.value < 50 for one in black.figures.values()
     )

@@ -16,7 +16,7 @@ from mitsuba_sensor.lab.measure.dark_noise import dark_noise
 from mitsuba_sensor.lab.measure.defects import defects
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.lab.measure.line_noise import line_noise
-from mitsuba_sensor.lab.measure.measurement import measure
+from mitsuba_sensor.lab.measure.measurement import measure_bench
 from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
 from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer_of_scene
 from mitsuba_sensor.lab.measure.profiles import profiles
@@ -147,7 +147,7 @@ def test_no_figure_of_a_bench_survives_darks_of_which_a_quarter_is_clipped() -> 
         frames(electrons, 4)
         for electrons in (100, 400, 1000, 2000, 3000, 4000, 4600, 4900, 5100, 5400)
     )
-    (found,) = measure(Bench((), (frames(0, 8),), flats))
+    (found,) = measure_bench(Bench((), (frames(0, 8),), flats))
     for symbol in (
         "K",
         "η",

@@ -114,10 +114,15 @@ class Measurement:
 Result = TypeVar("Result")
 
 
-def measure(
+def measure_bench(
     bench: Bench, report: Callable[[str], object] = lambda title: None
 ) -> tuple[Measurement, ...]:
-    """Every instrument on the pixels behind each colour filter of a bench.
+    """Every instrument on the pixels behind each colour filter of a bench: K, QE, noise, saturation, dark current, …
+
+    ::
+
+        (measured,) = ms.lab.measure_bench(bench)
+        print(measured.figures["K"])
 
     report : called with the title of each instrument before it measures, from several threads.
 
