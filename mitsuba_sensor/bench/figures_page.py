@@ -140,7 +140,17 @@ def filter_section(
         *(Drawing(f"{name}{where}", draw) for name, draw in measured.drawings.items()),
         table(f"All figures{where}", HEADINGS, shown, OF_TABLE),
     )
-    return Section(tuple(findings), not wrong and not measured.hidden, parts)
+    failed = [f"{cells[0]}{where}" for cells in wrong]
+    if measured.hidden:
+        failed.append(f"clipped frames{where}")
+    missing = [f"{title}{where}" for title in measured.refused]
+    return Section(
+        tuple(findings),
+        not wrong and not measured.hidden,
+        parts,
+        failed=tuple(failed),
+        missing=tuple(missing),
+    )
 
 
 def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) -> MarkedRow:

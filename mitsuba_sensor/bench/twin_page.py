@@ -260,7 +260,7 @@ def distances_section(compared: Sequence[Compared]) -> Section:
         values = real.value, figure.twin.value
         beside.append((mark, (name, real.symbol, *values, real.unit or "1", figure.z)))
     both = table("Figures of both", "stack | symbol | camera | twin | unit | z [1]", beside)
-    return Section((text,), not failed, (shown, both))
+    return Section((text,), not failed, (shown, both), failed=tuple(failed))
 
 
 def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Section:
@@ -285,4 +285,7 @@ def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Se
         log_y=False,
         level=(0.0, "no difference"),
     )
-    return Section((text,), True, (curve, shown))
+    failed: list[str] = []
+    if abs(worst["z"]) > most:
+        failed.append(f"photon transfer ({worst['z']:.2g} σ at {worst['mean_dn']:.4g} DN)")
+    return Section((text,), not failed, (curve, shown), failed=tuple(failed))

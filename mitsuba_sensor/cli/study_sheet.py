@@ -28,10 +28,10 @@ NOTHING = 1e-30  # what is smaller is printed as 0
 
 def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
     """A study in the terminal of so many characters: findings, then the tables that fit, first those with faults."""
+    style = "bold red"
     if found.passed:
-        verdict = ("all checks passed", "bold green")
-    else:
-        verdict = ("some checks failed, see the tables", "bold red")
+        style = "bold yellow" if found.missing else "bold green"
+    verdict = (found.verdict, style)
     lines: list[RenderableType] = [
         Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))
     ]

@@ -91,18 +91,21 @@ class Quantity:
         )
 
     def divided(self, by: Self | float, unit: str) -> Self:
-        """This quantity, which is not negative, divided by an independent positive one or by an exact number.
+        """This quantity divided by an independent positive one or by an exact number.
 
-        The distances to the ends of the two intervals add in quadrature, each relative to its value.
+        The distances to the ends of the two intervals add in quadrature, each relative to its value. The end of a
+        quotient that is farther from 0 is that of the smaller divisor.
         """
         if not isinstance(by, Quantity):
             return self.scaled(1 / by, unit)
-        if self.value > 0:
-            down = self.value * math.hypot(1 - self.low / self.value, 1 - by.value / by.high)
-            up = self.value * math.hypot(self.high / self.value - 1, by.value / by.low - 1)
-            low, high = max(0.0, self.value - down), self.value + up
-        else:
-            low, high = self.low * by.value / by.high, self.high * by.value / by.low
+        nearer, farther = 1 - by.value / by.high, by.value / by.low - 1
+        if self.value < 0:
+            nearer, farther = farther, nearer
+        down = math.hypot(self.value - self.low, self.value * nearer)
+        up = math.hypot(self.high - self.value, self.value * farther)
+        low, high = self.value - down, self.value + up
+        if self.low >= 0:
+            low = max(0.0, low)
         return replace(
             self,
             value=self.value / by.value,

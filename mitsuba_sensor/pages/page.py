@@ -135,6 +135,8 @@ class Section:
     ]  # sentences that answer the question, the most important first, each with its numbers
     passed: bool  # whether everything that must hold does
     parts: tuple[Part, ...]  # in the order of reading
+    failed: tuple[str, ...] = field(default=(), kw_only=True)  # names of what does not hold
+    missing: tuple[str, ...] = field(default=(), kw_only=True)  # names of what was not measured
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,18 @@ class Study(Section):
     name: str
     title: str
     data: Mapping[str, Any]
+
+    @property
+    def verdict(self) -> str:
+        """The headline: that all checks passed, or which failed, and what was not measured."""
+        verdicts = []
+        if not self.passed:
+            verdicts.append("some checks failed")
+            if self.failed:
+                verdicts[0] += f": {', '.join(self.failed)}"
+        if self.missing:
+            verdicts.append(f"not measured: {', '.join(self.missing)}")
+        return "; ".join(verdicts) or "all checks passed"
 
     @property
     def pictures(self) -> list[Picture]:
@@ -161,6 +175,7 @@ class Study(Section):
             "title": self.title,
             "findings": list(self.findings),
             "passed": self.passed,
+            "verdict": self.verdict,
         }
         return {**about, **self.data, "parts": parts}
 
@@ -170,7 +185,10 @@ def study_of(name: str, title: str, sections: Sequence[Section], **data: object)
     findings = tuple(finding for section in sections for finding in section.findings)
     passed = all(section.passed for section in sections)
     parts = [part for section in sections for whole in section.parts for part in _split(whole)]
-    return Study(findings, passed, _coloured(parts), name, title, data)
+    failed = tuple(name for section in sections for name in section.failed)
+    missing = tuple(dict.fromkeys(name for section in sections for name in section.missing))
+    coloured = _coloured(parts)
+    return Study(findings, passed, coloured, name, title, data, failed=failed, missing=missing)
 
 
 def _split(part: Part) -> list[Part]:

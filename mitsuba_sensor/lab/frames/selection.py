@@ -9,6 +9,10 @@ from .bench import Bench
 from .clipping import ClippedError
 from .stack import Stack
 
+FEWEST_LEVELS = 5
+"""Levels of light that the stacks of few frames must be for temporal figures to be theirs alone."""
+MANY = 4
+"""Times the usual number of frames from which on a stack is one for spatial figures."""
 HALF = 0.5
 """Of saturation: where EMVA 1288 R4 8.2 measures PRNU."""
 
@@ -101,6 +105,22 @@ def dark_for(bench: Bench, flat: Stack) -> Stack:
     if flat.temperature_k is not None and as_warm:
         darks = as_warm
     return max(darks, key=len)
+
+
+def temporal_levels(flats: Sequence[Stack]) -> list[Stack]:
+    """The flat fields that temporal figures are from: the pairs that EMVA 1288 R4 6.5 asks for, or as many frames.
+
+    Stacks of many more frames, which spatial figures need, would rule a fit with all others by their small errors,
+    whatever light they had; they are left out where the others are enough.
+    """
+    counts = sorted(len(flat) for flat in flats)
+    if not counts:
+        return []
+    usual = counts[(len(counts) - 1) // 2]
+    few = [flat for flat in flats if len(flat) < MANY * usual]
+    if len(few) >= FEWEST_LEVELS:
+        return few
+    return list(flats)
 
 
 def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:

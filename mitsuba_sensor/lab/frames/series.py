@@ -30,6 +30,7 @@ class Level:
     spread : standard deviation of the pixels' true means [DN], dark ones included.
     clipped : why the values show neither mean nor variance; nothing where they are inside of the range. The standard
     errors hold what a share of clipped values that is too small for that hides.
+    source : the file or folder.
     """
 
     mean: float
@@ -43,6 +44,7 @@ class Level:
     photons: float | None
     notes: tuple[str, ...]
     clipped: str = ""
+    source: str = ""
 
 
 def measure_level(stack: Stack) -> Level:
@@ -72,6 +74,7 @@ def measure_level(stack: Stack) -> Level:
         photons=_photons_of_flat(stack),
         notes=notes,
         clipped=clipped,
+        source=stack.source,
     )
 
 

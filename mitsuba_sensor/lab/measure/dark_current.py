@@ -93,13 +93,25 @@ def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
         "µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note
     )
     return DarkCurrentOverTime(
-        from_mean=from_mean.noted(note),
-        from_variance=_current_from_variance(used, noise).noted(note),
+        from_mean=_note_no_current(from_mean).noted(note),
+        from_variance=_note_no_current(_current_from_variance(used, noise)).noted(note),
         line=line,
         exposure_s=times_s,
         mean=mean,
         mean_error=mean_error,
     )
+
+
+def _note_no_current(current: Quantity) -> Quantity:
+    """The dark current with a note where it is not above 0: no camera has a negative one."""
+    if current.high < 0:
+        return current.noted(
+            "negative: the black level falls with the exposure time (it drifts, or follows masked pixels), "
+            "which hides the dark current"
+        )
+    if current.low <= 0:
+        return current.noted("not told from 0")
+    return current
 
 
 def _current_from_variance(

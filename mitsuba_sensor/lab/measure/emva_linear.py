@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.types import Float64Array
+from ..frames.selection import temporal_levels
 from ..frames.series import Series, centre, series
 from ..frames.stack import Stack
 from ..quantity import Quantity, unknown
 from .dark_noise import DarkNoise, dark_noise
 from .photon_transfer import PhotonTransfer, photon_transfer
-from .radiometric import EFFICIENCY, Radiometric, radiometric
-from .saturation import Saturation, find_peak, saturation
+from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
+from .saturation import NO_PHOTONS, Saturation, find_peak, saturation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,24 +52,50 @@ def emva_linear(
     What cannot be measured is NaN with a note. Raises InputError where the stacks do not belong together or hold a
     single frame, a mosaic, or no flat fields.
     """
-    measured = series(darks, flats, window)
+    used = temporal_levels(flats)
+    measured = series(darks, used, window)
     transfer, light = photon_transfer(measured), radiometric(measured)
     efficiency = light.efficiency(transfer.gain)
     if window is not None:
         darks = [centre(stack, window) for stack in darks]
     dark = dark_noise(darks, transfer.gain)
-    ends = saturation(measured, transfer.gain, efficiency, dark.total)
+    usable = efficiency
+    if efficiency is not None and TOO_EFFICIENT in efficiency.note:
+        usable = None  # the photons are not those of a pixel
+    ends = saturation(measured, transfer.gain, usable, dark.total)
+    notes = (*measured.notes, *_note_spatial_stacks(flats, used, measured))
     figures = [
         transfer.gain,
-        efficiency or unknown(EFFICIENCY, "photons are not known"),
+        efficiency or unknown(EFFICIENCY, NO_PHOTONS),
         *light.quantities,
         *dark.quantities,
         *ends.quantities,
     ]
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
-    snr = signal_to_noise(measured, transfer.gain, efficiency, dark.total)
-    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, measured.notes)
+    snr = signal_to_noise(measured, transfer.gain, usable, dark.total)
+    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes)
+
+
+def _note_spatial_stacks(
+    flats: Sequence[Stack], used: Sequence[Stack], measured: Series
+) -> list[str]:
+    """A note about the stacks of many frames that temporal figures are not from, with their residuals."""
+    texts: list[str] = []
+    for flat in flats:
+        if any(flat is other for other in used):
+            continue
+        text = f"{len(flat)} frames"
+        if isinstance(flat.photons, int | float) and measured.photons_known and flat.photons:
+            signal = float(flat.frame_means.mean() - measured.darks[0].mean)
+            expected = float(np.interp(flat.photons, measured.light, measured.signal))
+            text += f", {100 * (signal / expected - 1):+.2g} % off these"
+        texts.append(f"{flat.source} ({text})")
+    if not texts:
+        return []
+    return [
+        f"temporal figures are those of the levels of few frames, without {', '.join(texts)}"
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from ..frames.series import Series
 from ..quantity import Quantity, hidden_by_clipping, no_value, quotient, unknown
 from ..statistics.line_fits import line_through_origin
 from .saturation import Peak, find_peak
+from .stray_levels import note_stray, stray_levels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +25,10 @@ FITTED = 0.05, 0.7
 """
 LINEAR = 0.05, 0.95
 """Part of the saturation signal over which the linearity error is averaged, EMVA 1288 R4 6.7."""
+MOST_EFFICIENT = 0.9
+"""Quantum efficiency that few sensors exceed."""
+TOO_EFFICIENT = "more electrons than photons"
+"""In the note of a quantum efficiency above 1, which has no value."""
 EFFICIENCY = no_value("η", "quantum efficiency", "1", "EMVA 1288 R4 2.1")
 
 
@@ -49,10 +54,16 @@ class Radiometric:
         return self.responsivity, self.linearity_error
 
     def efficiency(self, gain: Quantity) -> Quantity | None:
-        """η = R / K (EMVA 1288 R4 2.1), None where photons are not known."""
+        """η = R / K (EMVA 1288 R4 2.1), None where photons are not known.
+
+        It has no value where it is above 1, and the note says what unit the photons may have.
+        """
         if not self.photons_known:
             return None
-        return quotient(self.responsivity, gain, EFFICIENCY)
+        efficiency = quotient(self.responsivity, gain, EFFICIENCY)
+        if efficiency.low > 1:
+            return unknown(efficiency, _note_other_unit(efficiency.value))
+        return efficiency
 
     @property
     def light_label(self) -> str:
@@ -95,8 +106,9 @@ def radiometric(measured: Series) -> Radiometric:
         responsivity, error = unknown(responsivity, nothing), unknown(error, nothing)
     else:
         ends = find_peak(measured)
-        error, deviation = _linearity(measured, ends, error)
-        responsivity = _responsivity(measured, ends, responsivity)
+        stray, note = find_stray(measured, ends)
+        error, deviation = _linearity(measured, ends, stray, error.noted(note))
+        responsivity = _responsivity(measured, ends, stray, responsivity.noted(note))
     return Radiometric(
         responsivity=responsivity,
         linearity_error=error,
@@ -106,6 +118,37 @@ def radiometric(measured: Series) -> Radiometric:
         deviation=deviation,
         photons_known=measured.photons_known,
     )
+
+
+def _note_other_unit(efficiency: float) -> str:
+    """What unit the photons may have where more electrons than photons are measured."""
+    note = (
+        f"it would be {efficiency:.3g}, {TOO_EFFICIENT}: photons must be per pixel and exposure, and are "
+        f"at least {efficiency:.3g} times as many"
+    )
+    smallest_um, largest_um = (
+        math.sqrt(efficiency / MOST_EFFICIENT),
+        math.sqrt(efficiency / 0.2),
+    )
+    if efficiency > 1000 * 0.1:
+        return f"{note}; these may be thousands of photons, or per µm² of a pixel of {smallest_um:.2g} µm"
+    if efficiency > 1.5:
+        return f"{note}; these may be per µm², of a pixel of {smallest_um:.2g} to {largest_um:.2g} µm"
+    return f"{note}; is the photodiode calibrated for this wavelength?"
+
+
+def find_stray(measured: Series, ends: Peak) -> tuple[NDArray[np.bool_], str]:
+    """Which levels between 5 and 70 % of saturation have another light than is stated, and a note about them."""
+    used = np.flatnonzero(_select_levels(measured, ends, FITTED) & measured.inside)
+    errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))
+    found = stray_levels(measured.light[used], measured.signal[used], errors[used])
+    stray = {int(used[number]): share for number, share in found.items()}
+    off = np.zeros(len(measured.flats), bool)
+    off[list(stray)] = True
+    unit = "s"
+    if measured.photons_known:
+        unit = "photons"
+    return off, note_stray(stray, measured.flats, unit)
 
 
 def _select_levels(
@@ -124,9 +167,11 @@ def _covariance(measured: Series) -> Float64Array:
     return np.asarray(np.diag(np.maximum(own, 1e-12) ** 2) + shared)
 
 
-def _responsivity(measured: Series, ends: Peak, like: Quantity) -> Quantity:
-    """R: slope of the line through the origin."""
-    used = _select_levels(measured, ends, FITTED)
+def _responsivity(
+    measured: Series, ends: Peak, stray: NDArray[np.bool_], like: Quantity
+) -> Quantity:
+    """R: slope of the line through the origin, without stray levels."""
+    used = _select_levels(measured, ends, FITTED) & ~stray
     clipped = measured.why_clipped(used)
     used &= measured.inside
     if not used.any():
@@ -135,17 +180,19 @@ def _responsivity(measured: Series, ends: Peak, like: Quantity) -> Quantity:
         return unknown(like, "no level lies between 5 and 70 % of saturation")
     covariance = _covariance(measured)[np.ix_(used, used)]
     line = line_through_origin(measured.light[used], measured.signal[used], covariance)
-    responsivity = replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
-    return responsivity.noted(note_left_out(clipped))
+    responsivity = replace(like, value=line.slope, low=line.low, high=line.high)
+    return responsivity.noted(line.note).noted(note_left_out(clipped))
 
 
-def _linearity(measured: Series, ends: Peak, like: Quantity) -> tuple[Quantity, Float64Array]:
+def _linearity(
+    measured: Series, ends: Peak, stray: NDArray[np.bool_], like: Quantity
+) -> tuple[Quantity, Float64Array]:
     """LE: mean |y - ŷ|/ŷ over 5 to 95 % of saturation, about a line a + bH whose relative deviations are least.
 
     Noise of the means e moves it by at most the mean of |e|/ŷ, which is the half width of the interval.
     """
     deviation = np.full(len(measured.light), math.nan)
-    used = _select_levels(measured, ends, LINEAR)
+    used = _select_levels(measured, ends, LINEAR) & ~stray
     clipped = measured.why_clipped(used)
     used &= measured.inside
     if used.sum() < 3:

@@ -14,7 +14,7 @@ from ...core.types import Float64Array
 from ..frames.series import Level, Series, series
 from ..frames.stack import Stack
 from ..measure.photon_transfer import PhotonTransfer, photon_transfer
-from ..measure.radiometric import radiometric
+from ..measure.radiometric import find_stray, radiometric
 from ..measure.saturation import Peak, find_peak
 from ..quantity import Quantity, no_value, normal_interval, student_interval
 from .evidence import Fitted, frames_of
@@ -64,13 +64,19 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
         straightened = _straighten(measured, curvature)
     transfer = photon_transfer(straightened)
     top = _largest_signal(measured, end, curvature)
+    gain = transfer.gain
+    if curvature:
+        gain = gain.noted(
+            "of small signals: the response is curved, and variances are divided by the square of its slope; "
+            "EMVA 1288 Linear, as characterize has it, takes the curve as a line"
+        )
     ratio = replace(_NO_RATIO, value=1.0, low=1.0, high=1.0)
     if curvature:
         low, high = sorted(1 + kappa * top.value for kappa in ends_of_curvature)
         ratio = replace(_NO_RATIO, value=1 + curvature * top.value, low=low, high=high)
     frames = frames_of(*flats)
     return Response(
-        gain=Fitted(transfer.gain, frames),
+        gain=Fitted(gain, frames),
         ratio=Fitted(ratio, frames),
         curvature=curvature,
         end=Fitted(top, frames),
@@ -90,6 +96,8 @@ def _curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
     nothing = 0.0, 0.0, 0.0
     x, y = measured.light, measured.signal
     used = measured.inside & (y > USED[0] * end.mean[0]) & (y < USED[1] * end.mean[0]) & (x > 0)
+    stray, _ = find_stray(measured, end)
+    used &= ~stray
     if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
         return nothing
     x, y = x[used], y[used]

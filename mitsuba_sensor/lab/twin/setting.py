@@ -20,9 +20,11 @@ from ..frames.selection import (
     dark_series,
     darks_of,
     half_saturated,
+    temporal_levels,
 )
 from ..frames.stack import Stack
 from ..measure.dark_current import dark_temperature
+from ..measure.radiometric import TOO_EFFICIENT
 from ..quantity import Quantity, no_value, normal_interval, unknown
 from .dark import Dark, dark_over_time, usable
 from .evidence import Fitted, frames_of
@@ -105,6 +107,7 @@ def fit_setting(bench: Bench) -> Setting:
     series = dark_series(blind)
     usable(series)
     responses = {name: _measure_response(part) for name, part in bench.of_filters().items()}
+    _check_efficiency(responses)
     gain = weighted_mean([response.gain for response in responses.values()])
     if not gain.known or not gain.quantity.low > 0:
         reasons = dict.fromkeys(response.gain.quantity.note for response in responses.values())
@@ -162,9 +165,21 @@ def _check(bench: Bench) -> None:
         )
 
 
+def _check_efficiency(responses: dict[str, Response]) -> None:
+    """Raises InputError where the photons that are stated have another unit: a twin of them is no camera."""
+    for name, measured in responses.items():
+        efficiency = measured.efficiency
+        if efficiency is not None and TOO_EFFICIENT in efficiency.note:
+            behind = f" of {name}" if name else ""
+            raise InputError(
+                f"the quantum efficiency{behind} cannot be measured: {efficiency.note}. Correct photons in the "
+                "manifest, or leave them out."
+            )
+
+
 def _measure_response(bench: Bench) -> Response:
     """Response with the dark frames of the flat fields' own exposure times, where there are any."""
-    flats = [stack for stack in bench.flats if len(stack) > 1]
+    flats = temporal_levels([stack for stack in bench.flats if len(stack) > 1])
     darks = [stack for stack in darks_of(bench) if len(stack) > 1]
     if not flats or not darks:
         raise InputError(
