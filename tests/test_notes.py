@@ -94,7 +94,9 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
         assert sum(part in note for note in frames.notes) == 1
     flags = ("--camera", "sony_imx174", "--exposure-s", "0.001", "--temperature-k", "25")
     printed, caught = told(
-        lambda: cli("expose", tmp_path / "light.exr", "-o", tmp_path / "out", *flags)
+        lambda: cli(
+            "expose", tmp_path / "light.exr", "-o", tmp_path / "out", "--verbose", *flags
+        )
     )
     assert not caught and "SensorWarning" not in printed.stderr
     shown = re.sub(r"`render (--[^`]*)`", r"\1", " ".join(printed.stdout.split()))

@@ -99,6 +99,14 @@ CameraName = Annotated[
         autocompletion=camera_names,
     ),
 ]
+Verbose = Annotated[
+    bool,
+    typer.Option(
+        "--verbose",
+        help="Also the signal behind every stage, in theory and in the frame, and all notes.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 SearchText = Annotated[
     list[str] | None,
     typer.Argument(

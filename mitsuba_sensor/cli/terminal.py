@@ -38,7 +38,15 @@ END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were t
 
 
 def summary(report: Report, folder: str) -> RenderableType:
-    """A frame in short: photons, the signal after each stage in theory and in the frame, noise by source."""
+    """A frame in whole: photons, the signal after each stage in theory and in the frame, noise by source, all notes."""
+    notes = (
+        Text.assemble(("note: ", "bold yellow"), said_here(note)) for note in report["notes"]
+    )
+    return Group(head_of(report, folder), _stages(report), *_facts(report), *notes)
+
+
+def head_of(report: Report, folder: str) -> Text:
+    """Camera, exposure and size of the frames, and where they are."""
     image, exposure = report["image"], report["exposure"]
     size = f"{image['columns']} × {image['rows']}, {image['frames']} frame{'s' if image['frames'] > 1 else ''}"
     metered = ""
@@ -47,11 +55,7 @@ def summary(report: Report, folder: str) -> RenderableType:
     conditions = (
         f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
     )
-    head = Text.assemble((_camera_and_gain(report), "bold"), conditions, (folder, "bold"))
-    notes = (
-        Text.assemble(("note: ", "bold yellow"), said_here(note)) for note in report["notes"]
-    )
-    return Group(head, _stages(report), *_facts(report), *notes)
+    return Text.assemble((_camera_and_gain(report), "bold"), conditions, (folder, "bold"))
 
 
 def _camera_and_gain(report: Report) -> str:
@@ -91,7 +95,7 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
     lists = {name: ", ".join(found) for name, found in names.items() if found}
     facts = {"holds for": f"{light}, {conditions}", **lists, "time": saved}
-    lines = (_fact(name, text) for name, text in facts.items())
+    lines = (fact(name, text) for name, text in facts.items())
     return Group(
         Text(head, style="bold"),
         _effects(plan),
@@ -220,11 +224,9 @@ def _idle_stages(report: Report) -> list[str]:
 
 
 def _facts(report: Report) -> Iterator[Text]:
-    photons, counts, noise, render = (
-        report[key] for key in ("photons", "counts", "render_noise", "render")
-    )
-    ended = _ended(render["noise_ratio_asked"], render["ended_by"])
-    yield _fact(
+    photons, noise, render = (report[key] for key in ("photons", "render_noise", "render"))
+    ended = ended_by(render["noise_ratio_asked"], render["ended_by"])
+    yield fact(
         "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
         f"{number(photons['min'])} … {number(photons['median'])} … {number(photons['max'])} (min, median, max)",
     )
@@ -235,12 +237,12 @@ def _facts(report: Report) -> Iterator[Text]:
     )
     if not photons["max"]:
         said = "none, because there is no light"
-    yield _fact("render noise", said)
+    yield fact("render noise", said)
     most = noise["most_samples"]
     if most and noise["over_sensor_median"]:
         ratios = f"{number(noise['most_samples_median'])} × and {number(noise['most_samples_p95'])} ×"
         more_s = duration(noise["most_samples_more_s"])
-        yield _fact(
+        yield fact(
             "with more samples",
             f"--spp {most:.0f} is expected to bring these two to {ratios}, in {more_s} more",
         )
@@ -250,7 +252,7 @@ def _facts(report: Report) -> Iterator[Text]:
             f"render noise makes the variance {number(left)} × the shot noise's larger, on average over the pixels; "
             f"in {100 * above:.2g} % of the pixels it is more than the shot noise"
         )
-        yield _fact("a render for every frame", left)
+        yield fact("a render for every frame", left)
     if done := render["denoised"]:
         before = (
             f"{number(done['raw_noise_ratio_median'])} × in the median pixel and "
@@ -260,43 +262,32 @@ def _facts(report: Report) -> Iterator[Text]:
         known = {"camera", "exposure"} <= set(
             report["origin"].get("as_rendered", ("camera", "exposure"))
         )
-        yield _fact(
+        yield fact(
             "denoised", f"by {done['by']}{before if known else ''}"
         )  # before: of the exposure of the render
-    seen = [f"{n} {counted(name)}" for name, n in counts.items() if n]
-    yield _fact(
-        "pixels",
-        ", ".join(seen) or "none clipped, none bad",
-    )
-    if (factor := report["summary"]["brightened"]) > 1:
-        yield _fact(
-            "pictures", f"frame.png as exposed, frame_brightened.png {factor} × brighter"
-        )
+    yield pixels_of(report)
+    yield from pictures_of(report)
     idle = _idle_stages(report)
-    if report["left_out"]:
-        yield _fact(
-            "left out",
-            f"{', '.join(report['left_out'])} (tolerance {report['options']['tolerance_dn']:g} DN)",
-        )
+    yield from left_out_of(report)
     if idle:
-        yield _fact("without effect here", ", ".join(idle))
+        yield fact("without effect here", ", ".join(idle))
     single = report["float32"]
     if single and report["precision"] == "float32" and single["share_of_pixels"]:
         share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"
         advice = "; `--precision float64` is better"
         if single["precision"] == "float32":
             advice = ""
-        yield _fact(
+        yield fact(
             "float32",
             f"about {share} of the pixels differ from float64, by at most {most}{advice}",
         )
-    yield _fact(
+    yield fact(
         "seconds",
         ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()),
     )
 
 
-def _ended(asked: float | None, end: str) -> str:
+def ended_by(asked: float | None, end: str) -> str:
     """Whether the noise ratio that was asked for was reached, and what ended the render."""
     reached = "not reached"
     if end == "noise_ratio":
@@ -306,5 +297,27 @@ def _ended(asked: float | None, end: str) -> str:
     )
 
 
-def _fact(name: str, text: str) -> Text:
+def pixels_of(report: Report) -> Text:
+    """How many pixels are clipped or bad."""
+    seen = [f"{n} {counted(name)}" for name, n in report["counts"].items() if n]
+    return fact("pixels", ", ".join(seen) or "none clipped, none bad")
+
+
+def left_out_of(report: Report) -> Iterator[Text]:
+    """The stages that a tolerance left out."""
+    if report["left_out"]:
+        tolerance_dn = report["options"]["tolerance_dn"]
+        stages = ", ".join(report["left_out"])
+        yield fact("left out", f"{stages} (tolerance {tolerance_dn:g} DN)")
+
+
+def pictures_of(report: Report) -> Iterator[Text]:
+    """Where a dark frame has a brighter picture beside it."""
+    if (factor := report["summary"]["brightened"]) > 1:
+        brighter = f"frame.png as exposed, frame_brightened.png {factor} × brighter"
+        yield fact("pictures", brighter)
+
+
+def fact(name: str, text: str) -> Text:
+    """A line: what it is about, and what is said of it."""
     return Text.assemble((f"{name}: ", "bold"), said_here(text))

@@ -81,7 +81,7 @@ def _cell(picture: Captioned) -> Image.Image:
 def brightened(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], int]:
     """A dark sRGB picture by as many whole stops brighter as leave its bright pixels below half of white, and the
     factor of its light; 1 of one that is bright enough."""
-    light = inverse_srgb_curve(pixels.astype(np.float32) / 255)
+    light = inverse_srgb_curve(np.divide(pixels, 255, dtype=np.float32))
     bright = float(np.percentile(light.max(axis=-1), BRIGHT_PERCENTILE))
     if bright <= 0:
         return pixels, 1

@@ -166,7 +166,7 @@ def test_json_is_all_that_stdout_gets(
 def test_the_summary_names_every_stage_and_every_note(
     light: Any, light_file: Path, tmp_path: Path, cli: Any
 ) -> None:
-    said = " ".join(cli("expose", light_file, "-o", tmp_path).stdout.split())
+    said = " ".join(cli("expose", light_file, "-o", tmp_path, "--verbose").stdout.split())
     report = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
     for text in [stage["name"] for stage in report["stages"]] + list(light.statistics.notes):
         assert text in said
@@ -187,7 +187,9 @@ def test_what_denoising_gained_is_said_of_the_exposure_of_the_render_alone(
     )
     same, longer = (
         " ".join(
-            cli("expose", tmp_path / "x.exr", "-o", tmp_path / "out", *more).stdout.split()
+            cli(
+                "expose", tmp_path / "x.exr", "-o", tmp_path / "out", "--verbose", *more
+            ).stdout.split()
         )
         for more in ((), ("--exposure-s", 0.1))
     )
