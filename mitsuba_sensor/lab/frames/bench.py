@@ -14,7 +14,8 @@ A manifest says so in a few lines, in ``bench.toml`` beside the files::
     photons = 0                   # mean photons per pixel and exposure, where it is known
 
 Without one, the kind is that with which the name of the file or of its folder begins, or that of a FITS header;
-exposure and gain are those of the metadata; files of equal kind, size, exposure, gain and temperature are one stack.
+exposure and gain are those of the metadata; files of equal kind, size, exposure, gain and temperature (within 1 K) are
+one stack.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from ...core import InputError
 from ...core.argument_names import tells_of_names
 from ...core.checks import require_path
 from ...files.raw_files import RawFile, read_raw
+from .descriptor import read_descriptor
 from .manifest import (
     KINDS,
     MANIFEST,
@@ -45,6 +47,9 @@ from .manifest import (
     read_manifest,
 )
 from .stack import Stack
+
+SAME_TEMPERATURE_K = 1.0
+"""Temperatures of metadata that differ by no more are taken as one: dark current differs by a tenth or less."""
 
 
 @tells_of_names
@@ -58,7 +63,7 @@ class Bench:
         print(len(bench.darks), bench.gains)
 
     biases, darks, flats, scenes : stacks, each in the order of gain, exposure and temperature.
-    wavelength_nm : of the light [nm], or None.
+    wavelength_nm : of the light [nm], or None.  notes : how the stacks were put together.
     """
 
     biases: tuple[Stack, ...]
@@ -66,6 +71,7 @@ class Bench:
     flats: tuple[Stack, ...]
     scenes: tuple[Stack, ...] = ()
     wavelength_nm: float | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def stacks(self) -> tuple[Stack, ...]:
@@ -80,7 +86,7 @@ class Bench:
 
     def at_gain(self, gain: str) -> Bench:
         """The stacks of one gain setting."""
-        return self._change(lambda stacks: [stack for stack in stacks if stack.gain == gain])
+        return self.change(lambda stacks: [stack for stack in stacks if stack.gain == gain])
 
     def of_filters(self) -> dict[str, Bench]:
         """A bench of the pixels behind each place of the tile, by the name of the filter, as :meth:`Stack.of_filters`.
@@ -98,20 +104,18 @@ class Bench:
         if not self.stacks:
             return {}
         names = self.stacks[0].of_filters()
-        return {name: self._change(partial(_select_filter, name)) for name in names}
+        return {name: self.change(partial(_select_filter, name)) for name in names}
 
     def given(self, bits: int | None = None, wavelength_nm: float | None = None) -> Bench:
         """This bench with the bits and the wavelength that somebody knows better; None changes nothing."""
         bench = self
         if bits is not None:
-            bench = bench._change(
-                lambda stacks: [replace(stack, bits=bits) for stack in stacks]
-            )
+            bench = bench.change(lambda stacks: [replace(stack, bits=bits) for stack in stacks])
         if wavelength_nm is not None:
             bench = replace(bench, wavelength_nm=wavelength_nm)
         return bench
 
-    def _change(self, change: Callable[[Sequence[Stack]], Sequence[Stack]]) -> Bench:
+    def change(self, change: Callable[[Sequence[Stack]], Sequence[Stack]]) -> Bench:
         """This bench with the stacks of each kind changed by a function."""
         return Bench(
             tuple(change(self.biases)),
@@ -119,6 +123,7 @@ class Bench:
             tuple(change(self.flats)),
             tuple(change(self.scenes)),
             self.wavelength_nm,
+            self.notes,
         )
 
 
@@ -131,7 +136,7 @@ def _select_filter(name: str, stacks: Sequence[Stack]) -> list[Stack]:
 def read_bench(
     path: str | os.PathLike[str], report: Callable[[int, int], None] | None = None
 ) -> Bench:
-    """The bench of a folder, or of a manifest of another name.
+    """The bench of a folder, of a manifest of another name (.toml), or of a descriptor of EMVA 1288 (any other name).
 
     ::
 
@@ -148,7 +153,9 @@ def read_bench(
         raise InputError(
             f"there is no {asked}; give a folder of raw frames, or a manifest in it."
         )
-    if manifest.exists():
+    if manifest.is_file() and manifest.suffix != ".toml":
+        facts, file_groups = read_descriptor(manifest)
+    elif manifest.exists():
         facts = read_manifest(manifest)
         file_groups = groups(facts, manifest)
     else:
@@ -161,6 +168,7 @@ def read_bench(
             frame_files.append(_FrameFile.describe(file, read_raw(file), group))
             if report is not None:
                 report(len(frame_files), total)
+    frame_files, notes = _with_equal_temperatures(frame_files)
     stacks: dict[Kind, list[Stack]] = {kind: [] for kind in KINDS}
     for kind, stack in _stacks(frame_files, facts):
         stacks[kind].append(stack)
@@ -172,6 +180,7 @@ def read_bench(
         tuple(stacks["flat"]),
         tuple(stacks["scene"]),
         facts.get("wavelength_nm"),
+        notes,
     )
 
 
@@ -204,6 +213,43 @@ class _FrameFile:
         temperature_k = settings.get("temperature_k", raw.temperature_k)
         gain = str(settings.get("gain", raw.gain))
         return cls(file, group, raw, kind, (float(exposure_s), temperature_k, gain))
+
+
+def _with_equal_temperatures(
+    files: list[_FrameFile],
+) -> tuple[list[_FrameFile], tuple[str, ...]]:
+    """The files with one temperature for all that metadata say are within 1 K, their mean, and a note about it.
+
+    A cooled sensor is not kept at a temperature more exactly, and headers say it to a hundredth of a kelvin.
+    """
+    kelvins: list[float] = []
+    for file in files:
+        temperature_k = file.settings[1]
+        if temperature_k is not None and "temperature_k" not in file.group.settings:
+            kelvins.append(temperature_k)
+    groups: list[list[float]] = []
+    for kelvin in sorted(kelvins):
+        if not groups or kelvin - groups[-1][0] > SAME_TEMPERATURE_K:
+            groups.append([])
+        groups[-1].append(kelvin)
+    mean_of: dict[float, float] = {}
+    notes: list[str] = []
+    for group in groups:
+        mean = round(sum(group) / len(group), 3)
+        mean_of |= dict.fromkeys(group, mean)
+        if group[0] < group[-1]:
+            notes.append(
+                f"temperatures from {group[0]:.2f} to {group[-1]:.2f} K are taken as {mean:.2f} K "
+                f"(within {SAME_TEMPERATURE_K:g} K)"
+            )
+    equal: list[_FrameFile] = []
+    for file in files:
+        exposure_s, temperature_k, gain = file.settings
+        if temperature_k is not None and "temperature_k" not in file.group.settings:
+            temperature_k = mean_of[temperature_k]
+        equal.append(replace(file, settings=(exposure_s, temperature_k, gain)))
+    files.clear()
+    return equal, tuple(notes)
 
 
 def _known_kind(raw: RawFile) -> Kind | None:

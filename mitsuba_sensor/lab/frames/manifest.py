@@ -143,7 +143,7 @@ def groups_of_names(folder: Path) -> list[Group]:
         )
     files_of_kind: dict[Kind | None, list[Path]] = {}
     for file in files:
-        kind = _kind_by_name(file.relative_to(folder))
+        kind = _kind_by_name(Path(folder.resolve().name) / file.relative_to(folder))
         files_of_kind.setdefault(kind, []).append(file)
     return [Group(str(folder), alike, kind, {}) for kind, alike in files_of_kind.items()]
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
+from .notes import merged
 from .stack import Stack
 from .temporal import temporal
 
@@ -210,7 +211,7 @@ def series(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = 
         dark_of=dark_of,
         top_code=None if bits is None else 2**bits - 1,
         whole=whole,
-        notes=tuple(notes),
+        notes=tuple(merged(notes)),
     )
 
 

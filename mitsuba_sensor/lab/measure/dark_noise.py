@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma
+from ..frames.notes import merged
 from ..frames.series import COARSE_DN2, ROUNDING_DN2, Level, coarse_codes, measure_level
 from ..frames.stack import Stack
 from ..frames.temporal import temporal
@@ -74,7 +75,7 @@ def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNois
     coarse = whole and variance < COARSE_DN2 + ROUNDING_DN2
     for level in levels:
         notes += level.notes
-    notes += coarse_codes(darks)
+    notes = merged([*notes, *coarse_codes(darks)])
     if coarse:
         total, analogue = _most_likely_noise(shortest, variance)
     else:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 from ...core import InputError
 from ..frames.bench import Bench
 from ..frames.clipping import ClippedError
+from ..frames.notes import merged
 from ..frames.selection import (
     black_level,
     by_temperature,
@@ -25,6 +26,7 @@ from ..frames.selection import (
     shortest_dark,
 )
 from ..frames.stack import Stack
+from ..frames.stuck_lines import without_stuck_lines
 from ..quantity import Quantity
 from .correlation import correlation
 from .dark_current import DarkCurrentOverTime, DarkTemperature, dark_current, dark_temperature
@@ -135,8 +137,11 @@ def measure_bench(
         )
 
     def measure_filter(name: str, part: Bench) -> Measurement:
-        measurement = Measurement(name, report=report)
-        _run_all(measurement, part)
+        responding, stuck = without_stuck_lines(part)
+        notes = [note for note in (*bench.notes, stuck) if note]
+        measurement = Measurement(name, notes=notes, report=report)
+        _run_all(measurement, responding)
+        measurement.notes = merged(measurement.notes)
         return measurement
 
     parts = bench.of_filters()

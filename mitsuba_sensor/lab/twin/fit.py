@@ -14,6 +14,7 @@ from ...core.argument_names import tells_of_names
 from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
 from ..frames.bench import Bench, read_bench
+from ..frames.notes import merged
 from ..frames.stack import Stack
 from .evidence import Fitted
 from .fields import Value, fields_of, full_well
@@ -84,7 +85,7 @@ class Twin:
             if len(self.settings) > 1:
                 prefix = f"gain {setting.name}: "
             notes += [f"{prefix}{note}" for note in setting.notes]
-        return tuple(dict.fromkeys([*notes, *step_notes(self.settings)]))
+        return tuple(merged([*notes, *step_notes(self.settings)]))
 
     def figures(self) -> dict[str, Fitted]:
         """All figures with intervals, by symbol, of the base setting."""
