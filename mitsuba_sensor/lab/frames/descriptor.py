@@ -12,8 +12,10 @@ from typing import Any
 
 from ...core import InputError
 from ...core.errors import shown
+from ...files.texts import text_of_file
 from .manifest import Group
 
+REMEDY = "give a folder of raw frames, a bench.toml or a descriptor of EMVA 1288"
 SECONDS_PER_NS = 1e-9
 ARGUMENTS = {"v": 1, "n": 3, "b": 2, "d": 1, "i": 1}
 """Numbers of arguments behind each letter."""
@@ -21,10 +23,7 @@ ARGUMENTS = {"v": 1, "n": 3, "b": 2, "d": 1, "i": 1}
 
 def read_descriptor(path: Path) -> tuple[dict[str, Any], list[Group]]:
     """What a descriptor says of all images, and the images of each stack. Raises InputError with file and line."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no text that can be read: {error}.") from None
+    lines = text_of_file(path, REMEDY).splitlines()
     facts: dict[str, Any] = {}
     stacks: list[Group] = []
     for number, line in enumerate(lines, start=1):
