@@ -8,11 +8,10 @@ slashes of either kind. What follows a ``#`` is a comment.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from ...core import InputError
 from ...core.errors import shown
-from ...files.texts import text_of_file
+from ...files.texts import Facts, text_of_file
 from .manifest import Group
 
 REMEDY = "give a folder of raw frames, a bench.toml or a descriptor of EMVA 1288"
@@ -21,10 +20,10 @@ ARGUMENTS = {"v": 1, "n": 3, "b": 2, "d": 1, "i": 1}
 """Numbers of arguments behind each letter."""
 
 
-def read_descriptor(path: Path) -> tuple[dict[str, Any], list[Group]]:
+def read_descriptor(path: Path) -> tuple[Facts, list[Group]]:
     """What a descriptor says of all images, and the images of each stack. Raises InputError with file and line."""
     lines = text_of_file(path, REMEDY).splitlines()
-    facts: dict[str, Any] = {}
+    facts: Facts = {}
     stacks: list[Group] = []
     for number, line in enumerate(lines, start=1):
         letter, *arguments = line.split("#")[0].split(maxsplit=1) or [""]
@@ -77,7 +76,7 @@ def _number(where: str, text: str) -> float:
 
 def _stack(where: str, letter: str, values: list[str]) -> Group:
     """An empty stack of a flat field or of darkness."""
-    settings: dict[str, Any] = {"exposure_s": SECONDS_PER_NS * _number(where, values[0])}
+    settings: Facts = {"exposure_s": SECONDS_PER_NS * _number(where, values[0])}
     if letter == "d":
         return Group(where, [], "dark", settings)
     settings["photons"] = _number(where, values[1])
