@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from ..core import InputError, nearest
 from ..stages.chain import ORDER
 from ..stages.datasheet import SensorSection
+from ..stages.diffusion import WIDEST_PX
 from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import Datasheet
 
@@ -30,6 +31,7 @@ LARGEST = 1e30
 def check_sensor(camera: Datasheet) -> None:
     """Raise ValueError where the table of the sensor does not go with the others."""
     check_technology(camera)
+    check_diffusion(camera)
     check_polarizers(camera)
 
 
@@ -49,6 +51,17 @@ def check_technology(camera: Datasheet) -> None:
             f"{' and '.join(given)}, and sensor.technology is 'ccd': all pixels of a CCD have one amplifier and true "
             "CDS, so they have no offsets, gains, reset or telegraph noise of their own; "
             f"set {' and '.join(neutral)}, or sensor.technology to 'cmos'"
+        )
+
+
+def check_diffusion(camera: Datasheet) -> None:
+    """Raise ValueError where electrons diffuse further than the shares of the neighbours reach."""
+    smaller_um = min(camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
+    widest_um = max(camera.quantum_efficiency.diffusion_um or (0.0,))
+    if widest_um > WIDEST_PX * smaller_um:
+        raise ValueError(
+            f"quantum_efficiency.diffusion_um is up to {widest_um:g}, {widest_um / smaller_um:.3g} pixels of "
+            f"{smaller_um:g} µm; it may be up to {WIDEST_PX:g} pixels, {WIDEST_PX * smaller_um:g}"
         )
 
 

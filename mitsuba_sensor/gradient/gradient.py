@@ -327,7 +327,8 @@ def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
     if PHOTONS in names and chain(camera)[0].light_reach_px:
         raise InputError(
             f"parameters names {PHOTONS!r}, and crosstalk of {camera.name} gives them to neighbours, too; "
-            "differentiate by fields of the camera, or unset quantum_efficiency.crosstalk and crosstalk_from."
+            "differentiate by fields of the camera, or unset quantum_efficiency.crosstalk, crosstalk_from and "
+            "diffusion_um."
         )
     bands = light.mean.shape[2] if light.mean.ndim == 3 else 1
     if PHOTONS in names and bands > 1 and camera.quantum_efficiency.quantum_yield:

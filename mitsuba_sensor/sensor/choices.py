@@ -124,7 +124,9 @@ def _check_published_has(camera: Camera) -> None:
         for stage in lacking
     }
     if stages[0].light_reach_px:
-        ways_out["crosstalk"] = "unset quantum_efficiency.crosstalk and crosstalk_from"
+        ways_out["crosstalk"] = (
+            "unset quantum_efficiency.crosstalk, crosstalk_from and diffusion_um"
+        )
     for label, way_out in ways_out.items():
         raise InputError(
             f"chain is 'konnik2014', and {camera.name} has {label}, which the published chain lacks; "

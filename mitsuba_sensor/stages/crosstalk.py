@@ -17,7 +17,8 @@ from pydantic import Field, model_validator
 from ..core import Electrons, arrays
 from ..core.backend import FLOAT32_LIMIT
 from ..core.types import Array, Float64Array
-from .datasheet import Chance, FileTable
+from .datasheet import Chance, FileTable, NotNegative
+from .effects.quantum_yield import bursts
 
 Kernel = tuple[tuple[Chance, ...], ...]
 SIDES = (3, 5)
@@ -43,10 +44,33 @@ class CrosstalkFields(FileTable):
         examples=[{"R": EXAMPLE}],
     )
 
+    diffusion_um: tuple[NotNegative, ...] | None = Field(
+        None,
+        title="charge diffusion, diffusion length",
+        description="standard deviation of the way that electrons go sideways before they are collected, at each of "
+        "wavelengths_nm, instead of crosstalk [µm]",
+        examples=[[1.5, 3.0]],
+    )
+
+    @model_validator(mode="after")
+    def _one_way_of_giving_it(self) -> Self:
+        ways = ("crosstalk", "crosstalk_from", "diffusion_um")
+        given = [name for name in ways if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"give either {given[0]} or {given[1]}, and not both")
+        points = getattr(self, "wavelengths_nm", ())
+        if self.diffusion_um is not None and len(self.diffusion_um) != len(points):
+            raise ValueError(
+                f"diffusion_um has {len(self.diffusion_um)} values for {len(points)} wavelengths_nm"
+            )
+        if self.diffusion_um is not None and bursts(getattr(self, "quantum_yield", None)):
+            raise ValueError(
+                "give either diffusion_um or quantum_yield, and not both: electrons of one photon diffuse together"
+            )
+        return self
+
     @model_validator(mode="after")
     def _shares_are_possible(self) -> Self:
-        if self.crosstalk is not None and self.crosstalk_from is not None:
-            raise ValueError("give either crosstalk or crosstalk_from, and not both")
         if self.crosstalk is not None:
             _check_kernel("crosstalk", self.crosstalk)
         known = getattr(self, "curves", {})

@@ -28,6 +28,7 @@ from ...core.signals import Filters
 from ...core.types import NumpyArray
 from ..crosstalk import Crosstalk, CrosstalkFields
 from ..datasheet import Chance, FileTable, Nanometres, Positive
+from ..diffusion import Diffusion
 from ..polarizers import efficiencies
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
@@ -193,6 +194,7 @@ class QuantumEfficiency(Stage):
     quantum_yield : electrons per interacting photon against wavelength, or None for one everywhere.
     crosstalk : behind the filters, or None where each pixel keeps its electrons. Beyond the edge of the window is the
         light of a mirror there, behind the filters that are there.
+    diffusion : the same by wavelength, instead.
     """
 
     curves: tuple[SpectralCurve, ...]
@@ -200,6 +202,7 @@ class QuantumEfficiency(Stage):
     reference_nm: float | None = None
     quantum_yield: SpectralCurve | None = None
     crosstalk: Crosstalk | None = None
+    diffusion: Diffusion | None = None
     domain = "electrons"
     table = "quantum_efficiency"
     fields = QuantumEfficiencyFields
@@ -226,14 +229,22 @@ class QuantumEfficiency(Stage):
             tuple(section.curves),
             section.filter_tile,
         )
-        return cls(curves, section.filter_tile, section.reference_nm, burst, crosstalk)
+        diffusion = None
+        if section.diffusion_um is not None and any(section.diffusion_um):
+            sigma_um = SpectralCurve(section.wavelengths_nm, section.diffusion_um)
+            pitch_um = camera.pixel.pitch_y_um, camera.pixel.pitch_x_um
+            diffusion = Diffusion(sigma_um, pitch_um)
+        return cls(
+            curves, section.filter_tile, section.reference_nm, burst, crosstalk, diffusion
+        )
 
     @property
     def light_reach_px(self) -> int:
-        """That of the crosstalk."""
-        if self.crosstalk is None:
+        """That of crosstalk or diffusion."""
+        spread = self.crosstalk or self.diffusion
+        if spread is None:
             return 0
-        return self.crosstalk.reach_px
+        return spread.reach_px
 
     @classmethod
     def notes(cls, camera: Datasheet) -> tuple[str, ...]:
@@ -251,11 +262,14 @@ class QuantumEfficiency(Stage):
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
         window = frame.window
-        if self.crosstalk is None:
+        if self.light_reach_px == 0:
             collected = self._freed(photons, window)
         else:
-            wider, around = _mirrored(photons, window, self.crosstalk.reach_px)
-            collected = self.crosstalk.mixed(self._freed(wider, around), around.origin)
+            wider, around = _mirrored(photons, window, self.light_reach_px)
+            if self.crosstalk is not None:
+                collected = self.crosstalk.mixed(self._freed(wider, around), around.origin)
+            else:
+                collected = self._diffused(wider, around)
         layers = {
             name: window.backend.from_numpy(values, window)
             for name, values in vars(collected).items()
@@ -278,10 +292,38 @@ class QuantumEfficiency(Stage):
         spread = arrays.maximum(second - first**2, 0.0)
         return Electrons(light, yield_mean=first, yield_variance=spread)
 
+    def _diffused(self, photons: Photons, window: SensorWindow) -> Electrons:
+        """What the pixels collect of the photoelectrons of a window that is wider by the reach of the diffusion."""
+        assert self.diffusion is not None
+        if photons.detected:
+            raise InputError(
+                "photons are detected, so that their wavelengths are not known, and quantum_efficiency.diffusion_um "
+                "depends on them; pass photons by wavelength, or give crosstalk shares instead."
+            )
+        weights = self._weights(photons)
+        layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
+        known = 1.0 if photons.in_band is None else photons.in_band
+
+        def freed_with(shares: Array) -> Array:
+            return known * self._collected(layers, weights * shares, window)
+
+        nm = self._wavelengths(photons)
+        light = self.diffusion.collected(freed_with, nm)
+        if photons.variance_e2 is None:
+            return Electrons(light)
+        variance_e2 = photons.variance_e2
+
+        def variance_with(shares: Array) -> Array:
+            share = arrays.ratio(freed_with(shares), freed_with(np.ones(len(nm))), 0.0)
+            return share**2 * variance_e2
+
+        return Electrons(light, variance_e2=self.diffusion.collected(variance_with, nm))
+
     def filters(self, photons: Photons) -> Filters | None:
         """For sums over bands, quantum yield, crosstalk and render noise: None; the host is faster there."""
         one_layer = photons.detected or len(photons.shape) == 2 or photons.shape[2] == 1
-        maps = (self.quantum_yield, self.crosstalk, photons.variance_e2, photons.in_band)
+        spread = self.crosstalk or self.diffusion
+        maps = (self.quantum_yield, spread, photons.variance_e2, photons.in_band)
         if not one_layer or any(one is not None for one in maps):
             return None
         weights = self._weights(photons)
