@@ -144,6 +144,11 @@ class LensSection(FileTable):
         "distance on the sensor at which scattered light is half as much; none: it is even [mm]",
         2.0,
     )
+    half_pupil: Literal["left", "right"] | None = optional(
+        "the half of a thin lens's pupil that is seen, as by one photodiode of a dual pixel; none: all of it",
+        "left",
+        title="dual pixel, phase-detection pixel (PDAF)",
+    )
     convention: Literal["working", "planar"] = optional(
         "πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴",
         "working",

@@ -39,6 +39,7 @@ from ..passes.passes import SAMPLER
 from ..variants import MitsubaObject, mitsuba
 from .displaced_rays import with_displaced_rays
 from .film_and_view import WIDTH, built_in_sensor, film_size
+from .half_pupil import with_half_pupil
 from .lens_sensor import with_lens
 from .light_groups import keep_emitters
 from .parse_scene import parse_scene
@@ -232,14 +233,16 @@ def _load(
     sharp, view, lens_notes = with_lens(
         sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
-    spread, spread_notes = with_displaced_rays(sharp, view, camera)
+    half, half_notes = with_half_pupil(sharp, view, camera)
+    spread, spread_notes = with_displaced_rays(half, view, camera)
     sensor, polarizers = with_polarizers(spread, scene, camera)
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
         check_on_sensor(
             f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera
         )
-    notes = (*(finding.as_note for finding in findings), *lens_notes, *spread_notes)
+    said = (finding.as_note for finding in findings)
+    notes = (*said, *lens_notes, *half_notes, *spread_notes)
     loaded = world, integrator, sensor, sharp, view
     described = scene.digest(), bands.responses, notes, tuple(findings)
     counter = weight_counter(sensor, bands)

@@ -1,0 +1,58 @@
+"""The light of one half of the pupil: what one photodiode of a dual pixel sees.
+
+A thin lens maps its two random numbers to the disk of its aperture such that the first one, below or above a half, says
+on which side of the vertical diameter a ray passes. A ray of half the numbers has half the weight: the halves add up to
+the whole.
+"""
+
+from __future__ import annotations
+
+from ...camera.camera import Camera
+from ...core import Array, InputError
+from ...optics.intrinsics import View
+from ..variants import MitsubaObject, mitsuba
+from .lens_sensor import IN_PYTHON, Samples, sensor_class
+
+FIRST_NUMBER = {"left": 0.5, "right": 0.0}
+"""Where the half of the first number begins: Mitsuba's cameras have x to the left."""
+
+
+class HalfPupil:
+    """Rays of another sensor through one half of its aperture.  half : "left" or "right", as the camera looks."""
+
+    def __init__(self, half: str) -> None:
+        self._first = FIRST_NUMBER[half]
+
+    def sample(
+        self, sensor: MitsubaObject, samples: Samples, active: Array
+    ) -> tuple[MitsubaObject, Array]:
+        """The other sensor's ray and half its weight."""
+        mi = mitsuba()
+        time, wavelength, on_film, aperture = samples
+        size, corner = sensor.crop()
+        place = mi.Point2f((on_film.x - corner.x) / size.x, (on_film.y - corner.y) / size.y)
+        through = mi.Point2f(self._first + 0.5 * aperture.x, aperture.y)
+        ray, weight = sensor.inner.sample_ray(time, wavelength, place, through, active)
+        return ray, 0.5 * weight
+
+
+def with_half_pupil(
+    sensor: MitsubaObject, view: View, camera: Camera | None
+) -> tuple[MitsubaObject, tuple[str, ...]]:
+    """The sensor with the half of the pupil that the camera's lens has, and notes; unchanged for a whole one. Raises
+    InputError for a lens without a pupil that is known to be round."""
+    if camera is None or camera.lens.half_pupil is None:
+        return sensor, ()
+    half = camera.lens.half_pupil
+    if view.sequential or view.aperture_radius_m == 0:
+        what = "the scene's sensor is a pinhole"
+        if view.sequential:
+            what = "the lens has a prescription"
+        raise InputError(
+            f"lens.half_pupil is {half!r}, a half of a thin lens, and {what}; take a thinlens sensor in the scene, or "
+            "leave half_pupil out."
+        )
+    notes = [f"the light of the {half} half of the pupil alone (lens.half_pupil)"]
+    if mitsuba().variant().startswith("scalar"):
+        notes.append(IN_PYTHON)
+    return sensor_class(mitsuba().variant())(sensor, HalfPupil(half)), tuple(notes)
