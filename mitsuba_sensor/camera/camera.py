@@ -47,9 +47,11 @@ from .notebook import camera_html
 from .readouts import (
     CombineSection,
     Readout,
+    camera_of_readout,
     check_readouts,
     combined_readouts,
     readout_cameras,
+    readout_notes,
 )
 
 SET_BY_USER, SET_BY_SCENE = "set by the user", "set by the scene file"
@@ -302,6 +304,7 @@ class Camera(FileTable):
             *unusual,
             *(note for effect in ORDER for note in effect.notes(self)),
             *gain_notes(self),
+            *readout_notes(self),
         )
 
     @property
@@ -330,12 +333,7 @@ class Camera(FileTable):
 
     def at_readout(self, name: str) -> Camera:
         """The camera with one of its read-outs alone: ``camera.at_readout("high")``. Raises InputError."""
-        if name not in self.readout_cameras:
-            known = ", ".join(self.readout_cameras) or "none: add [[readouts]]"
-            raise InputError(
-                f"{name!r} is no read-out of {self.name}; its read-outs are {known}."
-            )
-        return self.readout_cameras[name]
+        return camera_of_readout(self, name)
 
     @property
     def code_bits(self) -> int:

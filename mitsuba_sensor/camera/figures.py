@@ -141,7 +141,8 @@ def refuse_readouts(camera: Camera, why: str, way_out: str = "camera.at_readout"
         return
     names = ", ".join(one.name for one in camera.readouts)
     raise InputError(
-        f"{camera.name} has the read-outs {names}, and {why}; take one of them by its name, from {way_out}."
+        f"{camera.name} has the read-outs {names}, and {why}; take one of them by its name, from {way_out}, or "
+        "the camera without its table of read-outs (--set readouts=none)."
     )
 
 

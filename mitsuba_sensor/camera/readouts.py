@@ -5,7 +5,7 @@ Each read-out is a camera of its own: the camera of the file with some of its fi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -36,6 +36,7 @@ OF_PHOTODIODE = ("pixel.prnu", "dark_current.")
 MOST_READOUTS = 8
 HAND_OVER = 0.9
 """Share of its saturation at which a read-out hands over to the next, unless the file says otherwise."""
+LATE = 0.97
 
 
 class Readout(FileTable):
@@ -196,6 +197,36 @@ def readout_cameras(camera: Camera) -> dict[str, Camera]:
     return found
 
 
+def camera_of_readout(camera: Camera, name: str) -> Camera:
+    """The camera with one of its read-outs alone. Raises InputError."""
+    if name not in camera.readout_cameras:
+        known = ", ".join(camera.readout_cameras) or "none: add [[readouts]]"
+        raise InputError(
+            f"{name!r} is no read-out of {camera.name}; its read-outs are {known}."
+        )
+    return camera.readout_cameras[name]
+
+
+def readout_notes(camera: Camera) -> Iterator[str]:
+    """Sentences on a combination that is allowed and may surprise."""
+    if not camera.readouts:
+        return
+    stage = camera.combined_readouts
+    last = stage.readouts[-1]
+    full_e = saturation_e(camera.readout_cameras[last.name]) / last.light_ratio
+    ends_e = (stage.highest - stage.black_level_dn) / stage.nominal_gain
+    if ends_e < full_e:
+        yield (
+            f"combine.bits is {camera.combine.bits}, and the linear code ends at {ends_e:.4g} e-, before the read-out "
+            f"{last.name!r}, at {full_e:.4g}; take more bits, or a smaller combine.gain_dn_per_e"
+        )
+    if max(camera.combine.hand_over) > LATE:
+        yield (
+            f"combine.hand_over is {max(camera.combine.hand_over):g}, and noise may keep a full pixel below it, which "
+            "then has the code of a read-out that is saturated; take 0.95 or less"
+        )
+
+
 def _scaled_curves(camera: Camera, factor: float) -> dict[str, list[float]]:
     """QE curves of a photodiode that collects so many photoelectrons of those of the first one."""
     curves = camera.quantum_efficiency.curves
@@ -204,6 +235,9 @@ def _scaled_curves(camera: Camera, factor: float) -> dict[str, list[float]]:
 
 def _with_fields(camera: Camera, name: str, fields: Mapping[str, object]) -> Camera:
     """The camera with fields of a read-out. Raises ValueError."""
+    in_volts = camera.source_follower.white_nv_per_rthz is not None
+    if in_volts and "source_follower.read_noise_e" in fields:
+        fields = {"source_follower.white_nv_per_rthz": None, **fields}
     try:
         changed = camera.replace(**fields)
     except InputError as error:

@@ -252,3 +252,16 @@ def test_what_there_is_of_one_readout_only_is_refused() -> None:
             call()
     assert frames.readouts["high"].noise_budget().entries
     assert camera.at_readout("low").emva1288().saturation_e > 30_000
+
+
+def test_a_combination_that_ends_early_or_hands_over_late_is_told() -> None:
+    assert not dual_gain().notes
+    assert "linear code ends" in dual_gain(**{"combine.bits": 12}).notes[0]
+    assert "hand_over" in dual_gain(**{"combine.hand_over": [1.0]}).notes[0]
+
+
+def test_read_noise_in_electrons_takes_the_place_of_that_in_volts() -> None:
+    readouts = [{"name": "high"}, {"name": "low", "fields": {**LOW, "pixel.full_well_e": 4e4}}]
+    camera = ms.load_camera("konnik_table1").replace(readouts=readouts)
+    assert camera.at_readout("low").source_follower.read_noise_e == 9
+    assert camera.at_readout("high").source_follower.read_noise_e is None
