@@ -155,6 +155,12 @@ def check_readouts(camera: Camera) -> None:
             raise ValueError(f"readouts and {why}, or leave readouts out")
     _check_hand_over(camera)
     _check_order(camera)
+    stage = camera.combined_readouts
+    if stage.black_level_dn >= stage.highest / 2:
+        raise ValueError(
+            f"the linear code of darkness is {stage.black_level_dn:.6g}, and {camera.combine.bits} bits end at "
+            f"{stage.highest}; take more combine.bits, or a lower combine.black_level_dn"
+        )
 
 
 def _check_hand_over(camera: Camera) -> None:

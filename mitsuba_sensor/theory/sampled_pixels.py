@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..core import Electrons, Frame, SensorWindow, distributions
 from ..core.backend import NUMPY_FLOAT64, Backend
-from ..core.counter_rng import key_of
+from ..core.counter_rng import OF_CHARGE, key_of
 from ..core.types import Array, Float64Array, RandomBits
 from ..sensor.detection import LAYERS
 
@@ -84,10 +84,19 @@ class SampledWindow(SensorWindow):
             (source, "normal"), lambda: distributions.normal(self._random_bits(source))
         )
 
+    def _owner(self, source: str) -> str:
+        """The photodiode, or the read-out, of a pixel with several whose own a source is; empty for one alone."""
+        if self.readout and source not in OF_CHARGE:
+            return f"{self.photodiode}/{self.readout}/"
+        if self.photodiode:
+            return f"{self.photodiode}/"
+        return ""
+
     def _random_bits(self, source: str) -> RandomBits:
         """Random bits of these pixels, which are evenly spread over the whole sample."""
         if self.maps == "median":
             return np.full(self.shape, 2**31, np.uint32)
+        source = f"{self._owner(source)}{source}"
         with self._bits_lock:
             if source not in self._bits:
                 count = self.sample_rows * self.shape[1]

@@ -124,12 +124,12 @@ def test_mean_and_noise_of_the_combination_follow_the_closed_form(
     )  # five standard errors of 20 000 pixels, of laws that are not normal
 
 
-def test_the_theory_of_a_frame_is_measured_and_right() -> None:
+def test_the_theory_of_a_frame_follows_from_the_law_of_each_readout() -> None:
     camera = dual_gain(**{"pixel.prnu": 0.01})
     light = ms.Photons(np.tile(np.linspace(10, 20_000, 160), (120, 1)), detected=True)
     report = ms.expose(light, camera, SHORT).report
     line = report["stages"][-1]
-    assert report["theory"]["stages_without_law"] == ["combined readouts"]
+    assert not report["theory"]["measured"]
     assert line["mean_frame"] == pytest.approx(line["mean_expected"], rel=2e-3)
     assert line["sigma_frame"] == pytest.approx(line["sigma_expected"], rel=0.02)
 
@@ -257,6 +257,8 @@ def test_what_there_is_of_one_readout_only_is_refused() -> None:
 def test_a_combination_that_ends_early_or_hands_over_late_is_told() -> None:
     assert not dual_gain().notes
     assert "linear code ends" in dual_gain(**{"combine.bits": 12}).notes[0]
+    with pytest.raises(ms.InputError, match="linear code of darkness"):
+        dual_gain(**{"combine.bits": 6})
     assert "hand_over" in dual_gain(**{"combine.hand_over": [1.0]}).notes[0]
 
 
@@ -265,3 +267,15 @@ def test_read_noise_in_electrons_takes_the_place_of_that_in_volts() -> None:
     camera = ms.load_camera("konnik_table1").replace(readouts=readouts)
     assert camera.at_readout("low").source_follower.read_noise_e == 9
     assert camera.at_readout("high").source_follower.read_noise_e is None
+
+
+def test_readouts_that_couple_neighbours_are_measured() -> None:
+    camera = dual_gain(**{"readout.ipc_coupling": 0.02})
+    light = ms.Photons(np.tile(np.linspace(10, 3_000, 60), (50, 1)), detected=True)
+    frames = ms.expose(light, camera, SHORT)
+    line = frames.report["stages"][-1]
+    assert frames.report["theory"]["measured"]
+    assert line["mean_frame"] == pytest.approx(line["mean_expected"], rel=0.01)
+    assert line["sigma_frame"] == pytest.approx(line["sigma_expected"], rel=0.1)
+    with pytest.raises(ms.InputError, match="couples neighbours"):
+        _ = frames.clean
