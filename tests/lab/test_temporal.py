@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -80,3 +82,16 @@ def test_what_has_no_temporal_variance_is_refused(stack: Stack, said: str) -> No
     with pytest.raises(ms.InputError, match="the frames: ") as error:
         temporal(stack)
     assert said in str(error.value)
+
+
+def test_a_pair_of_a_megapixel_takes_little_memory_beside_its_two_maps() -> None:
+    """Mean and variance are 16 MiB of float64; strips of 1 MiB are all that is added to them."""
+    frames = np.random.default_rng(20).integers(900, 1100, (2, 1024, 1024), dtype=np.uint16)
+    stack = Stack(frames, 0.1)
+    tracemalloc.start()
+    try:
+        temporal(stack)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 1.4 * 2 * 8 * 2**20

@@ -23,6 +23,10 @@ LARGEST_SHARE = 1e-3
 makes its standard deviation 0.09 % too small."""
 FEWEST_CODES = 16
 """Between the smallest and the largest value, below which many values at one of them are a quiet camera's."""
+FEWEST_PILED = 20.0
+"""Values at one end of the range up to which none is said to be clipped there, but at 0 and at the largest code."""
+MOST_VALUES = 2**16
+"""Values of a frame that show the distance of two codes."""
 OFTEN = 0.05
 """Share of the pixels at the smallest code that jump from there: of unclipped noise of 1 DN, one in a hundred."""
 COARSE_DN = 0.4
@@ -120,18 +124,20 @@ class Clipping:
 def _piles_up_at_top(frames: NumpyArray, largest: float) -> bool:
     """Whether there are more than 20 values at the largest code, and 5 standard errors more than at the next one."""
     all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
+    if _count_values(frames, largest) <= FEWEST_PILED:
+        return False
     if not (all_bits_set or len(frames) == 1 or _jumps_from(frames, largest)):
         return False
     next_code = lowest = float(frames.min())
     for frame in frames:
         next_code = max(next_code, float(np.max(frame, where=frame < largest, initial=lowest)))
     at_next = _count_values(frames, next_code)
-    return _count_values(frames, largest) > max(20.0, at_next + 5 * math.sqrt(at_next))
+    return _count_values(frames, largest) > max(FEWEST_PILED, at_next + 5 * math.sqrt(at_next))
 
 
 def _piles_up_at_bottom(frames: NumpyArray, lowest: float) -> bool:
     """Whether there are more values at the smallest code than the two codes above it let a tail have."""
-    if not _jumps_from(frames, lowest):
+    if _count_values(frames, lowest) <= FEWEST_PILED or not _jumps_from(frames, lowest):
         return False
     step = _step_dn(frames)
     first, second = (
@@ -139,7 +145,7 @@ def _piles_up_at_bottom(frames: NumpyArray, lowest: float) -> bool:
         _count_values(frames, lowest + 2 * step),
     )
     tail = first * min(1.0, first / max(second, 1))
-    return _count_values(frames, lowest) > max(20.0, tail + 5 * math.sqrt(first))
+    return _count_values(frames, lowest) > max(FEWEST_PILED, tail + 5 * math.sqrt(first))
 
 
 def _count_values(frames: NumpyArray, value: float) -> int:
@@ -149,7 +155,7 @@ def _count_values(frames: NumpyArray, value: float) -> int:
 
 def _step_dn(frames: NumpyArray) -> float:
     """Smallest distance of two values of the first frame [DN]: 16 of codes of 12 bits that lie in 16."""
-    distances = np.diff(np.unique(frames[0]).astype(np.float64))
+    distances = np.diff(np.unique(frames[0].ravel()[:MOST_VALUES]).astype(np.float64))
     if distances.size:
         return float(distances.min())
     return 1.0
@@ -162,11 +168,11 @@ def _jumps_from(frames: NumpyArray, end: float) -> bool:
     """
     if len(frames) < 2:
         return False
-    first, second = (frame.astype(np.float64) for frame in frames[:2])
-    touching = (first == end) | (second == end)
+    touching = (frames[0] == end) | (frames[1] == end)
     if not touching.any():
         return False
-    jumps = np.abs(second - first)[touching] > 2.5 * _step_dn(frames)
+    first, second = (frame[touching].astype(np.float64) for frame in frames[:2])
+    jumps = np.abs(second - first) > 2.5 * _step_dn(frames)
     return bool(np.mean(jumps) > OFTEN)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
+from .clipping import MOST_VALUES
 from .notes import merged
 from .stack import Stack
 from .temporal import temporal
@@ -246,7 +247,9 @@ def _note_far_darks(flats: Sequence[Level], times: Float64Array) -> list[str]:
 
 def coarse_codes(darks: Sequence[Stack]) -> list[str]:
     """A note where the codes of the first dark frames are multiples of more than 1, as of 12 bits shifted to 16."""
-    codes = np.unique(np.concatenate([stack.frames[0].ravel() for stack in darks]))
+    codes = np.unique(
+        np.concatenate([stack.frames[0].ravel()[:MOST_VALUES] for stack in darks])
+    )
     if codes.dtype.kind == "f" and (codes != np.round(codes)).any():
         return []
     step = int(np.gcd.reduce((codes - codes[0]).astype(np.int64)))
@@ -278,9 +281,10 @@ def has_whole_codes(stack: Stack) -> bool:
 def _check_stacks(stacks: Sequence[Stack]) -> None:
     """Raises InputError for codes beyond the bits of the ADC, and for stacks that differ in size, gain or bits."""
     for stack in stacks:
-        if stack.bits is not None and stack.frames.max() > 2**stack.bits - 1:
+        largest = stack.clipping.largest
+        if stack.bits is not None and largest > 2**stack.bits - 1:
             raise InputError(
-                f"{stack.source}: code {stack.frames.max():g} is beyond {stack.bits} bits; pass the bits of the file."
+                f"{stack.source}: code {largest:g} is beyond {stack.bits} bits; pass the bits of the file."
             )
     for name in ("shape", "gain", "bits"):
         sources = {getattr(stack, name): stack.source for stack in stacks}

@@ -16,8 +16,8 @@ from ...core.exposure import LONGEST_S
 from ...core.types import Float64Array
 from .clipping import Clipping
 
-STRIP_VALUES = 2**22
-"""Values that are float64 at once: 32 MiB, whatever the size of the stack."""
+STRIP_VALUES = 2**17
+"""Values that are float64 at once: 1 MiB, which the caches of a processor hold, whatever the size of the stack."""
 
 
 @tells_of_names

@@ -54,25 +54,59 @@ class Temporal:
 def temporal(stack: Stack) -> Temporal:
     """Statistics over the frames. In each frame the mean of pixels that are equally bright is removed, so that light
     or a black level that drifts is not taken as noise; EMVA 1288 R4 6.6 removes the mean of all pixels, which is the
-    same for flat fields. Groups of 64 pixels or more are equally bright: one where the pixels' means differ by noise
+    same for flat fields, and so does this where drift moves no pixel more than others by what noise hides. Groups of 64
+    pixels or more are equally bright: one where the pixels' means differ by noise
     alone, more of them the more they differ, at most 100.
 
     Raises InputError for a single frame, fewer than 16 pixels, and mosaics.
     """
     _check_stack(stack)
-    frames, pixels = len(stack), stack.mean.size
-    group = _group_equally_bright(stack)
-    count = np.bincount(group)
-    square = np.zeros(pixels)
-    rows, columns = np.empty((frames, stack.shape[0])), np.empty((frames, stack.shape[1]))
-    for number, frame in enumerate(stack.frames):
-        rest = (frame - stack.mean).ravel()
-        rest -= (np.bincount(group, rest) / count)[group]
-        square += rest**2
-        image = rest.reshape(stack.shape)
-        rows[number], columns[number] = image.mean(axis=1), image.mean(axis=0)
+    plain = _statistics(stack, None)
+    if plain.drift_dn and _drift_is_seen_in_pixels(stack, plain):
+        return _statistics(stack, _group_equally_bright(stack))
+    return plain
+
+
+def _drift_is_seen_in_pixels(stack: Stack, plain: Temporal) -> bool:
+    """Whether light that drifts moves pixels of different brightness differently, by what their variance shows.
+
+    The signal is taken as a tenth of the mean or more: black level is the rest.
+    """
+    level = max(abs(float(plain.mean.mean())), 1e-300)
+    moved_dn = 10 * plain.drift_dn / level * float(plain.mean.std())
+    freedom = (plain.frames - 1) * plain.mean.size
+    return moved_dn**2 > 0.1 * float(plain.variance.mean()) * math.sqrt(2 / freedom)
+
+
+def _statistics(stack: Stack, group: NDArray[np.intp] | None) -> Temporal:
+    """Statistics over the frames without the mean of each group of pixels in each frame; of all pixels where None."""
+    frames, pixels = len(stack), stack.shape[0] * stack.shape[1]
     freedom = frames - 1
-    variance = (square * (count / (count - 1))[group] / freedom).reshape(stack.shape)
+    drift = stack.frame_means - stack.frame_means.mean()
+    common = np.zeros((frames, 1))
+    grown, count = pixels / (pixels - 1), np.array([pixels])
+    if group is not None:
+        count = np.bincount(group)
+        common = _means_of_groups(stack, group, count)
+    mean, variance = np.empty(stack.shape), np.empty(stack.shape)
+    rows, columns = np.empty((frames, stack.shape[0])), np.zeros((frames, stack.shape[1]))
+    for strip in stack.strips():
+        block = stack.frames[:, strip].astype(np.float64)
+        mean[strip] = block.mean(axis=0)
+        block -= mean[strip]
+        if group is None:
+            block -= drift[:, None, None]
+        else:
+            place = group.reshape(stack.shape)[strip]
+            block -= common[:, place]
+        rows[:, strip] = block.mean(axis=2)
+        columns += block.sum(axis=1)
+        np.einsum("nij,nij->ij", block, block, out=variance[strip])
+    columns /= stack.shape[0]
+    if group is None:
+        variance *= grown / freedom
+    else:
+        variance *= (count / (count - 1))[group].reshape(stack.shape) / freedom
     expected = max(
         float(variance.mean()) / pixels,
         _variance_by_shared_noise(rows, freedom, variance),
@@ -82,7 +116,15 @@ def temporal(stack: Stack) -> Temporal:
     drift_dn = 0.0
     if between_frames > max(expected * _limit_of_ratio(freedom, DRIFT_FALSE_ALARM), 0.0):
         drift_dn = math.sqrt(between_frames - expected)
-    return Temporal(stack.mean, variance, frames, drift_dn)
+    return Temporal(mean, variance, frames, drift_dn)
+
+
+def _means_of_groups(
+    stack: Stack, group: NDArray[np.intp], count: NDArray[np.intp]
+) -> Float64Array:
+    """Mean deviation of the pixels of each group from their means, in each frame, (N, groups) [DN]."""
+    sums = [np.bincount(group, (frame - stack.mean).ravel()) for frame in stack.frames]
+    return np.array(sums) / count
 
 
 def _group_equally_bright(stack: Stack) -> NDArray[np.intp]:
@@ -122,7 +164,7 @@ def _check_stack(stack: Stack) -> None:
         raise InputError(
             f"{stack.source}: one frame has no temporal variance; pass 2 or more frames of each level."
         )
-    if stack.mean.size < FEWEST_PIXELS:
+    if stack.shape[0] * stack.shape[1] < FEWEST_PIXELS:
         raise InputError(
             f"{stack.source}: frames of {stack.shape} have fewer than {FEWEST_PIXELS} pixels; pass more."
         )

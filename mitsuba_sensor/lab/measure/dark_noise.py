@@ -12,7 +12,14 @@ import numpy as np
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma
 from ..frames.notes import merged
-from ..frames.series import COARSE_DN2, ROUNDING_DN2, Level, coarse_codes, measure_level
+from ..frames.series import (
+    COARSE_DN2,
+    ROUNDING_DN2,
+    Level,
+    coarse_codes,
+    has_whole_codes,
+    measure_level,
+)
 from ..frames.stack import Stack
 from ..frames.temporal import temporal
 from ..quantity import Quantity, no_value, normal_interval, quotient, unknown
@@ -70,7 +77,7 @@ def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNois
     darks, notes = _without_clipped(darks)
     levels = [measure_level(stack) for stack in darks]
     shortest = min(darks, key=lambda stack: stack.exposure_s)
-    whole = all(bool((stack.frames == np.round(stack.frames)).all()) for stack in darks)
+    whole = all(has_whole_codes(stack) for stack in darks)
     variance = float(temporal(shortest).variance.mean())
     coarse = whole and variance < COARSE_DN2 + ROUNDING_DN2
     for level in levels:
