@@ -133,7 +133,31 @@ def test_rounding_that_hides_the_noise_is_said() -> None:
     quiet = Sigmas(0, 0, 0.2)
     dark = stack(frames(rng, 100 + noise(rng, (40, 40), Sigmas(0, 0, 0.3)), 8, quiet))
     light = stack(frames(rng, np.full((40, 40), 1500.0), 8, Sigmas(0, 0, 10.0)))
-    assert "rounding hides differences" in nonuniformity(dark, light).dsnu_pixel.note
+    found = nonuniformity(dark, light).dsnu_pixel
+    assert "rounding hides differences" in found.note
+    assert math.isnan(found.value) and "not measurable: below 0.5 DN" in found.note
+
+
+def test_what_coarse_codes_still_show_has_intervals_that_hold() -> None:
+    """120 sensors of 40 × 50 pixels with temporal noise of 0.05 to 1 DN and patterns of 0.1 to 3 DN: figures or none;
+    each figure that there is holds the pattern in 95 of 100, 88 once in 2000 runs of 100."""
+    rng = np.random.default_rng(15)
+    covered: dict[str, list[bool]] = {"dsnu_pixel": [], "prnu_pixel": []}
+    for _ in range(120):
+        quiet, pattern = np.exp(rng.uniform(np.log([0.05, 0.1]), np.log([1.0, 3.0])))
+        dark = 100 + noise(rng, (40, 50), Sigmas(0, 0, pattern))
+        light = dark + 1500 * (1 + noise(rng, (40, 50), Sigmas(0, 0, 0.5)) / 100)
+        stacks = (
+            stack(frames(rng, mean, 8, Sigmas(0, 0, sigma)))
+            for mean, sigma in ((dark, quiet), (light, 6.0))
+        )
+        found = nonuniformity(*stacks)
+        for name, known in (("dsnu_pixel", pattern), ("prnu_pixel", 0.5)):
+            figure = getattr(found, name)
+            if math.isfinite(figure.value):
+                covered[name].append(figure.covers(known))
+    for name, holds in covered.items():
+        assert len(holds) > 40 and np.mean(holds) > 0.88, (name, len(holds), np.mean(holds))
 
 
 def test_a_line_of_pixels_has_a_total_and_no_parts() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped_sigma, temporal_note
+from ..frames.clipping import mark_clipped_sigma, mark_coarse, temporal_note
 from ..frames.stack import Stack
 from ..quantity import Quantity, no_value
 from ..statistics.mean_squares import MeanSquare, root, temporal_mean_squares
@@ -97,7 +97,7 @@ def _noise(symbol: str, name: str, terms: list[MeanSquare], stack: Stack) -> Qua
         )
     if noise.low == 0:
         noise = noise.noted("not told from 0")
-    return noise
+    return mark_coarse(noise, [stack])
 
 
 def _deviation_over_frames(means: Float64Array) -> Float64Array:

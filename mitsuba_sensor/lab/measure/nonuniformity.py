@@ -12,7 +12,7 @@ import scipy
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped_sigma, temporal_note
+from ..frames.clipping import mark_clipped_sigma, mark_coarse, temporal_note
 from ..frames.stack import Stack
 from ..quantity import Quantity
 from ..statistics.mean_squares import (
@@ -124,7 +124,10 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
         if note and math.isfinite(figure.value):
             value = whole[name].value
             figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
-        figures[name] = _mark(figure, *stacks)
+        per_dn = 1.0
+        if figure.unit == "%":
+            per_dn = 100 / float((light.mean - dark.mean)[~left_out].mean())
+        figures[name] = mark_coarse(_mark(figure, *stacks), stacks, per_dn)
     return Nonuniformity(**figures, difference=light.mean - dark.mean)
 
 
