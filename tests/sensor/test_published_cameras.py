@@ -31,6 +31,7 @@ PUBLISHED = {  # K [DN/e-] and read noise [e-] as published; where, says [source
     "sony_a7s2": (0.09563, np.sqrt(1.0067395**2 - 1 / 12) / 0.09563),  # sigGs [DN]
     "sony_imx174": (1 / 8.16, 6.83),
     "sony_imx990": (1 / 30, 150.0),  # its K is assumed, and says so
+    "sony_imx250mzr": (1 / 2.8, 2.2),  # of the IMX250
 }
 LADDERS = {  # K [DN/e-] and temporal dark noise without rounding [e-] of every gain setting, as published
     "eso_feros": {

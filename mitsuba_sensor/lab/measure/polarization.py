@@ -1,0 +1,216 @@
+"""Degree and angle of linear polarisation (DoLP, AoLP) behind a mosaic of polarisers, with error bars.
+
+A pixel behind a polariser at θ has I(θ) = S0 + c·(S1 cos 2θ + S2 sin 2θ), with S0 the mean over all angles and the
+contrast c = (r − 1)/(r + 1) of the extinction ratio r. Least squares over the pixels of a tile give S0, S1, S2, and the
+variances of the pixels theirs. DoLP = √(S1² + S2²)/S0 and AoLP = ½ atan2(S2, S1) are then of one tile each.
+
+Noise alone is polarised: without polarisation the DoLP of normal values with the standard deviation σ has Rayleigh's
+law with the mean σ√(π/2), and with a degree p Rice's law. ``dolp_without_bias`` is the modified asymptotic estimate of
+Plaszczynski et al. 2014, doi 10.1093/mnras/stu270.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import InputError, numbers, require
+from ...core.types import Float64Array
+from ..frames.stack import Stack
+from ..quantity import Quantity, normal_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "Stokes parameters of a polariser mosaic"
+UNKNOWN_DEG = 180 / math.sqrt(12)
+"""Standard deviation of an angle of which nothing is known: even over 180°."""
+TINY = np.finfo(float).tiny
+
+
+@dataclass(frozen=True, eq=False)
+class Polarization:
+    """Maps with one value for each tile of polarisers, (H, W) of tiles, and their means over the picture.
+
+    s0, s1, s2 : Stokes parameters [DN]; s0 is the mean of the pixels.
+    dolp, dolp_error : degree of linear polarisation as measured, and its standard error.
+    dolp_without_bias : the same without what noise adds on average, 0 or more.
+    aolp_deg, aolp_error_deg : angle, 0 to 180 as the angles of the polarisers count, and its standard error, at most
+        that of an angle of which nothing is known, 52°.
+    mean_dolp, mean_aolp : of the light of all tiles together, whose noise averages out.
+    Where s0 is not positive, DoLP and AoLP are NaN, and all maps where a pixel of the tile is at the largest code.
+    """
+
+    s0: Float64Array
+    s1: Float64Array
+    s2: Float64Array
+    dolp: Float64Array
+    dolp_error: Float64Array
+    dolp_without_bias: Float64Array
+    aolp_deg: Float64Array
+    aolp_error_deg: Float64Array
+    mean_dolp: Quantity
+    mean_aolp: Quantity
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Of the light of all tiles together."""
+        return self.mean_dolp, self.mean_aolp
+
+    def colours(self) -> Float64Array:
+        """A picture, (H, W, 3) from 0 to 1: the angle as hue, red at 0° and cyan at 90°, the degree as brightness."""
+        sixths = np.nan_to_num(self.aolp_deg)[..., None] / 30 + np.array([5.0, 3.0, 1.0])
+        distance = np.minimum(sixths % 6, 4 - sixths % 6)
+        pure = 1 - np.clip(distance, 0.0, 1.0)
+        value = np.clip(np.nan_to_num(self.dolp_without_bias), 0.0, 1.0)
+        return np.asarray(value[..., None] * pure)
+
+    def plot(self, ax: Axes) -> None:
+        """The picture of angle and degree."""
+        ax.imshow(self.colours())
+        ax.set(title="AoLP as hue, DoLP as brightness", xticks=[], yticks=[])
+
+
+class _Maps(NamedTuple):
+    """As in :class:`Polarization`."""
+
+    dolp: Float64Array
+    dolp_error: Float64Array
+    dolp_without_bias: Float64Array
+    aolp_deg: Float64Array
+    aolp_error_deg: Float64Array
+
+
+class _Stokes(NamedTuple):
+    """values : (…, 3).  covariance : (…, 3, 3)."""
+
+    values: Float64Array
+    covariance: Float64Array
+
+
+def polarization(
+    stack: Stack,
+    angles_deg: ArrayLike,
+    *,
+    black_dn: ArrayLike = 0.0,
+    extinction_ratio: float = 1e6,
+    variance_dn2: ArrayLike | None = None,
+) -> Polarization:
+    """DoLP and AoLP of the mean of a stack.
+
+    angles_deg : of the polarisers, rows of a tile that begins at the first pixel, e.g. [[90, 45], [135, 0]]. Colour
+        filters that lie over whole tiles, as on Sony's sensors, leave each tile in one colour.
+    black_dn : level without light, a number or a map (H, W).
+    variance_dn2 : of one frame, a number or (H, W); by default that between the frames, of which there must be two.
+    Raises InputError for angles that are fewer than three, for a frame smaller than a tile, and without a variance.
+    """
+    tile = numbers(
+        "angles_deg", angles_deg, "angles of the polarisers, e.g. [[90, 45], [135, 0]]"
+    )
+    ratio = require("extinction_ratio", extinction_ratio, 1.0, 1e9, "τ_max/τ_min, e.g. 300")
+    inverse = _least_squares(tile, (ratio - 1) / (ratio + 1))
+    light = _in_tiles("black_dn", _unclipped(stack) - np.asarray(black_dn, float), tile.shape)
+    variance = _in_tiles("variance_dn2", _variance_of_mean(stack, variance_dn2), tile.shape)
+    stokes = _Stokes(light @ inverse.T, _covariance(inverse, variance))
+    known = ~np.isnan(stokes.values[..., 0])
+    count = max(int(known.sum()), 1)
+    whole = _Stokes(
+        stokes.values[known].sum(axis=0) / count,
+        stokes.covariance[known].sum(axis=0) / count**2,
+    )
+    maps = _degree_and_angle(stokes)
+    mean_dolp, mean_aolp = _quantities(_degree_and_angle(whole))
+    s0, s1, s2 = np.moveaxis(stokes.values, -1, 0)
+    return Polarization(s0, s1, s2, **maps._asdict(), mean_dolp=mean_dolp, mean_aolp=mean_aolp)
+
+
+def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
+    """The matrix (3, pixels) that makes Stokes parameters of the pixels of a tile. Raises InputError."""
+    if tile.ndim != 2 or not np.isfinite(tile).all():
+        raise InputError(
+            f"angles_deg has shape {tile.shape}; pass rows of finite angles of a tile, e.g. [[90, 45], [135, 0]]."
+        )
+    double = 2 * np.radians(tile.ravel())
+    design = np.stack(
+        [np.ones_like(double), contrast * np.cos(double), contrast * np.sin(double)], axis=1
+    )
+    if np.linalg.matrix_rank(design, tol=1e-6) < 3:
+        raise InputError(
+            f"angles_deg is {tile.tolist()} with a contrast of {contrast:g}; DoLP and AoLP need three different angles "
+            "and polarisers with an extinction ratio above 1."
+        )
+    return np.asarray(np.linalg.pinv(design))
+
+
+def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64Array:
+    """(H, W) → (H of tiles, W of tiles, pixels of a tile); what is left of a tile at the edges is cut off."""
+    rows, columns = (n // period for n, period in zip(image.shape, tile, strict=True))
+    if not rows or not columns:
+        raise InputError(
+            f"{name}: the frames have {image.shape[0]} × {image.shape[1]} pixels, fewer than the tile of polarisers, "
+            f"{tile[0]} × {tile[1]}; pass larger frames."
+        )
+    whole = image[: rows * tile[0], : columns * tile[1]]
+    return (
+        whole.reshape(rows, tile[0], columns, tile[1])
+        .transpose(0, 2, 1, 3)
+        .reshape(rows, columns, -1)
+    )
+
+
+def _unclipped(stack: Stack) -> Float64Array:
+    """Mean of each pixel; NaN where it is at the largest code in any frame, of frames whose bits are known."""
+    if stack.bits is None:
+        return stack.mean
+    clipped = (stack.frames >= 2**stack.bits - 1).any(axis=0)
+    return np.where(clipped, np.nan, stack.mean)
+
+
+def _variance_of_mean(stack: Stack, variance_dn2: ArrayLike | None) -> Float64Array:
+    """Variance of the mean of each pixel, (H, W) [DN²]. Raises InputError."""
+    if variance_dn2 is not None:
+        given = numbers("variance_dn2", variance_dn2, "variances of a frame in DN², e.g. 25.0")
+        return np.broadcast_to(given, stack.shape) / len(stack)
+    if len(stack) < 2:
+        raise InputError(
+            f"{stack.source}: one frame shows no noise; pass two frames or more, or variance_dn2, e.g. K·signal + σ²."
+        )
+    return stack.variance / len(stack)
+
+
+def _covariance(inverse: Float64Array, variance: Float64Array) -> Float64Array:
+    """Of the Stokes parameters, (…, 3, 3).  variance : of the pixels of each tile, which are independent."""
+    return np.asarray(np.einsum("ik,...k,jk->...ij", inverse, variance, inverse))
+
+
+def _degree_and_angle(stokes: _Stokes) -> _Maps:
+    """DoLP, its standard error, DoLP without bias, AoLP and its standard error [°]."""
+    s0, s1, s2 = np.moveaxis(stokes.values, -1, 0)
+    lit = np.where(s0 > 0, s0, np.nan)
+    dolp, double = np.hypot(s1, s2) / lit, np.arctan2(s2, s1)
+    cosine, sine, zero = np.cos(double), np.sin(double), np.zeros_like(double)
+    along = np.stack([-dolp, cosine, sine], axis=-1)  # derivatives of DoLP times S0
+    across = np.stack([zero, -sine, cosine], axis=-1)  # of twice the angle times DoLP·S0
+    errors = [
+        np.sqrt(np.einsum("...i,...ij,...j->...", side, stokes.covariance, side)) / lit
+        for side in (along, across)
+    ]
+    bias = errors[1] ** 2 * -np.expm1(-((dolp / np.maximum(errors[1], TINY)) ** 2))
+    without_bias = np.maximum(dolp - bias / np.maximum(2 * dolp, TINY), 0.0)
+    angle_error = np.degrees(errors[1] / np.maximum(2 * dolp, TINY))
+    angle = np.where(np.isnan(lit), np.nan, np.degrees(double) / 2 % 180)
+    return _Maps(dolp, errors[0], without_bias, angle, np.minimum(angle_error, UNKNOWN_DEG))
+
+
+def _quantities(means: _Maps) -> tuple[Quantity, Quantity]:
+    """Degree and angle of all light together."""
+    of_degree = normal_interval(float(means.dolp_without_bias), float(means.dolp_error))
+    of_angle = normal_interval(float(means.aolp_deg), float(means.aolp_error_deg))
+    return (
+        Quantity("DoLP", "degree of linear polarisation", *of_degree, "", SECTION),
+        Quantity("AoLP", "angle of linear polarisation", *of_angle, "°", SECTION),
+    )
