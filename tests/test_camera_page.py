@@ -24,7 +24,7 @@ MISTAKES = re.findall(r"^\| `([\w.]+) = (\S+)` \| (error|warning): (.+) \|$", PA
 
 
 def test_each_line_of_the_worked_example_is_in_the_camera_file() -> None:
-    rows = re.findall(r"^\| [^|]+ \| `([\w.]+)` \| ([^|]+) \|", PAGE, re.M)
+    rows = re.findall(r"^\| [^|]+ \| `(\w+\.\w+)` \| ([^|]+) \|", PAGE, re.M)
     camera = tomllib.loads(EXAMPLE.read_text("utf-8"))
     assert len(rows) >= 12
     for dotted, text in rows:

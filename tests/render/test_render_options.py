@@ -102,18 +102,18 @@ def test_parallel_rays_have_aovs(tmp_path: Path, variant: str) -> None:
     assert found.depth_m.shape == (8, 12)
 
 
-def test_a_camera_that_overrules_the_lens_of_the_file_is_told(tmp_path: Path) -> None:
+def test_a_camera_that_is_named_is_told_what_it_leaves_of_the_file(tmp_path: Path) -> None:
     options = {
         "parameters": SMALL,
         "spp": 16,
         "wavelength_nm": 550,
         "variant": "scalar_spectral",
     }
-    given = ms.render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **options).statistics
-    assert any("overruled" in note and "lens.f_number" in note for note in given.notes)
-    assert not any(
-        "overruled" in note for note in ms.render(ONE_FILE, **options).statistics.notes
-    )
+    given = ms.render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **options)
+    (told,) = (note for note in given.statistics.notes if "not used of the scene" in note)
+    assert "lens.transmission_curve" in told and "lens.f_number" not in told
+    own = ms.render(ONE_FILE, **options)
+    assert not any("not used" in note for note in own.statistics.notes)
 
 
 def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> None:

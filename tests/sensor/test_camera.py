@@ -51,7 +51,13 @@ def required() -> list[str]:
 
 
 FIELDS = tuple(fields_of(ms.Camera))
-NUMBERS = tuple(name for name in FIELDS if schema_of(name).get("type") in ("number", "integer"))
+BY_WAVELENGTH = "sensor.extinction_ratio", "sensor.polarizer_transmission"
+"""Fields that are one number, or one for each wavelength; their range is looked at by a function of its own."""
+NUMBERS = tuple(
+    name
+    for name in FIELDS
+    if schema_of(name).get("type") in ("number", "integer") and name not in BY_WAVELENGTH
+)
 CHOICES = tuple(name for name in FIELDS if "enum" in schema_of(name))
 WRONG_TYPES: dict[str, tuple[Any, ...]] = {
     "number": ("many", "5", True, [1.0], {"value": 1}),
@@ -163,6 +169,15 @@ def test_every_number_out_of_range_is_refused_with_value_range_and_example(
         assert value(bad) in message or repr(bad) in message
 
 
+@pytest.mark.parametrize("dotted", BY_WAVELENGTH)
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0, 1e9, [300.0, math.nan]])
+def test_a_number_by_wavelength_out_of_range_is_refused_with_value_and_range(
+    dotted: str, bad: object, tmp_path: Path
+) -> None:
+    message = refusal(tmp_path, with_field(dotted, bad))
+    assert re.match(rf"{dotted}: \S+ is not a number from \S+ to \S+; give one", message)
+
+
 @pytest.mark.parametrize("dotted", NUMBERS)
 def test_every_number_has_a_lower_bound(dotted: str) -> None:
     """A new field without one would let a negative number through."""
@@ -208,6 +223,8 @@ def test_every_misspelt_field_is_refused_with_the_right_one(
 
 
 NOT_ALONE = (
+    *BY_WAVELENGTH,
+    "lens.glare_width_mm",
     "dark_current",
     "source_follower",
     "readout.em_gain",

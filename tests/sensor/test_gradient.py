@@ -382,6 +382,7 @@ NO_SLOPE = (
     "dark_current.rts_duty",
     "dark_current.rts_switching_activation_ev",
     "pixel.prnu_coupling",
+    "pixel.hit_e",
     "readout.dsnu_col_coupling",
     "pixel.fill_factor",
     "quantum_efficiency.reference_nm",

@@ -37,6 +37,8 @@ EVERY = TABLE1.replace(
         "dark_current.overflow_rate_e_per_s": 500.0,
         "source_follower.rtn_pixel_fraction": 0.1,
         "source_follower.rtn_pixel_amplitude_e": 40.0,
+        "pixel.hits_per_cm2_s": 1e5,
+        "pixel.hit_e": 400.0,
         "readout.reset": "hard",
         "readout.dsnu_row": 1e-3,
         "readout.dsnu_col": 1e-3,
@@ -88,7 +90,7 @@ def test_what_is_missing_without_a_source_is_what_this_source_adds_alone(name: s
 def test_electrons_lose_what_each_source_adds_or_multiplies() -> None:
     """Closed forms: without shot noise the electrons are (light·PRNU + dark), by the maps of the whole camera."""
     maps = ms.fpn_maps(EVERY, (24, 32), precision="float64")
-    still = EVERY.without("shot_noise", "rts_pixels", "overflow_dark_current")
+    still = EVERY.without("shot_noise", "rts_pixels", "overflow_dark_current", "radiation_hits")
     light = 1e4 * EVERY.qe([550.0]).item()
     dark = mean_dark_e(EVERY, EXPOSURE) * maps["dark_fpn"]
     for off, expected in {
