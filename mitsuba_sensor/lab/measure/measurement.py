@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from ...core import InputError
+from ...core.argument_names import tells_of_names
 from ..frames.bench import Bench
 from ..frames.clipping import ClippedError
 from ..frames.notes import merged
@@ -116,6 +117,7 @@ class Measurement:
 Result = TypeVar("Result")
 
 
+@tells_of_names
 def measure_bench(
     bench: Bench, report: Callable[[str], object] = lambda title: None
 ) -> tuple[Measurement, ...]:
@@ -123,6 +125,7 @@ def measure_bench(
 
     ::
 
+        bench = ms.lab.read_bench("bench/")
         (measured,) = ms.lab.measure_bench(bench)
         print(measured.figures["K"])
 

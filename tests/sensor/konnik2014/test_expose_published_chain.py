@@ -138,7 +138,7 @@ def test_a_plan_is_for_the_physical_chain_only() -> None:
 def test_the_command_line_renders_one_wavelength_with_the_published_chain(
     scene_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    options = ("--chain", "konnik2014", "--wavelength-nm", 550, "--spp", 16)
+    options = ("--chain", "konnik2014", "--wavelength-nm", 550, "--spp", 16, "--verbose")
     done = cli("render", scene_file, "-o", tmp_path / "out", *options)
     assert done.exit_code == 0, (done.exception, done.stderr)
     assert "photon shot" in " ".join(done.stdout.split())
