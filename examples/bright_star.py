@@ -6,7 +6,7 @@ python examples/bright_star.py docs/images    # the picture of docs/stages.md
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +41,9 @@ def picture(camera: ms.Camera, photons: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "bright_star")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("bright_star"))
+    folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     drained = ms.load_camera("eso_efosc2").replace(**{"adc.black_level_dn": 300.0})
     hit = drained.replace(**{"pixel.hits_per_cm2_s": SPACE_PER_CM2_S})

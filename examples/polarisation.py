@@ -18,7 +18,7 @@ from mitsuba_sensor.lab.measure.polarization import Polarization, polarization
 from mitsuba_sensor.output.preview import preview
 
 SCENE = Path(__file__).parent.parent / "scenes" / "polarisation.xml"
-EXPOSURE = ms.Exposure(0.01)
+EXPOSURE = ms.Exposure(0.004)
 FRAMES = 8
 
 
@@ -35,8 +35,13 @@ def measured(frames: ms.Frames) -> Polarization:
     stack = Stack(frames.digital, EXPOSURE.time_s, bits=camera.adc.bits)
     dark = ms.expose(np.zeros(stack.shape), camera, EXPOSURE, frames=FRAMES, seed=2)
     black_dn = dark.digital.mean(axis=0)
+    full_dn = camera.system_gain_dn_per_e * camera.pixel.full_well_e
     return polarization(
-        stack, camera.sensor.polarizers, black_dn=black_dn, extinction_ratio=400
+        stack,
+        camera.sensor.polarizers,
+        black_dn=black_dn,
+        extinction_ratio=400,
+        saturation_dn=float(black_dn.mean()) + 0.95 * full_dn,
     )
 
 

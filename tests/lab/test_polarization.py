@@ -155,3 +155,19 @@ def test_polanalyser_reads_the_frames_alike() -> None:
     np.testing.assert_allclose((angle - measured.aolp_deg + 90) % 180, 90, atol=1e-6)
     mosaic = polanalyser.demosaicing(frame, polanalyser.COLOR_PolarMono)
     assert len(mosaic) == 4
+
+
+def test_wells_that_are_full_below_the_largest_code_are_left_out() -> None:
+    """A tile at the full well seems not to be polarised; with its level given it is not known."""
+    tile = np.array([[1000.0, 900.0], [900.0, 800.0]])
+    frame = np.hstack([tile, np.minimum(10 * tile, 3935.0)])
+    stack = Stack(frame[None], 0.1, bits=12)
+    naive = polarization(stack, ANGLES_DEG, variance_dn2=4.0)
+    assert naive.dolp[0, 1] == pytest.approx(0.0, abs=1e-9)
+    known = polarization(stack, ANGLES_DEG, variance_dn2=4.0, saturation_dn=3900)
+    assert np.isnan(known.dolp[0, 1]) and known.dolp[0, 0] == naive.dolp[0, 0]
+
+
+def test_what_is_no_stack_is_refused() -> None:
+    with pytest.raises(ms.InputError, match=r"stack is a ndarray; pass ms\.lab\.Stack"):
+        polarization(np.zeros((8, 8)), ANGLES_DEG)  # type: ignore[arg-type]

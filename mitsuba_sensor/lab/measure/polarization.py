@@ -42,7 +42,7 @@ class Polarization:
     aolp_deg, aolp_error_deg : angle, 0 to 180 as the angles of the polarisers count, and its standard error, at most
         that of an angle of which nothing is known, 52°.
     mean_dolp, mean_aolp : of the light of all tiles together, whose noise averages out.
-    Where s0 is not positive, DoLP and AoLP are NaN, and all maps where a pixel of the tile is at the largest code.
+    Where s0 is not positive, DoLP and AoLP are NaN, and all maps where a pixel of the tile is saturated.
     """
 
     s0: Float64Array
@@ -99,6 +99,7 @@ def polarization(
     black_dn: ArrayLike = 0.0,
     extinction_ratio: float = 1e6,
     variance_dn2: ArrayLike | None = None,
+    saturation_dn: float | None = None,
 ) -> Polarization:
     """DoLP and AoLP of the mean of a stack.
 
@@ -106,14 +107,22 @@ def polarization(
         filters that lie over whole tiles, as on Sony's sensors, leave each tile in one colour.
     black_dn : level without light, a number or a map (H, W).
     variance_dn2 : of one frame, a number or (H, W); by default that between the frames, of which there must be two.
-    Raises InputError for angles that are fewer than three, for a frame smaller than a tile, and without a variance.
+    saturation_dn : code from which on a pixel is saturated, where wells are full below the largest code; a saturated
+        tile would seem not to be polarised at all. By default the largest code of the stack's bits.
+    Raises InputError for what is no stack, for angles that are fewer than three, for a frame smaller than a tile, and
+    without a variance.
     """
+    if not isinstance(stack, Stack):
+        raise InputError(
+            f"stack is a {type(stack).__name__}; pass ms.lab.Stack(frames.digital, time_s, bits=12)."
+        )
     tile = numbers(
         "angles_deg", angles_deg, "angles of the polarisers, e.g. [[90, 45], [135, 0]]"
     )
     ratio = require("extinction_ratio", extinction_ratio, 1.0, 1e9, "τ_max/τ_min, e.g. 300")
     inverse = _least_squares(tile, (ratio - 1) / (ratio + 1))
-    light = _in_tiles("black_dn", _unclipped(stack) - np.asarray(black_dn, float), tile.shape)
+    unclipped = _unclipped(stack, saturation_dn)
+    light = _in_tiles("black_dn", unclipped - np.asarray(black_dn, float), tile.shape)
     variance = _in_tiles("variance_dn2", _variance_of_mean(stack, variance_dn2), tile.shape)
     stokes = _Stokes(light @ inverse.T, _covariance(inverse, variance))
     known = ~np.isnan(stokes.values[..., 0])
@@ -162,11 +171,14 @@ def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64A
     )
 
 
-def _unclipped(stack: Stack) -> Float64Array:
-    """Mean of each pixel; NaN where it is at the largest code in any frame, of frames whose bits are known."""
-    if stack.bits is None:
+def _unclipped(stack: Stack, saturation_dn: float | None) -> Float64Array:
+    """Mean of each pixel; NaN where it is saturated in any frame: by default at the largest code, if that is known."""
+    lowest_dn = saturation_dn
+    if lowest_dn is None and stack.bits is not None:
+        lowest_dn = 2**stack.bits - 1
+    if lowest_dn is None:
         return stack.mean
-    clipped = (stack.frames >= 2**stack.bits - 1).any(axis=0)
+    clipped = (stack.frames >= lowest_dn).any(axis=0)
     return np.where(clipped, np.nan, stack.mean)
 
 
