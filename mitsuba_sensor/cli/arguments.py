@@ -103,7 +103,7 @@ Verbose = Annotated[
     bool,
     typer.Option(
         "--verbose",
-        help="Also the signal behind every stage, in theory and in the frame, and all notes.",
+        help="Also the signal behind every stage, and all notes.",
         rich_help_panel=OUTPUT,
     ),
 ]

@@ -91,7 +91,7 @@ class CameraTable(FileTable):
         def __getattr__(self, name: str) -> Any: ...
 
 
-def _numbers_from(low: float, high: float) -> BeforeValidator:
+def _numbers_from(low: float, high: float, example: float) -> BeforeValidator:
     """Check of a number or of one for each wavelength, from one limit to the other."""
 
     def checked(value: object) -> object:
@@ -101,8 +101,8 @@ def _numbers_from(low: float, high: float) -> BeforeValidator:
                 continue
             if type(number) not in (int, float) or not low <= number <= high:
                 raise ValueError(
-                    f"{number!r} is not a number from {low:g} to {high:g}; give one, or one for each of "
-                    "quantum_efficiency.wavelengths_nm"
+                    f"{number!r} is not a number from {low:g} to {high:g}; give one for all or for each of "
+                    f"quantum_efficiency.wavelengths_nm, e.g. {example:g}"
                 )
         if isinstance(value, list | tuple):
             return tuple(map(float, value))
@@ -140,13 +140,13 @@ class SensorSection(FileTable):
         "columns' direction to the right counter-clockwise as one looks at the picture [°]",
         examples=[[[90, 45], [135, 0]]],
     )
-    extinction_ratio: Annotated[ByWavelength | None, _numbers_from(1, 1e6)] = Field(
+    extinction_ratio: Annotated[ByWavelength | None, _numbers_from(1, 1e6, 300)] = Field(
         None,
         title="extinction ratio, contrast of polarisers",
         description="of the polarisers, τ_max/τ_min, one number or one for each of quantum_efficiency.wavelengths_nm",
         examples=[300],
     )
-    polarizer_transmission: Annotated[ByWavelength | None, _numbers_from(1e-6, 1)] = Field(
+    polarizer_transmission: Annotated[ByWavelength | None, _numbers_from(1e-6, 1, 0.9)] = Field(
         None,
         title="transmittance of polarisers",
         description="of light that is polarised along their axis, τ_max, one number or one for each of "

@@ -359,7 +359,7 @@ def test_a_camera_whose_noise_band_cuts_its_noise_says_so(
     )
     said = cli("cameras", "show", file).stdout
     assert "note: source_follower.band_hz [1.0, 10000.0] leaves" in said
-    done = cli("expose", light_file, "--camera", file, "-o", tmp_path / "out")
+    done = cli("expose", light_file, "--camera", file, "-o", tmp_path / "out", "--verbose")
     assert done.exit_code == 0, done.stderr
     assert "band_hz" in done.stdout + done.stderr
     (note,) = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))["camera"][

@@ -175,7 +175,9 @@ def test_a_number_by_wavelength_out_of_range_is_refused_with_value_and_range(
     dotted: str, bad: object, tmp_path: Path
 ) -> None:
     message = refusal(tmp_path, with_field(dotted, bad))
-    assert re.match(rf"{dotted}: \S+ is not a number from \S+ to \S+; give one", message)
+    assert re.match(
+        rf"{dotted}: \S+ is not a number from \S+ to \S+; give one .+ e\.g\. ", message
+    )
 
 
 @pytest.mark.parametrize("dotted", NUMBERS)
