@@ -195,6 +195,8 @@ def test_every_field_of_the_wrong_type_is_refused_with_the_way_out(
 ) -> None:
     """No coercion: "5" is no number, 1.5 is no count, true is not 1."""
     for bad in WRONG_TYPES[schema_of(dotted)["type"]]:
+        if dotted in BY_WAVELENGTH and isinstance(bad, list):
+            continue
         message = refusal(tmp_path, with_field(dotted, bad))
         assert message.startswith(dotted) and re.search(REMEDY, message), message
 
