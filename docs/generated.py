@@ -134,7 +134,7 @@ def _command(path: str, command: Any) -> str:
     table = ["| option | what it does |", "|---|---|", *rows]
     text = textwrap.dedent(command.help or "").strip()
     return "\n\n".join(
-        [f"### {path}", f"`{usage}`", _plain(text), "\n".join(table if rows else [])]
+        [f"## {path}", f"`{usage}`", _plain(text), "\n".join(table if rows else [])]
     )
 
 
