@@ -47,6 +47,7 @@ STREAMS = {
 OF_CHARGE = frozenset(
     (
         *("photon_shot", "dark_shot", "quantum_yield", "compensation", "rts_state", "rts_site"),
+        *("radiation_hit", "radiation_charge", "overflow_dark"),
         *("shot_behind_reset_1", "shot_behind_reset_2", "shot_behind_reset_3"),
         *("prnu", "prnu_pick", "dark_fpn", "dark_fpn_pick", "dark_component"),
     )

@@ -95,6 +95,12 @@ class CombinedReadouts(Converter):
         """The largest reach of its read-outs."""
         return max(sum(stage.reach_px for stage in one.stages) for one in self.readouts)
 
+    @property
+    def reach_along_rows_px(self) -> int:
+        """The largest reach of its read-outs within a row."""
+        sums = (sum(stage.reach_along_rows_px for stage in one.stages) for one in self.readouts)
+        return max(sums)
+
     def names(self) -> tuple[str, ...]:
         """Names of the read-outs."""
         return tuple(one.name for one in self.readouts)

@@ -15,10 +15,11 @@ ROUNDING_DN2 = 1e-9
 LEAST_MEAN_DN = 5e-4
 """A source of no variance and a smaller mean has no effect [DN]."""
 TOTAL = "total"
-HEADINGS = ("source", "mean [DN]", "temporal σ [DN]", "spatial σ [DN]", "% of variance")
+HEADINGS = ("source", "mean [DN]", "temporal σ [DN]", "spatial σ [DN]", "% of added")
 COLUMNS = (
     "mean: what the source adds to the digital numbers of this frame; temporal σ: its noise from frame to frame; "
-    "spatial σ: its fixed pattern, from pixel to pixel; %: of the variance that all sources add"
+    "spatial σ: its fixed pattern, from pixel to pixel; %: of the variance that all sources add; the total is what "
+    "is left of it"
 )
 LESS_NOISE = (
     "below zero: the stage takes away noise of those above it, as a full well or the end of a converter does where it "

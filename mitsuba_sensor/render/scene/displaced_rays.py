@@ -127,7 +127,8 @@ class DisplacedRays:
         time, wavelength, place, aperture = samples
         start = place if self._is_full else self._in_aperture(place)
         if not self._diffraction:
-            return self._ray(sensor, (time, wavelength, start, aperture), active)
+            ray, weight = sensor.inner_ray((time, wavelength, start, aperture), active)
+            return ray, weight
         mi, dr = mitsuba(), drjit()
         shares = self._random_numbers(samples)
         no_surface = dr.zeros(mi.SurfaceInteraction3f)
@@ -136,20 +137,11 @@ class DisplacedRays:
         )
         x_nm = lengths_nm[0] * self._radius(shares.x)
         displaced = self._displaced(start, x_nm, 2 * math.pi * shares.y)
-        ray, weight = self._ray(sensor, (time, wavelength, displaced, aperture), active)
+        ray, weight = sensor.inner_ray((time, wavelength, displaced, aperture), active)
         if self._shared:
             balance = self._balance(x_nm, lengths_nm)
             self.excess = lengths_nm, (balance - 1) * mi.unpolarized_spectrum(per_density)
             weight = mi.Spectrum(mi.unpolarized_spectrum(weight) * balance)
-        return ray, weight
-
-    def _ray(
-        self, sensor: MitsubaObject, samples: Samples, active: Array
-    ) -> tuple[MitsubaObject, Array]:
-        time, wavelength, place, aperture = samples
-        size, corner = sensor.crop()
-        in_crop = type(place)((place.x - corner.x) / size.x, (place.y - corner.y) / size.y)
-        ray, weight = sensor.inner.sample_ray(time, wavelength, in_crop, aperture, active)
         return ray, weight
 
     def _in_aperture(self, place: Array) -> Array:

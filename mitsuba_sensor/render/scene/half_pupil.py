@@ -29,10 +29,8 @@ class HalfPupil:
         """The other sensor's ray and half its weight."""
         mi = mitsuba()
         time, wavelength, on_film, aperture = samples
-        size, corner = sensor.crop()
-        place = mi.Point2f((on_film.x - corner.x) / size.x, (on_film.y - corner.y) / size.y)
         through = mi.Point2f(self._first + 0.5 * aperture.x, aperture.y)
-        ray, weight = sensor.inner.sample_ray(time, wavelength, place, through, active)
+        ray, weight = sensor.inner_ray((time, wavelength, on_film, through), active)
         return ray, 0.5 * weight
 
 

@@ -105,6 +105,16 @@ def sensor_class(variant: str) -> MitsubaObject:
                 mi.Vector2f(*(dr.opaque(mi.Float, float(n)) for n in pair)) for pair in pairs
             )
 
+        def inner_ray(self, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+            """The ray of ``inner`` through a position on the full film [pixels], and its weight."""
+            time, wavelength, on_film, aperture = samples
+            size, corner = self.crop()
+            in_crop = mi.Point2f(
+                (on_film.x - corner.x) / size.x, (on_film.y - corner.y) / size.y
+            )
+            ray, weight = self.inner.sample_ray(time, wavelength, in_crop, aperture, active)
+            return ray, weight
+
         def sample_ray(
             self,
             time: Array,
@@ -167,15 +177,14 @@ class DistortedProjection:
     ) -> tuple[MitsubaObject, Array]:
         """The scene's own ray, and its weight, for the position without distortion."""
         time, wavelength, real, aperture = samples
-        scale, (size, corner) = self._cells / (self._cells + 1), sensor.crop()
+        scale = self._cells / (self._cells + 1)
         at = [
             p / n * scale + (0.5 / (self._cells + 1))
             for p, n in zip(real, self._size, strict=True)
         ]
         dx, dy = self._displacement.eval(type(real)(*at), active)
         ideal = type(real)(real.x + dx, real.y + dy)
-        in_crop = type(real)((ideal.x - corner.x) / size.x, (ideal.y - corner.y) / size.y)
-        ray, weight = sensor.inner.sample_ray(time, wavelength, in_crop, aperture, active)
+        ray, weight = sensor.inner_ray((time, wavelength, ideal, aperture), active)
         return ray, weight
 
 

@@ -73,10 +73,8 @@ class PolarizerRays:
     ) -> tuple[MitsubaObject, Array]:
         """The other sensor's ray, and its weight times the first row of the Mueller matrix of the polariser."""
         mi, dr = mitsuba(), drjit()
-        time, wavelength, on_film, aperture = samples
-        size, corner = sensor.crop()
-        in_crop = mi.Point2f((on_film.x - corner.x) / size.x, (on_film.y - corner.y) / size.y)
-        ray, weight = sensor.inner.sample_ray(time, wavelength, in_crop, aperture, active)
+        ray, weight = sensor.inner_ray(samples, active)
+        _, _, on_film, _ = samples
         column, row = dr.floor(on_film.x) + 0.5, dr.floor(on_film.y) + 0.5
         place = mi.Point2f(column * self._per_column, row * self._per_row)
         cosine, sine = self._axes.eval(place)

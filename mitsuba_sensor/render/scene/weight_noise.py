@@ -67,13 +67,11 @@ class WeightCounter:
     ) -> tuple[MitsubaObject, Array]:
         """The other sensor's ray through the same point, and its weight."""
         mi, dr = mitsuba(), drjit()
-        time, wavelength, on_film, aperture = samples
+        ray, weight = sensor.inner_ray(samples, active)
+        _, _, on_film, _ = samples
         size, corner = sensor.crop()
-        x, y = on_film.x - corner.x, on_film.y - corner.y
-        place = mi.Point2f(x / size.x, y / size.y)
-        ray, weight = sensor.inner.sample_ray(time, wavelength, place, aperture, active)
-        column = dr.clip(dr.floor(x), 0, size.x - 1)
-        row = dr.clip(dr.floor(y), 0, size.y - 1)
+        column = dr.clip(dr.floor(on_film.x - corner.x), 0, size.x - 1)
+        row = dr.clip(dr.floor(on_film.y - corner.y), 0, size.y - 1)
         pixel = mi.UInt32(row) * mi.UInt32(size.x) + mi.UInt32(column)
         at = dr.zeros(mi.SurfaceInteraction3f)
         at.wavelengths, excess = self._rays.excess

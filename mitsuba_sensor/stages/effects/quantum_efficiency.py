@@ -311,11 +311,10 @@ class QuantumEfficiency(Stage):
         light = self.diffusion.collected(freed_with, nm)
         if photons.variance_e2 is None:
             return Electrons(light)
-        variance_e2 = photons.variance_e2
+        variance_e2, freed = photons.variance_e2, freed_with(np.ones(len(nm)))
 
         def variance_with(shares: Array) -> Array:
-            share = arrays.ratio(freed_with(shares), freed_with(np.ones(len(nm))), 0.0)
-            return share**2 * variance_e2
+            return arrays.ratio(freed_with(shares), freed, 0.0) ** 2 * variance_e2
 
         return Electrons(light, variance_e2=self.diffusion.collected(variance_with, nm))
 
