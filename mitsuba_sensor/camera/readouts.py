@@ -150,6 +150,12 @@ def check_readouts(camera: Camera) -> None:
             "gains are settings of a camera with one read-out; give each read-out its gain in fields",
         ),
     )
+    for one in camera.readout_cameras.values():
+        if one.pixel.hits_per_cm2_s or one.readout.em_gain not in (None, 1):
+            raise ValueError(
+                "readouts are combined, and the theory of a combination knows neither radiation hits nor electron "
+                "multiplication; set pixel.hits_per_cm2_s to 0 and unset readout.em_gain, or leave readouts out"
+            )
     for is_refused, why in refused:
         if is_refused:
             raise ValueError(f"readouts and {why}, or leave readouts out")

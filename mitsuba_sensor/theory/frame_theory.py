@@ -91,6 +91,7 @@ class FrameTheory:
         noise_shift = self._light_groups.smooth(noise)
         square = self._squares(residual, temporal) * shift.unbiased
         plain_mean, plain_temporal = self._plain(number, self.levels.light_e)
+        moved = plain_temporal + noise_shift.at(self.levels.light_e)
         spatial = max(float(square.mean()), 0.0)
         missed = spatial * self._missed_share(plain_mean, plain[0])
         mean_error, temporal_error, spatial_error = map(
@@ -99,7 +100,7 @@ class FrameTheory:
         )
         return Averages(
             self._over_light(plain_mean + shift.at(self.levels.light_e)),
-            self._over_light(plain_temporal + noise_shift.at(self.levels.light_e)),
+            max(self._over_light(moved), 0.0),
             spatial,
             (mean_error, temporal_error, math.hypot(spatial_error, missed)),
         )

@@ -51,14 +51,18 @@ def in_electrons(camera: ms.Camera, codes: np.ndarray) -> np.ndarray:
     return np.asarray((codes - stage.black_level_dn) / stage.nominal_gain)
 
 
-def test_two_gains_read_the_same_radiation_hits_and_overflow_electrons() -> None:
-    """The pixels that are far above the others are the same in both read-outs of one charge."""
-    camera = dual_gain(**{"pixel.hits_per_cm2_s": 1e6, "pixel.hit_e": 1500.0})
-    frames = ms.expose(electrons(10.0, (128, 128)), camera, SHORT)
-    high, low = (one.digital[0] for one in frames.readouts.values())
-    hit = high > 64 + 1.6 * 700
-    assert 30 < hit.sum() < 120
-    np.testing.assert_array_equal(hit, low > 64 + 0.12 * 700)
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"pixel.hits_per_cm2_s": 1.0},
+        {"readout.em_gain": 30.0, "readout.em_stages": 500},
+    ],
+)
+def test_what_the_theory_of_a_combination_does_not_know_is_refused(
+    fields: dict[str, float],
+) -> None:
+    with pytest.raises(ms.InputError, match="neither radiation hits nor electron"):
+        dual_gain(**fields)
 
 
 def test_two_gains_read_the_same_electrons() -> None:

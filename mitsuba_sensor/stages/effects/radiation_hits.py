@@ -6,6 +6,7 @@ the closed form that is used here. Flux at sea level: about 1 muon per cm² and 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Annotated
@@ -22,6 +23,14 @@ WIDTH = 0.15
 as large: 0.54, as Bichsel, Rev. Mod. Phys. 60, 663 (1988), has it for some ten micrometres of silicon."""
 
 CM2_PER_UM2 = 1e-8
+MEAN = float(np.euler_gamma) + math.log(2)
+"""Of Moyal's distribution of location 0 and scale 1."""
+
+MANY_HITS = 3.0
+"""Mean hits of a pixel from which on their charge is taken as normal by theory."""
+
+NEVER = 1e-9
+"""Chance of so many hits that theory leaves them out."""
 
 
 class RadiationHitsFields(FileTable):
@@ -45,9 +54,10 @@ class RadiationHitsFields(FileTable):
 class RadiationHits(Stage):
     """Charge of Moyal's distribution in pixels that a charged particle crosses in this frame.
 
-    A pixel is hit with chance 1 − e^(−flux·area·t), in each frame anew, and then gets hit_e·(1 − 0.15·ln Z²) electrons,
-    Z a standard normal (Moyal 1955): hit_e most often, 1.19·hit_e on average, with a tail of many more. Particles that
-    fly through several pixels are not simulated.
+    Poisson(flux·area·t) particles cross a pixel, in each frame anew. One leaves hit_e·(1 − 0.15·ln Z²) electrons, Z a
+    standard normal (Moyal 1955): hit_e most often, 1.19·hit_e on average, with a tail of many more. Several in one
+    pixel leave as many on average and the variance of their sum. Hits come behind the full well. Particles that fly
+    through several pixels are not simulated.
 
     hits_per_um2_s : flux.  hit_e : most probable charge.  pixel_um2 : area of a pixel.
     """
@@ -74,44 +84,47 @@ class RadiationHits(Stage):
     @property
     def mean_e(self) -> float:
         """Mean charge of a hit [e-]: that of Moyal's distribution, location + scale·(γ + ln 2)."""
-        return self.hit_e * (1 + WIDTH * (float(np.euler_gamma) + math.log(2)))
+        return self.hit_e * (1 + WIDTH * MEAN)
 
     @property
     def variance_e2(self) -> float:
         """Variance of the charge of a hit [e-²]: ½(π·scale)², and 1/12 as whole electrons are counted."""
         return 0.5 * (math.pi * WIDTH * self.hit_e) ** 2 + 1 / 12
 
-    def chance(self, frame: Frame) -> float:
-        """Probability that a pixel is hit in this exposure."""
-        return -math.expm1(-self.hits_per_um2_s * self.pixel_um2 * frame.exposure.time_s)
+    def mean_hits(self, frame: Frame) -> float:
+        """Mean number of particles that cross a pixel in this exposure."""
+        return self.hits_per_um2_s * self.pixel_um2 * frame.exposure.time_s
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Electrons with those of the hits; they count as dark electrons."""
-        chance = self.chance(frame)
-        if chance == 0:
+        mean_hits = self.mean_hits(frame)
+        if mean_hits == 0:
             return electrons
-        backend = frame.window.backend
-        is_hit = backend.uniform(frame.random_bits("radiation_hit")) < chance
-        above = backend.moyal(frame.random_bits("radiation_charge"))
-        smooth = frame.number(self.hit_e) + frame.number(WIDTH * self.hit_e) * above
-        charge = arrays.floor(smooth + 0.5)
-        added = arrays.where(is_hit, charge, 0.0 * charge)
+        hits = frame.poisson("radiation_hit", frame.number(mean_hits))
+        above = frame.window.backend.moyal(frame.random_bits("radiation_charge")) - MEAN
+        spread = frame.number(WIDTH * self.hit_e) * (arrays.sqrt(hits) * above)
+        added = arrays.floor(hits * frame.number(self.mean_e) + spread + 0.5)
         return electrons.changed(
             lambda total: total + added, lambda light, dark: (light, dark + added)
         )
 
     def moments(self, m: Moments) -> Moments:
-        """Mean p·μ and temporal variance p·(σ² + μ²) − (p·μ)² for a chance p and hits of mean μ and variance σ²."""
-        chance = self.chance(m.frame)
-        mean_e = chance * self.mean_e
-        square_e2 = chance * (self.variance_e2 + self.mean_e**2)
-        return m.add(mean=mean_e, temporal=square_e2 - mean_e**2)
+        """Mean λ·μ and temporal variance λ·(σ² + μ²) of λ hits of mean μ and variance σ²."""
+        hits = self.mean_hits(m.frame)
+        return m.add(
+            mean=hits * self.mean_e, temporal=hits * (self.variance_e2 + self.mean_e**2)
+        )
 
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
-        """A pixel is hit or not."""
-        chance = self.chance(frame)
-        if chance == 0:
+        """No hit, one, two and so on; many hits are normal noise, by the moments."""
+        mean_hits = self.mean_hits(frame)
+        if mean_hits == 0 or mean_hits > MANY_HITS:
             return None
-        return PixelNoise(
-            ((1 - chance, 0.0, 0.0), (chance, self.mean_e, self.variance_e2)),
-        )
+        states, chance, rest = list[tuple[float, float, float]](), math.exp(-mean_hits), 1.0
+        for hits in itertools.count():
+            states.append((chance, hits * self.mean_e, hits * self.variance_e2))
+            rest -= chance
+            chance *= mean_hits / (hits + 1)
+            if rest < NEVER:
+                return PixelNoise(tuple(states))
+        raise AssertionError("the chances of all numbers of hits are 1 together")

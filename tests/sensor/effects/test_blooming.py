@@ -97,3 +97,10 @@ def test_a_clean_frame_is_refused() -> None:
         ms.InputError, match=r"Blooming couples neighbours.*set pixel.blooming to 0"
     ):
         _ = ms.expose(np.full((8, 8), 200.0), CCD, COLD).clean
+
+
+def test_a_full_sensor_has_a_report() -> None:
+    """Measured variances that are nothing but rounding are no negative number."""
+    frames = ms.expose(np.full((24, 24), 3e5), CCD, ms.Exposure(1.0, 170.0))
+    assert frames.report
+    assert all(frames.theory.averages(stage).temporal >= 0 for stage in frames.stages)
