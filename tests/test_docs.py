@@ -174,7 +174,7 @@ def test_command_line_and_api_can_be_read_without_the_site() -> None:
     """Every command and option, and every public name with a sentence, stand in the pages themselves."""
     page, names = PAGES["command-line"], PAGES["api"]
     for path in ("render", "budget", "cameras new", "dataset run", "study ablation"):
-        assert f"### {path}\n" in page
+        assert f"## {path}\n" in page
     for option in ("--exposure-s", "--light-groups", "--emva-file", "--tolerance-dn"):
         assert f"`{option}`" in page or f"`{option} " in page
     for name in ms.__all__:
@@ -199,7 +199,7 @@ def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def test_the_command_line_page_has_every_command_and_every_option_in_its_place() -> None:
-    headings = re.split(r"^### (.+)$", PAGES["command-line"], flags=re.M)[1:]
+    headings = re.split(r"^## (.+)$", PAGES["command-line"], flags=re.M)[1:]
     parts = dict(zip(*[iter(headings)] * 2, strict=True))
     whole = dict(commands(typer.main.get_command(app), "mitsuba-sensor"))
     found = {
