@@ -151,7 +151,7 @@ def prepare_light(
         options = {**options, "serial": serial}
     check_types(camera, exposure)
     assert camera is not None and isinstance(exposure, Exposure)
-    FrameTimes.of(options).check(exposure)
+    FrameTimes.of(options).check(exposure, camera)
     photons = placed_photons(light, camera, options)
     sensor = prepare_planned_exposure(
         camera, exposure, photons.shape[:2], photons.origin, options

@@ -134,7 +134,7 @@ def render_once(request: Request) -> Exposed:
         if options["lights"] is not None:
             check_group_names(options["lights"], [group.name for group in render.light_groups])
         if render.metering is None and options["auto_exposure"] is None:
-            times.check(render.exposure)
+            times.check(render.exposure, render.camera)
         stop = render.stop_criterion(rendering)
         if isinstance(render.scene, MovingScene) and times.period_s is not None:
             decided = replace(render, undecided=False)  # alike in all frames

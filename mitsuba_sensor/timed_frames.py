@@ -138,7 +138,7 @@ def expose_frames(
     """
     sensor, times = told_of(sensor, progress), FrameTimes.of(options)
     if times.period_s is None or not (light.waveforms or options["auto_exposure"]):
-        times.check(sensor.first.exposure)
+        times.check(sensor.first.exposure, sensor.camera)
         frames = Frames.exposed_with_report(sensor)
         return TimedFrames(frames, tuple(_of_still_light(frames, light, times)))
     return expose_moving(sensor, lambda *frame: light, options)
@@ -198,7 +198,7 @@ def timed_exposure(
         assert times.period_s is not None
         control = ExposureControl.begin(rule, sensor.camera, exposure, times.period_s)
         exposure = control.exposure
-    times.check(exposure)
+    times.check(exposure, sensor.camera)
     return TimedExposure(sensor, light_of, times, options, control)
 
 

@@ -57,6 +57,12 @@ class Readout(FileTable):
         description="its exposure time over that of the frame, of an exposure or photodiode of its own",
         examples=[0.0625],
     )
+    gap_us: NotNegative = Field(
+        0.0,
+        title="staggered exposures (DOL)",
+        description="from the end of the exposure before until an exposure of its own begins [µs]",
+        examples=[30],
+    )
     sensitivity: Annotated[float, Field(ge=1e-6, le=1, strict=True)] = Field(
         1.0,
         description="photoelectrons of its photodiode over those of the first one in the same time: area times "
@@ -79,6 +85,10 @@ class Readout(FileTable):
         if self.of == "exposure" and self.sensitivity != 1:
             raise ValueError(
                 "sensitivity belongs to a photodiode of its own; set of to 'photodiode', or give exposure_ratio"
+            )
+        if self.of != "exposure" and self.gap_us:
+            raise ValueError(
+                "gap_us is in front of an exposure of its own; set of to 'exposure'"
             )
         allowed: tuple[str, ...] = BEHIND_CHARGE
         if self.of == "photodiode":
@@ -262,12 +272,12 @@ def _with_fields(camera: Camera, name: str, fields: Mapping[str, object]) -> Cam
 def combined_readouts(camera: Camera) -> CombinedReadouts:
     """The last stage of a camera with read-outs: their chains and combination. Raises ValueError."""
     chains, cameras = list[ReadoutChain](), camera.readout_cameras
-    charge, photodiode, exposure_ratio, light_ratio = "", "", 1.0, 1.0
+    charge, photodiode, exposure_ratio, sensitivity = "", "", 1.0, 1.0
     for number, readout in enumerate(camera.readouts):
         if number and readout.of != "charge":
             charge = readout.name
             exposure_ratio = readout.exposure_ratio
-            light_ratio = readout.exposure_ratio * readout.sensitivity
+            sensitivity = readout.sensitivity
             photodiode = ""
             if readout.of == "photodiode":
                 photodiode = readout.name
@@ -277,7 +287,7 @@ def combined_readouts(camera: Camera) -> CombinedReadouts:
                 charge,
                 photodiode,
                 exposure_ratio,
-                light_ratio,
+                sensitivity,
                 cameras[readout.name].stages,
             )
         )
@@ -309,22 +319,6 @@ def _combination(
     if section.black_level_dn is not None:
         black_dn = section.black_level_dn
     return Combination(tuple(linearised), section.bits, gain, black_dn)
-
-
-def check_times_of_readouts(camera: Camera, what: str) -> None:
-    """Raise InputError for light that changes in time, where read-outs are exposed one after the other.
-
-    what : changes.
-    """
-    staggered = [
-        one.name for one in camera.readouts if one.of == "exposure" or one.exposure_ratio != 1
-    ]
-    if staggered:
-        raise InputError(
-            f"the read-out {staggered[0]!r} of {camera.name} is exposed at another time than the first, and {what}; "
-            "its light would be that of the first exposure: keep the light and the scene still, or take "
-            f"camera.at_readout({camera.readouts[0].name!r})."
-        )
 
 
 def _check_order(camera: Camera) -> None:

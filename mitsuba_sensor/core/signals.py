@@ -16,6 +16,9 @@ from .illuminant import Illuminant
 from .notes import SourceOfLight
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
+LAYERS = ("light", "dark", "yield_mean", "yield_variance", "variance_e2")
+"""Of Electrons: one value per pixel, or one for all."""
+
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
 
 
@@ -45,6 +48,8 @@ class Photons:
     intrinsics : how the picture is a projection of the world, as of :func:`optics.intrinsics.intrinsics`, for the lens
         corrections of a DNG; None where it is not known.
     source : what is known of the light that they were collected from, for the notes of frames; None: nothing.
+    later : photons of the exposures that follow the first one, by the read-out that is exposed again, each in its own
+        exposure time; None where the light does not change in time.
     """
 
     mean: NumpyArray
@@ -59,6 +64,7 @@ class Photons:
     illuminant: Illuminant | None = None
     intrinsics: Mapping[str, Any] | None = None
     source: SourceOfLight | None = None
+    later: Mapping[str, Photons] | None = None
 
     def __repr__(self) -> str:
         """``<Photons: 64 × 64 × 3>``, or electrons where they are detected."""
@@ -88,7 +94,14 @@ class Photons:
         variance_e2, in_band = (
             None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
         )
-        return replace(self, mean=self.mean[rows], variance_e2=variance_e2, in_band=in_band)
+        cropped = replace(self, mean=self.mean[rows], variance_e2=variance_e2, in_band=in_band)
+        return cropped.with_later(lambda later: later.crop_rows(rows))
+
+    def with_later(self, change: Callable[[Photons], Photons]) -> Self:
+        """With the photons of later exposures changed; itself where there are none."""
+        if self.later is None:
+            return self
+        return self.changed(later={name: change(one) for name, one in self.later.items()})
 
     def changed(self, **fields: Any) -> Self:
         """With other values of some fields."""
@@ -162,9 +175,10 @@ class PhotonsOfBands(Photons):
         variance_e2, in_band = (
             None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
         )
-        return self.changed(
+        cropped = self.changed(
             _values=self._values[rows], variance_e2=variance_e2, in_band=in_band
         )
+        return cropped.with_later(lambda later: later.crop_rows(rows))
 
     def changed(self, **fields: Any) -> Self:
         """With other values of some fields."""
@@ -215,6 +229,18 @@ class Electrons:
     )
     yield_variance: Array = 0.0
     variance_e2: Array = None  # as in Photons
+    later: Mapping[str, Electrons] | None = None  # before the count, as in Photons
+
+    def mapped(self, change: Callable[[Array], Array]) -> Electrons:
+        """With everything that differs from pixel to pixel changed, also that of later exposures."""
+        layers = dict[str, Array]()
+        for name in LAYERS:
+            values = getattr(self, name)
+            layers[name] = change(values) if np.ndim(values) else values
+        later = self.later
+        if later is not None:
+            later = {name: one.mapped(change) for name, one in later.items()}
+        return Electrons(**layers, later=later)
 
     @property
     def total(self) -> Array:

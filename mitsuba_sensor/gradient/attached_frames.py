@@ -14,9 +14,9 @@ from ..camera.figures import refuse_readouts
 from ..core import Array, Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.code_slope import LARGEST_DN
 from ..core.differentiable import DifferentiableBackend
-from ..sensor.checks import checked_maps
 from ..sensor.choices import check_law
 from ..sensor.detection import uploaded
+from ..sensor.map_checks import checked_maps
 from ..sensor.run import begin
 from ..stages.chain import chain, whole_chain
 from ..stages.stage import Chain, sample

@@ -30,9 +30,10 @@ from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.errors import shown
 from ..core.options import complete, documents
-from ..sensor.checks import as_photons, check_numbers, checked_maps
+from ..sensor.checks import as_photons, check_numbers
 from ..sensor.choices import check_law
 from ..sensor.detection import Detected, detect, uploaded
+from ..sensor.map_checks import checked_maps
 from ..sensor.options import GradientOptions
 from ..sensor.placement import placed
 from ..sensor.run import begin, choose_backend, row_strips_of

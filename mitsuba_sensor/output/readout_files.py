@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..camera.exposure_times import later_exposures
 from ..files.tiff import write_named_pages
 from ..stages.combined_readouts import combined_of
 from ..stages.gains import gain_dn_per_e
@@ -38,11 +39,14 @@ def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] 
 
 
 def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
-    """Of each read-out, for frame.json: exposure, gain, levels, where it hands over, and the share of the pixels of the
-    first frame whose code is that of this read-out alone; None of a camera with one read-out."""
+    """Of each read-out, for frame.json: exposure and when that begins after the first one of the frame, gain, levels,
+    where it hands over, and the share of the pixels of the first frame whose code is that of this read-out alone; None
+    of a camera with one read-out."""
     combined = combined_of(frames.stages)
     if combined is None:
         return None
+    later = later_exposures(frames.camera, frames.first.exposure)
+    begins_s = {name: begin_s for name, (_, begin_s) in later.items()}
     left, found = np.ones(frames.digital.shape[1:]), list[dict[str, object]]()
     for chain, linear in zip(combined.readouts, combined.combination.readouts, strict=True):
         one = frames.readouts[chain.name]
@@ -52,6 +56,7 @@ def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
             {
                 "name": chain.name,
                 "exposure_s": one.first.exposure.time_s,
+                "begins_after_s": begins_s.get(chain.charge, 0.0),
                 "overall_system_gain_dn_per_e": gain_dn_per_e(one.camera),
                 "black_level_dn": converter.black_level_dn,
                 "white_level_dn": converter.highest,

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.camera import Camera
+from ..camera.exposure_times import longest_exposure_s
 from ..camera.figures import saturation_e
 from ..core import Exposure, InputError, nearest, require
 from ..core.argument_names import tells_of_names
@@ -118,7 +119,9 @@ class ExposureControl:
         cls, rule: AutoExposure, camera: Camera, exposure: Exposure, period_s: float
     ) -> ExposureControl:
         """A controller whose first frame has this exposure, as far as the limits let it. Raises InputError."""
-        longest_s = period_s if rule.longest_s is None else min(rule.longest_s, period_s)
+        longest_s = longest_exposure_s(camera, period_s)
+        if rule.longest_s is not None:
+            longest_s = min(rule.longest_s, longest_s)
         if longest_s < rule.shortest_s:
             raise InputError(
                 f"shortest_s is {rule.shortest_s:g} and a frame has {longest_s:g} s; give a shorter one, or fewer "

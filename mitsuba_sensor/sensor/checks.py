@@ -1,6 +1,5 @@
 """Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from ..core import (
     Photons,
     PhotonsOfBands,
     SensorWindow,
-    nearest,
     numbers,
     require_seed,
 )
@@ -23,7 +21,6 @@ from ..core.backend import FLOAT32_LIMIT
 from ..stages.combined_readouts import combined_of
 from ..stages.gains import adc_gain_dn_per_v
 from ..stages.stage import Chain
-from .map_units import maps_in_dn
 from .photon_checks import (
     check_channels,
     check_lengths,
@@ -64,60 +61,6 @@ def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     return wanted
 
 
-def checked_maps(
-    maps: Mapping[str, ArrayLike], stages: Chain, window: SensorWindow, camera: Camera
-) -> dict[str, NDArray[np.float64]]:
-    """Measured maps that fit the window, cut from the sensor's; a column's is (1, W), a row's (H, 1).
-
-    Those in DN become electrons.
-    """
-    shape, sensor = window.shape, (camera.sensor.rows, camera.sensor.columns)
-    if not isinstance(maps, Mapping):
-        raise InputError(
-            f"maps is a {type(maps).__name__}; pass a dict of name → array, as fpn_maps() returns."
-        )
-    if not maps:
-        return {}
-    known = {
-        name: value.shape
-        for stage in stages
-        for name, value in stage.fpn_maps(SensorWindow(0, (2, 2))).items()
-    }
-    checked, in_dn = {}, maps_in_dn(stages)
-    for name, values in maps.items():
-        own, dn_per_unit = in_dn.get(name, (name, 1.0))
-        if own not in known:
-            names = (*known, *in_dn)
-            there = ", ".join(names) or "none: the published chain makes its own"
-            raise InputError(
-                f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), names)}"
-            )
-        if name != own and (own in maps or not dn_per_unit):
-            why = "readout.dsnu_residual is 0: no offset is left"
-            if own in maps:
-                why = f"{own} too; give one of both"
-            raise InputError(f"maps names {name!r}, and {why}.")
-        array = numbers(f"maps[{name!r}]", values, "an array of numbers")
-        for axis, places in enumerate((window.rows, window.columns)):
-            if array.ndim == 2 and 1 < array.shape[axis] == sensor[axis] > places[-1]:
-                array = array.take(places, axis)
-        fits = tuple(
-            n if pixels > 1 else 1 for n, pixels in zip(shape, known[own], strict=True)
-        )
-        if array.ndim != 2 or any(
-            n not in (1, full) for n, full in zip(array.shape, fits, strict=True)
-        ):
-            raise InputError(
-                f"maps[{name!r}] has shape {array.shape}; it must be {fits}, or 1 along an axis, or the sensor's."
-            )
-        if not np.isfinite(array).all() or (not own.endswith("_e") and (array < 0).any()):
-            raise InputError(
-                f"maps[{name!r}] holds NaN, infinite or negative values; correct the bad pixels first."
-            )
-        checked[own] = array / dn_per_unit if name != own else array
-    return checked
-
-
 def as_photons(
     photons: Photons | ArrayLike,
     camera: Camera,
@@ -125,6 +68,24 @@ def as_photons(
     check: bool = True,
 ) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
+    checked = _as_photons(photons, camera, wavelengths_nm, check)
+    if not isinstance(photons, Photons) or photons.later is None:
+        return checked
+    later = dict[str, Photons]()
+    for name, given in photons.later.items():
+        later[name] = _as_photons(given, camera, wavelengths_nm, check)
+        if later[name].shape != checked.shape:
+            raise InputError(
+                f"photons.later[{name!r}] has shape {later[name].shape}; it must be {checked.shape}, as that of the "
+                "first exposure."
+            )
+    return checked.changed(later=later)
+
+
+def _as_photons(
+    photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None, check: bool
+) -> Photons:
+    """The same of one exposure."""
     if isinstance(photons, Photons):
         check_polarizers(photons.polarizers, camera)
     if isinstance(photons, PhotonsOfBands) and wavelengths_nm is None:

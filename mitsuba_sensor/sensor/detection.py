@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
-from ..core.signals import Filters
+from ..core.signals import LAYERS, Filters
 from ..core.types import Float64Array
 from ..stages.stage import Stage
 from .photon_checks import check_light
@@ -19,13 +19,6 @@ from .threads import for_each
 
 if TYPE_CHECKING:
     from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
-
-LAYERS = (
-    "light",
-    "yield_mean",
-    "yield_variance",
-    "variance_e2",
-)  # of Electrons: one value per pixel before the count
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +46,7 @@ class Detected:
         photons = self.photons.crop_rows(rows)
         if not isinstance(self.signal, Electrons):
             return Detected(photons, self.signal[rows])
-        layers = {name: getattr(self.signal, name) for name in LAYERS}
-        return Detected(
-            photons, Electrons(**{k: x[rows] if np.ndim(x) else x for k, x in layers.items()})
-        )
+        return Detected(photons, self.signal.mapped(lambda values: values[rows]))
 
     def on_backend(self, rows: slice, frame: Frame) -> Array:
         """The signal of some rows in arrays of a compiled backend.  frame : of these rows."""
@@ -131,13 +121,15 @@ def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: boo
 
     once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.
     """
-    if once and frame.window.backend.compiled:
+    if once and frame.window.backend.compiled and photons.later is None:
         filters = stage.filters(photons)
     else:
         filters = None
     if filters is not None:
         return DetectedByKernel.of(photons, stage, frame, filters)
     check_light(photons)
+    for later in (photons.later or {}).values():
+        check_light(later)
     return detect(photons, stage, frame)
 
 
@@ -145,22 +137,27 @@ def _compiled(frame: Frame) -> DrJitBackend:
     return cast("DrJitBackend", frame.window.backend)
 
 
-def uploaded(signal: Array, frame: Frame) -> Array:
+def uploaded(signal: Electrons, frame: Frame) -> Array:
     """Electrons on NumPy in arrays of the frame's backend."""
     window = frame.window
-    layers = {
-        name: window.backend.from_numpy(x, window)
-        for name, x in vars(signal).items()
-        if np.ndim(x)
-    }
-    return replace(signal, **layers)
+    return signal.mapped(lambda values: window.backend.from_numpy(values, window))
 
 
 def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
-    """Strip by strip, in the precision of the frame's backend.
+    """All exposures of a frame, in the precision of its backend.
 
     photons : of the window of ``frame``.  stage : the first one of the chain.
     """
+    signal = _detect(photons, stage, frame)
+    if photons.later is None:
+        return Detected(photons, signal)
+    later = {name: _detect(one, stage, frame) for name, one in photons.later.items()}
+    return Detected(photons, replace(signal, later=later))
+
+
+def _detect(photons: Photons, stage: Stage, frame: Frame) -> Array:
+    """The signal behind the first stage, strip by strip."""
+    photons = photons.changed(later=None)
     backend = NUMPY_FLOAT64 if frame.window.backend.precision == "float64" else NUMPY_FLOAT32
     whole, shape = frame.on(backend), frame.window.shape
     found: dict[str, Array] = {}
@@ -191,4 +188,4 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
             )
             found[name][first] = values
     for_each(write, others)
-    return Detected(photons, found[""] if "" in found else Electrons(**found))
+    return found[""] if "" in found else Electrons(**found)

@@ -29,13 +29,13 @@ from .checks import (
     as_photons,
     check_compensation,
     check_numbers,
-    checked_maps,
     checked_names,
 )
 from .choices import KEEP, KEPT_BY_PUBLISHED, PlannedChain, chain_of, precision_of
 from .detection import Detected, checked_and_detected
 from .frame_notes import exposure_notes
 from .frames import RawFrames
+from .map_checks import checked_maps
 from .options import ExposeOptions
 from .photon_checks import check_kept
 from .placement import placed

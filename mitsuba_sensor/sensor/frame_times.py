@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from ..camera.exposure_times import frame_span_s, longest_exposure_s
 from ..core import Exposure, InputError
 from ..core.options import complete, part_of
 from .options import TimeOptions
+
+if TYPE_CHECKING:
+    from ..camera.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -40,10 +45,16 @@ class FrameTimes:
         """When the frame with this number begins [s]."""
         return self.start_s if self.fps is None else self.start_s + number / self.fps
 
-    def check(self, exposure: Exposure) -> None:
-        """Raise InputError for an exposure that is longer than a frame."""
-        if self.period_s is not None and exposure.time_s > self.period_s * (1 + 1e-9):
-            raise InputError(
-                f"the exposure time of {exposure.time_s:g} s is longer than the frame period of {self.period_s:.6g} s; "
-                f"give a shorter time (--exposure-s {self.period_s:.3g}) or fewer frames per second."
-            )
+    def check(self, exposure: Exposure, camera: Camera) -> None:
+        """Raise InputError for an exposure, or exposures one after the other, longer than a frame."""
+        whole_s = frame_span_s(camera, exposure)
+        if self.period_s is None or whole_s <= self.period_s * (1 + 1e-9):
+            return
+        said = f"the exposure time of {exposure.time_s:g} s"
+        if whole_s > exposure.time_s:
+            said += f" with the read-outs behind it, {whole_s:g} s,"
+        longest_s = longest_exposure_s(camera, self.period_s)
+        raise InputError(
+            f"{said} is longer than the frame period of {self.period_s:.6g} s; "
+            f"give a shorter time (--exposure-s {longest_s:.3g}) or fewer frames per second."
+        )

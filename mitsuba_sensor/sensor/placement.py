@@ -11,14 +11,21 @@ def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:
     """The light where it was asked for on the sensor, or where it is; what is known of each pixel's own filter holds
     behind that one only. Raises InputError."""
     if first_pixel is None:
-        return light.changed(origin=checked_origin(light.origin))
+        return _at(light, checked_origin(light.origin), moved=False)
     row, column = checked_origin(first_pixel)
     if light.polarizers is not None:
         _refuse_other_polarizers((row, column), light.origin, camera)
     moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(
         camera.tile[0]
     )
-    return light.changed(origin=(row, column), in_band=None if moved else light.in_band)
+    return _at(light, (row, column), bool(moved))
+
+
+def _at(light: Photons, origin: tuple[int, int], moved: bool) -> Photons:
+    """The light of all exposures from this pixel on.  moved : whether each pixel has another filter there."""
+    in_band = None if moved else light.in_band
+    placed_light = light.changed(origin=origin, in_band=in_band)
+    return placed_light.with_later(lambda later: _at(later, origin, moved))
 
 
 def _refuse_other_polarizers(

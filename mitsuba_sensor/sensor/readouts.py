@@ -34,7 +34,9 @@ def exposures_of_readouts(frames: RawFrames) -> Mapping[str, PreparedExposure]:
 
 def light_of_readout(readout: ReadoutChain, light: Detected, frame: Frame) -> Detected:
     """The light that a read-out collects in a frame of this light."""
-    photons = light.photons
-    if readout.exposure_ratio != 1:
+    photons = light.photons.changed(later=None)
+    if light.photons.later is not None and readout.charge in light.photons.later:
+        photons = light.photons.later[readout.charge]
+    elif readout.exposure_ratio != 1:
         photons = replace(photons, mean=photons.mean * readout.exposure_ratio)
     return Detected(photons, readout.light_of(light.signal, on_numpy(frame)))

@@ -20,7 +20,7 @@ class ReadoutChain:
     name : of its noise behind the charge.  charge : of the exposure whose charge it reads, empty for the first one.
     photodiode : of its fixed patterns in front of the charge, empty for the first one.
     exposure_ratio : its exposure time over that of the frame.
-    light_ratio : its photoelectrons over those of the first read-out.
+    sensitivity : its photoelectrons over those of the first photodiode in the same time.
     stages : from photons to its code.
     """
 
@@ -28,8 +28,13 @@ class ReadoutChain:
     charge: str
     photodiode: str
     exposure_ratio: float
-    light_ratio: float
+    sensitivity: float
     stages: Chain
+
+    @property
+    def light_ratio(self) -> float:
+        """Its photoelectrons over those of the first read-out, in light that does not change."""
+        return self.exposure_ratio * self.sensitivity
 
     def frame_of(self, frame: Frame) -> Frame:
         """The frame with the exposure and the streams of random numbers of this read-out."""
@@ -44,10 +49,14 @@ class ReadoutChain:
         return replace(exposure, time_s=exposure.time_s * self.exposure_ratio)
 
     def light_of(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Its share of the mean photoelectrons of the first photodiode in the reference exposure."""
-        if self.light_ratio == 1:
-            return electrons
-        return replace(electrons, light=frame.number(self.light_ratio) * electrons.light)
+        """Its mean photoelectrons: of its own exposure where that has a light of its own, else its share of those of
+        the first photodiode in the reference exposure."""
+        own, ratio = replace(electrons, later=None), self.light_ratio
+        if electrons.later is not None and self.charge in electrons.later:
+            own, ratio = electrons.later[self.charge], self.sensitivity
+        if ratio == 1:
+            return own
+        return replace(own, light=frame.number(ratio) * own.light)
 
     def sample(self, electrons: Electrons, frame: Frame) -> Array:
         """Its code of mean photoelectrons of the reference exposure, (H, W) [DN]."""

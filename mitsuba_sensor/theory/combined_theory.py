@@ -6,14 +6,13 @@ Of combined read-outs mean and variance of a pixel's linear code follow from the
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Frame
+from ..core import Electrons, Frame
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.readouts import light_of_readout
@@ -21,7 +20,7 @@ from ..stages.combined_readouts import CombinedReadouts, combined_of
 from ..stages.stage import Chain, Stage, without, without_law
 from .combined_codes import CodeMoments, combined_codes
 from .frame_theory import Averages, FrameTheory, behind_stages
-from .light_levels import WIDTH
+from .light_levels import WIDTH, LightLevels
 from .measured_theory import MeasuredTheory
 from .pixel_moments import HIGHEST_E, PixelMoments, check_clean_is_known, pixel_moments
 from .pixel_swing import Codes
@@ -91,24 +90,74 @@ def codes_by_light(
     return combined_codes(combined, codes, frame)
 
 
-class CombinedTheory(FrameTheory):
-    """Theory of one light on combined read-outs, by the law of each of them in every pixel."""
+class TheoryOfReadouts(FrameTheory):
+    """What there is of several read-outs without fixed-pattern noise: the codes of each in its own light, combined."""
 
     @property
     def _combined(self) -> CombinedReadouts:
         return _required(self.stages)
 
     @cached_property
+    def _responses(self) -> list[Response]:
+        return responses_of(self)
+
+    @property
+    def _sampled_electrons(self) -> Electrons:
+        """Mean photoelectrons of the sampled pixels, those of later exposures among them."""
+        return self.sample.light
+
+    @cached_property
+    def levels(self) -> LightLevels:
+        """Levels of light of all pixels; a level for every pixel where the exposures differ in their light."""
+        if self.light.signal.later is None:
+            return super().levels
+        light_e = np.minimum(self.light.mean_e, HIGHEST_E).ravel()
+        return LightLevels(light_e, np.ones(light_e.size, np.int64))
+
+    def _plain(self, number: int, light_e: Float64Array) -> Codes:
+        return self._plain_codes(number, Electrons(light_e))
+
+    def _plain_of_sample(self, number: int) -> Codes:
+        mean, variance = self._plain_codes(number, self._sampled_electrons)
+        return mean.ravel(), variance.ravel()
+
+    def _plain_of_levels(self, number: int) -> Codes:
+        if self.light.signal.later is None:
+            return super()._plain_of_levels(number)
+        mean, variance = self._plain_codes(number, self.light.signal)
+        return mean.ravel(), variance.ravel()
+
+    def _plain_of_rows(self, number: int, rows: slice) -> Codes:
+        return self._plain_codes(number, self.light.crop_rows(rows).signal)
+
+    def _plain_codes(self, number: int, light: Electrons) -> Codes:
+        """Mean and variance behind stage ``number`` of pixels without fixed-pattern noise in this light."""
+        light_e = _levels(light)
+        if number == 0:
+            return light_e, np.zeros(light_e.shape)
+        codes = list[CodeMoments]()
+        for readout, response in zip(self._combined.readouts, self._responses, strict=True):
+            last = len(response.stages) - 1
+            level_e = _levels(readout.light_of(light, self.frame)).ravel()
+            codes.append(
+                CodeMoments(response.mean(last, level_e), response.temporal(last, level_e))
+            )
+        mean, variance = combined_codes(self._combined, codes, self.frame)
+        return mean.reshape(light_e.shape), variance.reshape(light_e.shape)
+
+    @cached_property
+    def _digital(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Mean and variance of every pixel at its level of light."""
+        return self._by_light()
+
+
+class CombinedTheory(TheoryOfReadouts):
+    """Theory of one light on combined read-outs, by the law of each of them in every pixel."""
+
+    @cached_property
     def sample(self) -> SampledPixels:
         """The pixels that are averaged over."""
         return sample_pixels(self.light.signal, self.frame, SAMPLE)
-
-    @cached_property
-    def _responses(self) -> list[ResponseOfReadout]:
-        return responses_of(self)
-
-    def _plain(self, number: int, light_e: Float64Array) -> Codes:
-        return plain_codes(self._combined, self._responses, self.frame, number, light_e)
 
     def _prepare(self, numbers: Collection[int]) -> None:
         """The sampled pixels behind both stages: their light, and their linear code."""
@@ -125,82 +174,41 @@ class CombinedTheory(FrameTheory):
         self._behind[0] = light_e, np.zeros(light_e.shape)
         self._behind[len(self.stages) - 1] = combined_codes(self._combined, codes, self.frame)
 
-    @cached_property
-    def _digital(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Mean and variance of every pixel at its level of light."""
-        last, light_e = len(self.stages) - 1, np.minimum(self.light.mean_e, HIGHEST_E)
-        plain = self._plain(last, self._sampled_light)
-        found = list[NDArray[np.float32]]()
-        for sampled, without_maps, at_light in zip(
-            self._sampled(last), plain, self._plain(last, light_e), strict=True
-        ):
-            shift = self._light_groups.smooth(sampled - without_maps)
-            found.append(np.maximum(at_light + shift.at(light_e), 0.0).astype(np.float32))
-        return found[0], found[1]
 
-
-class MeasuredCombinedTheory(MeasuredTheory):
+class MeasuredCombinedTheory(TheoryOfReadouts, MeasuredTheory):
     """Theory of combined read-outs one of which has no law: by samples."""
 
-    @cached_property
-    def _responses(self) -> list[ResponseOfReadout]:
-        return responses_of(self)
+    @property
+    def _sampled_electrons(self) -> Electrons:
+        """Mean photoelectrons of the pixels of all tiles."""
+        light: Electrons = self.light.signal
+        tiles = self._tiles
+        return light.mapped(
+            lambda values: np.concatenate(
+                [values[one.rows, one.columns].ravel() for one in tiles]
+            )
+        )
 
     def averages(self, stage: Stage) -> Averages:
         """Averages over the pixels behind a stage; a variance that is measured is not negative."""
         found = super().averages(stage)
         return found._replace(temporal=max(found.temporal, 0.0))
 
-    def _plain(self, number: int, light_e: Float64Array) -> Codes:
-        return plain_codes(_required(self.stages), self._responses, self.frame, number, light_e)
 
-
-class ResponseOfReadout(NamedTuple):
-    """A read-out without its fixed-pattern noise and without its stages that have no law.
-
-    light_ratio : of its light.
-    """
-
-    response: Response
-    light_ratio: float
-
-    def codes(self, light_e: Float64Array) -> CodeMoments:
-        """Mean and variance of its code by the mean photoelectrons of the reference exposure."""
-        last, level_e = len(self.response.stages) - 1, self.light_ratio * light_e
-        return CodeMoments(
-            self.response.mean(last, level_e), self.response.temporal(last, level_e)
-        )
-
-
-def responses_of(theory: FrameTheory) -> list[ResponseOfReadout]:
-    """Of each read-out, at all levels of light of the frame."""
-    darkest, brightest = theory.levels.light_e[[0, -1]]
-    found = list[ResponseOfReadout]()
+def responses_of(theory: TheoryOfReadouts) -> list[Response]:
+    """Each read-out without its fixed-pattern noise and its stages that have no law, in all the light of the frame."""
+    found = list[Response]()
     for readout in _required(theory.stages).readouts:
-        ratio, stages = (
-            readout.light_ratio,
-            without(readout.stages, without_law(readout.stages)),
-        )
-        ends = float(darkest * ratio * (1 - WIDTH)), float(brightest * ratio * (1 + WIDTH))
-        response = Response.of(stages, readout.frame_of(theory.frame), *ends)
-        found.append(ResponseOfReadout(response, ratio))
+        stages = without(readout.stages, without_law(readout.stages))
+        light_e = _levels(readout.light_of(theory.light.signal, theory.frame))
+        ends = float(light_e.min() * (1 - WIDTH)), float(light_e.max() * (1 + WIDTH))
+        found.append(Response.of(stages, readout.frame_of(theory.frame), *ends))
     return found
 
 
-def plain_codes(
-    combined: CombinedReadouts,
-    responses: Sequence[ResponseOfReadout],
-    frame: Frame,
-    number: int,
-    light_e: Float64Array,
-) -> Codes:
-    """Mean and variance behind stage ``number`` of pixels without fixed-pattern noise in so much light."""
-    if number == 0:
-        return light_e, np.zeros(light_e.shape)
-    shape = np.shape(light_e)
-    codes = [one.codes(np.ravel(light_e)) for one in responses]
-    mean, variance = combined_codes(combined, codes, frame)
-    return mean.reshape(shape), variance.reshape(shape)
+def _levels(light: Electrons) -> Float64Array:
+    """Mean photoelectrons, none of them infinite."""
+    return np.minimum(np.asarray(light.light, np.float64), HIGHEST_E)
 
 
 def _required(stages: Chain) -> CombinedReadouts:

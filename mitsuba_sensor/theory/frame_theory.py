@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
+from ..core import Electrons, Frame, Moments, Photons, SensorWindow
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
@@ -83,14 +83,14 @@ class FrameTheory:
         if not self._counts_electrons:
             return self._propagated(number)
         mean, temporal = self._sampled(number)
-        levels, plain = self._sampled_light, self._plain(number, self._sampled_light)
+        levels, plain = self._sampled_light, self._plain_of_sample(number)
         off = np.clip(mean - plain[0], -LARGEST, LARGEST)
         shift = self._light_groups.smooth(off)
         residual = off - shift.at(levels)
         noise = np.clip(temporal - plain[1], -LARGEST, LARGEST)
         noise_shift = self._light_groups.smooth(noise)
         square = self._squares(residual, temporal) * shift.unbiased
-        plain_mean, plain_temporal = self._plain(number, self.levels.light_e)
+        plain_mean, plain_temporal = self._plain_of_levels(number)
         moved = plain_temporal + noise_shift.at(self.levels.light_e)
         spatial = max(float(square.mean()), 0.0)
         missed = spatial * self._missed_share(plain_mean, plain[0])
@@ -117,16 +117,17 @@ class FrameTheory:
             return 0.0
         return abs(over_all / over_sample - 1)
 
-    def means(self, light_e: Float64Array) -> dict[int, Float64Array]:
-        """Expected signal behind every stage, by its number, in pixels with so many mean photoelectrons."""
+    def means(self, rows: slice) -> dict[int, Float64Array]:
+        """Expected signal behind every stage, by its number, in the pixels of some rows."""
+        light_e = self.light.crop_rows(rows).mean_e
         if not self._counts_electrons:
             return {k: self._propagated_to(k, light_e)[0] for k in range(len(self.stages))}
-        levels, found = self._sampled_light, {}
+        found = dict[int, Float64Array]()
         self._prepare(range(len(self.stages)))
         for number in range(len(self.stages)):
-            off = self._sampled(number)[0] - self._plain(number, levels)[0]
+            off = self._sampled(number)[0] - self._plain_of_sample(number)[0]
             shift = self._light_groups.smooth(off)
-            found[number] = self._plain(number, light_e)[0] + shift.at(light_e)
+            found[number] = self._plain_of_rows(number, rows)[0] + shift.at(light_e)
         return found
 
     @property
@@ -173,6 +174,33 @@ class FrameTheory:
     def _plain(self, number: int, light_e: Float64Array) -> Codes:
         """Mean and temporal variance behind a stage, of pixels without fixed-pattern noise in so much light."""
         return self.response.mean(number, light_e), self.response.temporal(number, light_e)
+
+    def _plain_of_sample(self, number: int) -> Codes:
+        """The same in the light of the sampled pixels, (P,) each."""
+        return self._plain(number, self._sampled_light)
+
+    def _plain_of_levels(self, number: int) -> Codes:
+        """The same at every level of light."""
+        return self._plain(number, self.levels.light_e)
+
+    def _plain_of_rows(self, number: int, rows: slice) -> Codes:
+        """The same in the light of some rows, (rows, W) each."""
+        return self._plain(number, np.minimum(self.light.crop_rows(rows).mean_e, HIGHEST_E))
+
+    def _by_light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Mean and variance of every code in its light, with what fixed-pattern noise adds at about that light."""
+        last, found = len(self.stages) - 1, list[NDArray[np.float32]]()
+        everywhere = slice(0, self.frame.window.shape[0])
+        light_e = np.minimum(self.light.mean_e, HIGHEST_E)
+        for sampled, plain, at_light in zip(
+            self._sampled(last),
+            self._plain_of_sample(last),
+            self._plain_of_rows(last, everywhere),
+            strict=True,
+        ):
+            shift = self._light_groups.smooth(sampled - plain)
+            found.append(np.maximum(at_light + shift.at(light_e), 0.0).astype(np.float32))
+        return found[0], found[1]
 
     def _squares(self, residual: Float64Array, temporal: Float64Array) -> Float64Array:
         """Squares of these residuals without what temporal noise adds: their average is the spatial variance.
@@ -295,13 +323,7 @@ def behind_stages(
 
 def _rows_of(light: Electrons, rows: slice) -> Electrons:
     """Some rows of photoelectrons."""
-
-    def crop(values: Array) -> Array:
-        if np.ndim(values) and len(values) > 1:
-            return values[rows]
-        return values
-
-    return Electrons(**{name: crop(values) for name, values in vars(light).items()})
+    return light.mapped(lambda values: values[rows] if len(values) > 1 else values)
 
 
 class Smoothed(NamedTuple):

@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Electrons, SensorWindow
+from ..core import SensorWindow
 from ..core.counter_rng import key_of
 from ..core.types import Array, Float64Array
-from ..sensor.detection import LAYERS
 from ..sensor.threads import for_each
 from ..stages.propagate import FIRST_SERIAL, FRAMES
 from ..stages.stage import total, without, without_law
@@ -155,13 +154,11 @@ class MeasuredTheory(FrameTheory):
         inside = tile.within(around)
         rows, columns = (np.arange(part.start, part.stop) for part in around)
         window = _chip(self.frame.window, rows, columns, FIRST_SERIAL + number)
-        light = {
-            name: values_at(getattr(self.light.signal, name), rows, columns) for name in LAYERS
-        }
+        light = self.light.signal.mapped(lambda values: values_at(values, rows, columns))
         found = []
         for index in FRAMES:
             frame = replace(self.frame, window=window, index=index, _blocks={})
-            signal: Array = Electrons(**light)
+            signal: Array = light
             for place, stage in enumerate(self.stages):
                 if place:
                     signal = stage.sample(signal, frame)
@@ -172,18 +169,7 @@ class MeasuredTheory(FrameTheory):
     @cached_property
     def _digital(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Mean and variance of every pixel at its level of light."""
-        last, light_e = len(self.stages) - 1, np.minimum(self.light.mean_e, HIGHEST_E)
-        shifts = [
-            self._light_groups.smooth(sampled - plain)
-            for sampled, plain in zip(
-                self._sampled(last), self._plain(last, self._sampled_light), strict=True
-            )
-        ]
-        mean, variance = (
-            np.maximum(plain + shift.at(light_e), 0.0).astype(np.float32)
-            for plain, shift in zip(self._plain(last, light_e), shifts, strict=True)
-        )
-        return mean, variance
+        return self._by_light()
 
 
 def _chip(

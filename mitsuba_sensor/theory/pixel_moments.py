@@ -250,12 +250,8 @@ class PixelStrip:
 
     def _states(self, sums: dict[int, _Mixture]) -> list[State]:
         """The pixels in front of the count, in each of their states; their signal is added to ``sums``."""
-        light = {
-            k: np.asarray(x, np.float64) for k, x in vars(self.light).items() if x is not None
-        }
-        states = [
-            State(1.0, Electrons(**{**light, "light": np.minimum(light["light"], HIGHEST_E)}))
-        ]
+        light = self.light.mapped(lambda values: np.asarray(values, np.float64))
+        states = [State(1.0, replace(light, light=np.minimum(light.light, HIGHEST_E)))]
         for number, stage in enumerate(self.stages[: self.count]):
             if number:
                 before = self.stages[number - 1]

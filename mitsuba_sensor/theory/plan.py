@@ -27,8 +27,9 @@ from ..core import (
 )
 from ..core.argument_names import tells_of_names
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..sensor.checks import as_photons, checked_maps
+from ..sensor.checks import as_photons
 from ..sensor.detection import Detected, detect
+from ..sensor.map_checks import checked_maps
 from ..sensor.precision import Float32, float32_effect
 from ..sensor.run import row_strips_of
 from ..stages.chain import whole_chain

@@ -100,11 +100,10 @@ class PlanSample(NamedTuple):
         window = PlanWindow(
             **{name: getattr(places, name) for name in _FIELDS}, given=maps, _bits=bits
         )
-        layers = {"yield_mean": yields[0], "yield_variance": yields[1]}
         light: Array = np.broadcast_to(light_e, (count, light_e.size))
         return cls(
             replace(frame, window=window, _blocks={}),
-            Electrons(light, **layers),
+            Electrons(light, yield_mean=yields[0], yield_variance=yields[1]),
             MIDDLE,
             shares,
         )

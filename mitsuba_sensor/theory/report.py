@@ -83,7 +83,7 @@ class FrameObserver:
         return [FollowedRows(part, first, self._means(part)) for part in parts]
 
     def _means(self, rows: slice) -> dict[int, Float64Array]:
-        return self.theory.means(self.theory.light.crop_rows(rows).mean_e)
+        return self.theory.means(rows)
 
     def add(self, number: int, signal: Array, mean: Float64Array) -> None:
         """The signal behind a stage in some pixels, and its expected value."""

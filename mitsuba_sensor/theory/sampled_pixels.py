@@ -19,7 +19,6 @@ from ..core import Electrons, Frame, SensorWindow, distributions
 from ..core.backend import NUMPY_FLOAT64, Backend
 from ..core.counter_rng import OF_CHARGE, key_of
 from ..core.types import Array, Float64Array, RandomBits
-from ..sensor.detection import LAYERS
 
 PIXELS = 2**16
 """Pixels of a sample: the standard error of a standard deviation is then 0.28 % of it, where all of it is normal."""
@@ -138,8 +137,8 @@ def sample_pixels(light: Electrons, frame: Frame, pixels: int = PIXELS) -> Sampl
         rows = _spread(height, min(-(-pixels // many_columns), height), "rows")
         columns = _spread(width, many_columns, "columns")
     window = sampled_window(frame.window, rows, columns, "sampled")
-    layers = {name: values_at(getattr(light, name), rows, columns) for name in LAYERS}
-    return SampledPixels(Electrons(**layers), replace(frame, window=window, _blocks={}), window)
+    some = light.mapped(lambda values: values_at(values, rows, columns))
+    return SampledPixels(some, replace(frame, window=window, _blocks={}), window)
 
 
 def sampled_window(

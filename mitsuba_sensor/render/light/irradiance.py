@@ -108,6 +108,8 @@ class Irradiance:
     levels : what each group is multiplied by in ``data``, see :meth:`with_lights`.
     waveforms : of the groups that flicker; ``data`` and its errors are the mean over time. Frames get the light of the
         time at which their rows are open.
+    later : of a scene that moves, the light of the exposures that follow the first one of a frame, by the read-out that
+        is exposed again; files do not hold it.
     """
 
     data: NDArray[np.float32]
@@ -127,6 +129,7 @@ class Irradiance:
     groups: Mapping[str, Irradiance] = field(default_factory=dict)
     levels: Mapping[str, float] = field(default_factory=dict)
     waveforms: Mapping[str, Waveform] = field(default_factory=dict)
+    later: Mapping[str, Irradiance] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """``<Irradiance: 256 × 384, 32 bands, 367.5 … 832.5 nm>``."""
@@ -220,7 +223,8 @@ class Irradiance:
             )
         if self.raw is None:
             return self
-        return replace(self.raw, rendered_for=self.rendered_for)
+        later = {name: light.before_denoising() for name, light in self.later.items()}
+        return replace(self.raw, rendered_for=self.rendered_for, later=later)
 
 
 def is_exact(light: Irradiance, camera: Camera) -> bool:

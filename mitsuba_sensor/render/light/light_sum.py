@@ -88,7 +88,9 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
     total = sum_of_groups(light.groups, {name: shape.level for name, shape in shapes.items()})
     flickering = waveforms_of(lights)
     raw = None if total.raw is None else replace(total.raw, waveforms=flickering)
-    return replace(total, statistics=light.statistics, waveforms=flickering, raw=raw)
+    later = {name: with_levels(one, lights) for name, one in light.later.items()}
+    known = light.statistics
+    return replace(total, statistics=known, waveforms=flickering, raw=raw, later=later)
 
 
 def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
+from ...camera.exposure_times import later_exposures
 from ...camera.fingerprint import response_fingerprint
-from ...camera.readouts import check_times_of_readouts
 from ...camera.sensor_size import check_on_sensor
 from ...core import (
     Exposure,
@@ -112,26 +112,9 @@ def collect(
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
             raise InputError(f"{why}; {remedy}.")
-        if light.waveforms:
-            check_times_of_readouts(camera, "lamps flicker")
         check_polarizers(light.polarizers, camera)
-        light = light_of_frame(light, shutter_of(camera, exposure, start_s))
-        photons = _photons(
-            light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure
-        )
-        known = light.rendered_for
-        photons = photons.changed(
-            origin=light.origin, illuminant=None if known is None else known.illuminant
-        )
-        photons = photons.changed(
-            intrinsics=light.statistics.intrinsics,
-            source=CollectedLight.of(light),
-            polarizers=light.polarizers,
-        )
-        if light.filters is not None:
-            return photons.changed(detected=True, bandwidths_nm=None)
-        in_band = light.in_band if is_exact(light, camera) else None
-        return photons.changed(in_band=in_band, in_band_of=light.response)
+        photons = _of_exposure(light, camera, exposure, start_s)
+        return photons.changed(later=_later(light, camera, exposure, start_s))
     values = _irradiance_values(light)
     if values.ndim == 2:
         centre = (
@@ -150,6 +133,52 @@ def collect(
         )
     centres = _centres(wavelengths_nm)
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
+
+
+def _of_exposure(
+    light: Irradiance, camera: Camera, exposure: Exposure, start_s: float
+) -> Photons:
+    """Mean photons of a render in one exposure."""
+    light = light_of_frame(light, shutter_of(camera, exposure, start_s))
+    photons = _photons(light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
+    known = light.rendered_for
+    photons = photons.changed(
+        origin=light.origin, illuminant=None if known is None else known.illuminant
+    )
+    photons = photons.changed(
+        intrinsics=light.statistics.intrinsics,
+        source=CollectedLight.of(light),
+        polarizers=light.polarizers,
+    )
+    if light.filters is not None:
+        return photons.changed(detected=True, bandwidths_nm=None)
+    in_band = light.in_band if is_exact(light, camera) else None
+    return photons.changed(in_band=in_band, in_band_of=light.response)
+
+
+def _later(
+    light: Irradiance, camera: Camera, exposure: Exposure, start_s: float
+) -> dict[str, Photons] | None:
+    """Mean photons of the exposures behind the first of a frame; None where their light is the same.
+
+    Raises InputError for light of a scene that moves, of which there is the first exposure only.
+    """
+    asked = later_exposures(camera, exposure, start_s)
+    if not asked:
+        return None
+    moves = light.statistics.motion is not None
+    if not (moves or light.waveforms):
+        return None
+    found = dict[str, Photons]()
+    for name, (own, begin_s) in asked.items():
+        if moves and name not in light.later:
+            raise InputError(
+                f"the scene moved while the light was rendered, and the read-out {name!r} of {camera.name} is exposed "
+                "at another time, whose light a file does not hold; render and expose at once (ms.capture, "
+                f"`mitsuba-sensor render`) for this camera, or take camera.at_readout({camera.readouts[0].name!r})."
+            )
+        found[name] = _of_exposure(light.later.get(name, light), camera, own, begin_s)
+    return found
 
 
 def collected(
@@ -196,7 +225,8 @@ def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
     """The exposure at which a picture of this light is as bright as asked for, of lamps that flicker their mean. Raises
     InputError if it is black."""
     steady = replace(light, waveforms={})
-    found = metering.exposure(photons_of(steady, camera, metering.unit_exposure), camera)
+    photons = _of_exposure(steady, camera, metering.unit_exposure, 0.0)
+    found = metering.exposure(as_photons(photons, camera), camera)
     trim_heap()
     return found
 

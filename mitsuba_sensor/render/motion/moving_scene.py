@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...camera.camera import Camera
-from ...camera.readouts import check_times_of_readouts
 from ...core import Exposure, Float64Array, InputError, nearest
 from ...optics.shutter import displaced_share, phase_of_pass, shutter_of, subframes
 from ...optics.waveform import Waveform
@@ -237,7 +236,6 @@ class MovingScene:
         begin_s: float = 0.0,
         waveform: Waveform | None = None,
     ) -> None:
-        check_times_of_readouts(camera, "the scene moves")
         self._waveform = waveform
         self.scene, self._shutter, self.asked_subframes = (
             scene,

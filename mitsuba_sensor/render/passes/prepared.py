@@ -9,10 +9,9 @@ from typing import Literal, Unpack, cast
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
+from ...camera.exposure_times import later_exposures
 from ...core import Exposure, Float64Array, first_given, warn_of
 from ...core.options import complete, documents
-from ...optics.image_record import image_record
-from ...optics.intrinsics import aperture_f_number
 from ...optics.shutter import shutter_of
 from ...optics.waveform import Waveform
 from ...sensor.expose import PreparedExposure
@@ -31,7 +30,7 @@ from ..lint.electron_share import with_notes_of_shares
 from ..lint.refusals import refuse_black
 from ..motion.aovs import Aovs, aovs_of, load_for_rays
 from ..motion.motion import Motion, read_motion
-from ..motion.moving_scene import MovingScene, pose_m
+from ..motion.moving_scene import MovingScene
 from ..options import RenderOptions
 from ..scene.light_groups import AskedGroups, LightGroup, light_groups_of
 from ..scene.scene import Scene, load_scene
@@ -40,22 +39,19 @@ from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
 from ..variants import restores_variant
 from .denoise_choice import DenoiseChoice
 from .estimate import Estimate
+from .exposures import render_exposures
 from .grouped import render_light_groups
 from .noise_goals import SensorNoise
 from .passes import SAMPLER
-from .render_notes import render_notes
+from .render_record import statistics_of
 from .renderer import Criterion, Electrons, Renderer
 from .row_strip import Kept
 from .statistics import (
-    POOLED,
     NoiseRatios,
     RenderStatistics,
-    sum_error,
     summary_of,
-    why_not_trusted,
 )
 from .stop_criterion import (
-    End,
     Progress,
     RenderProgress,
     StopCriterion,
@@ -113,6 +109,7 @@ class PreparedRender:
     exposure is found, or was; None where it was given.  metered : whether it is known; otherwise it is one second, and
     each light has :meth:`exposure_of` its own.  light_groups : that are rendered apart; none: all light together.
     is_group : whether it is of one of these groups, which may be black.
+    one_exposure : whether it is of one exposure alone, also where read-outs of the camera follow each other.
     group_scenes, waveforms : of the groups where something moves, by name; the scenes for later frames.
     """
 
@@ -132,6 +129,7 @@ class PreparedRender:
     metered: bool = False
     light_groups: tuple[LightGroup, ...] = ()
     is_group: bool = False
+    one_exposure: bool = False
     group_scenes: dict[str, Scene] = field(default_factory=dict)
     undecided: bool = False
     waveforms: Mapping[str, Waveform] = field(default_factory=dict)
@@ -149,6 +147,12 @@ class PreparedRender:
     def begin_s(self) -> float:
         """When the frame begins, in the time of the motion [s]."""
         return 0.0 if isinstance(self.scene, Scene) else self.scene.begin_s
+
+    @property
+    def _is_followed(self) -> bool:
+        """Whether other exposures of the same frame see the scene at another time."""
+        moves = isinstance(self.scene, MovingScene) and not self.one_exposure
+        return moves and bool(later_exposures(self.camera, self.exposure))
 
     def seed(self, given: int | None) -> int:
         """The seed that was given, else the scene file's, else 1, as this sensor has it. Raises InputError."""
@@ -168,6 +172,8 @@ class PreparedRender:
         criterion: Criterion | None = None,
     ) -> Irradiance:
         """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
+        if self._is_followed:
+            return render_exposures(self, seed, stop, progress, started, criterion)
         if self.light_groups:
             return render_light_groups(self, seed, stop, progress, started)
         began, renderer = time.monotonic() if started is None else started, self.renderer
@@ -190,10 +196,14 @@ class PreparedRender:
         if not (found.data.any() or self.is_group):
             refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
         exposure, serial = self.exposure, self.parsed.serial(None)
-        light = self._irradiance(found, raw, self._statistics(stop, end, began, exposure, raw))
+        light = self._irradiance(
+            found, raw, statistics_of(self, stop, end, began, exposure, raw)
+        )
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
-            light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
+            light = replace(
+                light, statistics=statistics_of(self, stop, end, began, exposure, raw)
+            )
         light = replace(
             light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial)
         )
@@ -312,52 +322,6 @@ class PreparedRender:
         self.group_scenes[group.name] = at_rest
         waveform, subframes = self.waveforms.get(group.name), self.scene.asked_subframes
         return still.moved_to(self.motion, self.begin_s, self.exposure, subframes, waveform)
-
-    def _denoised(self, exposure: Exposure, raw: Electrons) -> dict[str, object] | None:
-        """What the denoiser did, and the noise ratio before."""
-        if (found := self.renderer.denoised) is None:
-            return None
-        before = self.noise_ratios(exposure, raw, self.renderer.passes)
-        median, p95 = before["noise_ratio_median"], before["noise_ratio_p95"]
-        return {**found.record, "raw_noise_ratio_median": median, "raw_noise_ratio_p95": p95}
-
-    def _statistics(
-        self, stop: StopCriterion, end: End, started: float, exposure: Exposure, raw: Electrons
-    ) -> RenderStatistics:
-        renderer, passes = self.renderer, self.renderer.passes
-        fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
-        doubt, choice = why_not_trusted(passes, fireflies, renderer.lost), renderer.choice
-        notes = render_notes(self, stop, end)
-        return RenderStatistics(
-            passes=passes,
-            samples_per_pixel=samples,
-            seconds=time.monotonic() - started,
-            seconds_per_sample=renderer.seconds_per_sample,
-            variant=self.parsed.variant.name,
-            sampler=self.sampler,
-            spectral=self.bands.kind,
-            **self.noise_ratios(
-                exposure, renderer.electrons(), passes if renderer.denoised is None else POOLED
-            ),
-            noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
-            ended_by=end,
-            reliable=not doubt,
-            firefly_fraction=fireflies,
-            negative=renderer.negative,
-            non_finite=renderer.non_finite,
-            notes=(*notes, *(note for note in (doubt, self.parsed.variant.hint) if note)),
-            scene_sha256=self.scene.sha256,
-            aperture_f_number=aperture_f_number(self.scene.view, self.camera),
-            intrinsics=image_record(self.scene.view, self.camera),
-            camera_to_world=pose_m(
-                self.at_rest, self.motion, self.unit_m, self.begin_s
-            ).tolist(),
-            denoised=self._denoised(exposure, raw),
-            denoise_forecast=None if choice is None else choice.record(),
-            metering=None if self.metering is None else self.metering.record(exposure),
-            sum_error=sum_error(*raw),
-            motion=self.scene.time_sampling(),
-        )
 
 
 def prepare(

@@ -5,7 +5,7 @@ QE_k is that of a wavelength, or the mean over a band, weighted by photons.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self
 
@@ -270,12 +270,7 @@ class QuantumEfficiency(Stage):
                 collected = self.crosstalk.mixed(self._freed(wider, around), around.origin)
             else:
                 collected = self._diffused(wider, around)
-        layers = {
-            name: window.backend.from_numpy(values, window)
-            for name, values in vars(collected).items()
-            if np.ndim(values)
-        }
-        return replace(collected, **layers)
+        return collected.mapped(lambda values: window.backend.from_numpy(values, window))
 
     def _freed(self, photons: Photons, window: SensorWindow) -> Electrons:
         """Mean photoelectrons (interactions) that the light frees in each pixel, (H, W) on NumPy."""
