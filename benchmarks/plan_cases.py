@@ -43,7 +43,7 @@ class Case:
 def case(number: int) -> Case:
     """The same for the same number, on every machine."""
     chance = np.random.default_rng([13, number])
-    base = ms.load_camera(str(chance.choice(ms.list_cameras())))
+    base = ms.load_camera(str(chance.choice(one_readout())))
     exposure = ms.Exposure(float(10 ** chance.uniform(-4, 1)), float(chance.uniform(250, 330)))
     camera = base.replace(**_fields(chance, base, exposure))
     scene = str(chance.choice(SCENES))
@@ -52,6 +52,11 @@ def case(number: int) -> Case:
     photons = _photons(chance, camera, _scene(chance, scene, (rows, columns)))
     tolerance = float(np.exp(chance.uniform(*np.log(TOLERANCES_DN))))
     return Case(number, camera, exposure, photons, tolerance, scene)
+
+
+def one_readout() -> list[str]:
+    """Shipped cameras that can have a plan: those that read every pixel once."""
+    return [name for name in ms.list_cameras() if not ms.load_camera(name).readouts]
 
 
 def _fields(

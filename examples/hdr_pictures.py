@@ -14,7 +14,7 @@ import numpy as np
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.png import write_png
 
-CAMERA = Path(__file__).parent / "omnivision_split_pixel.toml"
+CAMERA = "omnivision_split_pixel"
 EXPOSURE = ms.Exposure(0.05, 298.15)
 DARKEST_E, BRIGHTEST_E = 3.0, 5e5
 """Electrons of the large photodiode that are shown black and white, on a logarithmic scale."""

@@ -47,15 +47,17 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
             f"no camera has {' '.join(search or ())!r} in name or description; `cameras list` has all of them."
         )
     known = [ms.load_camera(name) for name in names]
-    table = FittedTable(("camera", "technology", "pixels", "gain settings", "what it is"))
+    table = FittedTable(("camera", "technology", "pixels", "gains or read-outs", "what it is"))
     for one in known:
         size = f"{one.sensor.columns} × {one.sensor.rows}"
         gains = _gain_range(one)
         table.add_row(one.name, one.sensor.technology, size, gains, one.description)
-    found = [
-        {"name": x.name, "description": x.description, "gains": [one.label for one in x.gains]}
-        for x in known
-    ]
+    found = list[dict[str, object]]()
+    for one in known:
+        gains = [setting.label for setting in one.gains]
+        readouts = [readout.name for readout in one.readouts]
+        named = {"name": one.name, "description": one.description}
+        found.append({**named, "gains": gains, "readouts": readouts})
     show(found if as_json else table, as_json)
 
 
@@ -184,7 +186,9 @@ def show_camera(
 
 
 def _gain_range(camera: ms.Camera) -> str:
-    """Its gain settings in short, for --gain."""
+    """Its gain settings in short, for --gain, or how often it reads every pixel."""
+    if camera.readouts:
+        return f"{len(camera.readouts)} read-outs"
     labels = [one.label for one in camera.gains]
     if len(labels) > MOST_LABELS:
         return f"{labels[0]} … {labels[-1]} ({len(labels)})"

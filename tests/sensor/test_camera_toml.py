@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import one_in
+from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.field_catalogue import assignment, markdown, tables, toml_of
@@ -204,7 +205,7 @@ MERIT = {
 }
 
 
-@pytest.mark.parametrize("name", ms.list_cameras())
+@pytest.mark.parametrize("name", ONE_READOUT)
 @pytest.mark.parametrize(
     "changes", [ELECTRONS | RATE, DENSITIES | MERIT], ids=["electrons", "densities"]
 )

@@ -1,12 +1,11 @@
-"""Camera files of HDR sensors in examples/: right, sourced, and what their publications say of them."""
+"""Shipped camera files of HDR sensors: right, sourced, and what their publications say of them."""
 
 from __future__ import annotations
-
-import re
 
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.dynamic_range import hdr_figures
@@ -18,19 +17,46 @@ FILES = {
 }
 
 
+def test_every_shipped_camera_with_readouts_is_in_this_list() -> None:
+    assert FILES.keys() == set(ms.list_cameras()) - set(ONE_READOUT)
+
+
 @pytest.mark.parametrize("name", FILES)
-def test_a_camera_file_is_right_and_every_number_has_a_source(name: str) -> None:
-    file = ROOT / "examples" / f"{name}.toml"
-    camera, (gain, bits) = ms.load_camera(file), FILES[name]
-    assert not [one for one in ms.check_camera(file) if one.level == "error"]
-    assert not re.findall(r'(?m)^# ("[\w.]+") = ""$', camera.to_toml())
+def test_a_camera_file_is_right(name: str) -> None:
+    camera, (gain, bits) = ms.load_camera(name), FILES[name]
+    assert not [one for one in ms.check_camera(name) if one.level == "error"]
     assert camera.code_bits == bits
     first = next(iter(camera.readout_cameras.values()))
     assert first.system_gain_dn_per_e == pytest.approx(gain)
 
 
+def rows(name: str) -> list[str]:
+    """Lines of the table in docs/published-cameras.md, the camera's name in the first."""
+    camera, lines = ms.load_camera(name), list[str]()
+    for readout in camera.readouts:
+        one = camera.readout_cameras[readout.name]
+        noise_e, well_e = one.source_follower.read_noise_e, one.pixel.full_well_e
+        numbers = f"{one.system_gain_dn_per_e:.4g} | {noise_e:.4g} | {well_e:.6g}"
+        called = "" if lines else f"`{name}`"
+        bits = "" if lines else str(camera.code_bits)
+        lines.append(
+            f"| {called} | {readout.name} | {readout.of} | {readout.sensitivity:g} | {numbers} | {bits} |"
+        )
+    return lines
+
+
+def test_the_page_of_published_cameras_has_their_readouts() -> None:
+    head = "| camera | read-out | of | sensitivity | K [DN/e-] | read noise [e-] | full well [e-] | combined bits |"
+    lines = [head, "|---|---|---|---|---|---|---|---|"]
+    for name in FILES:
+        lines += rows(name)
+    table = "\n".join(lines)
+    page = (ROOT / "docs" / "published-cameras.md").read_text(encoding="utf-8")
+    assert table in page, f"\n{table}"
+
+
 def test_the_split_pixel_has_the_noise_and_the_range_of_its_publication() -> None:
-    camera = ms.load_camera(ROOT / "examples" / "omnivision_split_pixel.toml")
+    camera = ms.load_camera("omnivision_split_pixel")
     noise = [one.emva1288().temporal_dark_noise_e for one in camera.readout_cameras.values()]
     assert noise == pytest.approx([0.83, 3.05, 2.96])
     figures = hdr_figures(camera, ms.Exposure(0.0))

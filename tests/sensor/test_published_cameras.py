@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.marks import one_in
+from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
@@ -69,7 +70,8 @@ SHAPE = (500, 1000)
 
 
 def test_every_shipped_camera_is_in_this_list_or_not_real() -> None:
-    assert set(ms.list_cameras()) == PUBLISHED.keys() | NOT_REAL and len(PUBLISHED) >= 8
+    """Those with several read-outs are in test_hdr_files.py."""
+    assert set(ONE_READOUT) == PUBLISHED.keys() | NOT_REAL and len(PUBLISHED) >= 8
 
 
 @pytest.mark.parametrize("name", one_in(3, [name for name in PUBLISHED if name not in EMCCDS]))
