@@ -5,7 +5,7 @@ Each read-out is a camera of its own: the camera of the file with some of its fi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -222,11 +222,19 @@ def readout_cameras(camera: Camera) -> dict[str, Camera]:
 def camera_of_readout(camera: Camera, name: str) -> Camera:
     """The camera with one of its read-outs alone. Raises InputError."""
     if name not in camera.readout_cameras:
-        known = ", ".join(camera.readout_cameras) or "none: add [[readouts]]"
-        raise InputError(
-            f"{name!r} is no read-out of {camera.name}; its read-outs are {known}."
-        )
+        raise unknown_readout(camera.name, name, camera.readout_cameras)
     return camera.readout_cameras[name]
+
+
+def unknown_readout(camera: str, name: str, known: Collection[str]) -> InputError:
+    """The sentence on a name that no read-out has.  camera : its name.  known : names of its read-outs."""
+    if not known:
+        return InputError(
+            f"{name!r} is no read-out of {camera}, which reads every pixel once; leave the name out, or add "
+            "[[readouts]] to its file."
+        )
+    said = f"{name!r} is no read-out of {camera}; its read-outs are {', '.join(known)}."
+    return InputError(f"{said}{nearest(str(name), known)}")
 
 
 def readout_notes(camera: Camera) -> Iterator[str]:

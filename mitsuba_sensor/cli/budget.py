@@ -6,21 +6,18 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Group
-from rich.text import Text
 
 import mitsuba_sensor as ms
 
 from ..render.scene.scene_settings import SceneSettings
-from ..theory.budget_rows import HEADINGS
 from . import arguments, options
 from .app import app, show, show_remarks
+from .budget_sheet import combined_rows, combined_sheet, rows_of, sheet_of
 from .completion import shell_files
 from .help import Command
-from .tables import FittedTable
 from .values import Flag, number
 
-FIRST = ("electrons", "camera", "exposure_s", "gain", "settings", "as_json")
+FIRST = ("electrons", "camera", "readout", "exposure_s", "gain", "settings", "as_json")
 SIDE = 128
 """Rows and columns of pixels in uniform light, at most."""
 USUAL_TIME_S = 0.01
@@ -43,6 +40,15 @@ MeanElectrons = Annotated[
         rich_help_panel="Light",
     ),
 ]
+OneReadout = Annotated[
+    str | None,
+    typer.Option(
+        "--readout",
+        metavar="NAME",
+        help="One read-out of a camera that has several. Default: all, and their combination.",
+        rich_help_panel="Camera and exposure",
+    ),
+]
 
 
 @app.command(
@@ -55,12 +61,14 @@ MeanElectrons = Annotated[
 def budget(
     irradiance: OptionalLight = None,
     electrons: MeanElectrons = None,
+    readout: OneReadout = None,
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
     """Say how much noise each source adds, in DN and percent, for a number of photoelectrons or the light of a render.
 
-    Writes nothing. In Python: frames.noise_budget().explain().
+    Of a camera with several read-outs: of each of them, and what their combination has. Writes nothing. In Python:
+    frames.noise_budget().explain().
     """
     from ..core import InputError
 
@@ -73,9 +81,19 @@ def budget(
         frames, remarks = _in_uniform_light(electrons, flags)
     else:
         frames, remarks = _in_light_of(irradiance, flags)
-    found = frames.noise_budget()
-    show([row._asdict() for row in found.rows] if as_json else _sheet(frames), as_json)
+    if readout is not None:
+        frames = _of_readout(frames, readout)
+    if frames.camera.readouts:
+        show(combined_rows(frames) if as_json else combined_sheet(frames), as_json)
+    else:
+        show(rows_of(frames) if as_json else sheet_of(frames), as_json)
     show_remarks(as_json, remarks)
+
+
+def _of_readout(frames: ms.Frames, name: str) -> ms.Frames:
+    """The frames of one read-out. Raises InputError."""
+    frames.camera.at_readout(name)  # says which there are
+    return frames.readouts[name]
 
 
 def _in_uniform_light(
@@ -111,20 +129,3 @@ def _in_light_of(irradiance: str, flags: options.Flags) -> tuple[ms.Frames, list
     camera, exposure = camera_and_exposure(flags, settings)
     frames = ms.expose(ms.read_irradiance(irradiance), camera, exposure, progress=False)
     return frames, taken_by_default(flags, settings, camera)
-
-
-def _sheet(frames: ms.Frames) -> Group:
-    """The camera, and the noise budget as a table."""
-    exposure, camera = frames.first.exposure, frames.camera
-    gain = ""
-    if camera.gain is not None:
-        gain = f" at gain {camera.gain}"
-    head = Text.assemble(
-        (f"{camera.name}{gain}, K = {camera.system_gain_dn_per_e:.4g} DN/e-", "bold"),
-        f", {exposure.time_s:g} s at {exposure.temperature_k:g} K",
-    )
-    found = frames.noise_budget()
-    table = FittedTable(HEADINGS)
-    for row in found.rows:
-        table.add_row(row.source, *row.cells)
-    return Group(head, table, *map(Text, found.remarks))

@@ -54,10 +54,10 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
         table.add_row(one.name, one.sensor.technology, size, gains, one.description)
     found = list[dict[str, object]]()
     for one in known:
-        gains = [setting.label for setting in one.gains]
-        readouts = [readout.name for readout in one.readouts]
-        named = {"name": one.name, "description": one.description}
-        found.append({**named, "gains": gains, "readouts": readouts})
+        facts: dict[str, object] = {"name": one.name, "description": one.description}
+        facts["gains"] = [setting.label for setting in one.gains]
+        facts["readouts"] = [readout.name for readout in one.readouts]
+        found.append(facts)
     show(found if as_json else table, as_json)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.figures import refuse_readouts
+from ..camera.readouts import unknown_readout
 from ..core import InputError
 from ..core.argument_names import tells_of_names
 from ..sensor.choices import KEEP
@@ -27,6 +28,17 @@ from ..theory.plan import Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
+
+
+class FramesOfReadouts(dict[str, "Frames"]):
+    """Frames by the name of their read-out; another name is refused with a sentence."""
+
+    def __init__(self, camera: str, frames: Mapping[str, Frames]) -> None:
+        super().__init__(frames)
+        self.camera = camera
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise unknown_readout(self.camera, name, self)
 
 
 @tells_of_names
@@ -97,10 +109,11 @@ class Frames(RawFrames):
             clean = np.concatenate([part.clean_of_each for part in parts])
         readouts = None
         if first.camera.readouts:
-            readouts = {
+            of_each = {
                 name: cls.joined([part.readouts[name] for part in parts], False)
                 for name in first.readouts
             }
+            readouts = FramesOfReadouts(first.camera.name, of_each)
         return replace(first, **joined, own_clean=clean, own_readouts=readouts)
 
     @cached_property
@@ -112,7 +125,8 @@ class Frames(RawFrames):
         if self.own_readouts is not None:
             return self.own_readouts
         exposures = exposures_of_readouts(self)
-        return {name: Frames.exposed(one) for name, one in exposures.items()}
+        found = {name: Frames.exposed(one) for name, one in exposures.items()}
+        return FramesOfReadouts(self.camera.name, found)
 
     @cached_property
     def theory(self) -> FrameTheory:

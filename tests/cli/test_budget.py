@@ -48,6 +48,35 @@ def test_the_budget_of_a_render_is_that_of_its_frames(
         np.testing.assert_allclose(one["temporal_dn2"], other["temporal_dn2"], rtol=1e-3)
 
 
+def test_the_budget_of_a_camera_with_readouts_is_that_of_each_and_of_the_combination(
+    cli: Callable[..., Any],
+) -> None:
+    """Temporal σ of the combination where the high gain counts: √(μ + σ_1²) electrons."""
+    argv = ("budget", "--camera", "scmos_dual_gain", "--electrons", 1000, "--exposure-s", 0.001)
+    found = json.loads(cli(*argv, "--json").stdout)
+    camera = ms.load_camera("scmos_dual_gain")
+    light = ms.Photons(np.full((128, 128), 1000.0), detected=True)
+    frames = ms.expose(light, camera, ms.Exposure(0.001))
+    assert list(found["readouts"]) == ["high", "low"]
+    for name, rows in found["readouts"].items():
+        expected = frames.readouts[name].noise_budget().rows
+        assert [row["source"] for row in rows] == [row.source for row in expected]
+        assert rows[-1]["temporal_dn2"] == pytest.approx(expected[-1].temporal_dn2, rel=1e-3)
+    combination, gain = found["combination"], camera.combined_readouts.nominal_gain
+    read_e2 = 1.0763**2 + 1 / 12 / gain**2
+    assert combination["temporal_dn2"] == pytest.approx(gain**2 * (1000 + read_e2), rel=0.01)
+    assert combination["share_of_pixels"] == {"high": 1, "low": 0}
+    assert combination["snr_db"] == pytest.approx(
+        10 * math.log10(1000**2 / (1000 + read_e2)), abs=0.05
+    )
+    text = cli(*argv).stdout
+    assert "read-out low" in text and "combined to 17 bits" in text
+    alone = json.loads(cli(*argv, "--readout", "low", "--json").stdout)
+    assert alone == found["readouts"]["low"]
+    wrong = cli(*argv, "--readout", "lo")
+    assert wrong.exit_code == 2 and "Did you mean 'low'?" in wrong.stderr
+
+
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [

@@ -265,6 +265,8 @@ def test_what_there_is_of_one_readout_only_is_refused() -> None:
         with pytest.raises(ms.InputError):
             call()
     assert frames.readouts["high"].noise_budget().entries
+    with pytest.raises(ms.InputError, match="Did you mean 'low'"):
+        _ = frames.readouts["lo"]
     assert camera.at_readout("low").emva1288().saturation_e > 30_000
 
 
