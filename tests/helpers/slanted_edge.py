@@ -1,4 +1,4 @@
-"""A slanted edge: its spatial frequency response after ISO 12233, and the picture that a transfer function makes."""
+"""The picture of a slanted edge that a transfer function makes, and what the laboratory measures in one."""
 
 from __future__ import annotations
 
@@ -8,31 +8,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from mitsuba_sensor.lab.measure.image_quality.slanted_edge import slanted_edge
+
 Array = NDArray[np.float64]
-PER_PIXEL = 4  # bins of the edge spread function
-WINDOW_PX = 24  # on either side of the edge
 FREQUENCIES = np.linspace(0.05, 0.5, 10)
 """Cycles per pixel, up to Nyquist's."""
 
 
 def frequency_response(picture: Array) -> Array:
-    """Modulation at FREQUENCIES of a picture with an edge that is nearly upright, (rows, columns)."""
-    rows, columns = picture.shape
-    step = np.diff(picture, axis=1)  # signed, so that noise far from the edge cancels
-    place = (step * (np.arange(columns - 1) + 1.0)).sum(axis=1) / step.sum(axis=1)
-    slope, at_first = np.polyfit(np.arange(rows) + 0.5, place, 1)
-    x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
-    distance = (x - (slope * y + at_first)) * math.cos(math.atan(slope))
-    number = np.floor(distance * PER_PIXEL).astype(int) + WINDOW_PX * PER_PIXEL
-    bins = 2 * WINDOW_PX * PER_PIXEL
-    inside = (number >= 0) & (number < bins)
-    counts = np.bincount(number[inside], minlength=bins)
-    spread = np.bincount(number[inside], picture[inside], minlength=bins) / counts
-    line = np.diff(spread) * np.hamming(bins - 1)
-    at = np.arange(bins - 1) / PER_PIXEL
-    waves = np.exp(-2j * math.pi * np.outer(FREQUENCIES, at))
-    bin_box = np.sinc(FREQUENCIES / PER_PIXEL) ** 2  # of the bins, and of the difference
-    return np.asarray(np.abs(waves @ line) / np.abs(line.sum()) / bin_box)
+    """Modulation at FREQUENCIES of a picture with an edge, as the laboratory measures it."""
+    modulation = slanted_edge(picture).modulation
+    return np.asarray(np.interp(FREQUENCIES, modulation.frequency, modulation.value))
 
 
 def edge_picture(

@@ -137,7 +137,7 @@ def test_the_window_of_the_estimator_cuts_off_the_far_tail_only() -> None:
 def test_a_square_of_a_quarter_of_the_pixel_has_0_9_at_nyquist(
     tmp_path: Path, aperture: str, response: float
 ) -> None:
-    """sinc(ν/2) and sinc(ν) at half a cycle per pixel; the estimator itself is off by 0.0015."""
+    """sinc(ν/2) and sinc(ν) at half a cycle per pixel."""
     cam = camera(pixel__fill_factor=0.25, pixel__aperture=aperture, lens__diffraction=False)
     light = picture(load(tmp_path, cam, [549.5, 550.5], HALF_PLANE), 256, 4)
     assert frequency_response(light[..., 0])[-1] == pytest.approx(response, abs=0.005)

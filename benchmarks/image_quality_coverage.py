@@ -1,0 +1,79 @@
+"""How many of the 95 % intervals of the instruments for image quality hold what the pictures were made with.
+
+    python benchmarks/image_quality_coverage.py --cases 400 [--only slanted_edge]
+
+Every case is a chart with another place, direction, contrast, exposure and noise. Prints for each figure the share of
+the intervals that hold it, and the median of half their width over the value.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+
+import charts
+import numpy as np
+
+from mitsuba_sensor.lab.measure.image_quality.slanted_edge import slanted_edge
+from mitsuba_sensor.lab.quantity import Quantity
+
+Case = Callable[[np.random.Generator], Iterator[tuple[str, Quantity, float]]]
+
+
+def noisy(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A picture with shot noise of a signal-to-noise ratio of 15 to 300 at 1, and read noise of 0 to 1 %."""
+    electrons = 10 ** rng.uniform(2.35, 4.95)
+    read_noise = rng.uniform(0, 0.01)
+    return rng.poisson(picture * electrons) / electrons + rng.normal(
+        0, read_noise, picture.shape
+    )
+
+
+def edge_case(rng: np.random.Generator) -> Iterator[tuple[str, Quantity, float]]:
+    """An edge of any direction in uneven light."""
+    angle_deg = rng.choice([0, 90, 180, 270]) + rng.choice([-1, 1]) * rng.uniform(2, 22)
+    shape = int(rng.integers(60, 120)), int(rng.integers(60, 120))
+    picture = charts.slanted_edge(shape, angle_deg, rng.uniform(-3, 3), rng.uniform(0.02, 0.4))
+    rows, columns = np.mgrid[: shape[0], : shape[1]] / 100
+    light = 1 + rng.uniform(-0.1, 0.1) * rows + rng.uniform(-0.1, 0.1) * columns
+    modulation = slanted_edge(noisy(picture * light, rng)).modulation
+    for frequency in (0.1, 0.25, 0.5, 0.8):
+        true = float(charts.pixel_modulation(np.array(frequency), angle_deg))
+        yield f"MTF({frequency})", modulation.at(frequency), true
+    fine = np.linspace(0.4, 0.8, 4001)
+    crossing = np.interp(0.5, -charts.pixel_modulation(fine, angle_deg) + 1, fine)
+    yield "MTF50", modulation.mtf50, float(crossing)
+
+
+CASES: dict[str, Case] = {"slanted_edge": edge_case}
+
+
+def coverage(case: Case, count: int, seed: int = 1) -> dict[str, tuple[float, float]]:
+    """Share of the intervals that hold what was put in, and median relative half width, by figure."""
+    held: dict[str, list[bool]] = {}
+    widths: dict[str, list[float]] = {}
+    for number in range(count):
+        for name, quantity, true in case(np.random.default_rng([seed, number])):
+            held.setdefault(name, []).append(quantity.covers(true))
+            half = (quantity.high - quantity.low) / 2
+            widths.setdefault(name, []).append(half / max(abs(true), 1e-12))
+    return {name: (float(np.mean(held[name])), float(np.median(widths[name]))) for name in held}
+
+
+def main() -> None:
+    """Print a line for each figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=400)
+    parser.add_argument("--only", choices=CASES)
+    given = parser.parse_args()
+    for title, case in CASES.items():
+        if given.only in (None, title):
+            for name, (share, width) in coverage(case, given.cases).items():
+                print(
+                    f"{title:18} {name:14} {100 * share:5.1f} %   ± {100 * width:.2g} %",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Draw the pictures of docs/image-quality.md: charts in front of a simulated camera, measured as in a laboratory.
+
+python examples/image_quality.py                 # into image_quality/
+python examples/image_quality.py docs/images     # the pictures of docs/image-quality.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.files.appearing import write_drawing
+from mitsuba_sensor.pages.drawing import png
+from mitsuba_sensor.pages.page import Drawing
+
+SLOPE = math.tan(math.radians(5))
+EXPOSURE = ms.Exposure(0.01)
+
+
+def sharp_edge(rows: int, columns: int) -> np.ndarray:
+    """The share of each pixel that is right of an edge."""
+    y, x = np.mgrid[: 16 * rows, : 16 * columns] / 16
+    right = x - columns / 2 > SLOPE * (y - rows / 2)
+    return np.asarray(right.reshape(rows, 16, columns, 16).mean(axis=(1, 3)))
+
+
+def taken(electrons: np.ndarray, camera: ms.Camera) -> np.ndarray:
+    """A frame of so many photoelectrons, without the black level."""
+    frame = ms.expose(ms.Photons(electrons, detected=True), camera, EXPOSURE).digital[0]
+    dark = ms.expose(
+        ms.Photons(0 * electrons, detected=True), camera, EXPOSURE, frames=16, seed=2
+    )
+    return np.asarray(frame - dark.digital.mean())
+
+
+def draw_edge(axes: Axes) -> None:
+    """Modulation behind each filter of a Bayer camera, and that of its pixel."""
+    camera = ms.load_camera("bayer_2mp")
+    frame = taken(200 + 3000 * sharp_edge(240, 160), camera)
+    tile = (("R", "G"), ("G", "B"))
+    for name, plane in ms.lab.Stack(frame[None], 0.01, tile=tile).of_filters().items():
+        edge = ms.lab.slanted_edge(plane.mean, sample_px=2)
+        edge.modulation.plot(axes, f"{name}: MTF50 {edge.modulation.mtf50.value:.3f}")
+    frequency = np.linspace(0, 0.5, 101)
+    angle = math.atan(SLOPE)
+    pixel = np.sinc(frequency * math.cos(angle)) * np.sinc(frequency * math.sin(angle))
+    axes.plot(frequency, pixel, "k--", label="theory: the pixel")
+
+
+PICTURES = {"image-quality-edge": ("slanted edge, bayer_2mp", draw_edge)}
+
+
+def main() -> None:
+    """Draw every picture."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("image_quality"))
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for name, (title, draw) in PICTURES.items():
+        file = options.folder / f"{name}.png"
+        write_drawing(file, png(Drawing(title, draw)))
+        print(file)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""Modulation over spatial frequency with its 95 % band, and the figures read from it: MTF50, MTF at Nyquist's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+
+from ....core.types import Float64Array
+from ...quantity import LEVEL, TWO_SIDED, Quantity, no_value
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+NYQUIST = 0.5
+"""Nyquist's frequency of the pixels [cycles per pixel]."""
+NORMAL_FROM = 6.0
+"""Standard errors from which on the modulus of a complex value with noise has a normal law."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modulation:
+    """Modulation transfer over frequency.
+
+    frequency : [cycles per pixel], rising from 0.  value : modulation there, 1 at frequency 0.
+    low, high : ends of the 95 % interval at each frequency.  section : where its definition stands.
+    """
+
+    frequency: Float64Array
+    value: Float64Array
+    low: Float64Array
+    high: Float64Array
+    section: str
+
+    @property
+    def mtf50(self) -> Quantity:
+        """Frequency at which the modulation falls to one half."""
+        return self.falls_to(0.5)
+
+    @property
+    def at_nyquist(self) -> Quantity:
+        """Modulation at half a cycle per pixel."""
+        return self.at(NYQUIST)
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """MTF50 and the modulation at Nyquist's frequency."""
+        return self.mtf50, self.at_nyquist
+
+    def at(self, frequency: float) -> Quantity:
+        """Modulation at one frequency [cycles per pixel]; no value beyond the curve."""
+        symbol, name = f"MTF({frequency:g})", f"modulation at {frequency:g} cycles per pixel"
+        if not self.frequency[0] <= frequency <= self.frequency[-1]:
+            note = f"the curve is from {self.frequency[0]:.3g} to {self.frequency[-1]:.3g}"
+            return no_value(symbol, name, "", self.section, note)
+        value, low, high = (
+            float(np.interp(frequency, self.frequency, curve))
+            for curve in (self.value, self.low, self.high)
+        )
+        return Quantity(symbol, name, value, low, high, "", self.section)
+
+    def falls_to(self, share: float) -> Quantity:
+        """First frequency [cycles per pixel] at which the modulation is this share; its interval is that of the band.
+
+        No value where the curve, or an end of its band, stays above.
+        """
+        symbol = f"MTF{100 * share:.0f}"
+        name = f"frequency of {100 * share:.0f} % modulation"
+        places = self._crossings(self.value, share)
+        if not places.size:
+            note = f"more than {share:g} up to {self.frequency[-1]:.3g} cycles per pixel"
+            return no_value(symbol, name, "cy/px", self.section, note)
+        place = float(places[0])
+        lower, upper = self._crossings(self.low, share), self._crossings(self.high, share)
+        lower, upper = lower[lower <= place], upper[upper >= place]
+        low, high = float(self.frequency[0]), float(self.frequency[-1])
+        if lower.size:
+            low = float(lower[-1])
+        if upper.size:
+            high = float(upper[0])
+        return Quantity(symbol, name, place, low, high, "cy/px", self.section)
+
+    def _crossings(self, curve: Float64Array, share: float) -> Float64Array:
+        """Frequencies at which a curve falls through a value."""
+        above = curve >= share
+        before = np.flatnonzero(above[:-1] & ~above[1:])
+        fall = curve[before] - curve[before + 1]
+        steps = np.diff(self.frequency)[before]
+        return np.asarray(self.frequency[before] + steps * (curve[before] - share) / fall)
+
+    def plot(self, ax: Axes, label: str = "measured") -> None:
+        """The curve with its band."""
+        ax.plot(self.frequency, self.value, label=label)
+        ax.fill_between(self.frequency, self.low, self.high, alpha=0.25)
+        ax.axvline(NYQUIST, color="0.6", lw=1, ls=":")
+        ax.set(xlabel="spatial frequency [cycles per pixel]", ylabel="modulation")
+        ax.set_ylim(0, None)
+
+
+def modulus(
+    transform: Float64Array, radial_variance: Float64Array, tangential_variance: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """(value, low, high) of the modulus of complex values with normal noise.
+
+    transform : the values, complex.  radial_variance, tangential_variance : of their noise along and across them.
+
+    Noise across the value makes the modulus larger; what it adds on average is taken off. Near 0 the interval is that
+    of Rice's law, which ends at 0.
+    """
+    size, error = np.abs(transform), np.sqrt(radial_variance)
+    value = np.sqrt(np.maximum(np.square(size) - tangential_variance, 0.0))
+    low, high = value - TWO_SIDED * error, value + TWO_SIDED * error
+    small = (value < NORMAL_FROM * error) & (error > 0)
+    square = np.square(size[small] / error[small])
+    tail = (1 - LEVEL) / 2
+    # The noncentrality at which so large a value, or so small a one, is as rare as the tail.
+    lowest = np.nan_to_num(scipy.special.chndtrinc(square, 2, 1 - tail))
+    highest = np.nan_to_num(scipy.special.chndtrinc(square, 2, tail))
+    low[small] = np.minimum(error[small] * np.sqrt(np.maximum(lowest, 0.0)), value[small])
+    high[small] = np.maximum(error[small] * np.sqrt(np.maximum(highest, 0.0)), value[small])
+    return value, low, high

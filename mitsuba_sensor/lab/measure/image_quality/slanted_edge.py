@@ -1,0 +1,115 @@
+"""Modulation transfer at a slanted edge (e-SFR, ISO 12233:2023), with its 95 % band."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ....core import InputError, require
+from ....core.types import Float64Array
+from ...quantity import Quantity
+from .edge_line import find_line, middles, upright
+from .edge_spread import EdgeSpread, Samples, fit_edge_spread
+from .modulation import Modulation, modulus
+from .pictures import flat_fielded, picture_of
+from .uneven_light import UnevenLight, fit_uneven_light
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "ISO 12233:2023 e-SFR"
+FREQUENCIES = 101
+"""Points of the curve, from 0 to one cycle per sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlantedEdge:
+    """Modulation transfer across an edge.
+
+    modulation : over the frequency across the edge, up to one cycle per sample.
+    angle_deg : of the edge from the columns, or from the rows where it is nearer to those; −45 to 45.
+    distance_px, spread : the edge spread function, from the dark side to the bright one.
+    """
+
+    modulation: Modulation
+    angle_deg: float
+    distance_px: Float64Array
+    spread: Float64Array
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """MTF50 and the modulation at Nyquist's frequency."""
+        return self.modulation.quantities
+
+    def plot(self, ax: Axes) -> None:
+        """The modulation with its band."""
+        self.modulation.plot(ax)
+
+
+def slanted_edge(
+    picture: ArrayLike,
+    *,
+    flat: ArrayLike | None = None,
+    sample_px: float = 1.0,
+    shading_order: int = 2,
+    edge_order: int = 1,
+) -> SlantedEdge:
+    """Modulation transfer of a picture of one edge, which may lie in any direction.
+
+    picture : (H, W) linear values of one frame or the mean of several, without the black level.
+    flat : (H, W), the same pixels of an evenly lit surface, by which the picture is divided.
+    sample_px : distance of neighbouring values, 2 for one plane of a Bayer mosaic, picture[0::2, 1::2].
+    shading_order : of the polynomial of the place that is removed, 0 for none: uneven light is no edge.
+    edge_order : of the polynomial that the edge follows, up to 5 where the lens distorts.
+    Raises InputError for pictures without an edge, and for edges along rows, columns or diagonals.
+    """
+    pixels = flat_fielded(picture_of(picture), flat)
+    sample_px = require(
+        "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
+    )
+    order = int(require("edge_order", edge_order, 1, 5, "a whole number, 1 for a line"))
+    shading = int(require("shading_order", shading_order, 0, 3, "a whole number, 0 for none"))
+    turned = upright(pixels).picture
+    rows, columns = turned.shape
+    line = find_line(turned, order)
+    x, y = middles((rows, columns))
+    place = x / columns - 0.5, y / rows
+    values = turned.ravel()
+    light = fit_uneven_light(values, line.distance(x, y), place, shading)
+    spread = fit_edge_spread(Samples(values / light.gain, x, y), line)
+    modulation = _modulation(spread, light, values / light.gain, sample_px)
+    fine = np.linspace(-spread.half_width_px, spread.half_width_px, 400)
+    return SlantedEdge(modulation, spread.line.angle_deg, fine * sample_px, spread.at(fine))
+
+
+def _modulation(
+    spread: EdgeSpread, light: UnevenLight, values: Float64Array, sample_px: float
+) -> Modulation:
+    """The transform over its value at 0, and its errors from the influence of every pixel.
+
+    values : of all pixels, without uneven light.
+    """
+    frequency = np.linspace(0.0, 1.0, FREQUENCIES)
+    transform, weights = spread.transform(frequency)
+    influence = np.zeros((len(values), FREQUENCIES), complex)
+    influence[spread.inside] = weights * spread.residual[:, None]
+    relative = (values / light.gain)[spread.inside, None] * light.shapes[spread.inside]
+    influence -= light.influence @ (relative.T @ weights)
+    height = transform[0].real
+    if not height > 0:
+        raise InputError(
+            "the edge has no height; pass a picture with a dark and a bright side."
+        )
+    transform = transform / height
+    influence = influence / height - np.outer(influence[:, 0].real / height, transform)
+    phase = transform / np.maximum(np.abs(transform), 1e-12)
+    along = influence * np.conj(phase)
+    count = len(spread.residual)
+    scale = count / max(count - spread.inverse.shape[1], 1)
+    radial = scale * np.square(along.real).sum(axis=0)
+    tangential = scale * np.square(along.imag).sum(axis=0)
+    value, low, high = modulus(transform, radial, tangential)
+    return Modulation(frequency / sample_px, value, low, high, SECTION)
