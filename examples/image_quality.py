@@ -45,7 +45,9 @@ def draw_edge(axes: Axes) -> None:
     tile = (("R", "G"), ("G", "B"))
     for name, plane in ms.lab.Stack(frame[None], 0.01, tile=tile).of_filters().items():
         edge = ms.lab.slanted_edge(plane.mean, sample_px=2)
-        edge.modulation.plot(axes, f"{name}: MTF50 {edge.modulation.mtf50.value:.3f}")
+        edge.modulation.plot(
+            axes, f"{name}: {edge.modulation.at(0.25).value:.3f} at 0.25 cy/px"
+        )
     frequency = np.linspace(0, 0.5, 101)
     angle = math.atan(SLOPE)
     pixel = np.sinc(frequency * math.cos(angle)) * np.sinc(frequency * math.sin(angle))
