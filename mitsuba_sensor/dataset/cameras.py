@@ -9,7 +9,6 @@ from typing import NamedTuple
 from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import load_camera
 from ..camera.datasheet_errors import fields_of
-from ..camera.figures import refuse_readouts
 from ..camera.lens_file import list_lenses
 from ..camera.shipped import list_cameras
 from ..core import InputError, nearest
@@ -85,7 +84,6 @@ class Cameras:
         if file is not None:
             check_below(camera_references(file), self.roots)
         camera = load_camera(entry.camera if file is None else file)
-        refuse_readouts(camera, "a dataset has frames of one of them")
         changes = self._with_places(fields_in(entry.set), where)
         return with_fields_of(camera, changes, SET_BY_DATASET).without(*entry.without)
 
@@ -129,3 +127,17 @@ def of_light(camera: Camera, cube: bool) -> Facts:
     else:
         detected = {"quantum_efficiency": whole["quantum_efficiency"]}
     return {"lens": whole["lens"], "sensor": sensor, "pitch_um": pitch, **detected}
+
+
+def check_outputs(outputs: Sequence[str], cameras: Sequence[Camera]) -> None:
+    """Raise InputError for an output that no camera of the dataset has."""
+    if "readouts" in outputs and not any(camera.readouts for camera in cameras):
+        raise InputError(
+            "outputs names 'readouts', and every camera of the dataset reads each pixel once; leave it out, or take a "
+            "camera with several read-outs, e.g. scmos_dual_gain."
+        )
+    if "companded" in outputs and not any(camera.companding.knees for camera in cameras):
+        raise InputError(
+            "outputs names 'companded', and no camera of the dataset has companding.knees; leave it out, or take one "
+            "that has, e.g. sony_imx490."
+        )

@@ -27,6 +27,8 @@ LARGEST_BYTES = 2**22  # of a dataset file
 MOST_SAMPLES = 10**6
 Output = Literal[
     "raw",
+    "readouts",
+    "companded",
     "dng",
     "clean",
     "electrons",

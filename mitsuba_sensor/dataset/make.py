@@ -20,6 +20,7 @@ from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
 from ..output.frame_files import image_facts, preview_of
 from ..output.frames import Frames
+from ..output.readout_files import READOUTS, readout_facts, write_readouts
 from ..render.light.illuminant import illuminant_of
 from ..render.light.irradiance import Irradiance
 from ..render.light.light_source import CollectedLight
@@ -166,6 +167,7 @@ class Rendered:
             "camera": camera.name,
             "seeds": {"seed": seed, "serial": serial},
             "image": image_facts(frames),
+            "readouts": readout_facts(frames),
             "system_gain_dn_per_e": camera.system_gain_dn_per_e,
             "digital_quantiles_dn": _quantiles(frames.digital),
             "electrons_quantiles_e": _quantiles(electrons),
@@ -196,6 +198,10 @@ class Rendered:
     def _write(self, folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> None:
         if output == "raw":
             tiff.write_tiff(folder / "frame.tiff", frames.digital, image_facts(frames))
+        elif output == "readouts" and frames.camera.readouts:
+            write_readouts(folder / READOUTS, frames, image_facts(frames)["cfa_pattern"])
+        elif output == "companded" and frames.companded is not None:
+            tiff.write_tiff(folder / "companded.tiff", frames.companded)
         elif output == "dng":
             for number, name in enumerate(dng_names(frames)):
                 write_dng(folder / name, frames, number)
@@ -215,7 +221,9 @@ class Rendered:
 
 
 def budget(frames: Frames) -> Facts:
-    """The noise budget, source by source [DN]."""
+    """The noise budget, source by source [DN]; of several read-outs that of each by its name."""
+    if frames.camera.readouts:
+        return {"readouts": {name: budget(one) for name, one in frames.readouts.items()}}
     names = "source", "mean_dn", "rms_dn", "temporal_dn2", "spatial_dn2"
     return {
         "sources": [

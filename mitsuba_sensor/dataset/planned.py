@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from ..core import InputError
+from ..camera.exposure_times import later_exposures
+from ..core import Exposure, InputError
 from ..core.options import used
 from ..files.appearing import refuse_empty
 from ..files.scene_references import scene_digest
@@ -23,7 +24,7 @@ from ..files.shipped_scenes import (
 from ..files.texts import text_of_file
 from ..render.motion.motion import Motion, read_motion
 from ..render.options import RenderOptions
-from .cameras import Cameras, VariedCamera, of_light
+from .cameras import Cameras, VariedCamera, check_outputs, of_light
 from .file import MOST_SAMPLES, OF_SCENE, DatasetFile, SceneEntry
 from .keys import Config, Facts, identity, key_of, made_by
 from .roots import find_below
@@ -95,7 +96,9 @@ class DatasetPlan:
     @cached_property
     def cameras(self) -> Cameras:
         """The cameras of the file."""
-        return Cameras(self.file.cameras, self.roots)
+        cameras = Cameras(self.file.cameras, self.roots)
+        check_outputs(self.file.outputs, cameras.as_given)
+        return cameras
 
     @cached_property
     def splits(self) -> SplitOf:
@@ -219,9 +222,9 @@ class DatasetPlan:
         cube = options["spectral"] == "cube"
         motion = self._motion(entry)
         moving: Facts = {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
-        moving |= (
-            noisy if exposure["time_s"] in ("auto", None) else {}
-        )  # metered for this camera
+        is_metered = exposure["time_s"] in ("auto", None)
+        if is_metered or later_exposures(camera.camera, Exposure(1.0)):
+            moving |= noisy
         return {
             "format": FORMAT,
             "scene": scene_digest(self._place(entry), parameters, self._roots_of(entry)),

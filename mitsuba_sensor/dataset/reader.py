@@ -22,6 +22,7 @@ from ..core.checks import require_path
 from ..files.raw_files import read_raw
 from ..files.texts import read_json, text_of_file
 from ..output.exr import read_aovs_exr
+from ..output.readout_files import READOUTS, read_readouts
 from .keys import Config, Facts
 from .record import INDEX, KEY, sealed, unsealed
 from .store import Store
@@ -29,13 +30,17 @@ from .store import Store
 CHANGED = "`mitsuba-sensor dataset verify` finds what is missing or was changed"
 IMAGES = {
     "raw": "frame.tiff",
+    "companded": "companded.tiff",
     "clean": "clean.tiff",
     "variance": "temporal_variance.tiff",
     "electrons": "electrons.tiff",
     "electrons_error": "electrons_error.tiff",
 }
+PAGES = ("raw", "companded")
+"""Images with a page for every frame."""
 NO_ARRAYS = {
     "noise_budget": "sample.noise_budget",
+    "readouts": "sample.readouts",
     "aovs": "sample.read(name), by the name of one of them, e.g. 'depth_m',",
     "irradiance": 'ms.read_irradiance(sample.view_folder / "irradiance.exr")',
     "preview": 'the picture sample.folder / "frame.png"',
@@ -77,12 +82,19 @@ class Sample:
         path = self.existing(self.folder / "noise_budget.json", "noise_budget")
         return read_json(path, CHANGED)
 
+    @cached_property
+    def readouts(self) -> dict[str, NDArray[np.unsignedinteger]]:
+        """Frames of every read-out by its name, (N, H, W) [DN], with their ``combined`` code and, of a camera that
+        compands, their ``companded`` one. Raises InputError where it has none."""
+        return read_readouts(self.existing(self.folder / READOUTS, "readouts"))
+
     def read(self, name: str) -> NDArray[Any]:
         """An array of the sample. Raises InputError where it has none of this name.
 
-        name : ``raw`` (N, H, W) unsigned [DN]; ``clean`` (H, W) float32 [DN], the expectation of the raw frame of this
-            chip; ``variance`` (H, W) float32 [DN²], temporal; ``electrons``, ``electrons_error`` (H, W) float32 [e-],
-            mean photoelectrons and their standard error by the render; or an AOV, see docs/clean-frames-and-aovs.md.
+        name : ``raw``, ``companded`` (N, H, W) unsigned [DN]; ``clean`` (H, W) float32 [DN], the expectation of the raw
+            frame of this chip; ``variance`` (H, W) float32 [DN²], temporal; ``electrons``, ``electrons_error`` (H, W)
+            float32 [e-], mean photoelectrons and their standard error by the render; or an AOV, see
+            docs/clean-frames-and-aovs.md.
         """
         if name in AOVS:
             return np.asarray(
@@ -96,7 +108,7 @@ class Sample:
                 f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}"
             )
         pages = read_raw(self.existing(self.folder / IMAGES[name], name)).frames
-        return pages if name == "raw" else pages[0]
+        return pages if name in PAGES else pages[0]
 
     def existing(self, path: Path, name: str) -> Path:
         """The path of a file that ``name`` needs. Raises InputError where it is not there."""

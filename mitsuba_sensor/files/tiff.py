@@ -135,6 +135,20 @@ def write_named_pages(
             )
 
 
+def read_named_pages(path: Path) -> list[tuple[str, np.ndarray]]:
+    """Its inverse: name and pixels of every page. Raises InputError for a file that is damaged or not such."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as opened:
+            pages = [page.aspage() for page in opened.pages]
+            return [(str(page.tags[PAGE_NAME].value), page.asarray()) for page in pages]
+    except Exception as error:  # tifffile raises errors of every kind for broken files
+        raise InputError(
+            f"{path} cannot be read as pages with names ({type(error).__name__}); make it again."
+        ) from None
+
+
 class _NoTofile(io.FileIO):
     """A file to which NumPy does not write past Python."""
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..camera.exposure_times import later_exposures
-from ..files.tiff import write_named_pages
+from ..files.tiff import read_named_pages, write_named_pages
 from ..stages.combined_readouts import combined_of
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of
@@ -36,6 +36,14 @@ def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] 
         if companded is not None:
             pages.append((f"{place}, companded", companded[number]))
     write_named_pages(path, pages, pattern)
+
+
+def read_readouts(path: Path) -> dict[str, np.ndarray]:
+    """Its inverse: the pages of each name, (N, H, W). Raises InputError for what cannot be read."""
+    found = dict[str, list[np.ndarray]]()
+    for name, page in read_named_pages(path):
+        found.setdefault(name.partition(", ")[2], []).append(page)
+    return {name: np.stack(pages) for name, pages in found.items()}
 
 
 def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
