@@ -1,7 +1,7 @@
-"""Make the picture of docs/rendering.md: the still life through both halves of the pupil, left red and right cyan.
+"""Make the pictures of docs/dual-pixels.md: both photodiodes of one frame, and the disparity between them.
 
 python examples/dual_pixel.py                                 # small, into dual_pixel/
-python examples/dual_pixel.py docs/images --size 160 --spp 128     # the picture of docs/rendering.md
+python examples/dual_pixel.py docs/images --size 160 --spp 128     # the pictures of docs/dual-pixels.md
 """
 
 from __future__ import annotations
@@ -10,28 +10,47 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.png import write_png
 
 SCENE = Path(__file__).parent.parent / "scenes" / "still_life.xml"
-EXPOSURE = ms.Exposure(0.3)
+EXPOSURE = ms.Exposure(0.07)
+WINDOW_PX = 3.0
+"""Standard deviation of the window in which both pictures are compared."""
+SHARPEST_PX, CLEAR = 2.0, 1e-4
+"""Largest disparity of the colours; contrast over signal squared, below which nothing is seen to move."""
 
 
-def green(half: str, size: int, spp: int) -> np.ndarray:
-    """Mean photons of a pixel from 500 to 600 nm through one half of the pupil."""
-    camera = ms.load_camera("konnik_table1").replace(**{"lens.half_pupil": half})
+def photodiodes(size: int, spp: int) -> tuple[np.ndarray, np.ndarray]:
+    """Codes of the left and the right photodiodes over black, of one exposure [DN]."""
+    camera = ms.load_camera("konnik_table1").replace(**{"sensor.dual_pixel": True})
     parameters = {"width": size * 3 // 2, "height": size}
-    light = ms.render(
-        SCENE,
-        camera,
-        EXPOSURE,
-        spp=spp,
-        wavelength_nm=550,
-        bandwidth_nm=100,
-        parameters=parameters,
-    )
-    return np.asarray(light.data[..., 0], dtype=float)
+    captured = ms.capture(SCENE, camera, EXPOSURE, spp=spp, parameters=parameters)
+    black_dn = captured.metadata["summary"]["black_level_dn"]
+    left, right = captured.frames.readouts.values()
+    return left.digital[0] - black_dn, right.digital[0] - black_dn
+
+
+def disparity_px(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """How far the left picture lies to the right of the other, by least squares in a window about each pixel [pixels];
+    NaN where there is too little to be seen."""
+    mean = gaussian_filter((left + right) / 2, 1.0)
+    slope = np.gradient(mean, axis=1)
+    products = -slope * gaussian_filter(left - right, 1.0)
+    contrast = gaussian_filter(slope**2, WINDOW_PX)
+    shift = gaussian_filter(products, WINDOW_PX) / np.maximum(contrast, 1e-9)
+    return np.where(contrast > CLEAR * mean**2, shift, np.nan)
+
+
+def coloured(shift_px: np.ndarray) -> np.ndarray:
+    """Red where the left picture lies to the right, nearer than the focus, blue where to the left, (H, W, 3)."""
+    known = np.nan_to_num(np.clip(shift_px / SHARPEST_PX, -1, 1))
+    red, blue = 1 - np.maximum(-known, 0), 1 - np.maximum(known, 0)
+    colours = np.stack([red, np.minimum(red, blue), blue], axis=-1)
+    colours[np.isnan(shift_px)] = 0.0
+    return colours
 
 
 def main() -> None:
@@ -41,12 +60,14 @@ def main() -> None:
     parser.add_argument("--spp", type=int, default=8, help="light paths per pixel")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
-    left, right = (green(half, options.size, options.spp) for half in ("left", "right"))
+    left, right = photodiodes(options.size, options.spp)
     white = np.quantile([left, right], 0.98)
-    channels = np.stack([left, right, right], axis=-1) / white
-    file = options.folder / "dual_pixel.png"
-    write_png(file, (255 * np.clip(channels, 0, 1) ** (1 / 2.2)).astype(np.uint8))
-    print(file)
+    both = np.clip(np.stack([left, right, right], axis=-1) / white, 0, 1) ** (1 / 2.2)
+    pictures = {"dual_pixel": both, "dual_pixel_disparity": coloured(disparity_px(left, right))}
+    for name, picture in pictures.items():
+        file = options.folder / f"{name}.png"
+        write_png(file, (255 * picture).astype(np.uint8))
+        print(file)
 
 
 if __name__ == "__main__":

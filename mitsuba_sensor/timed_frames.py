@@ -13,6 +13,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from .camera.camera import Camera
+from .camera.dual_pixels import has_several_readouts
 from .capture_options import CaptureOptions, LightOptions
 from .core import Exposure, Float64Array
 from .core.options import part_of
@@ -209,7 +210,7 @@ def joined(series: Iterator[TimedFrame], with_clean: bool = False) -> TimedFrame
         if timed:
             first = timed[0].frames
             readouts = None
-            if first.camera.readouts:
+            if has_several_readouts(first.camera):
                 readouts = one.frames.readouts  # of its own light, which is not kept
             frames = replace(
                 one.frames,

@@ -10,6 +10,7 @@ from ..stages.datasheet import SensorSection
 from ..stages.diffusion import WIDEST_PX
 from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import Datasheet
+from .dual_pixels import check_dual_pixels
 
 IN_VOLTS = "white_nv_per_rthz", "rtn_uv"
 """Noise of the source follower in volts, which are so many electrons by the conversion gain."""
@@ -33,6 +34,7 @@ def check_sensor(camera: Datasheet) -> None:
     check_technology(camera)
     check_diffusion(camera)
     check_polarizers(camera)
+    check_dual_pixels(camera)
 
 
 def check_technology(camera: Datasheet) -> None:

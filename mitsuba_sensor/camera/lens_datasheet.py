@@ -145,7 +145,7 @@ class LensSection(FileTable):
         2.0,
     )
     half_pupil: Literal["left", "right"] | None = optional(
-        "the half of a thin lens's pupil that is seen, as by one photodiode of a dual pixel; none: all of it",
+        "the half of the pupil that is seen, as by one photodiode of a dual pixel; none: all of it",
         "left",
         title="dual pixel, phase-detection pixel (PDAF)",
     )

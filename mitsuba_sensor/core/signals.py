@@ -16,7 +16,7 @@ from .illuminant import Illuminant
 from .notes import SourceOfLight
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
-LAYERS = ("light", "dark", "yield_mean", "yield_variance", "variance_e2")
+LAYERS = ("light", "dark", "yield_mean", "yield_variance", "variance_e2", "left_share")
 """Of Electrons: one value per pixel, or one for all."""
 
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
@@ -49,7 +49,8 @@ class Photons:
         corrections of a DNG; None where it is not known.
     source : what is known of the light that they were collected from, for the notes of frames; None: nothing.
     later : photons of the exposures that follow the first one, by the read-out that is exposed again, each in its own
-        exposure time; None where the light does not change in time.
+        exposure time; None where the light does not change in time. Of dual pixels ``left`` is the part of this light
+        that falls on the left photodiodes; None: half of it.
     """
 
     mean: NumpyArray
@@ -229,6 +230,7 @@ class Electrons:
     )
     yield_variance: Array = 0.0
     variance_e2: Array = None  # as in Photons
+    left_share: Array = None  # of the light, on left photodiodes of dual pixels; None: half
     later: Mapping[str, Electrons] | None = None  # before the count, as in Photons
 
     def mapped(self, change: Callable[[Array], Array]) -> Electrons:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..camera.camera import Camera
 from ..camera.colour_matrix import ColourMatrix, colour_matrix
+from ..camera.dual_pixels import has_several_readouts
 from ..core import Float64Array, require
 from ..core.checks import require_frame, require_path
 from ..core.html import facts, fragment, picture
@@ -124,7 +125,7 @@ def write_frames(
         matrix = ColourMatrix(**colours)
     first, camera, origin = frames.digital[0], frames.camera, frames.first.window.origin
     tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
-    if frames.camera.readouts or frames.camera.companding.knees:
+    if has_several_readouts(frames.camera) or frames.camera.companding.knees:
         write_readouts(folder / READOUTS, frames, image["cfa_pattern"])
     png.write_png(folder / "frame.png", developed(first, camera, matrix, gain, origin), image)
     factor = metadata["summary"]["brightened"]

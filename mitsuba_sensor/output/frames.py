@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.dual_pixels import has_several_readouts
 from ..camera.figures import refuse_readouts
 from ..camera.readouts import unknown_readout
 from ..core import InputError
@@ -108,7 +109,7 @@ class Frames(RawFrames):
         if with_clean:
             clean = np.concatenate([part.clean_of_each for part in parts])
         readouts = None
-        if first.camera.readouts:
+        if has_several_readouts(first.camera):
             of_each = {
                 name: cls.joined([part.readouts[name] for part in parts], False)
                 for name in first.readouts
@@ -118,9 +119,11 @@ class Frames(RawFrames):
 
     @cached_property
     def readouts(self) -> Mapping[str, Frames]:
-        """The frames of each read-out by its name, whose codes were combined; none of a camera with one read-out.
+        """The frames of each read-out by its name, whose codes were combined, or of the left and right photodiodes of
+        dual pixels; none of a camera with one read-out.
 
-        They are computed when they are asked for, byte for byte as they were for the combination.
+        They are computed when they are asked for, byte for byte as they were for the combination; those of dual pixels
+        have the electrons that the picture is the sum of, read alone.
         """
         if self.own_readouts is not None:
             return self.own_readouts

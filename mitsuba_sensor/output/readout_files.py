@@ -32,7 +32,8 @@ def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] 
         place = f"frame {frames.first.index + number}"
         for name, readout in frames.readouts.items():
             pages.append((f"{place}, {name}", readout.digital[number]))
-        pages.append((f"{place}, combined", code))
+        both = "left and right" if frames.camera.sensor.dual_pixel else "combined"
+        pages.append((f"{place}, {both}", code))
         if companded is not None:
             pages.append((f"{place}, companded", companded[number]))
     write_named_pages(path, pages, pattern)
@@ -51,6 +52,8 @@ def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
     where it hands over, and the share of the pixels of the first frame whose code is that of this read-out alone; None
     of a camera with one read-out."""
     combined = combined_of(frames.stages)
+    if frames.camera.sensor.dual_pixel:
+        return [_photodiode_facts(name, one) for name, one in frames.readouts.items()]
     if combined is None:
         return None
     later = later_exposures(frames.camera, frames.first.exposure)
@@ -76,3 +79,16 @@ def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
         )
         left = left * (code >= linear.end_dn)
     return found
+
+
+def _photodiode_facts(name: str, frames: Frames) -> dict[str, object]:
+    """Of one photodiode of dual pixels, which is read alone."""
+    converter = converter_of(frames.stages)
+    return {
+        "name": name,
+        "exposure_s": frames.first.exposure.time_s,
+        "overall_system_gain_dn_per_e": gain_dn_per_e(frames.camera),
+        "black_level_dn": converter.black_level_dn,
+        "white_level_dn": converter.highest,
+        "full_well_e": frames.camera.pixel.full_well_e,
+    }

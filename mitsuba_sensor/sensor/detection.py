@@ -12,6 +12,7 @@ from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.signals import LAYERS, Filters
 from ..core.types import Float64Array
+from ..stages.effects.shot_noise import LEFT
 from ..stages.stage import Stage
 from .photon_checks import check_light
 from .run import Strip, row_strips_of
@@ -152,7 +153,18 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
     if photons.later is None:
         return Detected(photons, signal)
     later = {name: _detect(one, stage, frame) for name, one in photons.later.items()}
-    return Detected(photons, replace(signal, later=later))
+    if isinstance(signal, Electrons) and LEFT in later:
+        share = _left_share(later.pop(LEFT).light, signal.light)
+        signal = replace(signal, left_share=share)
+    return Detected(photons, replace(signal, later=later or None))
+
+
+def _left_share(left_e: Array, whole_e: Array) -> Array:
+    """Share of the left photodiodes in the mean photoelectrons, (H, W); half where there are none."""
+    lit = np.isfinite(whole_e) & (whole_e > 0)
+    share = np.full(np.shape(whole_e), 0.5, np.asarray(whole_e).dtype)
+    np.divide(left_e, whole_e, out=share, where=lit)
+    return np.clip(share, 0.0, 1.0)
 
 
 def _detect(photons: Photons, stage: Stage, frame: Frame) -> Array:

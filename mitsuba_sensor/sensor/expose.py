@@ -39,7 +39,7 @@ from .map_checks import checked_maps
 from .options import ExposeOptions
 from .photon_checks import check_kept
 from .placement import placed
-from .readout_checks import check_options_of_readouts
+from .readout_checks import check_chain_of_dual_pixels, check_options_of_readouts
 from .run import FrameRunner, Observer, StripWindows, choose_backend, require_kept
 
 Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
@@ -216,6 +216,7 @@ def prepare_exposure(
     camera = camera.at_gain(chosen["gain"])
     if camera.readouts:
         check_options_of_readouts(camera, chosen)
+    check_chain_of_dual_pixels(camera, chosen["chain"])
     seed, serial = first_given(chosen["seed"], 1), first_given(chosen["serial"], 1)
     first_frame, frames = chosen["first_frame"], chosen["frames"]
     check_numbers(frames, first_frame, seed)

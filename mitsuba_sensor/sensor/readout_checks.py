@@ -40,3 +40,12 @@ def check_added_stages(camera: Camera) -> None:
                 f"{camera.name} has several read-outs and an added {type(stage).__name__}, which changes the charge "
                 "that they share; add stages of volts, or take the stage out."
             )
+
+
+def check_chain_of_dual_pixels(camera: Camera, chain: str) -> None:
+    """Raise InputError for dual pixels in another chain than the physical one."""
+    if camera.sensor.dual_pixel and chain != "physical":
+        raise InputError(
+            f"chain is {chain!r}, whose pixels have one photodiode, and {camera.name} has dual pixels; leave the chain "
+            "out, or set sensor.dual_pixel to false."
+        )

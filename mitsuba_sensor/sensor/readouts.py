@@ -9,15 +9,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
+from ..camera.dual_pixels import PHOTODIODES, camera_of_photodiode, stages_of_photodiode
 from ..core import Frame
 from ..stages.combined_readouts import ReadoutChain, combined_of
+from ..stages.effects.shot_noise import RIGHT
 from .detection import Detected
 from .expose import PreparedExposure, on_numpy
 from .frames import RawFrames
 
 
 def exposures_of_readouts(frames: RawFrames) -> Mapping[str, PreparedExposure]:
-    """The exposure of each read-out of these frames, by its name; none of a camera with one read-out."""
+    """The exposure of each read-out of these frames, by its name; none of a camera with one read-out.
+
+    Of dual pixels these are their left and right photodiodes.
+    """
+    if frames.camera.sensor.dual_pixel:
+        return {name: exposure_of_photodiode(frames, name) for name in PHOTODIODES}
     combined = combined_of(frames.stages)
     if combined is None:
         return {}
@@ -40,3 +49,23 @@ def light_of_readout(readout: ReadoutChain, light: Detected, frame: Frame) -> De
     elif readout.exposure_ratio != 1:
         photons = replace(photons, mean=photons.mean * readout.exposure_ratio)
     return Detected(photons, readout.light_of(light.signal, on_numpy(frame)))
+
+
+def exposure_of_photodiode(frames: RawFrames, name: str) -> PreparedExposure:
+    """The exposure of one photodiode of dual pixels, whose electrons are a part of those in these frames."""
+    camera, first = camera_of_photodiode(frames.camera), frames.first.on(frames.backend)
+    stages = stages_of_photodiode(camera, frames.stages)
+    frame = replace(first, charge=name, _blocks={})
+    light = light_of_photodiode(frames.detected, name)
+    return PreparedExposure(camera, stages, frame, len(frames.digital), (), light=light)
+
+
+def light_of_photodiode(light: Detected, name: str) -> Detected:
+    """The light that falls on one photodiode of dual pixels."""
+    signal, photons = light.signal, light.photons
+    share = 0.5 if signal.left_share is None else signal.left_share
+    if name == RIGHT:
+        share = 1 - share
+    own = replace(signal, light=np.asarray(share * signal.light), left_share=None)
+    mean = photons.mean * np.reshape(share, np.shape(share) + (1,) * (photons.mean.ndim - 2))
+    return Detected(photons.changed(mean=mean, later=None), own)

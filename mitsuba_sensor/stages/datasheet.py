@@ -153,6 +153,13 @@ class SensorSection(FileTable):
         "quantum_efficiency.wavelengths_nm; 1 if not given",
         examples=[0.9],
     )
+    dual_pixel: Annotated[bool, Field(strict=True)] = Field(
+        False,
+        title="dual pixel, dual photodiode (2PD), phase-detection autofocus (PDAF)",
+        description="whether every pixel has two photodiodes side by side under its microlens, each of which sees half "
+        "of the pupil",
+        examples=[True],
+    )
     without: tuple[str, ...] = Field(
         (),
         title="noise source switched off",

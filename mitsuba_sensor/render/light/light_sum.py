@@ -25,6 +25,9 @@ Values = TypeVar("Values", NDArray[np.float32], Float64Array)
 Level: TypeAlias = float | Float64Array
 """Of a light group, or of each of its rows, (H,)."""
 
+OF_PHOTODIODES = {"left": "pupil_left", "right": "pupil_right"}
+"""Photodiode of dual pixels → the part of the light that it sees."""
+
 ROWS = 64
 """Rows whose photoelectrons are computed at once."""
 
@@ -72,6 +75,11 @@ def check_group_names(lights: Iterable[str], groups: Collection[str]) -> None:
         raise InputError(
             "the light is rendered as a whole and has no light groups; render it with "
             "`--light-groups auto` (light_groups='auto')."
+        )
+    if OF_PHOTODIODES["left"] in groups:
+        raise InputError(
+            "the light was rendered for dual pixels, by halves of the pupil and not by light groups; leave the lights "
+            "out, or render it with sensor.dual_pixel = false and light groups."
         )
     for name in lights:
         if name not in groups:

@@ -37,7 +37,7 @@ from ...sensor.photon_checks import check_polarizers
 from .bands import Bands
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight
-from .light_sum import light_of_frame
+from .light_sum import OF_PHOTODIODES, light_of_frame
 
 
 def photons_per_irradiance(
@@ -114,6 +114,8 @@ def collect(
             raise InputError(f"{why}; {remedy}.")
         check_polarizers(light.polarizers, camera)
         photons = _of_exposure(light, camera, exposure, start_s)
+        if camera.sensor.dual_pixel:
+            return photons.changed(later=_of_left(light, camera, exposure))
         return photons.changed(later=_later(light, camera, exposure, start_s))
     values = _irradiance_values(light)
     if values.ndim == 2:
@@ -154,6 +156,16 @@ def _of_exposure(
         return photons.changed(detected=True, bandwidths_nm=None)
     in_band = light.in_band if is_exact(light, camera) else None
     return photons.changed(in_band=in_band, in_band_of=light.response)
+
+
+def _of_left(
+    light: Irradiance, camera: Camera, exposure: Exposure
+) -> dict[str, Photons] | None:
+    """Mean photons of the left photodiodes of dual pixels; None where the light has no halves."""
+    half = light.groups.get(OF_PHOTODIODES["left"])
+    if half is None:
+        return None
+    return {"left": _of_exposure(half, camera, exposure, 0.0)}
 
 
 def _later(

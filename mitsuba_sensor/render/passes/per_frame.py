@@ -131,6 +131,11 @@ class FrameSeries:
         if compensated and prepared.camera.quantum_efficiency.quantum_yield:
             end = "has a quantum_yield, whose electrons come in bursts; take render_noise 'per-frame'"
             raise InputError(f"render_noise is 'compensated' and {prepared.camera.name} {end}.")
+        if prepared.camera.sensor.dual_pixel:
+            end = "has dual pixels, whose halves of the pupil are rendered once; leave render_noise out"
+            raise InputError(
+                f"render_noise is {render_noise!r} and {prepared.camera.name} {end}."
+            )
         prepared = prepared.metered_first()
         sensor = prepared.sensor({**part_of(ExposeOptions, options), "frames": 1})
         stop = stop_criterion_of(wanted, len(prepared.bands.groups))

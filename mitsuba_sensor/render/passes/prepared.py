@@ -32,7 +32,7 @@ from ..motion.aovs import Aovs, aovs_of, load_for_rays
 from ..motion.motion import Motion, read_motion
 from ..motion.moving_scene import MovingScene
 from ..options import RenderOptions
-from ..scene.light_groups import AskedGroups, LightGroup, light_groups_of
+from ..scene.light_groups import AskedGroups, LightGroup, parts_of_light
 from ..scene.scene import Scene, load_scene
 from ..scene.scene_nodes import SceneInput
 from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
@@ -309,7 +309,7 @@ class PreparedRender:
             self.parsed.file,
             self.bands,
             {},
-            self.camera,
+            group.camera(self.camera),
             self.unit_m,
             width=self.width,
             sampler=self.sampler,
@@ -354,9 +354,8 @@ def prepare(
     warn_of_temperature(known.temperature_k)
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
-    groups: tuple[LightGroup, ...] = ()
-    if chosen["light_groups"] is not None:
-        groups = light_groups_of(parsed.file, cast(AskedGroups, chosen["light_groups"]))
+    asked_groups = cast(AskedGroups | None, chosen["light_groups"])
+    groups = parts_of_light(parsed.file, asked_groups, camera)
     at_rest = load_scene(
         parsed.file,
         bands,

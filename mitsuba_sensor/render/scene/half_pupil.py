@@ -2,7 +2,7 @@
 
 A thin lens maps its two random numbers to the disk of its aperture such that the first one, below or above a half, says
 on which side of the vertical diameter a ray passes. A ray of half the numbers has half the weight: the halves add up to
-the whole.
+the whole. Of a prescription those rays are seen that cross the plane of the exit pupil on that side (lens_sensor.py).
 """
 
 from __future__ import annotations
@@ -38,19 +38,24 @@ def with_half_pupil(
     sensor: MitsubaObject, view: View, camera: Camera | None
 ) -> tuple[MitsubaObject, tuple[str, ...]]:
     """The sensor with the half of the pupil that the camera's lens has, and notes; unchanged for a whole one. Raises
-    InputError for a lens without a pupil that is known to be round."""
-    if camera is None or camera.lens.half_pupil is None:
+    InputError for a pinhole."""
+    if camera is None:
         return sensor, ()
-    half = camera.lens.half_pupil
-    if view.sequential or view.aperture_radius_m == 0:
-        what = "the scene's sensor is a pinhole"
-        if view.sequential:
-            what = "the lens has a prescription"
+    half, asked = camera.lens.half_pupil, f"lens.half_pupil is {camera.lens.half_pupil!r}"
+    if camera.sensor.dual_pixel:  # each half is loaded by itself
+        asked = "sensor.dual_pixel is true"
+    elif half is None:
+        return sensor, ()
+    if view.aperture_radius_m == 0:
         raise InputError(
-            f"lens.half_pupil is {half!r}, a half of a thin lens, and {what}; take a thinlens sensor in the scene, or "
-            "leave half_pupil out."
+            f"{asked}, for the halves of a pupil, and the scene's sensor is a pinhole; take a thinlens sensor in the "
+            "scene, give lens.prescription, or set it to none."
         )
+    if half is None:
+        return sensor, ()
     notes = [f"the light of the {half} half of the pupil alone (lens.half_pupil)"]
+    if view.sequential:  # whose rays are those of the half already
+        return sensor, tuple(notes)
     if mitsuba().variant().startswith("scalar"):
         notes.append(IN_PYTHON)
     return sensor_class(mitsuba().variant())(sensor, HalfPupil(half)), tuple(notes)

@@ -238,6 +238,10 @@ class SequentialLens:
         )
         self._bounds = mi.Texture1f(mi.TensorXf(table), use_accel=False)
         self._per_mm = dr.opaque(mi.Float, 1 / bounds.highest)
+        self._half, self._to_exit_pupil = (
+            lens.half_pupil,
+            dr.opaque(mi.Float, distance - points.exit_pupil),
+        )
         self._numerical_aperture = dr.opaque(mi.Float, numerical_aperture(self.view, camera))
 
     def notes(self, name: str, scene: View) -> list[str]:
@@ -268,6 +272,7 @@ class SequentialLens:
             weight = mi.Spectrum(mi.unpolarized_spectrum(weight) * first)
         end = trace(self._surfaces, start, lengths[0] if self._dispersion else D_NM)
         to_world, unvignetted = sensor.world_transform(), mi.Mask(end.unvignetted & active)
+        unvignetted &= self._in_half(start)
         mm = self._units_per_mm
         exit_point = mi.Point3f(end.x * mm, end.y * mm, (end.z - self._entrance_pupil_mm) * mm)
         origin = dr.select(unvignetted, exit_point, mi.Point3f(0.0))
@@ -277,6 +282,16 @@ class SequentialLens:
         ray = mi.Ray3f(to_world @ origin, dr.normalize(to_world @ direction), time, lengths)
         ray.maxt = dr.select(unvignetted, ray.maxt, 0.0)  # a vignetted ray intersects nothing
         return ray, weight * dr.select(unvignetted, solid_angle, 0.0)
+
+    def _in_half(self, start: Ray) -> Array:
+        """Whether a ray from the film comes through the half of the exit pupil that is seen; all do where all of it is.
+
+        x is to the left of the camera, as in Mitsuba.
+        """
+        if self._half is None:
+            return True
+        x = start.x + start.dx / start.dz * self._to_exit_pupil
+        return x > 0 if self._half == "left" else x < 0
 
     def numerical_apertures(self, place: Array) -> tuple[Array, Array]:
         """Of the ellipse that passes light to a position on the full film [pixels], along and across the radius.

@@ -12,8 +12,10 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Literal, NamedTuple, TypeAlias
 
+from ...camera.camera import Camera
 from ...core import InputError, nearest
 from ...core.id_groups import as_options, groups_of_ids
+from ..light.light_sum import OF_PHOTODIODES
 from ..variants import MitsubaObject, mitsuba
 from .scene_file import SceneFile
 
@@ -45,10 +47,25 @@ class PlacedEmitter(NamedTuple):
 
 
 class LightGroup(NamedTuple):
-    """A name, and the numbers of its emitters in :func:`emitters_of`."""
+    """A part of the light that is rendered by itself.
+
+    emitters : their numbers in :func:`emitters_of`; None for all of them.  half_pupil : where it comes through one.
+    """
 
     name: str
-    emitters: frozenset[int]
+    emitters: frozenset[int] | None
+    half_pupil: str | None = None
+
+    def camera(self, camera: Camera) -> Camera:
+        """The camera that the scene is loaded for."""
+        if self.half_pupil is None:
+            return camera
+        halves = {"sensor.dual_pixel": False, "lens.half_pupil": self.half_pupil}
+        return camera.replace(**halves)
+
+
+PUPIL_HALVES = tuple(LightGroup(name, None, half) for half, name in OF_PHOTODIODES.items())
+"""What the photodiodes of dual pixels see."""
 
 
 def checked_light_groups(name: str, given: object) -> AskedGroups:
@@ -124,6 +141,21 @@ def _id(node: MitsubaObject) -> tuple[str, ...]:
 
 def _prefixes(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{name}." for name in names)
+
+
+def parts_of_light(
+    scene: SceneFile, asked: AskedGroups | None, camera: Camera
+) -> tuple[LightGroup, ...]:
+    """What is rendered apart: light groups that are asked for, or the halves of the pupil for dual pixels; nothing
+    where all is rendered at once. Raises InputError."""
+    if asked is None:
+        return PUPIL_HALVES if camera.sensor.dual_pixel else ()
+    if camera.sensor.dual_pixel:
+        raise InputError(
+            f"light_groups are given, and {camera.name} has dual pixels, whose light is rendered by halves of the "
+            "pupil; leave light_groups out, or set sensor.dual_pixel to false."
+        )
+    return light_groups_of(scene, asked)
 
 
 def light_groups_of(scene: SceneFile, asked: AskedGroups) -> tuple[LightGroup, ...]:

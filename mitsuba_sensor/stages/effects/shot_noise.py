@@ -20,6 +20,9 @@ MOST_RESETS = 3
 SOURCES = ("photon_shot", "shot_behind_reset_1", "shot_behind_reset_2", "shot_behind_reset_3")
 """Noise sources of the parts of an exposure with partial resets."""
 
+LEFT, RIGHT = "left", "right"
+"""Photodiodes of a dual pixel: of their streams of random numbers, and of their read-outs."""
+
 
 class ResetFields(FileTable):
     """Partial resets of the well during the exposure."""
@@ -69,6 +72,8 @@ class ShotNoise(Stage):
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ShotNoise:
         """Every camera has it; with partial resets it is counted in the parts between them."""
+        if camera.sensor.dual_pixel:
+            return DualPixelShotNoise()
         if camera.pixel.partial_resets:
             return ShotNoiseWithResets(camera.pixel.partial_resets)
         return cls()
@@ -134,6 +139,36 @@ class ShotNoise(Stage):
             )
         count = frame.poisson("photon_shot", light + dark)
         return CountedElectrons.of(count, lambda: frame.split("dark_shot", count, light, dark))
+
+
+@dataclass(frozen=True)
+class DualPixelShotNoise(ShotNoise):
+    """Poisson counts of the two photodiodes of a dual pixel, added up: each draws the electrons of its own read-out.
+
+    The law of the sum is that of one photodiode. The dark current is half in each.
+    """
+
+    label = ShotNoise.label
+    compensates: ClassVar[bool] = False
+
+    @classmethod
+    def key(cls) -> str:
+        """That of the shot noise of one photodiode."""
+        return ShotNoise.key()
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Mean electrons of both photodiodes → whole electrons of both."""
+        half, light = frame.number(0.5), electrons.light
+        share = half if electrons.left_share is None else electrons.left_share
+        dark = half * electrons.dark
+        of_left = replace(electrons, light=share * light, dark=dark)
+        of_right = replace(electrons, light=(1 - share) * light, dark=dark)
+        left = self._counts(of_left, replace(frame, charge=LEFT, _blocks={}))
+        right = self._counts(of_right, replace(frame, charge=RIGHT, _blocks={}))
+        return CountedElectrons.of(
+            left.total + right.total,
+            lambda: (left.light + right.light, left.dark + right.dark),
+        )
 
 
 @dataclass(frozen=True)

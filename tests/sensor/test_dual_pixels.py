@@ -1,0 +1,133 @@
+"""Dual pixels: the picture is the sum of what two photodiodes hold, each of which is read alone, too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import Float64Array
+
+EXPOSURE = ms.Exposure(0.01)
+QUIET = {
+    "pixel.prnu": 0.0,
+    "source_follower.read_noise_e": 0.05,
+    "readout.gain_dn_per_e": 1.0,
+    "adc.bits": 16,
+    "adc.black_level_dn": 100.0,
+}
+"""One DN is one electron: codes are counts, but for one in some thousand that rounding moves."""
+
+
+def dual(**fields: object) -> ms.Camera:
+    return ms.load_camera("sony_imx174").replace(**{"sensor.dual_pixel": True, **fields})
+
+
+def light_of(left_e: float, right_e: float, shape: tuple[int, int] = (200, 300)) -> ms.Photons:
+    """Photoelectrons in both halves."""
+    whole, left = np.full(shape, left_e + right_e), np.full(shape, left_e)
+    part = ms.Photons(left, detected=True)
+    return ms.Photons(whole, detected=True, later={"left": part})
+
+
+def electrons(frames: ms.Frames) -> Float64Array:
+    return frames.digital.astype(float) - 100
+
+
+@pytest.mark.parametrize("engine", ["numpy", "drjit"])
+def test_left_and_right_electrons_add_up_to_the_picture(engine: str) -> None:
+    """In each pixel, within one electron of rounding."""
+    frames = ms.expose(light_of(300, 900), dual(**QUIET), EXPOSURE, frames=2, engine=engine)
+    left, right = (electrons(one) for one in frames.readouts.values())
+    assert np.abs(electrons(frames) - left - right).max() <= 1
+    assert (electrons(frames) != left + right).mean() < 1e-3
+
+
+def test_each_photodiode_has_shot_noise_of_its_own() -> None:
+    """Mean and variance of Poisson's law within five standard errors of 120 000 counts; no correlation of both."""
+    frames = ms.expose(light_of(40, 90), dual(**QUIET), EXPOSURE, frames=2)
+    left, right = (electrons(one) for one in frames.readouts.values())
+    for counts, mean_e in ((left, 40), (right, 90), (electrons(frames), 130)):
+        error = 5 / np.sqrt(counts.size)
+        assert counts.mean() == pytest.approx(mean_e, abs=error * np.sqrt(mean_e) + 0.2)
+        assert counts.var() == pytest.approx(mean_e, rel=error * np.sqrt(2) + 0.01)
+    assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 5 / np.sqrt(left.size)
+
+
+def test_a_photodiode_has_half_of_the_well_and_of_the_dark_current() -> None:
+    """What is above half of the well in one of them flows to the other: the picture is linear up to the whole."""
+    camera = dual(**QUIET, **{"pixel.full_well_e": 2000.0, "dark_current.rate_e_per_s": 4000.0})
+    camera = camera.replace(**{"dark_current.at_temperature_k": 300.0})
+    frames = ms.expose(light_of(1500, 200), camera, ms.Exposure(0.01, temperature_k=300.0))
+    left, right = frames.readouts["left"], frames.readouts["right"]
+    assert electrons(left).max() <= 1001
+    assert electrons(left).mean() == pytest.approx(1000, abs=1)
+    assert electrons(frames).mean() == pytest.approx(1740, abs=2)
+    assert electrons(right).mean() == pytest.approx(220, abs=1)
+
+
+def test_theory_clean_frame_and_budget_are_those_of_a_photodiode() -> None:
+    """Theory of the left one against 120 000 of its pixels, five standard errors; picture as of a plain camera."""
+    camera = dual()
+    frames = ms.expose(light_of(500, 1500), camera, EXPOSURE, frames=2)
+    left = frames.readouts["left"]
+    measured = (left.digital[0].astype(float) - left.digital[1]).var() / 2
+    assert left.temporal_variance.mean() == pytest.approx(measured, rel=5 * np.sqrt(2 / 60000))
+    assert left.digital.mean() == pytest.approx(left.clean.mean(), abs=0.1)
+    budget = left.noise_budget()
+    assert np.isfinite(budget.explain().count("photon shot noise"))
+    plain = camera.replace(**{"sensor.dual_pixel": False})
+    np.testing.assert_array_equal(
+        frames.temporal_variance,
+        ms.expose(light_of(500, 1500), plain, EXPOSURE).temporal_variance,
+    )
+
+
+def test_fixed_patterns_are_those_of_the_pixel() -> None:
+    """Both photodiodes are read by the same amplifier, and have the PRNU of their pixel."""
+    frames = ms.expose(np.full((32, 32), 8000.0), dual(), EXPOSURE)
+    left, right = (one.clean for one in frames.readouts.values())
+    np.testing.assert_array_equal(left, right)
+
+
+def test_a_crop_and_single_frames_have_the_same_bytes() -> None:
+    camera, light = dual(), light_of(300, 900, (64, 64))
+    whole = ms.expose(light, camera, EXPOSURE, frames=2)
+    second = ms.expose(light, camera, EXPOSURE, first_frame=1)
+    part = ms.expose(light_of(300, 900, (16, 20)), camera, EXPOSURE, frames=2, origin=(8, 4))
+    for name, own in whole.readouts.items():
+        np.testing.assert_array_equal(own.digital[1:], second.readouts[name].digital)
+        np.testing.assert_array_equal(own.digital[:, 8:24, 4:24], part.readouts[name].digital)
+
+
+def test_files_hold_both_photodiodes(tmp_path: Path) -> None:
+    frames = ms.expose(light_of(300, 900, (32, 32)), dual(), EXPOSURE)
+    frames.save(tmp_path)
+    with tifffile.TiffFile(tmp_path / "readouts.tiff") as file:
+        names = [page.tags["PageName"].value for page in file.pages]
+        pages = [page.asarray() for page in file.pages]
+    assert names == ["frame 0, left", "frame 0, right", "frame 0, left and right"]
+    np.testing.assert_array_equal(pages[0], frames.readouts["left"].digital[0])
+    np.testing.assert_array_equal(pages[2], frames.digital[0])
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"lens.half_pupil": "left"},
+        {"pixel.partial_resets": [[0.5, 1000.0]]},
+        {"pixel.hits_per_cm2_s": 1.0},
+        {"pixel.full_well_e": 1.0},
+    ],
+)
+def test_what_two_photodiodes_do_not_share_is_refused(fields: dict[str, object]) -> None:
+    with pytest.raises(ms.InputError, match=r"sensor.dual_pixel is true and"):
+        dual(**fields)
+
+
+def test_the_published_chain_is_refused() -> None:
+    with pytest.raises(ms.InputError, match="has dual pixels; leave the chain out"):
+        ms.expose(np.ones((4, 4)), dual(), EXPOSURE, chain="konnik2014")
