@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Float64Array, InputError
+from .chief_ray import slant_response
 from .distortion import distortion_of
 from .intrinsics import View, image_distance_m, magnification
 from .paraxial import cardinal_points
@@ -35,14 +36,27 @@ Illumination: TypeAlias = Callable[[Float64Array, Float64Array], Float64Array]
 
 
 def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
-    """Ω = E/(L·T) [sr], projected, for each pixel of the crop, (rows, columns); 1 where the rays carry it already.
+    """Ω = E/(L·T) [sr], projected, for each pixel of the crop, (rows, columns); 1 where the rays carry it already; all
+    times the response of the pixels to slanted light.
 
     Raises InputError where a measured table does not reach the corner of the image.
     """
+    pixels = pixel_response(view, camera)
     if view.sequential:
-        return np.ones(view.crop_size[::-1])
+        return pixels * np.ones(view.crop_size[::-1])
     on_axis = math.pi * numerical_aperture(view, camera) ** 2
-    return on_axis * _relative_illumination(view, camera)
+    return pixels * on_axis * _relative_illumination(view, camera)
+
+
+def pixel_response(view: View, camera: Camera) -> Float64Array | float:
+    """Response of each pixel of the crop to light from the direction of its chief ray, (rows, columns); 1 without a
+    measured angular response. Raises InputError where its table ends."""
+    if camera.pixel.angular_response is None:
+        return 1.0
+    pitch_mm = camera.pixel.pitch_x_um * 1e-3
+    return _pixel_means(
+        view, lambda x, y: slant_response(view, camera, pitch_mm * np.hypot(x, y))
+    )
 
 
 def numerical_aperture(view: View, camera: Camera) -> float:
@@ -76,6 +90,7 @@ def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
         reach.append(max(axis - first, first + count - axis))
     radius = np.linspace(0.0, math.hypot(*reach), RADII)
     values = _illumination(view, camera)(radius[None], np.zeros((1, 1)))[0]
+    values = values * slant_response(view, camera, camera.pixel.pitch_x_um * 1e-3 * radius)
     return {"radius_px": radius.tolist(), "relative_illumination": values.tolist()}
 
 

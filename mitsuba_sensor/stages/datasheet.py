@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -215,7 +216,61 @@ def _aperture(value: object) -> object:
     )
 
 
-class PixelGeometry(CameraTable):
+SlantAngle = Annotated[float, Field(ge=0, le=90, strict=True)]
+SLANT_TABLES = (
+    ("angular_response", "angular_response_deg"),
+    ("microlens_cra_deg", "microlens_cra_heights_mm"),
+)
+"""Values, and their positions."""
+
+
+class MicrolensFields(CameraTable):
+    """The microlenses: the response to light from a side, and how they are shifted towards the lens."""
+
+    angular_response: tuple[Chance, ...] | None = optional(
+        "response to light from a side over that to light at the angle that the microlens is made for, 1 at 0",
+        [1.0, 0.95, 0.7, 0.3],
+        title="angular response, angle of incidence",
+    )
+    angular_response_deg: tuple[SlantAngle, ...] | None = optional(
+        "angles of angular_response to the one that the microlens is made for, from 0 [°]",
+        [0.0, 10.0, 20.0, 30.0],
+    )
+    microlens_cra_deg: tuple[SlantAngle, ...] | None = optional(
+        "chief-ray angles that the microlenses are made for; none: 0 everywhere [°]",
+        [0.0, 12.0, 25.0],
+        title="chief-ray angle (CRA), microlens shift",
+    )
+    microlens_cra_heights_mm: tuple[NotNegative, ...] | None = optional(
+        "image heights of microlens_cra_deg, from 0 [mm]", [0.0, 1.5, 3.0]
+    )
+
+    @model_validator(mode="after")
+    def _slants_are_tables(self) -> Self:
+        for name, axis_name in SLANT_TABLES:
+            values, axis = getattr(self, name), getattr(self, axis_name)
+            if (values is None) != (axis is None):
+                raise ValueError(f"{name} and {axis_name} go together; one is missing")
+            if values is None:
+                continue
+            if len(values) != len(axis) or len(values) < 2:
+                raise ValueError(
+                    f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each"
+                )
+            if axis[0] != 0 or any(b <= a for a, b in pairwise(axis)):
+                raise ValueError(f"{axis_name} must begin at 0 and increase")
+        if self.angular_response is not None and self.angular_response[0] != 1:
+            raise ValueError(
+                f"angular_response begins with {self.angular_response[0]:g}; it is 1 at the angle 0"
+            )
+        if self.microlens_cra_deg is not None and self.angular_response is None:
+            raise ValueError(
+                "microlens_cra_deg has no effect without angular_response; give the response to light from a side"
+            )
+        return self
+
+
+class PixelGeometry(MicrolensFields):
     """One pixel."""
 
     pitch_x_um: Pitch = Field(

@@ -105,12 +105,12 @@ def polarization(
 
     angles_deg : of the polarisers, rows of a tile that begins at the first pixel, e.g. [[90, 45], [135, 0]]. Colour
         filters that lie over whole tiles, as on Sony's sensors, leave each tile in one colour.
-    black_dn : level without light, a number or a map (H, W).
+    black_dn : level without light, a number or a map (H, W): of dark frames the mean.
     variance_dn2 : of one frame, a number or (H, W); by default that between the frames, of which there must be two.
     saturation_dn : code from which on a pixel is saturated, where wells are full below the largest code; a saturated
         tile would seem not to be polarised at all. By default the largest code of the stack's bits.
-    Raises InputError for what is no stack, for angles that are fewer than three, for a frame smaller than a tile, and
-    without a variance.
+    Raises InputError for what is no stack, for angles that are fewer than three, for frames that are not whole tiles,
+    and without a variance.
     """
     if not isinstance(stack, Stack):
         raise InputError(
@@ -122,7 +122,7 @@ def polarization(
     ratio = require("extinction_ratio", extinction_ratio, 1.0, 1e9, "τ_max/τ_min, e.g. 300")
     inverse = _least_squares(tile, (ratio - 1) / (ratio + 1))
     unclipped = _unclipped(stack, saturation_dn)
-    light = _in_tiles("black_dn", unclipped - np.asarray(black_dn, float), tile.shape)
+    light = _in_tiles("black_dn", unclipped - _black(stack, black_dn), tile.shape)
     variance = _in_tiles("variance_dn2", _variance_of_mean(stack, variance_dn2), tile.shape)
     stokes = _Stokes(light @ inverse.T, _covariance(inverse, variance))
     known = ~np.isnan(stokes.values[..., 0])
@@ -155,17 +155,35 @@ def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
     return np.asarray(np.linalg.pinv(design))
 
 
+def _black(stack: Stack, black_dn: ArrayLike) -> Float64Array:
+    """The level without light, a number or (H, W) [DN]. Raises InputError."""
+    level = numbers(
+        "black_dn", black_dn, "the code of darkness in DN, e.g. 64, or a map (H, W)"
+    )
+    if level.shape not in ((), stack.shape) or not np.isfinite(level).all():
+        raise InputError(
+            f"black_dn has shape {level.shape}; it must be a finite number or a map {stack.shape}, e.g. the mean of "
+            "dark frames."
+        )
+    return level
+
+
 def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64Array:
-    """(H, W) → (H of tiles, W of tiles, pixels of a tile); what is left of a tile at the edges is cut off."""
+    """(H, W) → (H of tiles, W of tiles, pixels of a tile). Raises InputError for a part of a tile at the edges."""
     rows, columns = (n // period for n, period in zip(image.shape, tile, strict=True))
     if not rows or not columns:
         raise InputError(
             f"{name}: the frames have {image.shape[0]} × {image.shape[1]} pixels, fewer than the tile of polarisers, "
             f"{tile[0]} × {tile[1]}; pass larger frames."
         )
-    whole = image[: rows * tile[0], : columns * tile[1]]
+    whole = rows * tile[0], columns * tile[1]
+    if image.shape != whole:
+        raise InputError(
+            f"the frames have {image.shape[0]} × {image.shape[1]} pixels, and tiles of polarisers have {tile[0]} × "
+            f"{tile[1]}; cut off what is left at the edges, frames[:, :{whole[0]}, :{whole[1]}]."
+        )
     return (
-        whole.reshape(rows, tile[0], columns, tile[1])
+        image.reshape(rows, tile[0], columns, tile[1])
         .transpose(0, 2, 1, 3)
         .reshape(rows, columns, -1)
     )

@@ -31,6 +31,7 @@ from ..lint.finding import Finding, most_serious_first
 from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
 from ..lint.mesh_attributes import refuse_missing_attributes
 from ..lint.metal_tables import continue_metals
+from ..lint.microlenses import microlens_findings
 from ..lint.refusals import refuse_missing_files, refuse_misspelt, refuse_unsuitable
 from ..lint.spectrum_findings import Band, loaded_findings
 from ..passes.interleaved import interleaved, most_interleaved
@@ -233,6 +234,9 @@ def _load(
     sharp, view, lens_notes = with_lens(
         sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
+    if camera is not None:
+        slants = microlens_findings(scene, view, camera)
+        findings = most_serious_first([*findings, *slants])
     half, half_notes = with_half_pupil(sharp, view, camera)
     spread, spread_notes = with_displaced_rays(half, view, camera)
     sensor, polarizers = with_polarizers(spread, scene, camera)

@@ -1,0 +1,75 @@
+"""Chief rays on the sensor: their angle by image height, and what a pixel makes of light from there.
+
+The chief ray comes from the middle of the exit pupil. A thin lens has it at the distance f·(P + |m|) before the sensor,
+P the pupil magnification and m the magnification; a prescription has the paraxial one. The microlenses are made for the
+angle ``pixel.microlens_cra_deg`` at each image height; the response follows from the difference of both.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core import Float64Array, InputError
+from .intrinsics import View, image_distance_m, magnification
+from .paraxial import cardinal_points
+
+if TYPE_CHECKING:
+    from ..camera.camera import Camera
+
+
+def exit_pupil_distance_mm(view: View, camera: Camera) -> float:
+    """From the exit pupil to the sensor [mm]; inf of a telecentric sensor."""
+    if view.sequential:
+        points = cardinal_points(camera.lens)
+        return points.image_distance(view.focus_m) - points.exit_pupil
+    m, pupils = magnification(view, camera), camera.lens.pupil_magnification
+    return image_distance_m(view, camera) * 1e3 * (pupils + m) / (1 + m)
+
+
+def chief_ray_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
+    """Angle of the chief ray to the optical axis at image heights [°]."""
+    distance_mm = exit_pupil_distance_mm(view, camera)
+    if math.isinf(distance_mm):
+        return np.zeros_like(heights_mm)
+    return np.degrees(np.arctan2(heights_mm, distance_mm))
+
+
+def microlens_deg(camera: Camera, heights_mm: Float64Array) -> Float64Array:
+    """Angle that the microlenses are made for at image heights [°]. Raises InputError beyond the end of its table."""
+    pixel = camera.pixel
+    if pixel.microlens_cra_deg is None:
+        return np.zeros_like(heights_mm)
+    places_mm, name = pixel.microlens_cra_heights_mm, "microlens_cra_heights_mm"
+    return _in_table(heights_mm, places_mm, pixel.microlens_cra_deg, f"{name} [mm]")
+
+
+def slant_response(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
+    """Response of pixels at image heights to light along their chief ray, over that to light that their microlens is
+    made for; 1 without a measured one. Raises InputError beyond the end of a table."""
+    pixel = camera.pixel
+    if pixel.angular_response is None:
+        return np.ones_like(heights_mm)
+    off_deg = np.abs(
+        chief_ray_deg(view, camera, heights_mm) - microlens_deg(camera, heights_mm)
+    )
+    places_deg, name = pixel.angular_response_deg, "angular_response_deg"
+    return _in_table(off_deg, places_deg, pixel.angular_response, f"{name} [°]")
+
+
+def _in_table(
+    asked: Float64Array,
+    places: tuple[float, ...] | None,
+    values: tuple[float, ...],
+    name: str,
+) -> Float64Array:
+    """Values of a table of the pixel, linear between its places. Raises InputError beyond its end."""
+    assert places is not None
+    highest = float(np.max(asked, initial=0.0))
+    if highest > places[-1]:
+        raise InputError(
+            f"pixel.{name} ends at {places[-1]:g}, and the picture reaches {highest:.4g}; extend the table."
+        )
+    return np.interp(asked, places, values)

@@ -1,0 +1,130 @@
+"""Chief-ray angles against closed forms and traced rays, and what the pixels make of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from helpers.scenes import skip_unless_usable
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.optics.chief_ray import chief_ray_deg
+from mitsuba_sensor.optics.f_number_law import shading, solid_angle_sr
+from mitsuba_sensor.optics.intrinsics import View
+
+ANGLES_DEG = (0.0, 10.0, 20.0, 40.0)
+RESPONSE = tuple(math.cos(math.radians(2 * x)) for x in ANGLES_DEG)
+PIXEL = {"pixel.angular_response": RESPONSE, "pixel.angular_response_deg": ANGLES_DEG}
+VIEW = View((64, 48), (64, 48), half_width=0.5)
+HEIGHTS_MM = np.array([0.0, 0.05, 0.2])
+
+
+def camera_of(**fields: object) -> ms.Camera:
+    return ms.load_camera("konnik_table1").replace(**{**PIXEL, **fields})
+
+
+def test_the_angle_of_a_pinhole_is_that_of_the_field() -> None:
+    half_mm = 32 * 5.7e-3
+    expected = np.degrees(np.arctan(HEIGHTS_MM / (half_mm / 0.5)))
+    np.testing.assert_allclose(chief_ray_deg(VIEW, camera_of(), HEIGHTS_MM), expected)
+
+
+def test_a_pupil_magnification_of_two_halves_the_tangent() -> None:
+    one, two = (
+        np.tan(
+            np.radians(
+                chief_ray_deg(VIEW, camera_of(**{"lens.pupil_magnification": p}), HEIGHTS_MM)
+            )
+        )
+        for p in (1.0, 2.0)
+    )
+    np.testing.assert_allclose(two, one / 2)
+
+
+def test_relative_illumination_has_the_response_at_the_angle_of_each_pixel() -> None:
+    """A linear response from 1 at 0° to 0 at 90°, of a pinhole of 53°: within the average over a pixel, 1e-4."""
+    linear = {"pixel.angular_response": (1.0, 0.0), "pixel.angular_response_deg": (0.0, 90.0)}
+    plain = ms.load_camera("konnik_table1")
+    ratio = solid_angle_sr(VIEW, plain.replace(**linear)) / solid_angle_sr(VIEW, plain)
+    y, x = np.mgrid[:48, :64] + 0.5
+    angle_deg = np.degrees(np.arctan(np.hypot(x - 32, y - 24) / 64))
+    np.testing.assert_allclose(ratio, 1 - angle_deg / 90, atol=2e-3)
+    np.testing.assert_allclose(
+        ratio[10:14, 50:54], (1 - angle_deg / 90)[10:14, 50:54], atol=1e-4
+    )
+
+
+def test_microlenses_that_follow_the_chief_ray_lose_nothing() -> None:
+    heights = np.linspace(0, 0.3, 200)
+    made_for = chief_ray_deg(VIEW, camera_of(), heights)
+    table = {"pixel.microlens_cra_deg": made_for.tolist()}
+    shifted = camera_of(**table, **{"pixel.microlens_cra_heights_mm": heights.tolist()})
+    plain = ms.load_camera("konnik_table1")
+    np.testing.assert_allclose(
+        solid_angle_sr(VIEW, shifted), solid_angle_sr(VIEW, plain), rtol=1e-4
+    )
+    found, expected = (shading(VIEW, one) for one in (shifted, plain))
+    assert found is not None and expected is not None
+    np.testing.assert_allclose(
+        found["relative_illumination"], expected["relative_illumination"], rtol=1e-4
+    )
+
+
+def test_a_render_has_it(tmp_path: object) -> None:
+    """Its ratio to a render with the same random numbers is that of the closed form, with a note."""
+    skip_unless_usable("llvm_ad_spectral")
+    options = {
+        "width": 24,
+        "spp": 4,
+        "wavelength_nm": 550.0,
+        "denoise": False,
+        "progress": False,
+    }
+    plain = ms.load_camera("konnik_table1")
+    slanted = plain.replace(
+        **{"pixel.angular_response": (1.0, 0.0), "pixel.angular_response_deg": (0.0, 40.0)}
+    )
+    one, two = (
+        ms.render("cornell_box", c, ms.Exposure(0.1), **options) for c in (plain, slanted)
+    )
+    lit = one.data > 0
+    intrinsics = one.statistics.intrinsics
+    half_width = 12 / intrinsics["matrix"][0][0]
+    view = View((24, 24), (24, 24), half_width=half_width)
+    expected = (solid_angle_sr(view, slanted) / solid_angle_sr(view, plain))[..., None]
+    np.testing.assert_allclose(
+        (two.data / np.where(lit, one.data, 1))[lit], expected[lit], rtol=1e-4
+    )
+    assert any("chief ray of the corner comes at 26" in note for note in two.notes)
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"pixel.angular_response": (1.0, 0.5)}, "has 2 values for 4"),
+        ({"pixel.angular_response_deg": None}, "go together"),
+        ({"pixel.angular_response": (0.9, 0.8, 0.5, 0.1)}, "begins with 0.9; it is 1"),
+        ({"pixel.angular_response_deg": (1.0, 2.0, 3.0, 4.0)}, "must begin at 0"),
+        ({"pixel.angular_response_deg": (0.0, 2.0, 3.0, 140.0)}, "140"),
+    ],
+)
+def test_wrong_tables_are_refused(fields: dict[str, object], says: str) -> None:
+    with pytest.raises(ms.InputError, match=says):
+        camera_of(**fields)
+
+
+def test_a_table_that_ends_inside_the_picture_is_refused() -> None:
+    short = {"pixel.angular_response": (1.0, 0.9), "pixel.angular_response_deg": (0.0, 3.0)}
+    with pytest.raises(ms.InputError, match=r"angular_response_deg \[°\] ends at 3, and"):
+        solid_angle_sr(VIEW, camera_of(**short))
+
+
+def test_microlenses_need_a_response() -> None:
+    with pytest.raises(ms.InputError, match="no effect without angular_response"):
+        ms.load_camera("konnik_table1").replace(
+            **{
+                "pixel.microlens_cra_deg": (0.0, 9.0),
+                "pixel.microlens_cra_heights_mm": (0.0, 4.0),
+            }
+        )
