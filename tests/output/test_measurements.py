@@ -192,7 +192,7 @@ def text(value: object) -> bytes:
         archive(json=text(None)),
         archive(other=text(1)),
     ],
-    ids=lambda content: f"{len(content)} bytes",  # the bytes of an archive hold the time of its making
+    ids=lambda content: f"{len(content)} bytes",  # an archive holds the time of its making
 )
 def test_files_of_strangers_run_nothing_and_are_measured_again(
     tmp_path: Path, content: bytes
