@@ -243,7 +243,7 @@ def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(
 
     monkeypatch.setattr(frames, "report", forbidden)
     monkeypatch.setattr(frames, "FrameTheory", forbidden)
-    monkeypatch.setattr(planned_exposure, "plan_for", forbidden)
+    monkeypatch.setattr(planned_exposure, "plan_of", forbidden)
     made = ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS)
     assert len(made.notes) == 1
 

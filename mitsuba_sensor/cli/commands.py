@@ -217,7 +217,7 @@ def plan(
     from .inputs import camera_and_exposure, render_input, settings_of
     from .progress import render_progress
     from .remarks import taken_by_default
-    from .terminal import plan_sheet
+    from .terminal import plans_sheet
 
     tolerance = require(
         "tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02"
@@ -260,7 +260,7 @@ def plan(
             True,
         )
     else:
-        show(plan_sheet(found, needs), False)
+        show(plans_sheet(found, needs), False)
         show_remarks(False, taken_by_default(flags, settings, camera))
 
 

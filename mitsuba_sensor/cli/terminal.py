@@ -11,6 +11,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core.progress import duration
+from ..theory.combined_plan import CombinedPlan
 from ..theory.plan import IDLE, NEEDED, NO_LAW, Plan
 from .counted import counted
 from .sentences import said_here
@@ -68,6 +69,19 @@ def _camera_and_gain(report: Report) -> str:
     return f"{camera['name']}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-"
 
 
+def plans_sheet(
+    plan: Plan | CombinedPlan, needs: Sequence[RenderRequirement]
+) -> RenderableType:
+    """What a plan keeps and leaves out, sensor and render; of several read-outs that of each."""
+    if isinstance(plan, Plan):
+        return plan_sheet(plan, needs)
+    head = f"{plan.camera}: without the stages that are not needed, the linear code changes by at most "
+    parts: list[RenderableType] = [Text(f"{head}{plan.tolerance_dn:g} DN", style="bold")]
+    for name, own in plan.readouts.items():
+        parts += [Text(f"\nread-out {name}", style="bold"), plan_sheet(own, [])]
+    return Group(*parts, _needs(needs))
+
+
 def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
     held, whole_s, planned_s = plan.range, *plan.seconds
@@ -96,10 +110,12 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     lists = {name: ", ".join(found) for name, found in names.items() if found}
     facts = {"holds for": f"{light}, {conditions}", **lists, "time": saved}
     lines = (fact(name, text) for name, text in facts.items())
+    tables = [_effects(plan)]
+    if needs:
+        tables.append(_needs(needs))
     return Group(
         Text(head, style="bold"),
-        _effects(plan),
-        _needs(needs),
+        *tables,
         *lines,
         Text(plan.float32.explain()),
     )

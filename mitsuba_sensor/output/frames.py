@@ -21,6 +21,7 @@ from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import RawFrames
 from ..sensor.readouts import exposures_of_readouts
+from ..theory.combined_plan import CombinedPlan
 from ..theory.combined_theory import moments_of_pixels, theory_of
 from ..theory.frame_theory import FrameTheory
 from ..theory.noise_budget import NoiseBudget
@@ -63,7 +64,7 @@ class Frames(RawFrames):
     own_clean, own_readouts : clean frames and read-outs where each frame has a light of its own.
     """
 
-    plan: Plan | None = None
+    plan: Plan | CombinedPlan | None = None
     observer: FrameObserver | None = None
     own_clean: NDArray[np.float32] | None = None
     own_readouts: Mapping[str, Frames] | None = None

@@ -10,6 +10,7 @@ from ..core.options import Option
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..theory.combined_plan import CombinedPlan
     from ..theory.plan import Plan
 
 PERCENTILE = (
@@ -139,7 +140,7 @@ class FrameOptions(SensorOptions, TimeOptions, total=False):
         ),
     ]
     plan: Annotated[
-        "Plan | None",
+        "Plan | CombinedPlan | None",
         Option("What plan() left of the chain; the whole chain without one.", flag=None),
     ]
     seed: Annotated[

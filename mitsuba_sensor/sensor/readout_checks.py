@@ -17,10 +17,6 @@ def check_options_of_readouts(camera: Camera, options: ExposeOptions) -> None:
         raise InputError(
             f"keep names {kept[0]!r}, and {of}, each of which has its own; expose one of them, {alone}."
         )
-    if options["plan"] is not None or options["tolerance_dn"] is not None:
-        raise InputError(
-            f"a plan leaves out stages of one chain, and {of}; leave plan and tolerance_dn out, or plan for {alone}."
-        )
     if options["chain"] != "physical":
         raise InputError(
             f"chain is {options['chain']!r}, which has one read-out, and {of}; take the physical chain, or {alone}."

@@ -18,6 +18,9 @@ from ..core.types import Float64Array
 from ..stages.combination import Combination, LinearisedReadout
 from ..stages.combined_readouts import CombinedReadouts
 
+QUANTISATION_DN2 = 1 / 12
+STILL_DN2 = 1e-6
+"""Variance of a code that is the same in all but one of a million frames [DN²]."""
 NODES, WIDTH = 24, 9.0
 """Nodes of each part of an integral, and how many σ it reaches."""
 
@@ -63,13 +66,21 @@ def combined_codes(
 
 
 def _estimate(combination: Combination, number: int, codes: CodeMoments) -> Estimate:
-    """The codes of a read-out as electrons of the reference exposure, rounded to the linear code."""
+    """The codes of a read-out as electrons of the reference exposure, rounded to the linear code.
+
+    Where the code has less noise than rounding, as in a saturated converter, rounding to the linear code adds that much
+    less; a code that never changes is one linear code.
+    """
     readout = combination.readouts[number]
-    per_dn_e = readout.electrons_per_dn
-    mean_e, variance_e2 = combination.rounding_e(number)
+    per_dn_e, gain = readout.electrons_per_dn, combination.gain_dn_per_e
+    rounding_e, rounding_e2 = combination.rounding_e(number)
+    plain_e = per_dn_e * (codes.mean - readout.black_dn)
+    black_dn = combination.black_level_dn
+    one_code_e = (np.floor(gain * plain_e + black_dn + 0.5) - black_dn) / gain
+    dithered = np.clip(codes.variance / QUANTISATION_DN2, 0.0, 1.0)
     return Estimate(
-        per_dn_e * (codes.mean - readout.black_dn) + mean_e,
-        per_dn_e**2 * codes.variance + variance_e2,
+        np.where(codes.variance < STILL_DN2, one_code_e, plain_e + rounding_e),
+        per_dn_e**2 * codes.variance + dithered * rounding_e2,
     )
 
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
-from ..camera.camera_file import AnyCamera, camera_of
-from ..camera.figures import refuse_readouts
 from ..core import (
     Electrons,
     Exposure,
@@ -22,19 +18,13 @@ from ..core import (
     InputError,
     Photons,
     SensorWindow,
-    check_types,
-    require,
 )
 from ..core.argument_names import tells_of_names
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..sensor.checks import as_photons
-from ..sensor.detection import Detected, detect
-from ..sensor.map_checks import checked_maps
+from ..sensor.detection import Detected
 from ..sensor.precision import Float32, float32_effect
 from ..sensor.run import row_strips_of
-from ..stages.chain import whole_chain
 from ..stages.stage import Chain, Stage, sample, without, without_law
-from ..stages.usual_range import warn_of_temperature
 from .light_levels import WIDTH, light_levels
 from .notebook import plan_html
 from .plan_effects import Effect, PlanRange, Trial
@@ -179,53 +169,6 @@ def _number(value: float) -> str:
     if value >= SMALLEST_DN:
         return f"{value:.4g}"
     return "0"
-
-
-@tells_of_names
-def plan(
-    camera: AnyCamera,
-    exposure: Exposure,
-    photons: Photons | ArrayLike,
-    tolerance_dn: float = 0.0,
-    wavelengths_nm: ArrayLike | None = None,
-    maps: Mapping[str, ArrayLike] | None = None,
-) -> Plan:
-    """Which stages this exposure needs, from the theory of the codes over the range of light of the scene.
-
-    ::
-
-        plan = ms.plan(camera, exposure, photons, tolerance_dn=0.2)
-        frames = ms.expose(photons, camera, exposure, plan=plan)
-
-    photons, wavelengths_nm, maps : as for :func:`expose`.
-    tolerance_dn : how far the stages left out may together move the mean, the temporal σ, the spatial σ or the mean of
-        a row or column (times the root of its length) at any level of light between the darkest and the brightest
-        pixel, and more than which they may not be expected to move any pixel of a law with tails [DN]; 0 leaves out
-        only what changes nothing at all.
-    Raises InputError for a negative tolerance, and for photons and maps that ``expose`` would refuse.
-    """
-    camera = camera_of(camera)
-    check_types(camera, exposure)
-    warn_of_temperature(exposure.temperature_k)
-    refuse_readouts(camera, "a plan is for one of them")
-    require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
-    light = as_photons(photons, camera, wavelengths_nm)
-    window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin)
-    frame = Frame(
-        exposure,
-        replace(
-            window,
-            given=checked_maps(
-                {} if maps is None else maps, whole_chain(camera), window, camera
-            ),
-        ),
-    )
-    return plan_for(
-        camera,
-        detect(replace(light, variance_e2=None), camera.stages[0], frame),
-        frame,
-        tolerance_dn,
-    )
 
 
 def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:

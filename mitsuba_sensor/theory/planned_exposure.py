@@ -11,7 +11,7 @@ from ..core.options import complete
 from ..sensor.choices import tolerance_of
 from ..sensor.expose import PreparedExposure, prepare_exposure
 from ..sensor.options import ExposeOptions
-from .plan import plan_for
+from .combined_plan import plan_of
 
 
 def prepare_planned_exposure(
@@ -29,4 +29,4 @@ def prepare_planned_exposure(
     tolerance_dn = tolerance_of(complete(ExposeOptions, options))
     if tolerance_dn is None:
         return sensor
-    return replace(sensor, planner=partial(plan_for, tolerance_dn=tolerance_dn))
+    return replace(sensor, planner=partial(plan_of, tolerance_dn=tolerance_dn))

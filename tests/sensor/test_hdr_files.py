@@ -61,7 +61,7 @@ def test_the_snippets_of_the_page_can_be_pasted() -> None:
     """Read-outs at the end of a new camera file, lines of another table below its heading."""
     page = (ROOT / "docs" / "hdr.md").read_text(encoding="utf-8")
     plain = ms.load_camera("sony_imx174").replace(**{"source_follower.read_noise_e": 6.83})
-    snippets = re.findall(r"```toml\n(.*?)```", page, re.S)
+    snippets = re.findall(r"```toml\n(\[.*?)```", page, re.S)
     for snippet in snippets:
         text, heading = plain.to_toml(), snippet.splitlines()[0]
         if heading == "[[readouts]]":

@@ -138,6 +138,20 @@ def test_mean_and_noise_of_the_combination_follow_the_closed_form(
     )  # five standard errors of 20 000 pixels, of laws that are not normal
 
 
+@pytest.mark.parametrize("gain", [1.6, 0.7, 0.05])
+def test_a_saturated_converter_has_one_linear_code(gain: float) -> None:
+    """The converter of the last read-out ends before its well: no noise, and the mean is that code."""
+    low = {**LOW, "readout.gain_dn_per_e": 0.4}
+    readouts = [{"name": "high", "fields": HIGH}, {"name": "low", "fields": low}]
+    camera = PLAIN.replace(readouts=readouts, **{"combine.gain_dn_per_e": gain})
+    frames = ms.expose(electrons(28_000.0, (64, 64)), camera, SHORT, frames=2)
+    assert np.unique(frames.digital).size == 1
+    assert frames.temporal_variance.max() < 1e-6
+    np.testing.assert_allclose(frames.clean, frames.digital[0], rtol=1e-6)
+    averages = frames.theory.averages(frames.stages[-1])
+    assert averages.temporal == pytest.approx(0, abs=1e-6)
+
+
 def test_the_theory_of_a_frame_follows_from_the_law_of_each_readout() -> None:
     camera = dual_gain(**{"pixel.prnu": 0.01})
     light = ms.Photons(np.tile(np.linspace(10, 20_000, 160), (120, 1)), detected=True)
@@ -250,10 +264,9 @@ def test_what_there_is_of_one_readout_only_is_refused() -> None:
     frames = ms.expose(light, camera, SHORT)
     refused = (
         lambda: camera.emva1288(),
-        lambda: ms.plan(camera, SHORT, light),
+        lambda: ms.plan(camera, SHORT, light, maps={"prnu": np.ones((24, 24))}),
         lambda: ms.fpn_maps(camera, (8, 8)),
         lambda: ms.expose(light, camera, SHORT, keep=["electrons"]),
-        lambda: ms.expose(light, camera, SHORT, tolerance_dn=0.1),
         lambda: ms.expose(light, camera, SHORT, chain="konnik2014"),
         lambda: ms.expose(light, camera, SHORT, maps={"prnu": np.ones((24, 24))}),
         lambda: ms.differentiable(light, camera, SHORT, ("photons",)),
@@ -276,6 +289,35 @@ def test_a_combination_that_ends_early_or_hands_over_late_is_told() -> None:
     with pytest.raises(ms.InputError, match="linear code of darkness"):
         dual_gain(**{"combine.bits": 6})
     assert "hand_over" in dual_gain(**{"combine.hand_over": [1.0]}).notes[0]
+
+
+def test_a_plan_leaves_out_stages_of_each_readout_within_the_tolerance() -> None:
+    """In steps of the linear code; nothing at all changes with a tolerance of 0."""
+    camera = dual_gain(**{"pixel.prnu": 0.002})
+    light = ms.Photons(np.tile(np.geomspace(5, 25_000, 60), (40, 1)), detected=True)
+    frames = ms.expose(light, camera, SHORT)
+    exact = ms.expose(light, camera, SHORT, tolerance_dn=0)
+    assert np.array_equal(exact.digital, frames.digital)
+    plan = ms.plan(camera, SHORT, light, tolerance_dn=2.0)
+    assert plan.readouts["low"].tolerance_dn == pytest.approx(2.0 / (1.6 / 0.12))
+    assert {one.partition(": ")[0] for one in plan.left_out} == {"high", "low"}
+    assert "read-out low" in plan.explain()
+    planned = ms.expose(light, camera, SHORT, plan=plan)
+    assert np.abs(planned.clean - frames.clean).max() < 2.0
+    sigma, other = (np.sqrt(one.theory.digital_variance()) for one in (planned, frames))
+    assert np.abs(sigma - other).max() < 2.0
+    assert np.array_equal(planned.readouts["high"].digital.shape, frames.digital.shape)
+    with pytest.raises(ms.InputError, match="plan was made for"):
+        ms.expose(light, camera, ms.Exposure(0.02), plan=plan)
+
+
+def test_frame_json_says_what_each_readout_is_without(tmp_path: Path) -> None:
+    light = ms.render("flat_field", dual_gain(), SHORT, width=8, spp=4, denoise=False)
+    captured = ms.capture(light, tolerance_dn=1.0)
+    assert captured.metadata["left_out"] == captured.frames.plan.left_out
+    assert {one["readout"] for one in captured.metadata["effects"]} == {"high", "low"}
+    captured.save(tmp_path)
+    assert json.loads((tmp_path / "frame.json").read_text())["float32"]["high"]
 
 
 def test_read_noise_in_electrons_takes_the_place_of_that_in_volts() -> None:

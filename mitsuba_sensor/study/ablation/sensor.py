@@ -79,9 +79,11 @@ class SensorAblation:
     @cached_property
     def plan(self) -> ms.Plan:
         """What this exposure can do without."""
-        return ms.plan(
+        found = ms.plan(
             self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn
         )
+        assert isinstance(found, ms.Plan)  # of a camera with one read-out
+        return found
 
     def steps(self) -> Iterator[Step]:
         """All measurements."""

@@ -130,6 +130,7 @@ class Sensor:
             return options
         if (dn, shape) not in self._plans:
             plan = ms.plan(self.subject.camera, self.subject.exposure, self.photons(shape), dn)
+            assert isinstance(plan, ms.Plan)  # of a camera with one read-out
             self._plans[dn, shape] = plan
         return {**options, "plan": self._plans[dn, shape]}
 
