@@ -19,6 +19,7 @@ from ..sensor.readouts import light_of_readout
 from ..stages.combined_readouts import CombinedReadouts, combined_of
 from ..stages.stage import Chain, Stage, without, without_law
 from .combined_codes import CodeMoments, combined_codes
+from .coupled_theory import CoupledTheory
 from .frame_theory import Averages, FrameTheory, behind_stages
 from .light_levels import WIDTH, LightLevels
 from .measured_theory import MeasuredTheory
@@ -38,9 +39,13 @@ def theory_of(stages: Chain, light: Detected, frame: Frame) -> FrameTheory:
     """
     combined = combined_of(stages)
     if combined is not None:
+        if combined.reach_px:
+            return CoupledCombinedTheory(stages, light, frame)
         if any(without_law(readout.stages) for readout in combined.readouts):
             return MeasuredCombinedTheory(stages, light, frame)
         return CombinedTheory(stages, light, frame)
+    if any(stage.reach_px for stage in stages):
+        return CoupledTheory(stages, light, frame)
     if without_law(stages):
         return MeasuredTheory(stages, light, frame)
     return FrameTheory(stages, light, frame)
@@ -193,6 +198,10 @@ class MeasuredCombinedTheory(TheoryOfReadouts, MeasuredTheory):
         """Averages over the pixels behind a stage; a variance that is measured is not negative."""
         found = super().averages(stage)
         return found._replace(temporal=max(found.temporal, 0.0))
+
+
+class CoupledCombinedTheory(MeasuredCombinedTheory, CoupledTheory):
+    """Theory of combined read-outs one of which couples neighbouring pixels: by samples."""
 
 
 def responses_of(theory: TheoryOfReadouts) -> list[Response]:

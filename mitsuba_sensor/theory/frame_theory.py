@@ -9,7 +9,7 @@ that only what the fixed patterns add to it is averaged, and a large frame needs
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Electrons, Frame, Moments, Photons, SensorWindow
+from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
@@ -29,6 +30,11 @@ from .pixel_moments import HIGHEST_E, STRIP, PixelStrip
 from .pixel_swing import Codes
 from .response import Response, median_frame
 from .sampled_pixels import PIXELS, SampledPixels, sample_pixels
+from .tiles import Tile
+
+FOLLOWED = 2**18
+"""Pixels of a frame whose signals are followed behind every stage: σ is then known to 0.14 %. Of larger frames these
+are strips of rows, evenly spread."""
 
 GROUP, GROUPS = 1024, 64
 """Pixels of about the same light that are averaged together, at least, and how many such groups there are at most."""
@@ -89,7 +95,7 @@ class FrameTheory:
         residual = off - shift.at(levels)
         noise = np.clip(temporal - plain[1], -LARGEST, LARGEST)
         noise_shift = self._light_groups.smooth(noise)
-        square = self._squares(residual, temporal) * shift.unbiased
+        square = self._squares(residual, temporal, shift.unbiased)
         plain_mean, plain_temporal = self._plain_of_levels(number)
         moved = plain_temporal + noise_shift.at(self.levels.light_e)
         spatial = max(float(square.mean()), 0.0)
@@ -116,6 +122,25 @@ class FrameTheory:
         if not over_sample > 0:
             return 0.0
         return abs(over_all / over_sample - 1)
+
+    def expected_in(self, rows: slice) -> Iterator[tuple[Tile, dict[int, Float64Array]]]:
+        """The pixels in these rows whose signals are followed, and what is expected of them behind every stage."""
+        columns = slice(0, self.frame.window.shape[1])
+        for strip in self._followed_rows:
+            tile = Tile(strip, columns).of_rows(rows)
+            if tile.pixels:
+                yield tile, self.means(tile.rows)
+
+    def variance_of_expected(self, number: int) -> float:
+        """Variance of what is expected of a pixel behind a stage, where it was measured."""
+        return 0.0
+
+    @cached_property
+    def _followed_rows(self) -> list[slice]:
+        shape = self.frame.window.shape
+        strips = list(row_strips_of(shape, NUMPY_FLOAT64.strip_pixels))
+        number = min(len(strips), max(FOLLOWED * len(strips) // math.prod(shape), 1))
+        return [strips[k * len(strips) // number] for k in range(number)]
 
     def means(self, rows: slice) -> dict[int, Float64Array]:
         """Expected signal behind every stage, by its number, in the pixels of some rows."""
@@ -202,12 +227,15 @@ class FrameTheory:
             found.append(np.maximum(at_light + shift.at(light_e), 0.0).astype(np.float32))
         return found[0], found[1]
 
-    def _squares(self, residual: Float64Array, temporal: Float64Array) -> Float64Array:
+    def _squares(
+        self, residual: Float64Array, temporal: Float64Array, unbiased: float
+    ) -> Float64Array:
         """Squares of these residuals without what temporal noise adds: their average is the spatial variance.
 
         residual : of the mean of every sampled pixel from that of pixels in the same light.
+        unbiased : factor by which the squares are too small.
         """
-        return residual**2
+        return residual**2 * unbiased
 
     def _standard_error(self, values: Float64Array) -> float:
         """Standard error of the average of values of the sampled pixels, whose mean is 0."""

@@ -6,11 +6,10 @@ The two differ by temporal noise alone; the product of their distances from the 
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,36 +24,10 @@ from .frame_theory import FrameTheory
 from .pixel_moments import HIGHEST_E
 from .pixel_swing import Codes
 from .sampled_pixels import values_at
+from .tiles import Tile, tiles_of
 
 SIDE_PX, SAMPLES, MOST_WINDOWS = 64, 2**18, 256
 """Side of a window at most, pixels of all windows together, and how many windows there are at most."""
-
-
-class Tile(NamedTuple):
-    """Pixels that are sampled together: their rows and columns in the window of the frame."""
-
-    rows: slice
-    columns: slice
-
-    @property
-    def pixels(self) -> int:
-        """How many there are."""
-        height, width = (part.stop - part.start for part in self)
-        return int(height * width)
-
-    def wider(self, by_px: tuple[int, int], shape: tuple[int, int]) -> Tile:
-        """With so many more rows and columns on each side, as far as the window has them."""
-        sides = []
-        for side, more, length in zip(self, by_px, shape, strict=True):
-            sides.append(slice(max(side.start - more, 0), min(side.stop + more, length)))
-        return Tile(*sides)
-
-    def within(self, other: Tile) -> Tile:
-        """The same pixels counted from the first one of a tile about it."""
-        sides = zip(self, other, strict=True)
-        return Tile(
-            *(slice(mine.start - its.start, mine.stop - its.start) for mine, its in sides)
-        )
 
 
 class MeasuredTheory(FrameTheory):
@@ -86,8 +59,7 @@ class MeasuredTheory(FrameTheory):
     @cached_property
     def _tiles(self) -> list[Tile]:
         """Parts of the window: all of them equally often, or some at random where there are too many."""
-        row_parts, column_parts = (_parts(length) for length in self.frame.window.shape)
-        tiles = [Tile(rows, columns) for rows in row_parts for columns in column_parts]
+        tiles = tiles_of(self.frame.window.shape, (SIDE_PX, SIDE_PX))
         pixels = math.prod(self.frame.window.shape) / len(tiles)
         count = min(max(int(SAMPLES / pixels), 2), MOST_WINDOWS)
         if count < len(tiles):
@@ -106,8 +78,10 @@ class MeasuredTheory(FrameTheory):
         before = sum(stage.has_law for stage in self.stages[: number + 1])
         return self._lawful._plain(before - 1, light_e)
 
-    def _squares(self, residual: Float64Array, temporal: Float64Array) -> Float64Array:
-        return residual**2 - temporal / len(FRAMES)
+    def _squares(
+        self, residual: Float64Array, temporal: Float64Array, unbiased: float
+    ) -> Float64Array:
+        return (residual**2 - temporal / len(FRAMES)) * unbiased
 
     def _standard_error(self, values: Float64Array) -> float:
         """By the spread of the averages of windows, whose pixels may depend on each other."""
@@ -153,7 +127,7 @@ class MeasuredTheory(FrameTheory):
         around = tile.wider(reach_px, shape)
         inside = tile.within(around)
         rows, columns = (np.arange(part.start, part.stop) for part in around)
-        window = _chip(self.frame.window, rows, columns, FIRST_SERIAL + number)
+        window = self._chip(rows, columns, FIRST_SERIAL + number)
         light = self.light.signal.mapped(lambda values: values_at(values, rows, columns))
         found = []
         for index in FRAMES:
@@ -166,26 +140,27 @@ class MeasuredTheory(FrameTheory):
                 found.append(np.clip(values[inside], -HIGHEST_E, HIGHEST_E).ravel())
         return np.reshape(found, (len(FRAMES), len(self.stages), tile.pixels))
 
+    def _chip(
+        self, rows: NDArray[np.int64], columns: NDArray[np.int64], serial: int
+    ) -> SensorWindow:
+        """Neighbouring rows and columns of the window, with the maps of a serial number, and the measured ones."""
+        window = self.frame.window
+        return SensorWindow(
+            serial,
+            (rows.size, columns.size),
+            (window.origin[0] + int(rows[0]), window.origin[1] + int(columns[0])),
+            given=self._given(rows, columns, serial),
+            camera=window.camera,
+        )
+
+    def _given(
+        self, rows: NDArray[np.int64], columns: NDArray[np.int64], serial: int
+    ) -> dict[str, Float64Array]:
+        """Measured maps of these rows and columns: of every serial number the same."""
+        given = self.frame.window.given
+        return {name: values_at(x, rows, columns) for name, x in given.items()}
+
     @cached_property
     def _digital(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Mean and variance of every pixel at its level of light."""
         return self._by_light()
-
-
-def _chip(
-    window: SensorWindow, rows: NDArray[np.int64], columns: NDArray[np.int64], serial: int
-) -> SensorWindow:
-    """Neighbouring rows and columns of a window, with the maps of another serial number, and the measured ones."""
-    return SensorWindow(
-        serial,
-        (rows.size, columns.size),
-        (window.origin[0] + int(rows[0]), window.origin[1] + int(columns[0])),
-        given={name: values_at(x, rows, columns) for name, x in window.given.items()},
-        camera=window.camera,
-    )
-
-
-def _parts(length: int) -> list[slice]:
-    """A side of a window in parts of about the same length, none of them longer than SIDE_PX."""
-    edges = np.linspace(0, length, -(-length // SIDE_PX) + 1).astype(int).tolist()
-    return [slice(*pair) for pair in itertools.pairwise(edges)]

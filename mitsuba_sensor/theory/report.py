@@ -12,33 +12,25 @@ import numpy as np
 
 from ..camera.camera import Camera
 from ..core import Array, Electrons, Frame, Photons, arrays
-from ..core.backend import NUMPY_FLOAT64, Backend
+from ..core.backend import Backend
 from ..core.types import Float64Array
 from ..sensor.frame_notes import outside_qe
-from ..sensor.run import Strip, row_strips_of, strips_of
+from ..sensor.run import Strip, strips_of
 from ..stages.compensation import LIMIT, compensable
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import UNITS, Stage, place_of, total
 from .frame_theory import FrameTheory
-
-SAMPLED = 2**18
-"""Pixels of a frame whose signals are followed behind every stage: σ is then known to 0.14 %. Of larger frames these
-are strips of rows, evenly spread."""
+from .tiles import Tile
 
 
 class FrameObserver:
     """Follows a frame behind every stage: counts over all pixels, sums over the sampled ones.
 
-    theory : of every pixel.  rows : the strips that are followed.
+    theory : of every pixel, which says which ones are followed.
     """
 
     def __init__(self, theory: FrameTheory) -> None:
-        self.theory, window = theory, theory.frame.window
-        strips = list(row_strips_of(window.shape, NUMPY_FLOAT64.strip_pixels))
-        number = min(
-            len(strips), max(SAMPLED * len(strips) // (window.shape[0] * window.shape[1]), 1)
-        )
-        self.rows = [strips[k * len(strips) // number] for k in range(number)]
+        self.theory = theory
         self.counts: Counter[str] = Counter(
             clipped_full_well=0, clipped_adc_low=0, clipped_adc_high=0
         )
@@ -76,14 +68,11 @@ class FrameObserver:
                     signal = stage.sample(signal, part)
                 follower.behind(stage, signal)
 
-    def _followed(self, strip: Strip) -> list[FollowedRows]:
+    def _followed(self, strip: Strip) -> list[FollowedPixels]:
         """Those of a strip."""
-        first, rows = strip.around.start, strip.rows
-        parts = [part for part in self.rows if rows.start <= part.start < rows.stop]
-        return [FollowedRows(part, first, self._means(part)) for part in parts]
-
-    def _means(self, rows: slice) -> dict[int, Float64Array]:
-        return self.theory.means(rows)
+        with self._lock:  # what is expected is computed once
+            parts = list(self.theory.expected_in(strip.rows))
+        return [FollowedPixels(tile, strip.around.start, means) for tile, means in parts]
 
     def add(self, number: int, signal: Array, mean: Float64Array) -> None:
         """The signal behind a stage in some pixels, and its expected value."""
@@ -111,28 +100,33 @@ class FrameObserver:
         return done < mean.variance_e2
 
 
-class FollowedRows(NamedTuple):
-    """Rows of a window whose pixels are followed.
+class FollowedPixels(NamedTuple):
+    """Pixels of a window that are followed.
 
     first : row of the window from which on their strip is computed.
     means : expected behind every stage, by its number.
     """
 
-    rows: slice
+    tile: Tile
     first: int
     means: dict[int, Float64Array]
 
     def of_strip(self, signal: Array, shape: tuple[int, int]) -> Array:
         """Their part of the signal of the strip."""
-        here = slice(self.rows.start - self.first, self.rows.stop - self.first)
-        return np.broadcast_to(np.asarray(signal), shape)[here]
+        rows, columns = self.tile
+        here = slice(rows.start - self.first, rows.stop - self.first)
+        return np.broadcast_to(np.asarray(signal), shape)[here, columns]
 
 
 class StripFollower:
-    """Sees the signals of one strip.  followed : the rows whose pixels count; of all others only the masks."""
+    """Sees the signals of one strip.  followed : the pixels that count; of all others only the masks."""
 
     def __init__(
-        self, observer: FrameObserver, strip: Strip, frame: Frame, followed: list[FollowedRows]
+        self,
+        observer: FrameObserver,
+        strip: Strip,
+        frame: Frame,
+        followed: list[FollowedPixels],
     ) -> None:
         self.observer, self.frame, self.followed = observer, frame, followed
         self.strip = strip
@@ -189,9 +183,7 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
         },
         "sampled_pixels": int(observer.sums[0, 2]),
         "theory": theory.origin,
-        "stages": [
-            _line(stage, theory, *observer.sums[k]) for k, stage in enumerate(theory.stages)
-        ],
+        "stages": [_line(number, theory, sums) for number, sums in enumerate(observer.sums)],
         "counts": dict(observer.counts),
         **_compensation(photons, observer),
         "outside_qe": outside_qe(photons, camera),
@@ -222,11 +214,15 @@ def _compensation(photons: Photons, observer: FrameObserver) -> dict[str, Any]:
     }
 
 
-def _line(
-    stage: Stage, theory: FrameTheory, values: float, squares: float, pixels: float
-) -> dict[str, Any]:
-    """One stage of the report, in its own unit."""
+def _line(number: int, theory: FrameTheory, sums: Float64Array) -> dict[str, Any]:
+    """One stage of the report, in its own unit.
+
+    sums : of the followed pixels of the frame: their signals, the squares of these less what is expected, their number.
+    """
+    stage = theory.stages[number]
     expected = theory.averages(stage)
+    mean, mean_square = sums[:2] / sums[2]
+    variance = max(mean_square - theory.variance_of_expected(number), 0.0)
     return {
         "name": stage.label,
         "domain": stage.domain,
@@ -238,8 +234,8 @@ def _line(
         "mean_error": expected.errors[0],
         "sigma_temporal_error": _error_of_root(expected.temporal, expected.errors[1]),
         "sigma_spatial_error": _error_of_root(expected.spatial, expected.errors[2]),
-        "mean_frame": values / pixels,
-        "sigma_frame": float(np.sqrt(squares / pixels)),
+        "mean_frame": float(mean),
+        "sigma_frame": float(np.sqrt(variance)),
     }
 
 
