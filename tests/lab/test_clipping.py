@@ -100,7 +100,7 @@ def truth_in_the_dark(camera: SmallCamera) -> dict[str, float]:
     return {
         "σ_y.dark": rounded_dn,
         "K·σ_d": sigma_dn,
-        "σ_pixel": rounded_dn,
+        "σ_pixel": sigma_dn,
         "DSNU1288": camera.dsnu_dn,
     }
 

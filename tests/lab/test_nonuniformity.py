@@ -135,7 +135,7 @@ def test_rounding_that_hides_the_noise_is_said() -> None:
     light = stack(frames(rng, np.full((40, 40), 1500.0), 8, Sigmas(0, 0, 10.0)))
     found = nonuniformity(dark, light).dsnu_pixel
     assert "rounding hides differences" in found.note
-    assert math.isnan(found.value) and "not measurable: below 0.5 DN" in found.note
+    assert math.isnan(found.value) and "not measurable: below 0.6 DN" in found.note
 
 
 def test_what_coarse_codes_still_show_has_intervals_that_hold() -> None:

@@ -6,7 +6,6 @@ Where the share is larger than a thousandth, a figure has no value, and its note
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
@@ -30,16 +29,6 @@ MOST_VALUES = 2**16
 """Values of a frame that show the distance of two codes."""
 OFTEN = 0.05
 """Share of the pixels at the smallest code that jump from there: of unclipped noise of 1 DN, one in a hundred."""
-COARSE_DN = 0.4
-"""Temporal noise [DN] below which rounding hides differences between pixels: the mean of rounded normal values is
-off by exp(−2π²σ²)/π at most, 0.014 DN there and 0.14 DN at half of it."""
-
-HIDING_DN = 0.5
-"""Temporal noise [DN] above which the pattern of rounding is below 0.002 DN."""
-HIDING_SHARE = 0.02
-"""Share of a figure's variance that rounding may have: 1 % of the standard deviation."""
-ROUNDING_DN2 = 1 / 12
-"""Variance that rounding to whole numbers adds [DN²]."""
 
 
 class ClippedError(InputError):
@@ -206,36 +195,3 @@ def note_left_out(clipped: str) -> str:
     if clipped:
         return f"levels with clipped values are left out ({clipped})"
     return ""
-
-
-def temporal_note(stack: Stack) -> str:
-    """What a stack is short of for its temporal noise to be removed: frames, or a noise that rounding does not hide."""
-    if len(stack) == 1:
-        return "one frame: temporal noise is not told from spatial, pass at least 2"
-    temporal_dn = max(0.0, float(stack.variance.mean()) - ROUNDING_DN2) ** 0.5
-    if stack.frames.dtype.kind != "f" and temporal_dn < COARSE_DN:
-        return f"temporal noise is {temporal_dn:.2g} DN: rounding hides differences below 1 DN"
-    return ""
-
-
-def mark_coarse(figure: Quantity, stacks: Sequence[Stack], per_dn: float = 1.0) -> Quantity:
-    """A standard deviation without a value where rounding may be more than 2 % of its variance.
-
-    per_dn : the figure's unit over DN. The mean of rounded normal values of σ is off by up to exp(−2π²σ²)/π, as the
-    pixel's place between two codes has it: a pattern of its own, which no average removes.
-    """
-    for stack in stacks:
-        if len(stack) < 2 or stack.frames.dtype.kind == "f" or not math.isfinite(figure.value):
-            continue
-        temporal_dn2 = max(0.0, float(stack.variance.mean()) - ROUNDING_DN2)
-        pattern_dn2 = math.exp(-4 * math.pi**2 * temporal_dn2) / (2 * math.pi**2)
-        if (
-            pattern_dn2 > HIDING_SHARE * (figure.value / per_dn) ** 2
-            and temporal_dn2 < HIDING_DN**2
-        ):
-            hidden = replace(figure, value=math.nan, low=math.nan, high=math.nan)
-            figure = hidden.noted(
-                f"not measurable: below {HIDING_DN:g} DN of temporal noise (here {temporal_dn2**0.5:.2g} DN) rounding "
-                "makes a pattern as large"
-            )
-    return figure

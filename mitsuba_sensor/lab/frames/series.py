@@ -14,11 +14,10 @@ from ...core import InputError
 from ...core.types import Float64Array
 from .clipping import MOST_VALUES
 from .notes import merged
+from .rounding import ROUNDING_DN2, has_whole_codes
 from .stack import Stack
 from .temporal import temporal
 
-ROUNDING_DN2 = 1 / 12
-"""Variance of rounding to whole codes, EMVA 1288 R4 2.2."""
 COARSE_DN2 = 0.5
 """Variance [DN²] of a normal law below which rounding adds another variance than 1/12, by more than 0.1 % of it: by as
 much as (4σ² + 1/π²) exp(-2π²σ²) where all pixels have one mean."""
@@ -269,13 +268,6 @@ def centre(stack: Stack, side: int) -> Stack:
 def _central_slice(size: int, side: int) -> slice:
     begin = max(0, (size - side) // 2)
     return slice(begin, begin + min(size, side))
-
-
-def has_whole_codes(stack: Stack) -> bool:
-    """Whether no value of the frames has a fraction."""
-    if stack.frames.dtype.kind in "ui":
-        return True
-    return bool((stack.frames == np.round(stack.frames)).all())
 
 
 def _check_stacks(stacks: Sequence[Stack]) -> None:

@@ -27,17 +27,21 @@ class Temporal:
 
     mean : (H, W) [DN].  variance : (H, W) [DN²], unbiased, without the fluctuation that the pixels of a frame share.
     frames : N.  drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was found.
+    lines_error : standard error of the mean variance that noise of whole rows and columns brings [DN²]: there are few.
     """
 
     mean: Float64Array
     variance: Float64Array
     frames: int
     drift_dn: float
+    lines_error: float
 
     @property
     def variance_error(self) -> float:
-        """Standard error of the mean variance [DN²], from its scatter over pixels, rows or columns."""
-        return _error_of_mean(self.variance)
+        """Standard error of the mean variance [DN²], from its scatter over pixels and by lines_error."""
+        return math.hypot(
+            float(self.variance.std(ddof=1)) / math.sqrt(self.variance.size), self.lines_error
+        )
 
     @property
     def drift_note(self) -> str:
@@ -116,7 +120,8 @@ def _statistics(stack: Stack, group: NDArray[np.intp] | None) -> Temporal:
     drift_dn = 0.0
     if between_frames > max(expected * _limit_of_ratio(freedom, DRIFT_FALSE_ALARM), 0.0):
         drift_dn = math.sqrt(between_frames - expected)
-    return Temporal(mean, variance, frames, drift_dn)
+    lines_error = _error_by_lines(rows, columns, freedom, variance)
+    return Temporal(mean, variance, frames, drift_dn, lines_error)
 
 
 def _means_of_groups(
@@ -171,19 +176,21 @@ def _check_stack(stack: Stack) -> None:
     stack.require_one_filter()
 
 
-def _error_of_mean(values: Float64Array) -> float:
-    """Standard error of the mean of a map.
+def _error_by_lines(
+    rows: Float64Array, columns: Float64Array, freedom: int, variance: Float64Array
+) -> float:
+    """Standard error of the mean variance by what rows and columns share in each frame, (N, lines) [DN²].
 
-    Its pixels are independent, unless whole rows or columns vary more than that allows: then those are.
+    The variance of such noise has as many degrees of freedom as there are lines in all frames, less those of means.
     """
-    square = float(values.var(ddof=1)) / values.size
-    largest = square
-    for lines in (values.mean(axis=1), values.mean(axis=0)):
-        if len(lines) > 7 and square:
-            between = float(lines.var(ddof=1)) / len(lines)
-            if between > square * _limit_of_ratio(len(lines) - 1, LINES_FALSE_ALARM):
-                largest = max(largest, between)
-    return math.sqrt(largest)
+    square = 0.0
+    for lines in (rows, columns):
+        free = freedom * (lines.shape[1] - 1)
+        if free > 0:
+            between = float((lines**2).sum()) / free
+            alone = float(variance.mean()) * lines.shape[1] / variance.size
+            square += 2 * max(between - alone, 0.0) ** 2 / free
+    return math.sqrt(square)
 
 
 def _limit_of_ratio(freedom: float, false_alarm: float) -> float:

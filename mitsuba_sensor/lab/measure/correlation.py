@@ -9,7 +9,8 @@ import numpy as np
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped, temporal_note
+from ..frames.clipping import mark_clipped
+from ..frames.rounding import temporal_note
 from ..frames.stack import Stack
 from ..quantity import Quantity, no_value, student_interval
 from ..statistics.estimators import standard_error

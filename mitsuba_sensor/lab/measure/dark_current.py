@@ -12,7 +12,8 @@ import scipy
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import ClippedError, temporal_note
+from ..frames.clipping import ClippedError
+from ..frames.rounding import temporal_note
 from ..frames.stack import Stack
 from ..quantity import LEVEL, Quantity, no_value
 from ..statistics.line_fits import StraightLine, straight_line

@@ -12,17 +12,16 @@ import numpy as np
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma
 from ..frames.notes import merged
+from ..frames.rounding import ROUNDING_DN2, has_whole_codes
 from ..frames.series import (
     COARSE_DN2,
-    ROUNDING_DN2,
     Level,
     coarse_codes,
-    has_whole_codes,
     measure_level,
 )
 from ..frames.stack import Stack
 from ..frames.temporal import temporal
-from ..quantity import Quantity, no_value, normal_interval, quotient, unknown
+from ..quantity import TWO_SIDED, Quantity, no_value, normal_interval, quotient, unknown
 from ..statistics.rounded_normal import rounded_normal
 
 if TYPE_CHECKING:
@@ -159,10 +158,15 @@ def _most_likely_noise(stack: Stack, variance: float) -> tuple[Quantity, Quantit
         note += "; the codes change between two values only, which gives an upper limit"
     if fit.left_out > 0:
         note += f"; without {100 * fit.left_out:.2g} % of the pixels, which spread over 16 codes and more"
-    interval = normal_interval(variance, temporal(stack).variance_error)
+    statistics = temporal(stack)
+    interval = normal_interval(variance, statistics.variance_error)
     total = _with_roots(_empty("σ_y.dark", note), interval, 0.0)
+    # The likelihood takes all pixels as independent, but there are few rows and columns.
+    by_lines_dn = TWO_SIDED * statistics.lines_error / (2 * fit.sigma_dn)
+    low_dn = fit.sigma_dn - math.hypot(fit.sigma_dn - fit.low_dn, by_lines_dn)
+    high_dn = fit.sigma_dn + math.hypot(fit.high_dn - fit.sigma_dn, by_lines_dn)
     analogue = replace(
-        _empty("K·σ_d", note), value=fit.sigma_dn, low=fit.low_dn, high=fit.high_dn
+        _empty("K·σ_d", note), value=fit.sigma_dn, low=max(0.0, low_dn), high=high_dn
     )
     return total, analogue
 

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped_sigma, mark_coarse, temporal_note
+from ..frames.clipping import mark_clipped_sigma
+from ..frames.rounding import (
+    ROUNDING_DN2,
+    Rounding,
+    has_whole_codes,
+    is_rounded,
+    mark_rounding,
+    temporal_note,
+)
 from ..frames.stack import Stack
 from ..quantity import Quantity, no_value
 from ..statistics.mean_squares import MeanSquare, root, temporal_mean_squares
@@ -21,7 +30,7 @@ SECTION = "analysis of variance over frames"
 
 @dataclass(frozen=True, eq=False)
 class LineNoise:
-    """Temporal noise of rows, columns and pixels, whose squares add up to a pixel's temporal variance.
+    """Temporal noise of rows, columns and pixels, whose squares add up to a pixel's temporal variance without rounding.
 
     row, column, pixel : standard deviations [DN]; [e-] by :meth:`per_gain`.
     rows, columns : standard deviation over the frames of each row's and column's mean, (H,) and (W,) [DN].
@@ -65,10 +74,20 @@ def line_noise(stack: Stack) -> LineNoise:
     """
     stack.require_one_filter()
     rows, columns, pixels = _variance_terms(stack)
+    row = _noise("σ_row", "temporal row noise", rows, stack)
+    column = _noise("σ_col", "temporal column noise", columns, stack)
+    pixel = _noise("σ_pixel", "temporal pixel noise", pixels, stack)
+    if has_whole_codes(stack):
+        pixel = _without_rounding(pixel)
+    if is_rounded(stack):
+        rounding = Rounding.measure(stack)
+        row = mark_rounding(row, rounding.of_means(row.high**2))
+        column = mark_rounding(column, rounding.of_means(column.high**2))
+        pixel = mark_rounding(pixel, rounding.of_pixel_noise)
     return LineNoise(
-        row=_noise("σ_row", "temporal row noise", rows, stack),
-        column=_noise("σ_col", "temporal column noise", columns, stack),
-        pixel=_noise("σ_pixel", "temporal pixel noise", pixels, stack),
+        row=row,
+        column=column,
+        pixel=pixel,
         rows=_deviation_over_frames(stack.row_means),
         columns=_deviation_over_frames(stack.column_means),
     )
@@ -97,7 +116,16 @@ def _noise(symbol: str, name: str, terms: list[MeanSquare], stack: Stack) -> Qua
         )
     if noise.low == 0:
         noise = noise.noted("not told from 0")
-    return mark_coarse(noise, [stack])
+    return noise
+
+
+def _without_rounding(sigma: Quantity) -> Quantity:
+    """A standard deviation [DN] without the 1/12 DN² that rounding adds to its square."""
+    value, low, high = (
+        math.sqrt(max(0.0, sigma_dn**2 - ROUNDING_DN2)) if math.isfinite(sigma_dn) else sigma_dn
+        for sigma_dn in (sigma.value, sigma.low, sigma.high)
+    )
+    return replace(sigma, value=value, low=low, high=high)
 
 
 def _deviation_over_frames(means: Float64Array) -> Float64Array:

@@ -12,7 +12,8 @@ import scipy
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped_sigma, mark_coarse, temporal_note
+from ..frames.clipping import mark_clipped_sigma
+from ..frames.rounding import Rounding, is_rounded, mark_rounding, temporal_note
 from ..frames.stack import Stack
 from ..quantity import Quantity
 from ..statistics.mean_squares import (
@@ -124,11 +125,34 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
         if note and math.isfinite(figure.value):
             value = whole[name].value
             figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
-        per_dn = 1.0
-        if figure.unit == "%":
-            per_dn = 100 / float((light.mean - dark.mean)[~left_out].mean())
-        figures[name] = mark_coarse(_mark(figure, *stacks), stacks, per_dn)
+        figures[name] = _mark(figure, *stacks)
+    figures = _mark_rounding(figures, dark, light)
     return Nonuniformity(**figures, difference=light.mean - dark.mean)
+
+
+def _mark_rounding(
+    figures: dict[str, Quantity], dark: Stack, light: Stack
+) -> dict[str, Quantity]:
+    """The figures with what rounding hides: of spatial variance in the dark, of its own pattern in both stacks."""
+    patterns = {
+        id(stack): Rounding.measure(stack) for stack in (dark, light) if is_rounded(stack)
+    }
+    percent = 100 / float((light.mean - dark.mean).mean())
+    marked: dict[str, Quantity] = {}
+    for name, figure in figures.items():
+        _, _, part = name.partition("_")
+        in_dark = figures.get(f"dsnu_{part}", figures["dsnu"])
+        hidden_dn2, per_dn = 0.0, 1.0
+        if id(dark) in patterns:
+            hidden_dn2 += patterns[id(dark)].of_means(in_dark.high**2)
+        if figure.unit == "%":
+            per_dn = percent
+            if id(light) in patterns:
+                hidden_dn2 += patterns[id(light)].of_means((figure.high / percent) ** 2)
+        marked[name] = figure
+        if math.isfinite(hidden_dn2):
+            marked[name] = mark_rounding(figure, hidden_dn2, per_dn)
+    return marked
 
 
 def _measure_without(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.series import ROUNDING_DN2
+from ..frames.rounding import ROUNDING_DN2
 from ..frames.stack import Stack
 from ..measure.dark_current import errors_of_means
 from ..quantity import Quantity, no_value, normal_interval, student_interval, unknown

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.series import COARSE_DN2, ROUNDING_DN2, has_whole_codes
+from ..frames.rounding import ROUNDING_DN2, has_whole_codes
+from ..frames.series import COARSE_DN2
 from ..frames.stack import Stack
 from ..measure.dark_noise import dark_noise
 from ..measure.line_noise import LineNoise, line_noise

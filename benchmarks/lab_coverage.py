@@ -1,0 +1,237 @@
+"""How often the 95 % intervals of the laboratory hold what random cameras were made with, by kind of camera.
+
+    python benchmarks/lab_coverage.py [--cameras 400] [--kinds linear curved coarse lines hot] [--json]
+
+Every camera is another chip of 48 × 56 pixels: 16 dark frames, 13 flat fields of 2 frames, one of 16 at half
+saturation.
+
+linear : 1 to 6 DN of read noise.
+curved : the same, with a source follower whose gain at full well is 0.96 to 1.04 times that at zero.
+coarse : 0.1 to 0.7 DN of temporal dark noise.
+lines : the same as linear, with row and column noise and fixed rows and columns of up to the read noise.
+hot : the same as linear; 0.1 % of the pixels have offsets of 500 to 3500 DN of 4095.
+
+A figure that is not printed is not counted as wrong: "printed" is the share of the cameras in which it has a value.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.lab.frames.bench import Bench
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.measurement import measure_bench
+from mitsuba_sensor.stages.gains import gain_dn_per_e
+
+KINDS = ("linear", "curved", "coarse", "lines", "hot")
+EXPOSURE = ms.Exposure(0.001)
+LEVELS = (*np.linspace(0.03, 0.93, 11), 1.1, 1.3)
+"""Of the light that fills the range."""
+HALF = 0.5
+SHAPE = (48, 56)
+HOT_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A camera of one kind and what its figures should be, in the units of the laboratory."""
+
+    kind: str
+    number: int
+    camera: ms.Camera
+    true: dict[str, float]
+
+    @property
+    def photons_at_end(self) -> float:
+        """Photons per pixel that fill the well or reach the largest code."""
+        camera, gain = self.camera, gain_dn_per_e(self.camera)
+        codes_e = (2**camera.adc.bits - 1 - camera.adc.black_level_dn) / gain
+        return min(camera.pixel.full_well_e, codes_e) / self.true["η"]
+
+    def stack(self, photons: float, frames: int, seed: int) -> Stack:
+        """Frames of uniform light."""
+        taken = ms.expose(
+            np.full(SHAPE, photons),
+            self.camera,
+            EXPOSURE,
+            frames=frames,
+            serial=10_000 * KINDS.index(self.kind) + self.number,
+            seed=seed,
+        )
+        codes = taken.digital.astype(np.int64)
+        if self.kind == "hot":
+            rng = np.random.default_rng([self.number, 7])
+            hot = rng.choice(codes[0].size, max(1, round(HOT_SHARE * codes[0].size)), False)
+            codes.reshape(frames, -1)[:, hot] += rng.integers(500, 3500, len(hot))
+        top = 2**self.camera.adc.bits - 1
+        return Stack(
+            np.minimum(codes, top).astype(np.uint16),
+            EXPOSURE.time_s,
+            photons,
+            bits=self.camera.adc.bits,
+            source=f"{photons:.4g} photons",
+        )
+
+    def bench(self) -> Bench:
+        """Dark frames and flat fields."""
+        end = self.photons_at_end
+        flats = [self.stack(level * end, 2, 2 + k) for k, level in enumerate(LEVELS)]
+        flats.append(self.stack(HALF * end, 16, 1))
+        return Bench((), (self.stack(0.0, 16, 0),), tuple(flats))
+
+
+def random_sample(kind: str, number: int) -> Sample:
+    """The camera of a kind with this number: the same each time."""
+    rng = np.random.default_rng([1288, KINDS.index(kind), number])
+
+    def between(low: float, high: float) -> float:
+        return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+    bits, well, efficiency = 12, between(5e3, 4e4), rng.uniform(0.3, 0.9)
+    gain = 0.75 * 2**bits / well * between(0.8, 1.2)
+    noise_dn = between(1.0, 6.0)
+    if kind == "coarse":
+        bits, noise_dn = 10, between(0.1, 0.7)
+        gain = 0.75 * 2**bits / well * between(0.8, 1.2)
+    read_e = noise_dn / gain
+    row_e = column_e = 0.0
+    if kind in ("lines", "coarse"):
+        row_e, column_e = read_e * between(0.1, 1.0), read_e * between(0.1, 1.0)
+    if kind == "coarse":
+        read_e /= math.hypot(1, row_e / read_e, column_e / read_e)
+    offset_dn = noise_dn if kind != "coarse" else between(0.1, 3.0)
+    dsnu_e = [offset_dn / gain * between(0.2, 1.0) for _ in range(3)]
+    if kind not in ("lines", "coarse"):
+        dsnu_e[:2] = 0.0, 0.0
+    prnu, prnu_col = between(0.003, 0.02), 0.0
+    if kind in ("lines", "coarse"):
+        prnu_col = between(0.001, 0.01)
+    curvature = rng.uniform(0.005, 0.04) * rng.choice([-1, 1]) if kind == "curved" else 0.0
+    spread_dn = gain * math.hypot(read_e, row_e, column_e, *dsnu_e)
+    camera = ms.load_camera("bayer_2mp").replace(
+        **{
+            "sensor.rows": SHAPE[0],
+            "sensor.columns": SHAPE[1],
+            "quantum_efficiency.value": efficiency,
+            "quantum_efficiency.wavelengths_nm": [300.0, 1100.0],
+            "quantum_efficiency.tile": None,
+            "pixel.full_well_e": well,
+            "pixel.prnu": prnu,
+            "pixel.dsnu_e": dsnu_e[2],
+            "dark_current.rate_e_per_s": 0.0,
+            "source_follower.read_noise_e": read_e,
+            "source_follower.read_noise_cv": None,
+            "source_follower.vv_nonlinearity": 1 + curvature,
+            "readout.row_noise_e": row_e,
+            "readout.column_noise_e": column_e,
+            "readout.dsnu_row": dsnu_e[0] / well,
+            "readout.dsnu_col": dsnu_e[1] / well,
+            "readout.prnu_col": prnu_col,
+            "readout.sense_gain_uv_per_e": 5.0,
+            "adc.bits": bits,
+            "adc.full_scale_v": 5e-6 * 2**bits / gain,
+            "adc.black_level_dn": 10.0 + 6 * spread_dn + rng.uniform(),
+        }
+    )
+    true = {
+        "K": gain,
+        "η": efficiency,
+        "σ_d": math.hypot(read_e, row_e, column_e),
+        "DSNU1288": math.hypot(*dsnu_e),
+        "DSNU1288_row": dsnu_e[0],
+        "DSNU1288_col": dsnu_e[1],
+        "DSNU1288_pixel": dsnu_e[2],
+        "PRNU1288": 100 * math.hypot(prnu, prnu_col),
+        "PRNU1288_col": 100 * prnu_col,
+        "PRNU1288_pixel": 100 * prnu,
+        "σ_row": row_e,
+        "σ_col": column_e,
+        "σ_pixel": read_e,
+    }
+    return Sample(kind, number, camera, true)
+
+
+@dataclass
+class Coverage:
+    """Of one figure: how often it has a value, how often its interval holds the true one, and relative errors."""
+
+    cameras: int = 0
+    printed: int = 0
+    covered: int = 0
+    errors: list[float] = field(default_factory=list)
+
+    def add(self, value: float, low: float, high: float, true: float) -> None:
+        """One camera's figure."""
+        self.cameras += 1
+        if math.isnan(value):
+            return
+        self.printed += 1
+        self.covered += low <= true <= high
+        if true:
+            self.errors.append(value / true - 1)
+
+
+def measured_samples(kind: str, count: int) -> Iterator[tuple[Sample, dict[str, object]]]:
+    """Every camera with its figures."""
+    for number in range(count):
+        sample = random_sample(kind, number)
+        (measured,) = measure_bench(sample.bench())
+        yield sample, measured.figures
+
+
+def coverage(kind: str, count: int) -> dict[str, Coverage]:
+    """Coverage of every figure over cameras of one kind."""
+    found: dict[str, Coverage] = {}
+    for sample, figures in measured_samples(kind, count):
+        for symbol, true in sample.true.items():
+            figure = figures[symbol]
+            found.setdefault(symbol, Coverage()).add(
+                figure.value, figure.low, figure.high, true
+            )
+    return found
+
+
+def table(kind: str, found: dict[str, Coverage]) -> str:
+    """One row for each figure."""
+    lines = [f"{kind:16}printed  covered  median |error|"]
+    for symbol, one in found.items():
+        held = "–"
+        error = "–"
+        if one.printed:
+            held = f"{100 * one.covered / one.printed:.1f} %"
+        if one.errors:
+            error = f"{100 * float(np.median(np.abs(one.errors))):.2g} %"
+        lines.append(
+            f"{symbol:16}{100 * one.printed / one.cameras:5.0f} %  {held:>7}  {error:>8}"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print a table for each kind."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cameras", type=int, default=400)
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    warnings.simplefilter(
+        "ignore", ms.SensorWarning
+    )  # flat fields above saturation are asked for
+    for kind in asked.kinds:
+        found = coverage(kind, asked.cameras)
+        if asked.json:
+            print(json.dumps({kind: {name: vars(one) for name, one in found.items()}}))
+        else:
+            print(table(kind, found), flush=True)
+
+
+if __name__ == "__main__":
+    main()
