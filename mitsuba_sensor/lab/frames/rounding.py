@@ -27,6 +27,8 @@ HIDING_DN = 0.6
 """Temporal noise [DN] above which rounding changes no variance by more than 0.4 %."""
 HIDING_SHARE = 0.02
 """Share of a figure's variance that rounding may have: 1 % of the standard deviation."""
+LEAST_DN2 = 1e-6
+"""What rounding may hide [DN²] without a figure losing its value, however small that is."""
 STEPS = 400
 """Of the search for the least variance."""
 
@@ -121,7 +123,7 @@ def mark_rounding(figure: Quantity, hidden_dn2: float, per_dn: float = 1.0) -> Q
     hidden = hidden_dn2 * per_dn**2
     if not math.isfinite(figure.value) or not hidden:
         return figure
-    if hidden > HIDING_SHARE * figure.high**2:
+    if hidden_dn2 > LEAST_DN2 and hidden > HIDING_SHARE * figure.high**2:
         nothing = replace(figure, value=math.nan, low=math.nan, high=math.nan)
         return nothing.noted(
             f"not measurable: below {HIDING_DN:g} DN of temporal noise rounding makes a pattern, here of up to "
