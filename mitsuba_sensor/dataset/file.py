@@ -24,7 +24,7 @@ from .keys import Config
 from .values import check_value, plain_value, value_or_list
 
 LARGEST_BYTES = 2**22  # of a dataset file
-MOST_SAMPLES = 10**6
+MOST_SAMPLES = 10**9
 Output = Literal[
     "raw",
     "readouts",
@@ -338,8 +338,6 @@ class DatasetFile(FileTable):
             raise ValueError(f"outputs is empty; give at least one of {', '.join(OUTPUTS)}")
         given = [*self.grid, *dict.fromkeys(name for row in self.list for name in row)]
         given += [*self.random.values] if self.random else []
-        for name, values in self.grid.items():
-            _unique(f"grid.{name}", [repr(value) for value in values])
         _unique("grid, list and random", [check_field(SAME.get(name, name)) for name in given])
         rows = [
             *self.list,
@@ -378,9 +376,11 @@ class DatasetFile(FileTable):
 
 def _unique(where: str, names: list[str]) -> None:
     """Raise ValueError for a name that stands there twice."""
+    known = set[str]()
     for name in names:
-        if names.count(name) > 1:
+        if name in known:
             raise ValueError(f"{where} has {name!r} twice; give each once")
+        known.add(name)
 
 
 def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:

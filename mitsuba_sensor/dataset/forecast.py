@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
@@ -15,7 +14,7 @@ from ..render.passes.stop_criterion import RATIO_EXPONENT
 from ..render.variants import restores_variant
 from .keys import Facts
 from .planned import DatasetPlan, PlannedView
-from .scene_checks import SceneChecks
+from .scene_checks import check_scenes
 from .store import Store
 
 SHORT_SPP = 32
@@ -65,17 +64,25 @@ class Forecast:
 
 
 def counts_of(plan: DatasetPlan) -> Counts:
-    """All views and samples counted, and every one of them checked. Raises InputError."""
+    """All views and samples counted, and what they are made of checked. Raises InputError."""
     found = Counts()
-    for view in SceneChecks().checked(plan.views()):
-        of_scene = found.by_scene.setdefault(view.scene, [0, 0])
-        found.views, of_scene[0] = found.views + 1, of_scene[0] + 1
-        found.samples, of_scene[1] = (
-            found.samples + len(view.samples),
-            of_scene[1] + len(view.samples),
-        )
-        for sample in view.samples:
-            found.by_split[sample.split] = found.by_split.get(sample.split, 0) + 1
+    for scene in plan.scenes:
+        of_scene = found.by_scene.setdefault(scene.sweep.entry.name, [0, 0])
+        for dealt in plan.splits.dealt(scene.sweep):
+            for shared in scene.shared:
+                chips = sum(
+                    len(plan.splits.serials(dealt.split, scene.sweep.rows[row], camera))
+                    for row, camera in shared.pairs
+                    if row in dealt.rows
+                )
+                samples = dealt.samples * chips
+                of_scene[0] += dealt.lights * (samples > 0)
+                of_scene[1] += samples
+                found.by_split[dealt.split] = found.by_split.get(dealt.split, 0) + samples
+    found.views, found.samples = (
+        sum(column) for column in zip(*found.by_scene.values(), strict=True)
+    )
+    check_scenes(plan)
     return found
 
 
@@ -90,7 +97,7 @@ def forecast(
     workers : processes of the run.  now : told what is measured.
     """
     counts, costs = counts_of(plan), dict[str, Cost]()
-    measured = dict(_middle_views(plan, counts))
+    measured = dict(_middle_views(plan))
     for number, (scene, view) in enumerate(measured.items()):
         now(number, len(measured), f"a short render of {scene}")
         costs[scene] = cost_of(view)
@@ -152,16 +159,17 @@ def _bytes(files: Mapping[str, tuple[int, str]]) -> int:
     return sum(size for size, _ in files.values())
 
 
-def _middle_views(plan: DatasetPlan, counts: Counts) -> Iterator[tuple[str, PlannedView]]:
-    """The middle view of each of the first scenes."""
-    wanted = {
-        scene: views // 2 for scene, (views, _) in list(counts.by_scene.items())[:MOST_SCENES]
-    }
-    seen: Counter[str] = Counter()
-    for view in plan.views():
-        if wanted.get(view.scene) == seen[view.scene]:
-            yield view.scene, view
-        seen[view.scene] += 1
+def _middle_views(plan: DatasetPlan) -> Iterator[tuple[str, PlannedView]]:
+    """The middle view of each of the first scenes, with all or the first of its samples."""
+    for scene in plan.scenes[:MOST_SCENES]:
+        views = scene.sweep.lights * len(scene.shared)
+        light, shared = divmod(views // 2, len(scene.shared))
+        first = scene.first + light * scene.numbers_of_light + scene.shared[shared].start
+        view = next(plan.views(first, scene.end), None) or next(
+            plan.views(scene.first, scene.end), None
+        )
+        if view is not None:
+            yield scene.sweep.entry.name, view
 
 
 def _mean(costs: list[Cost]) -> Cost:

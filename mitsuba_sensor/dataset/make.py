@@ -33,11 +33,14 @@ from ..render.variants import fastest_variant
 from ..sensor.expose import exposure_of_photons
 from ..sensor.metering import Metering, electrons_of
 from ..sensor.options import ExposeOptions
+from .configured import PlannedSample
 from .keys import Config, Facts, identity, key_of, made_by, seed_of
-from .planned import PlannedSample, PlannedView
+from .planned import PlannedView
 from .store import Store
 
 QUANTILES = (0.0, 0.01, 0.5, 0.99, 1.0)
+_KEPT: dict[str, Rendered] = {}
+"""Key → the last light of which other samples may follow."""
 
 
 def make_view(
@@ -51,13 +54,23 @@ def make_view(
     alone = bool(view.outputs) and not store.exists("views", view.key)
     if missing or alone:
         told("rendering")
-        rendered = Rendered.of(view)
+        rendered = rendered_light(view)
         if alone:
             store.commit("views", view.key, rendered.write)
         for sample in missing:
             told("exposing")
             store.commit("samples", sample.key, partial(rendered.expose, sample))
             yield sample
+
+
+def rendered_light(view: PlannedView) -> Rendered:
+    """The light of a view. Where several tasks have its samples, it is kept for the next one. Raises InputError."""
+    if view.whole:
+        return Rendered.of(view)
+    if view.key not in _KEPT:
+        _KEPT.clear()
+        _KEPT[view.key] = Rendered.of(view)
+    return _KEPT[view.key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +89,8 @@ class Rendered:
     @classmethod
     def of(cls, view: PlannedView) -> Rendered:
         """Render it, for the camera of its first sample. Raises InputError."""
-        config, options = view.config, scene_options(view)
-        parsed, lead = parse(view.scene_file, options), view.samples[0].config
+        config, options, lead = view.config, scene_options(view), view.lead
+        parsed = parse(view.scene_file, options)
         camera = camera_of(lead)
         if config["render"]["spectral"] == "cube":
             camera = flat_camera(camera)

@@ -1,61 +1,39 @@
-"""The samples of a dataset, grouped by the light that they share, with their keys."""
+"""The samples of a dataset, each a function of its number, in groups that share a light; with their keys."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
+from typing import TypeVar
 
-from ..camera.exposure_times import later_exposures
-from ..core import Exposure, InputError
-from ..core.options import used
+import numpy as np
+
+from ..core import InputError
 from ..files.appearing import refuse_empty
-from ..files.scene_references import scene_digest
-from ..files.shipped_scenes import (
-    MOTION,
-    NAME,
-    SCENE,
-    names_of_scenes,
-    scenes_folder,
-    shipped_file,
-)
 from ..files.texts import text_of_file
-from ..render.motion.motion import Motion, read_motion
-from ..render.options import RenderOptions
-from .cameras import Cameras, VariedCamera, check_outputs, of_light
-from .file import MOST_SAMPLES, OF_SCENE, DatasetFile, SceneEntry
-from .keys import Config, Facts, identity, key_of, made_by
-from .roots import find_below
-from .splits import SplitOf
-from .sweep import Combination, changes_light, combinations, count, of_kind
-from .values import text_of
+from .configured import OF_VIEW, ConfiguredSamples, PlannedSample
+from .file import MOST_SAMPLES, read_dataset
+from .keys import Config, key_of
+from .plan_checks import Pair, PlannedScene, checked_scenes
+from .splits import AS_DRAWN
+from .sweep import Combination, Light, SceneSweep
 
-FORMAT = 2  # of a configuration; another one is another key
-OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
-MOST_LIGHTS = 10_000  # whose descriptions are kept
-SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
-SPP = 128  # of a render that is told nothing of them
-PASSED_BY = ("gain",)  # options of a render that are none of its light
-
-
-@dataclass(frozen=True)
-class PlannedSample:
-    """One sample.  key : its name on disk.  config : what decides its pixels.  values : what varies, for people."""
-
-    key: str
-    config: Config
-    values: Config
-    split: str
+MOST_OF_VIEW = 1000
+"""Samples of a view that are one task: a view with more is begun by several, which render the same light."""
+Thing = TypeVar("Thing")
 
 
 @dataclass(frozen=True)
 class PlannedView:
-    """One render and all samples that are exposed to it.
+    """One render and samples that are exposed to it: all, or some of many.
 
     key : its name on disk.  config : what decides its light.  samples : in the order of the dataset.
-    scene_file : where the scene is on this machine.
+    scene_file : where the scene is on this machine.  lead : configuration of the first of all samples of the light.
+    first : number of the first sample.  whole : whether they are all samples of the light.
     """
 
     key: str
@@ -64,227 +42,133 @@ class PlannedView:
     scene: str
     scene_file: str
     samples: tuple[PlannedSample, ...]
+    lead: Config
+    first: int
+    whole: bool
 
 
 @dataclass(frozen=True, eq=False)
-class DatasetPlan:
-    """All views of a dataset file, checked.  Raises InputError.
+class DatasetPlan(ConfiguredSamples):
+    """All samples of a dataset file, each found by its number; nothing is kept of them.  Raises InputError.
 
     roots : folders below which its files may be read.  text : of the file, as it was written.
     made_by : versions of what its pixels depend on.
     """
 
-    file: DatasetFile
-    roots: Sequence[Path]
-    text: str = ""
-    made_by: Config = field(default_factory=made_by)
-    _lights: dict[object, tuple[Facts, str]] = field(default_factory=dict)
-
     def __post_init__(self) -> None:
-        if (
-            asked := count(self.file) * (self.file.splits.chips or 1 if self.file.splits else 1)
-        ) > MOST_SAMPLES:
+        self.splits  # noqa: B018, raises what is wrong with files and splits
+        if self.samples > MOST_SAMPLES:
             raise InputError(
-                f"the dataset has {asked} samples; one has at most {MOST_SAMPLES}: make several, or draw values at "
-                f"random in place of every combination."
+                f"the dataset has {self.samples} samples; one has at most {MOST_SAMPLES}: make several, or draw "
+                "values at random in place of every combination."
             )
-        for scene in self.file.scenes:
-            self._place(scene)
-            self._motion(scene)
-        self.splits  # noqa: B018, raises what is wrong with them
-
-    @cached_property
-    def cameras(self) -> Cameras:
-        """The cameras of the file."""
-        cameras = Cameras(self.file.cameras, self.roots)
-        check_outputs(self.file.outputs, cameras.as_given)
-        return cameras
-
-    @cached_property
-    def splits(self) -> SplitOf:
-        """Which split a scene belongs to."""
-        return SplitOf(self.file, self.cameras.models)
 
     @cached_property
     def samples(self) -> int:
         """How many samples there are."""
-        combined, splits = count(self.file), self.file.splits
-        if splits is None or "serial" not in self.file.varied:
-            return combined * (1 if splits is None else splits.chips or 1)
         return sum(
-            len(self.splits.serials(one)) for group in combinations(self.file) for one in group
+            dealt.samples * len(self.splits.serials(dealt.split, sweep.rows[row], camera))
+            for sweep in self.sweeps
+            for dealt in self.splits.dealt(sweep)
+            for row in dealt.rows
+            for camera in range(len(self.file.cameras))
         )
 
-    def views(self) -> Iterator[PlannedView]:
-        """One after the other; samples of the same light are together. Raises InputError where two are the same."""
-        lights = set[bytes]()
-        for group in combinations(self.file):
-            found: dict[str, tuple[Config, list[PlannedSample], SceneEntry]] = {}
-            for one in group:
-                for serial in self.splits.serials(one):
-                    (light, key), sample = self._configured(one, serial)
-                    found.setdefault(key, (light, [], self.file.scenes[one.scene]))[1].append(
-                        sample
-                    )
-            for key, (config, samples, entry) in found.items():
-                self._check_new(lights, key, samples)
-                outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
-                own = key_of({"view": key, "outputs": outputs, "made_by": self.made_by})
-                path = str(self._place(entry))
-                yield PlannedView(own, config, outputs, entry.name, path, tuple(samples))
+    @cached_property
+    def scenes(self) -> Sequence[PlannedScene]:
+        """The samples of each scene, checked."""
+        return checked_scenes(self)
 
-    @staticmethod
-    def _check_new(lights: set[bytes], key: str, samples: Sequence[PlannedSample]) -> None:
-        """Add a light to those of the dataset. Raises InputError where it was there, and for two equal samples."""
-        known, times = bytes.fromhex(key), Counter(one.key for one in samples)
-        twice = next((one for one in samples if times[one.key] > 1 or known in lights), None)
-        if twice is not None:
-            said = ", ".join(
-                f"{name} {value}" for name, value in twice.values.items() if name != "pose"
-            )
-            raise InputError(
-                f"two scenes, poses, cameras, rows or values are the same ({said}); leave one of them out, or vary "
-                f"repetition for another sample of the same settings."
-            )
-        lights.add(known)
+    @property
+    def numbers(self) -> int:
+        """How many numbers the samples take. Where splits leave combinations out, some numbers have no sample."""
+        return self.scenes[-1].end
 
-    def _configured(
-        self, one: Combination, serial: int
-    ) -> tuple[tuple[Facts, str], PlannedSample]:
-        """Configuration and key of the light, and the sample."""
-        values, camera = {**one.values, "serial": serial}, self.cameras.of(one)
-        exposure = _exposure(values)
-        light, key = self._light(one, camera, exposure)
-        config = {
-            "format": FORMAT,
-            "view": key,
-            "camera": camera.datasheet,
-            "gain": camera.gain,
-            "exposure": exposure,
-            "serial": serial,
-            "frames": values.get("frames", 1),
-            "repetition": values.get("repetition", 0),
-            "draw": one.draw,
-            "dataset_seed": self.file.seed,
-        }
-        if lights := of_kind("lights", one.values):
-            config["lights"] = lights
-        outputs = [name for name in self.file.outputs if name not in OF_VIEW]
-        pixels = identity(config, camera.key)
-        own = key_of({"sample": pixels, "outputs": outputs, "made_by": self.made_by})
-        said = {
-            "scene": self.file.scenes[one.scene].name,
-            "camera": self.cameras.name(one.camera),
-            **values,
-        }
-        if one.pose is not None:
-            said |= {"view": one.view, "pose": one.pose.model_dump()}
-        return (light, key), PlannedSample(
-            own, {**config, "outputs": outputs}, said, self.splits.of(one)
-        )
+    def views(self, first: int = 0, end: int | None = None) -> Iterator[PlannedView]:
+        """The samples with numbers from ``first`` to before ``end``, in their order, by their light."""
+        end = self.numbers if end is None else min(end, self.numbers)
+        for scene in self.scenes:
+            number = max(first, scene.first)
+            while number < min(end, scene.end):
+                view, number = self._view(scene, number, end)
+                if view is not None:
+                    yield view
 
-    def _light(
-        self, one: Combination, camera: VariedCamera, exposure: Config
-    ) -> tuple[Facts, str]:
-        """What decides the light, and its key; made once for all samples of it."""
-        entry = self.file.scenes[one.scene]
-        if self._is_timed(entry):
-            timed = (*exposure.values(), camera.key, camera.gain)
-        else:
-            timed = ()
-        varied = tuple((name, x) for name, x in one.values.items() if changes_light(name))
-        known = one.scene, one.pose, one.camera, varied, timed
-        if known not in self._lights:
-            light = self._described(one, camera, exposure)
-            if len(self._lights) > MOST_LIGHTS:
-                self._lights.clear()
-            self._lights[known] = light, key_of(light)
-        return self._lights[known]
+    def first_views(self, scene: PlannedScene, lights: Iterable[int]) -> Iterator[PlannedView]:
+        """The first sample of some lights of a scene, by the numbers of the lights."""
+        for light in lights:
+            for shared in scene.shared:
+                first = scene.first + light * scene.numbers_of_light + shared.start
+                yield from self.views(first, first + 1)
 
-    def _described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
-        """Scene, pose, options of the render, and what the camera has to do with the light."""
-        entry = self.file.scenes[one.scene]
-        render = dict(self.file.render)
-        if render.keys().isdisjoint(SAMPLES):
-            render["spp"] = SPP
-        options = {
-            k: v
-            for k, v in used(RenderOptions, render).items()
-            if k not in (*OF_SCENE, *PASSED_BY) and (k, v) != ("start_s", 0.0)
-        }
-        parameters = {**entry.parameters, **of_kind("parameters", one.values)}
-        parameters = {name: text_of(value) for name, value in parameters.items()}
-        noisy: Facts = {
-            "camera": camera.datasheet,
-            "gain": camera.gain,
-            "exposure": dict(exposure),
-        }
-        cube = options["spectral"] == "cube"
-        motion = self._motion(entry)
-        moving: Facts = {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
-        is_metered = exposure["time_s"] in ("auto", None)
-        if is_metered or later_exposures(camera.camera, Exposure(1.0)):
-            moving |= noisy
-        return {
-            "format": FORMAT,
-            "scene": scene_digest(self._place(entry), parameters, self._roots_of(entry)),
-            "parameters": parameters,
-            "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
-            "look_at": None if one.pose is None else one.pose.model_dump(),
-            **{
-                name: getattr(entry, name)
-                for name in ("scene_unit", "integrator", "ignore_polarization")
-            },
-            "render": options,
-            "lens": of_light(camera.camera, cube),
-            "dataset_seed": self.file.seed,
-            **({} if motion == Motion() else moving),
-            **(noisy if options["noise_ratio"] else {}),
-        }
+    def _view(
+        self, scene: PlannedScene, number: int, end: int
+    ) -> tuple[PlannedView | None, int]:
+        """Samples of one light from a number on; and the number from which on other tasks have them."""
+        light_number, place = divmod(number - scene.first, scene.numbers_of_light)
+        starts = [shared.start for shared in scene.shared]
+        shared = scene.shared[bisect_right(starts, place) - 1]
+        start = scene.first + light_number * scene.numbers_of_light + shared.start
+        light = scene.sweep.light(light_number)
+        exposed = _Exposed(self, scene.sweep, light, shared.pairs)
+        next_task = (number // MOST_OF_VIEW + 1) * MOST_OF_VIEW
+        stop = min(end, next_task, start + shared.end - shared.start)
+        chosen = range(number - start, min(stop - start, exposed.count))
+        if not chosen:
+            return None, stop
+        one, _ = exposed.at(0)
+        config, key = self.light_key(one, self.cameras.of(one))
+        samples = [self._sample_of(exposed, place, key) for place in (0, *chosen)]
+        outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
+        own = key_of({"view": key, "outputs": outputs, "made_by": self.made_by})
+        where = self.file.scenes[one.scene].name, str(self.lights.places[one.scene])
+        whole = len(chosen) == exposed.count
+        lead, *rest = samples
+        return PlannedView(
+            own, config, outputs, *where, tuple(rest), lead.config, number, whole
+        ), stop
 
-    def _is_timed(self, entry: SceneEntry) -> bool:
-        """Whether the exposure decides the light."""
-        return entry.motion is not None or "noise_ratio" in self.file.render
-
-    def _place(self, entry: SceneEntry) -> Path:
-        try:
-            return self._find(entry.file, SCENE, f"the file of scene {entry.name}")
-        except InputError as error:
-            if not NAME.fullmatch(entry.file):
-                raise
-            also = f"or give {names_of_scenes(entry.file)}"
-            raise InputError(f"{str(error).removesuffix('.')}; {also}") from None
-
-    def _motion(self, entry: SceneEntry) -> Motion:
-        if isinstance(entry.motion, str):
-            return read_motion(
-                self._find(entry.motion, MOTION, f"the motion of scene {entry.name}")
-            )
-        return read_motion(entry.motion)
-
-    def _roots_of(self, entry: SceneEntry) -> Sequence[Path]:
-        """The folders below which a scene may read files."""
-        if shipped_file(entry.file, SCENE, self.roots):
-            return [scenes_folder(), *self.roots]
-        return self.roots
-
-    def _find(self, name: str, end: str, what: str) -> Path:
-        """A file below the roots, else one that ships with the package."""
-        return shipped_file(name, end, self.roots) or find_below(name, self.roots, what)
+    def _sample_of(self, exposed: _Exposed, place: int, light_key: str) -> PlannedSample:
+        one, serial = exposed.at(place)
+        return self.sample(one, self.cameras.of(one), light_key, serial, exposed.split)
 
 
-def _exposure(values: Config) -> Facts:
-    """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None."""
-    time_s, stops, kelvin = (
-        values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k")
-    )
-    return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
+class _Exposed:
+    """The samples of one light, found by their place among them."""
+
+    def __init__(
+        self, plan: DatasetPlan, sweep: SceneSweep, light: Light, pairs: Sequence[Pair]
+    ) -> None:
+        self.sweep, self.light, self.pairs = sweep, light, pairs
+        self.split = plan.splits.of(sweep, light, pairs[0][0])
+        rows = sweep.rows
+        self.serials = [plan.splits.serials(self.split, rows[r], c) for r, c in pairs]
+        exposures = sweep.exposures(light)
+        self.ends = list(accumulate(exposures * len(serials) for serials in self.serials))
+        self.count = self.ends[-1]
+
+    def at(self, place: int) -> tuple[Combination, int]:
+        """What a sample is made of, and its serial number."""
+        number = bisect_right(self.ends, place)
+        if number:
+            place -= self.ends[number - 1]
+        serials = self.serials[number]
+        exposure, chip = divmod(place, len(serials))
+        one = self.sweep.combination(self.light, *self.pairs[number], exposure)
+        serial = serials[chip]
+        if serial == AS_DRAWN:
+            serial = int(one.values["serial"])
+        return one, serial
+
+
+def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:
+    """At most so many of them, evenly chosen, in their order."""
+    places = np.linspace(0, len(things) - 1, min(most, len(things)))
+    return [things[place] for place in np.unique(places.astype(int)).tolist()]
 
 
 def load_plan(path: str | Path, roots: Sequence[str | Path] = ()) -> DatasetPlan:
     """The plan of a dataset file; its files may be read below its own folder and the roots. Raises InputError."""
-    from .file import read_dataset
-
     file, folders = read_dataset(path), [Path(path).parent, *roots]
     for root in folders:
         refuse_empty(root, "--root", "give the name of a folder")

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import TypeAlias, Unpack
 
@@ -23,7 +22,7 @@ from .origin import origin_in, require_same_versions, write_index, write_origin
 from .overview import write_overview
 from .planned import DatasetPlan, PlannedView, load_plan
 from .record import FILE
-from .scene_checks import MOST_CHECKED, SceneChecks
+from .scene_checks import check_scenes
 from .store import Store
 from .task import Outcome, log_path
 
@@ -150,8 +149,7 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
     store, progress = Store(out), RunProgress(0)
     require_folder(out)
     check_same(plan, store)
-    for _ in SceneChecks().checked(islice(plan.views(), MOST_CHECKED)):
-        pass  # before anything is written
+    check_scenes(plan)  # before anything is written
     progress.changed = write_origin(plan, store.folder)
     store.clean()
     progress.samples = round(plan.samples / shard[1])
@@ -241,9 +239,9 @@ def missing_samples(view: PlannedView, store: Store) -> int:
 
 
 def of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> Iterator[PlannedView]:
-    """The views of one shard: a view belongs to one by its key, whatever else the dataset has."""
+    """The i-th of n parts of the samples, equally large, where splits leave none out; a view may be in several."""
     number, shards = shard
-    return (view for view in plan.views() if int(view.key, 16) % shards == number - 1)
+    return plan.views(*(plan.numbers * end // shards for end in (number - 1, number)))
 
 
 def check_same(plan: DatasetPlan, store: Store) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
-from ..camera.camera import Camera
 from ..camera.sensor_size import check_on_sensor
 from ..core import InputError
 from ..render.scene.film_and_view import film_area
@@ -12,31 +9,28 @@ from ..render.scene.scene_settings import parse
 from ..render.variants import restores_variant
 from .keys import canonical
 from .make import camera_of, scene_options
-from .planned import PlannedView
+from .planned import DatasetPlan, PlannedView, evenly_chosen
 
 MOST_CHECKED = 200
-"""Different settings of scenes that are parsed; of a dataset with more of them, the others are checked by the run."""
+"""Views that are looked at, evenly chosen of each scene; of a dataset with more the others are checked by the run."""
 
 
-class SceneChecks:
-    """Parses each scene with each of its settings once."""
-
-    def __init__(self) -> None:
-        self._known = set[str]()
-
-    def checked(self, views: Iterable[PlannedView]) -> Iterator[PlannedView]:
-        """The views as they are. Raises InputError at the first one that cannot be rendered."""
-        for view in views:
+def check_scenes(plan: DatasetPlan) -> None:
+    """Parse each scene with its different settings, each once. Raises InputError where one cannot be rendered."""
+    known = set[str]()
+    for scene in plan.scenes:
+        most = max(MOST_CHECKED // (len(plan.scenes) * len(scene.shared)), 1)
+        lights = evenly_chosen(range(scene.sweep.lights), most)
+        for view in plan.first_views(scene, lights):
             asked = _asked(view)
-            if asked not in self._known and len(self._known) < MOST_CHECKED:
-                self._known.add(asked)
+            if asked not in known:
+                known.add(asked)
                 check_scene(view)
-            yield view
 
 
 def _asked(view: PlannedView) -> str:
     """What the check of a view depends on."""
-    sensors = [sample.config["camera"]["sensor"] for sample in view.samples]
+    sensors = view.lead["camera"]["sensor"]
     width = view.config["render"]["width"]
     parameters = view.config["parameters"]
     scene = {"file": view.scene_file, "integrator": view.config["integrator"]}
@@ -49,9 +43,8 @@ def check_scene(view: PlannedView) -> None:
     try:
         options = scene_options(view)
         parsed = parse(view.scene_file, options)
-        for sample in view.samples:
-            camera: Camera = camera_of(sample.config)
-            shape, origin = film_area(parsed.file, camera, options["width"])
-            check_on_sensor("the film", shape, origin, camera)
+        camera = camera_of(view.lead)  # all that share a light have a sensor of this size
+        shape, origin = film_area(parsed.file, camera, options["width"])
+        check_on_sensor("the film", shape, origin, camera)
     except InputError as error:
         raise InputError(f"scene {view.scene!r} of the dataset: {error}") from None

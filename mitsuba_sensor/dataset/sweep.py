@@ -1,20 +1,20 @@
-"""What varies from sample to sample: every combination, rows, random draws and poses, in a fixed order."""
+"""What varies from sample to sample: every combination, rows, random draws and poses, each found by its number."""
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
+from typing import NamedTuple, overload
 
 import numpy as np
 import scipy
 
+from ..core import InputError
 from ..render.motion.motion import KeyPose
-from .file import DatasetFile, Distribution, RandomSweep, SceneEntry, Value, View
+from .file import DatasetFile, Distribution, SceneEntry, Value, View
 from .keys import Config, Facts
-from .values import check_value
 
 Values = Config
 OF_LIGHT = ("f_number", "focus_m")
@@ -22,6 +22,12 @@ OF_CAMERA = tuple(
     f"camera.{part}" for part in ("lens.", "sensor.", "pixel.pitch", "quantum_efficiency.")
 )
 OF_LIGHT_PREFIXES = ("parameters.", "traverse.", *OF_CAMERA)
+EXPOSED = ("exposure_s", "exposure_ev", "temperature_k")
+"""What decides the light, too, where something moves."""
+METERED = ("gain", "camera.")
+"""What decides it as well where the exposure is metered, or a noise ratio is asked for."""
+MOST_SORTED = 10**6
+"""Draws that are sorted by their light."""
 DIGITS = 6  # of a random number, so that it can be typed
 
 
@@ -41,44 +47,194 @@ class Combination(NamedTuple):
     draw: int
 
 
-def combinations(file: DatasetFile) -> Iterator[list[Combination]]:
-    """All samples in groups: no two groups have the same light, unless random numbers coincide."""
-    outer, inner = (
-        {name: x for name, x in file.grid.items() if changes_light(name) is wanted}
-        for wanted in (True, False)
-    )
-    rows: Sequence[Values] = file.list or ({},)
-    for number, scene in enumerate(file.scenes):
-        draws = _draws(file.random, file.seed, scene.name)
-        for (view, pose), of_light, alike in product(
-            enumerate(poses(scene)), _grid(outer), draws
-        ):
-            yield [
-                Combination(
-                    number, camera, view, pose, {**of_light, **row, **cell, **drawn}, draw
-                )
-                for (draw, drawn), row, camera, cell in product(
-                    alike, rows, range(len(file.cameras)), _grid(inner)
-                )
-            ]
+class Poses(Sequence[View | None]):
+    """The poses of the camera in a scene; None is that of the scene file.  Those of a path are found by number."""
+
+    def __init__(self, scene: SceneEntry) -> None:
+        self.path, self.given = scene.path, scene.views or (None,)
+
+    def __len__(self) -> int:
+        if self.path is None:
+            return len(self.given)
+        return self.path.views
+
+    @overload
+    def __getitem__(self, number: int) -> View | None: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[View | None]: ...
+
+    def __getitem__(self, number: int | slice) -> View | list[View | None] | None:
+        if isinstance(number, slice):
+            return [self[one] for one in range(*number.indices(len(self)))]
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        if self.path is None:
+            return self.given[number]
+        origin, target, up = (tuple(map(float, one)) for one in self.vectors([number])[0])
+        return View(origin_m=origin, target_m=target, up=up)
+
+    def vectors(self, numbers: Sequence[int]) -> np.ndarray:
+        """Origin, target and up of these poses of the path, (N, 3, 3)."""
+        assert self.path is not None
+        keys, times = self.path.keys, [key.time_s for key in self.path.keys]
+        steps = self.path.views - (not _is_loop(keys[0], keys[-1]))
+        at = times[0] + np.asarray(numbers) * ((times[-1] - times[0]) / max(steps, 1))
+        found = np.empty((len(numbers), 3, 3))
+        for row, name in enumerate(("origin_m", "target_m", "up")):
+            points = np.array([getattr(key, name) for key in keys], dtype=float)
+            for axis in range(3):
+                found[:, row, axis] = np.interp(at, times, points[:, axis])
+        return np.round(found, DIGITS) + 0.0  # no −0
 
 
-def count(file: DatasetFile) -> int:
-    """How many combinations there are, before splits leave any out."""
-    views = sum(len(poses(scene)) for scene in file.scenes)
-    cells = math.prod(len(values) for values in file.grid.values())
-    return (
-        views
-        * cells
-        * max(len(file.list), 1)
-        * len(file.cameras)
-        * (file.random.draws if file.random else 1)
-    )
+def _is_loop(first: KeyPose, last: KeyPose) -> bool:
+    """Whether a path ends with the pose that it begins with, which is made once."""
+    return (first.origin_m, first.target_m, first.up) == (last.origin_m, last.target_m, last.up)
 
 
-def changes_light(name: str) -> bool:
-    """Whether the light must be rendered anew where this varies."""
-    return name in OF_LIGHT or name.startswith(OF_LIGHT_PREFIXES)
+class Light(NamedTuple):
+    """What the samples of one light have in common.  view, pose : as of a combination.  values : of the grid.
+    draws : numbers of the random draws."""
+
+    view: int
+    pose: View | None
+    values: Values
+    draws: Sequence[int]
+
+
+class SceneSweep:
+    """What the samples of one scene are made of, by number: a light, a row and a camera, and what the light is exposed
+    with.
+
+    file : the dataset.  scene : number of its entry.  later : whether a camera has exposures one after the other, so
+    that all that changes it changes the light of what moves.  Serial numbers are for splits to deal out (splits.py).
+    """
+
+    def __init__(self, file: DatasetFile, scene: int, later: bool) -> None:
+        self.file, self.scene, self.entry = file, scene, file.scenes[scene]
+        self.poses = Poses(self.entry)
+        also = names_of_timed_light(file, self.entry, later)
+        grid = {name: values for name, values in file.grid.items() if name != "serial"}
+        self.of_light = {name: x for name, x in grid.items() if changes_light(name, also)}
+        self.of_exposure = {name: x for name, x in grid.items() if name not in self.of_light}
+        self.rows: Sequence[Values] = file.list or ({},)
+        self.draws = LightDraws(file, self.entry.name, also)
+        self.lights = len(self.poses) * cells(self.of_light) * len(self.draws)
+        self.most_exposures = cells(self.of_exposure) * self.draws.largest
+
+    def light(self, number: int) -> Light:
+        """The light of this number."""
+        number, draw = divmod(number, len(self.draws))
+        view, cell = divmod(number, cells(self.of_light))
+        values = values_of_cell(self.of_light, cell)
+        return Light(view, self.poses[view], values, self.draws.of(draw))
+
+    def exposures(self, light: Light) -> int:
+        """How many samples a light has of each row, camera and serial number."""
+        return len(light.draws) * cells(self.of_exposure)
+
+    def combination(self, light: Light, row: int, camera: int, exposure: int) -> Combination:
+        """What one sample is made of, but for its serial number.  exposure : number among those of the light."""
+        place, cell = divmod(exposure, cells(self.of_exposure))
+        draw = int(light.draws[place])
+        values = {
+            **light.values,
+            **self.rows[row],
+            **values_of_cell(self.of_exposure, cell),
+            **drawn_values(self.file, self.entry.name, draw),
+        }
+        if self.file.random is None:
+            draw = -1
+        return Combination(self.scene, camera, light.view, light.pose, values, draw)
+
+
+class LightDraws:
+    """The random draws of a scene, those of one light together: all, where they do not change the light; each alone,
+    where a law of what does is continuous; else by its choices.
+
+    largest : how many at most are together.  also : see :func:`changes_light`.  Raises InputError for too many.
+    """
+
+    def __init__(self, file: DatasetFile, scene: str, also: Sequence[str]) -> None:
+        laws = file.random.values if file.random else {}
+        self.all = file.random.draws if file.random else 1
+        of_light = {name: law for name, law in laws.items() if changes_light(name, also)}
+        self.alone = any(
+            law.choice is None and law.integer is None for law in of_light.values()
+        )
+        self.largest, self._bounds = self.all, [0, self.all]
+        self._order: Sequence[int] = range(self.all)
+        if self.alone:
+            self.largest = 1
+        elif of_light:
+            self._sort(file.seed, scene, of_light)
+
+    def __len__(self) -> int:
+        return self.all if self.alone else len(self._bounds) - 1
+
+    def of(self, number: int) -> Sequence[int]:
+        """The draws of a light."""
+        if self.alone:
+            return range(number, number + 1)
+        return self._order[self._bounds[number] : self._bounds[number + 1]]
+
+    def _sort(self, seed: int, scene: str, of_light: Mapping[str, Distribution]) -> None:
+        if self.all > MOST_SORTED:
+            raise InputError(
+                f"random.draws is {self.all}; at most {MOST_SORTED} where choices or whole numbers change the light: "
+                "put them into [grid]."
+            )
+        together: dict[object, list[int]] = {}
+        for draw in range(self.all):
+            values = (drawn(x, share_of(seed, scene, n, draw)) for n, x in of_light.items())
+            together.setdefault(tuple(values), []).append(draw)
+        groups = list(together.values())
+        self.largest = max(map(len, groups))
+        self._bounds = list(accumulate(map(len, groups), initial=0))
+        self._order = [draw for group in groups for draw in group]
+
+
+def names_of_timed_light(file: DatasetFile, entry: SceneEntry, later: bool) -> tuple[str, ...]:
+    """Beginnings of the names that change the light of a scene beside the usual ones, because time does."""
+    if not is_timed(file, entry):
+        return ()
+    times = [*possible_values(file, "exposure_s")]
+    if later or "noise_ratio" in file.render or "auto" in times or not times:
+        return EXPOSED + METERED
+    return EXPOSED
+
+
+def is_timed(file: DatasetFile, entry: SceneEntry) -> bool:
+    """Whether the exposure decides the light."""
+    return entry.motion is not None or "noise_ratio" in file.render
+
+
+def possible_values(file: DatasetFile, name: str) -> Iterator[Value]:
+    """The values of something that varies which stand in the file."""
+    yield from file.grid.get(name, ())
+    yield from (row[name] for row in file.list if name in row)
+    if file.random and name in file.random.values:
+        yield from ends(file.random.values[name], file.random.draws)
+
+
+def cells(grid: Mapping[str, Sequence[Value]]) -> int:
+    """How many combinations there are of the values of a grid."""
+    return math.prod(len(values) for values in grid.values())
+
+
+def values_of_cell(grid: Mapping[str, Sequence[Value]], number: int) -> Facts:
+    """The combination of this number; those of the last name change fastest."""
+    found: Facts = {}
+    for name in reversed([*grid]):
+        number, place = divmod(number, len(grid[name]))
+        found[name] = grid[name][place]
+    return {name: found[name] for name in grid}
+
+
+def changes_light(name: str, also: Iterable[str] = ()) -> bool:
+    """Whether the light must be rendered anew where this varies.  also : beginnings of other names that do."""
+    return name in OF_LIGHT or name.startswith((*OF_LIGHT_PREFIXES, *also))
 
 
 def of_kind(kind: str, values: Values) -> Facts:
@@ -88,32 +244,12 @@ def of_kind(kind: str, values: Values) -> Facts:
     }
 
 
-def poses(scene: SceneEntry) -> Sequence[View | None]:
-    """The poses of the camera; None is that of the scene file."""
-    if scene.path is None:
-        return scene.views or (None,)
-    keys, times = scene.path.keys, [key.time_s for key in scene.path.keys]
-    loop = _is_loop(keys[0], keys[-1])
-    at = np.linspace(times[0], times[-1], scene.path.views, endpoint=not loop)
-
-    def along(vectors: Sequence[object]) -> list[tuple[float, ...]]:
-        axes = [np.interp(at, times, axis) for axis in np.array(vectors, dtype=float).T]
-        return [
-            tuple(round(float(x), DIGITS) for x in point) for point in zip(*axes, strict=True)
-        ]
-
-    points = (
-        along([getattr(key, name) for key in keys]) for name in ("origin_m", "target_m", "up")
-    )
-    return [
-        View(origin_m=origin, target_m=target, up=up)
-        for origin, target, up in zip(*points, strict=True)
-    ]
-
-
-def _is_loop(first: KeyPose, last: KeyPose) -> bool:
-    """Whether a path ends with the pose that it begins with, which is made once."""
-    return (first.origin_m, first.target_m, first.up) == (last.origin_m, last.target_m, last.up)
+def drawn_values(file: DatasetFile, scene: str, draw: int) -> Facts:
+    """The values of a random draw: a function of seed, scene, name and number."""
+    if file.random is None:
+        return {}
+    laws = file.random.values.items()
+    return {name: drawn(law, share_of(file.seed, scene, name, draw)) for name, law in laws}
 
 
 def drawn(distribution: Distribution, share: float) -> Value:
@@ -131,32 +267,21 @@ def drawn(distribution: Distribution, share: float) -> Value:
     return _rounded(value if distribution.uniform else math.exp(value))
 
 
+def ends(distribution: Distribution, draws: int) -> Sequence[Value]:
+    """Every choice, or the smallest and the largest value; of a normal distribution those that one of 1000 datasets of
+    so many draws goes beyond."""
+    if distribution.choice is not None:
+        return distribution.choice
+    rare = 1e-15
+    if distribution.normal is not None:
+        rare = 0.5e-3 / draws
+    return drawn(distribution, rare), drawn(distribution, 1 - rare)
+
+
 def share_of(*names: object) -> float:
     """A number evenly over 0 … 1, both left out, that belongs to these names: of BLAKE2, so the same for ever."""
     digest = hashlib.blake2b("/".join(map(str, names)).encode(), digest_size=8).digest()
     return ((int.from_bytes(digest, "little") >> 11) + 0.5) / 2**53
-
-
-def _grid(values: Mapping[str, Sequence[Value]]) -> Iterator[Facts]:
-    """Every combination of the values."""
-    return (dict(zip(values, cell, strict=True)) for cell in product(*values.values()))
-
-
-def _draws(sweep: RandomSweep | None, seed: int, scene: str) -> list[list[tuple[int, Values]]]:
-    """(number, values) of every draw, those of the same light together."""
-    if sweep is None:
-        return [[(-1, {})]]
-    found: dict[object, list[tuple[int, Values]]] = {}
-    for draw in range(sweep.draws):
-        values = {
-            name: drawn(law, share_of(seed, scene, name, draw))
-            for name, law in sweep.values.items()
-        }
-        for name, value in values.items():
-            check_value(name, value)
-        light = tuple(x for name, x in values.items() if changes_light(name))
-        found.setdefault(light, []).append((draw, values))
-    return list(found.values())
 
 
 def _rounded(value: float) -> float:

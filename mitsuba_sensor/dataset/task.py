@@ -12,7 +12,8 @@ from pathlib import Path
 from ..core import DiskFull, InputError
 from ..files.worker_log import fatal_tries, forget, last_said, log_of, logged, note_death
 from ..stopping import whole_step
-from .planned import PlannedSample, PlannedView
+from .configured import PlannedSample
+from .planned import PlannedView
 from .store import Store
 
 MOST_TRIES = 3

@@ -10,9 +10,11 @@ import pytest
 import scipy.stats
 from helpers.datasets import SCENES, TABLES
 
+from mitsuba_sensor.dataset.configured import PlannedSample
 from mitsuba_sensor.dataset.file import Distribution, read_dataset
-from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample, PlannedView
-from mitsuba_sensor.dataset.sweep import combinations, count, drawn, poses, share_of
+from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedView
+from mitsuba_sensor.dataset.run import of_shard
+from mitsuba_sensor.dataset.sweep import Poses, drawn, share_of
 
 POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
 
@@ -71,11 +73,11 @@ def test_every_combination_is_made_once() -> None:
             "random": {"draws": 4, "values": {"exposure_ev": {"uniform": [-1, 1]}}},
         }
     )
-    found = [one for group in combinations(file) for one in group]
-    assert len(found) == count(file) == 2 * 3 * 2 * 4
-    assert len({tuple(sorted(one.values.items())) for one in found}) == len(found)
     plan = DatasetPlan(file, [SCENES])
     views = list(plan.views())
+    found = samples(views)
+    assert len(found) == plan.numbers == 2 * 3 * 2 * 4
+    assert len({tuple(sorted(one.values.items())) for one in found}) == len(found)
     assert len(views) == 3 and len({one.key for one in samples(views)}) == plan.samples == 48
 
 
@@ -171,10 +173,10 @@ def test_a_draw_is_the_same_for_every_camera_and_row_and_other_for_every_scene()
             "random": {"draws": 5, "values": {"exposure_s": {"log_uniform": [0.01, 1]}}},
         }
     )
-    found: dict[tuple[int, int], set[float]] = {}
-    for group in combinations(file):
-        for one in group:
-            found.setdefault((one.scene, one.draw), set()).add(one.values["exposure_s"])
+    found: dict[tuple[str, int], set[float]] = {}
+    for one in samples(list(DatasetPlan(file, [SCENES]).views())):
+        scene_and_draw = one.values["scene"], one.config["draw"]
+        found.setdefault(scene_and_draw, set()).add(one.values["exposure_s"])
     assert all(len(values) == 1 for values in found.values())
     assert len(set.union(*found.values())) == 10
 
@@ -188,7 +190,7 @@ def test_a_path_goes_through_its_keys_in_even_steps() -> None:
     file = read_dataset(
         {**TABLES, "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]}
     )
-    found = [view for view in poses(file.scenes[0]) if view is not None]
+    found = [view for view in Poses(file.scenes[0]) if view is not None]
     origins = np.array([view.origin_m for view in found])
     expected = [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]
     np.testing.assert_allclose(origins, expected, atol=1e-6)
@@ -205,7 +207,7 @@ def test_a_loop_has_each_pose_once() -> None:
     ]
     scene = TABLES["scenes"][0]
     loop = read_dataset({**TABLES, "scenes": [{**scene, "path": {"views": 8, "keys": keys}}]})
-    found = [view.origin_m for view in poses(loop.scenes[0]) if view is not None]
+    found = [view.origin_m for view in Poses(loop.scenes[0]) if view is not None]
     middles = [[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]]
     expected = [place for pair in zip(corners, middles, strict=False) for place in pair]
     np.testing.assert_allclose(found, expected, atol=1e-6)
@@ -214,5 +216,56 @@ def test_a_loop_has_each_pose_once() -> None:
         {**TABLES, "scenes": [{**scene, "path": {"views": 9, "keys": turned}}]}
     )
     np.testing.assert_allclose(
-        [view.origin_m for view in poses(no_loop.scenes[0]) if view], [*expected, corners[0]]
+        [view.origin_m for view in Poses(no_loop.scenes[0]) if view], [*expected, corners[0]]
     )
+
+
+LARGE: dict[str, dict[str, Any]] = {
+    "one view": {
+        "grid": {
+            "repetition": [*range(10_000)],
+            "exposure_s": [0.001 * k for k in range(1, 1001)],
+        }
+    },
+    "draws of other light": {
+        "random": {
+            "draws": 10**7,
+            "values": {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}},
+        }
+    },
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_a_sample_of_ten_million_is_found_by_its_number(name: str) -> None:
+    """And is the same, whatever part of the dataset is asked for."""
+    plan = DatasetPlan(read_dataset({**TABLES, **LARGE[name]}), [SCENES])
+    assert plan.samples == plan.numbers == 10**7
+    some = samples(list(plan.views(7_654_990, 7_655_010)))
+    alone = [samples(list(plan.views(n, n + 1))) for n in range(7_654_990, 7_655_010)]
+    assert len(some) == 20 and [[one] for one in some] == alone
+    assert len({one.key for one in some}) == 20
+
+
+def test_samples_of_a_view_with_many_are_several_tasks_of_one_light() -> None:
+    views = planned(grid={"repetition": [*range(2500)]})
+    assert [len(view.samples) for view in views] == [1000, 1000, 500]
+    assert len({view.key for view in views}) == 1 and not any(view.whole for view in views)
+    assert all(view.lead == views[0].samples[0].config for view in views)
+
+
+def test_draws_with_the_same_choice_of_light_share_it() -> None:
+    laws = {"f_number": {"choice": [2.0, 4.0]}, "exposure_s": {"uniform": [0.1, 0.2]}}
+    views = planned(random={"draws": 40, "values": laws})
+    assert len(views) == 2 and len({one.key for one in samples(views)}) == 40
+    assert sorted(one.config["draw"] for one in samples(views)) == [*range(40)]
+
+
+@pytest.mark.parametrize("shards", [1, 4, 5, 12, 13])
+def test_shards_split_a_view_into_parts_of_equal_size(shards: int) -> None:
+    """They are disjoint and together all; a dataset of one view, too."""
+    grid = {"exposure_s": [0.1, 0.2, 0.3, 0.4], "serial": [1, 2, 3]}
+    plan = DatasetPlan(read_dataset({**TABLES, "grid": grid}), [SCENES])
+    parts = [samples(list(of_shard(plan, (k, shards)))) for k in range(1, shards + 1)]
+    assert {len(part) for part in parts} <= {12 // shards, -(-12 // shards)}
+    assert [one for part in parts for one in part] == samples(list(plan.views()))

@@ -11,11 +11,12 @@ import pytest
 from helpers.datasets import SCENES, TABLES
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.dataset.configured import PlannedSample
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.forecast import counts_of
 from mitsuba_sensor.dataset.keys import key_of, seed_of
 from mitsuba_sensor.dataset.make import camera_of
-from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample
+from mitsuba_sensor.dataset.planned import DatasetPlan
 from mitsuba_sensor.dataset.repair import holdings
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
@@ -162,8 +163,13 @@ def test_a_value_that_cannot_be_is_refused_before_anything_is_made(
 
 
 def test_too_many_samples_are_refused_before_they_are_listed() -> None:
-    grid = {name: [*range(1000)] for name in ("temperature_k", "repetition", "serial")}
-    with pytest.raises(ms.InputError, match="has 1000000000 samples; one has at most 1000000"):
+    grid = {
+        name: [*range(1000)] for name in ("temperature_k", "repetition", "serial", "frames")
+    }
+    grid["frames"] = [*range(1, 1001)]
+    with pytest.raises(
+        ms.InputError, match="has 1000000000000 samples; one has at most 1000000000"
+    ):
         plan_of(grid=grid)
     scenes = [
         {"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
-
-import numpy as np
 
 from ...output.contact_sheet import Captioned, SheetRow
 from ..keys import Config, Facts
+from ..planned import evenly_chosen
 from ..reader import sample_of
 from ..store import Store
 from ..values import text_of
@@ -18,8 +16,6 @@ MOST_ROWS, MOST_COLUMNS = 8, 10
 MOST_LINES = 3  # of the caption of a picture
 OF_ROW = ("scene", "view", "pose")
 OF_EXPOSURE = ("exposure_s", "exposure_ev")
-
-Thing = TypeVar("Thing")
 
 
 def sheet_rows(store: Store, lines: Sequence[Facts]) -> list[SheetRow]:
@@ -97,9 +93,3 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     return text_of(value)
-
-
-def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:
-    """At most so many of them, evenly chosen, in their order."""
-    places = np.linspace(0, len(things) - 1, min(most, len(things)))
-    return [things[place] for place in np.unique(places.astype(int))]

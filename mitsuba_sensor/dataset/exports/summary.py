@@ -16,12 +16,13 @@ from ...core import InputError
 from ...files import durable
 from ..file import DatasetFile
 from ..keys import Facts, key_of
+from ..planned import evenly_chosen
 from ..reader import IMAGES, sample_of
 from ..record import FILE, RECORD, Kind, Record, text_of
 from ..store import Store
 from .card import CameraNumbers, CardFacts
 from .job import facts_of
-from .sheet import evenly_chosen, sheet_rows
+from .sheet import sheet_rows
 
 HOW = """import mitsuba_sensor as ms
 
