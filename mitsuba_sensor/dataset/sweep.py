@@ -199,8 +199,13 @@ def names_of_timed_light(file: DatasetFile, entry: SceneEntry, later: bool) -> t
     """Beginnings of the names that change the light of a scene beside the usual ones, because time does."""
     if not is_timed(file, entry):
         return ()
-    times = [*possible_values(file, "exposure_s")]
-    if later or "noise_ratio" in file.render or "auto" in times or not times:
+    times, drawn_names = (
+        [*possible_values(file, "exposure_s")],
+        file.random and file.random.values,
+    )
+    given = "exposure_s" in file.grid or "exposure_s" in (drawn_names or ())
+    given = given or (bool(file.list) and all("exposure_s" in row for row in file.list))
+    if later or "noise_ratio" in file.render or "auto" in times or not given:
         return EXPOSED + METERED
     return EXPOSED
 

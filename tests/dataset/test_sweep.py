@@ -269,3 +269,30 @@ def test_shards_split_a_view_into_parts_of_equal_size(shards: int) -> None:
     parts = [samples(list(of_shard(plan, (k, shards)))) for k in range(1, shards + 1)]
     assert {len(part) for part in parts} <= {12 // shards, -(-12 // shards)}
     assert [one for part in parts for one in part] == samples(list(plan.views()))
+
+
+@pytest.mark.parametrize("rows", [[{"exposure_s": 0.1}, {}], [{"exposure_s": "auto"}], [{}]])
+def test_samples_of_what_moves_share_no_light_that_was_metered_for_another_gain(
+    rows: list[dict[str, Any]],
+) -> None:
+    """Each sample names the light that its own configuration asks for."""
+    scene = {**TABLES["scenes"][0], "motion": {"camera": {"velocity_m_per_s": [0.01, 0, 0]}}}
+    tables = {
+        **TABLES,
+        "scenes": [scene],
+        "list": rows,
+        "grid": {"camera.adc.black_level_dn": [10, 20]},
+    }
+    plan = DatasetPlan(read_dataset(tables), [SCENES])
+    views = list(plan.views())
+    for scene_of in plan.scenes:
+        sweep = scene_of.sweep
+        for number in range(sweep.lights):
+            light = sweep.light(number)
+            for row in range(len(rows)):
+                keys = set()
+                for exposure in range(sweep.exposures(light)):
+                    one = sweep.combination(light, row, 0, exposure)
+                    keys.add(plan.light_key(one, plan.cameras.of(one))[1])
+                assert len(keys) == 1
+    assert len(samples(views)) == 2 * len(rows)
