@@ -272,9 +272,13 @@ def compare_at(
             expected[number, serial] = [
                 np.mean(x) for x in (theory.mean, theory.temporal, theory.spatial)
             ]
+    least_errors = errors_of_rare_events(
+        stage, frames_of_chip(place, exposure, 0, camera, NUMPY_FLOAT64)[0]
+    )
     for number, level in enumerate(levels):
         means, sizes = off[number].mean(axis=0), expected[number].mean(axis=0)
-        errors = off[number].std(axis=0, ddof=1) / math.sqrt(CHIPS)
+        spread = off[number].std(axis=0, ddof=1) / math.sqrt(CHIPS)
+        errors = np.maximum(spread, least_errors)
         rounded = ROUNDING * np.abs([sizes[0], sizes[1] + sizes[2], sizes[1] + sizes[2]])
         rounded[1:] += (ROUNDING * sizes[0]) ** 2
         means, errors = (np.where(np.abs(x) <= rounded, 0.0, x) for x in (means, errors))
@@ -282,6 +286,41 @@ def compare_at(
         numbers = np.transpose([sizes, sizes + means, errors, apart])
         for quantity, row in zip(QUANTITIES, numbers.tolist(), strict=True):
             yield StageComparison(level.name, quantity, str(place), *row)
+
+
+def errors_of_rare_events(stage: Stage, frame: Frame) -> Float64Array:
+    """Standard errors of mean, temporal and spatial variance that the states of the pixels make, at least.
+
+    Where few samples have an event, such as a radiation hit, or none has, their spread does not show how many might
+    have had one. The fourth moment of the states does, and one event more or less.
+    """
+    noise = stage.pixel_noise(frame)
+    if noise is None:
+        return np.zeros(len(QUANTITIES))
+    mean = sum(chance * own for chance, own, _ in noise.states)
+    square: Array = 0.0
+    fourth: Array = 0.0
+    for chance, own, variance in noise.states:
+        off_square = (own - mean) ** 2
+        square = square + chance * (variance + off_square)
+        fourth = fourth + chance * (3 * variance**2 + 6 * variance * off_square + off_square**2)
+    variance, fourth_moment = float(np.mean(square)), float(np.mean(fourth))
+    if variance == 0:
+        return np.zeros(len(QUANTITIES))
+    samples = CHIPS * math.prod(frame.window.shape)
+    event_square = fourth_moment / variance
+    cumulant = fourth_moment - 3 * variance**2
+    by_chance = (
+        math.sqrt(variance / (2 * samples)),
+        math.sqrt((cumulant / 2 + 2 * variance**2) / samples),
+        variance / math.sqrt(samples),
+    )
+    one_event = (
+        math.sqrt(event_square) / (2 * samples),
+        event_square / (2 * samples),
+        event_square / samples,
+    )
+    return np.hypot(by_chance, one_event)
 
 
 def require_same_bytes(stage: Stage, level: Level, place: Place, exposure: Exposure) -> None:

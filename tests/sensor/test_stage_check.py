@@ -13,6 +13,7 @@ from helpers.amp_glow import AmpGlow
 from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.stages.effects.radiation_hits import RadiationHits
 
 TABLE1 = ms.load_camera("konnik_table1")
 
@@ -144,3 +145,36 @@ def test_a_stage_that_is_not_in_the_chain_needs_its_place() -> None:
             ms.InputError, match=r"say where it stands, e\.g\. after='dark_current'"
         ):
             ms.check_stage(stage, camera=TABLE1)
+
+
+HIT = 1500.0
+
+
+@dataclass(frozen=True)
+class HitsThatStateMore(RadiationHits):
+    """Its moments say that every hit leaves 10 % more."""
+
+    def moments(self, m: ms.Moments) -> ms.Moments:
+        return replace(self, hit_e=1.1 * self.hit_e).as_right(m)
+
+    def as_right(self, m: ms.Moments) -> ms.Moments:
+        return RadiationHits.moments(self, m)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("hits_of_a_pixel", [1e-7, 1e-5])
+def test_rare_hits_pass_however_few_there_are(hits_of_a_pixel: float) -> None:
+    """All windows together have 2.9e6 pixels in two frames: 0.6 hits and 58. By chance one in 1000 would fail."""
+    stage = RadiationHits(hits_of_a_pixel, HIT, 1.0)
+    check = ms.check_stage(stage, camera=TABLE1, after="full_well", exposure=ms.Exposure(1.0))
+    assert max(row.standard_errors for row in check.comparisons) < 5
+
+
+@pytest.mark.exhaustive
+def test_hits_of_which_10_percent_more_charge_is_stated_are_told_where_there_are_enough() -> (
+    None
+):
+    """1 % of the pixels: 2600 hits in a window of 64 × 64 alone, which give their charge within 2 %."""
+    stage = HitsThatStateMore(0.01, HIT, 1.0)
+    with pytest.raises(ms.InputError, match=r"HitsThatStateMore.*the (mean|temporal)"):
+        ms.check_stage(stage, camera=TABLE1, after="full_well", exposure=ms.Exposure(1.0))
