@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterator
 import charts
 import numpy as np
 
+from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.image_quality.slanted_edge import slanted_edge
+from mitsuba_sensor.lab.measure.image_quality.step_chart import step_chart
 from mitsuba_sensor.lab.quantity import Quantity
 
 Case = Callable[[np.random.Generator], Iterator[tuple[str, Quantity, float]]]
@@ -45,7 +47,34 @@ def edge_case(rng: np.random.Generator) -> Iterator[tuple[str, Quantity, float]]
     yield "MTF50", modulation.mtf50, float(crossing)
 
 
-CASES: dict[str, Case] = {"slanted_edge": edge_case}
+def step_case(rng: np.random.Generator) -> Iterator[tuple[str, Quantity, float]]:
+    """A step chart in front of a linear camera with read noise and PRNU, against closed forms."""
+    gain, read_e, prnu = rng.uniform(0.1, 2), rng.uniform(6, 30), rng.uniform(0.001, 0.008)
+    per_lxs, black_dn, largest = 10 ** rng.uniform(3, 5), 64.0, 4095 - 64
+    steps = np.concatenate([[0.0], np.geomspace(0.003, 0.9, 15)])
+    exposures = steps * largest / gain / per_lxs
+    side, frames = 24, int(rng.integers(2, 9))
+    means_e = np.repeat(exposures * per_lxs, side)[None, :] * np.ones((side, 1))
+    electrons = means_e * (1 + prnu * rng.normal(size=means_e.shape))
+    counts = rng.poisson(electrons, (frames, *means_e.shape))
+    noise_e = read_e * rng.normal(size=counts.shape)
+    codes = np.clip(np.round(black_dn + gain * (counts + noise_e)), 0, 4095)
+    regions = [(0, side * k, side, side) for k in range(steps.size)]
+    chart = step_chart(Stack(codes, 0.01, bits=12), regions, exposures, black_dn=black_dn)
+    constant, slope = (gain * read_e) ** 2 + 1 / 12, gain * per_lxs
+    yield "response", chart.slope, slope
+    yield "S_sat", chart.saturation_speed, 78 * slope / largest
+    for ratio, speed in ((40, chart.noise_speed_40), (10, chart.noise_speed_10)):
+        if not np.isnan(speed.value):
+            rest = 1 - (ratio * prnu) ** 2
+            linear = ratio**2 * gain
+            root = np.sqrt(linear**2 + 4 * rest * ratio**2 * constant)
+            yield f"S_noise{ratio}", speed, 10 * slope * 2 * rest / (linear + root)
+    smallest = (gain + np.sqrt(gain**2 + 4 * constant)) / 2
+    yield "DR", chart.dynamic_range, 20 * np.log10(largest / smallest)
+
+
+CASES: dict[str, Case] = {"slanted_edge": edge_case, "step_chart": step_case}
 
 
 def coverage(case: Case, count: int, seed: int = 1) -> dict[str, tuple[float, float]]:

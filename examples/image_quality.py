@@ -54,7 +54,24 @@ def draw_edge(axes: Axes) -> None:
     axes.plot(frequency, pixel, "k--", label="theory: the pixel")
 
 
-PICTURES = {"image-quality-edge": ("slanted edge, bayer_2mp", draw_edge)}
+def draw_steps(axes: Axes) -> None:
+    """Signal-to-noise ratio of a step chart."""
+    camera = ms.load_camera("konnik_table1")
+    steps = np.concatenate([[0.0], np.geomspace(0.002, 0.9, 15)])
+    electrons = np.repeat(camera.pixel.full_well_e * steps, 40)[None] * np.ones((40, 1))
+    light = ms.Photons(electrons, detected=True)
+    codes = ms.expose(light, camera, EXPOSURE, frames=8).digital
+    regions = [(0, 40 * number, 40, 40) for number in range(steps.size)]
+    stack = ms.lab.Stack(codes, EXPOSURE.time_s, bits=camera.adc.bits)
+    dark = ms.Photons(0 * electrons, detected=True)
+    black_dn = ms.expose(dark, camera, EXPOSURE, frames=8, seed=2).digital.mean(axis=0)
+    ms.lab.step_chart(stack, regions, 0.2 * steps, black_dn=black_dn).plot_snr(axes)
+
+
+PICTURES = {
+    "image-quality-steps": ("step chart, konnik_table1", draw_steps),
+    "image-quality-edge": ("slanted edge, bayer_2mp", draw_edge),
+}
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from .frames.bench import Bench as Bench
 from .frames.bench import read_bench as read_bench
 from .frames.stack import Stack as Stack
 from .measure.image_quality.slanted_edge import slanted_edge as slanted_edge
+from .measure.image_quality.step_chart import step_chart as step_chart
 from .measure.measurement import measure_bench as measure_bench
 from .quantity import Quantity as Quantity
 from .twin.fit import Twin as Twin

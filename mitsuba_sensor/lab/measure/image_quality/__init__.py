@@ -2,4 +2,6 @@
 
 slanted_edge.py measures the modulation transfer at an edge: it finds the edge (edge_line.py), removes uneven light
 (uneven_light.py), fits the edge spread (edge_spread.py) and returns a curve with its error (modulation.py).
+
+step_chart.py measures response, speed, noise and dynamic range from patches (patches.py).
 """

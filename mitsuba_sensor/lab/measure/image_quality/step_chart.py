@@ -1,0 +1,256 @@
+"""A step chart: response (OECF, ISO 14524), ISO speed (ISO 12232), noise, SNR and dynamic range (ISO 15739)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ....core import InputError, numbers
+from ....core.types import Float64Array
+from ...frames.stack import Stack
+from ...quantity import Quantity, no_value, normal_interval
+from .patches import Patches, Region, measure_patches
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SATURATION_CONSTANT, NOISE_CONSTANT = 78.0, 10.0
+"""ISO 12232: the speed is 78/H of the exposure that saturates, 10/H of that whose signal-to-noise ratio is 40 or 10."""
+SATURATION, NOISE = "ISO 12232 saturation", "ISO 12232 noise"
+COARSE_DN2 = 0.25
+"""Temporal variance below which rounding is no noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepChart:
+    """What a step chart shows.
+
+    exposure_lxs : of the patches at the focal plane [lx s].  patches : their statistics.
+    slope : response [DN/(lx s)].  linearity_error : largest deviation from a line through the black level [%].
+    saturation_speed, noise_speed_40, noise_speed_10 : ISO speeds.  dynamic_range : [dB].
+    """
+
+    exposure_lxs: Float64Array
+    patches: Patches
+    slope: Quantity
+    linearity_error: Quantity
+    saturation_speed: Quantity
+    noise_speed_40: Quantity
+    noise_speed_10: Quantity
+    dynamic_range: Quantity
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Response, linearity, speeds and dynamic range."""
+        return (
+            self.slope,
+            self.linearity_error,
+            self.saturation_speed,
+            self.noise_speed_40,
+            self.noise_speed_10,
+            self.dynamic_range,
+        )
+
+    @property
+    def snr(self) -> Float64Array:
+        """Signal over total noise of every patch, without unit."""
+        return np.asarray(self.patches.mean / np.sqrt(self.patches.total))
+
+    def plot(self, ax: Axes) -> None:
+        """The response (OECF) over the exposure."""
+        error = 1.96 * self.patches.mean_error
+        ax.errorbar(self.exposure_lxs, self.patches.mean, yerr=error, fmt="o", label="patches")
+        line = self.slope.value * self.exposure_lxs
+        ax.plot(self.exposure_lxs, line, label="line through the black level")
+        ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal above black [DN]")
+
+    def plot_snr(self, ax: Axes) -> None:
+        """Signal-to-noise ratio over the exposure."""
+        ax.loglog(self.exposure_lxs, self.snr, "o", label="total noise")
+        temporal = self.patches.mean / np.sqrt(self.patches.temporal)
+        ax.loglog(self.exposure_lxs, temporal, "s", label="temporal noise")
+        ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal-to-noise ratio")
+
+
+@dataclass(frozen=True, eq=False)
+class _Variance:
+    """A variance that is a polynomial of the signal, lowest power first [DN²], and its coefficients' covariance."""
+
+    coefficients: Float64Array
+    covariance: Float64Array
+
+    @classmethod
+    def fit(
+        cls, signal: Float64Array, variance: Float64Array, error: Float64Array, order: int
+    ) -> _Variance:
+        """Weighted least squares; the weights are those of the fitted variances, not of the measured ones."""
+        relative = error / variance
+        powers = signal[:, None] ** np.arange(order + 1)
+        expected = variance
+        for _ in range(4):
+            weight = 1 / (relative * expected)
+            design = powers * weight[:, None]
+            covariance = np.linalg.pinv(design.T @ design)
+            coefficients = covariance @ design.T @ (variance * weight)
+            expected = np.maximum(powers @ coefficients, 0.1 * variance)
+        return cls(coefficients, np.asarray(covariance, np.float64))
+
+    def signal_at(self, ratio: float) -> tuple[float, float]:
+        """Signal with this signal-to-noise ratio, and its standard error [DN]; NaN where there is none."""
+        value = _root(self.coefficients, ratio)
+        steps = 0.1 * np.sqrt(np.diag(self.covariance))
+        slopes = np.zeros(steps.size)
+        for number, step in enumerate(steps):
+            moved = np.zeros(steps.size)
+            moved[number] = step
+            upper = _root(self.coefficients + moved, ratio)
+            lower = _root(self.coefficients - moved, ratio)
+            slopes[number] = (upper - lower) / (2 * step)
+        return value, math.sqrt(max(float(slopes @ self.covariance @ slopes), 0.0))
+
+
+def _root(coefficients: Float64Array, ratio: float) -> float:
+    """The signal y for which y = ratio·√(a + b·y + c·y²), or NaN."""
+    constant, linear, square = np.append(coefficients, 0.0)[:3] * ratio**2
+    rest = linear**2 + 4 * (1 - square) * constant
+    if square >= 1 or rest < 0:
+        return math.nan
+    return float((linear + math.sqrt(rest)) / (2 * (1 - square)))
+
+
+def step_chart(
+    stack: Stack,
+    regions: Sequence[Region],
+    exposure_lxs: ArrayLike,
+    *,
+    black_dn: ArrayLike,
+    saturation_dn: float | None = None,
+) -> StepChart:
+    """Response, ISO speeds, noise and dynamic range from two frames or more of a chart of grey patches.
+
+    regions : (first row, first column, rows, columns) of each patch.
+    exposure_lxs : illuminance at the focal plane times exposure time of each patch [lx s], 0 for a dark one.
+    black_dn : mean of dark frames, a number or a map (H, W), which knows that columns differ in the dark.
+    saturation_dn : signal that is saturated, above black; by default that of the largest code.
+    Raises InputError for one frame, a mosaic, fewer than 4 patches that are not clipped, and patches outside.
+    """
+    exposures = numbers("exposure_lxs", exposure_lxs, "one exposure in lx s for each patch")
+    if exposures.shape != (len(regions),) or not (exposures >= 0).all():
+        raise InputError(
+            f"exposure_lxs has shape {exposures.shape} for {len(regions)} patches; pass one of 0 or more for each."
+        )
+    black = numbers("black_dn", black_dn, "DN, the mean of dark frames")
+    if black.shape not in ((), stack.shape):
+        raise InputError(
+            f"black_dn has shape {black.shape}; pass a number, or a map of the frames' shape {stack.shape}."
+        )
+    black = np.broadcast_to(black, stack.shape)
+    patches = measure_patches(stack, regions, black)
+    largest = saturation_dn
+    if largest is None and stack.bits is not None:
+        largest = 2**stack.bits - 1 - float(black.mean())
+    usable = patches.clipped == 0
+    if largest is not None:
+        usable &= patches.mean < 0.97 * largest
+    if usable.sum() < 4 or not (exposures[usable] > 0).any():
+        raise InputError(
+            f"{int(usable.sum())} of {len(regions)} patches are not clipped; pass 4 or more, the darkest above code 0."
+        )
+    part = Patches(*(field[usable] for field in patches))
+    return _figures(exposures, patches, exposures[usable], part, largest)
+
+
+def _figures(
+    exposures: Float64Array,
+    patches: Patches,
+    usable: Float64Array,
+    part: Patches,
+    largest: float | None,
+) -> StepChart:
+    """All figures.  usable, part : exposures and statistics of the patches that are not clipped."""
+    weight = 1 / np.square(part.mean_error)
+    information = float((weight * usable**2).sum())
+    slope = float((weight * usable * part.mean).sum()) / information
+    error = 1 / math.sqrt(information)
+    response = Quantity(
+        "s", "response", *normal_interval(slope, error), "DN/(lx s)", "ISO 14524"
+    )
+    total = _Variance.fit(part.mean, part.total, part.total_error, 2)
+    temporal = _Variance.fit(part.mean, part.temporal, part.temporal_error, 1)
+
+    def noise_speed(ratio: int) -> Quantity:
+        like = no_value(f"S_noise{ratio}", f"noise-based ISO speed, SNR {ratio}", "", NOISE)
+        signal = total.signal_at(ratio)
+        if largest is not None and signal[0] > largest:
+            return like.noted(f"saturates before a signal-to-noise ratio of {ratio}")
+        return _speed(like, response, signal, NOISE_CONSTANT)
+
+    saturation = no_value("S_sat", "saturation-based ISO speed", "", SATURATION)
+    saturation = saturation.noted("pass bits of the stack, or saturation_dn")
+    if largest is not None:
+        like = no_value(saturation.symbol, saturation.name, "", SATURATION)
+        saturation = _speed(like, response, (largest, 0.0), SATURATION_CONSTANT)
+    return StepChart(
+        exposures,
+        patches,
+        response,
+        _linearity(usable, part, response),
+        saturation,
+        noise_speed(40),
+        noise_speed(10),
+        _dynamic_range(temporal, part, largest),
+    )
+
+
+def _speed(
+    like: Quantity, response: Quantity, signal: tuple[float, float], constant: float
+) -> Quantity:
+    """constant/H of the exposure H that makes a signal.  signal : with its standard error [DN]."""
+    value, error = signal
+    if not (value > 0 and math.isfinite(error) and response.value > 0):
+        return like.noted("no exposure has this signal-to-noise ratio")
+    speed = constant * response.value / value
+    relative = math.hypot(error / value, response.standard_error / response.value)
+    return _filled(like, speed, speed * relative)
+
+
+def _filled(like: Quantity, value: float, error: float) -> Quantity:
+    """A quantity like this one with a normal interval."""
+    low, high = normal_interval(value, error)[1:]
+    return Quantity(
+        like.symbol, like.name, value, low, high, like.unit, like.section, like.note
+    )
+
+
+def _linearity(exposures: Float64Array, part: Patches, response: Quantity) -> Quantity:
+    """Largest deviation of a patch of more than 5 % of the brightest from the line [% of the patch]."""
+    like = no_value("LE_max", "largest deviation from a line", "%", "ISO 14524")
+    line = response.value * exposures
+    bright = line > 0.05 * line.max()
+    deviation = 100 * (part.mean - line)[bright] / line[bright]
+    error = 100 * part.mean_error[bright] / line[bright]
+    worst = int(np.argmax(np.abs(deviation)))
+    low, high = normal_interval(float(deviation[worst]), float(error[worst]))[1:]
+    value = abs(float(deviation[worst]))
+    half = (high - low) / 2
+    return Quantity(
+        like.symbol, like.name, value, max(value - half, 0.0), value + half, "%", like.section
+    )
+
+
+def _dynamic_range(temporal: _Variance, part: Patches, largest: float | None) -> Quantity:
+    """Saturation over the signal with a temporal signal-to-noise ratio of 1 [dB]."""
+    like = no_value("DR", "dynamic range", "dB", "ISO 15739")
+    signal, error = temporal.signal_at(1.0)
+    if largest is None or not (signal > 0 and math.isfinite(error)):
+        return like.noted("needs the saturation, and a dark patch whose noise is above 0")
+    decibel = 20 * math.log10(largest / signal)
+    quantity = _filled(like, decibel, 20 / math.log(10) * error / signal)
+    if part.temporal.min() < COARSE_DN2:
+        return quantity.noted("temporal noise below 0.5 DN: rounding is not removed")
+    return quantity
