@@ -14,12 +14,13 @@ import numpy as np
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.measure.polarization import Polarization, polarization
+from mitsuba_sensor.lab.measure.polarization import Polarization, hues, polarization
 from mitsuba_sensor.output.preview import preview
 
 SCENE = Path(__file__).parent.parent / "scenes" / "polarisation.xml"
 EXPOSURE = ms.Exposure(0.004)
 FRAMES = 8
+STRIP_ROWS = 4  # of the colours under the picture of the angle
 
 
 def frames_of(width: int, spp: int) -> ms.Frames:
@@ -45,6 +46,16 @@ def measured(frames: ms.Frames) -> Polarization:
     )
 
 
+def with_angles(picture: np.ndarray) -> np.ndarray:
+    """The picture over a strip of the colours of 0 to 180°, from the left to the right."""
+    columns = picture.shape[1]
+    angles = np.linspace(0.0, 180.0, columns, endpoint=False)
+    strip = np.repeat(hues(angles)[None], STRIP_ROWS, axis=0)
+    gap = np.zeros((1, columns, 3))
+    colours = np.concatenate([gap, strip])
+    return np.concatenate([picture, (255 * colours + 0.5).astype(np.uint8)])
+
+
 def grey(values: np.ndarray) -> np.ndarray:
     """A picture of 8 bits, (H, W, 3), of values from 0 to 1."""
     levels = np.clip(np.nan_to_num(values), 0.0, 1.0)
@@ -64,7 +75,7 @@ def main() -> None:
     pictures = {
         "frame": preview(frames.digital[0], frames.camera),
         "dolp": grey(result.dolp_without_bias),
-        "aolp": colours,
+        "aolp": with_angles(colours),
     }
     for name, picture in pictures.items():
         times = 1 if name == "frame" else 2  # a tile is two pixels wide

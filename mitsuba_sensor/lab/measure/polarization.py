@@ -63,9 +63,7 @@ class Polarization:
 
     def colours(self) -> Float64Array:
         """A picture, (H, W, 3) from 0 to 1: the angle as hue, red at 0° and cyan at 90°, the degree as brightness."""
-        sixths = np.nan_to_num(self.aolp_deg)[..., None] / 30 + np.array([5.0, 3.0, 1.0])
-        distance = np.minimum(sixths % 6, 4 - sixths % 6)
-        pure = 1 - np.clip(distance, 0.0, 1.0)
+        pure = hues(np.nan_to_num(self.aolp_deg))
         value = np.clip(np.nan_to_num(self.dolp_without_bias), 0.0, 1.0)
         return np.asarray(value[..., None] * pure)
 
@@ -73,6 +71,13 @@ class Polarization:
         """The picture of angle and degree."""
         ax.imshow(self.colours())
         ax.set(title="AoLP as hue, DoLP as brightness", xticks=[], yticks=[])
+
+
+def hues(aolp_deg: Float64Array) -> Float64Array:
+    """The colours of angles, (…, 3) from 0 to 1: red at 0°, green at 60°, cyan at 90°, blue at 120°."""
+    sixths = aolp_deg[..., None] / 30 + np.array([5.0, 3.0, 1.0])
+    distance = np.minimum(sixths % 6, 4 - sixths % 6)
+    return np.asarray(1 - np.clip(distance, 0.0, 1.0))
 
 
 class _Maps(NamedTuple):
