@@ -9,5 +9,7 @@ from .measure.measurement import measure_bench as measure_bench
 from .quantity import Quantity as Quantity
 from .twin.fit import Twin as Twin
 from .twin.fit import fit as fit
+from .twin.readouts import ReadoutTwins as ReadoutTwins
+from .twin.readouts import fit_readouts as fit_readouts
 
 __all__: list[str]
