@@ -71,9 +71,11 @@ class StepChart:
 
     def plot_snr(self, ax: Axes) -> None:
         """Signal-to-noise ratio over the exposure."""
-        ax.loglog(self.exposure_lxs, self.snr, "o", label="total noise")
-        temporal = self.patches.mean / np.sqrt(self.patches.temporal)
-        ax.loglog(self.exposure_lxs, temporal, "s", label="temporal noise")
+        lit = (self.exposure_lxs > 0) & (self.patches.mean > 0)
+        exposures = self.exposure_lxs[lit]
+        temporal = self.patches.mean[lit] / np.sqrt(self.patches.temporal[lit])
+        ax.loglog(exposures, self.snr[lit], "o", label="total noise")
+        ax.loglog(exposures, temporal, "s", label="temporal noise")
         ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal-to-noise ratio")
 
 
