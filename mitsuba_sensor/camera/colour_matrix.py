@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import Float64Array
+from ..core import Exposure, Float64Array, Frame, Photons, SensorWindow
 from ..core.illuminant import Illuminant
 from ..optics import spectra
 from .camera import Camera
@@ -45,7 +45,7 @@ class _Question:
     def __init__(self, camera: Camera, light: Illuminant | None) -> None:
         self.camera, self.light = camera, light
         parts = () if light is None else tuple(np.asarray(part).tobytes() for part in light)
-        self.own = response_fingerprint(camera), camera.filter_names, parts
+        self.own = response_fingerprint(camera), camera.filter_names, _sideways(camera), parts
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Question) and self.own == other.own
@@ -91,7 +91,32 @@ def colour_order(filter_names: tuple[str, ...]) -> list[int] | None:
 def _electrons(camera: Camera, light: Illuminant) -> Float64Array:
     """(F, B) electrons behind each filter of a white surface, in any unit: photons times QE."""
     middles, power = light
-    return np.asarray(camera.qe(middles) * power * middles)
+    return np.asarray(flat_field_qe(camera, middles) * power * middles)
+
+
+def flat_field_qe(camera: Camera, wavelengths_nm: Float64Array) -> Float64Array:
+    """(F, B) QE of each filter as a flat field shows it: with the photoelectrons that neighbours give and take."""
+    detection = camera.stages[0]
+    if detection.light_reach_px == 0:
+        return camera.qe(wavelengths_nm)
+    shape = len(camera.tile), len(camera.tile[0])
+    frame, filters = Frame(Exposure(1.0), SensorWindow(0, shape)), camera.filter_index(shape)
+    found = np.empty((len(camera.filter_names), wavelengths_nm.size))
+    for band, wavelength_nm in enumerate(wavelengths_nm):
+        photons = Photons(np.ones((*shape, 1)), np.array([wavelength_nm]))
+        collected = detection.sample(photons, frame).light
+        for number in range(len(found)):
+            found[number, band] = collected[filters == number].mean()
+    return found
+
+
+def _sideways(camera: Camera) -> tuple[object, ...]:
+    """What a flat field shows of crosstalk and diffusion."""
+    section, pixel = camera.quantum_efficiency, camera.pixel
+    if camera.stages[0].light_reach_px == 0:
+        return ()
+    given = section.crosstalk, repr(section.crosstalk_from), section.diffusion_um
+    return (*given, section.filter_tile, pixel.pitch_x_um, pixel.pitch_y_um)
 
 
 def _detected(camera: Camera, light: Illuminant, order: list[int]) -> bool:

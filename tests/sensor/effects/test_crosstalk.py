@@ -11,6 +11,7 @@ from helpers.stage_tests import ENGINES, StageTests, backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.colour_matrix import colour_matrix, standard_light
 from mitsuba_sensor.core.backend import Backend
 from mitsuba_sensor.stages.effects.quantum_efficiency import QuantumEfficiency
 
@@ -237,3 +238,33 @@ def test_derivatives_by_photons_are_refused_and_by_fields_are_those_of_the_light
         for sign in (-1, 1)
     ]
     assert slope == pytest.approx((codes[1] - codes[0]) / (2 * step), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"quantum_efficiency.crosstalk_from": {"R": LOPSIDED.tolist()}},
+        {MIXING: LOPSIDED.tolist()},
+        {"quantum_efficiency.diffusion_um": 2.0},
+    ],
+)
+def test_white_is_white_in_frames_with_crosstalk(values: dict[str, Any]) -> None:
+    """The white balance of the camera makes the electrons of a white flat field equal behind all filters, as it did
+    without crosstalk; the curves alone leave them 1 % apart or more.
+    """
+    if "quantum_efficiency.diffusion_um" in values:
+        points = BAYER.quantum_efficiency.wavelengths_nm
+        values = {"quantum_efficiency.diffusion_um": list(np.linspace(0.5, 2.0, len(points)))}
+    light = standard_light(BAYER, "D65")
+    photons = ms.Photons(
+        np.broadcast_to(light.power * light.wavelengths_nm, (8, 8, light.power.size)),
+        light.wavelengths_nm,
+    )
+    off = []
+    for camera in (BAYER.replace(**values), BAYER):
+        balance = colour_matrix(camera, light).white_balance
+        collected = mean_e(BAYER.replace(**values), photons)
+        filters = BAYER.filter_index((8, 8))
+        white = [balance[k] * collected[filters == k].mean() for k in range(3)]
+        off.append(max(white) / min(white) - 1)
+    assert off[0] < 1e-6 and off[1] > 0.01
