@@ -152,7 +152,9 @@ class NoiseBudget:
                 name: (to_dn * np.broadcast_to(x, before.shape), variance)
                 for name, (x, variance) in parts.items()
             }
-            by_source = apart or {stage.label: (after - before, 0.0)}
+            by_source = _adding_up_to(after - before, apart) or {
+                stage.label: (after - before, 0.0)
+            }
             found.append(_inside(strip, by_source, window.shape))
             before = after
         return found
@@ -162,6 +164,20 @@ class NoiseBudget:
         """Nominal gain from behind each stage to digital numbers."""
         gains = [stage.nominal_gain for stage in self.stages]
         return [float(np.prod(gains[k + 1 :])) for k in range(len(gains))]
+
+
+def _adding_up_to(
+    change: Float64Array, by_source: dict[str, tuple[Float64Array, Array]]
+) -> dict[str, tuple[Float64Array, Array]]:
+    """Contributions with the first one such that their sum is this change.
+
+    Float32 has whole electrons up to 1.7e7 only: of more, the parts of a count do not add up to the count.
+    """
+    if not by_source:
+        return {}
+    (first, (_, variance)), *others = by_source.items()
+    rest: Float64Array = change - sum(values for _, (values, _) in others)
+    return {first: (rest, variance), **dict(others)}
 
 
 def _inside(
