@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.emva_linear import EmvaLinear, emva_linear
+from mitsuba_sensor.lab.twin.response import response
 
 CAMERA = SmallCamera()
 TRUE = {"K": 0.3, "η": 0.6, "R": 0.18, "σ_d": 6.0, "σ_y.dark": (1.8**2 + 1 / 12) ** 0.5}
@@ -291,3 +292,18 @@ def test_a_camera_of_this_package_is_measured_as_it_is() -> None:
         found["µ_e.sat"].low < 33_000 < 1.03 * found["µ_e.sat"].value
         and found["LE"].value < 0.05
     )
+
+
+@pytest.mark.parametrize("bend", [-0.04, 0.0, 0.005, 0.04])
+def test_k_of_a_curved_response_is_that_of_small_signals_and_that_of_the_fit(
+    bend: float,
+) -> None:
+    """Gain at full well is 1 + bend times that at zero. Of a line through the curve K would be 8 % off at 0.04."""
+    camera = SmallCamera(curve=lambda electrons: electrons * (1 + bend * electrons / 10_000))
+    darks, flats = camera.bench(np.random.default_rng(9), count=4, shape=(64, 64))
+    found = emva_linear(darks, flats)
+    assert found["K"].covers(0.3) and found["K"].value == pytest.approx(0.3, rel=0.02)
+    assert found["η"].covers(0.6) and found["R"].value == pytest.approx(0.18, rel=0.002)
+    assert ("of small signals" in found["K"].note) == bool(bend)
+    assert found.curvature == pytest.approx(bend / 3000, abs=2e-7)
+    assert response(darks, flats).gain.quantity.value == found["K"].value

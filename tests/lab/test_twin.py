@@ -18,6 +18,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera_file import camera_from
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.curved_response import straight
 from mitsuba_sensor.lab.quantity import Quantity
 from mitsuba_sensor.lab.statistics.mean_squares import MeanSquare, MeanSquares
 from mitsuba_sensor.lab.twin import fit
@@ -26,7 +27,6 @@ from mitsuba_sensor.lab.twin.dark import line_weights
 from mitsuba_sensor.lab.twin.evidence import Fitted, short
 from mitsuba_sensor.lab.twin.fit import held_out
 from mitsuba_sensor.lab.twin.hidden_spread import Mixed, hidden_spread
-from mitsuba_sensor.lab.twin.parabola import straight
 from mitsuba_sensor.lab.twin.setting import root_mean_square, weighted_mean
 from mitsuba_sensor.lab.twin.telegraph import _without_bias
 from mitsuba_sensor.stages.gains import gain_dn_per_e

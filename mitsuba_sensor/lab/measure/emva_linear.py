@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..frames.selection import temporal_levels
 from ..frames.series import Series, centre, series
 from ..frames.stack import Stack
 from ..quantity import Quantity, unknown
+from .curved_response import OF_SMALL_SIGNALS, curvature, straighten
 from .dark_noise import DarkNoise, dark_noise
 from .photon_transfer import PhotonTransfer, photon_transfer
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class EmvaLinear:
-    """quantities : all figures, K first, then QE and those of the parts.  notes : what was found in the frames."""
+    """quantities : all figures, K first, then QE and those of the parts.  notes : what was found in the frames.
+
+    curvature : κ of a response y = s(1 + κs) [1/DN], 0 where it is a line; K, R and η are then those of small signals.
+    """
 
     quantities: tuple[Quantity, ...]
     photon_transfer: PhotonTransfer
@@ -33,6 +37,7 @@ class EmvaLinear:
     saturation: Saturation
     snr: SignalToNoise
     notes: tuple[str, ...]
+    curvature: float
 
     def __getitem__(self, symbol: str) -> Quantity:
         """A figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
@@ -54,7 +59,14 @@ def emva_linear(
     """
     used = temporal_levels(flats)
     measured = series(darks, used, window)
-    transfer, light = photon_transfer(measured), radiometric(measured)
+    kappa, *_ = curvature(measured, find_peak(measured))
+    straightened = straighten(measured, kappa) if kappa else measured
+    transfer, light = photon_transfer(straightened), radiometric(measured)
+    if kappa:
+        gain = transfer.gain.noted(OF_SMALL_SIGNALS)
+        responsivity = radiometric(straightened).responsivity.noted(OF_SMALL_SIGNALS)
+        transfer = replace(transfer, gain=gain)
+        light = replace(light, responsivity=responsivity)
     efficiency = light.efficiency(transfer.gain)
     if window is not None:
         darks = [centre(stack, window) for stack in darks]
@@ -62,7 +74,10 @@ def emva_linear(
     usable = efficiency
     if efficiency is not None and TOO_EFFICIENT in efficiency.note:
         usable = None  # the photons are not those of a pixel
-    ends = saturation(measured, transfer.gain, usable, dark.total)
+    ends = saturation(straightened, transfer.gain, usable, dark.total)
+    if kappa:
+        signal = saturation(measured, transfer.gain, usable, dark.total).signal
+        ends = replace(ends, signal=signal)
     notes = (*measured.notes, *_note_spatial_stacks(flats, used, measured))
     figures = [
         transfer.gain,
@@ -73,8 +88,8 @@ def emva_linear(
     ]
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
-    snr = signal_to_noise(measured, transfer.gain, usable, dark.total)
-    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes)
+    snr = signal_to_noise(straightened, transfer.gain, usable, dark.total)
+    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes, kappa)
 
 
 def _note_spatial_stacks(

@@ -222,8 +222,9 @@ def _measure_uniformity(
     measurement: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None
 ) -> None:
     """Non-uniformity, profiles, spectrograms and defects of the half-saturated flat field and its dark frames."""
-    saturation_dn = None
+    saturation_dn, kappa = None, 0.0
     if linear is not None:
+        kappa = linear.curvature
         saturation_dn = float(linear.photon_transfer.peak.mean[0])
     half = measurement.run("non-uniformity", lambda: half_saturated(bench, saturation_dn))
     if half is None:
@@ -231,7 +232,9 @@ def _measure_uniformity(
     dark = measurement.run("non-uniformity", lambda: dark_for(bench, half))
     if dark is None:
         return
-    uneven = partial(_measure_in_electrons, gain, lambda: nonuniformity(dark, half))
+    uneven = partial(
+        _measure_in_electrons, gain, lambda: nonuniformity(dark, half, curvature=kappa)
+    )
     measurement.take("non-uniformity", "Photo response non-uniformity", uneven)
     for name, image in (("darkness", dark), ("half saturation", half)):
         both = measurement.run(f"spectrogram, {name}", partial(spectrograms, image))

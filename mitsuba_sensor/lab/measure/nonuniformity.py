@@ -24,6 +24,7 @@ from ..statistics.mean_squares import (
     temporal_mean_squares,
 )
 from ..statistics.outliers import Pixels, fill, note_left_out_pixels, outliers
+from .curved_response import relative_slope
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +35,7 @@ Noise = tuple[MeanSquares | None, float]
 DSNU_SECTION, DSNU_PART_SECTION = "EMVA 1288 R4 eq. 66", "EMVA 1288 R4 eq. 42 and 66"
 PRNU_SECTION, PRNU_PART_SECTION = "EMVA 1288 R4 eq. 67", "EMVA 1288 R4 eq. 42 and 67"
 PAPER = "Konnik & Welsh 2014, PRNU"
+OF_LIGHT = "divided by the relative slope of the response, which is curved"
 PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
     "": MeanSquares.variance,
     "_row": MeanSquares.row_variance,
@@ -98,7 +100,9 @@ class Nonuniformity:
         ax.set_ylim(bottom=0.5 * float(density[filled].min()))
 
 
-def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonuniformity:
+def nonuniformity(
+    dark: Stack, light: Stack, high_pass: bool = False, curvature: float = 0.0
+) -> Nonuniformity:
     """DSNU1288 and PRNU1288 of a dark stack and one of a flat field at half saturation, of the same exposure time.
 
     The intervals are those of σ of the camera's model: another chip of it would lie in them too. Mean squares have the
@@ -109,6 +113,7 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
     them: a handful of hot pixels would hide PRNU, which is a difference of two variances.
 
     high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part.
+    curvature : κ of a response y = s(1 + κs) [1/DN] (:attr:`EmvaLinear.curvature`): PRNU is then that of the light.
 
     Raises InputError for stacks that do not fit, a mosaic, one pixel, and light that is not brighter than the dark.
     """
@@ -127,6 +132,12 @@ def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonunif
             figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
         figures[name] = _mark(figure, *stacks)
     figures = _mark_rounding(figures, dark, light)
+    if curvature:
+        slope = relative_slope(float((light.mean - dark.mean).mean()), curvature)
+        for name, figure in figures.items():
+            if figure.unit == "%":
+                of_light = figure.scaled(1 / slope, "%")
+                figures[name] = of_light.noted(f"{OF_LIGHT}, by {slope:.4g}")
     return Nonuniformity(**figures, difference=light.mean - dark.mean)
 
 

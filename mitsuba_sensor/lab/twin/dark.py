@@ -12,13 +12,13 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.stack import Stack
+from ..measure.curved_response import straight
 from ..measure.dark_current import errors_of_means
 from ..quantity import Quantity, no_value, normal_interval, student_interval, unknown
 from ..statistics.families import FAMILIES
 from ..statistics.mean_squares import MeanSquares, temporal_mean_squares
 from .combined_map import CombinedMap, Noise
 from .evidence import Fitted, frames_of
-from .parabola import straight
 
 SECTION = "fit"
 FAMILY_NAMES = {

@@ -1,0 +1,94 @@
+"""A curved response y = s(1 + κs), the linear signal s that it came from, and the levels that it would have given.
+
+EMVA 1288 R4 Linear takes every response for a line; where the levels show that it is none, photon transfer is that of
+the linear signal, whose variance is the measured one over the square of the slope dy/ds, as noise is referred to the
+input of a camera.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from ...core.types import Float64Array
+from ..frames.series import Level, Series
+from ..quantity import normal_interval, student_interval
+from .radiometric import find_stray
+from .saturation import Peak
+
+USED = 0.02, 0.9
+"""Part of the saturation signal from which the curvature is fitted."""
+FEWEST = 5
+"""Levels that it needs."""
+CURVED = 3.3
+"""Standard errors from which on a response is taken as curved: 0.1 % of the straight ones."""
+OF_SMALL_SIGNALS = (
+    "of small signals: the response is curved, and variances are divided by the square of its slope; EMVA 1288 Linear "
+    "takes the curve as a line"
+)
+"""In the note of a figure that is measured so."""
+
+
+def straight(signal: Float64Array, curvature: float) -> Float64Array:
+    """s of y; signals beyond the vertex are taken to be at it.  signal, curvature : y [DN], κ [1/DN]."""
+    if not curvature:
+        return signal
+    root = np.sqrt(np.maximum(1 + 4 * curvature * signal, 1e-9))
+    return np.asarray((root - 1) / (2 * curvature))
+
+
+def curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
+    """(κ, low, high), or zeros where the response is straight or the light of the levels is not known."""
+    nothing = 0.0, 0.0, 0.0
+    x, y = measured.light, measured.signal
+    used = measured.inside & (y > USED[0] * end.mean[0]) & (y < USED[1] * end.mean[0]) & (x > 0)
+    stray, _ = find_stray(measured, end)
+    used &= ~stray
+    if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
+        return nothing
+    x, y = x[used], y[used]
+    errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))[used]
+    start, largest = float(y[0] / x[0]), y.max()
+
+    def deviations(p: Float64Array) -> Float64Array:
+        model = start * p[0] * x * (1 + p[1] * start * p[0] * x / largest)
+        return np.asarray((model - y) / np.maximum(errors, 1e-9 * y))
+
+    fit = scipy.optimize.least_squares(deviations, (1.0, 0.0))
+    freedom = len(x) - 2
+    scatter = max(1.0, 2 * float(fit.cost) / freedom)
+    error = math.sqrt(float(np.linalg.inv(fit.jac.T @ fit.jac)[1, 1]) * scatter)
+    limit = CURVED * error * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
+    if abs(fit.x[1]) < limit:
+        return nothing
+    kappa, error_of_kappa = float(fit.x[1]) / float(largest), error / float(largest)
+    if scatter > 1:
+        return student_interval(kappa, error_of_kappa, freedom)
+    return normal_interval(kappa, error_of_kappa)
+
+
+def straighten(measured: Series, kappa: float) -> Series:
+    """The levels that a linear response would have given: variances over the square of the slope."""
+    flats: list[Level] = []
+    for flat, dark_number in zip(measured.flats, measured.dark_of, strict=True):
+        dark = measured.darks[dark_number]
+        signal = float(straight(np.array(flat.mean - dark.mean), kappa))
+        slope = 1 + 2 * kappa * signal
+        variance = max(dark.variance + (flat.variance - dark.variance) / slope**2, 0.0)
+        linear = replace(
+            flat,
+            mean=dark.mean + signal,
+            variance=variance,
+            variance_error=flat.variance_error / slope**2,
+        )
+        flats.append(linear)
+    return replace(measured, flats=tuple(flats))
+
+
+def relative_slope(signal: float, kappa: float) -> float:
+    """(dy/y)/(ds/s) at a signal y [DN]: by how much more than in proportion y grows with the light."""
+    linear = float(straight(np.array(signal), kappa))
+    return (1 + 2 * kappa * linear) / (1 + kappa * linear)
