@@ -31,7 +31,7 @@ def twins(camera: ms.Camera) -> ms.lab.ReadoutTwins:
 def test_figures_of_each_readout_lie_in_their_intervals(
     camera: ms.Camera, twins: ms.lab.ReadoutTwins
 ) -> None:
-    """95 % intervals: one figure of eight outside of three half widths is a chance of 1 in 10⁷."""
+    """95 % intervals: one of eight figures beyond 1.5 half widths, 2.9 standard errors, is a chance of 3 %."""
     for name, figures in twins.figures().items():
         one = camera.at_readout(name)
         truth = {

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, require
+from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...quantity import Quantity
 from .edge_line import find_line, middles, upright
@@ -49,6 +50,7 @@ class SlantedEdge:
         self.modulation.plot(ax)
 
 
+@tells_of_names
 def slanted_edge(
     picture: ArrayLike,
     *,
@@ -58,6 +60,13 @@ def slanted_edge(
     edge_order: int = 1,
 ) -> SlantedEdge:
     """Modulation transfer of a picture of one edge, which may lie in any direction.
+
+    ::
+
+        rows, columns = np.mgrid[:64, :64]
+        edge = 100 + 800 * np.clip(columns - 32 - 0.1 * (rows - 32), 0, 1)
+        for quantity in ms.lab.slanted_edge(edge).quantities:
+            print(quantity)
 
     picture : (H, W) linear values of one frame or the mean of several, without the black level.
     flat : (H, W), the same pixels of an evenly lit surface, by which the picture is divided.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, numbers
+from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...frames.stack import Stack
 from ...quantity import Quantity, no_value, normal_interval
@@ -125,6 +126,7 @@ def _root(coefficients: Float64Array, ratio: float) -> float:
     return float((linear + math.sqrt(rest)) / (2 * (1 - square)))
 
 
+@tells_of_names
 def step_chart(
     stack: Stack,
     regions: Sequence[Region],
@@ -134,6 +136,15 @@ def step_chart(
     saturation_dn: float | None = None,
 ) -> StepChart:
     """Response, ISO speeds, noise and dynamic range from two frames or more of a chart of grey patches.
+
+    ::
+
+        steps_e = np.array([0.0, 500.0, 2000.0, 8000.0, 16000.0])
+        light = ms.Photons(np.repeat(steps_e, 16)[None] * np.ones((16, 1)), detected=True)
+        frames = ms.expose(light, camera, exposure, frames=4).digital
+        patches = [(0, 16 * number, 16, 16) for number in range(5)]
+        chart = ms.lab.step_chart(ms.lab.Stack(frames, 0.1), patches, steps_e / 1000, black_dn=64.0)
+        print(chart.dynamic_range)
 
     regions : (first row, first column, rows, columns) of each patch.
     exposure_lxs : illuminance at the focal plane times exposure time of each patch [lx s], 0 for a dark one.
