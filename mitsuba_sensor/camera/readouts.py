@@ -221,6 +221,11 @@ def readout_cameras(camera: Camera) -> dict[str, Camera]:
 
 def camera_of_readout(camera: Camera, name: str) -> Camera:
     """The camera with one of its read-outs alone. Raises InputError."""
+    if camera.sensor.dual_pixel:
+        raise InputError(
+            f"{camera.name} has dual pixels, whose photodiodes are no cameras of their own: leave {name!r} out, and "
+            "take frames.readouts['left'] or ['right'] of its frames."
+        )
     if name not in camera.readout_cameras:
         raise unknown_readout(camera.name, name, camera.readout_cameras)
     return camera.readout_cameras[name]

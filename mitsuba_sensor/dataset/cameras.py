@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import load_camera
 from ..camera.datasheet_errors import fields_of
+from ..camera.dual_pixels import has_several_readouts
 from ..camera.lens_file import list_lenses
 from ..camera.shipped import list_cameras
 from ..core import InputError, nearest
@@ -118,9 +119,8 @@ def fields_in(tables: Config, table: str = "") -> Facts:
 def of_light(camera: Camera, cube: bool) -> Facts:
     """What of the camera decides the light in front of its pixels. With a cube all that it detects is its band."""
     whole = camera.model_dump(mode="json", include={"lens", "sensor", "quantum_efficiency"})
-    sensor = {
-        name: whole["sensor"][name] for name in ("columns", "rows", "shutter", "row_time_us")
-    }
+    of_sensor = ("columns", "rows", "shutter", "row_time_us", "dual_pixel")
+    sensor = {name: whole["sensor"][name] for name in of_sensor}
     pitch = [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]
     if cube:
         detected = {"band_nm": camera.band_nm}
@@ -131,7 +131,7 @@ def of_light(camera: Camera, cube: bool) -> Facts:
 
 def check_outputs(outputs: Sequence[str], cameras: Sequence[Camera]) -> None:
     """Raise InputError for an output that no camera of the dataset has."""
-    if "readouts" in outputs and not any(camera.readouts for camera in cameras):
+    if "readouts" in outputs and not any(map(has_several_readouts, cameras)):
         raise InputError(
             "outputs names 'readouts', and every camera of the dataset reads each pixel once; leave it out, or take a "
             "camera with several read-outs, e.g. scmos_dual_gain."

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..camera.camera import Camera
 from ..camera.camera_file import camera_from
+from ..camera.dual_pixels import has_several_readouts
 from ..core import Exposure
 from ..core.options import complete
 from ..core.versions import versions
@@ -211,7 +212,7 @@ class Rendered:
     def _write(self, folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> None:
         if output == "raw":
             tiff.write_tiff(folder / "frame.tiff", frames.digital, image_facts(frames))
-        elif output == "readouts" and frames.camera.readouts:
+        elif output == "readouts" and has_several_readouts(frames.camera):
             write_readouts(folder / READOUTS, frames, image_facts(frames)["cfa_pattern"])
         elif output == "companded" and frames.companded is not None:
             tiff.write_tiff(folder / "companded.tiff", frames.companded)

@@ -19,6 +19,7 @@ from ..core import (
 )
 from ..core.backend import FLOAT32_LIMIT
 from ..stages.combined_readouts import combined_of
+from ..stages.effects.shot_noise import LEFT
 from ..stages.gains import adc_gain_dn_per_v
 from ..stages.stage import Chain
 from .photon_checks import (
@@ -79,6 +80,12 @@ def as_photons(
                 f"photons.later[{name!r}] has shape {later[name].shape}; it must be {checked.shape}, as that of the "
                 "first exposure."
             )
+    unknown = sorted(set(later) - {LEFT})
+    if camera.sensor.dual_pixel and unknown:
+        raise InputError(
+            f"photons.later names {unknown[0]!r}; of dual pixels it has the light of the left photodiodes alone, "
+            "'left'."
+        )
     return checked.changed(later=later)
 
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
 
-from ..core import Array, Electrons, Frame, Photons
+from ..core import Array, Electrons, Frame, InputError, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.signals import LAYERS, Filters
 from ..core.types import Float64Array
 from ..stages.effects.shot_noise import LEFT
 from ..stages.stage import Stage
-from .photon_checks import check_light
+from .photon_checks import check_light, first_place
 from .run import Strip, row_strips_of
 from .threads import for_each
 
@@ -160,7 +160,14 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
 
 
 def _left_share(left_e: Array, whole_e: Array) -> Array:
-    """Share of the left photodiodes in the mean photoelectrons, (H, W); half where there are none."""
+    """Share of the left photodiodes in the mean photoelectrons, (H, W); half where there are none. Raises InputError
+    for more than all of them, beyond what float32 rounds."""
+    too_many = left_e > 1.001 * whole_e + 1e-4 * np.max(whole_e, initial=0)
+    if too_many.any():
+        raise InputError(
+            f"photons.later['left'] is more than the photons of both photodiodes in {int(too_many.sum())} place(s), "
+            f"first at {first_place(too_many)}; the light of the left half is at most that of the whole pupil."
+        )
     lit = np.isfinite(whole_e) & (whole_e > 0)
     share = np.full(np.shape(whole_e), 0.5, np.asarray(whole_e).dtype)
     np.divide(left_e, whole_e, out=share, where=lit)

@@ -131,3 +131,23 @@ def test_what_two_photodiodes_do_not_share_is_refused(fields: dict[str, object])
 def test_the_published_chain_is_refused() -> None:
     with pytest.raises(ms.InputError, match="has dual pixels; leave the chain out"):
         ms.expose(np.ones((4, 4)), dual(), EXPOSURE, chain="konnik2014")
+
+
+@pytest.mark.parametrize(
+    ("name", "left", "said"),
+    [
+        ("left", 9000.0, "more than the photons of both photodiodes in 16 place"),
+        ("right", 10.0, "names 'right'; of dual pixels it has the light of the left"),
+    ],
+)
+def test_light_that_is_no_half_is_refused(name: str, left: float, said: str) -> None:
+    """Neither clipped nor left out in silence."""
+    part = ms.Photons(np.full((4, 4), left))
+    light = ms.Photons(np.full((4, 4), 8000.0), later={name: part})
+    with pytest.raises(ms.InputError, match=said):
+        ms.expose(light, dual(), EXPOSURE)
+
+
+def test_a_photodiode_is_no_camera_of_its_own() -> None:
+    with pytest.raises(ms.InputError, match=r"take frames\.readouts"):
+        dual().at_readout("left")

@@ -49,7 +49,7 @@ def with_half_pupil(
     if view.aperture_radius_m == 0:
         raise InputError(
             f"{asked}, for the halves of a pupil, and the scene's sensor is a pinhole; take a thinlens sensor in the "
-            "scene, give lens.prescription, or set it to none."
+            "scene, give lens.prescription, or leave it out."
         )
     if half is None:
         return sensor, ()

@@ -12,9 +12,13 @@ from ....core.types import Float64Array
 def picture_of(picture: ArrayLike) -> Float64Array:
     """A picture (H, W) as float64; raises InputError for another shape and for values that are not finite."""
     pixels = np.asarray(numbers("picture", picture, "values (rows, columns), e.g. stack.mean"))
-    if pixels.ndim != 2 or min(pixels.shape) < 2 or not np.isfinite(pixels).all():
+    if pixels.ndim != 2 or min(pixels.shape) < 2:
         raise InputError(
-            f"picture has shape {pixels.shape}; pass finite values (rows, columns), e.g. stack.mean − the black level."
+            f"picture has shape {pixels.shape}; pass values (rows, columns), e.g. stack.mean − the black level."
+        )
+    if wrong := int((~np.isfinite(pixels)).sum()):
+        raise InputError(
+            f"picture is NaN or infinite in {wrong} place(s); pass finite values, e.g. a part without them."
         )
     return pixels.astype(np.float64)
 
