@@ -12,10 +12,10 @@ from mitsuba_sensor.stages.chain import ORDER, stage_table
 def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_the_chip() -> (
     None
 ):
-    table, geometry = (
-        stage_table(),
-        {"pixel.pitch_x_um", "pixel.pitch_y_um", "pixel.fill_factor", "pixel.aperture"},
-    )
+    table = stage_table()
+    geometry = {"pixel.pitch_x_um", "pixel.pitch_y_um", "pixel.fill_factor", "pixel.aperture"}
+    geometry |= {"pixel.angular_response", "pixel.angular_response_deg"}
+    geometry |= {"pixel.microlens_cra_deg", "pixel.microlens_cra_heights_mm"}
     fields = {
         name
         for name in fields_of(ms.Camera)

@@ -113,7 +113,7 @@ def nonuniformity(
     them: a handful of hot pixels would hide PRNU, which is a difference of two variances.
 
     high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part.
-    curvature : κ of a response y = s(1 + κs) [1/DN] (:attr:`EmvaLinear.curvature`): PRNU is then that of the light.
+    curvature : κ of a response y = s(1 + κs) [1/DN], as emva_linear finds it: PRNU is then that of the light.
 
     Raises InputError for stacks that do not fit, a mosaic, one pixel, and light that is not brighter than the dark.
     """
