@@ -67,6 +67,22 @@ class FileTable(BaseModel):
             (type(self), *(_hashable(getattr(self, name)) for name in type(self).model_fields))
         )
 
+    def _is_table(self, name: str, axis_name: str) -> bool:
+        """Whether there are values at positions that increase, as many as positions; False for neither. Raises
+        ValueError."""
+        values, axis = getattr(self, name), getattr(self, axis_name)
+        if (values is None) != (axis is None):
+            raise ValueError(f"{name} and {axis_name} go together; one is missing")
+        if values is None:
+            return False
+        if len(values) != len(axis) or len(values) < 2:
+            raise ValueError(
+                f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each"
+            )
+        if any(b <= a for a, b in pairwise(axis)):
+            raise ValueError(f"{axis_name} must increase from each point to the next")
+        return True
+
 
 def _hashable(value: object) -> object:
     """A value whose lists are tuples and whose tables are sets of pairs."""
@@ -248,17 +264,8 @@ class MicrolensFields(CameraTable):
     @model_validator(mode="after")
     def _slants_are_tables(self) -> Self:
         for name, axis_name in SLANT_TABLES:
-            values, axis = getattr(self, name), getattr(self, axis_name)
-            if (values is None) != (axis is None):
-                raise ValueError(f"{name} and {axis_name} go together; one is missing")
-            if values is None:
-                continue
-            if len(values) != len(axis) or len(values) < 2:
-                raise ValueError(
-                    f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each"
-                )
-            if axis[0] != 0 or any(b <= a for a, b in pairwise(axis)):
-                raise ValueError(f"{axis_name} must begin at 0 and increase")
+            if self._is_table(name, axis_name) and getattr(self, axis_name)[0] != 0:
+                raise ValueError(f"{axis_name} must begin at 0")
         if self.angular_response is not None and self.angular_response[0] != 1:
             raise ValueError(
                 f"angular_response begins with {self.angular_response[0]:g}; it is 1 at the angle 0"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -24,6 +25,18 @@ PERSPECTIVE = """<sensor type="perspective"><float name="fov" value="60"/>{more}
 BALL = '<shape type="sphere"><point name="center" value="0, 0, 4"/>{bsdf}</shape>'
 
 
+WIDTH, HEIGHT, DISTANCE_M, FOV_DEG = 64, 24, 4.0, 50.0
+PX_PER_M = WIDTH / (2 * DISTANCE_M * math.tan(math.radians(FOV_DEG / 2)))
+WALL = f"""<scene version="3.0.0"><integrator type="direct"/><sensor type="perspective">
+<float name="fov" value="{FOV_DEG}"/><transform name="to_world">
+<lookat origin="0, 0, {DISTANCE_M}" target="0, 0, 0" up="0, 1, 0"/></transform>
+<film type="hdrfilm"><integer name="width" value="{WIDTH}"/><integer name="height" value="{HEIGHT}"/>
+<rfilter type="box"/></film></sensor>
+<shape type="rectangle" id="wall"><transform name="to_world"><scale value="10"/><translate x="-10"/></transform>
+<emitter type="area" id="lamp"><spectrum name="radiance" value="LEVEL"/></emitter></shape></scene>"""
+"""A bright wall whose right edge is in the middle of the picture at time 0."""
+
+
 def scene_text(
     *elements: str,
     film: str = '<rfilter type="box"/>',
@@ -32,6 +45,12 @@ def scene_text(
 ) -> str:
     """A scene with a 12 × 8 pixel perspective sensor of 60°, and these elements."""
     return f'<scene version="3.0.0">{sensor.format(film=film, more=more)}{"".join(elements)}</scene>'
+
+
+def wall_that_moves(level: float, px_per_s: float) -> tuple[str, dict[str, object]]:
+    """The scene of a wall of so much radiance, and its motion to the right."""
+    speed = {"wall": {"velocity_m_per_s": [px_per_s / PX_PER_M, 0, 0]}}
+    return WALL.replace("LEVEL", str(level)), {"objects": speed}
 
 
 def write_scene(folder: Path, text: str) -> Path:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import write_scene
+from helpers.scenes import HEIGHT, WIDTH, wall_that_moves, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.exposure_times import frame_span_s, later_exposures
@@ -38,18 +38,8 @@ READOUTS = [
 ]
 CAMERA = PLAIN.replace(readouts=READOUTS, **{"combine.bits": 18})
 ROLLING = CAMERA.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 30.0})
-WIDTH, HEIGHT, DISTANCE_M, FOV_DEG = 64, 24, 4.0, 50.0
-PX_PER_M = WIDTH / (2 * DISTANCE_M * math.tan(math.radians(FOV_DEG / 2)))
 SPEED_PX_PER_S = 1_000.0
-SCENE = f"""<scene version="3.0.0"><integrator type="direct"/><sensor type="perspective">
-<float name="fov" value="{FOV_DEG}"/><transform name="to_world">
-<lookat origin="0, 0, {DISTANCE_M}" target="0, 0, 0" up="0, 1, 0"/></transform>
-<film type="hdrfilm"><integer name="width" value="{WIDTH}"/><integer name="height" value="{HEIGHT}"/>
-<rfilter type="box"/></film></sensor>
-<shape type="rectangle" id="wall"><transform name="to_world"><scale value="10"/><translate x="-10"/></transform>
-<emitter type="area" id="lamp"><spectrum name="radiance" value="LEVEL"/></emitter></shape></scene>"""
-"""A bright wall whose right edge is in the middle of the picture at time 0."""
-MOTION = {"objects": {"wall": {"velocity_m_per_s": [SPEED_PX_PER_S / PX_PER_M, 0, 0]}}}
+SCENE, MOTION = wall_that_moves(0.005, SPEED_PX_PER_S)
 QUICK: dict[str, Any] = {
     "progress": False,
     "wavelength_nm": 550.0,
@@ -61,7 +51,7 @@ QUICK: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def flat(tmp_path_factory: pytest.TempPathFactory) -> ms.Irradiance:
     """A wall that fills the picture, with the light of one lamp."""
-    text = SCENE.replace("LEVEL", "0.005").replace("translate x", "translate y")
+    text = SCENE.replace("translate x", "translate y")
     text = text.replace('y="-10"', 'y="0"')
     scene = write_scene(tmp_path_factory.mktemp("flat"), text)
     groups = {"lamp": "lamp"}
@@ -159,7 +149,7 @@ def test_a_moving_edge_is_where_it_is_in_the_middle_of_each_exposure(
     tmp_path: Path, flat: ms.Irradiance
 ) -> None:
     """Within 0.25 px; from read-out to read-out by speed times the time between the middles."""
-    scene = write_scene(tmp_path, SCENE.replace("LEVEL", "0.005"))
+    scene = write_scene(tmp_path, SCENE)
     captured = ms.capture(scene, CAMERA, EXPOSURE, motion=MOTION, start_s=-0.01, **QUICK)
     even = ms.expose(flat, CAMERA, EXPOSURE).readouts
     found = dict[str, float]()

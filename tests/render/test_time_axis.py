@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import write_scene
+from helpers.scenes import HEIGHT, WIDTH, wall_that_moves, write_scene
 from PIL import Image
 
 import mitsuba_sensor as ms
@@ -19,18 +18,8 @@ from mitsuba_sensor.render.passes.prepared import PreparedRender
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(1e-3)
-WIDTH, HEIGHT, DISTANCE_M, FOV_DEG = 64, 24, 4.0, 50.0
-PX_PER_M = WIDTH / (2 * DISTANCE_M * math.tan(math.radians(FOV_DEG / 2)))
 SPEED_PX_PER_S = 37.0
-SCENE = f"""<scene version="3.0.0"><integrator type="direct"/><sensor type="perspective">
-<float name="fov" value="{FOV_DEG}"/><transform name="to_world">
-<lookat origin="0, 0, {DISTANCE_M}" target="0, 0, 0" up="0, 1, 0"/></transform>
-<film type="hdrfilm"><integer name="width" value="{WIDTH}"/><integer name="height" value="{HEIGHT}"/>
-<rfilter type="box"/></film></sensor>
-<shape type="rectangle" id="wall"><transform name="to_world"><scale value="10"/><translate x="-10"/></transform>
-<emitter type="area"><spectrum name="radiance" value="1"/></emitter></shape></scene>"""
-"""A bright wall whose right edge is in the middle of the picture at time 0."""
-MOTION = {"objects": {"wall": {"velocity_m_per_s": [SPEED_PX_PER_S / PX_PER_M, 0, 0]}}}
+SCENE, MOTION = wall_that_moves(1, SPEED_PX_PER_S)
 QUICK: dict[str, Any] = {
     "progress": False,
     "wavelength_nm": 550.0,
@@ -119,11 +108,11 @@ def test_light_groups_of_a_moving_scene_are_loaded_once(
         return load(*given, **options)
 
     monkeypatch.setattr(prepared, "load_scene", counted)
-    lamp = '<emitter type="point" id="lamp"><spectrum name="intensity" value="1e-3"/></emitter>'
+    lamp = '<emitter type="point" id="bulb"><spectrum name="intensity" value="1e-3"/></emitter>'
     scene = write_scene(tmp_path, SCENE.replace("</scene>", f"{lamp}</scene>"))
-    options = {**QUICK, "spp": 8, "light_groups": "auto", "lights": {"lamp": "pwm(50, 0.5)"}}
+    options = {**QUICK, "spp": 8, "light_groups": "auto", "lights": {"bulb": "pwm(50, 0.5)"}}
     captured = ms.capture(scene, CAMERA, EXPOSURE, motion=MOTION, fps=10, frames=3, **options)
-    assert len(loads) == 3  # the whole, wall and lamp
+    assert len(loads) == 3  # the whole, wall and bulb
     assert np.ptp([edge_px(one.astype(float)) for one in captured.frames.digital]) > 7
 
 
