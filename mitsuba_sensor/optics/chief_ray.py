@@ -7,7 +7,6 @@ angle ``pixel.microlens_cra_deg`` at each image height; the response follows fro
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def exit_pupil_distance_mm(view: View, camera: Camera) -> float:
-    """From the exit pupil to the sensor [mm]; inf of a telecentric sensor."""
+    """From the exit pupil to the sensor [mm]; negative where it lies behind the sensor."""
     if view.sequential:
         points = cardinal_points(camera.lens)
         return points.image_distance(view.focus_m) - points.exit_pupil
@@ -30,11 +29,8 @@ def exit_pupil_distance_mm(view: View, camera: Camera) -> float:
 
 
 def chief_ray_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
-    """Angle of the chief ray to the optical axis at image heights [°]."""
-    distance_mm = exit_pupil_distance_mm(view, camera)
-    if math.isinf(distance_mm):
-        return np.zeros_like(heights_mm)
-    return np.degrees(np.arctan2(heights_mm, distance_mm))
+    """Angle of the chief ray to the optical axis at image heights [°]; negative from an exit pupil behind the sensor."""
+    return np.degrees(np.arctan(heights_mm / exit_pupil_distance_mm(view, camera)))
 
 
 def microlens_deg(camera: Camera, heights_mm: Float64Array) -> Float64Array:
@@ -70,6 +66,7 @@ def _in_table(
     highest = float(np.max(asked, initial=0.0))
     if highest > places[-1]:
         raise InputError(
-            f"pixel.{name} ends at {places[-1]:g}, and the picture reaches {highest:.4g}; extend the table."
+            f"pixel.{name} ends at {places[-1]:g}, and the picture reaches {highest:.4g}; extend the table to "
+            f"{1.001 * highest:.4g} or more."
         )
     return np.interp(asked, places, values)

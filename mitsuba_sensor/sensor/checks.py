@@ -1,5 +1,6 @@
 """Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,7 @@ def as_photons(
     if not isinstance(photons, Photons) or photons.later is None:
         return checked
     later = dict[str, Photons]()
+    _check_later_names(photons.later, camera)
     for name, given in photons.later.items():
         later[name] = _as_photons(given, camera, wavelengths_nm, check)
         if later[name].shape != checked.shape:
@@ -80,13 +82,21 @@ def as_photons(
                 f"photons.later[{name!r}] has shape {later[name].shape}; it must be {checked.shape}, as that of the "
                 "first exposure."
             )
-    unknown = sorted(set(later) - {LEFT})
-    if camera.sensor.dual_pixel and unknown:
-        raise InputError(
-            f"photons.later names {unknown[0]!r}; of dual pixels it has the light of the left photodiodes alone, "
-            "'left'."
-        )
     return checked.changed(later=later)
+
+
+def _check_later_names(later: Mapping[str, Photons], camera: Camera) -> None:
+    """Raise InputError for light that no part of the pixels of this camera would collect."""
+    parts = [readout.name for readout in camera.readouts[1:] if readout.of != "charge"]
+    known = f"{camera.name} has light of its own for " + ", ".join(map(repr, parts))
+    if camera.sensor.dual_pixel:
+        parts = [LEFT]
+        known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
+    elif not parts:
+        known = f"{camera.name} has one exposure of one photodiode; leave it out"
+    unknown = sorted(set(later) - set(parts))
+    if unknown:
+        raise InputError(f"photons.later names {unknown[0]!r}; {known}.")
 
 
 def _as_photons(

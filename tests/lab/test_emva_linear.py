@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from helpers.marks import exhaustive
 from helpers.small_cameras import SmallCamera
 from matplotlib.figure import Figure
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.lab.frames.rounding import shift_of_mean_dn
 from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.curved_response import CURVED
 from mitsuba_sensor.lab.measure.emva_linear import EmvaLinear, emva_linear
 from mitsuba_sensor.lab.twin.response import response
 
@@ -307,3 +310,33 @@ def test_k_of_a_curved_response_is_that_of_small_signals_and_that_of_the_fit(
     assert ("of small signals" in found["K"].note) == bool(bend)
     assert found.curvature == pytest.approx(bend / 3000, abs=2e-7)
     assert response(darks, flats).gain.quantity.value == found["K"].value
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("read_noise_dn", "drift"), [(0.08, 0.0), (0.8, 0.002)])
+def test_linear_cameras_of_coarse_codes_or_in_light_that_drifts_have_no_curve(
+    read_noise_dn: float, drift: float
+) -> None:
+    """None of 10 each, at 3.3 standard errors: with rounding, and with one drift for all levels.  Several had one."""
+    curved = []
+    for seed in range(300, 310):
+        rng = np.random.default_rng(seed)
+        black_dn = 5 * read_noise_dn + 3 + rng.random()
+        camera = SmallCamera(0.1, 0.6, read_noise_dn / 0.1, 4000.0, black_dn)
+        found = emva_linear(*camera.bench(rng, 2, (64, 64), 20, drift))
+        curved.append(found.curvature)
+    assert not any(curved), curved
+
+
+@pytest.mark.parametrize("place", [0.0, 0.1, 0.25, 0.4])
+@pytest.mark.parametrize("noise_dn", [0.05, 0.2, 0.4, 0.7])
+def test_rounding_moves_a_mean_by_less_than_the_limit_of_a_curve(
+    noise_dn: float, place: float
+) -> None:
+    """3.3 of its standard deviations, from the variance of the codes; the law of normal noise by its distribution."""
+    codes = np.arange(-8, 9)
+    upper, lower = ((codes + side - place) / noise_dn for side in (0.5, -0.5))
+    chance = scipy.stats.norm.cdf(upper) - scipy.stats.norm.cdf(lower)
+    mean = float(chance @ codes)
+    variance_dn2 = float(chance @ (codes - mean) ** 2)
+    assert abs(mean - place) <= CURVED * shift_of_mean_dn(variance_dn2) + 1e-9

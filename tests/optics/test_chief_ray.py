@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,31 @@ def test_a_pupil_magnification_of_two_halves_the_tangent() -> None:
         for p in (1.0, 2.0)
     )
     np.testing.assert_allclose(two, one / 2)
+
+
+@pytest.mark.parametrize("gap_mm", [30.0, 60.0, 80.0])
+def test_chief_rays_of_a_stop_before_or_behind_the_front_focus(gap_mm: float) -> None:
+    """Through a thick plano-convex lens by hand; they converge to the axis where the stop is farther than the focus.
+
+    They came from behind the sensor there, at 180° in the middle of the picture.
+    """
+    radius, thickness, n = 25.8, 5.3, 1.5168
+    stop = {"thickness_mm": gap_mm, "semi_diameter_mm": 3.13, "stop": True}
+    front = {
+        "radius_mm": radius,
+        "thickness_mm": thickness,
+        "index": n,
+        "semi_diameter_mm": 12.7,
+    }
+    table = {"name": "singlet", "surfaces": [stop, front, {"semi_diameter_mm": 12.7}]}
+    camera = camera_of(**{"lens.prescription": table, "lens.f_number": 12.0})
+    slope = 1 / n - gap_mm * (n - 1) / (n * radius)  # in the glass, of the chief ray of slope 1
+    behind, at_last = n * slope, gap_mm + thickness * slope
+    focal = radius / (n - 1)
+    height_mm = at_last + behind * (focal - thickness / n)
+    found = chief_ray_deg(replace(VIEW, sequential=True), camera, np.array([0.0, height_mm]))
+    np.testing.assert_allclose(found, [0, math.degrees(math.atan(behind))], rtol=1e-6)
+    assert (found[1] < 0) == (gap_mm > focal)
 
 
 def test_relative_illumination_has_the_response_at_the_angle_of_each_pixel() -> None:

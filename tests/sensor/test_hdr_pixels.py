@@ -142,6 +142,17 @@ def test_equal_exposures_are_independent_too() -> None:
     assert abs(np.corrcoef(first, second)[0, 1]) < 5 / 256
 
 
+@pytest.mark.parametrize("staggered", [True, False])
+def test_light_of_an_exposure_that_the_camera_does_not_have_is_refused(staggered: bool) -> None:
+    """It was left out without a word."""
+    camera, said = PLAIN, "has one exposure of one photodiode; leave it out"
+    if staggered:
+        camera, said = STAGGERED, "has light of its own for 'short'"
+    light = flat(100, 4).changed(later={"shrot": flat(100, 4)})
+    with pytest.raises(ms.InputError, match=f"photons.later names 'shrot'; .*{said}"):
+        ms.expose(light, camera, SHORT)
+
+
 def test_a_split_pixel_has_two_photodiodes_and_one_of_them_is_read_twice() -> None:
     noisy = SPLIT.replace(**{"pixel.prnu": 0.05})
     frames = ms.expose(flat(2_000.0), noisy, SHORT, frames=16)

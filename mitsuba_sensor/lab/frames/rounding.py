@@ -8,6 +8,7 @@ their variance σ² + 1/12 + (4σ² + 1/π²)·exp(−2π²σ²)·cos(2πm), in 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
@@ -49,11 +50,12 @@ class Rounding:
         """Of frames whose rounding matters; pixels with 3 DN² of variance or more have none."""
         measured_dn2 = float(stack.variance.mean())
         turned = complex(np.exp(2j * math.pi * stack.mean).mean())
-        for least_dn2 in np.linspace(0, measured_dn2, STEPS):
-            alike = _alike(turned, float(least_dn2), len(stack))
-            if least_dn2 + ROUNDING_DN2 + _added(least_dn2) * alike >= measured_dn2:
-                break
-        return cls(float(least_dn2), alike)
+
+        def alike(variance_dn2: float) -> float:
+            return _alike(turned, variance_dn2, len(stack))
+
+        least_dn2 = _least(measured_dn2, alike)
+        return cls(least_dn2, alike(least_dn2))
 
     @property
     def pattern_dn2(self) -> float:
@@ -72,6 +74,22 @@ class Rounding:
     def of_pixel_noise(self) -> float:
         """By how much the variance that rounding adds to the noise of pixels may differ from 1/12 DN² [DN²]."""
         return _added(self.least_dn2) * self.alike
+
+
+def shift_of_mean_dn(variance_dn2: float) -> float:
+    """Standard deviation of what rounding may add to the mean of codes of this variance [DN]: that of a uniform place
+    between two codes, 1/√12 DN without noise, times exp(−2π²σ²)."""
+    if variance_dn2 > 3:
+        return 0.0
+    return _decay(_least(variance_dn2, lambda _: 1.0)) * math.sqrt(ROUNDING_DN2)
+
+
+def _least(measured_dn2: float, alike: Callable[[float], float]) -> float:
+    """The smallest variance without rounding that a measured one allows [DN²]."""
+    for least_dn2 in np.linspace(0, measured_dn2, STEPS).tolist():
+        if least_dn2 + ROUNDING_DN2 + _added(least_dn2) * alike(least_dn2) >= measured_dn2:
+            break
+    return float(least_dn2)
 
 
 def _decay(variance_dn2: float) -> float:

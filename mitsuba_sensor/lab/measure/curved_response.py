@@ -8,12 +8,15 @@ input of a camera.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from ...core.types import Float64Array
+from ..frames.rounding import shift_of_mean_dn
 from ..frames.series import Level, Series
 from ..quantity import normal_interval, student_interval
 from .radiometric import find_stray
@@ -50,17 +53,19 @@ def curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
     if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
         return nothing
     x, y = x[used], y[used]
-    errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))[used]
+    errors, dark_shift = _errors(measured, used)
     start, largest = float(y[0] / x[0]), y.max()
 
     def deviations(p: Float64Array) -> Float64Array:
         model = start * p[0] * x * (1 + p[1] * start * p[0] * x / largest)
-        return np.asarray((model - y) / np.maximum(errors, 1e-9 * y))
+        return np.asarray((model - y) / errors)
 
     fit = scipy.optimize.least_squares(deviations, (1.0, 0.0))
     freedom = len(x) - 2
     scatter = max(1.0, 2 * float(fit.cost) / freedom)
-    error = math.sqrt(float(np.linalg.inv(fit.jac.T @ fit.jac)[1, 1]) * scatter)
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac)
+    of_dark = float((covariance @ fit.jac.T @ (dark_shift / errors))[1])
+    error = math.hypot(math.sqrt(float(covariance[1, 1]) * scatter), of_dark)
     limit = CURVED * error * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
     if abs(fit.x[1]) < limit:
         return nothing
@@ -68,6 +73,29 @@ def curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
     if scatter > 1:
         return student_interval(kappa, error_of_kappa, freedom)
     return normal_interval(kappa, error_of_kappa)
+
+
+def _errors(measured: Series, used: NDArray[np.bool_]) -> tuple[Float64Array, Float64Array]:
+    """Standard errors of the signals [DN], and the part of them that rounding of the dark frames gives to all alike.
+
+    Few frames of a level tell little of how the light drifts: it does by one share of the signal at all levels.
+    """
+    signal = measured.signal[used]
+    own = [measured.of_flats("mean_error")[used], measured.of_darks("mean_error")[used]]
+    drift_dn2 = measured.of_flats("light_error")[used] ** 2 - own[0] ** 2
+    drift = math.sqrt(max(float((drift_dn2 / signal**2).mean()), 0.0))
+    dark_shift = _shift_by_rounding(measured, measured.of_darks)[used]
+    flat_shift = _shift_by_rounding(measured, measured.of_flats)[used]
+    squares = [x**2 for x in (*own, drift * signal, dark_shift, flat_shift)]
+    return np.maximum(np.sqrt(sum(squares)), 1e-9 * signal), dark_shift
+
+
+def _shift_by_rounding(measured: Series, of: Callable[[str], Float64Array]) -> Float64Array:
+    """Standard deviation of what rounding to whole codes may add to means of levels [DN]."""
+    total_dn2 = of("variance") + of("spread") ** 2
+    if not measured.whole:
+        return np.zeros_like(total_dn2)
+    return np.array([shift_of_mean_dn(float(x)) for x in total_dn2])
 
 
 def straighten(measured: Series, kappa: float) -> Series:
