@@ -29,7 +29,7 @@ def exit_pupil_distance_mm(view: View, camera: Camera) -> float:
 
 
 def chief_ray_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
-    """Angle of the chief ray to the optical axis at image heights [°]; negative from an exit pupil behind the sensor."""
+    """Angle of the chief ray to the axis at image heights [°]; negative from an exit pupil behind the sensor."""
     return np.degrees(np.arctan(heights_mm / exit_pupil_distance_mm(view, camera)))
 
 

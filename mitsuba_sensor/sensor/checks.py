@@ -93,7 +93,7 @@ def _check_later_names(later: Mapping[str, Photons], camera: Camera) -> None:
         parts = [LEFT]
         known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
     elif not parts:
-        known = f"{camera.name} has one exposure of one photodiode; leave it out"
+        known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(later=None)"
     unknown = sorted(set(later) - set(parts))
     if unknown:
         raise InputError(f"photons.later names {unknown[0]!r}; {known}.")

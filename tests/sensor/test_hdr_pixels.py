@@ -145,7 +145,7 @@ def test_equal_exposures_are_independent_too() -> None:
 @pytest.mark.parametrize("staggered", [True, False])
 def test_light_of_an_exposure_that_the_camera_does_not_have_is_refused(staggered: bool) -> None:
     """It was left out without a word."""
-    camera, said = PLAIN, "has one exposure of one photodiode; leave it out"
+    camera, said = PLAIN, "has one exposure of one photodiode; pass photons"
     if staggered:
         camera, said = STAGGERED, "has light of its own for 'short'"
     light = flat(100, 4).changed(later={"shrot": flat(100, 4)})
