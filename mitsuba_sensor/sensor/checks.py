@@ -87,6 +87,12 @@ def as_photons(
 
 def _check_later_names(later: Mapping[str, Photons], camera: Camera) -> None:
     """Raise InputError for light that no part of the pixels of this camera would collect."""
+    if not isinstance(later, Mapping) or not all(
+        isinstance(x, Photons) for x in later.values()
+    ):
+        raise InputError(
+            "photons.later holds something else than Photons by name; give {name: ms.Photons(mean)}."
+        )
     parts = [readout.name for readout in camera.readouts[1:] if readout.of != "charge"]
     known = f"{camera.name} has light of its own for " + ", ".join(map(repr, parts))
     if camera.sensor.dual_pixel:
@@ -94,7 +100,7 @@ def _check_later_names(later: Mapping[str, Photons], camera: Camera) -> None:
         known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
     elif not parts:
         known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(later=None)"
-    unknown = sorted(set(later) - set(parts))
+    unknown = [name for name in later if name not in parts]
     if unknown:
         raise InputError(f"photons.later names {unknown[0]!r}; {known}.")
 

@@ -53,8 +53,10 @@ class FrameTimes:
         said = f"the exposure time of {exposure.time_s:g} s"
         if whole_s > exposure.time_s:
             said += f" with the read-outs behind it, {whole_s:g} s,"
-        longest_s = longest_exposure_s(camera, self.period_s)
+        longest_s = 0.9995 * longest_exposure_s(camera, self.period_s)  # so that 4 digits fit
+        way_out = f"give a shorter time (--exposure-s {longest_s:.4g})"
+        if not longest_s:
+            way_out = "shorten the gap_us of its read-outs"
         raise InputError(
-            f"{said} is longer than the frame period of {self.period_s:.6g} s; "
-            f"give a shorter time (--exposure-s {longest_s:.3g}) or fewer frames per second."
+            f"{said} is longer than the frame period of {self.period_s:.6g} s; {way_out}, or have fewer frames per second."
         )

@@ -153,6 +153,28 @@ def test_light_of_an_exposure_that_the_camera_does_not_have_is_refused(staggered
         ms.expose(light, camera, SHORT)
 
 
+@pytest.mark.parametrize("later", [[1.0], {"short": np.ones((4, 4))}, {3: flat(1, 4), "a": 1}])
+def test_light_of_later_exposures_that_is_no_photons_by_name_is_refused(later: Any) -> None:
+    with pytest.raises(ms.InputError, match="photons.later holds something else than Photons"):
+        ms.expose(flat(100, 4).changed(later=later), STAGGERED, SHORT)
+
+
+def test_the_exposure_time_that_a_refusal_names_fits_into_the_frame() -> None:
+    """At 24 frames per second it was 0.0417 s, longer than the frame; of a gap that fills it 0 s."""
+    light, long = np.full((4, 4), 100.0), ms.Exposure(1.0)
+    for camera in (PLAIN, STAGGERED):
+        with pytest.raises(ms.InputError, match="longer than the frame period") as refused:
+            ms.expose(light, camera, long, frames=2, fps=24)
+        time_s = float(str(refused.value).split("--exposure-s ")[1].split(")")[0])
+        ms.expose(light, camera, ms.Exposure(time_s), frames=2, fps=24)
+    second = {**readout("b", 0.4, 1.0, 9_000.0, "exposure"), "gap_us": 1e6}
+    apart = camera_of(readout("a", 0.4, 1.0, 8_000.0), second)
+    with pytest.raises(
+        ms.InputError, match="shorten the gap_us of its read-outs, or have fewer"
+    ):
+        ms.expose(light, apart, SHORT, frames=2, fps=24)
+
+
 def test_a_split_pixel_has_two_photodiodes_and_one_of_them_is_read_twice() -> None:
     noisy = SPLIT.replace(**{"pixel.prnu": 0.05})
     frames = ms.expose(flat(2_000.0), noisy, SHORT, frames=16)
