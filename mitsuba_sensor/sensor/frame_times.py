@@ -58,5 +58,6 @@ class FrameTimes:
         if not longest_s:
             way_out = "shorten the gap_us of its read-outs"
         raise InputError(
-            f"{said} is longer than the frame period of {self.period_s:.6g} s; {way_out}, or have fewer frames per second."
+            f"{said} is longer than the frame period of {self.period_s:.6g} s; {way_out}, or have "
+            "fewer frames per second."
         )
