@@ -155,7 +155,9 @@ def test_light_of_an_exposure_that_the_camera_does_not_have_is_refused(staggered
 
 @pytest.mark.parametrize("later", [[1.0], {"short": np.ones((4, 4))}, {3: flat(1, 4), "a": 1}])
 def test_light_of_later_exposures_that_is_no_photons_by_name_is_refused(later: Any) -> None:
-    with pytest.raises(ms.InputError, match=r"photons\.later holds something else than Photons"):
+    with pytest.raises(
+        ms.InputError, match=r"photons\.later holds something else than Photons"
+    ):
         ms.expose(flat(100, 4).changed(later=later), STAGGERED, SHORT)
 
 
