@@ -82,7 +82,13 @@ def budget(
     else:
         frames, remarks = _in_light_of(irradiance, flags)
     if readout is not None:
-        frames = _of_readout(frames, readout)
+        share = _light_share(frames.camera, readout)
+        frames = frames.readouts[readout]
+        if electrons is not None and share != 1:
+            own_e = share * float(number(electrons))
+            remarks.append(
+                f"{electrons} e- on the first read-out are {own_e:.4g} e- on {readout}"
+            )
     if frames.camera.readouts:
         show(combined_rows(frames) if as_json else combined_sheet(frames), as_json)
     else:
@@ -90,10 +96,11 @@ def budget(
     show_remarks(as_json, remarks)
 
 
-def _of_readout(frames: ms.Frames, name: str) -> ms.Frames:
-    """The frames of one read-out. Raises InputError."""
-    frames.camera.at_readout(name)  # says which there are
-    return frames.readouts[name]
+def _light_share(camera: ms.Camera, readout: str) -> float:
+    """Photoelectrons of a read-out over those of the first one. Raises InputError for one that there is not."""
+    camera.at_readout(readout)
+    [chain] = [one for one in camera.combined_readouts.readouts if one.name == readout]
+    return chain.light_ratio
 
 
 def _in_uniform_light(

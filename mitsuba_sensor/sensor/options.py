@@ -74,7 +74,7 @@ class SensorOptions(MapOptions, total=False):
     engine: Annotated[
         Engine,
         Option(
-            "numpy, drjit (one compiled kernel, the same bytes), cuda, or auto: whichever is faster.",
+            "numpy, drjit (one compiled kernel, the same bytes), cuda, or auto: the faster of numpy and drjit.",
             "auto",
         ),
     ]

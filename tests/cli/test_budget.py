@@ -73,6 +73,9 @@ def test_the_budget_of_a_camera_with_readouts_is_that_of_each_and_of_the_combina
     assert "read-out low" in text and "combined to 17 bits" in text
     alone = json.loads(cli(*argv, "--readout", "low", "--json").stdout)
     assert alone == found["readouts"]["low"]
+    split = ("budget", "--electrons", "1000", "--camera", "omnivision_split_pixel")
+    told = cli(*split, "--readout", "small")
+    assert "1000 e- on the first read-out are 10 e- on small" in told.stdout + told.stderr
     wrong = cli(*argv, "--readout", "lo")
     assert wrong.exit_code == 2 and "Did you mean 'low'?" in wrong.stderr
 
