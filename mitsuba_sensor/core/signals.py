@@ -48,8 +48,8 @@ class Photons:
     intrinsics : how the picture is a projection of the world, as of :func:`optics.intrinsics.intrinsics`, for the lens
         corrections of a DNG; None where it is not known.
     source : what is known of the light that they were collected from, for the notes of frames; None: nothing.
-    later : photons of the exposures that follow the first one, by the read-out that is exposed again, each in its own
-        exposure time; None where the light does not change in time. Of dual pixels ``left`` is the part of this light
+    by_readout : photons of the exposures that follow the first one, by the name of the read-out that is exposed again,
+        each in its own exposure time; None where the light does not change in time. Of dual pixels ``left`` is the part of this light
         that falls on the left photodiodes; None: half of it.
     """
 
@@ -65,7 +65,7 @@ class Photons:
     illuminant: Illuminant | None = None
     intrinsics: Mapping[str, Any] | None = None
     source: SourceOfLight | None = None
-    later: Mapping[str, Photons] | None = None
+    by_readout: Mapping[str, Photons] | None = None
 
     def __repr__(self) -> str:
         """``<Photons: 64 × 64 × 3>``, or electrons where they are detected."""
@@ -96,13 +96,15 @@ class Photons:
             None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
         )
         cropped = replace(self, mean=self.mean[rows], variance_e2=variance_e2, in_band=in_band)
-        return cropped.with_later(lambda later: later.crop_rows(rows))
+        return cropped.with_readouts(lambda one: one.crop_rows(rows))
 
-    def with_later(self, change: Callable[[Photons], Photons]) -> Self:
-        """With the photons of later exposures changed; itself where there are none."""
-        if self.later is None:
+    def with_readouts(self, change: Callable[[Photons], Photons]) -> Self:
+        """With the photons of other read-outs changed, of later exposures for example; itself where there are none."""
+        if self.by_readout is None:
             return self
-        return self.changed(later={name: change(one) for name, one in self.later.items()})
+        return self.changed(
+            by_readout={name: change(one) for name, one in self.by_readout.items()}
+        )
 
     def changed(self, **fields: Any) -> Self:
         """With other values of some fields."""
@@ -179,7 +181,7 @@ class PhotonsOfBands(Photons):
         cropped = self.changed(
             _values=self._values[rows], variance_e2=variance_e2, in_band=in_band
         )
-        return cropped.with_later(lambda later: later.crop_rows(rows))
+        return cropped.with_readouts(lambda one: one.crop_rows(rows))
 
     def changed(self, **fields: Any) -> Self:
         """With other values of some fields."""
@@ -231,7 +233,7 @@ class Electrons:
     yield_variance: Array = 0.0
     variance_e2: Array = None  # as in Photons
     left_share: Array = None  # of the light, on left photodiodes of dual pixels; None: half
-    later: Mapping[str, Electrons] | None = None  # before the count, as in Photons
+    by_readout: Mapping[str, Electrons] | None = None  # before the count, as in Photons
 
     def mapped(self, change: Callable[[Array], Array]) -> Electrons:
         """With everything that differs from pixel to pixel changed, also that of later exposures."""
@@ -239,10 +241,10 @@ class Electrons:
         for name in LAYERS:
             values = getattr(self, name)
             layers[name] = change(values) if np.ndim(values) else values
-        later = self.later
-        if later is not None:
-            later = {name: one.mapped(change) for name, one in later.items()}
-        return Electrons(**layers, later=later)
+        others = self.by_readout
+        if others is not None:
+            others = {name: one.mapped(change) for name, one in others.items()}
+        return Electrons(**layers, by_readout=others)
 
     @property
     def total(self) -> Array:

@@ -71,27 +71,27 @@ def as_photons(
 ) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
     checked = _as_photons(photons, camera, wavelengths_nm, check)
-    if not isinstance(photons, Photons) or photons.later is None:
+    if not isinstance(photons, Photons) or photons.by_readout is None:
         return checked
-    later = dict[str, Photons]()
-    _check_later_names(photons.later, camera)
-    for name, given in photons.later.items():
-        later[name] = _as_photons(given, camera, wavelengths_nm, check)
-        if later[name].shape != checked.shape:
+    others = dict[str, Photons]()
+    _check_names_of_readouts(photons.by_readout, camera)
+    for name, given in photons.by_readout.items():
+        others[name] = _as_photons(given, camera, wavelengths_nm, check)
+        if others[name].shape != checked.shape:
             raise InputError(
-                f"photons.later[{name!r}] has shape {later[name].shape}; it must be {checked.shape}, as that of the "
-                "first exposure."
+                f"photons.by_readout[{name!r}] has shape {others[name].shape}; it must be {checked.shape}, as that of "
+                "the first exposure."
             )
-    return checked.changed(later=later)
+    return checked.changed(by_readout=others)
 
 
-def _check_later_names(later: Mapping[str, Photons], camera: Camera) -> None:
+def _check_names_of_readouts(given: Mapping[str, Photons], camera: Camera) -> None:
     """Raise InputError for light that no part of the pixels of this camera would collect."""
-    if not isinstance(later, Mapping) or not all(
-        isinstance(x, Photons) for x in later.values()
+    if not isinstance(given, Mapping) or not all(
+        isinstance(x, Photons) for x in given.values()
     ):
         raise InputError(
-            "photons.later holds something else than Photons by name; give {name: ms.Photons(mean)}."
+            "photons.by_readout holds something else than Photons by name; give {name: ms.Photons(mean)}."
         )
     parts = [readout.name for readout in camera.readouts[1:] if readout.of != "charge"]
     known = f"{camera.name} has light of its own for " + ", ".join(map(repr, parts))
@@ -99,10 +99,10 @@ def _check_later_names(later: Mapping[str, Photons], camera: Camera) -> None:
         parts = [LEFT]
         known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
     elif not parts:
-        known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(later=None)"
-    unknown = [name for name in later if name not in parts]
+        known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(by_readout=None)"
+    unknown = [name for name in given if name not in parts]
     if unknown:
-        raise InputError(f"photons.later names {unknown[0]!r}; {known}.")
+        raise InputError(f"photons.by_readout names {unknown[0]!r}; {known}.")
 
 
 def _as_photons(

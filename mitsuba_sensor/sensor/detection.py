@@ -122,15 +122,15 @@ def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: boo
 
     once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.
     """
-    if once and frame.window.backend.compiled and photons.later is None:
+    if once and frame.window.backend.compiled and photons.by_readout is None:
         filters = stage.filters(photons)
     else:
         filters = None
     if filters is not None:
         return DetectedByKernel.of(photons, stage, frame, filters)
     check_light(photons)
-    for later in (photons.later or {}).values():
-        check_light(later)
+    for other in (photons.by_readout or {}).values():
+        check_light(other)
     return detect(photons, stage, frame)
 
 
@@ -150,13 +150,13 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
     photons : of the window of ``frame``.  stage : the first one of the chain.
     """
     signal = _detect(photons, stage, frame)
-    if photons.later is None:
+    if photons.by_readout is None:
         return Detected(photons, signal)
-    later = {name: _detect(one, stage, frame) for name, one in photons.later.items()}
-    if isinstance(signal, Electrons) and LEFT in later:
-        share = _left_share(later.pop(LEFT).light, signal.light)
+    others = {name: _detect(one, stage, frame) for name, one in photons.by_readout.items()}
+    if isinstance(signal, Electrons) and LEFT in others:
+        share = _left_share(others.pop(LEFT).light, signal.light)
         signal = replace(signal, left_share=share)
-    return Detected(photons, replace(signal, later=later or None))
+    return Detected(photons, replace(signal, by_readout=others or None))
 
 
 def _left_share(left_e: Array, whole_e: Array) -> Array:
@@ -165,7 +165,8 @@ def _left_share(left_e: Array, whole_e: Array) -> Array:
     too_many = left_e > 1.001 * whole_e + 1e-4 * np.max(whole_e, initial=0)
     if too_many.any():
         raise InputError(
-            f"photons.later['left'] is more than the photons of both photodiodes in {int(too_many.sum())} place(s), "
+            "photons.by_readout['left'] is more than the photons of both photodiodes in "
+            f"{int(too_many.sum())} place(s), "
             f"first at {first_place(too_many)}; the light of the left half is at most that of the whole pupil."
         )
     lit = np.isfinite(whole_e) & (whole_e > 0)
@@ -176,7 +177,7 @@ def _left_share(left_e: Array, whole_e: Array) -> Array:
 
 def _detect(photons: Photons, stage: Stage, frame: Frame) -> Array:
     """The signal behind the first stage, strip by strip."""
-    photons = photons.changed(later=None)
+    photons = photons.changed(by_readout=None)
     backend = NUMPY_FLOAT64 if frame.window.backend.precision == "float64" else NUMPY_FLOAT32
     whole, shape = frame.on(backend), frame.window.shape
     found: dict[str, Array] = {}

@@ -25,7 +25,7 @@ def _at(light: Photons, origin: tuple[int, int], moved: bool) -> Photons:
     """The light of all exposures from this pixel on.  moved : whether each pixel has another filter there."""
     in_band = None if moved else light.in_band
     placed_light = light.changed(origin=origin, in_band=in_band)
-    return placed_light.with_later(lambda later: _at(later, origin, moved))
+    return placed_light.with_readouts(lambda one: _at(one, origin, moved))
 
 
 def _refuse_other_polarizers(

@@ -43,9 +43,9 @@ def exposures_of_readouts(frames: RawFrames) -> Mapping[str, PreparedExposure]:
 
 def light_of_readout(readout: ReadoutChain, light: Detected, frame: Frame) -> Detected:
     """The light that a read-out collects in a frame of this light."""
-    photons = light.photons.changed(later=None)
-    if light.photons.later is not None and readout.charge in light.photons.later:
-        photons = light.photons.later[readout.charge]
+    photons = light.photons.changed(by_readout=None)
+    if light.photons.by_readout is not None and readout.charge in light.photons.by_readout:
+        photons = light.photons.by_readout[readout.charge]
     elif readout.exposure_ratio != 1:
         photons = replace(photons, mean=photons.mean * readout.exposure_ratio)
     return Detected(photons, readout.light_of(light.signal, on_numpy(frame)))
@@ -68,4 +68,4 @@ def light_of_photodiode(light: Detected, name: str) -> Detected:
         share = 1 - share
     own = replace(signal, light=np.asarray(share * signal.light), left_share=None)
     mean = photons.mean * np.reshape(share, np.shape(share) + (1,) * (photons.mean.ndim - 2))
-    return Detected(photons.changed(mean=mean, later=None), own)
+    return Detected(photons.changed(mean=mean, by_readout=None), own)

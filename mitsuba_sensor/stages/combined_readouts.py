@@ -51,9 +51,9 @@ class ReadoutChain:
     def light_of(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Its mean photoelectrons: of its own exposure where that has a light of its own, else its share of those of
         the first photodiode in the reference exposure."""
-        own, ratio = replace(electrons, later=None), self.light_ratio
-        if electrons.later is not None and self.charge in electrons.later:
-            own, ratio = electrons.later[self.charge], self.sensitivity
+        own, ratio = replace(electrons, by_readout=None), self.light_ratio
+        if electrons.by_readout is not None and self.charge in electrons.by_readout:
+            own, ratio = electrons.by_readout[self.charge], self.sensitivity
         if ratio == 1:
             return own
         return replace(own, light=frame.number(ratio) * own.light)

@@ -114,7 +114,7 @@ class TheoryOfReadouts(FrameTheory):
     @cached_property
     def levels(self) -> LightLevels:
         """Levels of light of all pixels; a level for every pixel where the exposures differ in their light."""
-        if self.light.signal.later is None:
+        if self.light.signal.by_readout is None:
             return super().levels
         light_e = np.minimum(self.light.mean_e, HIGHEST_E).ravel()
         return LightLevels(light_e, np.ones(light_e.size, np.int64))
@@ -127,7 +127,7 @@ class TheoryOfReadouts(FrameTheory):
         return mean.ravel(), variance.ravel()
 
     def _plain_of_levels(self, number: int) -> Codes:
-        if self.light.signal.later is None:
+        if self.light.signal.by_readout is None:
             return super()._plain_of_levels(number)
         mean, variance = self._plain_codes(number, self.light.signal)
         return mean.ravel(), variance.ravel()

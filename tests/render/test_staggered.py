@@ -78,10 +78,10 @@ def test_each_readout_has_the_mean_of_the_waveform_over_its_own_exposure(
     steady = ms.collect(flat, camera, EXPOSURE)
     assert steady.later is None
     photons = ms.collect(flat.with_lights(lamp=waveform), camera, EXPOSURE, start_s=0.0123)
-    assert photons.later is not None
+    assert photons.by_readout is not None
     rows = np.arange(HEIGHT) * (camera.sensor.row_time_us or 0.0) * 1e-6
     for name, (start_s, time_s) in opens_s(camera, 0.0123).items():
-        own = photons if name == "long" else photons.later[name]
+        own = photons if name == "long" else photons.by_readout[name]
         instants = start_s + rows[:, None] + (np.arange(20_000) + 0.5) * time_s / 20_000
         weights = waveform.mean_over(instants, 0.0).mean(axis=1)
         share = time_s / EXPOSURE.time_s
@@ -104,10 +104,10 @@ def test_codes_theory_and_clean_frame_are_those_of_each_time(flat: ms.Irradiance
     light = flat.with_lights(lamp=ms.pwm(310, 0.2, 0.4))
     frames = ms.expose(light, ROLLING, EXPOSURE, frames=30, start_s=0.002)
     photons = ms.collect(light, ROLLING, EXPOSURE, start_s=0.002)
-    assert photons.later is not None
+    assert photons.by_readout is not None
     for name, one in frames.readouts.items():
-        own = photons if name == "long" else photons.later[name]
-        alone = ms.expose(own.changed(later=None), one.camera, one.first.exposure)
+        own = photons if name == "long" else photons.by_readout[name]
+        alone = ms.expose(own.changed(by_readout=None), one.camera, one.first.exposure)
         np.testing.assert_allclose(one.clean, alone.clean, rtol=1e-6)
         error = np.sqrt(one.temporal_variance / 30)
         off = (one.digital.mean(axis=0) - one.clean) / error
@@ -183,9 +183,9 @@ def test_a_small_photodiode_of_another_time_begins_with_the_frame(flat: ms.Irrad
     assert later_exposures(camera, EXPOSURE, 1.0)["small"] == (ms.Exposure(0.016), 1.0)
     waveform = ms.pwm(100, 0.5)
     photons = ms.collect(flat.with_lights(lamp=waveform), camera, EXPOSURE)
-    assert photons.later is not None
+    assert photons.by_readout is not None
     ratio = waveform.mean_over([0.0], 0.016)[0] / waveform.mean_over([0.0], 0.008)[0]
-    mean = photons.later["small"].total / photons.total
+    mean = photons.by_readout["small"].total / photons.total
     np.testing.assert_allclose(mean, 2 * ratio, rtol=1e-5)
 
 

@@ -30,7 +30,7 @@ def light_of(left_e: float, right_e: float, shape: tuple[int, int] = (200, 300))
     """Photoelectrons in both halves."""
     whole, left = np.full(shape, left_e + right_e), np.full(shape, left_e)
     part = ms.Photons(left, detected=True)
-    return ms.Photons(whole, detected=True, later={"left": part})
+    return ms.Photons(whole, detected=True, by_readout={"left": part})
 
 
 def electrons(frames: ms.Frames) -> Float64Array:
@@ -82,7 +82,9 @@ def test_theory_clean_frame_and_budget_are_those_of_a_photodiode() -> None:
     plain = camera.replace(**{"sensor.dual_pixel": False})
     np.testing.assert_array_equal(
         frames.temporal_variance,
-        ms.expose(light_of(500, 1500).changed(later=None), plain, EXPOSURE).temporal_variance,
+        ms.expose(
+            light_of(500, 1500).changed(by_readout=None), plain, EXPOSURE
+        ).temporal_variance,
     )
 
 
@@ -143,7 +145,7 @@ def test_the_published_chain_is_refused() -> None:
 def test_light_that_is_no_half_is_refused(name: str, left: float, said: str) -> None:
     """Neither clipped nor left out in silence."""
     part = ms.Photons(np.full((4, 4), left))
-    light = ms.Photons(np.full((4, 4), 8000.0), later={name: part})
+    light = ms.Photons(np.full((4, 4), 8000.0), by_readout={name: part})
     with pytest.raises(ms.InputError, match=said):
         ms.expose(light, dual(), EXPOSURE)
 

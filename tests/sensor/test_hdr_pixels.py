@@ -148,17 +148,17 @@ def test_light_of_an_exposure_that_the_camera_does_not_have_is_refused(staggered
     camera, said = PLAIN, "has one exposure of one photodiode; pass photons"
     if staggered:
         camera, said = STAGGERED, "has light of its own for 'short'"
-    light = flat(100, 4).changed(later={"shrot": flat(100, 4)})
-    with pytest.raises(ms.InputError, match=rf"photons\.later names 'shrot'; .*{said}"):
+    light = flat(100, 4).changed(by_readout={"shrot": flat(100, 4)})
+    with pytest.raises(ms.InputError, match=rf"photons\.by_readout names 'shrot'; .*{said}"):
         ms.expose(light, camera, SHORT)
 
 
 @pytest.mark.parametrize("later", [[1.0], {"short": np.ones((4, 4))}, {3: flat(1, 4), "a": 1}])
 def test_light_of_later_exposures_that_is_no_photons_by_name_is_refused(later: Any) -> None:
     with pytest.raises(
-        ms.InputError, match=r"photons\.later holds something else than Photons"
+        ms.InputError, match=r"photons\.by_readout holds something else than Photons"
     ):
-        ms.expose(flat(100, 4).changed(later=later), STAGGERED, SHORT)
+        ms.expose(flat(100, 4).changed(by_readout=later), STAGGERED, SHORT)
 
 
 def test_the_exposure_time_that_a_refusal_names_fits_into_the_frame() -> None:

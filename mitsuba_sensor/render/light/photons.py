@@ -115,8 +115,8 @@ def collect(
         check_polarizers(light.polarizers, camera)
         photons = _of_exposure(light, camera, exposure, start_s)
         if camera.sensor.dual_pixel:
-            return photons.changed(later=_of_left(light, camera, exposure))
-        return photons.changed(later=_later(light, camera, exposure, start_s))
+            return photons.changed(by_readout=_of_left(light, camera, exposure))
+        return photons.changed(by_readout=_later(light, camera, exposure, start_s))
     values = _irradiance_values(light)
     if values.ndim == 2:
         centre = (
