@@ -76,7 +76,7 @@ def test_each_readout_has_the_mean_of_the_waveform_over_its_own_exposure(
 ) -> None:
     """Within 0.1 %, against a sum over 20 000 instants of the exposure of each row."""
     steady = ms.collect(flat, camera, EXPOSURE)
-    assert steady.later is None
+    assert steady.by_readout is None
     photons = ms.collect(flat.with_lights(lamp=waveform), camera, EXPOSURE, start_s=0.0123)
     assert photons.by_readout is not None
     rows = np.arange(HEIGHT) * (camera.sensor.row_time_us or 0.0) * 1e-6
