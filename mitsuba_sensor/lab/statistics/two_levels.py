@@ -9,11 +9,10 @@ import scipy
 from numpy.typing import NDArray
 
 from ...core.types import Float64Array
+from ..frames.rounding import ROUNDING_DN2
 
 STEPS = 40
 """Steps of expectation and maximisation."""
-ROUNDING_DN2 = 1 / 12
-"""Variance that rounding to whole numbers adds [DN²]."""
 TRIED_SIGMAS = np.geomspace(0.6, 1.6, 11)
 TRIED_MEANS = np.linspace(-0.2, 0.2, 5)
 """Of one normal distribution, times the sample's σ and σ away from the sample's mean: rounded values have their largest
