@@ -25,7 +25,7 @@ FEWEST_CODES = 16
 """Between the smallest and the largest value, below which many values at one of them are a quiet camera's."""
 FEWEST_PILED = 20.0
 """Values at one end of the range up to which none is said to be clipped there, but at 0 and at the largest code."""
-MOST_VALUES = 2**16
+MOST_VALUES = 2**14
 """Values of a frame that show the distance of two codes."""
 OFTEN = 0.05
 """Share of the pixels at the smallest code that jump from there: of unclipped noise of 1 DN, one in a hundred."""
@@ -100,8 +100,11 @@ class Clipping:
         black_clips = lowest == 0
         if not black_clips and many_codes:
             black_clips = _piles_up_at_bottom(frames, lowest)
-        black = _count_values(frames, lowest) * black_clips / frames.size
-        saturated = _count_values(frames, largest) * saturates / frames.size
+        black = saturated = 0.0
+        if black_clips:
+            black = _count_values(frames, lowest) / frames.size
+        if saturates:
+            saturated = _count_values(frames, largest) / frames.size
         return cls(black, saturated, lowest, largest)
 
     def shares_of_pixels(self, frames: NumpyArray) -> Float64Array:
@@ -118,7 +121,8 @@ class Clipping:
 def _piles_up_at_top(frames: NumpyArray, largest: float) -> bool:
     """Whether there are more than 20 values at the largest code, and 5 standard errors more than at the next one."""
     all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
-    if _count_values(frames, largest) <= FEWEST_PILED:
+    at_largest = _count_values(frames, largest)
+    if at_largest <= FEWEST_PILED:
         return False
     if not (all_bits_set or len(frames) == 1 or _jumps_from(frames, largest)):
         return False
@@ -126,12 +130,13 @@ def _piles_up_at_top(frames: NumpyArray, largest: float) -> bool:
     for frame in frames:
         next_code = max(next_code, float(np.max(frame, where=frame < largest, initial=lowest)))
     at_next = _count_values(frames, next_code)
-    return _count_values(frames, largest) > max(FEWEST_PILED, at_next + 5 * math.sqrt(at_next))
+    return at_largest > max(FEWEST_PILED, at_next + 5 * math.sqrt(at_next))
 
 
 def _piles_up_at_bottom(frames: NumpyArray, lowest: float) -> bool:
     """Whether there are more values at the smallest code than the two codes above it let a tail have."""
-    if _count_values(frames, lowest) <= FEWEST_PILED or not _jumps_from(frames, lowest):
+    at_lowest = _count_values(frames, lowest)
+    if at_lowest <= FEWEST_PILED or not _jumps_from(frames, lowest):
         return False
     step = _step_dn(frames)
     first, second = (
@@ -139,7 +144,7 @@ def _piles_up_at_bottom(frames: NumpyArray, lowest: float) -> bool:
         _count_values(frames, lowest + 2 * step),
     )
     tail = first * min(1.0, first / max(second, 1))
-    return _count_values(frames, lowest) > max(FEWEST_PILED, tail + 5 * math.sqrt(first))
+    return at_lowest > max(FEWEST_PILED, tail + 5 * math.sqrt(first))
 
 
 def _count_values(frames: NumpyArray, value: float) -> int:

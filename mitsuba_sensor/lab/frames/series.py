@@ -16,7 +16,7 @@ from .clipping import MOST_VALUES
 from .notes import merged
 from .rounding import ROUNDING_DN2, has_whole_codes
 from .stack import Stack
-from .temporal import temporal
+from .temporal import temporal, variance_over_pixels
 
 COARSE_DN2 = 0.5
 """Variance [DN²] of a normal law below which rounding adds another variance than 1/12, by more than 0.1 % of it: by as
@@ -52,8 +52,9 @@ def measure_level(stack: Stack) -> Level:
     """Mean and variance of a stack whose pixels are alike, with their errors."""
     statistics = temporal(stack)
     frames, pixels = statistics.frames, statistics.mean.size
-    variance = float(statistics.variance.mean())
-    spread = math.sqrt(max(float(statistics.mean.var()) - variance / frames, 0.0))
+    mean, variance = float(statistics.mean.mean()), statistics.mean_variance
+    of_means = variance_over_pixels(statistics.mean, mean)
+    spread = math.sqrt(max(of_means - variance / frames, 0.0))
     clipping = stack.clipping
     hidden_dn = clipping.share * math.hypot(math.sqrt(variance), spread)
     mean_error = math.hypot(math.sqrt(variance / pixels / frames), hidden_dn)
@@ -64,7 +65,7 @@ def measure_level(stack: Stack) -> Level:
     if clipping.clipped:
         clipped = f"{stack.source}: {clipping.note}"
     return Level(
-        mean=float(statistics.mean.mean()),
+        mean=mean,
         mean_error=mean_error,
         light_error=math.hypot(mean_error, statistics.drift_dn / math.sqrt(frames)),
         variance=variance,

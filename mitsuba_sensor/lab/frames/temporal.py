@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from .stack import Stack
+from .stack import STRIP_VALUES, Stack
 
 FEWEST_PIXELS = 16
 GROUP_PIXELS, MOST_GROUPS, WIDTH = 64, 100, 3.0
@@ -26,12 +26,13 @@ class Temporal:
     """Each pixel over the frames of a stack, and each frame over its pixels.
 
     mean : (H, W) [DN].  variance : (H, W) [DN²], unbiased, without the fluctuation that the pixels of a frame share.
-    frames : N.  drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was found.
+    mean_variance : over the pixels [DN²].  frames : N.  drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was found.
     lines_error : standard error of the mean variance that noise of whole rows and columns brings [DN²]: there are few.
     """
 
     mean: Float64Array
     variance: Float64Array
+    mean_variance: float
     frames: int
     drift_dn: float
     lines_error: float
@@ -39,9 +40,8 @@ class Temporal:
     @property
     def variance_error(self) -> float:
         """Standard error of the mean variance [DN²], from its scatter over pixels and by lines_error."""
-        return math.hypot(
-            float(self.variance.std(ddof=1)) / math.sqrt(self.variance.size), self.lines_error
-        )
+        scatter = variance_over_pixels(self.variance, self.mean_variance)
+        return math.hypot(math.sqrt(scatter / self.variance.size), self.lines_error)
 
     @property
     def drift_note(self) -> str:
@@ -79,7 +79,17 @@ def _drift_is_seen_in_pixels(stack: Stack, plain: Temporal) -> bool:
     level = max(abs(float(plain.mean.mean())), 1e-300)
     moved_dn = 10 * plain.drift_dn / level * float(plain.mean.std())
     freedom = (plain.frames - 1) * plain.mean.size
-    return moved_dn**2 > 0.1 * float(plain.variance.mean()) * math.sqrt(2 / freedom)
+    return moved_dn**2 > 0.1 * plain.mean_variance * math.sqrt(2 / freedom)
+
+
+def variance_over_pixels(values: Float64Array, mean: float) -> float:
+    """Variance of a map (H, W), whose mean is known, in strips of rows."""
+    squares = 0.0
+    height = max(1, STRIP_VALUES // values.shape[1])
+    for top in range(0, len(values), height):
+        rest = values[top : top + height] - mean
+        squares += float(np.vdot(rest, rest))
+    return squares / (values.size - 1)
 
 
 def _statistics(stack: Stack, group: NDArray[np.intp] | None) -> Temporal:
@@ -94,6 +104,7 @@ def _statistics(stack: Stack, group: NDArray[np.intp] | None) -> Temporal:
         common = _means_of_groups(stack, group, count)
     mean, variance = np.empty(stack.shape), np.empty(stack.shape)
     rows, columns = np.empty((frames, stack.shape[0])), np.zeros((frames, stack.shape[1]))
+    per_row = np.full(stack.shape[1], 1 / stack.shape[1])
     for strip in stack.strips():
         block = stack.frames[:, strip].astype(np.float64)
         mean[strip] = block.mean(axis=0)
@@ -103,7 +114,7 @@ def _statistics(stack: Stack, group: NDArray[np.intp] | None) -> Temporal:
         else:
             place = group.reshape(stack.shape)[strip]
             block -= common[:, place]
-        rows[:, strip] = block.mean(axis=2)
+        rows[:, strip] = block @ per_row
         columns += block.sum(axis=1)
         np.einsum("nij,nij->ij", block, block, out=variance[strip])
     columns /= stack.shape[0]
@@ -111,17 +122,19 @@ def _statistics(stack: Stack, group: NDArray[np.intp] | None) -> Temporal:
         variance *= grown / freedom
     else:
         variance *= (count / (count - 1))[group].reshape(stack.shape) / freedom
+    mean_variance = float(variance.mean())
+    alone = mean_variance / pixels
     expected = max(
-        float(variance.mean()) / pixels,
-        _variance_by_shared_noise(rows, freedom, variance),
-        _variance_by_shared_noise(columns, freedom, variance),
+        alone,
+        _variance_by_shared_noise(rows, freedom, alone),
+        _variance_by_shared_noise(columns, freedom, alone),
     )
     between_frames = float(stack.frame_means.var(ddof=1))
     drift_dn = 0.0
     if between_frames > max(expected * _limit_of_ratio(freedom, DRIFT_FALSE_ALARM), 0.0):
         drift_dn = math.sqrt(between_frames - expected)
-    lines_error = _error_by_lines(rows, columns, freedom, variance)
-    return Temporal(mean, variance, frames, drift_dn, lines_error)
+    lines_error = _error_by_lines(rows, columns, freedom, alone)
+    return Temporal(mean, variance, mean_variance, frames, drift_dn, lines_error)
 
 
 def _means_of_groups(
@@ -153,13 +166,13 @@ def _count_groups(stack: Stack) -> int:
     return max(1, min(int(wide), stack.mean.size // GROUP_PIXELS, MOST_GROUPS))
 
 
-def _variance_by_shared_noise(
-    lines: Float64Array, freedom: int, variance: Float64Array
-) -> float:
-    """Variance of the frames' means by noise that whole rows or columns share, 0 where there is none; (N, lines)."""
+def _variance_by_shared_noise(lines: Float64Array, freedom: int, alone: float) -> float:
+    """Variance of the frames' means by noise that whole rows or columns share, 0 where there is none; (N, lines).
+
+    alone : that by noise of the pixels alone [DN²].
+    """
     count = lines.shape[1]
     between = float((lines**2).sum()) / freedom / max(count - 1, 1) / count
-    alone = float(variance.mean()) / variance.size
     limit = _limit_of_ratio(freedom * max(count - 1, 1), LINES_FALSE_ALARM)
     return between if between > alone * limit else 0.0
 
@@ -177,19 +190,20 @@ def _check_stack(stack: Stack) -> None:
 
 
 def _error_by_lines(
-    rows: Float64Array, columns: Float64Array, freedom: int, variance: Float64Array
+    rows: Float64Array, columns: Float64Array, freedom: int, alone: float
 ) -> float:
     """Standard error of the mean variance by what rows and columns share in each frame, (N, lines) [DN²].
 
     The variance of such noise has as many degrees of freedom as there are lines in all frames, less those of means.
+    alone : variance of the frames' means by noise of the pixels alone [DN²].
     """
     square = 0.0
     for lines in (rows, columns):
         free = freedom * (lines.shape[1] - 1)
         if free > 0:
             between = float((lines**2).sum()) / free
-            alone = float(variance.mean()) * lines.shape[1] / variance.size
-            square += 2 * max(between - alone, 0.0) ** 2 / free
+            of_pixels = alone * lines.shape[1]
+            square += 2 * max(between - of_pixels, 0.0) ** 2 / free
     return math.sqrt(square)
 
 
