@@ -47,7 +47,8 @@ def figures_of(
     titles, filters = [], len(bench.of_filters())
 
     def begins(title: str) -> None:
-        titles.append(title)
+        if title.partition(": ")[0] not in titles or ": " not in title:
+            titles.append(title)
         progress(len(titles) - 1, filters * INSTRUMENTS, f"measuring: {title}")
 
     return measure_bench(bench, begins)

@@ -162,7 +162,7 @@ def variance_residuals(
         measured = temporal(alike_pixels(real))
         expected = temporal(alike_pixels(part.like(real, 100 + number)))
         error = math.hypot(measured.variance_error, expected.variance_error)
-        real_dn2, twin_dn2 = float(measured.variance.mean()), float(expected.variance.mean())
+        real_dn2, twin_dn2 = measured.variance, expected.variance
         yield {
             "mean_dn": float(alike_pixels(real).mean.mean()),
             "real_dn2": real_dn2,

@@ -16,7 +16,7 @@ from mitsuba_sensor.lab.frames import bench as bench_module
 from mitsuba_sensor.lab.frames.bench import Bench, read_bench
 from mitsuba_sensor.lab.frames.notes import merged
 from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.frames.stuck_lines import without_stuck_lines
+from mitsuba_sensor.lab.frames.stuck_lines import with_lines_filled, without_stuck_lines
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.lab.measure.measurement import measure_bench
 
@@ -123,6 +123,44 @@ def test_a_stuck_column_and_a_dead_row_cost_no_figure_its_interval() -> None:
         assert figure.covers(true) and not figure.clipped, str(figure)
     assert math.isfinite(measured.figures["µ_I.mean"].value)
     assert not measured.hidden
+
+
+def test_a_stuck_column_costs_a_twin_neither_dark_current_nor_uniformity() -> None:
+    """24 frames of each dark exposure; the intervals hold what went in, as they do without the lines."""
+    camera = ms.load_camera("konnik_table1").replace(
+        **{"sensor.rows": 64, "sensor.columns": 150, "adc.black_level_dn": 64.0}
+    )
+
+    def take(photons: float, time_s: float, frames: int, seed: int) -> Stack:
+        light, exposure = np.full((64, 150), photons), ms.Exposure(time_s)
+        taken = ms.expose(light, camera, exposure, frames=frames, seed=seed)
+        stack = Stack(taken.digital, time_s, photons, temperature_k=298.15, bits=12)
+        return with_stuck_lines(stack)
+
+    darks = tuple(take(0.0, time_s, 24, k) for k, time_s in enumerate((0.01, 0.1, 1.0)))
+    levels = (0.05, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.2)
+    flats = tuple(take(x * 55_000.0, 0.01, 8, 10 + k) for k, x in enumerate(levels))
+    twin = ms.lab.fit(Bench((), darks, flats, wavelength_nm=550))
+    base = twin.base
+    assert any("taken from their neighbours: row 30 and column 7" in x for x in base.notes)
+    assert base.dark.rate.quantity.low > 0 and base.dark.offsets.image.shape == (64, 150)
+    assert base.gain.quantity.covers(0.1241)
+    (gains,) = base.gains.values()
+    assert gains.pixel.quantity.value < 0.02
+
+
+def test_stuck_lines_of_a_mosaic_are_filled_by_lines_of_their_filter() -> None:
+    rng = np.random.default_rng(8)
+    tile = (("R", "G"), ("G", "B"))
+    light = np.tile(np.array([[100.0, 200.0], [200.0, 300.0]]), (50, 60))
+    flat = np.round(64 + light + rng.normal(0, 2, (2, 100, 120))).astype(np.uint16)
+    dark = np.round(64 + rng.normal(0, 2, (2, 100, 120))).astype(np.uint16)
+    flat[:, :, 21] = dark[:, :, 21] = 4095
+    stacks = (Stack(dark, 0.1, 0.0, tile=tile), Stack(flat, 0.1, 99.0, tile=tile))
+    filled, note = with_lines_filled(Bench((), stacks[:1], stacks[1:]))
+    assert "column 21" in note
+    np.testing.assert_array_equal(filled.flats[0].frames[:, :, 21], flat[:, :, 19])
+    np.testing.assert_array_equal(filled.darks[0].frames[:, :, 22], dark[:, :, 22])
 
 
 def test_uneven_light_and_even_sensors_have_no_stuck_lines() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.frames.temporal import temporal
+from mitsuba_sensor.lab.frames.temporal import Maps, temporal
 
 
 def of(frames: np.ndarray) -> Stack:
@@ -23,7 +23,7 @@ def test_the_variance_is_unbiased_and_its_error_is_the_scatter_of_many_stacks(
     """400 stacks: their mean within 4 standard errors (once in 16 000), the mean error within 15 % of the scatter."""
     rng = np.random.default_rng(1)
     found = [temporal(of(rng.normal(100, 3, shape))) for _ in range(400)]
-    means = np.array([one.variance.mean() for one in found])
+    means = np.array([one.variance for one in found])
     assert abs(means.mean() - 9) < 4 * means.std() / len(means) ** 0.5
     squares = np.mean([one.variance_error**2 for one in found])
     assert squares**0.5 == pytest.approx(means.std(), rel=0.15)
@@ -38,9 +38,11 @@ def test_light_that_drifts_by_1_percent_leaves_the_variance_alone_and_is_reporte
 ) -> None:
     rng = np.random.default_rng(2)
     drift = 1 + 0.01 * rng.standard_normal((16, 1, 1))
-    found = temporal(of(np.minimum(level * drift, 3000) + rng.normal(64, 5, (16, 40, 50))))
+    stack = of(np.minimum(level * drift, 3000) + rng.normal(64, 5, (16, 40, 50)))
+    maps = Maps.empty(stack)
+    found = temporal(stack, maps)
     lit = level < 2800
-    assert found.variance[lit].mean() == pytest.approx(
+    assert maps.variance[lit].mean() == pytest.approx(
         25, rel=0.04
     )  # 4 standard errors; with the drift above 200
     assert "frame means drift by" in found.drift_note and "removed" in found.drift_note
@@ -56,7 +58,7 @@ def test_noise_that_rows_share_is_noise_and_no_drift_and_widens_the_error() -> N
         temporal(of(rng.normal(0, 1, (8, 32, 32)) + rng.normal(0, 2, (8, 32, 1))))
         for _ in range(300)
     ]
-    means = np.array([one.variance.mean() for one in found])
+    means = np.array([one.variance for one in found])
     assert means.mean() == pytest.approx(
         5 - 4 / 32, rel=0.03
     )  # the frame's mean is removed, with 1/32 of the rows'
@@ -84,8 +86,8 @@ def test_what_has_no_temporal_variance_is_refused(stack: Stack, said: str) -> No
     assert said in str(error.value)
 
 
-def test_a_pair_of_a_megapixel_takes_little_memory_beside_its_two_maps() -> None:
-    """Mean and variance are 16 MiB of float64; strips of 1 MiB are all that is added to them."""
+def test_a_pair_of_a_megapixel_takes_strips_of_memory() -> None:
+    """Strips of 1 MiB; two maps of float64 would be 16 MiB."""
     frames = np.random.default_rng(20).integers(900, 1100, (2, 1024, 1024), dtype=np.uint16)
     stack = Stack(frames, 0.1)
     tracemalloc.start()
@@ -94,4 +96,29 @@ def test_a_pair_of_a_megapixel_takes_little_memory_beside_its_two_maps() -> None
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert most < 1.4 * 2 * 8 * 2**20
+    assert most < 4 * 2**20
+
+
+def test_maps_are_those_of_every_pixel_and_figures_are_theirs() -> None:
+    """In strips, of several of which a frame consists."""
+    frames = np.random.default_rng(21).normal(500, 7, (5, 300, 400))
+    stack = of(frames)
+    maps = Maps.empty(stack)
+    found = temporal(stack, maps)
+    np.testing.assert_allclose(maps.mean, frames.mean(axis=0))
+    centred = frames - frames.mean(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(maps.variance, centred.var(axis=0, ddof=1), rtol=1e-4)
+    assert found.mean == pytest.approx(frames.mean())
+    assert found.variance == pytest.approx(maps.variance.mean())
+    assert found.of_means == pytest.approx(maps.mean.var(ddof=1))
+    assert found.of_variances == pytest.approx(maps.variance.var(ddof=1))
+
+
+def test_pairs_of_few_codes_in_light_that_drifts_have_groups_of_equally_bright_pixels() -> None:
+    """8 codes of uneven light: most pixels share their mean with thousands, and 0.5 % of drift is seen in them."""
+    rng = np.random.default_rng(22)
+    light = np.linspace(20, 220, 256) * np.ones((256, 1))
+    frames = [np.round(light * share + rng.normal(0, 0.6, light.shape)) for share in (1, 1.02)]
+    found = temporal(of(np.array(frames).astype(np.uint8)))
+    assert found.drift_dn > 1
+    assert found.variance == pytest.approx(0.36 + 1 / 12, rel=0.02)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,8 +16,10 @@ from .clipping import MOST_VALUES
 from .notes import merged
 from .rounding import ROUNDING_DN2, has_whole_codes
 from .stack import Stack
-from .temporal import temporal, variance_over_pixels
+from .temporal import temporal
 
+Report = Callable[[int, int], object]
+"""Told how many of all stacks are measured."""
 COARSE_DN2 = 0.5
 """Variance [DN²] of a normal law below which rounding adds another variance than 1/12, by more than 0.1 % of it: by as
 much as (4σ² + 1/π²) exp(-2π²σ²) where all pixels have one mean."""
@@ -51,10 +53,8 @@ class Level:
 def measure_level(stack: Stack) -> Level:
     """Mean and variance of a stack whose pixels are alike, with their errors."""
     statistics = temporal(stack)
-    frames, pixels = statistics.frames, statistics.mean.size
-    mean, variance = float(statistics.mean.mean()), statistics.mean_variance
-    of_means = variance_over_pixels(statistics.mean, mean)
-    spread = math.sqrt(max(of_means - variance / frames, 0.0))
+    frames, pixels = statistics.frames, statistics.pixels
+    variance, spread = statistics.variance, statistics.spread_dn
     clipping = stack.clipping
     hidden_dn = clipping.share * math.hypot(math.sqrt(variance), spread)
     mean_error = math.hypot(math.sqrt(variance / pixels / frames), hidden_dn)
@@ -65,7 +65,7 @@ def measure_level(stack: Stack) -> Level:
     if clipping.clipped:
         clipped = f"{stack.source}: {clipping.note}"
     return Level(
-        mean=mean,
+        mean=statistics.mean,
         mean_error=mean_error,
         light_error=math.hypot(mean_error, statistics.drift_dn / math.sqrt(frames)),
         variance=variance,
@@ -177,8 +177,15 @@ class Series:
         return np.asarray(np.hypot(error, np.where(coarse, ROUNDING_DN2, 0.0)))
 
 
-def series(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = None) -> Series:
+def series(
+    darks: Sequence[Stack],
+    flats: Sequence[Stack],
+    window: int | None = None,
+    report: Report | None = None,
+) -> Series:
     """Reduce stacks to a series. A window takes that many rows and columns about the centre.
+
+    report : called with the stacks that are measured, and all of them, after each.
 
     Flats without a dark of their own exposure time take the one of the nearest, and a note says so.
 
@@ -192,8 +199,13 @@ def series(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = 
     if window is not None:
         darks = [centre(stack, window) for stack in darks]
         flats = [centre(stack, window) for stack in flats]
-    levels = _sort_levels([measure_level(stack) for stack in flats])
-    dark_levels = tuple(measure_level(stack) for stack in darks)
+    of_stacks: list[Level] = []
+    for stack in (*darks, *flats):
+        of_stacks.append(measure_level(stack))
+        if report is not None:
+            report(len(of_stacks), len(darks) + len(flats))
+    dark_levels = tuple(of_stacks[: len(darks)])
+    levels = _sort_levels(of_stacks[len(darks) :])
     times = np.array([dark.exposure_s for dark in dark_levels])
     dark_of = np.array([int(np.argmin(abs(times - flat.exposure_s))) for flat in levels])
     notes: list[str] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from .stack import STRIP_VALUES, Stack
+from .stack import Stack
 
 FEWEST_PIXELS = 16
 GROUP_PIXELS, MOST_GROUPS, WIDTH = 64, 100, 3.0
+MOST_SORTED = 2**16
+"""Pixels whose means are sorted to find where groups of equally bright ones end."""
 DRIFT_FALSE_ALARM = 1e-4
 """Share of the stacks without drift in which drift is reported."""
 LINES_FALSE_ALARM = 1e-3
@@ -22,26 +25,48 @@ LINES_FALSE_ALARM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Temporal:
-    """Each pixel over the frames of a stack, and each frame over its pixels.
-
-    mean : (H, W) [DN].  variance : (H, W) [DN²], unbiased, without the fluctuation that the pixels of a frame share.
-    mean_variance : over the pixels [DN²].  frames : N.  drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was found.
-    lines_error : standard error of the mean variance that noise of whole rows and columns brings [DN²]: there are few.
-    """
+class Maps:
+    """Mean [DN] and unbiased variance [DN²] of each pixel over the frames, (H, W), to be filled by :func:`temporal`."""
 
     mean: Float64Array
     variance: Float64Array
-    mean_variance: float
+
+    @classmethod
+    def empty(cls, stack: Stack) -> Self:
+        """Maps of the size of a stack."""
+        return cls(np.empty(stack.shape), np.empty(stack.shape))
+
+
+@dataclass(frozen=True)
+class Temporal:
+    """Each pixel over the frames of a stack, and each frame over its pixels.
+
+    mean : of all values [DN].  variance : mean over the pixels of their variance over the frames [DN²], unbiased,
+    without the fluctuation that the pixels of a frame share.  frames : N.
+    of_means, of_variances : variances over the pixels of their means [DN²] and of their variances [DN⁴].
+    pixels : their number.  drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was
+    found.  lines_error : standard error of the variance that noise of whole rows and columns brings [DN²]: there are
+    few.
+    """
+
+    mean: float
+    variance: float
+    of_means: float
+    of_variances: float
     frames: int
+    pixels: int
     drift_dn: float
     lines_error: float
 
     @property
     def variance_error(self) -> float:
-        """Standard error of the mean variance [DN²], from its scatter over pixels and by lines_error."""
-        scatter = variance_over_pixels(self.variance, self.mean_variance)
-        return math.hypot(math.sqrt(scatter / self.variance.size), self.lines_error)
+        """Standard error of the variance [DN²], from its scatter over pixels and by lines_error."""
+        return math.hypot(math.sqrt(self.of_variances / self.pixels), self.lines_error)
+
+    @property
+    def spread_dn(self) -> float:
+        """Standard deviation of the pixels' means without what averaging leaves of temporal noise [DN]."""
+        return math.sqrt(max(self.of_means - self.variance / self.frames, 0.0))
 
     @property
     def drift_note(self) -> str:
@@ -49,121 +74,157 @@ class Temporal:
         if not self.drift_dn:
             return ""
         drift = f"{self.drift_dn:.3g} DN"
-        level = float(self.mean.mean())
-        if level:
-            drift += f" ({100 * self.drift_dn / abs(level):.2g} %)"
+        if self.mean:
+            drift += f" ({100 * self.drift_dn / abs(self.mean):.2g} %)"
         return f"frame means drift by {drift}, removed from the variance"
 
 
-def temporal(stack: Stack) -> Temporal:
-    """Statistics over the frames. In each frame the mean of pixels that are equally bright is removed, so that light
-    or a black level that drifts is not taken as noise; EMVA 1288 R4 6.6 removes the mean of all pixels, which is the
-    same for flat fields, and so does this where drift moves no pixel more than others by what noise hides. Groups of 64
-    pixels or more are equally bright: one where the pixels' means differ by noise
-    alone, more of them the more they differ, at most 100.
+def temporal(stack: Stack, maps: Maps | None = None) -> Temporal:
+    """Statistics over the frames; those of each pixel are written into maps where some are given.
+
+    In each frame the mean of pixels that are equally bright is removed, so that light or a black level that drifts is
+    not taken as noise; EMVA 1288 R4 6.6 removes the mean of all pixels, which is the same for flat fields, and so does
+    this where drift moves no pixel more than others by what noise hides. Groups of 64 pixels or so are equally bright:
+    one where the pixels' means differ by noise alone, more of them the more they differ, at most 100.
 
     Raises InputError for a single frame, fewer than 16 pixels, and mosaics.
     """
     _check_stack(stack)
-    plain = _statistics(stack, None)
-    if plain.drift_dn and _drift_is_seen_in_pixels(stack, plain):
-        return _statistics(stack, _group_equally_bright(stack))
+    plain = _statistics(stack, None, maps)
+    if plain.drift_dn and _drift_is_seen_in_pixels(plain):
+        return _statistics(stack, _group_equally_bright(stack, plain), maps)
     return plain
 
 
-def _drift_is_seen_in_pixels(stack: Stack, plain: Temporal) -> bool:
+def _drift_is_seen_in_pixels(plain: Temporal) -> bool:
     """Whether light that drifts moves pixels of different brightness differently, by what their variance shows.
 
     The signal is taken as a tenth of the mean or more: black level is the rest.
     """
-    level = max(abs(float(plain.mean.mean())), 1e-300)
-    moved_dn = 10 * plain.drift_dn / level * float(plain.mean.std())
-    freedom = (plain.frames - 1) * plain.mean.size
-    return moved_dn**2 > 0.1 * plain.mean_variance * math.sqrt(2 / freedom)
+    level = max(abs(plain.mean), 1e-300)
+    moved_dn = 10 * plain.drift_dn / level * math.sqrt(plain.of_means)
+    freedom = (plain.frames - 1) * plain.pixels
+    return moved_dn**2 > 0.1 * plain.variance * math.sqrt(2 / freedom)
 
 
-def variance_over_pixels(values: Float64Array, mean: float) -> float:
-    """Variance of a map (H, W), whose mean is known, in strips of rows."""
-    squares = 0.0
-    height = max(1, STRIP_VALUES // values.shape[1])
-    for top in range(0, len(values), height):
-        rest = values[top : top + height] - mean
-        squares += float(np.vdot(rest, rest))
-    return squares / (values.size - 1)
-
-
-def _statistics(stack: Stack, group: NDArray[np.intp] | None) -> Temporal:
+def _statistics(stack: Stack, groups: _Groups | None, maps: Maps | None) -> Temporal:
     """Statistics over the frames without the mean of each group of pixels in each frame; of all pixels where None."""
     frames, pixels = len(stack), stack.shape[0] * stack.shape[1]
     freedom = frames - 1
     drift = stack.frame_means - stack.frame_means.mean()
-    common = np.zeros((frames, 1))
-    grown, count = pixels / (pixels - 1), np.array([pixels])
-    if group is not None:
-        count = np.bincount(group)
-        common = _means_of_groups(stack, group, count)
-    mean, variance = np.empty(stack.shape), np.empty(stack.shape)
     rows, columns = np.empty((frames, stack.shape[0])), np.zeros((frames, stack.shape[1]))
     per_row = np.full(stack.shape[1], 1 / stack.shape[1])
+    of_means, of_variances = RunningVariance(), RunningVariance()
     for strip in stack.strips():
-        block = stack.frames[:, strip].astype(np.float64)
-        mean[strip] = block.mean(axis=0)
-        block -= mean[strip]
-        if group is None:
+        block = np.asarray(stack.frames[:, strip], np.float64, copy=True)
+        mean = block.mean(axis=0)
+        block -= mean
+        unbiased: float | Float64Array = pixels / (pixels - 1) / freedom
+        if groups is None:
             block -= drift[:, None, None]
         else:
-            place = group.reshape(stack.shape)[strip]
-            block -= common[:, place]
+            number = groups.number[strip]
+            block -= groups.common[:, number]
+            unbiased = groups.grown[number] / freedom
         rows[:, strip] = block @ per_row
         columns += block.sum(axis=1)
-        np.einsum("nij,nij->ij", block, block, out=variance[strip])
+        variance = np.einsum("nij,nij->ij", block, block)
+        variance *= unbiased
+        of_means.add(mean)
+        of_variances.add(variance)
+        if maps is not None:
+            maps.mean[strip], maps.variance[strip] = mean, variance
     columns /= stack.shape[0]
-    if group is None:
-        variance *= grown / freedom
-    else:
-        variance *= (count / (count - 1))[group].reshape(stack.shape) / freedom
-    mean_variance = float(variance.mean())
-    alone = mean_variance / pixels
+    alone = of_variances.mean / pixels
+    return Temporal(
+        mean=of_means.mean,
+        variance=of_variances.mean,
+        of_means=of_means.variance,
+        of_variances=of_variances.variance,
+        frames=frames,
+        pixels=pixels,
+        drift_dn=_drift_dn(stack, rows, columns, alone),
+        lines_error=_error_by_lines(rows, columns, freedom, alone),
+    )
+
+
+@dataclass
+class RunningVariance:
+    """Mean and variance of values that come in parts (Chan, Golub and LeVeque 1983)."""
+
+    count: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+
+    def add(self, values: Float64Array) -> None:
+        """Some more values."""
+        mean = float(values.mean())
+        rest = values - mean
+        count = self.count + values.size
+        step = mean - self.mean
+        self.squares += float(np.vdot(rest, rest)) + step**2 * self.count * values.size / count
+        self.mean += step * values.size / count
+        self.count = count
+
+    @property
+    def variance(self) -> float:
+        """Unbiased variance of all values."""
+        return self.squares / max(self.count - 1, 1)
+
+
+def _drift_dn(stack: Stack, rows: Float64Array, columns: Float64Array, alone: float) -> float:
+    """Standard deviation of the frames' means beyond their noise [DN], 0 where chance explains it.
+
+    rows, columns : deviations of lines from their means, (N, lines) [DN].  alone : variance of the frames' means by
+    noise of the pixels alone [DN²].
+    """
+    freedom = len(stack) - 1
     expected = max(
         alone,
         _variance_by_shared_noise(rows, freedom, alone),
         _variance_by_shared_noise(columns, freedom, alone),
     )
     between_frames = float(stack.frame_means.var(ddof=1))
-    drift_dn = 0.0
     if between_frames > max(expected * _limit_of_ratio(freedom, DRIFT_FALSE_ALARM), 0.0):
-        drift_dn = math.sqrt(between_frames - expected)
-    lines_error = _error_by_lines(rows, columns, freedom, alone)
-    return Temporal(mean, variance, mean_variance, frames, drift_dn, lines_error)
+        return math.sqrt(between_frames - expected)
+    return 0.0
 
 
-def _means_of_groups(
-    stack: Stack, group: NDArray[np.intp], count: NDArray[np.intp]
-) -> Float64Array:
-    """Mean deviation of the pixels of each group from their means, in each frame, (N, groups) [DN]."""
-    sums = [np.bincount(group, (frame - stack.mean).ravel()) for frame in stack.frames]
-    return np.array(sums) / count
+class _Groups(NamedTuple):
+    """number : of the group of each pixel, (H, W).  common : mean deviation of its pixels from their means in each
+    frame, (N, groups) [DN].  grown : by how much that makes their variance too small, (groups,)."""
+
+    number: NDArray[np.intp]
+    common: Float64Array
+    grown: Float64Array
 
 
-def _group_equally_bright(stack: Stack) -> NDArray[np.intp]:
-    """Number of the group of equally bright pixels to which each pixel belongs, (pixels,)."""
-    pixels = stack.mean.size
-    number = np.arange(pixels) * _count_groups(stack) // pixels
-    group = np.empty(pixels, np.intp)
-    group[np.argsort(stack.mean, axis=None, kind="stable")] = number
-    return group
+def _group_equally_bright(stack: Stack, plain: Temporal) -> _Groups:
+    """Groups of pixels whose means are about equal: about as many pixels are in each."""
+    mean = stack.frames.mean(axis=0, dtype=np.float64)
+    some = np.sort(mean.ravel()[:: max(1, mean.size // MOST_SORTED)])
+    count = _count_groups(plain)
+    edges = np.unique(some[np.arange(1, count) * some.size // count])
+    number = np.searchsorted(edges, mean, side="right")
+    sizes = np.bincount(number.ravel(), minlength=len(edges) + 1)
+    sums = [
+        np.bincount(number.ravel(), (frame - mean).ravel(), len(sizes))
+        for frame in stack.frames
+    ]
+    common = np.array(sums) / np.maximum(sizes, 1)
+    return _Groups(number, common, sizes / np.maximum(sizes - 1, 1))
 
 
-def _count_groups(stack: Stack) -> int:
+def _count_groups(plain: Temporal) -> int:
     """How many groups there are: each is wide beside the noise of a pixel's mean.
 
     Otherwise noise would decide which group a row belongs to.
     """
-    noise = math.sqrt(float(stack.variance.mean()) / len(stack))
+    noise = math.sqrt(plain.variance / plain.frames)
     wide = 1.0
     if noise:
-        wide = float(stack.mean.std()) / (WIDTH * noise)
-    return max(1, min(int(wide), stack.mean.size // GROUP_PIXELS, MOST_GROUPS))
+        wide = math.sqrt(plain.of_means) / (WIDTH * noise)
+    return max(1, min(int(wide), plain.pixels // GROUP_PIXELS, MOST_GROUPS))
 
 
 def _variance_by_shared_noise(lines: Float64Array, freedom: int, alone: float) -> float:

@@ -63,8 +63,14 @@ class DarkNoise:
         axes.set(xlabel="exposure time [s]", ylabel="temporal variance in the dark [DN²]")
 
 
-def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNoise:
+def dark_noise(
+    darks: Sequence[Stack],
+    gain: Quantity | None = None,
+    levels: Sequence[Level] | None = None,
+) -> DarkNoise:
     """Temporal dark noise from dark frames, and K [DN/e-] where it is known.
+
+    levels : those of the stacks, where they were measured before.
 
     Of three exposure times or more the variance is extrapolated to zero, else it is that of the shortest. Where noise
     of the shortest is below 0.7 DN, rounding adds another variance than 1/12 DN² in pixels that are alike, and σ is
@@ -73,11 +79,13 @@ def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNois
     Stacks whose values are clipped are left out with a note; there is no value where the shortest is clipped and no
     three exposure times are left that say what it would be.
     """
-    darks, notes = _without_clipped(darks)
-    levels = [measure_level(stack) for stack in darks]
-    shortest = min(darks, key=lambda stack: stack.exposure_s)
+    if levels is None:
+        levels = [measure_level(stack) for stack in darks]
+    used, notes = _without_clipped(darks)
+    darks, levels = [darks[k] for k in used], [levels[k] for k in used]
+    first = min(range(len(darks)), key=lambda k: darks[k].exposure_s)
+    shortest, variance = darks[first], levels[first].variance
     whole = all(has_whole_codes(stack) for stack in darks)
-    variance = float(temporal(shortest).variance.mean())
     coarse = whole and variance < COARSE_DN2 + ROUNDING_DN2
     for level in levels:
         notes += level.notes
@@ -97,13 +105,13 @@ def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNois
     return DarkNoise(total, analogue, electrons, coarse, (times, variances))
 
 
-def _without_clipped(darks: Sequence[Stack]) -> tuple[Sequence[Stack], list[str]]:
-    """The stacks that show the noise at exposure time 0, and notes about the others; all where none do."""
-    inside = [stack for stack in darks if not stack.clipping.clipped]
-    times = {stack.exposure_s for stack in inside}
+def _without_clipped(darks: Sequence[Stack]) -> tuple[list[int], list[str]]:
+    """Numbers of the stacks that show the noise at exposure time 0, and notes about the others; all where none do."""
+    inside = [k for k, stack in enumerate(darks) if not stack.clipping.clipped]
+    times = {darks[k].exposure_s for k in inside}
     shortest_s = min(stack.exposure_s for stack in darks)
     if shortest_s not in times and len(times) < 3:
-        return darks, []
+        return list(range(len(darks))), []
     notes: list[str] = []
     for stack in darks:
         if stack.clipping.clipped:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.types import Float64Array
 from ..frames.selection import temporal_levels
-from ..frames.series import Series, centre, series
+from ..frames.series import Report, Series, centre, series
 from ..frames.stack import Stack
 from ..quantity import Quantity, unknown
 from .curved_response import OF_SMALL_SIGNALS, curvature, straighten
@@ -46,19 +46,22 @@ class EmvaLinear:
 
 
 def emva_linear(
-    darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = None
+    darks: Sequence[Stack],
+    flats: Sequence[Stack],
+    window: int | None = None,
+    report: Report | None = None,
 ) -> EmvaLinear:
     """Measure a camera from stacks of two frames or more each.
 
     darks : one of each exposure time, or one for all.  flats : levels from near darkness to above saturation, with
     photons per pixel; without photons QE and what needs it stay unknown.  window : rows and columns about the centre
-    that are used, all where None.
+    that are used, all where None.  report : called with the stacks that are measured, and all of them, after each.
 
     What cannot be measured is NaN with a note. Raises InputError where the stacks do not belong together or hold a
     single frame, a mosaic, or no flat fields.
     """
     used = temporal_levels(flats)
-    measured = series(darks, used, window)
+    measured = series(darks, used, window, report)
     kappa, *_ = curvature(measured, find_peak(measured))
     straightened = straighten(measured, kappa) if kappa else measured
     transfer, light = photon_transfer(straightened), radiometric(measured)
@@ -70,7 +73,7 @@ def emva_linear(
     efficiency = light.efficiency(transfer.gain)
     if window is not None:
         darks = [centre(stack, window) for stack in darks]
-    dark = dark_noise(darks, transfer.gain)
+    dark = dark_noise(darks, transfer.gain, measured.darks)
     usable = efficiency
     if efficiency is not None and TOO_EFFICIENT in efficiency.note:
         usable = None  # the photons are not those of a pixel

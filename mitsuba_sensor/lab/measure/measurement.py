@@ -26,6 +26,7 @@ from ..frames.selection import (
     most_frames,
     shortest_dark,
 )
+from ..frames.series import Report
 from ..frames.stack import Stack
 from ..frames.stuck_lines import without_stuck_lines
 from ..quantity import Quantity
@@ -129,7 +130,8 @@ def measure_bench(
         (measured,) = ms.lab.measure_bench(bench)
         print(measured.figures["K"])
 
-    report : called with the title of each instrument before it measures, from several threads.
+    report : called with the title of each instrument before it measures, from several threads; with the title, a colon
+        and how far it is while a long one measures.
 
     Raises InputError for a bench of several gain settings (see :meth:`Bench.at_gain`), and for one without stacks.
     """
@@ -154,7 +156,11 @@ def measure_bench(
 
 def _run_all(measurement: Measurement, bench: Bench) -> None:
     """Run every instrument on the pixels behind one filter."""
-    linear = measurement.run("photon transfer", lambda: _measure_linear(bench))
+
+    def report(done: int, total: int) -> None:
+        measurement.report(f"photon transfer: {done} of {total} levels")
+
+    linear = measurement.run("photon transfer", lambda: _measure_linear(bench, report))
     if linear is not None:
         _keep_linear(measurement, linear)
     gain = measurement.figures.get("K")
@@ -166,13 +172,13 @@ def _run_all(measurement: Measurement, bench: Bench) -> None:
     _measure_dark(measurement, bench, gain)
 
 
-def _measure_linear(bench: Bench) -> EmvaLinear:
+def _measure_linear(bench: Bench, report: Report) -> EmvaLinear:
     """EMVA 1288 Linear with the dark frames of the flat fields' own exposure times."""
     flat_of_time: dict[float, Stack] = {}
     for flat in bench.flats:
         flat_of_time.setdefault(flat.exposure_s, flat)
     darks = [dark_for(bench, flat) for _, flat in sorted(flat_of_time.items())]
-    return emva_linear(darks, bench.flats)
+    return emva_linear(darks, bench.flats, report=report)
 
 
 def _keep_linear(measurement: Measurement, linear: EmvaLinear) -> None:

@@ -19,7 +19,7 @@ from ...core.types import Float64Array
 from ..frames.clipping import LARGEST_SHARE, note_left_out
 from ..frames.series import Series
 from ..frames.stack import Stack
-from ..frames.temporal import temporal
+from ..frames.temporal import Maps, temporal
 from ..quantity import Quantity, hidden_by_clipping, no_value, unknown
 from ..statistics.line_fits import line_through_origin
 from .saturation import Peak, find_peak, peak
@@ -118,10 +118,11 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     Without dark frames, signal and variance are counted from those of the darkest bin, and the note says so.
     Raises InputError for a scene with less than 5 levels of 30 pixels.
     """
-    statistics = temporal(scene)
+    maps = Maps.empty(scene)
+    statistics = temporal(scene, maps)
     notes = [statistics.drift_note]
     if dark is None:
-        bins = _bin_pixels(scene, statistics.mean, statistics.variance)
+        bins = _bin_pixels(scene, maps.mean, maps.variance)
         clipped = ""
         if bins.clipped[0] > LARGEST_SHARE:
             clipped = _note_clipped_scene(scene)
@@ -131,19 +132,19 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
         bins = bins.without_darkest()
         notes.insert(0, "signal is counted from the darkest pixels: no dark frames")
     else:
-        below = temporal(dark)
-        if below.mean.shape != statistics.mean.shape:
-            sizes = f"{statistics.mean.shape} pixels, the dark frames {below.mean.shape}"
+        if dark.shape != scene.shape:
+            sizes = f"{scene.shape} pixels, the dark frames {dark.shape}"
             raise InputError(
                 f"{scene.source}: the scene has {sizes}; pass frames of equal size."
             )
-        bins = _bin_pixels(scene, statistics.mean - below.mean, statistics.variance)
+        below = temporal(dark)
+        bins = _bin_pixels(scene, maps.mean - dark.mean, maps.variance)
         clipped = ""
         if dark.clipping.clipped:
             clipped = dark.clipping.note
         darkness = _Darkness(
-            float(below.mean.mean()),
-            float(below.variance.mean()),
+            below.mean,
+            below.variance,
             below.variance_error,
             clipped,
         )

@@ -23,7 +23,7 @@ from ..frames.selection import (
     temporal_levels,
 )
 from ..frames.stack import Stack
-from ..frames.stuck_lines import without_stuck_lines
+from ..frames.stuck_lines import with_lines_filled
 from ..measure.dark_current import dark_temperature
 from ..measure.radiometric import TOO_EFFICIENT
 from ..quantity import Quantity, no_value, normal_interval, unknown
@@ -101,18 +101,16 @@ def fit_setting(bench: Bench) -> Setting:
 
     Raises InputError where it lacks what every camera file needs.
     """
+    _check(bench)
+    bench, stuck = with_lines_filled(bench)
     # Which filter a pixel has does not matter in the dark.
     darks = tuple(replace(stack, tile=()) for stack in darks_of(bench))
-    _check(bench)
     blind = replace(bench, biases=(), darks=darks, flats=(), scenes=())
     series = dark_series(blind)
     usable(series)
     responses: dict[str, Response] = {}
-    stuck: list[str] = []
     for name, part in bench.of_filters().items():
-        part, note = without_stuck_lines(part)
         responses[name] = _measure_response(part)
-        stuck += filter(None, (note,))
     _check_efficiency(responses)
     gain = weighted_mean([response.gain for response in responses.values()])
     if not gain.known or not gain.quantity.low > 0:
@@ -121,7 +119,7 @@ def fit_setting(bench: Bench) -> Setting:
         raise InputError(f"K cannot be measured: {why}. Take flat fields of 5 or more levels.")
     furthest = max(responses.values(), key=lambda response: response.end.quantity.value)
     dark = dark_over_time(series, furthest.curvature)
-    notes = [*bench.notes, *stuck, *dark.notes]
+    notes = [*bench.notes, *filter(None, (stuck,)), *dark.notes]
     for of_filter in responses.values():
         notes += of_filter.notes
     notes += _note_spaced_codes(bench)
