@@ -39,6 +39,7 @@ TERMS = {
     "pixel.dsnu_e": "dsnu dsnu1288 dark_signal_nonuniformity offset_nonuniformity",
     "readout.row_noise_e": "row_noise temporal_row_noise",
     "readout.column_noise_e": "column_noise temporal_column_noise",
+    "readout.frame_noise_e": "frame_noise black_level_jitter offset_jitter temporal_frame_noise",
     "sensor.columns": "columns width pixels_x horizontal_pixels x_resolution resolution cols image_width",
     "sensor.rows": "rows height pixels_y vertical_pixels y_resolution lines image_height",
     "sensor.row_time_us": "row_time line_time",

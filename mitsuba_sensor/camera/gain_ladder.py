@@ -26,6 +26,7 @@ SET = {
     "sense_gain_uv_per_e": "readout.sense_gain_uv_per_e",
     "row_noise_e": "readout.row_noise_e",
     "column_noise_e": "readout.column_noise_e",
+    "frame_noise_e": "readout.frame_noise_e",
 }
 """Number of a setting → the field of the camera that it takes the place of; the overall gain sets adc.full_scale_v."""
 
@@ -71,6 +72,9 @@ class GainSetting(FileTable):
     )
     column_noise_e: NotNegative | None = optional(
         "temporal column noise; sets readout.column_noise_e [e- rms]", 0.2
+    )
+    frame_noise_e: NotNegative | None = optional(
+        "jitter of the black level; sets readout.frame_noise_e [e- rms]", 0.2
     )
 
     @model_validator(mode="after")

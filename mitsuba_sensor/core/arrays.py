@@ -133,6 +133,24 @@ def _exponential(x: Array, minus_one: bool = False) -> Array:
     return fraction * power + (power - 1.0 if minus_one else power)
 
 
+# (2·atanh(t) − 2t)/t³ as a series in t², for t = x/(2 + x) ≤ 1/3: 2/3, 2/5, …, to 1e-8.
+ATANH_TAIL = (2 / 3, 2 / 5, 2 / 7, 2 / 9, 2 / 11, 2 / 13, 2 / 15)
+
+
+def log1p(x: Array) -> Array:
+    """ln(1 + x) for 0 ≤ x ≤ 1."""
+    if not _is_float32(x):
+        return np.log1p(x)
+    return with_derivative_of(lambda x, y: x / (1.0 + detached(x)), _logarithm_of_more, x)
+
+
+def _logarithm_of_more(x: Array) -> Array:
+    """ln(1 + x) = 2·atanh(x/(2 + x)), in float32."""
+    t = x / (2.0 + x)
+    square = t * t
+    return 2.0 * t + (t * square) * polynomial(square, ATANH_TAIL)
+
+
 def polynomial(x: Array, coefficients: Sequence[float]) -> Array:
     """Σ_k c_k·x^k by Estrin's scheme: in pairs, which a processor computes in parallel."""
     terms: list[Array] = list(coefficients)

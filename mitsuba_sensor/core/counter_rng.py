@@ -36,7 +36,7 @@ _SLOTS = {
     2: ("radiation_hit", "radiation_charge"),
     FIXED_PATTERN: ("prnu", "dark_fpn", "dark_fpn_pick", "dark_component"),
     FIXED_PATTERN + 1: ("dsnu_col", "dsnu_row", "prnu_col", "dsnu_pixel"),
-    FIXED_PATTERN + 2: ("rts_site", "rtn_site", "read_noise"),
+    FIXED_PATTERN + 2: ("rts_site", "rtn_site", "read_noise", "noisy_site"),
 }
 STREAMS = {
     source: (block, slot)
@@ -47,7 +47,7 @@ STREAMS = {
 OF_CHARGE = frozenset(
     (
         *("photon_shot", "dark_shot", "quantum_yield", "compensation", "rts_state", "rts_site"),
-        *("radiation_hit", "radiation_charge", "overflow_dark"),
+        *("radiation_hit", "radiation_charge", "overflow_dark", "overflow"),
         *("shot_behind_reset_1", "shot_behind_reset_2", "shot_behind_reset_3"),
         *("prnu", "prnu_pick", "dark_fpn", "dark_fpn_pick", "dark_component"),
     )

@@ -140,6 +140,12 @@ class Frame:
             self.column_normal(source, window.columns)[None, :], window
         )
 
+    def frame_normal(self, source: str) -> Array:
+        """One standard normal for all pixels, new in every frame and the same in a crop of it, (1, 1)."""
+        window = self.window
+        z = distributions.normal(self.random_bits_at(f"{source} (frame)", [0], [0], self.index))
+        return window.backend.from_numpy(z.reshape(1, 1), window)
+
     def normal(self, source: str) -> Array:
         """Standard normal noise of ``source``, new in every frame, (H, W)."""
         return self.window.backend.normal(self.random_bits(source))

@@ -65,6 +65,9 @@ class QuietFrame(Frame):
             super().distributed(source, distribution)
         return self._constant(source)
 
+    def frame_normal(self, source: str) -> Array:
+        return self._constant(source)
+
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
         return self._constant(source) if rows is None else super().row_normal(source, rows)
 

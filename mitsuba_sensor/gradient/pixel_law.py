@@ -300,6 +300,12 @@ def refuse_without_law(slope: ConditionalSlope) -> None:
         raise InputError(
             f"adc.dnl_lsb is given, and the expected code behind unequal steps is not known here; {way_out}."
         )
+    for stage in slope.behind:
+        if stage.saturation_e is not None and stage.curved:
+            raise InputError(
+                "pixel.full_well_knee_e is given, and the expected code behind a soft saturation is not known here; "
+                f"{way_out}."
+            )
     for stage in (*slope.before, *slope.behind):
         if type(stage).outcomes is not Stage.outcomes or stage.key() == "rtn_pixels":
             raise InputError(

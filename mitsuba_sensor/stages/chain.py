@@ -28,7 +28,11 @@ from .effects.sense_node import SenseNode
 from .effects.shot_noise import ShotNoise
 from .effects.source_follower import SourceFollower
 from .effects.source_follower_noise import SourceFollowerNoise
-from .effects.temporal_line_noise import TemporalColumnNoise, TemporalRowNoise
+from .effects.temporal_line_noise import (
+    TemporalColumnNoise,
+    TemporalFrameNoise,
+    TemporalRowNoise,
+)
 from .recorder import RecordingFrame
 from .stage import Chain, Stage, converter_of, total, without
 
@@ -59,6 +63,7 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
     PrnuColumn,
     TemporalRowNoise,
     TemporalColumnNoise,
+    TemporalFrameNoise,
     CdsGain,
     IntegralNonlinearity,
     Adc,

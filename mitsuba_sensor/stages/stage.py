@@ -73,7 +73,7 @@ class Stage(ABC):
         stage compensates it.
     compensates : whether a stage that counts electrons does so.
     frees_electrons : whether an interaction frees more than one electron, with a spread of its own.
-    shared_by : "row" or "column" where all pixels of one have the same value.
+    shared_by : "row" or "column" where all pixels of one have the same value, "frame" where all pixels have.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
     reach_px : how many rows and columns away the neighbours are that change the signal of a pixel behind this stage; 0
         where each pixel is by itself. A chain with such a stage is measured by its samples.
@@ -93,7 +93,7 @@ class Stage(ABC):
     frees_electrons: ClassVar[bool] = False
     curved: ClassVar[bool] = False
     has_derivatives: ClassVar[bool] = True
-    shared_by: ClassVar[Literal["row", "column"] | None] = None
+    shared_by: ClassVar[Literal["row", "column", "frame"] | None] = None
     label: ClassVar[str] = ""
     no_noise: ClassVar[str] = ""
 
@@ -206,6 +206,11 @@ class Stage(ABC):
     def limits(self) -> tuple[float, float]:
         """The smallest and the largest signal behind the stage, in its unit."""
         return -math.inf, math.inf if self.saturation_e is None else self.saturation_e
+
+    @property
+    def straight_below_e(self) -> float | None:
+        """Electrons below which a stage that clips takes nothing away [e-]."""
+        return self.saturation_e
 
     def electrons_left(self, mean_e: float) -> float:
         """Electrons behind the stage of so many mean electrons, without noise, gain and full well."""

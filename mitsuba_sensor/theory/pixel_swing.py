@@ -59,10 +59,9 @@ class PixelSwing:
 
     @property
     def full_well_e(self) -> float:
-        """Count that fills the smallest well."""
-        return min(
-            (s.saturation_e for s in self.stages if s.saturation_e is not None), default=np.inf
-        )
+        """Count that fills the smallest well that clips; one with a knee is a curved stage."""
+        clipping = (s.saturation_e for s in self.stages if not s.curved)
+        return min((well_e for well_e in clipping if well_e is not None), default=np.inf)
 
     def some(self, which: NDArray[np.intp]) -> Self:
         """Some of these pixels."""
@@ -140,7 +139,7 @@ class PixelSwing:
         if isinstance(part, PixelNoise):
             mean, variance = (x[self.numbers] for x in self.noise[number])
             return normals, Normals(chances, means + mean, variances + variance)
-        if self.well_is_passed and part.saturation_e is not None:
+        if self.well_is_passed and part.saturation_e is not None and not part.curved:
             return normals, normals
         if part.curved:
             if self.take_apart and np.any(variances):

@@ -293,9 +293,9 @@ class Trial:
 
     def _is_idle(self, stage: Stage) -> bool:
         """Whether a stage hands on what it gets, or is a well that no pixel fills."""
-        if stage.saturation_e is not None:
+        if stage.straight_below_e is not None:
             fullest = self.full.count_e + 9 * np.sqrt(self.full.count_e2) + 25
-            return bool(fullest.max() < stage.saturation_e)
+            return bool(fullest.max() < stage.straight_below_e)
         return self.hands_on(stage)
 
     def hands_on(self, stage: Stage) -> bool:
@@ -361,9 +361,12 @@ class Trial:
 
     def _length(self, stage: Stage) -> int:
         """Pixels in the lines that share what a stage does."""
-        return {"column": self.range.rows, "row": self.range.columns}.get(
-            stage.shared_by or "", 0
-        )
+        lengths = {
+            "column": self.range.rows,
+            "row": self.range.columns,
+            "frame": self._pixels,
+        }
+        return lengths.get(stage.shared_by or "", 0)
 
 
 def _distances(before: Codes, after: Codes) -> tuple[Float64Array, Float64Array]:

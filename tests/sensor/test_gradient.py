@@ -389,6 +389,7 @@ NO_SLOPE = (
     "quantum_efficiency.fano_factor",
     "source_follower.rtn_pixel_duty",
     "source_follower.rtn_pixel_switching",
+    "source_follower.noisy_pixel_factor",
 )
 """Fields that select pixels, that shape maps on NumPy, or that do not matter to this camera and its photons."""
 

@@ -98,6 +98,8 @@ def test_the_chain_draws_from_every_listed_stream(monkeypatch: pytest.MonkeyPatc
             "dark_current.rts_fraction": 0.5,
             "dark_current.rts_amplitude_e_per_s": 100.0,
             "source_follower.read_noise_cv": 0.3,
+            "source_follower.noisy_pixel_fraction": 0.5,
+            "source_follower.noisy_pixel_factor": 2.0,
             "source_follower.rtn_pixel_fraction": 0.5,
             "source_follower.rtn_pixel_amplitude_e": 10.0,
             "quantum_efficiency.quantum_yield": [2.0, 1.0],

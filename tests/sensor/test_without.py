@@ -45,6 +45,7 @@ EVERY = TABLE1.replace(
         "readout.prnu_col": 0.005,
         "readout.row_noise_e": 6.0,
         "readout.column_noise_e": 5.0,
+        "readout.frame_noise_e": 4.0,
         "adc.bits": 14,
     }
 )

@@ -1,17 +1,36 @@
-"""Full well: a pixel holds at most its saturation capacity of electrons (EMVA 1288 μ_e.sat)."""
+"""Full well: a pixel holds at most its saturation capacity of electrons (EMVA 1288 μ_e.sat).
+
+A photodiode that is nearly full loses electrons over the barrier to its drain. The current over a barrier falls with
+its height as exp(−ΔE/k_BT), so that it is exp((n − W)/w) of the light's at n electrons, w = m·C·k_BT/q² (Pelamatti et
+al. 2013 and Miyauchi et al. 2023 of pinned photodiodes: a saturation that grows with the logarithm of the light).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated
+from typing import Annotated, ClassVar, Self
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, Moments, arrays
-from ..datasheet import FileTable
+from ...core.types import Float64Array
+from ..datasheet import FileTable, NotNegative
 from ..stage import Datasheet, Stage
 from ..usual_range import THOUSANDS, Usual
+
+WIDEST_KNEE = 0.1
+"""Of the full well: an empty well then loses 5e-5 of w."""
+
+NARROW = 4.0
+"""Widths of the noise in a knee, from which on second order in the noise is enough."""
+
+NODES = 24
+"""Nodes of Gauss and Hermite over the noise of a narrower knee."""
+
+NEGLIGIBLE = 20.0
+"""Knees below the full well at which a response is straight: 2e-9 of a knee is lost."""
 
 
 class FullWellFields(FileTable):
@@ -20,6 +39,22 @@ class FullWellFields(FileTable):
     full_well_e: Annotated[
         float, Field(ge=1, le=1e30, strict=True), Usual.of(200, 1e8, THOUSANDS)
     ] = Field(description="saturation capacity [e-]", examples=[33000])
+    full_well_knee_e: NotNegative = Field(
+        0.0,
+        title="knee of the response at saturation, soft saturation",
+        description="width w of the knee in which a pixel saturates: at full_well_e of light it holds 0.69 w less, and "
+        "its noise falls before it is full; 0 is a hard clip, at most a tenth of full_well_e [e-]",
+        examples=[500.0],
+    )
+
+    @model_validator(mode="after")
+    def _knee_below_the_well(self) -> Self:
+        if self.full_well_knee_e > WIDEST_KNEE * self.full_well_e:
+            raise ValueError(
+                f"full_well_knee_e is {self.full_well_knee_e:g}; it must be at most a tenth of full_well_e, "
+                f"{WIDEST_KNEE * self.full_well_e:g}: give the width of the knee, not where it begins"
+            )
+        return self
 
 
 @dataclass(frozen=True)
@@ -35,9 +70,12 @@ class FullWell(Stage):
     no_noise = "set pixel.full_well_e to a larger value"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> FullWell:
-        """The saturation capacity of the datasheet."""
-        return cls(camera.pixel.full_well_e)
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:
+        """The saturation capacity of the datasheet, with a knee where it has one."""
+        pixel = camera.pixel
+        if pixel.full_well_knee_e:
+            return SoftFullWell(pixel.full_well_e, pixel.full_well_knee_e)
+        return cls(pixel.full_well_e)
 
     @property
     def saturation_e(self) -> float:
@@ -79,3 +117,116 @@ def _line(light: Array, dark: Array, capacity: Array) -> Array:
     slope = arrays.where(n + 1.0 <= end, 1.0, last)
     full = arrays.where(n > end, 1.0, arrays.where(n < end, 0.0, 0.5))
     return light * slope - dark * (1.0 - slope) + capacity * full
+
+
+@dataclass(frozen=True)
+class SoftFullWell(Stage):
+    """n = −w·ln(e^(−N/w) + e^(−W/w)) of N electrons, and the shot noise of those that overflow.
+
+    In light of one level the charge follows dn/dN = p = 1 − e^((n − W)/w): what is lost is the current over a barrier
+    that n lowers. Electrons come and go one by one, so that the variance v of n follows dv/dN = 2 − p + 2p′·v, whose
+    solution behind Poisson counts is v = p²·N + w·(1 − p)·(1 + 2p): p² of the shot noise, and an own noise of the
+    overflow. A full well has the variance w.
+
+    full_well_e : W, what a pixel holds in bright light.  knee_e : w.
+    """
+
+    full_well_e: float
+    knee_e: float
+    domain = "electrons"
+    label = FullWell.label
+    curved: ClassVar[bool] = True
+
+    @classmethod
+    def key(cls) -> str:
+        """That of the full well."""
+        return FullWell.key()
+
+    @property
+    def saturation_e(self) -> float:
+        """The full well [e-]."""
+        return self.full_well_e
+
+    @property
+    def straight_below_e(self) -> float:
+        """Electrons below which nothing overflows."""
+        return self.full_well_e - NEGLIGIBLE * self.knee_e
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """What is left of the sum, light and dark electrons in the same share."""
+
+        def left(count: Array) -> Array:
+            well, knee = frame.number(self.full_well_e), frame.number(self.knee_e)
+            kept, passes = _response(count, well, knee)
+            own = knee * ((1 - passes) * (1 + 2 * passes))
+            noisy = kept + arrays.sqrt(own) * frame.normal("overflow")
+            return arrays.maximum(noisy, 0.0)
+
+        def parts(light: Array, dark: Array) -> tuple[Array, Array]:
+            count = light + dark
+            share = arrays.ratio(left(count), count, 0.0)
+            return light * share, dark * share
+
+        return electrons.changed(left, parts)
+
+    def moments(self, m: Moments) -> Moments:
+        """Of second order in the noise, or averaged over it where the knee is narrow."""
+        mean, temporal, spatial = np.broadcast_arrays(
+            *(np.asarray(x, np.float64) for x in (m.mean, m.temporal, m.spatial))
+        )
+        if np.all(temporal + spatial <= (self.knee_e / NARROW) ** 2):
+            kept, passes = _response(mean, self.full_well_e, self.knee_e)
+            curvature = -passes * (1 - passes) / self.knee_e
+            behind = replace(m, mean=mean, temporal=temporal, spatial=spatial, light=None)
+            return behind.through(kept, passes, curvature).add(temporal=self._own(passes))
+        kept, variance = self._averages(mean, temporal)
+        if not spatial.any():
+            return replace(m, mean=kept, temporal=variance, spatial=spatial, light=None)
+        nodes, weights = _nodes(mean.ndim)
+        wide = mean + np.sqrt(spatial) * nodes
+        means, variances = self._averages(wide, np.broadcast_to(temporal, wide.shape))
+        kept = np.sum(weights * means, axis=0)
+        return replace(
+            m,
+            mean=kept,
+            temporal=np.sum(weights * variances, axis=0),
+            spatial=np.sum(weights * (means - kept) ** 2, axis=0),
+            light=None,
+        )
+
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
+        """Pixels in which more than half of the light overflows."""
+        half_e = self.full_well_e - np.log(2.0) * self.knee_e
+        return {"clipped_full_well": signal >= frame.number(half_e)}
+
+    def _own(self, passes: Float64Array) -> Float64Array:
+        """Variance that the overflow adds [e-²]."""
+        return self.knee_e * (1 - passes) * (1 + 2 * passes)
+
+    def _averages(
+        self, mean: Float64Array, variance: Float64Array
+    ) -> tuple[Float64Array, Float64Array]:
+        """Mean and variance behind the well of normal counts."""
+        nodes, weights = _nodes(mean.ndim)
+        kept, passes = _response(
+            mean + np.sqrt(variance) * nodes, self.full_well_e, self.knee_e
+        )
+        kept = np.maximum(kept, 0.0)
+        average = np.sum(weights * kept, axis=0)
+        square = weights * ((kept - average) ** 2 + self._own(passes))
+        return average, np.sum(square, axis=0)
+
+
+def _response(count: Array, well: Array, knee: Array) -> tuple[Array, Array]:
+    """What is left of so many electrons, and the share p of a further one that is."""
+    below = count < well
+    fall = arrays.exp(-arrays.where(below, well - count, count - well) / knee)
+    kept = arrays.minimum(count, well) - knee * arrays.log1p(fall)
+    return kept, arrays.where(below, 1.0, fall) / (1.0 + fall)
+
+
+def _nodes(dimensions: int) -> tuple[Float64Array, Float64Array]:
+    """Nodes and weights of averages over a standard normal, along a first axis before so many others."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    shape = NODES, *[1] * dimensions
+    return nodes.reshape(shape), (weights / weights.sum()).reshape(shape)

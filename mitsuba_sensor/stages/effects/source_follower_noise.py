@@ -10,11 +10,12 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ...core import Array, Frame, Moments, SensorWindow
+from ...core import Array, Frame, Moments, SensorWindow, arrays
+from ...core.backend import Backend
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.types import Float64Array
 from ..cds_noise import cds_noise
-from ..datasheet import FileTable, NotNegative, Positive
+from ..datasheet import Chance, FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, PixelNoise, Stage
@@ -44,6 +45,9 @@ CdsTime = Annotated[Positive, Usual.of(1e-9, 0.1, US_TO_SECONDS, NS_TO_SECONDS)]
 READ_NOISE = "read_noise"
 """Name of the map of every pixel's σ."""
 
+NOISY_SITE = "noisy_site"
+"""Random numbers that pick the noisy pixels."""
+
 
 class SourceFollowerNoiseFields(FileTable):
     """Noise of the pixel's amplifier, from its densities (closed form) or as the datasheet's one number."""
@@ -58,6 +62,18 @@ class SourceFollowerNoiseFields(FileTable):
         0.0,
         description="spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
         examples=[0.3],
+    )
+    noisy_pixel_fraction: Chance = Field(
+        0.0,
+        title="noisy pixels, high-RTS pixels",
+        description="fraction of the pixels whose read noise is noisy_pixel_factor times that of the others; the rms "
+        "of all stays as given",
+        examples=[0.02],
+    )
+    noisy_pixel_factor: Annotated[float, Field(ge=1, le=1000, strict=True)] = Field(
+        1.0,
+        description="read noise of the noisy pixels over that of the others",
+        examples=[3.0],
     )
     read_noise_distribution: Literal["normal", "tukey_lambda", "student"] = Field(
         "normal",
@@ -162,12 +178,15 @@ class SourceFollowerNoise(Stage):
     cv : coefficient of variation of a log-normal σ from pixel to pixel; 0 for pixels that are all alike.
     gain_v_per_e : one electron at this stage [V/e-].
     distribution : of z; None for a normal one.
+    noisy_fraction, noisy_factor : of the pixels that have so many times the noise of the others.
     """
 
     sigma_v: float
     cv: float = 0.0
     gain_v_per_e: float = 1.0
     distribution: NoiseDistribution | None = None
+    noisy_fraction: float = 0.0
+    noisy_factor: float = 1.0
     domain = "volts"
     table = "source_follower"
     fields = SourceFollowerNoiseFields
@@ -184,7 +203,12 @@ class SourceFollowerNoise(Stage):
             sigma_v = follower.read_noise_e * per_e
         kind = DISTRIBUTIONS.get(follower.read_noise_distribution)
         return cls(
-            sigma_v, follower.read_noise_cv, per_e, kind and kind[0](follower.read_noise_shape)
+            sigma_v,
+            follower.read_noise_cv,
+            per_e,
+            kind and kind[0](follower.read_noise_shape),
+            follower.noisy_pixel_fraction,
+            follower.noisy_pixel_factor,
         )
 
     @classmethod
@@ -212,7 +236,7 @@ class SourceFollowerNoise(Stage):
         if self.sigma_v == 0 and READ_NOISE not in frame.window.given:
             return swing
         z = frame.distributed("source_follower", self.distribution)
-        if self.cv == 0:
+        if not self._differs:
             return swing + frame.number(self.sigma_v) * z
         return swing + frame.number(self.gain_v_per_e) * (
             self.fpn_maps(frame.window)[READ_NOISE] * z
@@ -227,10 +251,10 @@ class SourceFollowerNoise(Stage):
 
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
         """Normals of every pixel's σ; several where the noise is not normal."""
-        if self.cv == 0 and (self.distribution is None or self.sigma_v == 0):
+        if not self._differs and (self.distribution is None or self.sigma_v == 0):
             return None
         sigma: Array = self.sigma_v
-        if self.cv:
+        if self._differs:
             sigma = self.gain_v_per_e * np.asarray(
                 self.fpn_maps(frame.window)[READ_NOISE], np.float64
             )
@@ -241,13 +265,13 @@ class SourceFollowerNoise(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
-        if self.cv:
+        if self._differs:
             return {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))}
         return {}
 
     def gains_of_maps(self) -> dict[str, float]:
         """A_SN [V/e-]."""
-        if self.cv:
+        if self._differs:
             return {READ_NOISE: self.gain_v_per_e}
         return {}
 
@@ -258,6 +282,22 @@ class SourceFollowerNoise(Stage):
             return NORMAL_ALONE
         return self.distribution.mixture
 
+    @property
+    def _differs(self) -> bool:
+        """Whether pixels differ in noise."""
+        return self.cv > 0 or (self.noisy_fraction > 0 and self.noisy_factor > 1)
+
     def _sigma_e(self, window: SensorWindow) -> Array:
-        scale = self.sigma_v / self.gain_v_per_e / math.sqrt(1 + self.cv**2)
-        return window.number(scale) * LogNormal(self.cv).map_of(window, READ_NOISE)
+        mean_square = 1 + self.noisy_fraction * (self.noisy_factor**2 - 1)
+        mean_square *= 1 + self.cv**2
+        scale = window.number(self.sigma_v / self.gain_v_per_e / math.sqrt(mean_square))
+        if self.noisy_fraction:
+            scale = scale * window.fixed_map(NOISY_SITE, self._factor_from_bits)
+        if self.cv:
+            return scale * LogNormal(self.cv).map_of(window, READ_NOISE)
+        return scale
+
+    def _factor_from_bits(self, backend: Backend, bits: Array) -> Array:
+        """Noise of the pixels over that of those that are not noisy."""
+        noisy, quiet = backend.number(self.noisy_factor), backend.number(1.0)
+        return arrays.where(backend.uniform(bits) < self.noisy_fraction, noisy, quiet)

@@ -1,4 +1,4 @@
-"""Temporal row and column noise (EMVA 1288 σ_row, σ_col): offsets of whole rows or columns, new in each frame."""
+"""Temporal row and column noise (EMVA 1288 σ_row, σ_col), jitter of the black level: offsets new in each frame."""
 
 from __future__ import annotations
 
@@ -30,9 +30,20 @@ class TemporalColumnNoiseFields(FileTable):
     )
 
 
+class TemporalFrameNoiseFields(FileTable):
+    """Noise that all pixels of a frame share."""
+
+    frame_noise_e: NotNegative = Field(
+        0.0,
+        title="jitter of the black level, frame-to-frame offset",
+        description="jitter of the black level: σ of an offset of the whole frame, new in each frame [e- rms]",
+        examples=[0.3],
+    )
+
+
 @dataclass(frozen=True)
 class TemporalLineNoise(Stage):
-    """Adds σ·gain·z, one z per line and frame.
+    """Adds σ·gain·z, one z per line, or per frame, and frame.
 
     sigma_e : σ as electrons at the sense node [e- rms].  gain_v_per_e : one electron at this stage [V/e-].
     """
@@ -44,7 +55,7 @@ class TemporalLineNoise(Stage):
 
     @abstractmethod
     def line(self, frame: Frame) -> Array:
-        """Standard normals of this frame, one per line."""
+        """Standard normals of this frame, one per line or one for all."""
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with the offsets of this frame."""
@@ -102,3 +113,27 @@ class TemporalColumnNoise(TemporalLineNoise):
     def line(self, frame: Frame) -> Array:
         """(1, W)."""
         return frame.column_normal("temporal_column_noise")
+
+
+@dataclass(frozen=True)
+class TemporalFrameNoise(TemporalLineNoise):
+    """All pixels have one offset, new in each frame: the black level jitters.
+
+    Noise of a clamp or of a reference makes the means of dark frames scatter by far more than the
+    noise of their pixels explains.
+    """
+
+    shared_by = "frame"
+    fields = TemporalFrameNoiseFields
+    terms = "jitter of the black level"
+
+    @classmethod
+    def from_camera(
+        cls, camera: Datasheet, before: tuple[Stage, ...]
+    ) -> TemporalFrameNoise | None:
+        """None where the black level does not jitter."""
+        return cls.of(camera.readout.frame_noise_e, camera)
+
+    def line(self, frame: Frame) -> Array:
+        """(1, 1)."""
+        return frame.frame_normal("temporal_frame_noise")

@@ -62,6 +62,18 @@ class TestNoiseDensitiesWithASpread(TestReadNoiseOfEveryPixel):
     level = 0.1
 
 
+class TestNoisyPixels(TestReadNoiseOfEveryPixel):
+    """2 % of the pixels with three times the noise, beside a spread that all have."""
+
+    camera = TestReadNoiseOfEveryPixel.camera.replace(
+        **{
+            "source_follower.noisy_pixel_fraction": 0.02,
+            "source_follower.noisy_pixel_factor": 3.0,
+        }
+    )
+    neutral = (SourceFollowerNoise(0.0, 0.0, 5e-6, None, 0.02, 3.0),)
+
+
 class TestSourceFollower(StageTests):
     stage = SourceFollower
     camera = BASE.replace(**{"source_follower.gain": 0.9, "readout.cds_gain": 2.0})
@@ -160,6 +172,21 @@ def test_the_read_noise_of_the_pixels_has_the_rms_of_the_datasheet_and_the_sprea
     variance = np.log1p(cv**2)
     assert x.mean() == pytest.approx(np.log(5.0) - variance, abs=5 * np.sqrt(variance) / 1000)
     assert x.var() == pytest.approx(variance, rel=5 * np.sqrt(2) / 1000)
+
+
+def test_so_many_pixels_are_noisy_by_the_factor_and_the_rms_of_all_stays() -> None:
+    """A million pixels: 5 standard errors of the fraction are 7e-4; the mean square to 1 %, by its own scatter."""
+    noisy = {
+        "source_follower.white_nv_per_rthz": None,
+        "source_follower.read_noise_e": 5.0,
+        "source_follower.noisy_pixel_fraction": 0.02,
+        "source_follower.noisy_pixel_factor": 3.0,
+    }
+    sigma = ms.fpn_maps(BASE.replace(**noisy), (1000, 1000), precision="float64")["read_noise"]
+    levels = np.unique(sigma)
+    assert levels[1] / levels[0] == pytest.approx(3.0, rel=1e-12)
+    assert (sigma > 2 * levels[0]).mean() == pytest.approx(0.02, abs=7e-4)
+    assert np.square(sigma).mean() == pytest.approx(25.0, rel=0.01)
 
 
 def test_every_pixel_has_the_noise_of_its_map_and_a_measured_map_stands_in_for_it() -> None:
