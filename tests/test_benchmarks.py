@@ -213,3 +213,34 @@ def test_denoised_light_is_compared_with_a_reference() -> None:
     assert all(math.isfinite(number) for _, number in numbers(row))
     assert row["denoised"]["median"] < 0.67 * row["raw"]["median"]
     assert row["denoised"]["z2"] > 0.85
+
+
+@pytest.mark.exhaustive
+def test_every_figure_of_a_data_sheet_comes_back_from_our_frames() -> None:
+    """Within 5 standard errors of 64 × 64 pixels, 24 levels of two frames and 32 at half of the saturation."""
+    arguments = "--simulators mitsuba_sensor --levels 24 --side 64 --turns 1"
+    sheets = run("simulators.py", *arguments.split())["sheets"]
+    assert set(sheets) == {"industrial CMOS", "scientific CCD", "mobile sensor"}
+    for name, found in sheets.items():
+        figures = found["mitsuba_sensor"]["figures"]["our lab"]
+        true = found["sheet"]
+        for figure, within in {"K": 0.03, "QE": 0.03, "σ_d": 0.05, "PRNU": 0.06}.items():
+            assert figures[figure] == pytest.approx(true[figure], rel=within), (name, figure)
+        assert figures["DSNU"] == pytest.approx(true["DSNU"], rel=0.1)
+        assert figures["dark current"] == pytest.approx(true["dark current"], rel=0.1)
+        assert 0.9 < figures["saturation"] / true["saturation"] < 1
+        assert figures["LE"] < 0.05
+
+
+@pytest.mark.exhaustive
+def test_ten_makers_sheets_are_recovered_within_their_digits() -> None:
+    rows = run("published_sheets.py", "--side", "64")
+    assert len(rows) == 10
+    for row in rows:
+        printed = row["printed"]
+        for name, factor in (("sigma_d", 1), ("qe", 0.01)):
+            if name in printed:
+                value, low, high = row["measured"][name]
+                half_digit = 0.5 * 10.0 ** -len(printed[name].partition(".")[2])
+                wide = factor * half_digit + (high - low)  # an interval more: 1 in 10 000
+                assert abs(value - factor * float(printed[name])) < wide, (row["camera"], name)
