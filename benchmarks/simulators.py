@@ -65,7 +65,7 @@ class Series:
 
 
 def of_sheet(sheet: Datasheet) -> Figures:
-    """What a judge should find. Light is the quantity that the converter or the well ends."""
+    """What should be measured. Light is the quantity that the converter or the well ends."""
     return {
         "K": sheet.gain_dn_per_e,
         "QE": sheet.qe,
@@ -204,12 +204,12 @@ def cost(simulators: list[str], sheet: str, turns: int) -> dict[str, dict[str, f
 
 
 def results_of(asked: argparse.Namespace, simulators: list[str], sheet: str) -> dict[str, Any]:
-    """The sheet; by simulator: figures by both judges, if they are installed, speed and memory."""
+    """The sheet; by simulator: figures by both packages, if they are installed, speed and memory."""
     costs = cost(simulators, sheet, asked.turns)
     results: dict[str, Any] = {"sheet": of_sheet(SHEETS[sheet])}
     for one in simulators:
         series = series_of(one, SHEETS[sheet], asked.levels, asked.side)
-        figures = {name: judge(series) for name, judge in judges().items()}
+        figures = {name: measure(series) for name, measure in packages().items()}
         results[one] = {"figures": figures, **costs[one]}
     return results
 
@@ -219,7 +219,7 @@ def quiet() -> None:
     warnings.simplefilter("ignore")
 
 
-def judges() -> dict[str, Callable[[Series], Figures]]:
+def packages() -> dict[str, Callable[[Series], Figures]]:
     """emva1288 where it is installed, and our lab."""
     ours: dict[str, Callable[[Series], Figures]] = {"our lab": by_our_lab}
     if find_spec("emva1288"):
@@ -240,8 +240,8 @@ def table(name: str, results: dict[str, Any]) -> list[str]:
         ]
         lines.append(f"| {figure} [{UNITS[figure]}] | {true:.4g} | " + " | ".join(cells) + " |")
     for title, key in (("speed [Mpx/s]", "mpx_per_s"), ("memory [MB]", "memory_mb")):
-        spent = [f"{one[key]:.3g}" for one in found.values()]
-        lines.append(f"| {title} | | " + " | ".join(spent) + " |")
+        cells = [f"{one[key]:.3g}" for one in found.values()]
+        lines.append(f"| {title} | | " + " | ".join(cells) + " |")
     return lines
 
 
