@@ -42,3 +42,41 @@ def pixel_modulation(frequency: Array, angle_deg: float) -> Array:
     angle = math.radians(angle_deg)
     across = np.sinc(frequency * math.cos(angle)) * np.sinc(frequency * math.sin(angle))
     return np.asarray(np.abs(across))
+
+
+def siemens_star(
+    side: int,
+    cycles: int,
+    contrast: float,
+    offset_px: tuple[float, float] = (0.0, 0.0),
+    samples: int = 8,
+) -> Array:
+    """A sinusoidal star of mean 0.5 that pixels average, each over samples² points.  offset_px : (x, y) of its centre
+    from the middle."""
+    place = (np.arange(side * samples) + 0.5) / samples - side / 2
+    angle = np.arctan2(place[:, None] - offset_px[1], place - offset_px[0])
+    bright = 0.5 + 0.5 * contrast * np.cos(cycles * angle)
+    return np.asarray(bright.reshape(side, samples, side, samples).mean(axis=(1, 3)))
+
+
+def star_modulation(frequency: Array, samples: int = 8) -> Array:
+    """Root mean square over all directions of the modulation of a pixel that averages samples² points."""
+    angle = 2 * np.pi * (np.arange(720) + 0.5) / 720
+    waves = frequency[:, None] * np.array([np.cos(angle), np.sin(angle)])[:, None]
+    points = (np.arange(samples) + 0.5) / samples - 0.5
+    along, across = np.cos(2 * np.pi * waves[..., None] * points).mean(axis=-1)
+    return np.asarray(np.sqrt(np.square(along * across).mean(axis=1)))
+
+
+def blurred_star(side: int, cycles: int, contrast: float, blur_px: float) -> Array:
+    """A star of mean 0.5 behind a normal point spread of this σ, whose modulation is exp(−2π²σ²f²).
+
+    Its centre is not that of a pixel: else pixels of all sectors would have the same phases.
+    """
+    x = np.arange(side) + 0.2 - side / 2
+    y = x[:, None] + 0.43
+    radius = np.maximum(np.hypot(x, y), 1.0)
+    frequency = cycles / (2 * np.pi * radius)
+    modulation = contrast * np.exp(-2 * np.square(np.pi * blur_px * frequency))
+    waves = np.cos(cycles * np.arctan2(y, x))
+    return np.asarray(0.5 + 0.5 * modulation * waves)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 
+import chart_cases
 import charts
 import numpy as np
 
@@ -74,7 +75,12 @@ def step_case(rng: np.random.Generator) -> Iterator[tuple[str, Quantity, float]]
     yield "DR", chart.dynamic_range, 20 * np.log10(largest / smallest)
 
 
-CASES: dict[str, Case] = {"slanted_edge": edge_case, "step_chart": step_case}
+CASES: dict[str, Case] = {
+    "slanted_edge": edge_case,
+    "step_chart": step_case,
+    "colour_chart": chart_cases.colour_case,
+    "siemens_star": chart_cases.star_case,
+}
 
 
 def coverage(case: Case, count: int, seed: int = 1) -> dict[str, tuple[float, float]]:
@@ -83,6 +89,8 @@ def coverage(case: Case, count: int, seed: int = 1) -> dict[str, tuple[float, fl
     widths: dict[str, list[float]] = {}
     for number in range(count):
         for name, quantity, true in case(np.random.default_rng([seed, number])):
+            if np.isnan(quantity.value):
+                continue
             held.setdefault(name, []).append(quantity.covers(true))
             half = (quantity.high - quantity.low) / 2
             widths.setdefault(name, []).append(half / max(abs(true), 1e-12))

@@ -86,6 +86,21 @@ def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
     return np.array([np.interp(at_nm, table_nm, values) for values in reflectances.T])
 
 
+def color_checker(wavelengths_nm: ArrayLike) -> Float64Array:
+    """(24, B) reflectances of a ColorChecker (ISO 17321-1), held constant outside of 380 to 780 nm."""
+    table_nm, reflectances = _table("color_checker")
+    at_nm = np.asarray(wavelengths_nm, float)
+    return np.array([np.interp(at_nm, table_nm, values) for values in reflectances.T])
+
+
+def color_checker_xyz() -> Float64Array:
+    """(24, 3) XYZ of a ColorChecker in daylight (D65), Y of a white that reflects all light is 1."""
+    fine = np.arange(VISIBLE_NM[0], VISIBLE_NM[1] + 1)
+    seen = (observer(fine) * d65(fine)).T
+    white = seen.sum(axis=0) / seen[:, 1].sum()
+    return adapted_to_daylight(color_checker(fine) @ seen / seen[:, 1].sum(), white)
+
+
 def daylight_xyz() -> Float64Array:
     """XYZ of D65, Y = 1: the white of sRGB."""
     return _white_xyz(D65_XY)

@@ -72,7 +72,7 @@ def _measure_one(pixels: Float64Array, stack: Stack) -> tuple[float, ...]:
     count = rows * columns
     temporal = float(pixels.var(axis=0, ddof=1).mean())
     temporal_error = temporal * np.sqrt(2 / (count * (frames - 1)))
-    fixed_share = _variance_about_plane(pixels.mean(axis=0))  # with what averaging leaves
+    fixed_share = variance_about_plane(pixels.mean(axis=0))  # with what averaging leaves
     fixed = max(fixed_share - temporal / frames, 0.0)
     total = fixed_share + temporal * (1 - 1 / frames)
     square = fixed_share**2 + temporal**2 * (frames - 1) / frames**2
@@ -85,7 +85,7 @@ def _measure_one(pixels: Float64Array, stack: Stack) -> tuple[float, ...]:
     return mean, mean_error, temporal, temporal_error, total, total_error, float(at_ends)
 
 
-def _variance_about_plane(image: Float64Array) -> float:
+def variance_about_plane(image: Float64Array) -> float:
     """Variance of a picture without a plane that is fitted to it."""
     y, x = np.indices(image.shape)
     design = np.column_stack([np.ones(image.size), x.ravel(), y.ravel()])

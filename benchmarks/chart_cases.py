@@ -1,0 +1,65 @@
+"""Random charts with a known answer, one generator for each instrument of image quality: name, quantity, reference.
+
+image_quality_coverage.py counts how many intervals hold them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import charts
+import numpy as np
+
+from mitsuba_sensor.lab.measure.colour_and_geometry.colour_chart import colour_chart
+from mitsuba_sensor.lab.measure.image_quality.siemens_star import siemens_star
+from mitsuba_sensor.lab.quantity import Quantity
+from mitsuba_sensor.optics import spectra
+
+Cases = Iterator[tuple[str, Quantity, float]]
+
+
+def in_patches(values: np.ndarray, side: int) -> np.ndarray:
+    """(side, side·P, C), patches of these values (P, C) beside each other."""
+    return np.repeat(values, side, axis=0)[None] * np.ones((side, 1, 1))
+
+
+def patch_regions(count: int, side: int) -> list[tuple[int, int, int, int]]:
+    """Where in_patches has them."""
+    return [(0, side * number, side, side) for number in range(count)]
+
+
+def colour_case(rng: np.random.Generator) -> Cases:
+    """A ColorChecker in front of a camera that is no observer, with shot noise, read noise and PRNU."""
+    side, regions = 20, patch_regions(24, 20)
+    matrix = np.eye(3) + rng.uniform(0, 0.3, (3, 3))
+    values = spectra.color_checker_xyz() @ matrix.T
+    values *= np.exp(rng.normal(0, rng.uniform(0.02, 0.1), values.shape))
+    factors = values[18, 1] / values[18] * np.exp(rng.normal(0, 0.03, 3))
+    electrons, read_noise = 10 ** rng.uniform(2.5, 4.5), rng.uniform(0, 0.02)
+    clean = in_patches(values, side)
+    counts = rng.poisson(clean * electrons * (1 + 0.005 * rng.normal(size=clean.shape)))
+    planes = counts / electrons + rng.normal(0, read_noise, clean.shape)
+    true = colour_chart(clean, regions, white_balance=factors)
+    chart = colour_chart(planes, regions, white_balance=factors)
+    yield "mean ΔE00", chart.mean, float(true.delta_e.mean())
+    yield "largest ΔE00", chart.largest, float(true.delta_e.max())
+    greys = (values * factors)[18:].sum(axis=0)
+    for quantity, channel in zip(chart.balance, (0, 2), strict=True):
+        yield "white balance", quantity, float(100 * (greys[channel] / greys[1] - 1))
+
+
+def star_case(rng: np.random.Generator) -> Cases:
+    """A star of a random number of cycles behind a normal point spread, with shot and read noise."""
+    side, cycles = int(rng.integers(140, 220)), int(rng.choice([60, 72, 100]))
+    blur_px, contrast = rng.uniform(0.2, 0.8), rng.uniform(0.2, 1.0)
+    clean = charts.blurred_star(side, cycles, contrast, blur_px)
+    electrons = 10 ** rng.uniform(2, 4.5)
+    noise = rng.normal(0, rng.uniform(0, 0.02), clean.shape)
+    picture = rng.poisson(clean * electrons) / electrons + noise
+    modulation = siemens_star(picture, cycles, contrast=contrast).modulation
+    for wanted in (0.15, 0.3, 0.5, 0.7):
+        nearest = int(np.abs(modulation.frequency - wanted).argmin())
+        frequency = float(modulation.frequency[nearest])
+        true = float(np.exp(-2 * (np.pi * blur_px * frequency) ** 2))
+        yield f"MTF({wanted})", modulation.at(frequency), true
+    yield "MTF50", modulation.mtf50, float(np.sqrt(np.log(2) / 2) / np.pi / blur_px)

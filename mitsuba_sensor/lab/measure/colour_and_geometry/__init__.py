@@ -1,0 +1,4 @@
+"""Instruments for colour and geometry: pictures of charts in, quantities with 95 % intervals out.
+
+colour_chart.py measures colour differences of a chart of known colours.
+"""

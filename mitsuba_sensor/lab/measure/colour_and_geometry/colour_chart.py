@@ -1,0 +1,259 @@
+"""A chart of known colours: ΔE00 through a fitted colour matrix, and the error of the white balance on its greys."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from ....core import InputError, numbers
+from ....core.argument_names import tells_of_names
+from ....core.types import Float64Array
+from ....optics import spectra
+from ....optics.colour_difference import delta_e_2000
+from ...quantity import LEVEL, Quantity, normal_interval
+from ..image_quality.patches import FEWEST_PIXELS, Region, variance_about_plane
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "CIE 142:2001 ΔE00"
+BALANCE = "ISO 17321-1 neutral patches"
+GREYS = tuple(range(18, 24))
+"""Patches of a ColorChecker that are neutral, from white to black."""
+DRAWS, SEED = 400, 2000
+"""Draws of the noise of the patches, and their seed."""
+STEP = 1e-6
+"""Of white, for the slopes of CIELAB."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColourChart:
+    """What a chart of known colours shows.
+
+    measured_lab, reference_lab : (P, 3) CIELAB of the patches in daylight.  matrix : (3, C), from values to XYZ.
+    delta_e : (P,) ΔE00 of each patch, with noise.  mean, largest : of these, without what noise adds.
+    balance : error of the white balance of each channel against the second [%].
+    """
+
+    measured_lab: Float64Array
+    reference_lab: Float64Array
+    matrix: Float64Array
+    delta_e: Float64Array
+    mean: Quantity
+    largest: Quantity
+    balance: tuple[Quantity, ...]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Mean and largest ΔE00, and the errors of the white balance."""
+        return self.mean, self.largest, *self.balance
+
+    def plot(self, ax: Axes) -> None:
+        """The patches in the plane of a* and b*: circles as they should be, lines to where the camera has them."""
+        reference, measured = self.reference_lab[:, 1:].T, self.measured_lab[:, 1:].T
+        ax.plot([reference[0], measured[0]], [reference[1], measured[1]], color="0.4", lw=1)
+        colours = _displayed(self.reference_lab)
+        ax.scatter(
+            reference[0], reference[1], c=colours, s=60, edgecolors="0.4", label="reference"
+        )
+        ax.scatter(measured[0], measured[1], c="k", s=6, label="camera")
+        ax.set(xlabel="a*", ylabel="b*")
+        ax.set_aspect("equal")
+
+
+class _Patches(NamedTuple):
+    """values : (P, C) means.  errors : (P, C) their standard errors."""
+
+    values: Float64Array
+    errors: Float64Array
+
+
+class _Fit(NamedTuple):
+    """matrix : (3, C).  lab : (P, 3).  noise : (3P, P·C), what a change of each value changes in CIELAB."""
+
+    matrix: Float64Array
+    lab: Float64Array
+    noise: Float64Array
+
+
+@tells_of_names
+def colour_chart(
+    planes: ArrayLike,
+    regions: Sequence[Region],
+    *,
+    reference_xyz: ArrayLike | None = None,
+    greys: Sequence[int] = GREYS,
+    white_balance: ArrayLike | None = None,
+) -> ColourChart:
+    """Colour differences of a chart through the 3 × C matrix that fits best, and the error of its white balance.
+
+    ::
+
+        xyz = np.random.default_rng(1).uniform(0.1, 0.9, (24, 3))
+        planes = 3000 * np.repeat(xyz, 16, axis=0)[None] * np.ones((16, 1, 1))
+        regions = [(0, 16 * number, 16, 16) for number in range(24)]
+        chart = ms.lab.colour_chart(planes, regions, reference_xyz=xyz)
+        print(chart.mean)
+
+    planes : (H, W, C) linear values without the black level, in C = 3 or more channels: red, green, blue, …; of a
+        mosaic the planes of its filters, np.stack([r, g, b], axis=2).
+    regions : (first row, first column, rows, columns) of each patch.
+    reference_xyz : (P, 3) of the patches in daylight (D65), white has Y = 1; by default a ColorChecker (ISO 17321-1).
+    greys : which patches are neutral, the brightest first; none for no white balance.
+    white_balance : (C,) factors that the camera states; by default those of the brightest of the greys.
+    Raises InputError for patches outside of the planes, clipped to 0 or fewer than the matrix needs.
+    """
+    if reference_xyz is None:
+        reference_xyz = spectra.color_checker_xyz()
+    reference = numbers("reference_xyz", reference_xyz, "XYZ of each patch, (P, 3)")
+    pixels = numbers("planes", planes, "values (rows, columns, channels)")
+    if pixels.ndim != 3 or pixels.shape[2] < 3 or not np.isfinite(pixels).all():
+        raise InputError(
+            f"planes has shape {pixels.shape}; pass finite values (rows, columns, channels), three channels or more."
+        )
+    least = pixels.shape[2] + 1
+    if reference.shape != (len(regions), 3) or len(regions) < least:
+        raise InputError(
+            f"reference_xyz has shape {reference.shape} for {len(regions)} patches; pass (P, 3) of {least} or more."
+        )
+    patches = _measure(pixels, regions)
+    fit = _fit_matrix(patches.values, reference)
+    reference_lab = spectra.lab(reference)
+    mean, largest = _differences(fit, patches.errors, reference_lab)
+    balance = _balance(patches, greys, white_balance)
+    delta_e = delta_e_2000(fit.lab, reference_lab)
+    return ColourChart(fit.lab, reference_lab, fit.matrix, delta_e, mean, largest, balance)
+
+
+def _measure(pixels: Float64Array, regions: Sequence[Region]) -> _Patches:
+    """Mean of every patch and its standard error, from the scatter of its pixels about a plane."""
+    values, errors = [], []
+    for region in regions:
+        top, left, rows, columns = region
+        part = pixels[top : top + rows, left : left + columns]
+        inside = top >= 0 and left >= 0 and part.shape[:2] == (rows, columns)
+        if not inside or rows * columns < FEWEST_PIXELS or min(rows, columns) < 2:
+            raise InputError(
+                f"the patch {tuple(region)} (first row, first column, rows, columns) must lie inside planes of "
+                f"{pixels.shape[0]} × {pixels.shape[1]} pixels and have {FEWEST_PIXELS} pixels or more."
+            )
+        mean = part.mean(axis=(0, 1))
+        if not (mean > 0).all():
+            raise InputError(
+                f"the patch {tuple(region)} has means {mean}; every channel must be above 0, which is the black level."
+            )
+        variance = [variance_about_plane(plane) for plane in np.moveaxis(part, 2, 0)]
+        values.append(mean)
+        errors.append(np.sqrt(np.array(variance) / (rows * columns)))
+    return _Patches(np.array(values), np.array(errors))
+
+
+def _fit_matrix(values: Float64Array, reference: Float64Array) -> _Fit:
+    """The matrix for which the sum of the squares of the distances in CIELAB is least."""
+    target = spectra.lab(reference)
+    channels = values.shape[1]
+    weight = 1 / np.sqrt(reference[:, 1:2])
+    start = np.linalg.lstsq(values * weight, reference * weight, rcond=None)[0].T
+
+    def residual(flat: Float64Array) -> Float64Array:
+        return np.asarray((spectra.lab(values @ flat.reshape(3, channels).T) - target).ravel())
+
+    scale = np.abs(start).max()
+    solution = scipy.optimize.least_squares(residual, start.ravel(), x_scale=scale, xtol=1e-12)
+    matrix = solution.x.reshape(3, channels)
+    slopes = _lab_slopes(values @ matrix.T)
+    count = len(values)
+    by_matrix = np.einsum("plk,pc->plkc", slopes, values).reshape(3 * count, -1)
+    by_value = np.zeros((count, 3, count, channels))
+    by_value[np.arange(count), :, np.arange(count)] = slopes @ matrix
+    flat = by_value.reshape(3 * count, -1)
+    refitted = by_matrix @ np.linalg.lstsq(by_matrix, flat, rcond=None)[0]
+    return _Fit(matrix, spectra.lab(values @ matrix.T), flat - refitted)
+
+
+def _lab_slopes(xyz: Float64Array) -> Float64Array:
+    """(P, 3, 3), slopes of CIELAB by X, Y and Z."""
+    steps = STEP * np.eye(3)[:, None]
+    change = np.array([spectra.lab(xyz + step) - spectra.lab(xyz - step) for step in steps])
+    return np.asarray(change.transpose(1, 2, 0) / (2 * STEP))
+
+
+def _differences(
+    fit: _Fit, errors: Float64Array, reference: Float64Array
+) -> tuple[Quantity, Quantity]:
+    """Mean and largest ΔE00.  errors : (P, C) of the values of the patches.
+
+    What the noise of the patches adds to a distance is taken off: as much as drawing it once more adds. Where all
+    distances may be noise (χ² at 5 %), the intervals begin at 0.
+    """
+    influence = fit.noise * errors.ravel()
+    draws = np.random.default_rng(SEED).normal(size=(DRAWS, influence.shape[1])) @ influence.T
+    drawn = delta_e_2000(fit.lab + draws.reshape(DRAWS, *fit.lab.shape), reference)
+    measured = delta_e_2000(fit.lab, reference)
+    distance = (fit.lab - reference).ravel()
+    freedom = distance.size - fit.matrix.size
+    weighted = np.linalg.lstsq(influence, distance, rcond=1e-9)[0]
+    unexplained = np.abs(influence @ weighted - distance).max()
+    may_be_noise = unexplained < 1e-3 and _is_chance(float(weighted @ weighted), freedom)
+
+    def quantity(symbol: str, name: str, value: float, noisy: Float64Array) -> Quantity:
+        error = float(noisy.std(ddof=1))
+        value = max(2 * value - float(noisy.mean()), 0.0)
+        low, high = normal_interval(value, error)[1:]
+        if may_be_noise:
+            low = 0.0
+        return Quantity(symbol, name, value, max(low, 0.0), high, "", SECTION)
+
+    mean = quantity("ΔE00", "mean ΔE00", float(measured.mean()), drawn.mean(axis=1))
+    largest = quantity(
+        "ΔE00_max", "largest ΔE00", float(measured.max()), drawn[:, int(measured.argmax())]
+    )
+    return mean, largest
+
+
+def _is_chance(square: float, freedom: int) -> bool:
+    """Whether so large a sum of squares of normal values happens in more than 5 % of all cases."""
+    return square < float(scipy.special.chdtri(freedom, 1 - LEVEL))
+
+
+def _balance(
+    patches: _Patches, greys: Sequence[int], white_balance: ArrayLike | None
+) -> tuple[Quantity, ...]:
+    """How far the sum of each channel over the greys is from that of the second, after balancing [%]."""
+    if not len(greys):
+        return ()
+    first, rest = greys[0], list(greys[1:])
+    factors = patches.values[first, 1] / patches.values[first]
+    shared = np.square(patches.errors[first] / patches.values[first])
+    if white_balance is not None:
+        factors = numbers("white_balance", white_balance, "a factor for each channel")
+        if factors.shape != patches.values.shape[1:] or not (factors > 0).all():
+            raise InputError(
+                f"white_balance has shape {factors.shape}; pass a factor above 0 for each of "
+                f"{patches.values.shape[1]} channels."
+            )
+        rest, shared = list(greys), np.zeros_like(factors)
+    total = patches.values[rest].sum(axis=0)
+    relative = np.square(patches.errors[rest]).sum(axis=0) / total**2 + shared
+    quantities = []
+    for channel in [number for number in range(len(factors)) if number != 1]:
+        ratio = total[channel] * factors[channel] / (total[1] * factors[1])
+        error = ratio * np.sqrt(relative[channel] + relative[1])
+        name = f"error of the white balance, channel {channel}"
+        interval = normal_interval(100 * (ratio - 1), 100 * float(error))
+        quantities.append(Quantity(f"WB_{channel}", name, *interval, "%", BALANCE))
+    return tuple(quantities)
+
+
+def _displayed(lab: Float64Array) -> Float64Array:
+    """Colours on a screen, about, of CIELAB in daylight."""
+    middle = (lab[:, :1] + 16) / 116
+    offsets = lab[:, 1:] / [500.0, -200.0]
+    roots = np.column_stack([middle + offsets[:, :1], middle, middle + offsets[:, 1:]])
+    linear = np.clip(roots, 0, None) ** 3 * spectra.daylight_xyz() @ spectra.xyz_to_srgb().T
+    return spectra.srgb_curve(np.clip(linear, 0, 1))

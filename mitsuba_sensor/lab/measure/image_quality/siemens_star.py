@@ -1,0 +1,228 @@
+"""Modulation transfer at a sinusoidal Siemens star (s-SFR, ISO 12233), with its 95 % band.
+
+In a ring of the star the frequency is known: cycles over the circumference. A cosine and a sine of the angle are fitted
+to the pixels of each ring in each of eight sectors. Noise makes their amplitudes larger; the mean of their squares
+follows a noncentral χ² law, whose noncentrality is the modulation, and which has an interval at any noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from ....core import InputError, require
+from ....core.argument_names import tells_of_names
+from ....core.types import Float64Array
+from ...quantity import LEVEL, Quantity
+from .modulation import Modulation
+from .pictures import flat_fielded, picture_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "ISO 12233 s-SFR"
+SECTORS = 8
+RING_PX = 2.0
+"""Width of a ring."""
+FEWEST_PIXELS = 36
+"""Of a sector of a ring, in which five numbers are fitted; with fewer the pixels repeat each other's phases."""
+STEPS = 4
+"""Of the search for the centre."""
+
+
+@dataclass(frozen=True, eq=False)
+class SiemensStar:
+    """Modulation transfer of a star.
+
+    modulation : over the frequency along the rings, all directions together.
+    centre : (x, y) of the star from the corner of the picture [samples].
+    """
+
+    modulation: Modulation
+    centre: tuple[float, float]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """MTF50 and the modulation at Nyquist's frequency."""
+        return self.modulation.quantities
+
+    def plot(self, ax: Axes) -> None:
+        """The modulation with its band."""
+        self.modulation.plot(ax)
+
+
+class _Polar(NamedTuple):
+    """Values of all pixels and where they are around a centre, the nearest first; angle from −π to π."""
+
+    radius: Float64Array
+    angle: Float64Array
+    x: Float64Array
+    y: Float64Array
+    values: Float64Array
+
+    @classmethod
+    def around(cls, pixels: Float64Array, centre: Float64Array) -> _Polar:
+        """All pixels around (x, y)."""
+        y, x = np.indices(pixels.shape) + 0.5
+        x, y = (x - centre[0]).ravel(), (y - centre[1]).ravel()
+        radius = np.hypot(x, y)
+        order = np.argsort(radius)
+        fields = radius, np.arctan2(y, x), x, y, pixels.ravel()
+        return cls(*(field[order] for field in fields))
+
+
+class _Sector(NamedTuple):
+    """Of the pixels of a sector of a ring: complex amplitude, mean, variance of each part of the amplitude."""
+
+    amplitude: complex
+    mean: float
+    variance: float
+    angle: float
+
+
+@tells_of_names
+def siemens_star(
+    picture: ArrayLike,
+    cycles: int,
+    *,
+    radius_px: float | None = None,
+    contrast: float = 1.0,
+    flat: ArrayLike | None = None,
+    sample_px: float = 1.0,
+) -> SiemensStar:
+    """Modulation transfer of a picture of a star whose brightness is a sine of the angle.
+
+    ::
+
+        y, x = np.mgrid[:160, :160] - 79.5
+        star = 500 + 300 * np.cos(36 * np.arctan2(y, x))
+        print(ms.lab.siemens_star(star, 36, contrast=0.6).modulation.at(0.1))
+
+    picture : (H, W) linear values without the black level, the star's centre within a few pixels of its middle.
+    cycles : of the star, for example 144.
+    radius_px : of the star in the picture; by default the largest that fits.
+    contrast : modulation of the chart itself, (bright − dark) / (bright + dark).
+    flat : (H, W), the same pixels of an evenly lit surface, by which the picture is divided.
+    sample_px : distance of neighbouring values, 2 for one plane of a Bayer mosaic.
+    Raises InputError for pictures that show no such star.
+    """
+    pixels = flat_fielded(picture_of(picture), flat)
+    count = int(require("cycles", cycles, 8, 1000, "a whole number, e.g. 144"))
+    contrast = require("contrast", contrast, 0.01, 1.0, "1 for a chart from black to white")
+    sample_px = require(
+        "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
+    )
+    largest = min(pixels.shape) / 2
+    radius = largest
+    if radius_px is not None:
+        radius = require("radius_px", radius_px, 8.0, largest, "pixels of this picture")
+    # One cycle per sample, and enough pixels.
+    smallest = max(count, SECTORS * FEWEST_PIXELS / RING_PX) / (2 * math.pi)
+    if radius < smallest + 3 * RING_PX:
+        raise InputError(
+            f"a star of {count} cycles within {radius:.3g} pixels has no ring of enough pixels below one cycle per "
+            f"sample; pass a picture of {2 * (smallest + 3 * RING_PX):.0f} pixels or more."
+        )
+    centre = _find_centre(pixels, count, radius)
+    edges = np.arange(radius - 1, smallest, -RING_PX)
+    polar = _Polar.around(pixels, centre)
+    rings = [_fit_ring(polar, (edge - RING_PX, edge), count) for edge in edges[:-1]]
+    modulation = _modulation(rings, edges[:-1] - RING_PX / 2, count, contrast, sample_px)
+    return SiemensStar(modulation, (float(centre[0]), float(centre[1])))
+
+
+def _find_centre(pixels: Float64Array, cycles: int, radius: float) -> Float64Array:
+    """(x, y) for which the phase is the same in all sectors, beginning in the middle; first in the outer rings."""
+    middle = np.array(pixels.shape[::-1]) / 2
+    centre = middle.copy()
+    for share in np.linspace(0.95, 0.6, STEPS):
+        outer = max(share * radius, cycles / math.pi)
+        sectors = _fit_ring(_Polar.around(pixels, centre), (outer - 2 * RING_PX, outer), cycles)
+        phases = np.unwrap([-np.angle(one.amplitude) for one in sectors])
+        angles = np.array([one.angle for one in sectors])
+        design = np.column_stack([np.ones_like(angles), np.sin(angles), -np.cos(angles)])
+        shift = np.linalg.lstsq(design, phases, rcond=None)[0][1:]
+        centre = centre + shift * (outer - RING_PX) / cycles
+    if not np.hypot(*(centre - middle)) < 0.1 * radius:
+        raise InputError(
+            "the picture shows no star around its middle; cut out a square with the star's centre in the middle, and "
+            f"check that it has {cycles} cycles."
+        )
+    return centre
+
+
+def _fit_ring(polar: _Polar, ring: tuple[float, float], cycles: int) -> list[_Sector]:
+    """The sectors of a ring from one radius to another."""
+    inside = slice(*np.searchsorted(polar.radius, ring))
+    part = _Polar(*(field[inside] for field in polar))
+    number = np.floor((part.angle + math.pi) * SECTORS / (2 * math.pi)).astype(int) % SECTORS
+    waves = np.exp(1j * cycles * part.angle)
+    sectors = []
+    for sector in range(SECTORS):
+        own = number == sector
+        if own.sum() < FEWEST_PIXELS / 2:
+            raise InputError("the star is cut off; pass a picture that holds all of it.")
+        place = part.x[own] / ring[1], part.y[own] / ring[1]
+        sectors.append(_fit_sector(part.values[own], waves[own], place, sector))
+    return sectors
+
+
+def _fit_sector(
+    values: Float64Array,
+    waves: np.ndarray,
+    place: tuple[Float64Array, Float64Array],
+    sector: int,
+) -> _Sector:
+    """A cosine and a sine beside a plane, by least squares."""
+    design = np.column_stack([waves.real, waves.imag, np.ones_like(values), *place])
+    inverse = np.linalg.pinv(design.T @ design)
+    solution = inverse @ (design.T @ values)
+    residual = values - design @ solution
+    variance = float(residual @ residual) / (values.size - design.shape[1])
+    parts = np.diag(inverse)[:2].mean()
+    mean = float((design[:, 2:] @ solution[2:]).mean())
+    middle = (sector + 0.5) * 2 * math.pi / SECTORS - math.pi
+    return _Sector(complex(*solution[:2]), mean, float(variance * parts), middle)
+
+
+def _modulation(
+    rings: list[list[_Sector]],
+    radii: Float64Array,
+    cycles: int,
+    contrast: float,
+    sample_px: float,
+) -> Modulation:
+    """The root of the mean square of the modulation of all sectors, ring by ring."""
+    mean = np.array([[one.mean for one in ring] for ring in rings])
+    if not (mean > 0).all():
+        raise InputError("the star is not brighter than black; take off the black level only.")
+    square = np.abs([[one.amplitude for one in ring] for ring in rings]) ** 2 / mean**2
+    variance = np.array([[one.variance for one in ring] for ring in rings]) / mean**2
+    total, noise = square.sum(axis=1), variance.mean(axis=1)
+    value = np.sqrt(np.maximum(total - (2 * SECTORS - 1) * noise, 0.0) / SECTORS)
+    low, high = _interval(total, noise)
+    frequency = cycles / (2 * math.pi * radii * sample_px)
+    curves = np.array([value, np.minimum(low, value), np.maximum(high, value)]) / contrast
+    return Modulation(frequency, *curves, SECTION)
+
+
+def _interval(total: Float64Array, noise: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Ends of the interval of the root of the mean square, from the noncentral χ² law of the sum of squares."""
+    freedom = 2 * SECTORS
+    ratio = total / np.maximum(noise, 1e-300)
+    tail = (1 - LEVEL) / 2
+    error = np.sqrt(noise / SECTORS)
+    size = np.sqrt(np.maximum(total - (freedom - 1) * noise, 0.0) / SECTORS)
+    half = -float(scipy.special.ndtri(tail)) * error
+    low, high = size - half, size + half
+    near = ratio < 1e4  # farther away the law is normal
+    for end, probability in ((low, 1 - tail), (high, tail)):
+        excess = scipy.special.chndtrinc(ratio[near], freedom, probability)
+        excess = np.maximum(np.nan_to_num(excess), 0.0)
+        end[near] = np.sqrt(excess * noise[near] / SECTORS)
+    return low, high

@@ -1,0 +1,126 @@
+"""Colour charts of computed cameras: no difference for an observer, known ones otherwise, and colour-science's ΔE00."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import chart_cases
+import colour
+import matplotlib.figure
+import numpy as np
+import pytest
+from chart_cases import in_patches, patch_regions
+from helpers import patches
+from image_quality_coverage import coverage
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.lab.measure.colour_and_geometry.colour_chart import (
+    ColourChart,
+    colour_chart,
+)
+from mitsuba_sensor.optics import spectra
+from mitsuba_sensor.optics.colour_difference import delta_e_2000
+
+SIDE = 8
+REGIONS = patch_regions(24, SIDE)
+XYZ = spectra.color_checker_xyz()
+OBSERVER = np.array([[1, 0.1, 0.05], [0.2, 0.9, 0.1], [0.05, 0.1, 1.1]])
+"""Of a camera whose filters are sums of the observer's."""
+
+
+def chart_of(values: np.ndarray, **options: Any) -> ColourChart:
+    """A chart without noise of these values (24, C)."""
+    return colour_chart(in_patches(values, SIDE), REGIONS, **options)
+
+
+def test_delta_e_2000_is_that_of_colour_science() -> None:
+    """100 000 pairs, greys and pairs across the hue's 0 included."""
+    rng = np.random.default_rng(1)
+    first = rng.uniform([0, -100, -100], [100, 100, 100], (100_000, 3))
+    second = first + rng.normal(0, rng.choice([0.1, 3, 40], (100_000, 1)), first.shape)
+    first[:1000, 1:] = second[500:1500, 1:] = 0
+    expected = colour.delta_E(first, second, method="CIE 2000")
+    np.testing.assert_allclose(delta_e_2000(first, second), expected, atol=1e-11)
+
+
+def test_the_color_checker_is_that_of_colour_science() -> None:
+    np.testing.assert_allclose(XYZ, patches.seen("D65"), atol=5e-4)
+
+
+def test_a_camera_that_is_an_observer_has_no_colour_difference() -> None:
+    chart = chart_of(XYZ @ OBSERVER.T)
+    assert chart.largest.value < 1e-9
+    np.testing.assert_allclose(chart.matrix, np.linalg.inv(OBSERVER), rtol=1e-6)
+    noisy = in_patches(XYZ @ OBSERVER.T, 20)
+    noisy = noisy + 0.02 * np.random.default_rng(2).normal(size=noisy.shape)
+    assert colour_chart(noisy, patch_regions(24, 20)).mean.low == 0
+
+
+def test_what_no_matrix_removes_is_the_distance() -> None:
+    """More patches than a matrix can bend to, all but one as an observer has them: that one keeps its shift."""
+    many = np.concatenate([np.repeat(XYZ, 5, axis=0), XYZ[:1]])
+    shifted = many.copy()
+    shifted[-1] *= 1.1
+    planes = in_patches(shifted, SIDE)
+    chart = colour_chart(planes, patch_regions(len(many), SIDE), reference_xyz=many, greys=())
+    pair = (colour.XYZ_to_Lab(one[-1], patches.WHITE) for one in (shifted, many))
+    expected = float(colour.delta_E(*pair, method="CIE 2000"))
+    assert chart.largest.value == pytest.approx(expected, rel=0.1)
+
+
+def test_the_matrix_is_as_good_as_any() -> None:
+    """Small changes of the matrix never lessen the sum of the squares of the distances in CIELAB."""
+    rng = np.random.default_rng(3)
+    values = (XYZ @ OBSERVER.T) * np.exp(rng.normal(0, 0.05, XYZ.shape))
+    chart = chart_of(values)
+
+    def squares(matrix: np.ndarray) -> float:
+        return float(np.square(spectra.lab(values @ matrix.T) - spectra.lab(XYZ)).sum())
+
+    best = squares(chart.matrix)
+    changed = [chart.matrix * (1 + 1e-3 * rng.normal(size=(3, 3))) for _ in range(200)]
+    assert min(squares(matrix) for matrix in changed) > best
+
+
+def test_stated_factors_have_the_error_that_they_have() -> None:
+    """Red factor 3 % too large; blue exact."""
+    values = np.repeat(XYZ[:, 1:2], 3, axis=1) / [2.0, 1.0, 1.5]
+    red, blue = chart_of(values, reference_xyz=XYZ, white_balance=[2.06, 1.0, 1.5]).balance
+    assert red.value == pytest.approx(3) and blue.value == pytest.approx(0, abs=1e-9)
+    red, blue = chart_of(values).balance
+    assert abs(red.value) < 1e-9 and abs(blue.value) < 1e-9
+
+
+def test_a_fourth_channel_takes_part() -> None:
+    values = np.column_stack([XYZ @ OBSERVER.T, XYZ.sum(axis=1) ** 2])
+    assert chart_of(values).matrix.shape == (3, 4)
+
+
+def test_colour_charts_cover_what_they_were_made_with() -> None:
+    """15 cameras, 3 figures of each: fewer than 80 % once in 1000 tests."""
+    shares = [share for share, _ in coverage(chart_cases.colour_case, 15).values()]
+    assert 0.8 < np.mean(shares) <= 1
+
+
+def test_the_chart_draws_itself() -> None:
+    chart = chart_of(XYZ @ OBSERVER.T)
+    chart.plot(matplotlib.figure.Figure().subplots())
+    assert len(chart.quantities) == 4
+
+
+@pytest.mark.parametrize(
+    ("planes", "options", "said"),
+    [
+        (np.ones((8, 192)), {}, r"rows, columns, channels"),
+        (np.ones((8, 192, 2)), {}, "three channels"),
+        (np.ones((8, 100, 3)), {}, "must lie inside"),
+        (np.zeros((8, 192, 3)), {}, "above 0"),
+        (np.ones((8, 192, 3)), {"reference_xyz": XYZ[:4]}, "for 24 patches"),
+        (in_patches(XYZ, 8), {"white_balance": [1.0, 2.0]}, "a factor above 0 for each of 3"),
+    ],
+)
+def test_charts_that_show_nothing_are_refused(
+    planes: np.ndarray, options: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(ms.InputError, match=said):
+        colour_chart(planes, REGIONS, **options)

@@ -1,0 +1,104 @@
+"""Sinusoidal stars against the modulation that they were computed with: pixels, a normal point spread, noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import chart_cases
+import charts
+import matplotlib.figure
+import numpy as np
+import pytest
+from image_quality_coverage import coverage
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.lab.measure.image_quality.siemens_star import siemens_star
+
+
+@pytest.mark.parametrize(("side", "cycles"), [(160, 60), (200, 72)])
+@pytest.mark.parametrize(("offset", "error"), [((0.3, -1.7), 1e-3), ((0.0, 0.0), 6e-3)])
+def test_a_star_has_the_modulation_of_its_pixels(
+    side: int, cycles: int, offset: tuple[float, float], error: float
+) -> None:
+    """Up to Nyquist's frequency, and the centre within 0.001 pixels.
+
+    A star whose centre is exactly that of the pixels repeats its phases in all sectors: 0.005 at Nyquist's frequency.
+    """
+    measured = siemens_star(
+        charts.siemens_star(side, cycles, 0.8, offset), cycles, contrast=0.8
+    )
+    curve = measured.modulation
+    below = curve.frequency <= 0.5
+    true = charts.star_modulation(curve.frequency)
+    np.testing.assert_allclose(curve.value[below], true[below], atol=error)
+    np.testing.assert_allclose(measured.centre, np.array(offset) + side / 2, atol=1e-3)
+
+
+def test_the_modulation_behind_a_normal_point_spread_is_its_transform() -> None:
+    curve = siemens_star(charts.blurred_star(240, 72, 0.6, 0.5), 72, contrast=0.6).modulation
+    true = np.exp(-2 * np.square(np.pi * 0.5 * curve.frequency))
+    np.testing.assert_allclose(curve.value, true, atol=2e-3)
+
+
+def test_uneven_light_is_divided_out_by_a_flat_field() -> None:
+    """cos⁴ that falls by a third; a mean by sector removes nearly all of it already."""
+    star = charts.blurred_star(240, 72, 0.6, 0.5)
+    y, x = np.mgrid[:240, :240] - 60.0
+    light = (1 + (x**2 + y**2) / 500**2) ** -2
+    plain = siemens_star(star, 72).modulation.value
+    np.testing.assert_allclose(
+        siemens_star(star * light, 72, flat=light).modulation.value, plain, atol=1e-3
+    )
+    np.testing.assert_allclose(
+        siemens_star(star * light, 72).modulation.value, plain, atol=5e-3
+    )
+
+
+def test_one_plane_of_a_mosaic_keeps_the_frequencies_of_the_sensor() -> None:
+    curve = siemens_star(
+        charts.siemens_star(320, 72, 0.8, (0.3, -1.7))[0::2, 1::2],
+        72,
+        contrast=0.8,
+        sample_px=2,
+    ).modulation
+    below = curve.frequency <= 0.25
+    true = charts.star_modulation(curve.frequency)
+    np.testing.assert_allclose(curve.value[below], true[below], atol=2e-3)
+
+
+def test_noise_alone_has_no_modulation() -> None:
+    """Where the star is blurred away, the interval holds 0: 12 rings, fewer than 8 once in 10 000 tests."""
+    rng = np.random.default_rng(5)
+    noisy = charts.blurred_star(240, 72, 0.6, 3.0) + 0.05 * rng.normal(size=(240, 240))
+    curve = siemens_star(noisy, 72).modulation
+    assert (curve.low[-12:] < 1e-9).sum() >= 8
+    assert curve.value[-12:].max() < 0.03
+
+
+def test_stars_cover_what_they_were_made_with() -> None:
+    """8 stars, 5 figures of each: fewer than 75 % once in 1000 tests."""
+    shares = [share for share, _ in coverage(chart_cases.star_case, 8).values()]
+    assert 0.75 < np.mean(shares) <= 1
+
+
+def test_the_star_draws_itself() -> None:
+    star = siemens_star(charts.siemens_star(200, 36, 0.8), 36)
+    star.plot(matplotlib.figure.Figure().subplots())
+    assert len(star.quantities) == 2
+
+
+@pytest.mark.parametrize(
+    ("picture", "cycles", "options", "said"),
+    [
+        (np.ones((200, 200)), 3, {}, "cycles"),
+        (np.ones((30, 30)), 144, {}, "no ring of enough pixels"),
+        (np.ones((200, 200)), 36, {"contrast": 0.0}, "contrast"),
+        (np.ones((200, 200)), 36, {"radius_px": 300.0}, "radius_px"),
+        (-np.ones((200, 200)), 36, {}, "not brighter than black"),
+    ],
+)
+def test_pictures_without_a_star_are_refused(
+    picture: np.ndarray, cycles: Any, options: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(ms.InputError, match=said):
+        siemens_star(picture + charts.siemens_star(len(picture), 36, 0.1), cycles, **options)
