@@ -11,6 +11,7 @@ import charts
 import numpy as np
 
 from mitsuba_sensor.lab.measure.colour_and_geometry.colour_chart import colour_chart
+from mitsuba_sensor.lab.measure.image_quality.dead_leaves import dead_leaves
 from mitsuba_sensor.lab.measure.image_quality.siemens_star import siemens_star
 from mitsuba_sensor.lab.quantity import Quantity
 from mitsuba_sensor.optics import spectra
@@ -63,3 +64,21 @@ def star_case(rng: np.random.Generator) -> Cases:
         true = float(np.exp(-2 * (np.pi * blur_px * frequency) ** 2))
         yield f"MTF({wanted})", modulation.at(frequency), true
     yield "MTF50", modulation.mtf50, float(np.sqrt(np.log(2) / 2) / np.pi / blur_px)
+
+
+def leaves_case(rng: np.random.Generator) -> Cases:
+    """Leaves behind a normal point spread, frames with shot and read noise, by both methods."""
+    chart = charts.dead_leaves(256)[
+        : int(rng.integers(180, 257)), : int(rng.integers(180, 257))
+    ]
+    blur_px = rng.uniform(0.2, 0.8)
+    clean = charts.blurred(chart, blur_px)
+    electrons, read_noise = 10 ** rng.uniform(2.5, 4.5), rng.uniform(0, 0.02)
+    counts = rng.poisson(clean * electrons, (4, *clean.shape)) / electrons
+    frames = counts + rng.normal(0, read_noise, counts.shape)
+    for method in ("cross", "power"):
+        modulation = dead_leaves(frames, chart, method=method).modulation
+        exact = dead_leaves(np.array([clean, clean]), chart, method=method).modulation
+        for frequency in (0.125, 0.25, 0.5):
+            quantity = modulation.at(frequency)
+            yield f"{method}({frequency})", quantity, exact.at(frequency).value

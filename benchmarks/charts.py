@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,3 +81,35 @@ def blurred_star(side: int, cycles: int, contrast: float, blur_px: float) -> Arr
     modulation = contrast * np.exp(-2 * np.square(np.pi * blur_px * frequency))
     waves = np.cos(cycles * np.arctan2(y, x))
     return np.asarray(0.5 + 0.5 * modulation * waves)
+
+
+@cache
+def dead_leaves(side: int, dense: int = 1, seed: int = 1, leaves: int = 4000) -> Array:
+    """Discs that cover each other, of radii r with density r⁻³, between 0.25 and 0.75; (dense·side)² points."""
+    rng = np.random.default_rng(seed)
+    points = side * dense
+    smallest, largest = 1.0 * dense, points / 6
+    shares = rng.random(leaves) * (smallest**-2 - largest**-2)
+    radii = (smallest**-2 - shares) ** -0.5
+    chart = np.full((points, points), 0.5)
+    for radius in radii:
+        x, y = rng.uniform(0, points, 2)
+        rows = np.arange(max(int(y - radius), 0), min(int(y + radius) + 1, points))
+        columns = np.arange(max(int(x - radius), 0), min(int(x + radius) + 1, points))
+        inside = np.hypot(columns + 0.5 - x, rows[:, None] + 0.5 - y) < radius
+        part = chart[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        part[inside] = rng.uniform(0.25, 0.75)
+    return chart
+
+
+def averaged(picture: Array, factor: int) -> Array:
+    """Means over squares of factor × factor points."""
+    rows, columns = picture.shape[0] // factor, picture.shape[1] // factor
+    return np.asarray(picture.reshape(rows, factor, columns, factor).mean(axis=(1, 3)))
+
+
+def blurred(picture: Array, blur_px: float) -> Array:
+    """A picture behind a normal point spread of this σ, around its edges."""
+    squares = [np.square(np.fft.fftfreq(count)) for count in picture.shape]
+    modulation = np.exp(-2 * (np.pi * blur_px) ** 2 * np.add.outer(*squares))
+    return np.asarray(np.fft.ifft2(np.fft.fft2(picture) * modulation).real)

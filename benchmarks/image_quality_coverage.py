@@ -80,6 +80,7 @@ CASES: dict[str, Case] = {
     "step_chart": step_case,
     "colour_chart": chart_cases.colour_case,
     "siemens_star": chart_cases.star_case,
+    "dead_leaves": chart_cases.leaves_case,
 }
 
 

@@ -4,6 +4,7 @@ from .frames.bench import Bench as Bench
 from .frames.bench import read_bench as read_bench
 from .frames.stack import Stack as Stack
 from .measure.colour_and_geometry.colour_chart import colour_chart as colour_chart
+from .measure.image_quality.dead_leaves import dead_leaves as dead_leaves
 from .measure.image_quality.siemens_star import siemens_star as siemens_star
 from .measure.image_quality.slanted_edge import slanted_edge as slanted_edge
 from .measure.image_quality.step_chart import step_chart as step_chart

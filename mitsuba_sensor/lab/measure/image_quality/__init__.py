@@ -3,5 +3,7 @@
 slanted_edge.py measures the modulation transfer at an edge: it finds the edge (edge_line.py), removes uneven light
 (uneven_light.py), fits the edge spread (edge_spread.py) and returns a curve with its error (modulation.py).
 
+siemens_star.py measures the same at a star, dead_leaves.py in a texture.
+
 step_chart.py measures response, speed, noise and dynamic range from patches (patches.py).
 """

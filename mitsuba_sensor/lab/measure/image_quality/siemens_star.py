@@ -207,8 +207,8 @@ def _modulation(
     value = np.sqrt(np.maximum(total - (2 * SECTORS - 1) * noise, 0.0) / SECTORS)
     low, high = _interval(total, noise)
     frequency = cycles / (2 * math.pi * radii * sample_px)
-    curves = np.array([value, np.minimum(low, value), np.maximum(high, value)]) / contrast
-    return Modulation(frequency, *curves, SECTION)
+    low, high = np.minimum(low, value), np.maximum(high, value)
+    return Modulation(frequency, value / contrast, low / contrast, high / contrast, SECTION)
 
 
 def _interval(total: Float64Array, noise: Float64Array) -> tuple[Float64Array, Float64Array]:
