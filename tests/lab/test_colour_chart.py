@@ -57,7 +57,7 @@ def test_a_camera_that_is_an_observer_has_no_colour_difference() -> None:
 
 
 def test_what_no_matrix_removes_is_the_distance() -> None:
-    """More patches than a matrix can bend to, all but one as an observer has them: that one keeps its shift."""
+    """More patches than a matrix can follow, all but one as an observer has them: that one keeps its shift."""
     many = np.concatenate([np.repeat(XYZ, 5, axis=0), XYZ[:1]])
     shifted = many.copy()
     shifted[-1] *= 1.1
