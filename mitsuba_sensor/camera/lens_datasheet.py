@@ -15,6 +15,7 @@ from ..stages.datasheet import (
 )
 from ..stages.usual_range import METRES_TO_MM, PERCENT, Usual
 from .lens_file import read_lens
+from .ray_transfer_file import RayTransferSection
 
 Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
@@ -65,18 +66,21 @@ class SurfaceSection(FileTable):
 
 
 class PrescriptionSection(FileTable):
-    """A lens prescription, surface by surface from the scene to the sensor; both ends are in air."""
+    """A lens prescription, surface by surface from the scene to the sensor, or a ray transfer; both ends are in air."""
 
     name: str = Field(description="name of the lens", examples=["double_gauss"])
     source: str = optional("source of its numbers", "US patent 2,673,491", "")
-    surfaces: Annotated[tuple[SurfaceSection, ...], Field(min_length=2, max_length=99)] = Field(
-        description="from the scene to the sensor",
-        examples=[
-            [
-                {"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True},
-                {"radius_mm": 50, "semi_diameter_mm": 9},
-            ]
+    surfaces: Annotated[tuple[SurfaceSection, ...], Field(max_length=99)] = optional(
+        "from the scene to the sensor, 2 or more",
+        [
+            {"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True},
+            {"radius_mm": 50, "semi_diameter_mm": 9},
         ],
+        (),
+    )
+    ray_transfer: RayTransferSection | None = optional(
+        "what becomes of rays, instead of surfaces; from a …-raytransfer.json of ISET",
+        {"thickness_mm": 75.67, "pass_plane_mm": 17},
     )
 
     @model_validator(mode="before")
@@ -88,6 +92,14 @@ class PrescriptionSection(FileTable):
 
     @model_validator(mode="after")
     def _is_a_lens(self) -> Self:
+        if self.ray_transfer is not None:
+            if self.surfaces:
+                raise ValueError("give either surfaces or ray_transfer, and not both")
+            return self
+        if len(self.surfaces) < 2:
+            raise ValueError(
+                f"surfaces has {len(self.surfaces)} of them; a lens has at least 2"
+            )
         stops = [
             number for number, surface in enumerate(self.surfaces, start=1) if surface.stop
         ]
@@ -174,7 +186,7 @@ class LensSection(FileTable):
         "ideal image heights of distortion_percent, from 0 [mm]", [0.0, 2.0, 4.0]
     )
     prescription: PrescriptionSection | None = optional(
-        "sequential lens: name of a built-in one, path of a .json, .dat, .zmx or .seq file, or its table",
+        "sequential lens: name of a built-in one, path of a .json, .dat, .zmx or .seq file, or a table",
         "double_gauss",
         title="sequential lens, lens prescription",
     )

@@ -6,6 +6,7 @@
 * ``.dat`` with four columns, as PBRT reads them: radius, thickness, index behind, diameter [mm]; a fifth one, the Abbe
   number, may follow. A single number before them (ISET's focal length) is ignored. The stop has radius 0 and air on
   both sides.
+* ``.json`` with ``polynomials``, an ISET ray transfer: see ray_transfer_file.py.
 * ``.zmx`` of Zemax OpticStudio and ``.seq`` of CODE V: see lens_designs.py.
 """
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from ..core.small_files import json_value, require_small
 from .lens_designs import from_seq, from_zmx
+from .ray_transfer_file import from_ray_transfer
 
 BUILT_IN = resources.files(__package__) / "lenses"
 Row = tuple[float, float, float, float, float, float]
@@ -59,11 +61,13 @@ def read_lens(name: str, folder: str) -> dict[str, object]:
 
 
 def from_json(text: str, name: str) -> dict[str, object]:
-    """A prescription from JSON, the package's own or ISET3d's."""
+    """A prescription from JSON, the package's own, ISET3d's or an ISET ray transfer."""
     try:
         data = json_value(text)
     except ValueError as error:  # also of numbers with thousands of digits
         raise ValueError(f"the lens {name!r} is not valid JSON: {error}") from None
+    if isinstance(data, dict) and "polynomials" in data:
+        return from_ray_transfer(data, name)
     if isinstance(data, dict):
         surfaces = data.get("surfaces")
     else:

@@ -1,9 +1,9 @@
-"""Exit-pupil bounds of a sequential lens: the part of its rear that passes light, for each image height.
+"""Exit-pupil bounds of a traced lens: the part of its rear that passes light, for each image height.
 
 Vignetting and the slant of the pupil leave only a few per cent of the rear of a lens unvignetted for the corner of an
-image. A grid of rays is traced from each of many image heights, and an ellipse in the plane of the last vertex is found
-that contains all unvignetted rays; the renderer then samples that ellipse. The lens is rotationally symmetric, so each
-height is traced along one radius, for one half of the plane.
+image. A grid of rays is traced from each of many image heights, and an ellipse in the reference plane of the lens is
+found that contains all unvignetted rays; the renderer then samples that ellipse. The lens is rotationally symmetric, so
+each height is traced along one radius, for one half of the plane.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Float64Array, InputError
-from .ray_trace import D_NM, Ray, Surface, trace
+from .ray_trace import D_NM, Ray
+from .traced_lens import TracedLens
 
 INTERVALS = 32
 """Intervals of the table; the ellipses also contain what passes half-way between its entries."""
 GRID = 64  # rays across the window, in each refinement
 REFINEMENTS = 3
-WINDOW = 1.5  # of the last clear aperture: where a slanting ray that hits it may cross the plane of its vertex
 TINY = 1e-150  # half axis of an empty ellipse; its square is still above 0
 
 
 @dataclass(frozen=True, eq=False)
 class ExitPupilBounds:
-    """An ellipse in the plane of the last vertex for each image height, (INTERVALS + 1,) [mm].
+    """An ellipse in the reference plane of the lens for each image height, (INTERVALS + 1,) [mm].
 
     highest : image height of the last entry; the first is the axis.
     centre : on the line through axis and image point, positive on the side of the point.
@@ -43,7 +43,7 @@ class ExitPupilBounds:
 def ray_to(
     distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array
 ) -> Ray:
-    """The ray from an image point at (height, 0), ``distance`` before the last vertex, to a point in its plane [mm]."""
+    """The ray from an image point at (height, 0), ``distance`` before the reference plane, to a point in it [mm]."""
     dx, dy = np.broadcast_arrays(radial - height, tangential)
     length = np.sqrt(dx * dx + dy * dy + distance * distance)
     return Ray(
@@ -58,17 +58,17 @@ def ray_to(
 
 
 def exit_pupil_bounds(
-    surfaces: tuple[Surface, ...],
+    lens: TracedLens,
     distance: float,
     highest: float,
     wavelengths_nm: tuple[float, ...] = (D_NM,),
 ) -> ExitPupilBounds:
-    """The bounds for a sensor ``distance`` behind the last vertex, up to the image height ``highest`` [mm].
+    """The bounds for a sensor ``distance`` behind the reference plane, up to the image height ``highest`` [mm].
 
     wavelengths_nm : rays that pass at any of them are inside.
     """
     heights = np.linspace(0.0, highest, 2 * INTERVALS + 1)
-    high = np.full(heights.shape, WINDOW * surfaces[0].semi_diameter)
+    high = np.full(heights.shape, lens.reach(distance, highest))
     low, top = -high, high
     for _ in range(REFINEMENTS):
         cell, row = (high - low) / GRID, top / (GRID // 2)
@@ -78,7 +78,7 @@ def exit_pupil_bounds(
             distance, heights[:, None, None], radial[:, :, None], tangential[:, None, :]
         )
         with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-            unvignetted = [trace(surfaces, start, nm).unvignetted for nm in wavelengths_nm]
+            unvignetted = [lens.unvignetted(start, nm) for nm in wavelengths_nm]
             passes = np.logical_or.reduce(unvignetted)
         along, across = passes.any(axis=2), passes.any(axis=1)
         cells_below, cells_above = _cells_to_last(along[:, ::-1]), _cells_to_last(along)

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core import Float64Array
-from .exit_pupil import ray_to
-from .paraxial import cardinal_points, surfaces_at_f_number
-from .ray_trace import surfaces_to_stop, trace
+from .paraxial import cardinal_points
+from .traced_chief_ray import trace_chief_rays
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
 CONVENTION = "OpenCV: x right, y down, z forward; the middle of the upper left pixel is (0, 0)"
 POINTS = 17  # of the table of chief rays, without the axis
-SECANTS = 12  # steps to the middle of the stop; superlinear, six are enough
 
 
 @dataclass(frozen=True)
@@ -110,6 +108,8 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
     fx = fy = 1 / view.tangent_per_pixel  # Mitsuba's own sensors have square pixels
     if view.sequential:
         model, focal_mm = "sequential lens", cardinal_points(camera.lens).focal_length
+        if camera.lens.prescription is not None and camera.lens.prescription.ray_transfer:
+            model = "ray transfer"
         fy = fx * pitch_mm[0] / pitch_mm[1]
     else:
         model = "pinhole"
@@ -163,24 +163,9 @@ def chief_ray_heights(
     Heights whose chief ray is vignetted or misses a surface are left out.
     """
     points = cardinal_points(lens)
-    surfaces, distance = surfaces_at_f_number(lens), points.image_distance(focus_m)
-    rear_group = surfaces_to_stop(surfaces)
     heights = highest_mm * np.arange(1, POINTS + 1) / POINTS
-
-    def miss_stop(radial: Float64Array) -> Float64Array:
-        """Distance from the middle of the stop at which rays through these heights of the last vertex pass it."""
-        return np.asarray(trace(rear_group, ray_to(distance, heights, radial, 0 * heights)).x)
-
-    with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-        # Start at the paraxial exit pupil.
-        before = heights * points.exit_pupil / (points.exit_pupil - distance)
-        radial, miss_before = before + 1e-3, miss_stop(before)
-        for _ in range(SECANTS):
-            miss = miss_stop(radial)
-            secant = miss * (radial - before) / (miss - miss_before)
-            step = np.where(miss == miss_before, 0.0, secant)
-            before, miss_before, radial = radial, miss, radial - step
-        end = trace(surfaces, ray_to(distance, heights, radial, 0 * heights))
+    end = trace_chief_rays(lens, focus_m, heights).end
+    with np.errstate(all="ignore"):
         tangent = slope = end.dx / end.dz
         if not math.isinf(focus_m):
             depth = end.z - (points.length - points.entrance_pupil)

@@ -15,6 +15,7 @@ from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds, ray_to
 from mitsuba_sensor.optics.intrinsics import chief_ray_heights
 from mitsuba_sensor.optics.paraxial import cardinal_points, surfaces_at_f_number
 from mitsuba_sensor.optics.ray_trace import Ray, trace
+from mitsuba_sensor.optics.traced_lens import SequentialSurfaces
 
 
 def lens(**fields: Any) -> LensSection:
@@ -123,7 +124,8 @@ def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(
         surfaces_at_f_number(section),
         cardinal_points(section).image_distance(np.inf),
     )
-    pupil, random = exit_pupil_bounds(surfaces, distance, 22.0), np.random.default_rng(11)
+    pupil = exit_pupil_bounds(SequentialSurfaces(surfaces), distance, 22.0)
+    random = np.random.default_rng(11)
     heights = np.repeat(random.uniform(0, 22.0, 200), 1500)
     nodes = np.linspace(0, pupil.highest, len(pupil.centre))
     centre, a, b = (

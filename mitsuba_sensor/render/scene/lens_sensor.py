@@ -2,11 +2,13 @@
 
 The scene's sensor keeps film, sampler, pose and parameters; a change through ``mi.traverse`` of either of the two
 sensors changes both. A measured distortion displaces the rays of the scene's own pinhole or thin lens (distorted
-projection); a prescription traces its own, from each point of the sensor through all surfaces into the scene.
+projection); a prescription traces its own, from each point of the sensor through all surfaces, or by a ray transfer,
+into the scene.
 
-A pixel's irradiance is E = ∫ L·cos θ dω over the rear of the lens, with dω = cos³θ dA/Z² for the plane of the last
-vertex at the distance Z. A ray through a point sampled uniformly from the ellipse of area A that light can pass has the
-weight A·cos⁴θ/Z², or 0 if it is vignetted. So the rays carry E/L, and the f-number law must not be applied again.
+A pixel's irradiance is E = ∫ L·cos θ dω over the rear of the lens, with dω = cos³θ dA/Z² for the reference plane of the
+lens at the distance Z (traced_lens.py). A ray through a point sampled uniformly from the ellipse of area A that light
+can pass has the weight A·cos⁴θ/Z², or 0 if it is vignetted. So the rays carry E/L, and the f-number law must not be
+applied again.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ from ...optics.distortion import Distortion, distortion_of
 from ...optics.exit_pupil import exit_pupil_bounds
 from ...optics.f_number_law import numerical_aperture
 from ...optics.intrinsics import View, image_distance_m
-from ...optics.paraxial import cardinal_points, surfaces_at_f_number
-from ...optics.ray_trace import D_NM, Ray, stopped_down, trace
+from ...optics.paraxial import cardinal_points
+from ...optics.ray_trace import D_NM, Ray
+from ...optics.traced_lens import traced_lens
 from ..variants import MitsubaObject, mitsuba
 
 TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection
@@ -204,7 +207,7 @@ class SequentialLens:
     def __init__(self, camera: Camera, view: View, unit_m: float) -> None:
         lens, mi, dr = camera.lens, mitsuba(), drjit()
         points, focus_m = cardinal_points(lens), lens.focus_m or view.focus_m
-        surfaces, distance = surfaces_at_f_number(lens), points.image_distance(focus_m)
+        traced, distance = traced_lens(lens), points.image_distance(focus_m)
         self._pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
         self.view = replace(
             view,
@@ -221,17 +224,19 @@ class SequentialLens:
             max(a, n - a) * p
             for a, n, p in zip(view.axis, view.size, self._pitch_mm, strict=True)
         ]
-        bounds = exit_pupil_bounds(surfaces, distance, math.hypot(*reach), wavelengths_nm)
+        bounds = exit_pupil_bounds(traced, distance, math.hypot(*reach), wavelengths_nm)
         last, lit = len(bounds.radial) - 1, np.flatnonzero(bounds.radial)
         self._highest_mm = (
             bounds.highest
         )  # image height of the film's farthest corner; and the largest one with light
         self._lit_mm = min(int(lit[-1]) + 1, last) / last * bounds.highest
         self._dispersion = lens.dispersion
-        self._entrance_pupil_mm = points.length - points.entrance_pupil  # from the last vertex
+        self._entrance_pupil_mm = (
+            points.length - points.entrance_pupil
+        )  # from the reference plane
         self._units_per_mm = 1e-3 / unit_m
         # Focus and f-number are data of the compiled kernel, so that it serves all of them; the glass is part of it.
-        self._surfaces = stopped_down(surfaces, dr.opaque(mi.Float, points.stop_radius))
+        self._traced = traced.with_stop(dr.opaque(mi.Float, points.stop_radius))
         self._distance = dr.opaque(mi.Float, distance)
         table = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(
             np.float32
@@ -270,7 +275,7 @@ class SequentialLens:
         if self._dispersion:  # only the first wavelength is traced, and represents the others
             first = mi.UnpolarizedSpectrum(len(lengths), *[0.0] * (len(lengths) - 1))
             weight = mi.Spectrum(mi.unpolarized_spectrum(weight) * first)
-        end = trace(self._surfaces, start, lengths[0] if self._dispersion else D_NM)
+        end = self._traced.trace(start, lengths[0] if self._dispersion else D_NM)
         to_world, unvignetted = sensor.world_transform(), mi.Mask(end.unvignetted & active)
         unvignetted &= self._in_half(start)
         mm = self._units_per_mm
@@ -316,7 +321,7 @@ class SequentialLens:
         return centre, radial, tangential
 
     def _start(self, position: Array, aperture: Array) -> tuple[Ray, Array]:
-        """A ray from the film to the plane of the last vertex, and the projected solid angle it represents [sr]."""
+        """A ray from the film to the reference plane of the lens, and the projected solid angle it represents [sr]."""
         dr, (axis_x, axis_y), (pitch_x, pitch_y) = drjit(), self.view.axis, self._pitch_mm
         x, y, z = (
             (position.x - axis_x) * pitch_x,

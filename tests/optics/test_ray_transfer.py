@@ -1,0 +1,288 @@
+"""Ray transfers of lenses that are known, in ISET's format: an ideal thin lens, and the double Gauss."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.ray_transfer import fitted_lens, thin_lens, written
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.camera.lens_datasheet import LensSection
+from mitsuba_sensor.optics.exit_pupil import ray_to
+from mitsuba_sensor.optics.intrinsics import chief_ray_heights
+from mitsuba_sensor.optics.paraxial import cardinal_points
+from mitsuba_sensor.optics.ray_trace import Ray
+from mitsuba_sensor.optics.traced_lens import TracedLens, traced_lens
+
+FOCAL_MM, RADIUS_MM, OPEN = 50.0, 5.0, 5.03
+
+
+def lens_of(prescription: object, f_number: float = OPEN, **more: Any) -> LensSection:
+    fields = {"prescription": prescription, "f_number": f_number, **more}
+    camera = ms.load_camera("konnik_table1")
+    return camera.replace(**{f"lens.{name}": value for name, value in fields.items()}).lens
+
+
+@pytest.fixture(scope="module")
+def thin() -> dict[str, Any]:
+    """The file of a thin lens of 50 mm."""
+    data, residuals = thin_lens(FOCAL_MM, RADIUS_MM)
+    assert (residuals[:2] < 1e-4).all() and (residuals[2:] < 1e-5).all()  # mm; cosines
+    return data
+
+
+@pytest.fixture
+def thin_file(thin: dict[str, Any], tmp_path: Path) -> str:
+    return written(tmp_path, thin)
+
+
+def test_the_cardinal_points_are_those_of_the_thin_lens(thin_file: str) -> None:
+    points = cardinal_points(lens_of(thin_file))
+    assert points.focal_length == pytest.approx(FOCAL_MM, rel=1e-4)
+    assert points.back_focus == pytest.approx(FOCAL_MM, rel=1e-4)
+    assert points.front_focus == pytest.approx(-FOCAL_MM, rel=1e-4)
+    assert points.exit_pupil == pytest.approx(0, abs=1e-3)
+    assert points.entrance_pupil == pytest.approx(0, abs=1e-3)
+    assert points.image_distance(1.0) == pytest.approx(FOCAL_MM / 0.95, rel=1e-4)
+
+
+def test_all_rays_of_an_image_point_meet_in_its_object_point(thin_file: str) -> None:
+    """Of a film in focus at 1 m: within 0.01 mm of the point −h·1 m/b, for every direction of the height."""
+    lens = lens_of(thin_file)
+    distance = cardinal_points(lens).image_distance(1.0)
+    across, along = np.meshgrid(np.linspace(-3, 3, 7), np.linspace(-3, 3, 7))
+    for height in (0.0, 4.0, 12.0):
+        for degrees in (0, 40, 90, 200):
+            start = turned(ray_to(distance, np.array(height), along, across), degrees)
+            end = traced_lens(lens).trace(start)
+            away = (1000 - end.z) / end.dz
+            x, y = end.x + away * end.dx, end.y + away * end.dy
+            assert end.unvignetted.all()
+            far = -height * 1000 / distance
+            np.testing.assert_allclose(x, far * math.cos(math.radians(degrees)), atol=0.01)
+            np.testing.assert_allclose(y, far * math.sin(math.radians(degrees)), atol=0.01)
+
+
+def turned(ray: Ray, degrees: float) -> Ray:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return ray._replace(
+        x=c * ray.x - s * ray.y,
+        y=s * ray.x + c * ray.y,
+        dx=c * ray.dx - s * ray.dy,
+        dy=s * ray.dx + c * ray.dy,
+    )
+
+
+def test_stopped_down_and_scaled_the_pupil_is_as_the_f_number_says(thin_file: str) -> None:
+    """sin u = 1/(2N) on the axis: rays within pass and rays beyond do not."""
+    for f_number, focal_mm in (
+        (OPEN, 50.0),
+        (5.6, 50.0),
+        (8.0, 50.0),
+        (8.0, 25.0),
+        (22.0, 75.0),
+    ):
+        lens = lens_of(thin_file, f_number, focal_length_mm=focal_mm)
+        points = cardinal_points(lens)
+        assert points.focal_length == pytest.approx(focal_mm, rel=1e-4)
+        edge = points.back_focus * math.tan(math.asin(1 / (2 * f_number)))
+        heights = np.array([0.99, 1.01]) * edge
+        start = ray_to(points.back_focus, np.array(0.0), heights, 0 * heights)
+        assert traced_lens(lens).unvignetted(start).tolist() == [True, False]
+
+
+def test_a_lens_is_opened_as_far_as_its_pass_function(thin_file: str) -> None:
+    """N = 1/(2 sin u), tan u = R/f: 5.0249 in steps of 0.01."""
+    with pytest.raises(ms.InputError, match=r"opens to f/5\.03 at most"):
+        cardinal_points(lens_of(thin_file, 2.8))
+
+
+def test_the_image_of_the_thin_lens_has_no_distortion(thin_file: str) -> None:
+    ideal, real = chief_ray_heights(lens_of(thin_file), 2.0, 10.0)
+    np.testing.assert_allclose(ideal, real, rtol=2e-5)
+
+
+@pytest.fixture(scope="module")
+def gauss() -> tuple[LensSection, dict[str, Any]]:
+    """The double Gauss at f/4, and a file of the degree 7 that was fitted to its rays."""
+    lens = lens_of("double_gauss", 4.0)
+    points = cardinal_points(lens)
+    pupil_mm = points.entrance_radius / points.focal_length
+    pupil_mm *= points.back_focus - points.exit_pupil
+    data, residuals = fitted_lens(traced_lens(lens), (9.0, pupil_mm, -points.exit_pupil), 7)
+    assert (residuals[:2] < 0.005).all() and (residuals[2:] < 3e-5).all()  # mm; cosines
+    return lens, data
+
+
+def test_a_fitted_double_gauss_is_the_double_gauss(
+    gauss: tuple[LensSection, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Focal length within 1e-4, pupils 1 mm, image heights 2 µm, directions of the rays of a corner 3e-5."""
+    lens, data = gauss
+    fitted = lens_of(written(tmp_path, data), 4.03)
+    ours, theirs = cardinal_points(fitted), cardinal_points(lens)
+    before = theirs.exit_pupil  # its pass plane is there
+    assert ours.focal_length == pytest.approx(theirs.focal_length, rel=1e-4)
+    assert ours.back_focus == pytest.approx(theirs.back_focus - before, abs=0.02)
+    assert ours.exit_pupil == pytest.approx(0, abs=1.0)
+    own_length = theirs.length + before  # from the pass plane to the first vertex
+    entrance = ours.length - ours.entrance_pupil
+    assert entrance == pytest.approx(own_length - theirs.entrance_pupil, abs=1.0)
+    (ideal, real), (expected, same) = (
+        chief_ray_heights(section, 2.0, 11.0) for section in (fitted, lens)
+    )
+    np.testing.assert_allclose(ideal, expected, atol=2e-3)
+    np.testing.assert_allclose(real, same)
+    _same_rays(traced_lens(fitted), traced_lens(lens), theirs.back_focus, before)
+
+
+def _same_rays(ours: TracedLens, theirs: TracedLens, focus: float, before: float) -> None:
+    points = np.linspace(-3, 3, 13)
+    start = ray_to(focus - before, np.array(9.0), points, points)
+    end = ours.trace(start)
+    other = theirs.trace(start._replace(z=start.z - before))
+    np.testing.assert_allclose([end.dx, end.dy], [other.dx, other.dy], atol=3e-5)
+
+
+def test_dr_jit_and_numpy_trace_the_same_rays(thin_file: str) -> None:
+    """In float32 from the film, with the polynomials in float64: within 1e-5."""
+    dr_type = pytest.importorskip("drjit.llvm")
+    lens = traced_lens(lens_of(thin_file, 8.0))
+    points = np.linspace(-3, 3, 13)
+    start = ray_to(50.0, np.array(6.0), points, 0.7 * points)
+    single = Ray(
+        *(dr_type.Float(np.float32(v) + 0 * points) for v in start[:6]), dr_type.Bool(True)
+    )
+    for ours, theirs in zip(lens.trace(single), lens.trace(start), strict=True):
+        np.testing.assert_allclose(np.array(ours), theirs, atol=1e-5)
+
+
+def test_the_direction_may_have_its_own_dz(thin: dict[str, Any], tmp_path: Path) -> None:
+    """dz of a wide angle, which can be negative: the vector is normalised."""
+    data = {**thin, "useDZpolynomial": True}
+    wavelength = data["polynomials"][0]
+    backwards = {
+        "outputname": "outdz",
+        "coeff": [-0.5],
+        "termr": [0],
+        "termdx": [0],
+        "termdy": [0],
+    }
+    data["polynomials"] = [{**wavelength, "poly": [*wavelength["poly"], backwards]}]
+    lens = lens_of(written(tmp_path, data))
+    end = traced_lens(lens).trace(ray_to(50.0, np.array(0.0), np.array([0.0]), np.array([0.0])))
+    assert end.dz[0] == pytest.approx(-1.0)
+
+
+def test_ellipses_are_linear_between_their_heights(
+    thin: dict[str, Any], tmp_path: Path
+) -> None:
+    """Half-way between two: the mean of their centres and axes; beyond the last nothing passes."""
+    wavelength = thin["polynomials"][0]
+    ellipses = {
+        "method": "minimalellipse",
+        "positions": [0, 1, 3],
+        "centersX": [0.01, 0, 0],
+        "centersY": [0, 0.5, 2.5],
+        "radiiX": [5, 5, 3],
+        "radiiY": [5, 5, 1],
+        "intersectPlaneDistance": 10,
+    }
+    data = {**thin, "polynomials": [{**wavelength, "raypass": ellipses}]}
+    lens = replace(traced_lens(lens_of(written(tmp_path, data), 9.0)), stop_radius=1e9)
+    edges = [(0, 1.5 + s * 3.0 * 0.999) for s in (-1, 1)] + [(4.0 * 0.999, 1.5)]
+    beyond = [(0, 1.5 + s * 3.0 * 1.001) for s in (-1, 1)] + [(4.0 * 1.001, 1.5)]
+    for places, passes in ((edges, True), (beyond, False)):
+        for x, y in places:
+            start = Ray(0.0, 2.0, -10.0, x, y - 2.0, 10.0, np.array(True))
+            size = math.sqrt(x * x + (y - 2.0) ** 2 + 100)
+            unit = start._replace(dx=x / size, dy=(y - 2.0) / size, dz=10 / size)
+            assert bool(lens.unvignetted(unit)) == passes
+    outside = Ray(0.0, 3.01, -10.0, 0.0, 0.0, 1.0, np.array(True))
+    assert not lens.unvignetted(outside)
+
+
+def two_wavelengths(data: dict[str, Any]) -> None:
+    data["polynomials"] = [data["polynomials"][0]] * 2
+
+
+def another_pass_function(data: dict[str, Any]) -> None:
+    data["polynomials"][0]["raypass"]["method"] = "convexhull"
+
+
+def no_outy(data: dict[str, Any]) -> None:
+    del data["polynomials"][0]["poly"][1]
+
+
+def old_format(data: dict[str, Any]) -> None:
+    del data["planeoffsetinput"]
+
+
+def uneven_terms(data: dict[str, Any]) -> None:
+    data["polynomials"][0]["poly"][0]["termr"].append(3)
+
+
+def fewer_radii(data: dict[str, Any]) -> None:
+    data["polynomials"][0]["raypass"]["radii"].append(3.0)
+
+
+def no_distance(data: dict[str, Any]) -> None:
+    data["polynomials"][0]["raypass"]["intersectPlaneDistance"] = 0
+
+
+def negative_power(data: dict[str, Any]) -> None:
+    data["polynomials"][0]["poly"][0]["termr"][0] = -1
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (two_wavelengths, "must have polynomials of one wavelength"),
+        (
+            another_pass_function,
+            "the pass function is 'convexhull'; it must be 'minimalellipse'",
+        ),
+        (no_outy, "polynomials has x, dx, dy; it needs one of each of x, y, dx, dy"),
+        (old_format, "is not what ISET writes; it must have thickness, planeoffsetinput"),
+        (uneven_terms, "termr, termdx and termdy of 'outx' have different lengths"),
+        (fewer_radii, "lists of the pass function have different lengths"),
+        (no_distance, "pass_plane_mm"),
+        (negative_power, "powers_r"),
+    ],
+)
+def test_a_file_that_cannot_be_honoured_is_refused(
+    thin: dict[str, Any], tmp_path: Path, spoil: Callable[[dict[str, Any]], None], sentence: str
+) -> None:
+    data = copy.deepcopy(thin)
+    spoil(data)
+    with pytest.raises(ms.InputError, match=sentence) as caught:
+        lens_of(written(tmp_path, data))
+    assert "\n" not in str(caught.value)
+
+
+def test_polynomials_that_are_no_lens_are_refused(thin: dict[str, Any], tmp_path: Path) -> None:
+    data = copy.deepcopy(thin)
+    y = data["polynomials"][0]["poly"][1]
+    y["coeff"] = [1.2 * c for c in y["coeff"]]
+    with pytest.raises(ms.InputError, match=r"have the determinant 1\.2, and those of a lens"):
+        cardinal_points(lens_of(written(tmp_path, data)))
+
+
+def test_dispersion_needs_surfaces(thin_file: str) -> None:
+    with pytest.raises(ms.InputError, match="dispersion needs glasses"):
+        lens_of(thin_file, dispersion=True)
+
+
+def test_a_camera_file_keeps_the_ray_transfer(thin_file: str, tmp_path: Path) -> None:
+    camera = ms.load_camera("konnik_table1").replace(
+        **{"lens.prescription": thin_file, "lens.f_number": 8.0}
+    )
+    (tmp_path / "own.toml").write_text(camera.to_toml(), encoding="utf-8")
+    assert ms.load_camera(tmp_path / "own.toml").lens == camera.lens
