@@ -1,8 +1,9 @@
 """Chief rays on the sensor: their angle by image height, and what a pixel makes of light from there.
 
-The chief ray comes from the middle of the exit pupil. A thin lens has it at the distance f·(P + |m|) before the sensor,
-P the pupil magnification and m the magnification; a prescription has the paraxial one. The microlenses are made for the
-angle ``pixel.microlens_cra_deg`` at each image height; the response follows from the difference of both.
+The chief ray of a thin lens comes from the middle of its exit pupil, at the distance f·(P + |m|) before the sensor, P
+the pupil magnification and m the magnification; that of a prescription is traced from the middle of its stop. The
+microlenses are made for the angle ``pixel.microlens_cra_deg`` at each image height; the response follows from the
+difference of both.
 """
 
 from __future__ import annotations
@@ -14,23 +15,33 @@ import numpy as np
 from ..core import Float64Array, InputError
 from .intrinsics import View, image_distance_m, magnification
 from .paraxial import cardinal_points
+from .traced_chief_ray import trace_chief_rays
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
-
-def exit_pupil_distance_mm(view: View, camera: Camera) -> float:
-    """From the exit pupil to the sensor [mm]; negative where it lies behind the sensor."""
-    if view.sequential:
-        points = cardinal_points(camera.lens)
-        return points.image_distance(view.focus_m) - points.exit_pupil
-    m, pupils = magnification(view, camera), camera.lens.pupil_magnification
-    return image_distance_m(view, camera) * 1e3 * (pupils + m) / (1 + m)
+TRACED = 129  # chief rays from the axis to the corner
 
 
 def chief_ray_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
     """Angle of the chief ray to the axis at image heights [°]; negative from an exit pupil behind the sensor."""
-    return np.degrees(np.arctan(heights_mm / exit_pupil_distance_mm(view, camera)))
+    if view.sequential:
+        return _traced_deg(view, camera, heights_mm)
+    m, pupils = magnification(view, camera), camera.lens.pupil_magnification
+    exit_pupil_mm = image_distance_m(view, camera) * 1e3 * (pupils + m) / (1 + m)
+    return np.degrees(np.arctan(heights_mm / exit_pupil_mm))
+
+
+def _traced_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
+    """That of chief rays through the middle of the stop, linear between traced ones; where none gets through, that of
+    the paraxial exit pupil."""
+    table_mm = np.linspace(0.0, float(np.max(heights_mm, initial=0.0)), TRACED)
+    start = trace_chief_rays(camera.lens, view.focus_m, table_mm).start
+    points = cardinal_points(camera.lens)
+    paraxial = table_mm / (points.image_distance(view.focus_m) - points.exit_pupil)
+    with np.errstate(invalid="ignore"):
+        slopes = np.where(np.isfinite(start.dx), -start.dx / start.dz, paraxial)
+    return np.interp(heights_mm, table_mm, np.degrees(np.arctan(slopes)))
 
 
 def microlens_deg(camera: Camera, heights_mm: Float64Array) -> Float64Array:
