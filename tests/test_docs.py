@@ -327,6 +327,21 @@ def test_the_scene_of_the_plugin_page_is_one(tmp_path: Path) -> None:
     )
 
 
+def test_the_page_has_what_was_measured_of_isets_ray_transfers() -> None:
+    page = PAGES["rendering"]
+    measured = json.loads(
+        (ROOT / "tests" / "data" / "iset_ray_transfers.json").read_text("utf-8")
+    )
+    for row in measured["rows"]:
+        lengths = f"{row['focal_length_mm']:.4g} ({row['of_surfaces_mm']:.4g})"
+        pupils = f"{row['exit_pupil_mm']:.3g} ({row['exit_pupil_of_surfaces_mm']:.3g})"
+        error = f"{row['relative_illumination_error']:.2g}"
+        assert (
+            f"| {row['file']} | {lengths} | {row['f_number']:.3g} | {pupils} | {error} |"
+            in page
+        )
+
+
 def test_every_example_is_in_the_gallery_with_a_picture() -> None:
     sections = PAGES["gallery"].split("\n## ")[1:]
     examples = [re.findall(r"\]\(\.\./examples/([\w.]+)\)", one) for one in sections]

@@ -6,15 +6,17 @@ Goossens et al. 2022, arXiv 2202.08880; github ISET/isetrtf, doc/json. See optic
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
 from ..stages.datasheet import FileTable, NotNegative, Positive, optional
 
 Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
+Offset = Annotated[float, Field(ge=-1e6, le=1e6, strict=True)]
 Power = Annotated[int, Field(ge=0, le=30, strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
+Json: TypeAlias = dict[str, Any]
 Output = Literal["x", "y", "z", "dx", "dy", "dz"]
 MOST_TERMS = 5456  # of three variables up to the power 30
 NEEDED = ("x", "y", "dx", "dy")
@@ -57,10 +59,10 @@ class RayTransferSection(FileTable):
     thickness_mm: NotNegative = Field(
         description="from the first to the last vertex [mm]", examples=[75.67]
     )
-    input_plane_mm: Number = optional(
+    input_plane_mm: Offset = optional(
         "from the last vertex to the plane where rays enter, towards the sensor [mm]", 0, 0.0
     )
-    output_plane_mm: Number = optional(
+    output_plane_mm: Offset = optional(
         "from the first vertex to the plane where rays leave, towards the scene [mm]", 0, 0.0
     )
     uses_outdz: Flag = optional(
@@ -131,7 +133,7 @@ class RayTransferSection(FileTable):
         return self
 
 
-def from_ray_transfer(data: dict[str, Any], name: str) -> dict[str, Any]:
+def from_ray_transfer(data: Json, name: str) -> Json:
     """A prescription with the ray transfer of ISET's JSON.  Raises ValueError for what is not in the format."""
     where = f"the ray transfer {name!r}"
     wavelengths = data["polynomials"]
@@ -152,7 +154,7 @@ def from_ray_transfer(data: dict[str, Any], name: str) -> dict[str, Any]:
         ) from None
 
 
-def _section(data: dict[str, Any], wavelength: dict[str, Any]) -> dict[str, Any]:
+def _section(data: Json, wavelength: Json) -> Json:
     """Fields of the camera file.  Raises KeyError, TypeError or AttributeError for another format."""
     passes = wavelength.get("raypass") or wavelength["passnopass"]
     return {
@@ -167,7 +169,7 @@ def _section(data: dict[str, Any], wavelength: dict[str, Any]) -> dict[str, Any]
     }
 
 
-def _pass_function(passes: dict[str, Any]) -> dict[str, Any]:
+def _pass_function(passes: Json) -> Json:
     """Raises ValueError for a pass function of another kind.
 
     centersX is left out: it is 0 in a lens of rotational symmetry.
@@ -182,7 +184,7 @@ def _pass_function(passes: dict[str, Any]) -> dict[str, Any]:
     )
 
 
-def _polynomial(polynomial: dict[str, Any]) -> dict[str, Any]:
+def _polynomial(polynomial: Json) -> Json:
     """Terms whose coefficient is 0 are left out.  Raises ValueError for lists of different lengths."""
     columns = [_list(polynomial[n]) for n in ("coeff", "termr", "termdx", "termdy")]
     if len({len(column) for column in columns}) != 1:

@@ -36,12 +36,12 @@ def camera(**lens: Any) -> ms.Camera:
     return ms.load_camera("konnik_table1").replace(**pixel, **fields)
 
 
-def rendered(tmp_path: Path, cam: ms.Camera, sensor: str) -> np.ndarray:
+def rendered(tmp_path: Path, cam: ms.Camera, sensor: str, ball: str = NEAR_BALL) -> np.ndarray:
     """E/L of 20 × 14 pixels of 1 mm, (rows, columns)."""
     use(choose_variant(skip_unless_usable("llvm_ad_spectral")))
     film = '<film type="hdrfilm"><integer name="width" value="20"/>'
     film += '<integer name="height" value="14"/>{film}</film>'
-    text = scene_text(SKY, NEAR_BALL, sensor=sensor.replace("</sensor>", f"{film}</sensor>"))
+    text = scene_text(SKY, ball, sensor=sensor.replace("</sensor>", f"{film}</sensor>"))
     scene = load_scene(write_scene(tmp_path, text), box_bands(cam, BAND), {}, cam)
     light = scene.render(1, SAMPLES, (0, scene.view.crop_size[1]))[..., 0] / (RADIANCE * 10)
     return light * solid_angle_sr(scene.view, cam)
@@ -56,6 +56,17 @@ def thinlens(focal_mm: float, f_number: float, focus_m: float) -> str:
         f'<sensor type="thinlens"><float name="fov" value="{fov}"/><float name="focus_distance" value="{focus_m}"/>'
         f'<float name="aperture_radius" value="{radius_m}"/></sensor>'
     )
+
+
+def test_the_light_of_a_thin_lens_is_that_of_its_f_number(tmp_path: Path) -> None:
+    """π·sin²u of f/8 on the axis and cos⁴ of it 8 mm beside: within 0.2 %, where no ray of the ellipse is lost."""
+    data, _ = thin_lens(50.0, 5.0, degree=5)
+    cam = camera(f_number=8.0, prescription=written(tmp_path, data))
+    row = rendered(tmp_path, cam, '<sensor type="perspective"></sensor>', ball="")[7]
+    tangents = (np.arange(20) - 9.5) / 50.0
+    expected = math.pi / (4 * 8.0**2) * (1 + tangents**2 + (0.5 / 50) ** 2) ** -2
+    np.testing.assert_allclose(row, expected, rtol=0.02)
+    assert row.mean() == pytest.approx(expected.mean(), rel=2e-3)
 
 
 @pytest.mark.exhaustive

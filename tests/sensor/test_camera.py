@@ -72,6 +72,15 @@ PINHOLE = {
     "surfaces": [{"semi_diameter_mm": 1, "stop": True}, {"semi_diameter_mm": 1}],
 }
 
+ALONG = {"coefficients": [1.0], "powers_r": [0], "powers_dx": [0], "powers_dy": [1]}
+RAY_TRANSFER = {
+    "thickness_mm": 1,
+    "pass_plane_mm": 1,
+    "pass_circle_radii_mm": [1],
+    "pass_circle_sensitivities": [0],
+    "polynomials": [{"output": name, **ALONG} for name in ("x", "y", "dx", "dy")],
+}
+
 
 def toml(data: dict[str, Any]) -> str:
     """A camera file; only what the tests below need of TOML."""
@@ -100,6 +109,9 @@ def with_field(dotted: str, new: Any) -> dict[str, Any]:
     *path, last = dotted.split(".")
     if path[:2] == ["lens", "prescription"]:
         data["lens"]["prescription"] = copy.deepcopy(PINHOLE)
+    if path[2:] == ["ray_transfer"]:
+        lens = {"name": "linear", "ray_transfer": copy.deepcopy(RAY_TRANSFER)}
+        data["lens"]["prescription"] = lens
     table = data
     for part in path:
         table = table.setdefault(part, {})
@@ -235,6 +247,7 @@ NOT_ALONE = (
     "readout.ve_k1",
     "lens.focal_length_mm",
     "lens.focus_m",
+    "lens.prescription",
 )
 
 

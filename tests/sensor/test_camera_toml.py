@@ -246,5 +246,5 @@ def test_an_alternative_beside_the_other_says_how_to_unset_it() -> None:
 
 
 def test_a_field_of_a_lens_that_is_not_there_says_what_is_missing() -> None:
-    with pytest.raises(ms.InputError, match=r"lens\.prescription\.surfaces is missing"):
+    with pytest.raises(ms.InputError, match=r"lens\.prescription: surfaces has 0 of them"):
         TABLE1.replace(**{"lens.prescription.name": "mine"})
