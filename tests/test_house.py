@@ -98,7 +98,7 @@ READERS = (
     "files/",
     "output/",
     "camera/camera_file.py",
-    "stages/qe_file.py",
+    "stages/csv_file.py",
     "camera/lens_file.py",
     "core/llvm.py",
     "core/versions.py",

@@ -35,7 +35,7 @@ WINDOW = 256
 """Rows and columns of the part in which the variances of all flat fields are compared."""
 
 BELOW_END = 0.9
-"""Of the largest signal, up to which variances are compared."""
+"""Of the largest signal, up to which frames are compared."""
 
 LAGS = 3
 Report = Callable[[int, int, str], None]
@@ -62,7 +62,8 @@ def twin_study(
     ``lab.twin.held_out``, both of the twin's base gain setting.  about : for the data.
     """
     simulated = Simulated(twin, camera, twin.maps)
-    held_out = chosen_stacks(benches[1])
+    lit = tuple(flat for flat in benches[1].flats if is_below_end(flat, twin))
+    held_out = chosen_stacks(replace(benches[1], flats=lit))
     compared = []
     for number, real in enumerate(held_out):
         if report is not None:
@@ -97,6 +98,22 @@ def twin_study(
         **data,
         **about,
     )
+
+
+def readouts_study(studies: Mapping[str, Study], camera: ms.Camera, **about: object) -> Study:
+    """The studies of the twin of each read-out as one.
+
+    camera : of all of them.  about : for the data.
+    """
+    sections = []
+    for name, study in studies.items():
+        findings = tuple(f"{name}: {finding}" for finding in study.findings)
+        parts = tuple(replace(part, title=f"{name}: {part.title}") for part in study.parts)
+        failed = tuple(f"{name}: {one}" for one in study.failed)
+        sections.append(Section(findings, study.passed, parts, failed=failed))
+    data = {name: study.data for name, study in studies.items()}
+    title = f"Twin of a camera with several read-outs: {camera.name}"
+    return study_of("twin", title, sections, camera=camera.name, readouts=data, **about)
 
 
 def chosen_stacks(held_out: Bench) -> list[Stack]:
@@ -156,9 +173,8 @@ def variance_residuals(
     )
     for number, flat in enumerate(flats):
         real = flat.window(rows, columns)
-        level_dn = float(real.mean.mean()) - base.dark.black.quantity.value
-        if len(flat) < 2 or level_dn > BELOW_END * base.brightest.end.quantity.value:
-            continue  # the light of a level that is full does not show
+        if len(flat) < 2 or not is_below_end(real, twin):
+            continue
         measured = temporal(alike_pixels(real))
         expected = temporal(alike_pixels(part.like(real, 100 + number)))
         error = math.hypot(measured.variance_error, expected.variance_error)
@@ -169,6 +185,12 @@ def variance_residuals(
             "twin_dn2": twin_dn2,
             "z": (twin_dn2 - real_dn2) / error if error else 0.0,
         }
+
+
+def is_below_end(flat: Stack, twin: Twin) -> bool:
+    """Whether a flat field is below saturation; the light of one that is full does not show."""
+    level_dn = float(flat.mean.mean()) - twin.base.dark.black.quantity.value
+    return level_dn <= BELOW_END * twin.base.brightest.end.quantity.value
 
 
 def middle_part(size: int, step: int) -> slice:

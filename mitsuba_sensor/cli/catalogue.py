@@ -137,17 +137,20 @@ def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) ->
 
     Exit code: 0 if there are at most warnings, 2 if the file cannot be used.
     """
-    from ..optics.image_record import airy_record, airy_sentence
+    from ..optics import image_record
 
-    found, airy = ms.check_camera(name), None
+    found, airy, pixel_mtf = ms.check_camera(name), None, None
     lines = [*map(str, found)]
     errors = sum(one.level == "error" for one in found)
     if not errors:
         camera = ms.load_camera(name)
-        airy = airy_record(camera)
-        lines.append(f"{name}: {airy_sentence(camera)}")
+        airy = image_record.airy_record(camera)
+        pixel_mtf = image_record.pixel_mtf_record(camera)
+        lines.append(f"{name}: {image_record.airy_sentence(camera)}")
+        lines.append(f"{name}: {image_record.pixel_mtf_sentence(camera)}")
     lines.append(_verdict(name, found))
-    checked = {"findings": [one.to_dict() for one in found], "airy_disk": airy}
+    findings = [one.to_dict() for one in found]
+    checked = {"findings": findings, "airy_disk": airy, "pixel_mtf": pixel_mtf}
     show(checked if as_json else "\n".join(lines), as_json)
     if errors:
         raise typer.Exit(2)

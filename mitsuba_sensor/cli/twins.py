@@ -2,8 +2,9 @@
 
 import shlex
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 import typer
 
@@ -18,7 +19,12 @@ from .progress import steps_bar
 from .values import Flag
 
 if TYPE_CHECKING:
+    from ..bench.twin_page import Report
     from ..camera.camera import Camera
+    from ..core import Float64Array
+    from ..files.texts import Facts
+    from ..lab.frames.bench import Bench
+    from ..pages.page import Study
 
 PANEL = "Laboratory"
 NEXT = "expose as this camera: mitsuba-sensor render SCENE -o out/ --camera {}"
@@ -71,55 +77,112 @@ def fit(
 
     Writes FILE.toml, a camera file with the source of every number; FILE.npz, its measured maps, for
     `render --fpn-maps`; and FILE.html, the figures with 95 % intervals and how far the twin is from frames that the
-    fit did not see. Of several gain settings the maps of each are in FILE.NAME.npz.
+    fit did not see. Of several gain settings the maps of each are in FILE.NAME.npz. Frames that this program combined
+    from several read-outs (readouts.tiff beside them) are fitted by read-out.
     """
-    from ..bench.twin_page import twin_study
-    from ..core.versions import machine, versions
     from ..files import npz, texts
     from ..files.appearing import output_folder
-    from ..lab.frames.bench import read_bench
-    from ..lab.twin import fit as fitted
-    from ..lab.twin.fit import held_out
-    from ..lab.twin.maps import maps_of
+    from ..lab.frames.bench import readouts_of_bench
     from ..pages.html_page import html
     from .remarks import written
     from .study_sheet import study_sheet
 
     asked = complete(FitFlags, part_of(FitFlags, flags))
     path = _target(out_file, asked["force"])
-    if asked["like"]:
-        like = ms.load_camera(asked["like"])
-    else:
-        like = None
     with steps_bar(err) as progress:
-        bench = read_bench(frames, lambda done, total: progress(done, total, "reading frames"))
-        bench = bench.given(asked["bits"], asked["wavelength_nm"])
-        kept, held = held_out(bench)
-        progress(0, 1, "fitting")
-        twin = fitted(kept)
-        camera = _camera(twin.tables(like.model_dump() if like else None), path.stem)
-        benches = kept.at_gain(twin.base.name), held.at_gain(twin.base.name)
-        made = {
-            "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
-            "machine": machine(),
-            "versions": versions(),
-        }
-        found = twin_study(twin, camera, benches, progress, frames=frames, **made)
-    maps = {
-        f"{path.stem}{_mark(one.name) if n else ''}.npz": maps_of(one)
-        for n, one in enumerate(twin.settings)
-    }
-    files = path.name, f"{path.stem}.html", *maps
+        names = readouts_of_bench(frames)
+        if names:
+            found = _fitted_readouts(frames, names, asked, path.stem, progress)
+        else:
+            found = _fitted(frames, asked, path.stem, progress)
+    files = path.name, f"{path.stem}.html", *found.maps
     with output_folder(path.parent, files) as scratch:
-        texts.write_page(scratch / path.name, camera.to_toml())
-        texts.write_page(scratch / f"{path.stem}.html", html(found))
-        for name, some in maps.items():
-            npz.write_fpn_maps(scratch / name, some)
-    page = str(path.with_suffix(".html"))
-    show(found.to_dict() if as_json else study_sheet(found, page, out.width), as_json)
+        texts.write_page(scratch / path.name, found.camera.to_toml())
+        texts.write_page(scratch / f"{path.stem}.html", html(found.study))
+        for name, maps in found.maps.items():
+            npz.write_fpn_maps(scratch / name, maps)
+    page, shown = str(path.with_suffix(".html")), found.study.to_dict()
+    show(shown if as_json else study_sheet(found.study, page, out.width), as_json)
     show_remarks(as_json, [written(path.parent, files), NEXT.format(path)])
-    if not found.passed:
+    if not found.study.passed:
         raise typer.Exit(1)
+
+
+class _Fitted(NamedTuple):
+    """A twin as files.  maps : by the names of their files."""
+
+    camera: "Camera"
+    study: "Study"
+    maps: "Mapping[str, Mapping[str, Float64Array]]"
+
+
+def _fitted(frames: str, asked: FitFlags, stem: str, progress: "Report") -> _Fitted:
+    """The twin of a camera with one read-out.  stem : of its files."""
+    from ..bench.twin_page import twin_study
+    from ..lab.twin import fit as fit_twin
+    from ..lab.twin.fit import held_out
+    from ..lab.twin.maps import maps_of
+
+    kept, held = held_out(_bench(frames, asked, progress))
+    progress(0, 1, "fitting")
+    twin = fit_twin(kept)
+    camera = _camera(twin.tables(_like(asked)), stem)
+    benches = kept.at_gain(twin.base.name), held.at_gain(twin.base.name)
+    study = twin_study(twin, camera, benches, progress, frames=frames, **_made())
+    maps = {f"{stem}.npz": maps_of(twin.base)}
+    for setting in twin.settings[1:]:
+        maps[f"{stem}{_mark(setting.name)}.npz"] = maps_of(setting)
+    return _Fitted(camera, study, maps)
+
+
+def _fitted_readouts(
+    frames: str, names: Sequence[str], asked: FitFlags, stem: str, progress: "Report"
+) -> _Fitted:
+    """The twin of a camera with several read-outs, each fitted to its own frames."""
+    from ..bench.twin_page import readouts_study, twin_study
+    from ..lab.twin.fit import held_out
+    from ..lab.twin.readouts import fit_readouts
+
+    kept, held = dict[str, "Bench"](), dict[str, "Bench"]()
+    for name in names:
+        kept[name], held[name] = held_out(_bench(frames, asked, progress, name))
+    progress(0, 1, "fitting")
+    twins = fit_readouts(kept)
+    camera = _camera(twins.tables(_like(asked)), stem)
+    studies, maps = dict[str, "Study"](), dict[str, "Mapping[str, Float64Array]"]()
+    for name, twin in twins.twins.items():
+        benches, own = (kept[name], held[name]), camera.at_readout(name)
+        studies[name] = twin_study(twin, own, benches, progress)
+        maps[f"{stem}{_mark(name)}.npz"] = twin.maps
+    study = readouts_study(studies, camera, frames=frames, **_made())
+    return _Fitted(camera, study, maps)
+
+
+def _bench(frames: str, asked: FitFlags, progress: "Report", readout: str = "") -> "Bench":
+    """The frames, or those of one read-out of them."""
+    from ..lab.frames.bench import read_bench
+
+    doing = f"reading frames {readout}".rstrip()
+    bench = read_bench(frames, lambda done, total: progress(done, total, doing), readout)
+    return bench.given(asked["bits"], asked["wavelength_nm"])
+
+
+def _like(asked: FitFlags) -> "Facts | None":
+    """The tables of the camera that gives what frames do not show."""
+    if not asked["like"]:
+        return None
+    return ms.load_camera(asked["like"]).model_dump()
+
+
+def _made() -> dict[str, object]:
+    """How the page was made, for its foot."""
+    from ..core.versions import machine, versions
+
+    return {
+        "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
+        "machine": machine(),
+        "versions": versions(),
+    }
 
 
 def _target(out_file: str, force: bool) -> Path:

@@ -17,11 +17,12 @@ from ..core import Exposure
 from ..core.options import complete
 from ..core.versions import versions
 from ..files import png, texts, tiff
+from ..files.readout_pages import READOUTS
 from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
 from ..output.frame_files import image_facts, preview_of
 from ..output.frames import Frames
-from ..output.readout_files import READOUTS, readout_facts, write_readouts
+from ..output.readout_files import readout_facts, write_readouts
 from ..render.light.illuminant import illuminant_of
 from ..render.light.irradiance import Irradiance
 from ..render.light.light_source import CollectedLight

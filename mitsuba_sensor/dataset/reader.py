@@ -20,9 +20,9 @@ from ..core import InputError, nearest
 from ..core.argument_names import tells_of_names
 from ..core.checks import require_path
 from ..files.raw_files import read_raw
+from ..files.readout_pages import READOUTS, read_readouts
 from ..files.texts import read_json, text_of_file
 from ..output.exr import read_aovs_exr
-from ..output.readout_files import READOUTS, read_readouts
 from .keys import Config, Facts
 from .record import INDEX, KEY, sealed, unsealed
 from .store import Store

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from .f_number_law import numerical_aperture, shading
 from .intrinsics import View, intrinsics
-from .point_spread import airy_diameter_um
+from .point_spread import airy_diameter_um, aperture_mtf
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
+TOLD_FREQUENCIES = (0.1, 0.2, 0.3, 0.4, 0.5)
+"""Of the pixel's MTF, up to Nyquist's [cycles per pixel]."""
 LARGE_PX = 3.0
 """Diameter of an Airy disk that leaves a third of the contrast at Nyquist's frequency."""
 
@@ -44,6 +45,29 @@ def airy_record(camera: Camera) -> dict[str, object]:
     }
 
 
+def pixel_mtf_record(camera: Camera) -> dict[str, list[float]]:
+    """Modulation transfer function of the pixel's aperture up to Nyquist's frequency, ready for JSON."""
+    aperture = camera.pixel.aperture_shape
+    width, height = aperture.sides
+    return {
+        "cycles_per_pixel": list(TOLD_FREQUENCIES),
+        "along_rows": aperture_mtf(TOLD_FREQUENCIES, width, aperture.profile(True)).tolist(),
+        "along_columns": aperture_mtf(
+            TOLD_FREQUENCIES, height, aperture.profile(False)
+        ).tolist(),
+    }
+
+
+def pixel_mtf_sentence(camera: Camera) -> str:
+    """What contrast the pixel's aperture leaves at Nyquist's frequency."""
+    mtf = pixel_mtf_record(camera)
+    along_rows, along_columns = mtf["along_rows"][-1], mtf["along_columns"][-1]
+    return (
+        f"the pixel's aperture leaves {along_rows:.3f} of the contrast at Nyquist's frequency along the rows and "
+        f"{along_columns:.3f} along the columns"
+    )
+
+
 def airy_sentence(camera: Camera) -> str:
     """How large the Airy disk of the camera's lens is on its pixels, and whether renders have it."""
     size = f"{airy_diameter_px(camera):.2g} pixels across at {airy_wavelength_nm(camera):g} nm"
@@ -57,7 +81,8 @@ def image_record(view: View, camera: Camera) -> dict[str, object]:
     """Intrinsics, ``shading``, ``point_spread`` and ``veiling_glare`` of a render, ready for JSON.
 
     point_spread : what displaced its rays: working f-number and obstruction of the pupil, the diameter of its Airy disk
-        at a wavelength, and the sides of the pixel's aperture as shares of the pitch; None of a render without.
+        at a wavelength, the sides of the pixel's aperture as shares of the pitch, and the sensitivity of its cells, if
+        that is measured; None of a render without.
     veiling_glare : the share of the light, and the width of its spread [mm] or None; None of a render without.
     """
     shape = {
@@ -76,11 +101,15 @@ def _veiling_glare(camera: Camera) -> dict[str, float | None] | None:
 
 
 def _point_spread(view: View, camera: Camera) -> dict[str, object] | None:
-    lens, sides = camera.lens, camera.pixel.aperture_sides
-    if not lens.diffraction and math.prod(sides) == 1:
+    lens, aperture = camera.lens, camera.pixel.aperture_shape
+    if not lens.diffraction and aperture.is_full:
         return None
     working = 1 / (2 * numerical_aperture(view, camera))
-    found = {"diffraction": lens.diffraction, "pixel_aperture": list(sides)}
+    found = {
+        "diffraction": lens.diffraction,
+        "pixel_aperture": list(aperture.sides),
+        "sensitivity_within_pixel": None if aperture.is_even else aperture.cells,
+    }
     if not lens.diffraction:
         return found
     return {

@@ -13,6 +13,7 @@ densities of different wavelengths far out are nearly alike: less noise in narro
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -95,9 +96,18 @@ def _overlap(large: float, small: float, distance: Float64Array) -> Float64Array
     return np.where(distance <= large - small, math.pi * small**2, segments)
 
 
-def aperture_mtf(frequency: ArrayLike, width: float = 1.0) -> Float64Array:
-    """Modulation transfer function of a pixel of this width: |sinc|.  frequency times width : in cycles."""
-    return np.abs(np.sinc(np.asarray(frequency, dtype=float) * width))
+def aperture_mtf(
+    frequency: ArrayLike, width: float = 1.0, cells: Sequence[float] = (1.0,)
+) -> Float64Array:
+    """Modulation transfer function of a pixel of this width along one direction: |sinc| where all of it counts alike.
+
+    frequency times width : in cycles.  cells : sensitivity of equal parts of the width, if it is measured; the modulus
+    of the transform of these steps.
+    """
+    cycles = np.asarray(frequency, dtype=float)[..., None] * width
+    count, shares = len(cells), np.array(cells) / np.sum(cells)
+    waves = np.exp(-2j * math.pi * cycles * (np.arange(count) + 0.5) / count)
+    return np.asarray(np.abs(np.sinc(cycles[..., 0] / count) * (waves @ shares)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,10 @@ from ..core.html import facts, fragment, picture
 from ..core.versions import versions
 from ..files import png, texts, tiff
 from ..files.appearing import output_folder
+from ..files.readout_pages import READOUTS
 from ..stages.stage import converter_of
 from .preview import brightening, developed, preview
-from .readout_files import READOUTS, readout_facts, write_readouts
+from .readout_files import readout_facts, write_readouts
 
 if TYPE_CHECKING:
     from ..sensor.frames import RawFrames

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..camera.exposure_times import later_exposures
-from ..files.tiff import read_named_pages, write_named_pages
+from ..files.readout_pages import BOTH_HALVES, page_name
+from ..files.tiff import write_named_pages
 from ..stages.combined_readouts import combined_of
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of
 
 if TYPE_CHECKING:
     from .frames import Frames
-
-READOUTS = "readouts.tiff"
-"""Every read-out of every frame, and what they were combined to."""
 
 
 def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] | None) -> None:
@@ -29,22 +27,16 @@ def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] 
     """
     pages, companded = list[tuple[str, np.ndarray]](), frames.companded
     for number, code in enumerate(frames.digital):
-        place = f"frame {frames.first.index + number}"
+        index = frames.first.index + number
         for name, readout in frames.readouts.items():
-            pages.append((f"{place}, {name}", readout.digital[number]))
-        both = "left and right" if frames.camera.sensor.dual_pixel else "combined"
-        pages.append((f"{place}, {both}", code))
+            pages.append((page_name(index, name), readout.digital[number]))
+        both = "combined"
+        if frames.camera.sensor.dual_pixel:
+            both = BOTH_HALVES
+        pages.append((page_name(index, both), code))
         if companded is not None:
-            pages.append((f"{place}, companded", companded[number]))
+            pages.append((page_name(index, "companded"), companded[number]))
     write_named_pages(path, pages, pattern)
-
-
-def read_readouts(path: Path) -> dict[str, np.ndarray]:
-    """Its inverse: the pages of each name, (N, H, W). Raises InputError for what cannot be read."""
-    found = dict[str, list[np.ndarray]]()
-    for name, page in read_named_pages(path):
-        found.setdefault(name.partition(", ")[2], []).append(page)
-    return {name: np.stack(pages) for name, pages in found.items()}
 
 
 def readout_facts(frames: Frames) -> list[dict[str, object]] | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from ..core import InputError
+from .pixel_aperture import PixelAperture, aperture_value
 from .usual_range import (
     CELSIUS,
     METRES_TO_NM,
@@ -39,6 +40,7 @@ Pitch = Annotated[Positive, Usual.of(0.3, 200, METRES_TO_UM, MM_TO_UM, NM_TO_UM)
 Kelvin = Usual.of(65, 500, CELSIUS)
 Nanometres = Usual.of(100, 3000, UM_TO_NM, METRES_TO_NM)
 ByWavelength = float | tuple[float, ...]
+SensitivityMap = tuple[tuple[NotNegative, ...], ...]
 SAME_AREA = 0.01  # by how much fill factor and area of the pixel's aperture may differ
 
 
@@ -218,20 +220,6 @@ class SensorSection(FileTable):
         return self
 
 
-def _aperture(value: object) -> object:
-    """The value of pixel.aperture, if it is one. Raises ValueError."""
-    if isinstance(value, str) and value in ("full", "square"):
-        return value
-    if isinstance(value, list | tuple) and len(value) == 2:
-        are_numbers = all(type(side) in (int, float) for side in value)
-        if are_numbers and all(0 < side <= 1 for side in value):
-            return tuple(map(float, value))
-    raise ValueError(
-        f"{value!r} is neither 'full' nor 'square' nor a width and a height; give these as shares of the pitch, above "
-        "0 and at most 1, e.g. [0.8, 0.6]"
-    )
-
-
 SlantAngle = Annotated[float, Field(ge=0, le=90, strict=True)]
 SLANT_TABLES = (
     ("angular_response", "angular_response_deg"),
@@ -290,38 +278,42 @@ class PixelGeometry(MicrolensFields):
         title="fill factor", description="share of the pixel that sees light", examples=[0.5]
     )
     aperture: Annotated[
-        Literal["full", "square"] | tuple[Fraction, Fraction], BeforeValidator(_aperture)
+        Literal["full", "square"] | tuple[Fraction, Fraction] | SensitivityMap,
+        BeforeValidator(aperture_value),
     ] = Field(
         "full",
-        title="pixel aperture, pixel MTF",
+        title="pixel aperture, pixel MTF, sensitivity within the pixel",
         description="what of the pixel collects light: all of it by a microlens, a square of the fill factor in its "
-        "middle, or a width and height as shares of the pitch",
+        "middle, a width and height as shares of the pitch, or rows of the measured sensitivity within the pixel, "
+        "whose ratios count (or a .csv file of them)",
         examples=["square"],
     )
 
     @property
-    def aperture_sides(self) -> tuple[float, float]:
-        """Width and height of the part that collects light, as shares of the pitch."""
+    def aperture_shape(self) -> PixelAperture:
+        """Where in the pixel light counts."""
         if self.aperture == "full":
-            return 1.0, 1.0
+            return PixelAperture()
         if self.aperture == "square":
             side_um = math.sqrt(self.fill_factor * self.pitch_x_um * self.pitch_y_um)
-            return side_um / self.pitch_x_um, side_um / self.pitch_y_um
-        return self.aperture
+            return PixelAperture((side_um / self.pitch_x_um, side_um / self.pitch_y_um))
+        if isinstance(self.aperture[0], tuple):
+            return PixelAperture.of_map(self.aperture)
+        return PixelAperture(self.aperture)
 
     @model_validator(mode="after")
     def _aperture_has_the_fill_factor(self) -> Self:
-        if (largest := max(self.aperture_sides)) > 1 + 1e-9:
+        if (largest := max(self.aperture_shape.sides)) > 1 + 1e-9:
             raise ValueError(
                 f"aperture is 'square' and its side would be {largest:.3g} of the smaller pitch, at most 1; give its "
                 "two sides, e.g. [0.9, 0.6]"
             )
         if isinstance(self.aperture, tuple) and self.fill_factor < 1:
-            area = math.prod(self.aperture)
+            area = self.aperture_shape.area
             if abs(area / self.fill_factor - 1) > SAME_AREA:
                 raise ValueError(
                     f"aperture has {area:.3g} of the pixel's area and fill_factor is {self.fill_factor:g}; make "
-                    "their product the fill factor, or set it to 1 where the quantum efficiency is that of the whole "
-                    "pixel"
+                    "the product of its sides, or the mean of its map over the largest value, the fill factor, or set "
+                    "that to 1 where the quantum efficiency is that of the whole pixel"
                 )
         return self

@@ -1,10 +1,9 @@
 """Quantum efficiency curves from a CSV file with the units in its header: wavelength_nm,R_percent,G_percent."""
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..core.csv_rows import SEPARATED, rows_of
-from ..core.small_files import require_small
+from ..core.csv_rows import SEPARATED
+from .csv_file import read_rows
 from .datasheet import Nanometres
 
 LENGTHS = {"nm": 1.0, "um": 1000.0, "µm": 1000.0}
@@ -31,14 +30,7 @@ class Column(NamedTuple):
 
 def read_curves(name: str, folder: str) -> dict[str, Any]:
     """``wavelengths_nm`` and ``curves`` of a file in ``folder``, that of the camera file; else ValueError."""
-    path = Path(folder) / name
-    try:
-        require_small(path, "the file of curves")
-        rows = rows_of(path.read_text("utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(
-            f"file {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from None
+    rows = read_rows(name, folder, "the file of curves")
     if len(rows) < 3:
         raise ValueError(f"file {name!r} needs a header and at least two lines of numbers")
     titles = [_title(name, i, title) for i, title in enumerate(rows[0])]

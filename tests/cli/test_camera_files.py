@@ -31,7 +31,7 @@ def test_a_new_file_is_the_camera_that_it_is_like(
     assert file.read_text("utf-8") == cli("cameras", "show", name, "--toml").stdout
     checked = cli("cameras", "check", file)
     assert checked.exit_code == 0 and checked.stdout.endswith(f"{file}: nothing is wrong\n")
-    assert "the Airy disk of f/" in checked.stdout and checked.stdout.count("\n") == 2
+    assert "the Airy disk of f/" in checked.stdout and checked.stdout.count("\n") == 3
     assert json.loads(cli("cameras", "check", file, "--json").stdout)["findings"] == []
 
 
@@ -108,6 +108,8 @@ def test_a_check_prints_errors_and_warnings_and_exits_2_only_for_errors(
     assert done.stdout.splitlines() == [
         f"{file}:{line}: warning: pixel.prnu is 50, and 0 to 0.1 is usual: if 50 is in percent, write 0.5.",
         f"{file}: the Airy disk of f/2.8 is 0.66 pixels across at 550 nm; lens.diffraction = true renders it",
+        f"{file}: the pixel's aperture leaves 0.637 of the contrast at Nyquist's frequency along the rows and 0.637 "
+        "along the columns",
         f"{file}: 1 warning",
     ]
     file.write_text(
@@ -135,6 +137,44 @@ def test_a_check_as_json_has_the_airy_disk_in_pixels(cli: Callable[..., Any]) ->
     assert found["airy_disk"]["diameter_px"] == pytest.approx(expected, rel=1e-3)
     assert found["airy_disk"]["wavelength_nm"] == 550
     assert found["airy_disk"]["rendered"] is False
+
+
+def test_a_map_of_the_sensitivity_within_the_pixel_is_read_from_a_csv_file(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """A square of a quarter of the pixel: sinc(¼) of the contrast at Nyquist's frequency; beside its camera file."""
+    (tmp_path / "within.csv").write_text("# a square\n0;0;0;0\n0;2;2;0\n0;2;2;0\n0;0;0;0\n")
+    text = ms.load_camera("konnik_table1").to_toml()
+    file = tmp_path / "my.toml"
+    file.write_text(
+        text.replace("\n[pixel]\n", '\n[pixel]\naperture = "within.csv"\n').replace(
+            "\nfill_factor = 0.5", "\nfill_factor = 0.25"
+        ),
+        encoding="utf-8",
+    )
+    found = json.loads(cli("cameras", "check", file, "--json").stdout)
+    assert found["pixel_mtf"]["cycles_per_pixel"][-1] == 0.5
+    for direction in ("along_rows", "along_columns"):
+        assert found["pixel_mtf"][direction][-1] == pytest.approx(0.9003, abs=1e-4)
+    camera = ms.load_camera(file)
+    assert camera.pixel.aperture_shape.area == 0.25
+    assert ms.load_camera(camera.to_toml()) == camera
+
+
+@pytest.mark.parametrize(
+    ("aperture", "said"),
+    [
+        ([[1, 2], [1]], "rows that are equally long"),
+        ([[0, 0], [0, 0]], "0 everywhere"),
+        ([[1, -1]], "the value -1"),
+        ([[1, 1], [1, 0]], "aperture has 0.75 of the pixel's area and fill_factor is 0.5"),
+        ("none.csv", "file 'none.csv' cannot be read"),
+        ([1.2, 0.5], "neither 'full' nor 'square'"),
+    ],
+)
+def test_an_aperture_that_is_none_gets_a_sentence(aperture: object, said: str) -> None:
+    with pytest.raises(ms.InputError, match=said):
+        ms.load_camera("konnik_table1").replace(**{"pixel.aperture": aperture})
 
 
 def test_set_unsets_a_field_so_that_its_alternative_can_be_given(

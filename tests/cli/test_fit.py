@@ -9,8 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.files.npz import read_fpn_maps
+from mitsuba_sensor.lab.frames.bench import read_bench, readouts_of_bench
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 LEVELS = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.2)
@@ -126,3 +128,69 @@ def test_frames_that_show_no_gain_write_nothing(frames: Path, tmp_path: Path) ->
     code, text = run("--frames", dark, "-o", tmp_path / "mine.toml")
     assert code == 2 and "there are no flat fields" in " ".join(text.split())
     assert not list(tmp_path.glob("mine*"))
+
+
+DUAL_GAIN = ms.load_camera("scmos_dual_gain")
+KELVIN = 228.15
+
+
+def save_combined(folder: Path, stacks: dict[str, tuple[float, float, int]], side: int) -> None:
+    """Frames of a dual-gain camera as `render` writes them, and a manifest.
+
+    stacks : name → photoelectrons, exposure time [s] and number of frames.
+    """
+    camera = DUAL_GAIN.replace(**{"sensor.rows": side, "sensor.columns": side})
+    lines = ["bits = 17", "wavelength_nm = 550"]
+    for number, (name, (electrons, time_s, count)) in enumerate(stacks.items()):
+        light = ms.Photons(np.full((side, side), electrons), detected=True)
+        exposure = ms.Exposure(time_s, KELVIN)
+        ms.expose(light, camera, exposure, frames=count, seed=number).save(folder / name)
+        kind = name.partition("_")[0]
+        lines += ["[[stack]]", f'files = "{name}/frame.tiff"', f'kind = "{kind}"']
+    (folder / "bench.toml").write_text("\n".join(lines), "utf-8")
+
+
+@pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore::mitsuba_sensor.SensorWarning")
+def test_frames_of_a_dual_gain_camera_are_fitted_by_readout(tmp_path: Path) -> None:
+    """K and σ_read of each within 1 %: three and five standard errors. The seeds are fixed."""
+    stacks = {"bias": (0.0, 0.0, 24), "dark_1": (0.0, 1.0, 12), "dark_20": (0.0, 20.0, 12)}
+    for name, camera in DUAL_GAIN.readout_cameras.items():
+        for share in (0.04, 0.15, 0.3, 0.45, 0.6, 0.75, 1.1):
+            stacks[f"flat_{name}_{share:g}"] = share * saturation_e(camera), 0.01, 10
+    save_combined(tmp_path, stacks, 80)
+    out = tmp_path / "twin"
+    out.mkdir()
+    like = "--like", "scmos_dual_gain"
+    code, text = run("--frames", tmp_path, "-o", out / "mine.toml", *like)
+    assert code == 0, text
+    files = ["mine.high.npz", "mine.html", "mine.low.npz", "mine.toml"]
+    assert sorted(one.name for one in out.iterdir()) == files
+    twin = ms.load_camera(out / "mine.toml")
+    for name, camera in DUAL_GAIN.readout_cameras.items():
+        found = twin.at_readout(name)
+        assert gain_dn_per_e(found) == pytest.approx(gain_dn_per_e(camera), rel=0.01)
+        noise_e = camera.source_follower.read_noise_e
+        assert found.source_follower.read_noise_e == pytest.approx(noise_e, rel=0.01)
+        maps = read_fpn_maps(out / f"mine.{name}.npz")
+        ms.expose(0.0, found, ms.Exposure(0.01, KELVIN), maps=maps)
+
+
+def test_frames_of_a_readout_are_its_pages_with_its_own_bits(tmp_path: Path) -> None:
+    """Of a manifest, and of the names of folders; a file without pages of that name is refused."""
+    save_combined(tmp_path, {"dark_1": (0.0, 0.01, 2), "flat_1": (5_000.0, 0.01, 2)}, 8)
+    assert readouts_of_bench(tmp_path) == ("high", "low")
+    combined, low = read_bench(tmp_path), read_bench(tmp_path, readout="low")
+    assert (combined.flats[0].bits, low.flats[0].bits) == (17, 12)
+    black_dn = DUAL_GAIN.at_readout("low").adc.black_level_dn
+    gain = DUAL_GAIN.at_readout("low").system_gain_dn_per_e
+    mean_dn = black_dn + 5_000 * gain
+    assert low.flats[0].mean.mean() == pytest.approx(mean_dn, rel=0.02)
+    (tmp_path / "bench.toml").unlink()
+    assert len(read_bench(tmp_path, readout="high").stacks) == 2
+    (tmp_path / "flat_1" / "readouts.tiff").unlink()
+    with pytest.raises(ms.InputError, match="no frames of a read-out 'low' beside it"):
+        read_bench(tmp_path, readout="low")
+    with pytest.raises(ms.InputError, match=r"no frames of a read-out 'lov'.*mean 'low'"):
+        (tmp_path / "flat_1").rename(tmp_path / "scene_1")
+        read_bench(tmp_path, readout="lov")

@@ -35,6 +35,7 @@ from ...core import InputError
 from ...core.argument_names import tells_of_names
 from ...core.checks import require_path
 from ...files.raw_files import RawFile, read_raw
+from ...files.texts import Facts
 from .descriptor import read_descriptor
 from .manifest import (
     KINDS,
@@ -46,6 +47,7 @@ from .manifest import (
     groups_of_names,
     read_manifest,
 )
+from .readout_frames import names_of_readouts, read_readout
 from .stack import Stack
 
 SAME_TEMPERATURE_K = 1.0
@@ -134,7 +136,9 @@ def _select_filter(name: str, stacks: Sequence[Stack]) -> list[Stack]:
 
 @tells_of_names
 def read_bench(
-    path: str | os.PathLike[str], report: Callable[[int, int], None] | None = None
+    path: str | os.PathLike[str],
+    report: Callable[[int, int], None] | None = None,
+    readout: str = "",
 ) -> Bench:
     """The bench of a folder, of a manifest of another name (.toml), or of a descriptor of EMVA 1288 (any other name).
 
@@ -144,28 +148,20 @@ def read_bench(
         twin = ms.lab.fit(bench)
 
     report : called with the files that are read, and all of them, after each.
+    readout : of a camera with several, as this package writes them: the one whose frames are read.
     Raises InputError for what cannot be read or told apart, with the file and the way out.
     """
-    asked = manifest = require_path("path", path, "bench/")
-    if asked.is_dir():
-        manifest = asked / MANIFEST
-    elif not asked.exists():
-        raise InputError(
-            f"there is no {asked}; give a folder of raw frames, or a manifest in it."
-        )
-    if manifest.is_file() and manifest.suffix != ".toml":
-        facts, file_groups = read_descriptor(manifest)
-    elif manifest.exists():
-        facts = read_manifest(manifest)
-        file_groups = groups(facts, manifest)
-    else:
-        facts = {}
-        file_groups = groups_of_names(asked)
+    facts, file_groups = _facts_and_groups(path)
+    read: Callable[[Path], RawFile] = read_raw
+    if readout:
+        read = partial(read_readout, name=readout)
+        facts = {name: value for name, value in facts.items() if name != "bits"}
+        file_groups = [group.of_readout() for group in file_groups]
     total = sum(len(group.files) for group in file_groups)
     frame_files: list[_FrameFile] = []
     for group in file_groups:
         for file in group.files:
-            frame_files.append(_FrameFile.describe(file, read_raw(file), group))
+            frame_files.append(_FrameFile.describe(file, read(file), group))
             if report is not None:
                 report(len(frame_files), total)
     frame_files, notes = _with_equal_temperatures(frame_files)
@@ -182,6 +178,30 @@ def read_bench(
         facts.get("wavelength_nm"),
         notes,
     )
+
+
+def readouts_of_bench(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Names of the read-outs that all frames of a folder or manifest were combined from, the most sensitive first;
+    none of a camera with one. Raises InputError as :func:`read_bench`."""
+    _, file_groups = _facts_and_groups(path)
+    return names_of_readouts(file_groups[0].files[0])
+
+
+def _facts_and_groups(path: str | os.PathLike[str]) -> tuple[Facts, list[Group]]:
+    """What a manifest or descriptor says of all frames, and the files that belong together. Raises InputError."""
+    asked = manifest = require_path("path", path, "bench/")
+    if asked.is_dir():
+        manifest = asked / MANIFEST
+    elif not asked.exists():
+        raise InputError(
+            f"there is no {asked}; give a folder of raw frames, or a manifest in it."
+        )
+    if manifest.is_file() and manifest.suffix != ".toml":
+        return read_descriptor(manifest)
+    if manifest.exists():
+        facts = read_manifest(manifest)
+        return facts, groups(facts, manifest)
+    return {}, groups_of_names(asked)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -17,7 +17,7 @@ from ...files.texts import read_toml
 Kind: TypeAlias = Literal["bias", "dark", "flat", "scene"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 MANIFEST = "bench.toml"
-OWN_RAW, OWN_METADATA = "frame.tiff", "frame.json"
+OWN_RAW, OWN_METADATA = "frame.tiff", ("frame.json", "sample.json")
 Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
 
@@ -73,6 +73,11 @@ class Group:
     files: list[Path]
     kind: Kind | None
     settings: Mapping[str, Any]
+
+    def of_readout(self) -> Group:
+        """The group of one read-out, whose exposure is its own and stands beside its frames."""
+        settings = {name: x for name, x in self.settings.items() if name != "exposure_s"}
+        return replace(self, settings=settings)
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
@@ -134,7 +139,7 @@ def groups(facts: Mapping[str, Any], manifest: Path) -> list[Group]:
 def groups_of_names(folder: Path) -> list[Group]:
     """The files of each kind that a file's name or that of its folder says, None where neither says one.
 
-    Beside a frame.json of this package frame.tiff is the only raw file.
+    Beside a frame.json or sample.json of this package frame.tiff is the only raw file.
     """
     files = sorted(filter(_is_raw_frame, folder.rglob("*")))
     if not files:
@@ -152,7 +157,7 @@ def _is_raw_frame(path: Path) -> bool:
     """Whether a path is a raw file, and not a preview or another file beside a raw frame of this package."""
     if path.suffix.lower() not in RAW_FORMATS or not path.is_file():
         return False
-    return path.name == OWN_RAW or not path.with_name(OWN_METADATA).exists()
+    return path.name == OWN_RAW or not any(path.with_name(x).exists() for x in OWN_METADATA)
 
 
 def _kind_by_name(path: Path) -> Kind | None:

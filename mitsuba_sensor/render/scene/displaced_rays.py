@@ -3,7 +3,8 @@
     E_pixel = ∫ pixel aperture ∫ PSF_λ(δ) E_λ(p + δ) dδ dp
 
 is then what the mean over the rays of a pixel estimates, without bias and without more rays; beyond the edge of film or
-crop the rays see the scene that is there. The aperture of the pixel is a smaller part of it in which rays start. The
+crop the rays see the scene that is there. The aperture of the pixel is a part of it in which rays start, cells of a
+measured sensitivity as often as they are sensitive. The
 wavelengths of a ray share its δ, which is drawn for the first of them; each of them could have been the first. So
 wavelength k has the weight PSF_k(δ)/mean_j PSF_j(δ) (balance heuristic), and the sum of the weights stays what it was;
 weight_noise.py takes away most of the noise that they add.
@@ -32,7 +33,6 @@ from ..variants import MitsubaObject, mitsuba
 from .lens_sensor import IN_PYTHON, NO_HEIGHT, Samples, sensor_class
 
 SMALLEST_SHARE = 2.0**-24  # of the energy: the last bit of a random number
-WHOLE = (1.0, 1.0)  # sides of the aperture of a pixel
 WEAKEST = 1e-12  # added to densities, so that no ray falls where there is none
 
 
@@ -64,7 +64,7 @@ def with_displaced_rays(
     """The sensor behind the point spread of the camera's lens and pixel, and notes; unchanged without one."""
     if camera is None:
         return sensor, ()
-    if not camera.lens.diffraction and camera.pixel.aperture_sides == WHOLE:
+    if not camera.lens.diffraction and camera.pixel.aperture_shape.is_full:
         return sensor, ()
     slow = mitsuba().variant().startswith("scalar") and not hasattr(sensor, "lens")
     pupil: Pupil = sensor.lens if view.sequential else ThinPupil(camera, view)
@@ -107,8 +107,13 @@ class DisplacedRays:
             aperture_is_free,
             shared,
         )
-        sides = camera.pixel.aperture_sides
-        self._is_full, self._aperture = sides == WHOLE, [_data(side) for side in sides]
+        aperture = camera.pixel.aperture_shape
+        self._is_full, self._sides = aperture.is_full, [_data(side) for side in aperture.sides]
+        self._cell_counts = len(aperture.cells[0]), len(aperture.cells)
+        self._cells: MitsubaObject = None
+        if not aperture.is_even:
+            cells = np.array(aperture.cells, np.float32)
+            self._cells = mitsuba().DiscreteDistribution2D(cells)
         self._pitch_nm = (camera.pixel.pitch_x_um * 1e3, camera.pixel.pitch_y_um * 1e3)
         tables = point_spread_tables(camera.lens.obstruction)
         self._radii, self._densities = _texture(tables.radii), _texture(tables.densities)
@@ -145,10 +150,19 @@ class DisplacedRays:
         return ray, weight
 
     def _in_aperture(self, place: Array) -> Array:
-        """The place within the aperture of the same pixel."""
-        dr, (width, height) = drjit(), self._aperture
-        column, row = dr.floor(place.x) + 0.5, dr.floor(place.y) + 0.5
-        return type(place)(column + (place.x - column) * width, row + (place.y - row) * height)
+        """The place within the aperture of the same pixel, drawn from its sensitivity."""
+        dr, mi, (width, height) = drjit(), mitsuba(), self._sides
+        column, row = dr.floor(place.x), dr.floor(place.y)
+        x, y = place.x - column, place.y - row
+        if self._cells is not None:
+            cell, _, within = self._cells.sample(mi.Point2f(x, y))
+            cells_x, cells_y = self._cell_counts
+            x, y = (
+                (mi.Float(cell.x) + within.x) / cells_x,
+                (mi.Float(cell.y) + within.y) / cells_y,
+            )
+        start_x, start_y = column + 0.5 + (x - 0.5) * width, row + 0.5 + (y - 0.5) * height
+        return type(place)(start_x, start_y)
 
     def _random_numbers(self, samples: Samples) -> Array:
         """Two, for radius and direction of the displacement."""

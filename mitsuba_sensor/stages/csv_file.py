@@ -1,0 +1,18 @@
+"""CSV files beside a camera file."""
+
+from pathlib import Path
+
+from ..core.csv_rows import rows_of
+from ..core.small_files import require_small
+
+
+def read_rows(name: str, folder: str, what: str) -> list[list[str]]:
+    """The cells of a file in ``folder``, that of the camera file; else ValueError.  what : it is, for messages."""
+    path = Path(folder) / name
+    try:
+        require_small(path, what)
+        return rows_of(path.read_text("utf-8-sig"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(
+            f"file {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None
