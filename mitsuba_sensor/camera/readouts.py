@@ -30,7 +30,10 @@ BEHIND_CHARGE = (
 )
 """Fields, or beginnings of fields, that read-outs of one charge may have differently."""
 
-OF_PHOTODIODE = ("pixel.prnu", "dark_current.")
+CROSSTALK = tuple(
+    f"quantum_efficiency.{name}" for name in ("crosstalk", "crosstalk_from", "diffusion_um")
+)
+OF_PHOTODIODE = ("pixel.prnu", "dark_current.", *CROSSTALK)
 """Fields that a second photodiode may have differently, too."""
 
 MOST_READOUTS = 8
@@ -270,11 +273,14 @@ def _scaled_curves(camera: Camera, factor: float) -> dict[str, list[float]]:
 
 def _with_fields(camera: Camera, name: str, fields: Mapping[str, object]) -> Camera:
     """The camera with fields of a read-out. Raises ValueError."""
+    unset = dict[str, None]()
+    if any(field in fields for field in CROSSTALK):
+        unset = dict.fromkeys(CROSSTALK)
     in_volts = camera.source_follower.white_nv_per_rthz is not None
     if in_volts and "source_follower.read_noise_e" in fields:
-        fields = {"source_follower.white_nv_per_rthz": None, **fields}
+        unset["source_follower.white_nv_per_rthz"] = None
     try:
-        changed = camera.replace(**fields)
+        changed = camera.replace(**{**unset, **fields})
     except InputError as error:
         said = str(error).removeprefix(f"{camera.name}: ").rstrip(".")
         raise ValueError(f"read-out {name!r}: {said}") from None

@@ -149,10 +149,14 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
 
     photons : of the window of ``frame``.  stage : the first one of the chain.
     """
-    signal = _detect(photons, stage, frame)
-    if photons.by_readout is None:
+    signal, given = _detect(photons, stage, frame), photons.by_readout or {}
+    if not given and not stage.other_photodiodes:
         return Detected(photons, signal)
-    others = {name: _detect(one, stage, frame) for name, one in photons.by_readout.items()}
+    others = {name: _detect(one, stage, frame) for name, one in given.items()}
+    for name, exposure_ratio, detection in stage.other_photodiodes:
+        others[name] = _detect(given.get(name, photons), detection, frame)
+        if name not in given and exposure_ratio != 1:
+            others[name] = replace(others[name], light=exposure_ratio * others[name].light)
     if isinstance(signal, Electrons) and LEFT in others:
         share = _left_share(others.pop(LEFT).light, signal.light)
         signal = replace(signal, left_share=share)

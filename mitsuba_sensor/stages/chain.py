@@ -76,7 +76,9 @@ def chain(camera: "Camera") -> Chain:
     Those left are the stages of the whole chain: black level and gains are those of the whole camera.
     """
     if camera.readouts:
-        return QuantumEfficiency.from_camera(camera, ()), camera.combined_readouts
+        combined = camera.combined_readouts
+        detection = QuantumEfficiency.from_camera(camera, ())
+        return detection.with_photodiodes(combined.readouts), combined
     return _chain(camera, camera.sensor.without)
 
 

@@ -36,6 +36,11 @@ class ReadoutChain:
         """Its photoelectrons over those of the first read-out, in light that does not change."""
         return self.exposure_ratio * self.sensitivity
 
+    @property
+    def begins_photodiode(self) -> bool:
+        """Whether it is the first read-out of a photodiode behind the first one."""
+        return self.photodiode == self.name
+
     def frame_of(self, frame: Frame) -> Frame:
         """The frame with the exposure and the streams of random numbers of this read-out."""
         window = replace(frame.window, photodiode=self.photodiode, readout=self.name)

@@ -47,6 +47,18 @@ class Line(NamedTuple):
     variance: Float64Array
 
 
+class OtherPhotodiode(NamedTuple):
+    """A photodiode of split pixels, beside the first one.
+
+    name : of its first read-out.  exposure_ratio : its exposure time over that of the frame.
+    detection : the first stage as it is for this photodiode, but for its sensitivity.
+    """
+
+    name: str
+    exposure_ratio: float
+    detection: Stage
+
+
 class Stage(ABC):
     """One effect of the signal chain; subclasses are frozen dataclasses of its parameters.
 
@@ -144,6 +156,11 @@ class Stage(ABC):
     def light_reach_px(self) -> int:
         """Of the first stage: how many rows and columns away the light falls that a pixel collects, too."""
         return 0
+
+    @property
+    def other_photodiodes(self) -> tuple[OtherPhotodiode, ...]:
+        """Of the first stage: photodiodes of split pixels that collect from other neighbours than the first one."""
+        return ()
 
     @property
     def has_moments(self) -> bool:

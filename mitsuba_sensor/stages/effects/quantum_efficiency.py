@@ -5,9 +5,10 @@ QE_k is that of a wavelength, or the mean over a band, weighted by photons.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
@@ -31,9 +32,12 @@ from ..datasheet import Chance, FileTable, Nanometres, Positive
 from ..diffusion import Diffusion
 from ..polarizers import efficiencies
 from ..qe_file import read_curves
-from ..stage import Datasheet, Stage
+from ..stage import Datasheet, OtherPhotodiode, Stage
 from ..usual_range import PERCENT, Usual
 from .quantum_yield import bursts
+
+if TYPE_CHECKING:
+    from ..combined_readouts import ReadoutChain
 
 LEAST_PEAK = 0.01
 """Of a QE: below, it was probably divided by 100 twice."""
@@ -195,6 +199,8 @@ class QuantumEfficiency(Stage):
     crosstalk : behind the filters, or None where each pixel keeps its electrons. Beyond the edge of the window is the
         light of a mirror there, behind the filters that are there.
     diffusion : the same by wavelength, instead.
+    other_photodiodes : of split pixels, with crosstalk or diffusion of their own; each detects the photoelectrons that
+        the first one would with these.
     """
 
     curves: tuple[SpectralCurve, ...]
@@ -203,6 +209,7 @@ class QuantumEfficiency(Stage):
     quantum_yield: SpectralCurve | None = None
     crosstalk: Crosstalk | None = None
     diffusion: Diffusion | None = None
+    other_photodiodes: tuple[OtherPhotodiode, ...] = ()
     domain = "electrons"
     table = "quantum_efficiency"
     fields = QuantumEfficiencyFields
@@ -237,6 +244,18 @@ class QuantumEfficiency(Stage):
         return cls(
             curves, section.filter_tile, section.reference_nm, burst, crosstalk, diffusion
         )
+
+    def with_photodiodes(self, readouts: Iterable[ReadoutChain]) -> QuantumEfficiency:
+        """With the photodiodes of these read-outs whose crosstalk or diffusion is not that of the first one."""
+        others = list[OtherPhotodiode]()
+        for readout in readouts:
+            own = readout.stages[0]
+            assert isinstance(own, QuantumEfficiency)
+            alike = (own.crosstalk, own.diffusion) == (self.crosstalk, self.diffusion)
+            if readout.begins_photodiode and not alike:
+                detection = replace(self, crosstalk=own.crosstalk, diffusion=own.diffusion)
+                others.append(OtherPhotodiode(readout.name, readout.exposure_ratio, detection))
+        return replace(self, other_photodiodes=tuple(others))
 
     @property
     def light_reach_px(self) -> int:
@@ -318,7 +337,7 @@ class QuantumEfficiency(Stage):
         one_layer = photons.detected or len(photons.shape) == 2 or photons.shape[2] == 1
         spread = self.crosstalk or self.diffusion
         maps = (self.quantum_yield, spread, photons.variance_e2, photons.in_band)
-        if not one_layer or any(one is not None for one in maps):
+        if not one_layer or self.other_photodiodes or any(one is not None for one in maps):
             return None
         weights = self._weights(photons)
         layers = range(len(weights)) if photons.detected else [0] * len(weights)
