@@ -132,7 +132,9 @@ def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     return EmvaFigures(exposure, gain, noise_e, full_e, least_e, snr_max, full_e / least_e)
 
 
-def refuse_readouts(camera: Camera, why: str, way_out: str = "camera.at_readout") -> None:
+def refuse_readouts(
+    camera: Camera, why: str, way_out: str = "camera.at_readout (--readout)"
+) -> None:
     """Raise InputError for a camera with several read-outs.
 
     why : what there is of one read-out only.  way_out : what one of them is taken from.

@@ -56,7 +56,7 @@ OneReadout = Annotated[
     epilog="Example: mitsuba-sensor budget --camera sony_imx174 --electrons 1000 --exposure-s 0.01",
 )
 @options.flags(
-    options.CameraFlags, without=("meter",), first=FIRST, source="that of the render"
+    options.CameraFlags, without=("meter", "readout"), first=FIRST, source="that of the render"
 )
 def budget(
     irradiance: OptionalLight = None,

@@ -67,7 +67,7 @@ def camera_and_exposure(
 
 
 def _camera(flags: Flags, settings: SceneSettings) -> ms.Camera:
-    """The camera at its gain setting, with --set and --without.
+    """The camera at its gain setting, with --set and --without, or one read-out of it.
 
     The --set fields are set before the scene's too, because a prescription takes focal length and focus from the scene.
     They are set after the gain setting, so that they overrule its numbers.
@@ -79,6 +79,8 @@ def _camera(flags: Flags, settings: SceneSettings) -> ms.Camera:
         own = settings.camera or ms.load_camera(DEFAULT_CAMERA)
         camera = settings.applied_to(own.replace(**changes) if changes else own)
     camera = camera.at_gain(flags.get("gain")).replace(**changes)
+    if flags.get("readout") is not None:
+        camera = camera.at_readout(flags["readout"])
     return camera.without(*flags.get("without") or ())
 
 

@@ -85,6 +85,13 @@ class CameraFlags(TypedDict, total=False):
         ),
     ]
     gain: Gain
+    readout: Annotated[
+        str | None,
+        Option(
+            "One read-out of a camera that has several, as if the camera had no other. Default: all, combined.",
+            metavar="NAME",
+        ),
+    ]
     settings: Settings
     without: Without
 

@@ -42,8 +42,8 @@ class Subject:
     def __post_init__(self) -> None:
         if self.camera.readouts:
             raise ms.InputError(
-                f"{self.camera.name} has several read-outs, and a study is of one; take one of them by its name, from "
-                "camera.at_readout."
+                f"{self.camera.name} has the read-outs {', '.join(self.camera.readout_cameras)}, and a study is of one; "
+                "take one of them by its name, from camera.at_readout (--readout)."
             )
 
     def render(

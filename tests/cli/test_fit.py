@@ -189,8 +189,11 @@ def test_frames_of_a_readout_are_its_pages_with_its_own_bits(tmp_path: Path) -> 
     (tmp_path / "bench.toml").unlink()
     assert len(read_bench(tmp_path, readout="high").stacks) == 2
     (tmp_path / "flat_1" / "readouts.tiff").unlink()
-    with pytest.raises(ms.InputError, match="no frames of a read-out 'low' beside it"):
+    with pytest.raises(ms.InputError, match="the linear code of the read-outs high, low"):
         read_bench(tmp_path, readout="low")
+    (tmp_path / "flat_1" / "frame.tiff").unlink()
     with pytest.raises(ms.InputError, match=r"no frames of a read-out 'lov'.*mean 'low'"):
-        (tmp_path / "flat_1").rename(tmp_path / "scene_1")
         read_bench(tmp_path, readout="lov")
+    (tmp_path / "dark_1" / "readouts.tiff").unlink()
+    code, text = run("--frames", tmp_path, "-o", tmp_path / "mine.toml")
+    assert code == 2 and "write readouts.tiff with it" in " ".join(text.split())

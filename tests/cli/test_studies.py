@@ -11,6 +11,7 @@ from helpers.marks import exhaustive
 from helpers.scenes import SKY, scene_text, write_scene
 from typer.testing import CliRunner
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.pages.page import Line, Plot, Section, Study, Table, study_of
 from mitsuba_sensor.study import ablation, work_precision
@@ -217,3 +218,19 @@ def test_what_cannot_be_studied_is_one_sentence(
     )
     assert done.exit_code == 2 and sentence in done.output and "Traceback" not in done.output
     assert not (tmp_path / "out").exists()
+
+
+def test_a_study_is_of_one_readout_of_a_camera_that_has_several(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Named by --readout; without it the sentence says so."""
+    recorder = Recorder()
+    monkeypatch.setattr(ablation, "study", recorder)
+    asked = ["study", "ablation", "flat_field", "--camera", "scmos_dual_gain"]
+    target = ["-o", str(tmp_path / "study")]
+    refused = CliRunner().invoke(app, [*asked, *target])
+    assert refused.exit_code == 2 and "--readout" in refused.stderr
+    done = CliRunner().invoke(app, [*asked, "--readout", "low", *target])
+    assert done.exit_code == 0, done.stderr
+    camera = ms.load_camera("scmos_dual_gain").at_readout("low")
+    assert recorder.subject.camera.readouts == () and recorder.subject.camera.adc == camera.adc

@@ -10,21 +10,27 @@ from ...core import InputError, nearest
 from ...files.raw_files import RawFile, read_raw
 from ...files.readout_pages import BOTH_HALVES, COMBINED, READOUTS, read_readouts
 from ...files.texts import Facts, read_json
-from .manifest import OWN_METADATA
+from .manifest import OWN_METADATA, OWN_RAW
 
 AGAIN = "write the frames again"
 
 
 def names_of_readouts(file: Path) -> tuple[str, ...]:
     """Of the read-outs that a raw file was combined from, the most sensitive first; none of any other file, and of the
-    halves of dual pixels."""
+    halves of dual pixels. Raises InputError where they are not beside it."""
     pages = file.with_name(READOUTS)
-    if not pages.is_file():
-        return ()
-    names = tuple(read_readouts(pages))
-    if BOTH_HALVES in names:
-        return ()
-    return tuple(name for name in names if name not in COMBINED)
+    if pages.is_file():
+        names = tuple(read_readouts(pages))
+        if BOTH_HALVES in names:
+            return ()
+        return tuple(name for name in names if name not in COMBINED)
+    combined = [facts["name"] for facts in _listed(file) if "electrons_per_dn" in facts]
+    if combined:
+        raise InputError(
+            f"{file} is the linear code of the read-outs {', '.join(combined)}, whose noise it shows mixed, and their "
+            f'frames are not beside it; write {READOUTS} with it (of a dataset: outputs = ["raw", "readouts"]).'
+        )
+    return ()
 
 
 def read_readout(file: Path, name: str) -> RawFile:
@@ -47,16 +53,20 @@ def read_readout(file: Path, name: str) -> RawFile:
 
 def _facts_of(file: Path, name: str) -> Facts:
     """What the metadata beside a raw file say of a read-out. Raises InputError where they say nothing."""
-    metadata = next(
-        (path for path in map(file.with_name, OWN_METADATA) if path.is_file()), None
+    for facts in _listed(file):
+        if facts["name"] == name:
+            return facts
+    raise InputError(
+        f"neither {' nor '.join(OWN_METADATA)} beside {file} says how the read-out {name!r} was exposed; {AGAIN}."
     )
-    if metadata is None:
-        raise InputError(
-            f"{file} has neither {' nor '.join(OWN_METADATA)} beside it, which say how its read-outs were exposed; "
-            f"{AGAIN}."
-        )
-    listed = read_json(metadata, AGAIN).get("readouts")
-    for facts in listed or ():
-        if facts.get("name") == name:
-            return facts  # type: ignore[no-any-return]
-    raise InputError(f"{metadata} says nothing of the read-out {name!r}; {AGAIN}.")
+
+
+def _listed(file: Path) -> list[Facts]:
+    """What the metadata beside a raw file of this package say of its read-outs; nothing of other files."""
+    for path in map(file.with_name, OWN_METADATA):
+        if file.name == OWN_RAW and path.is_file():
+            listed = read_json(path, AGAIN).get("readouts")
+            return [
+                facts for facts in listed or () if isinstance(facts, dict) and "name" in facts
+            ]
+    return []
