@@ -41,8 +41,9 @@ class Subject:
 
     def __post_init__(self) -> None:
         if self.camera.readouts:
+            names = ", ".join(readout.name for readout in self.camera.readouts)
             raise ms.InputError(
-                f"{self.camera.name} has the read-outs {', '.join(self.camera.readout_cameras)}, and a study is of one; "
+                f"{self.camera.name} has the read-outs {names}, and a study is of one; "
                 "take one of them by its name, from camera.at_readout (--readout)."
             )
 

@@ -225,7 +225,7 @@ def test_a_study_is_of_one_readout_of_a_camera_that_has_several(
 ) -> None:
     """Named by --readout; without it the sentence says so."""
     recorder = Recorder()
-    monkeypatch.setattr(ablation, "study", recorder)
+    monkeypatch.setattr(ablation, "ablation", recorder)
     asked = ["study", "ablation", "flat_field", "--camera", "scmos_dual_gain"]
     target = ["-o", str(tmp_path / "study")]
     refused = CliRunner().invoke(app, [*asked, *target])
