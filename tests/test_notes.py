@@ -122,7 +122,7 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
         ),
         (
             lambda: ms.expose(FIVE[..., 0], TABLE1, EXPOSURE, wavelengths_nm=[0.55]),
-            "not detected: the QE curve of konnik",
+            "wavelengths are in nm: 0.55 µm are 550",
         ),
         (
             lambda: ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS),

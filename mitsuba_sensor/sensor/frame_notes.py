@@ -19,6 +19,7 @@ MUCH_OUTSIDE, NEARLY_ALL = (
     0.01,
     0.99,
 )  # of the photons: where a QE curve was cut off Python warns from the first share
+MOST_MICROMETRES = 20.0  # no QE curve of a camera has such a wavelength in nm
 CUT_OFF = 0.01  # of its peak: a curve that ends above this probably went on in the datasheet
 
 
@@ -73,6 +74,8 @@ def _outside_note(photons: Photons, camera: Camera) -> Iterator[str]:
         f"{100 * share:.3g} % of the photons are in {bands} and not detected: the QE curve of {camera.name} goes from "
         f"{points[0]:g} to {points[-1]:g} nm"
     )
+    if last_nm < MOST_MICROMETRES:
+        note += f"; wavelengths are in nm: {last_nm:g} µm are {1000 * last_nm:g}"
     ends_low, ends_high = _is_cut_off(camera)
     cut_off = (ends_low and first_nm < points[0]) or (ends_high and last_nm > points[-1])
     yield Doubt(note) if share > (MUCH_OUTSIDE if cut_off else NEARLY_ALL) else note

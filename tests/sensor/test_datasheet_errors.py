@@ -327,3 +327,8 @@ EDGES: dict[str, dict[str, Any]] = {
 def test_what_just_does_not_contradict_itself_is_a_camera_that_works(case: str) -> None:
     camera = TABLE1.replace(**EDGES[case])
     assert ms.expose([[1000.0, 2000.0]], camera, ms.Exposure(0.1)).digital.shape == (1, 1, 2)
+
+
+def test_a_limit_of_many_digits_is_written_short() -> None:
+    with pytest.raises(ms.InputError, match=r"-1; it must be greater than or equal to 1e-30 "):
+        ms.load_camera("bayer_2mp").replace(**{"readout.gain_dn_per_e": -1})
