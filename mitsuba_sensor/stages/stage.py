@@ -215,6 +215,12 @@ class Stage(ABC):
         return 1.0
 
     @property
+    def multiplication(self) -> tuple[float, float] | None:
+        """Of a stage behind which so many electrons have a gamma law up to the upper of its limits: its gain, and the
+        variance over the square of the gain that each electron adds."""
+        return None
+
+    @property
     def saturation_e(self) -> float | None:
         """Where the stage clips [e-]."""
         return None

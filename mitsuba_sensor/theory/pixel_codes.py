@@ -93,6 +93,7 @@ class PixelCodes(PixelSwing):
         )
         inside &= (reach[-1] < full) & (third < STRAIGHT_DN) & (converter.inl_lsb is None)
         wide = self.widest_excess_dn(inside) > STRAIGHT_DN
+        wide |= self._multiplied_and_cut(inside)
         certain = (sigma == 0) | (reach[0] > full)
         slope = np.abs(x[4] - x[2]) / np.maximum(2 * sigma, 1e-300)
         least_dn = np.where(inside | (mu < MANY), SHOWN_DN, SHOWN_AMONG_MANY_DN)
@@ -113,6 +114,19 @@ class PixelCodes(PixelSwing):
         yield np.flatnonzero(certain & wide), PixelCodes._certain_apart
         yield np.flatnonzero(every & wide), PixelCodes._every_apart
         yield np.flatnonzero(sums & ~every & wide), PixelCodes._cells_apart
+
+    def _multiplied_and_cut(self, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Where an end of the converter or of a register cuts the law of what leaves the register, (P,).
+
+        inside : where no end of the converter does.
+        """
+        cut, (mean_e, variance_e2) = np.zeros(inside.size, bool), self.law
+        for stage in self.stages:
+            if stage.multiplication is not None:
+                gain, spread = stage.multiplication
+                reach_e = mean_e + INSIDE * np.sqrt(variance_e2 + spread * mean_e)
+                cut |= ~inside | (gain * reach_e > stage.limits[1])
+        return cut
 
     def _certain(self) -> Codes:
         """There is one count."""

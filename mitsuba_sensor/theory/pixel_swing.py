@@ -14,6 +14,7 @@ from ..core import Array, Frame, Moments
 from ..core.types import Float64Array
 from ..stages.stage import Chain, Line, PixelNoise, Stage, converter_of
 from .pixel_counts import FEW, MORE, CountLaws, CountNodes
+from .register_law import cells_of_gamma_laws
 from .swing import STRAIGHT_DN, Curve, Normals, pass_curve
 
 AT_ONCE = 2**19
@@ -141,6 +142,8 @@ class PixelSwing:
             return normals, Normals(chances, means + mean, variances + variance)
         if self.well_is_passed and part.saturation_e is not None and not part.curved:
             return normals, normals
+        if self.take_apart and part.multiplication is not None:
+            return normals, self._multiplied(number, part, part.multiplication, normals)
         if part.curved:
             if self.take_apart and np.any(variances):
                 normals = self._curve(number, part).take_apart(normals)
@@ -149,6 +152,25 @@ class PixelSwing:
             Moments(means, np.broadcast_to(variances, means.shape), 0.0, self.frame)
         )
         return normals, Normals(chances, np.asarray(m.mean), np.asarray(m.temporal))
+
+    def _multiplied(
+        self, number: int, part: Stage, multiplication: tuple[float, float], normals: Normals
+    ) -> Normals:
+        """Cells of the gamma laws behind a register, cut where it is full."""
+        (gain, spread), full_e = multiplication, part.limits[1]
+        behind = self._curve(number, part)
+        dn_per_e = behind.converter.gain_dn_per_v * behind.later_gain
+        ends_dn = np.array([0.5, behind.converter.highest - 0.5])
+        ends_e = (ends_dn - behind.converter.black_level_dn) / dn_per_e
+        variances = gain**2 * (normals.variances + spread * normals.means)
+        laws = Normals(normals.chances, gain * normals.means, variances)
+        cells = cells_of_gamma_laws(
+            laws, np.append(ends_e, full_e), behind.later_noise_dn / dn_per_e
+        )
+        full = cells.means >= full_e
+        return Normals(
+            cells.chances, np.minimum(cells.means, full_e), np.where(full, 0.0, cells.variances)
+        )
 
     def _curve(self, number: int, stage: Stage) -> Curve:
         """A curved part and what stands behind it."""

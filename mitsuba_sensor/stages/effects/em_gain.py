@@ -68,7 +68,8 @@ class EmGain(Stage):
     F² = 2(G − 1)·G^(−(m + 1)/m) + 1/G of m elements is the excess noise factor squared, the temporal variance over that
     of shot noise alone: 1 without gain, nearly 2 at high gain (Robbins & Hadwen 2003). The amplifier comes behind the
     register, so that read noise is divided by G in photoelectrons. The law is a gamma law with that mean and variance
-    (Basden et al. 2003); theory takes it as normal about each count. There are no spurious charges of the clocks.
+    (Basden et al. 2003); theory has that law where a full register or the converter cuts it. There are no spurious
+    charges of the clocks.
 
     gain : G.  elements : m.  full_well_e : what the register holds at most [e-], or None.
     """
@@ -106,6 +107,11 @@ class EmGain(Stage):
     def excess_noise(self) -> float:
         """F²."""
         return em_excess_noise(self.gain, self.elements)
+
+    @property
+    def multiplication(self) -> tuple[float, float]:
+        """G and F² − 1."""
+        return self.gain, self.excess_noise - 1
 
     @property
     def limits(self) -> tuple[float, float]:
