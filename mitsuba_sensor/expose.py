@@ -129,9 +129,11 @@ def stream(
 def in_time(
     sensor: PreparedExposure, light: object, options: ExposeOptions
 ) -> Iterator[TimedFrame] | None:
-    """Several frames of lamps that flicker, each in the light of its time; None for others."""
-    several = sensor.count > 1 and FrameTimes.of(options).period_s is not None
-    if not several or not isinstance(light, Irradiance) or not light.waveforms:
+    """Frames of lamps that flicker, each in the light of its time; None of others, and of one that shows no other."""
+    several = sensor.count > 1 or sensor.camera.quantum_efficiency.image_lag > 0
+    if not several or FrameTimes.of(options).period_s is None:
+        return None
+    if not isinstance(light, Irradiance) or not light.waveforms:
         return None
     return timed_exposure(sensor, lambda *frame: light, options).each()
 

@@ -170,7 +170,8 @@ def render_in_time(
 
         light = one.render(hashed_seed(seed, -3, number) if number else seed, stop, tell)
         one.renderer.release()
-        lights.extend([] if lights else [light])
+        if number >= options["first_frame"] and not lights:
+            lights.append(light)
         return lit_as_asked(light, options)
 
     exposed = expose_moving(sensor, light_of, options)

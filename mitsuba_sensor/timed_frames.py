@@ -15,7 +15,7 @@ import numpy as np
 from .camera.camera import Camera
 from .camera.dual_pixels import has_several_readouts
 from .capture_options import CaptureOptions, LightOptions
-from .core import Exposure, Float64Array
+from .core import Exposure, Float64Array, Photons
 from .core.options import part_of
 from .files.webp import write_webp
 from .output.frame_files import VIDEO
@@ -30,6 +30,7 @@ from .sensor.frame_times import FrameTimes
 from .sensor.kept_maps import RECENT_BYTES, KeptMaps
 from .sensor.options import ExposeOptions
 from .stages.gains import gain_dn_per_e
+from .stages.image_lag import BEFORE
 from .stages.stage import converter_of
 from .theory.planned_exposure import prepare_planned_exposure
 
@@ -87,6 +88,7 @@ class TimedExposure:
     def each(self, report: bool = False, with_clean: bool = False) -> Iterator[TimedFrame]:
         """One frame at a time, the first with its report if it is asked for."""
         sensor, control, first = self.sensor, self.control, self.sensor.first
+        before = self._before(first.index)
         for number in range(first.index, first.index + sensor.count):
             camera, exposure = sensor.camera, first.exposure
             if control is not None:
@@ -94,7 +96,8 @@ class TimedExposure:
             start_s = self.times.of_frame(number)
             light = self.light_of(number, start_s, exposure)
             photons = photons_of(light, camera, exposure, start_s)
-            one = self._sensor_of(camera).at(exposure).of(photons, number)
+            one = self._sensor_of(camera).at(exposure).of(after(before, photons), number)
+            before = photons if camera.quantum_efficiency.image_lag else None
             if report and number == first.index:
                 frames = Frames.exposed_with_report(one)
             else:
@@ -105,6 +108,17 @@ class TimedExposure:
             yield TimedFrame(start_s, frames, light.statistics.camera_to_world, measured)
             if sensor.told is not None:
                 sensor.told(number - first.index + 1)
+
+    def _before(self, number: int) -> Photons | None:
+        """The light of the frame before this one, of a camera with image lag; None before frame 0."""
+        camera, exposure = self.sensor.camera, self.sensor.first.exposure
+        if not camera.quantum_efficiency.image_lag or number == 0:
+            return None
+        if self.control is not None:
+            exposure = self.control.exposure
+        start_s = self.times.of_frame(number - 1)
+        light = self.light_of(number - 1, start_s, exposure)
+        return photons_of(light, camera, exposure, start_s)
 
     def _sensor_of(self, camera: Camera) -> PreparedExposure:
         """The sensor at the gain of this camera, for one frame, with the FPN maps of the frames before."""
@@ -118,6 +132,13 @@ class TimedExposure:
         if camera.added or first.window.given:
             return sensor
         return self.kept.lend(sensor, camera.gain)
+
+
+def after(before: Photons | None, photons: Photons) -> Photons:
+    """Light of a frame with that of the frame before; without it where that is the same or not asked for."""
+    if before is None:
+        return photons
+    return photons.changed(by_readout={BEFORE: before})
 
 
 class TimedFrames(NamedTuple):

@@ -115,7 +115,7 @@ def _sideways(camera: Camera) -> tuple[object, ...]:
     section, pixel = camera.quantum_efficiency, camera.pixel
     if camera.stages[0].light_reach_px == 0:
         return ()
-    given = section.crosstalk, repr(section.crosstalk_from), section.diffusion_um
+    given = repr(section.shares_given), section.diffusion_um
     return (*given, section.filter_tile, pixel.pitch_x_um, pixel.pitch_y_um)
 
 

@@ -29,6 +29,7 @@ def check_dual_pixels(camera: Datasheet) -> None:
         (bool(camera.pixel.partial_resets), "pixel.partial_resets are given"),
         (camera.pixel.hits_per_cm2_s != 0, "pixel.hits_per_cm2_s is not 0"),
         (bool(camera.quantum_efficiency.quantum_yield), "a quantum_yield is given"),
+        (camera.quantum_efficiency.image_lag != 0, "quantum_efficiency.image_lag is not 0"),
         (camera.lens.half_pupil is not None, "lens.half_pupil is given"),
         (camera.pixel.full_well_e < 2, "pixel.full_well_e is below 2"),
     )

@@ -31,7 +31,8 @@ BEHIND_CHARGE = (
 """Fields, or beginnings of fields, that read-outs of one charge may have differently."""
 
 CROSSTALK = tuple(
-    f"quantum_efficiency.{name}" for name in ("crosstalk", "crosstalk_from", "diffusion_um")
+    f"quantum_efficiency.{way}"
+    for way in ("crosstalk", "crosstalk_from", "crosstalk_pairs", "diffusion_um")
 )
 OF_PHOTODIODE = ("pixel.prnu", "dark_current.", *CROSSTALK)
 """Fields that a second photodiode may have differently, too."""
@@ -161,6 +162,10 @@ def check_readouts(camera: Camera) -> None:
         (
             bool(camera.gains),
             "gains are settings of a camera with one read-out; give each read-out its gain in fields",
+        ),
+        (
+            camera.quantum_efficiency.image_lag != 0,
+            "quantum_efficiency.image_lag is known for pixels with one charge in a frame; set it to 0",
         ),
     )
     for one in camera.readout_cameras.values():

@@ -50,7 +50,8 @@ class Photons:
     source : what is known of the light that they were collected from, for the notes of frames; None: nothing.
     by_readout : photons of the exposures that follow the first one, by the name of the read-out that is exposed again,
         each in its own exposure time; None where the light does not change in time. Of dual pixels ``left`` is the part
-        of this light that falls on the left photodiodes; None: half of it.
+        of this light that falls on the left photodiodes; None: half of it. Of a camera with image lag ``before`` is the
+        light of the frame before; None: this light.
     """
 
     mean: NumpyArray

@@ -62,9 +62,8 @@ class Recording:
         """The first pixel of a run: the numbers are the same for all pixels."""
         given = {name: x[:1, :1] for name, x in first.window.given.items()}
         window = SensorWindow(first.window.serial, (1, 1), first.window.origin, given)
-        corner = replace(
-            light.crop_rows(slice(1)), mean=light.mean[:1, :1], variance_e2=None, in_band=None
-        )
+        alone = light.changed(variance_e2=None, in_band=None, by_readout=None)
+        corner = replace(alone.crop_rows(slice(1)), mean=light.mean[:1, :1])
         return cls(corner, camera, replace(first, window=window, _blocks={}))
 
     def by(self, names: tuple[str, ...], of_light: Collection[str] = ()) -> list[CameraNumber]:

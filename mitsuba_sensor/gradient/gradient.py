@@ -328,8 +328,13 @@ def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
     if PHOTONS in names and chain(camera)[0].light_reach_px:
         raise InputError(
             f"parameters names {PHOTONS!r}, and crosstalk of {camera.name} gives them to neighbours, too; "
-            "differentiate by fields of the camera, or unset quantum_efficiency.crosstalk, crosstalk_from and "
-            "diffusion_um."
+            "differentiate by fields of the camera, or unset quantum_efficiency.crosstalk, crosstalk_from, "
+            "crosstalk_pairs and diffusion_um."
+        )
+    if PHOTONS in names and camera.quantum_efficiency.image_lag and light.by_readout:
+        raise InputError(
+            f"parameters names {PHOTONS!r}, and a part of these stays for the next frame; differentiate by fields of "
+            "the camera, or pass photons.changed(by_readout=None)."
         )
     bands = light.mean.shape[2] if light.mean.ndim == 3 else 1
     if PHOTONS in names and bands > 1 and camera.quantum_efficiency.quantum_yield:

@@ -22,6 +22,7 @@ from ..core.backend import FLOAT32_LIMIT
 from ..stages.combined_readouts import combined_of
 from ..stages.effects.shot_noise import LEFT
 from ..stages.gains import adc_gain_dn_per_v
+from ..stages.image_lag import BEFORE
 from ..stages.stage import Chain
 from .photon_checks import (
     check_channels,
@@ -98,6 +99,9 @@ def _check_names_of_readouts(given: Mapping[str, Photons], camera: Camera) -> No
     if camera.sensor.dual_pixel:
         parts = [LEFT]
         known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
+    elif camera.quantum_efficiency.image_lag:
+        parts = [BEFORE]
+        known = f"of a camera with image lag it has the light of the frame before, {BEFORE!r}"
     elif not parts:
         known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(by_readout=None)"
     unknown = [name for name in given if name not in parts]

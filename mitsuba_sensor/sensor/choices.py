@@ -125,8 +125,10 @@ def _check_published_has(camera: Camera) -> None:
     }
     if stages[0].light_reach_px:
         ways_out["crosstalk"] = (
-            "unset quantum_efficiency.crosstalk, crosstalk_from and diffusion_um"
+            "unset quantum_efficiency.crosstalk, crosstalk_from, crosstalk_pairs and diffusion_um"
         )
+    if camera.quantum_efficiency.image_lag:
+        ways_out["image lag"] = "set quantum_efficiency.image_lag to 0"
     for label, way_out in ways_out.items():
         raise InputError(
             f"chain is 'konnik2014', and {camera.name} has {label}, which the published chain lacks; "

@@ -13,6 +13,7 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.signals import LAYERS, Filters
 from ..core.types import Float64Array
 from ..stages.effects.shot_noise import LEFT
+from ..stages.image_lag import BEFORE
 from ..stages.stage import Stage
 from .photon_checks import check_light, first_place
 from .run import Strip, row_strips_of
@@ -149,12 +150,15 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
 
     photons : of the window of ``frame``.  stage : the first one of the chain.
     """
-    signal, given = _detect(photons, stage, frame), photons.by_readout or {}
+    given = dict(photons.by_readout or {})
+    of_lag = {BEFORE: given.pop(BEFORE)} if BEFORE in given else None
+    own = photons.changed(by_readout=of_lag)
+    signal = _detect(own, stage, frame)
     if not given and not stage.other_photodiodes:
         return Detected(photons, signal)
     others = {name: _detect(one, stage, frame) for name, one in given.items()}
     for name, exposure_ratio, detection in stage.other_photodiodes:
-        others[name] = _detect(given.get(name, photons), detection, frame)
+        others[name] = _detect(given.get(name, own), detection, frame)
         if name not in given and exposure_ratio != 1:
             others[name] = replace(others[name], light=exposure_ratio * others[name].light)
     if isinstance(signal, Electrons) and LEFT in others:
@@ -181,7 +185,6 @@ def _left_share(left_e: Array, whole_e: Array) -> Array:
 
 def _detect(photons: Photons, stage: Stage, frame: Frame) -> Array:
     """The signal behind the first stage, strip by strip."""
-    photons = photons.changed(by_readout=None)
     backend = NUMPY_FLOAT64 if frame.window.backend.precision == "float64" else NUMPY_FLOAT32
     whole, shape = frame.on(backend), frame.window.shape
     found: dict[str, Array] = {}

@@ -12,20 +12,26 @@ from itertools import product
 from typing import Annotated, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ..core import Electrons, arrays
 from ..core.backend import FLOAT32_LIMIT
 from ..core.types import Array, Float64Array
-from .datasheet import Chance, FileTable, NotNegative
+from .crosstalk_kernels import (
+    EXAMPLE,
+    GIVES_NOTHING,
+    KEEPS_ALL,
+    OWN_EXAMPLE,
+    PAIR_EXAMPLE,
+    Kernel,
+    Tile,
+    check_kernel,
+    check_pairs,
+    of_reach,
+)
+from .datasheet import FileTable, NotNegative
 from .effects.quantum_yield import bursts
-
-Kernel = tuple[tuple[Chance, ...], ...]
-SIDES = (3, 5)
-ROUNDING = 1e-9
-"""By which a sum of shares that were rounded in a file may pass 1."""
-
-EXAMPLE = [[0.0, 0.02, 0.0], [0.02, 0.92, 0.02], [0.0, 0.02, 0.0]]
 
 
 class CrosstalkFields(FileTable):
@@ -43,7 +49,18 @@ class CrosstalkFields(FileTable):
         description="filter name → these shares for pixels behind it, instead of crosstalk; others keep all",
         examples=[{"R": EXAMPLE}],
     )
-
+    crosstalk_pairs: (
+        Annotated[
+            dict[str, Annotated[dict[str, Kernel], Field(min_length=1)]], Field(min_length=1)
+        ]
+        | None
+    ) = Field(
+        None,
+        title="crosstalk between two colours",
+        description="filter name → filter name → shares that pixels behind the first give to pixels behind the second, "
+        "instead of crosstalk; others keep all",
+        examples=[{"R": {"R": OWN_EXAMPLE, "G": PAIR_EXAMPLE}}],
+    )
     diffusion_um: tuple[NotNegative, ...] | None = Field(
         None,
         title="charge diffusion, diffusion length",
@@ -54,7 +71,7 @@ class CrosstalkFields(FileTable):
 
     @model_validator(mode="after")
     def _one_way_of_giving_it(self) -> Self:
-        ways = ("crosstalk", "crosstalk_from", "diffusion_um")
+        ways = ("crosstalk", "crosstalk_from", "crosstalk_pairs", "diffusion_um")
         given = [name for name in ways if getattr(self, name) is not None]
         if len(given) > 1:
             raise ValueError(f"give either {given[0]} or {given[1]}, and not both")
@@ -72,70 +89,65 @@ class CrosstalkFields(FileTable):
     @model_validator(mode="after")
     def _shares_are_possible(self) -> Self:
         if self.crosstalk is not None:
-            _check_kernel("crosstalk", self.crosstalk)
+            check_kernel("crosstalk", self.crosstalk)
         known = getattr(self, "curves", {})
+        for way in ("crosstalk_from", "crosstalk_pairs"):
+            for name in getattr(self, way) or ():
+                if name not in known:
+                    raise ValueError(
+                        f"{way} names {name!r}, which has no curve; there are {sorted(known)}"
+                    )
         for name, kernel in (self.crosstalk_from or {}).items():
-            if name not in known:
-                raise ValueError(
-                    f"crosstalk_from names {name!r}, which has no curve; there are {sorted(known)}"
-                )
-            _check_kernel(f"crosstalk_from.{name}", kernel)
+            check_kernel(f"crosstalk_from.{name}", kernel)
+        for name, of_receivers in (self.crosstalk_pairs or {}).items():
+            check_pairs(name, of_receivers, tuple(known), getattr(self, "filter_tile", ((0,),)))
         return self
 
-
-def _check_kernel(name: str, kernel: Kernel) -> None:
-    """Raise ValueError for another shape, for more electrons than there were, and for a pixel that keeps too few."""
-    side = len(kernel)
-    if side not in SIDES or any(len(row) != side for row in kernel):
-        raise ValueError(
-            f"{name} has rows of {', '.join(str(len(row)) for row in kernel)} shares; it must be 3 rows of 3 or "
-            f"5 rows of 5, e.g. {EXAMPLE}"
-        )
-    shares = np.array(kernel)
-    if shares.sum() > 1 + ROUNDING:
-        raise ValueError(
-            f"{name} adds up to {shares.sum():.6g}, and there are no more electrons than the light has freed; "
-            "let the shares add up to 1, or less where some are lost"
-        )
-    if shares[side // 2, side // 2] < max(shares.max(), ROUNDING):
-        raise ValueError(
-            f"{name} gives {shares[side // 2, side // 2]:g} to the pixel itself and {shares.max():g} to another; the "
-            "share in the middle must be the largest"
-        )
+    @property
+    def shares_given(self) -> dict[str, dict[str, Kernel]]:
+        """Filter name → filter name → kernel, of the filters whose pixels give electrons away."""
+        names = tuple(getattr(self, "curves", {}))
+        by_filter = self.crosstalk_from or {}
+        if self.crosstalk is not None:
+            by_filter = dict.fromkeys(names, self.crosstalk)
+        to_all = {name: dict.fromkeys(names, kernel) for name, kernel in by_filter.items()}
+        return to_all | (self.crosstalk_pairs or {})
 
 
 @dataclass(frozen=True)
 class Crosstalk:
     """Shares of the photoelectrons of a pixel that the pixels about it collect.
 
-    kernels : of pixels behind each filter, (2·reach_px + 1)² each.  tile : rows of filter numbers that repeat.
+    kernels : of pixels behind each filter for those behind each filter, (2·reach_px + 1)².
+    tile : rows of filter numbers that repeat.
     """
 
-    kernels: tuple[Kernel, ...]
-    tile: tuple[tuple[int, ...], ...]
+    kernels: tuple[tuple[Kernel, ...], ...]
+    tile: Tile
 
     @classmethod
     def of(
-        cls,
-        every: Kernel | None,
-        by_filter: Mapping[str, Kernel] | None,
-        names: tuple[str, ...],
-        tile: tuple[tuple[int, ...], ...],
+        cls, given: Mapping[str, Mapping[str, Kernel]], names: tuple[str, ...], tile: Tile
     ) -> Crosstalk | None:
-        """None where each pixel keeps its electrons.  every, by_filter : as in the camera file."""
-        given = dict.fromkeys(names, every) if every is not None else dict(by_filter or {})
-        if not given:
+        """None where each pixel keeps its electrons.  given : shares of the filters whose pixels do not."""
+        sizes = [
+            len(kernel) for of_receivers in given.values() for kernel in of_receivers.values()
+        ]
+        reach_px = max(sizes, default=1) // 2
+        alone, nothing = of_reach(KEEPS_ALL, reach_px), of_reach(GIVES_NOTHING, reach_px)
+        kernels = []
+        for source in names:
+            of_source = given.get(source, {source: KEEPS_ALL})
+            shares = (of_source.get(name, GIVES_NOTHING) for name in names)
+            kernels.append(tuple(of_reach(kernel, reach_px) for kernel in shares))
+        if all(kernel in (alone, nothing) for of_source in kernels for kernel in of_source):
             return None
-        reach_px = max(len(kernel) // 2 for kernel in given.values())
-        kernels = tuple(_of_reach(given.get(name, ((1.0,),)), reach_px) for name in names)
-        if all(kernel == _of_reach(((1.0,),), reach_px) for kernel in kernels):
-            return None
-        return cls(kernels, tile)
+        return cls(tuple(kernels), tile)
 
     @property
     def reach_px(self) -> int:
         """How far away a pixel is that gets electrons."""
-        return len(self.kernels[0]) // 2
+        return len(self.kernels[0][0]) // 2
 
     def mixed(self, wider: Electrons, origin: tuple[int, int]) -> Electrons:
         """What the pixels of a window collect.
@@ -165,32 +177,39 @@ class Crosstalk:
         """Σ over the pixels about each one of their values times their shares, or a power of these."""
         side, (height, width) = 2 * self.reach_px + 1, values.shape
         rows, columns = height - side + 1, width - side + 1
+        receiving = origin[0] + self.reach_px, origin[1] + self.reach_px
         found = np.zeros((rows, columns))
         for row, column in product(range(side), repeat=2):
             # what goes so many rows down comes from as many rows above
             top, left = side - 1 - row, side - 1 - column
-            shares = [kernel[row][column] ** power for kernel in self.kernels]
-            if any(shares):
+            of_pairs = ((kernel[row][column] for kernel in one) for one in self.kernels)
+            shares = np.array([list(of_source) for of_source in of_pairs]) ** power
+            if shares.any():
                 start = origin[0] + top, origin[1] + left
                 giving = values[top : top + rows, left : left + columns]
-                found += self._of_filters(shares, start, giving.shape) * giving
+                found += self._of_filters(shares, start, receiving, giving.shape) * giving
         return found
 
     def _of_filters(
-        self, shares: list[float], origin: tuple[int, int], shape: tuple[int, ...]
+        self,
+        shares: Float64Array,
+        giving: tuple[int, int],
+        receiving: tuple[int, int],
+        shape: tuple[int, ...],
     ) -> Array:
-        """The share of every pixel by its filter, (H, W), or one for all."""
-        if len(set(shares)) == 1:
-            return shares[0]
+        """The share of every pair of pixels by their filters, (H, W), or one for all.
+
+        giving, receiving : row and column of the first of them on the sensor.
+        """
+        if np.ptp(shares) == 0:
+            return shares[0, 0]
+        return shares[self._filters(giving, shape), self._filters(receiving, shape)]
+
+    def _filters(self, origin: tuple[int, int], shape: tuple[int, ...]) -> NDArray[np.intp]:
+        """Filter numbers of the pixels of a window, (H, W)."""
         tile = np.array(self.tile)
         rows, columns = (
             (np.arange(length) + first) % period
             for length, first, period in zip(shape, origin, tile.shape, strict=True)
         )
-        return np.array(shares)[tile[np.ix_(rows, columns)]]
-
-
-def _of_reach(kernel: Kernel, reach_px: int) -> Kernel:
-    """The same shares, with zeros about them."""
-    padded = np.pad(np.array(kernel), reach_px - len(kernel) // 2)
-    return tuple(tuple(row) for row in padded.tolist())
+        return np.asarray(tile[np.ix_(rows, columns)])

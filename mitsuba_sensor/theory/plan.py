@@ -230,4 +230,5 @@ def _some_pixels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[
     else:
         mean = window[..., 0]
     frame = Frame(exposure, SensorWindow(0, (mean.shape[0], mean.shape[1])))
-    return photons.changed(mean=mean, variance_e2=None, origin=(0, 0), in_band=None), frame
+    alone = photons.changed(variance_e2=None, origin=(0, 0), in_band=None, by_readout=None)
+    return alone.changed(mean=mean), frame

@@ -24,9 +24,10 @@ PWM = ms.pwm(100, 0.4, 0.15)
 
 @dataclass(frozen=True)
 class Statistics:
-    """What photons take of the statistics of a render."""
+    """What photons and frames take of the statistics of a render."""
 
     intrinsics: None = None
+    camera_to_world: None = None
     notes: tuple[str, ...] = ()
 
 
@@ -143,3 +144,22 @@ def test_infinite_light_of_a_lamp_that_is_off_is_none(field: ms.Irradiance) -> N
     lit = sum_of_groups({**field.groups, "lamp": replace(lamp, data=data)})
     rows = ms.collect(lit.with_lights(lamp=ms.pwm(50, 0.1)), ROLLING, ms.Exposure(1e-4)).total
     assert rows[-1, 0] == pytest.approx(rows[-1, 1])
+
+
+def test_lag_of_a_lamp_that_flickers_is_that_of_the_frame_before(field: ms.Irradiance) -> None:
+    """Frame k shows f of the light of frame k − 1, and is the same alone, also in ms.stream; frame 0 sees itself."""
+    lit, times = field.with_lights(lamp="10 pwm(7, 0.5)"), {"fps": 10.0, "seed": 3}
+    lagging = GLOBAL.replace(**{"quantum_efficiency.image_lag": 0.2})
+    plain = [
+        ms.expose(lit, GLOBAL, EXPOSURE, first_frame=k, **times).theory.light.mean_e
+        for k in range(3)
+    ]
+    series = ms.expose(lit, lagging, EXPOSURE, frames=3, **times).digital
+    streamed = list(ms.stream(lit, lagging, EXPOSURE, frames=3, **times))
+    np.testing.assert_array_equal(series, streamed)
+    assert abs(plain[1].mean() - plain[0].mean()) > 0.3 * plain[0].mean()
+    for k in range(3):
+        alone = ms.expose(lit, lagging, EXPOSURE, first_frame=k, **times)
+        shown = 0.8 * plain[k] + 0.2 * plain[max(k - 1, 0)]
+        np.testing.assert_allclose(alone.theory.light.mean_e, shown, rtol=1e-5)
+        np.testing.assert_array_equal(alone.digital[0], series[k])

@@ -187,3 +187,30 @@ def test_times_that_cannot_be_are_refused_with_the_way_out(
 def test_impossible_times_are_refused_by_expose_too(options: dict[str, Any]) -> None:
     with pytest.raises(ms.InputError, match=f"{next(iter(options))} is"):
         ms.expose(np.ones((4, 4)), "konnik_table1", ms.Exposure(0.01), frames=2, **options)
+
+
+def test_a_ghost_behind_a_moving_edge_has_the_lag_of_the_frame_before(tmp_path: Path) -> None:
+    """Columns that have become dark show f of the light that was there one frame ago, of its own render; frame 2 is
+    the same alone, and frame 0 sees itself. The light is the same with lag and without."""
+    scene, lag = write_scene(tmp_path, SCENE), {"quantum_efficiency.image_lag": 0.1}
+    given: dict[str, Any] = {
+        "motion": MOTION,
+        "fps": 4,
+        "frames": 3,
+        "keep": ["photoelectrons"],
+        **QUICK,
+    }
+    quiet = CAMERA.replace(**{"pixel.prnu": 0.0, "sensor.without": ["shot_noise"]})
+    plain, lagging = (
+        ms.capture(scene, camera, EXPOSURE, **given) for camera in (quiet, quiet.replace(**lag))
+    )
+    light, shown = plain.frames.photoelectrons, lagging.frames.photoelectrons
+    assert light is not None and shown is not None
+    np.testing.assert_array_equal(shown[0], light[0])
+    np.testing.assert_allclose(shown[1:], 0.9 * light[1:] + 0.1 * light[:-1], rtol=1e-6)
+    np.testing.assert_array_equal(plain.light.data, lagging.light.data)
+    alone = ms.capture(
+        scene, quiet.replace(**lag), EXPOSURE, **{**given, "first_frame": 2, "frames": 1}
+    )
+    np.testing.assert_array_equal(alone.frames.photoelectrons, shown[2:])
+    np.testing.assert_array_equal(alone.frames.digital, lagging.frames.digital[2:])

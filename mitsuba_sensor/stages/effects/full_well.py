@@ -217,6 +217,13 @@ class SoftFullWell(Stage):
         return average, np.sum(square, axis=0)
 
 
+def held_e(count_e: Float64Array, full_well_e: float, knee_e: float) -> Float64Array:
+    """What a pixel holds of so many electrons, without noise."""
+    if knee_e == 0:
+        return np.minimum(count_e, full_well_e)
+    return np.asarray(_response(count_e, full_well_e, knee_e)[0])
+
+
 def _response(count: Array, well: Array, knee: Array) -> tuple[Array, Array]:
     """What is left of so many electrons, and the share p of a further one that is."""
     below = count < well

@@ -30,6 +30,7 @@ from ...core.types import NumpyArray
 from ..crosstalk import Crosstalk, CrosstalkFields
 from ..datasheet import Chance, FileTable, Nanometres, Positive
 from ..diffusion import Diffusion
+from ..image_lag import BEFORE, ImageLag, ImageLagFields
 from ..polarizers import efficiencies
 from ..qe_file import read_curves
 from ..stage import Datasheet, OtherPhotodiode, Stage
@@ -142,7 +143,7 @@ class CurveFields(FileTable):
         )
 
 
-class QuantumEfficiencyFields(CrosstalkFields, CurveFields):
+class QuantumEfficiencyFields(ImageLagFields, CrosstalkFields, CurveFields):
     """Electrons per photon, filters, and where the electrons go; pydantic takes the fields of the last base first."""
 
 
@@ -199,6 +200,7 @@ class QuantumEfficiency(Stage):
     crosstalk : behind the filters, or None where each pixel keeps its electrons. Beyond the edge of the window is the
         light of a mirror there, behind the filters that are there.
     diffusion : the same by wavelength, instead.
+    lag : of the frame before, where its light is given, or None.
     other_photodiodes : of split pixels, with crosstalk or diffusion of their own; each detects the photoelectrons that
         the first one would with these.
     """
@@ -209,6 +211,7 @@ class QuantumEfficiency(Stage):
     quantum_yield: SpectralCurve | None = None
     crosstalk: Crosstalk | None = None
     diffusion: Diffusion | None = None
+    lag: ImageLag | None = None
     other_photodiodes: tuple[OtherPhotodiode, ...] = ()
     domain = "electrons"
     table = "quantum_efficiency"
@@ -231,19 +234,15 @@ class QuantumEfficiency(Stage):
         else:
             burst = None
         crosstalk = Crosstalk.of(
-            section.crosstalk,
-            section.crosstalk_from,
-            tuple(section.curves),
-            section.filter_tile,
+            section.shares_given, tuple(section.curves), section.filter_tile
         )
         diffusion = None
         if section.diffusion_um is not None and any(section.diffusion_um):
             sigma_um = SpectralCurve(section.wavelengths_nm, section.diffusion_um)
             pitch_um = camera.pixel.pitch_y_um, camera.pixel.pitch_x_um
             diffusion = Diffusion(sigma_um, pitch_um)
-        return cls(
-            curves, section.filter_tile, section.reference_nm, burst, crosstalk, diffusion
-        )
+        tile, lag = section.filter_tile, ImageLag.from_camera(camera)
+        return cls(curves, tile, section.reference_nm, burst, crosstalk, diffusion, lag)
 
     def with_photodiodes(self, readouts: Iterable[ReadoutChain]) -> QuantumEfficiency:
         """With the photodiodes of these read-outs whose crosstalk or diffusion is not that of the first one."""
@@ -281,15 +280,20 @@ class QuantumEfficiency(Stage):
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
         window = frame.window
-        if self.light_reach_px == 0:
-            collected = self._freed(photons, window)
-        else:
-            wider, around = _mirrored(photons, window, self.light_reach_px)
-            if self.crosstalk is not None:
-                collected = self.crosstalk.mixed(self._freed(wider, around), around.origin)
-            else:
-                collected = self._diffused(wider, around)
+        collected = self._of_exposure(photons, window)
+        if self.lag is not None and photons.by_readout is not None:
+            before = self._of_exposure(photons.by_readout[BEFORE], window)
+            collected = self.lag.shown(collected, before)
         return collected.mapped(lambda values: window.backend.from_numpy(values, window))
+
+    def _of_exposure(self, photons: Photons, window: SensorWindow) -> Electrons:
+        """Mean photoelectrons (interactions) that each pixel collects of this light, (H, W) on NumPy."""
+        if self.light_reach_px == 0:
+            return self._freed(photons, window)
+        wider, around = _mirrored(photons, window, self.light_reach_px)
+        if self.crosstalk is not None:
+            return self.crosstalk.mixed(self._freed(wider, around), around.origin)
+        return self._diffused(wider, around)
 
     def _freed(self, photons: Photons, window: SensorWindow) -> Electrons:
         """Mean photoelectrons (interactions) that the light frees in each pixel, (H, W) on NumPy."""

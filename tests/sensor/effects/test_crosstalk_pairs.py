@@ -1,0 +1,214 @@
+"""Crosstalk between two colours: shares of pixels behind one filter for those behind another one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.stage_tests import backend_of
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.camera.colour_matrix import colour_matrix, flat_field_qe, standard_light
+from mitsuba_sensor.core.backend import Backend
+
+BAYER = ms.load_camera("bayer_2mp")
+SHORT = ms.Exposure(0.1)
+NAMES, TILE = BAYER.filter_names, BAYER.tile
+PAIRS_FIELD = "quantum_efficiency.crosstalk_pairs"
+
+
+def cross(own: float, sides: float, corners: float) -> list[list[float]]:
+    """A kernel that is alike on all sides."""
+    return [[corners, sides, corners], [sides, own, sides], [corners, sides, corners]]
+
+
+def lines(own: float, above: float, left: float, corners: float) -> list[list[float]]:
+    """Above and below another share than left and right."""
+    return [[corners, above, corners], [left, own, left], [corners, above, corners]]
+
+
+PAIRS = {
+    "R": {"R": cross(0.9, 0, 0), "G": cross(0, 0.02, 0), "B": cross(0, 0, 0.003)},
+    "G": {"G": cross(0.88, 0, 0.004), "R": cross(0, 0.03, 0), "B": cross(0, 0.015, 0)},
+    "B": {"B": cross(0.95, 0, 0), "G": cross(0, 0.01, 0)},
+}
+MIXED = BAYER.replace(**{PAIRS_FIELD: PAIRS})
+
+
+def random_pairs(seed: int, side: int, tile: NDArray[np.intp]) -> dict[str, dict[str, Any]]:
+    """Shares for all pairs, 0 where no pixel of the second filter lies, that add up to less than 1."""
+    random, reach = np.random.default_rng(seed), side // 2
+    found: dict[str, dict[str, Any]] = {}
+    for source, name in enumerate(NAMES):
+        kernels = random.uniform(0, 0.9 / side**2, (len(NAMES), side, side))
+        kernels[source, reach, reach] = 0.2
+        for (number, row, column), _ in np.ndenumerate(kernels):
+            places = np.argwhere(tile == source)
+            at = [(y + row - reach, x + column - reach) for y, x in places]
+            there = {tile[y % len(tile), x % len(tile[0])] for y, x in at}
+            if number not in there:
+                kernels[number, row, column] = 0.0
+        found[name] = {other: kernels[k].tolist() for k, other in enumerate(NAMES)}
+    return found
+
+
+def mean_e(camera: ms.Camera, light: Any, **options: Any) -> NDArray[np.float64]:
+    """Mean photoelectrons that the pixels collect."""
+    frames = ms.expose(light, camera, SHORT, precision="float64", **options)
+    return frames.theory.light.mean_e
+
+
+def by_loop(
+    freed: NDArray[np.float64], pairs: dict[str, dict[str, Any]], tile: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Every pixel gives its shares to each one about it, written out; light at the edges is that of a mirror."""
+    side = max(len(kernel) for one in pairs.values() for kernel in one.values())
+    reach = side // 2
+    wider = np.pad(freed, 2 * reach, mode="reflect")
+    found = np.zeros(wider.shape)
+    for (y, x), electrons in np.ndenumerate(wider):
+        source = NAMES[tile[(y - 2 * reach) % len(tile), (x - 2 * reach) % len(tile[0])]]
+        for row in range(-reach, reach + 1):
+            for column in range(-reach, reach + 1):
+                to = y + row, x + column
+                if not (0 <= to[0] < wider.shape[0] and 0 <= to[1] < wider.shape[1]):
+                    continue
+                place = (to[0] - 2 * reach) % len(tile), (to[1] - 2 * reach) % len(tile[0])
+                kernel = np.array(pairs[source].get(NAMES[tile[place]], [[0.0]]))
+                inside = row + len(kernel) // 2, column + len(kernel) // 2
+                if min(inside) >= 0 and max(inside) < len(kernel):
+                    found[to] += kernel[inside] * electrons
+    return found[2 * reach : -2 * reach, 2 * reach : -2 * reach]
+
+
+@pytest.mark.parametrize("side", [3, 5])
+def test_a_loop_over_all_pairs_of_pixels_collects_the_same_electrons(side: int) -> None:
+    """Within 1e-12, of shares without any symmetry."""
+    tile = BAYER.filter_index((2, 2))
+    pairs = random_pairs(side, side, tile)
+    light = np.random.default_rng(1).uniform(0.0, 5e3, (11, 14))
+    expected = by_loop(mean_e(BAYER, light), pairs, tile)
+    np.testing.assert_allclose(
+        mean_e(BAYER.replace(**{PAIRS_FIELD: pairs}), light), expected, rtol=1e-12
+    )
+
+
+def test_kernels_of_3_and_5_go_together() -> None:
+    tile = BAYER.filter_index((2, 2))
+    pairs = {"R": PAIRS["R"] | {"G": np.pad(PAIRS["R"]["G"], 1).tolist()}, "G": PAIRS["G"]}
+    light = np.random.default_rng(2).uniform(0.0, 5e3, (9, 8))
+    expected = by_loop(mean_e(BAYER, light), pairs | {"B": {"B": [[1.0]]}}, tile)
+    found = mean_e(BAYER.replace(**{PAIRS_FIELD: pairs}), light)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("origin", [(0, 0), (1, 0), (3, 5)])
+def test_a_flat_field_and_the_colour_matrix_mix_the_filters_in_closed_form(
+    origin: tuple[int, int],
+) -> None:
+    """Of PAIRS: R' = 0.9 R + 4·0.03 G, G' = (0.88 + 4·0.004) G + 2·0.02 R + 2·0.01 B, B' = 0.95 B + 4·0.015 G +
+    4·0.003 R; the curves that colours are made by are those of this matrix."""
+    matrix = np.array([[0.9, 0.12, 0.0], [0.04, 0.896, 0.02], [0.012, 0.06, 0.95]])
+    nm = np.array([450.0, 550.0, 620.0])
+    light = ms.Photons(np.full((6, 7, 3), 1e3), nm)
+    mixed = matrix @ BAYER.qe(nm).sum(axis=1) * 1e3
+    found = mean_e(MIXED, light, origin=origin)
+    np.testing.assert_allclose(found, mixed[BAYER.filter_index((6, 7), origin)], rtol=1e-12)
+    np.testing.assert_allclose(flat_field_qe(MIXED, nm), matrix @ BAYER.qe(nm), rtol=1e-12)
+    day = standard_light(BAYER, "D65")
+    white = [colour_matrix(camera, day).white_balance for camera in (MIXED, BAYER)]
+    assert np.abs(np.subtract(*white)).max() > 0.01
+
+
+def test_electrons_that_leave_a_pixel_arrive_or_are_lost_by_what_the_sums_lack() -> None:
+    """One bright pixel behind each filter: the electrons of the picture are its own times the sum of its shares."""
+    sums = {"R": 0.9 + 4 * 0.02 + 4 * 0.003, "G": 0.88 + 4 * 0.004 + 2 * 0.045, "B": 0.99}
+    for row, column in ((4, 4), (4, 5), (5, 4), (5, 5)):
+        light = np.zeros((10, 10))
+        light[row, column] = 1e3
+        source = NAMES[BAYER.filter_index((10, 10))[row, column]]
+        alone, mixed = mean_e(BAYER, light), mean_e(MIXED, light)
+        assert mixed.sum() == pytest.approx(sums[source] * alone.sum(), rel=1e-12)
+
+
+def test_the_same_shares_for_all_receivers_are_those_by_source_alone() -> None:
+    """What counts of each kernel is where its receivers are: the same shares for all have the bytes of
+    crosstalk_from."""
+    kernel = np.array(cross(0.9, 0.02, 0.004))
+    about = BAYER.filter_index((3, 3), (1, 1))
+    source = NAMES[about[1, 1]]
+    of_pairs = {
+        name: np.where(about == k, kernel, 0.0).tolist() for k, name in enumerate(NAMES)
+    }
+    light = np.random.default_rng(3).uniform(0.0, 5e3, (9, 12))
+    by_source = BAYER.replace(
+        **{"quantum_efficiency.crosstalk_from": {source: kernel.tolist()}}
+    )
+    by_pairs = BAYER.replace(**{PAIRS_FIELD: {source: of_pairs}})
+    np.testing.assert_array_equal(mean_e(by_source, light), mean_e(by_pairs, light))
+
+
+@pytest.mark.parametrize("engine", ["numpy", "drjit"])
+def test_no_byte_depends_on_strips_crops_and_engines(
+    engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for the pixel at the edges of a crop that gets light from beyond."""
+    backend_of(engine)
+    light = np.random.default_rng(4).uniform(0.0, 5e3, (23, 31))
+    whole = ms.expose(light, MIXED, SHORT, engine="numpy").digital
+    for pixels in (2**17, 1, 31 * 4):
+        monkeypatch.setattr(Backend, "strip_pixels", pixels)
+        found = ms.expose(light, MIXED, SHORT, engine=engine)
+        np.testing.assert_array_equal(found.digital, whole)
+    part = ms.expose(light[5:, :20], MIXED, SHORT, engine=engine, origin=(5, 0)).digital
+    np.testing.assert_array_equal(part[0, 1:, :-1], whole[0, 6:, :19])
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "too much": (
+        {"G": PAIRS["G"] | {"R": cross(0, 0.08, 0)}},
+        r"crosstalk_pairs\.G of the pixel at \[\d, \d\] of the tile adds up to 1.086, .* 1, or less",
+    ),
+    "of one line alone": (
+        {"G": PAIRS["G"] | {"R": lines(0, 0.001, 0.1, 0)}},
+        r"of the pixel at \[0, 1\] of the tile adds up to 1.126",
+    ),
+    "unknown source": ({"X": PAIRS["R"]}, "crosstalk_pairs names 'X', which has no curve"),
+    "unknown receiver": ({"R": PAIRS["R"] | {"X": cross(0, 0.01, 0)}}, r"\.R names 'X', which"),
+    "nothing kept": (
+        {"R": {"G": cross(0, 0.02, 0)}},
+        r"\.R has no 'R', and so its pixels would",
+    ),
+    "brighter neighbour": (
+        {"R": PAIRS["R"] | {"R": cross(0.01, 0, 0)}},
+        r"gives 0.01 to the pixel itself and 0.02 to another",
+    ),
+    "no receiver": (
+        {"R": PAIRS["R"] | {"B": cross(0, 0.01, 0)}},
+        r"\.R\.B has a share in row -1 and column \+0 from the pixel, where none behind B lies",
+    ),
+    "middle": (
+        {"R": PAIRS["R"] | {"G": cross(0.1, 0.02, 0)}},
+        r"\.R\.G has a share in row \+0 and column \+0 from the pixel, where none behind G",
+    ),
+    "rows": ({"R": {"R": [[0.9]]}}, "it must be 3 rows of 3 or 5 rows of 5"),
+    "negative": ({"R": {"R": cross(-0.9, 0, 0)}}, "greater than or equal to 0"),
+    "empty": ({"R": {}}, "must be at least 1 long"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_impossible_pairs_are_refused_with_the_way_out(case: str) -> None:
+    pairs, said = REFUSED[case]
+    with pytest.raises(ms.InputError, match=said):
+        BAYER.replace(**{PAIRS_FIELD: pairs})
+
+
+def test_shares_are_given_in_one_way_and_are_in_the_camera_file() -> None:
+    with pytest.raises(ms.InputError, match="give either crosstalk or crosstalk_pairs"):
+        MIXED.replace(**{"quantum_efficiency.crosstalk": cross(0.9, 0.01, 0)})
+    alone = {name: {name: cross(1.0, 0, 0)} for name in NAMES}
+    assert BAYER.replace(**{PAIRS_FIELD: alone}).stages == BAYER.stages
+    assert ms.load_camera(MIXED.to_toml()) == MIXED
