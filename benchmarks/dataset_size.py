@@ -1,23 +1,61 @@
-"""What a plan of ten million samples takes: seconds, memory and milliseconds for each sample.
+"""What datasets of ten million samples take: plan, index, random access, a run with nothing to do, a tiny sample.
 
-python benchmarks/dataset_size.py   # about half a minute
+python benchmarks/dataset_size.py   # about six minutes, 0.5 GB in a temporary folder
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import multiprocessing
 import resource
+import statistics
+import subprocess
+import sys
+import tempfile
 import time
+import tomllib
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from mitsuba_sensor import Dataset
+from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.index_part import NUMBERS, Line, kinds_of, part_of
+from mitsuba_sensor.dataset.index_writer import IndexWriter
+from mitsuba_sensor.dataset.origin import index_of, origin_of, write_origin
 from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.record import CARD, INDEX
+from mitsuba_sensor.dataset.run import RunProgress
+from mitsuba_sensor.dataset.store import Store
 
 SAMPLES = 10**7
 ASKED_FOR = 2000
 """Samples from the middle whose keys are computed."""
+ACCESSES, READ = 500, 10**5
+"""Samples that are read at random, and in order."""
+SPLIT_NAMES = ("train", "test")
+INDEXED = """
+name = "size"
+scenes = [{{ name = "flat", file = "flat_field" }}]
+cameras = [{{ camera = "konnik_table1" }}]
+grid = {{ repetition = {repetitions}, exposure_s = {exposures} }}
+"""
+TINY, TINY_SAMPLES = (
+    """
+name = "tiny"
+render = {{ width = 16, spp = 16 }}
+scenes = [{{ name = "flat", file = "flat_field" }}]
+cameras = [{{ camera = "konnik_table1" }}]
+grid = {{ exposure_s = [0.05, 0.1], repetition = {repetitions} }}
+""",
+    100,
+)
 SCENE = {"name": "flat", "file": "flat_field"}
 KEYS = [{"time_s": k, "origin_m": [k, 0, 1], "target_m": [k, 0, 0]} for k in (0, 1)]
 EXPOSURES_S = [0.001 * k for k in range(1, 1001)]
@@ -58,12 +96,137 @@ def measure(name: str) -> str:
     return f"{name:24}{planned_s:10.2f}{memory_mb:12.0f}{sample_ms:12.3f}"
 
 
+def write_stand_in(folder: Path, samples: int) -> None:
+    """A dataset of which only the index is there: lines as a run writes them, whose keys are of no sample."""
+    values = {"scene": "flat", "camera": "konnik_table1", "serial": 1}
+    plan, text = plan_of_index(samples)
+    file = folder.with_suffix(".toml")
+    file.write_text(text, "utf-8")
+    write_origin(plan, folder)
+    kinds, digest = kinds_of(plan.file), origin_of(plan).digest
+    (folder / INDEX).mkdir()
+    for number in range(samples // NUMBERS):
+        lines = list[Line]()
+        for k in range(number * NUMBERS, (number + 1) * NUMBERS):
+            key = hashlib.blake2b(str(k).encode(), digest_size=12).hexdigest()
+            own = {**values, "repetition": k // 1000, "exposure_s": EXPOSURES_S[k % 1000]}
+            lines.append(Line(k, key, SPLIT_NAMES[k % 5 == 0], "0" * 24, False, own))
+        part, content = part_of(digest, number, lines, NUMBERS, kinds)
+        (folder / INDEX / part.name).write_bytes(content)
+    (folder / CARD).write_text(index_of(folder).digest, "utf-8")  # else a run would write it
+
+
+def plan_of_index(samples: int) -> tuple[DatasetPlan, str]:
+    """A dataset of so many samples of one light, and its text."""
+    text = INDEXED.format(repetitions=[*range(samples // 1000)], exposures=EXPOSURES_S)
+    tables = tomllib.loads(text)
+    return DatasetPlan(read_dataset(tables), [Path()], text), text
+
+
+def peak_mb() -> float:
+    """Memory that this process has taken at most."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def measure_reader(folder: Path) -> str:
+    """Opens the index, and reads samples at random and in order."""
+    before_mb, began = peak_mb(), time.perf_counter()
+    samples = Dataset(folder)
+    open_s = time.perf_counter() - began
+    random_ms = random_access_ms(samples)
+    began = time.perf_counter()
+    train = Dataset(folder, split="train")
+    split_s = time.perf_counter() - began
+    split_ms = random_access_ms(train)
+    began = time.perf_counter()
+    assert sum(1 for _ in islice(samples, READ)) == READ
+    each_us = (time.perf_counter() - began) / READ * 1e6
+    return (
+        f"{len(samples):12}{open_s:10.3f}{random_ms:14.2f}{split_s:12.2f}{split_ms:12.2f}{each_us:14.1f}"
+        f"{peak_mb() - before_mb:12.0f}"
+    )
+
+
+def random_access_ms(samples: Dataset) -> float:
+    """Median time of a sample at a random place, of another part nearly each time."""
+    places, took = np.random.default_rng(1).integers(len(samples), size=ACCESSES), list[float]()
+    for place in places.tolist():
+        began = time.perf_counter()
+        samples[place]
+        took.append(time.perf_counter() - began)
+    return statistics.median(took) * 1e3
+
+
+def measure_empty_run(folder: Path) -> str:
+    """The command `dataset run` where nothing is left to do, from its start to its end."""
+    file, began = folder.with_suffix(".toml"), time.perf_counter()
+    command = [sys.executable, "-m", "mitsuba_sensor", "dataset", "run", str(file), "-o"]
+    done = subprocess.run([*command, str(folder), "--json"], capture_output=True, check=True)
+    said = json.loads(done.stdout)
+    assert said["made"] == 0 and not said["remarks"], said
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+    return f"{said['there']:12}{time.perf_counter() - began:10.2f}{peak:12.0f}"
+
+
+def measure_driver(samples: int) -> str:
+    """Plans and indexes samples that others have made; its memory must not grow."""
+    plan, _ = plan_of_index(10**6)
+    before_mb, began = peak_mb(), time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        writer = IndexWriter(plan, Store(Path(folder)), range(samples))
+        for view in writer.tasks():
+            writer.ended(view.first, True)
+        each_ms = (time.perf_counter() - began) / samples * 1e3
+    return f"{samples:12}{each_ms:12.3f}{peak_mb() - before_mb:12.0f}"
+
+
+def measure_tiny() -> str:
+    """Makes samples of 16 × 16 pixels of one render, in one process."""
+    ends = list[float]()
+
+    def tell(progress: RunProgress) -> None:
+        if progress.made > len(ends):
+            ends.append(time.perf_counter())
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "tiny.toml"
+        file.write_text(TINY.format(repetitions=[*range(TINY_SAMPLES)]), "utf-8")
+        make_dataset(file, Path(folder) / "out", workers=0, progress=tell)
+    took = np.diff(ends) * 1e3
+    return f"{np.median(took):12.2f}{took.mean():12.2f}"
+
+
+def measured(function: Callable[..., str], *arguments: object) -> str:
+    """What a function says in a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context) as pool:
+        return pool.submit(function, *arguments).result()
+
+
 def main() -> None:
+    print("a tiny sample: median [ms], mean [ms]")
+    print(measured(measure_tiny))
     print(f"{SAMPLES} samples{'plan [s]':>19}{'peak [MB]':>12}{'sample [ms]':>12}")
     for name in CASES:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(1, mp_context=context) as pool:
-            print(pool.submit(measure, name).result())
+        print(measured(measure, name))
+    print("   followed   each [ms]  more [MB]  (a driver that has nothing rendered)")
+    for samples in (10**4, 5 * 10**4):
+        print(measured(measure_driver, samples))
+    with tempfile.TemporaryDirectory() as scratch:
+        for samples in (10**6, 10**7):
+            write_stand_in(Path(scratch) / str(samples), samples)
+            size = sum(
+                one.stat().st_size for one in (Path(scratch) / str(samples)).rglob("*.parquet")
+            )
+            print(f"index of {samples} samples: {size / 1e6:.0f} MB")
+        print(
+            "     samples  open [s]   random [ms]   split [s]  there [ms]   in order [µs]  more [MB]"
+        )
+        for samples in (10**6, 10**7):
+            print(measured(measure_reader, Path(scratch) / str(samples)))
+        print("       there   run [s]   peak [MB]  (nothing to do)")
+        for samples in (10**6, 10**7):
+            print(measured(measure_empty_run, Path(scratch) / str(samples)))
 
 
 if __name__ == "__main__":

@@ -307,7 +307,9 @@ def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
     else:
         more = []
     remedy = f"`mitsuba-sensor dataset repair {folder}` makes them again"
-    if any(fault.kind == "dataset" and fault.file != INDEX for fault in faults):
+    if any(
+        fault.kind == "dataset" and not fault.file.startswith(f"{INDEX}/") for fault in faults
+    ):
         remedy = RESTORE.format(folder)
     return Lines(table, *more, Text(remedy))
 

@@ -104,14 +104,14 @@ def _by_cluster(
 
 def _spread(workers: Workers, store: Store, views: Iterator[PlannedView]) -> Iterator[Outcome]:
     """Keep as many views under way as there are workers; what killed its worker is tried again."""
-    deaths = dict[str, int]()  # of each view under way, when it began
+    deaths = dict[int, int]()  # of each task under way, by its first number, when it began
     early = 0
 
     def begin(view: PlannedView) -> Iterator[Outcome]:
         if outcome := quarantined_by_tries(store, view):
             yield outcome
         else:
-            deaths[view.key] = deaths_of(store, view)
+            deaths[view.first] = deaths_of(store, view)
             workers.begin(view)
 
     while True:
@@ -120,7 +120,7 @@ def _spread(workers: Workers, store: Store, views: Iterator[PlannedView]) -> Ite
         if not deaths:
             return
         view, outcome = workers.next_ended()
-        before = deaths.pop(view.key)
+        before = deaths.pop(view.first)
         if outcome is not None:
             early = 0
             yield outcome

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -13,11 +14,12 @@ from ..files import durable, texts
 from ..files.appearing import write_drawing
 from ..files.scene_references import folder_names
 from .faults import Fault, What, what_is_wrong
-from .keys import Config, Facts, made_by
+from .index import Index
+from .index_part import NUMBERS, OpenPart, all_parts, part_called, parts_of
+from .keys import Config, made_by
+from .light import FORMAT
 from .planned import DatasetPlan, load_plan
-from .reader import Index, index_text, lines_digest, read_index
 from .record import FILE, INDEX, MOST_BYTES, RECORD, sealed, unsealed
-from .store import Store
 
 RESTORE = (
     "give the file that it was made from again: `mitsuba-sensor dataset run FILE.toml -o {}`"
@@ -27,36 +29,37 @@ RESTORE = (
 class Origin(NamedTuple):
     """What record.json of a dataset folder says; written when the first run begins.
 
-    name : of the dataset.  file : bytes and SHA-256 of dataset.toml.  made_by : versions.  samples : how many a
-    complete dataset has.  lines_sha256 : of the index that it has then, whose lines name the key of every sample.
+    name : of the dataset.  file : bytes and SHA-256 of dataset.toml.  made_by : versions.  samples, parts : how many
+    samples and parts of the index a complete dataset has.  plan : SHA-256 of what decides the keys of its samples.
     """
 
     name: str
     file: tuple[int, str]
     made_by: Config
     samples: int
-    lines_sha256: str
+    parts: int
+    plan: str
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all but the text of dataset.toml, whose comments may change: parts of the index have it."""
+        return hashlib.sha256(json.dumps(self._replace(file=(0, ""))).encode()).hexdigest()
 
 
-def plan_lines(plan: DatasetPlan) -> Iterator[Facts]:
-    """The lines of a complete index, in the order of the dataset."""
-    for view in plan.views():
-        for sample in view.samples:
-            shared = {"view": view.key, "split": sample.split, "view_files": bool(view.outputs)}
-            yield {"key": sample.key, **shared, "values": dict(sample.values)}
+def origin_of(plan: DatasetPlan, file: tuple[int, str] = (0, "")) -> Origin:
+    """What the record of a dataset says.  file : bytes and SHA-256 of dataset.toml."""
+    counts = plan.samples, -(-plan.numbers // NUMBERS)
+    return Origin(plan.file.name, file, dict(plan.made_by), *counts, plan.digest)
 
 
 def write_origin(plan: DatasetPlan, folder: Path) -> bool:
     """Write dataset.toml and record.json; whether another dataset.toml was recorded before. Raises InputError."""
     before = origin_in(folder)
-    samples, lines_sha256 = lines_digest(
-        plan_lines(plan)
-    )  # says what is wrong with them before anything is made
     durable.make_folder(folder, folder.parent)
     texts.write_page(folder / FILE, plan.text)
-    written = durable.size_and_hash(folder / FILE)
-    origin = Origin(plan.file.name, written, plan.made_by, samples, lines_sha256)
-    write_drawing(folder / RECORD, sealed(json.dumps({"kind": "dataset", **origin._asdict()})))
+    origin = origin_of(plan, written := durable.size_and_hash(folder / FILE))
+    said = {"kind": "dataset", "format": FORMAT, **origin._asdict()}
+    write_drawing(folder / RECORD, sealed(json.dumps(said)))
     return before is not None and before.file != written
 
 
@@ -64,37 +67,36 @@ def origin_in(folder: Path) -> Origin | None:
     """What a folder was made from; None where its record is missing or was changed."""
     try:
         text = unsealed(durable.read_small(os.fspath(folder / RECORD), MOST_BYTES))
-        if text is not None:
-            said = json.loads(text)
-        else:
-            said = {}
-        size, digest = said["file"]
-        origin = Origin(
-            said["name"], (size, digest), said["made_by"], said["samples"], said["lines_sha256"]
-        )
+        said = json.loads(text or "{}")
+        kind, format_number = said.pop("kind"), said.pop("format")
+        origin = Origin(**{**said, "file": tuple(said["file"])})
+        size, digest = origin.file
         versions = [*origin.made_by.items()]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
-    texts = [
-        origin.name,
-        digest,
-        origin.lines_sha256,
-        *(text for pair in versions for text in pair if text),
-    ]
-    types = all(isinstance(text, str) and text.isprintable() for text in texts)
-    if types and isinstance(size, int) and said["kind"] == "dataset":
+    texts = [origin.name, digest, origin.plan, *(x for pair in versions for x in pair if x)]
+    numbers = [size, origin.samples, origin.parts]
+    whole = all(isinstance(text, str) and text.isprintable() for text in texts)
+    whole &= all(isinstance(number, int) for number in numbers)
+    if whole and (kind, format_number) == ("dataset", FORMAT):
         return origin
     return None
 
 
-def require_origin(folder: Path) -> Origin:
-    """What a folder was made from. Raises InputError where its record or its dataset.toml was changed."""
+def require_record(folder: Path) -> Origin:
+    """What a folder was made from. Raises InputError where its record is missing or was changed."""
     origin = origin_in(folder)
     if origin is None:
         raise InputError(
-            f"{folder / RECORD}, which says what the dataset was made from, is missing or was changed; "
-            f"{RESTORE.format(folder)}."
+            f"{folder / RECORD}, which says what the dataset was made from, is missing, was changed, or is of an "
+            f"earlier version; {RESTORE.format(folder)}."
         )
+    return origin
+
+
+def require_origin(folder: Path) -> Origin:
+    """The same. Raises InputError where its dataset.toml was changed, too."""
+    origin = require_record(folder)
     if what := what_is_wrong(folder / FILE, *origin.file):
         raise InputError(
             f"{folder / FILE} is {what}: it is not what the samples were made from; {RESTORE.format(folder)}, "
@@ -124,22 +126,13 @@ def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
     origin = require_origin(folder)
     plan = load_plan(folder / FILE, roots or ["."])
     plan = DatasetPlan(plan.file, plan.roots, plan.text, origin.made_by)
-    if lines_digest(plan_lines(plan)) != (origin.samples, origin.lines_sha256):
+    if origin_of(plan, origin.file) != origin:
         raise InputError(
             f"{folder} was made from other files than {FILE} names now below {folder_names(plan.roots)}: a "
             "scene, camera or motion was changed, or its run had other --root folders; restore them and give the "
             f"same --root, or make a dataset of the changed ones: `mitsuba-sensor dataset run FILE.toml -o {folder}`."
         )
     return plan
-
-
-def write_index(plan: DatasetPlan, store: Store) -> Index:
-    """index.jsonl: a line for each sample that is there, in the order of the dataset; returns what it says."""
-    lines = [line for line in plan_lines(plan) if store.exists("samples", line["key"])]
-    made_from = durable.sha256_of(store.folder / RECORD)
-    index = Index(lines, made_from)
-    write_drawing(store.folder / INDEX, index_text(index))
-    return index
 
 
 def origin_faults(folder: Path) -> Iterator[Fault]:
@@ -149,21 +142,37 @@ def origin_faults(folder: Path) -> Iterator[Fault]:
         yield Fault("dataset", "", RECORD, _missing_or_changed(folder / RECORD))
     elif what := what_is_wrong(folder / FILE, *origin.file):
         yield Fault("dataset", "", FILE, what)
-    try:
-        index = read_index(folder)
-    except InputError:
-        yield Fault("dataset", "", INDEX, _missing_or_changed(folder / INDEX))
-        return
-    if origin is not None and not _belongs(index, origin, folder):
-        yield Fault("dataset", "", INDEX, "changed")
+    if origin is not None:
+        yield from _index_faults(folder, origin)
 
 
-def _belongs(index: Index, origin: Origin, folder: Path) -> bool:
-    """Whether an index may be that of a dataset; one that is not complete may lack any samples."""
-    if index.made_from != durable.sha256_of(folder / RECORD):
-        return False
-    count, digest = lines_digest(index.lines)
-    return count < origin.samples or (count, digest) == (origin.samples, origin.lines_sha256)
+def _index_faults(folder: Path, origin: Origin) -> Iterator[Fault]:
+    """Parts of the index that are not as they were written, and those that are not there."""
+    found = {name: part_called(name) for name in durable.names_of(folder / INDEX)}
+    parts = parts_of(origin.digest, filter(None, found.values()))
+    for number in range(origin.parts):
+        if number not in parts:
+            yield Fault("dataset", "", f"{INDEX}/{number:06d}", "missing")
+    for name, part in found.items():
+        if part is None and not name.startswith("."):
+            yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
+    for part in parts.values():
+        try:
+            numbers = [line.number for line in OpenPart(folder, part).lines()]
+        except InputError:
+            yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
+        else:
+            if sorted({*numbers}) != numbers:
+                yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
+
+
+def index_of(folder: Path) -> Index:
+    """The index of a dataset folder. Raises InputError where there is none, or its record was changed."""
+    if not durable.names_of(folder / INDEX):
+        raise InputError(
+            f"{folder} is no dataset that has complete samples; make it with `mitsuba-sensor dataset run`."
+        )
+    return Index(folder, parts_of(require_record(folder).digest, all_parts(folder)).values())
 
 
 def _missing_or_changed(path: Path) -> What:

@@ -11,17 +11,18 @@ from ..files import durable
 from ..files.texts import text_of_file
 from .exports.card import CardFacts, write_card
 from .exports.summary import summary
+from .index import Index
 from .planned import DatasetPlan
-from .reader import Index
 from .record import CARD, INDEX, SHEET, TABLE
-from .samples_table import known_of_table, write_samples_table
+from .samples_table import MOST_ROWS, known_of_table, write_samples_table
 from .store import Store
 
 MOST_READ = 200
 """Samples that are read for the card of a dataset, however many it has."""
 AGAIN = (
-    f"`{TABLE}` lists all samples. `mitsuba-sensor dataset run` writes it, this page and the contact sheet again when "
-    "the dataset changes: keep notes of your own in another file."
+    f"`{INDEX}/*.parquet` lists all samples, and so does `{TABLE}`, of up to {MOST_ROWS} samples. `mitsuba-sensor "
+    "dataset run` writes them, this page and the contact sheet again when the dataset changes: keep notes of your own "
+    "in another file."
 )
 
 
@@ -37,15 +38,15 @@ def write_overview(plan: DatasetPlan, store: Store, index: Index) -> Overview:
     """Write all three where the index is another one than theirs."""
     try:
         card = _card_text(store)
-        table_is_whole = _is_in_card(store, TABLE, card)
+        table_is_known = _is_in_card(store, TABLE, card)
+        table_is_whole = table_is_known or len(index) > MOST_ROWS
         sheet_is_there = f"({SHEET})" not in card or (store.folder / SHEET).is_file()
-        if table_is_whole and sheet_is_there and _is_in_card(store, INDEX, card):
+        if table_is_whole and sheet_is_there and index.digest in card:
             return Overview()
-        if table_is_whole:
+        known = {}
+        if table_is_known:
             known = known_of_table(store)
-        else:
-            known = {}
-        write_samples_table(store, index.lines, known)
+        write_samples_table(store, index, known)
         facts = card_facts(plan, store, index)
         write_card(store.folder, facts)
     except Exception as error:  # all samples are there: the run has not failed
@@ -69,15 +70,15 @@ def _is_in_card(store: Store, name: str, card: str) -> bool:
 
 def card_facts(plan: DatasetPlan, store: Store, index: Index) -> CardFacts:
     """What the card of a dataset says in its own folder. Raises InputError."""
-    facts = summary(store.folder, index.lines, plan.file, most=MOST_READ)
+    facts = summary(store.folder, index, plan.file, most=MOST_READ)
     notes = [*facts.notes, AGAIN]
-    if missing := plan.samples - len(index.lines):
+    if missing := plan.samples - len(index):
         views = len(store.quarantined())
         why = ""
         if views:
             why = f", and {views} views are in quarantine"
         notes = [f"{missing} of {plan.samples} samples are not there{why}.", *notes]
-    hashes = {**facts.hashes}
-    for name in (INDEX, TABLE):
-        hashes[f"`{name}`"] = durable.sha256_of(store.folder / name)
+    hashes = {**facts.hashes, f"the names in `{INDEX}/`, a line each": index.digest}
+    if (store.folder / TABLE).is_file():
+        hashes[f"`{TABLE}`"] = durable.sha256_of(store.folder / TABLE)
     return replace(facts, notes=notes, hashes=hashes)

@@ -23,6 +23,7 @@ from .sweep import (
     SceneSweep,
     cells,
     ends,
+    possible_values,
     values_of_cell,
 )
 from .values import check_value, text_of
@@ -95,6 +96,18 @@ def first_pairs(plan: ConfiguredSamples) -> Iterator[Pair]:
     for row in range(len(plan.file.list) or 1):
         for camera in range(len(plan.file.cameras)):
             yield row, camera
+
+
+def telling_combinations(plan: ConfiguredSamples) -> Iterator[Combination]:
+    """Samples whose keys depend on all files that the dataset is made from: the first one of each scene, row and
+    camera, and one with each text that something may be, which may name a file."""
+    for sweep in plan.sweeps:
+        for pair in first_pairs(plan):
+            yield first_combination(sweep, *pair)
+        one = first_combination(sweep, 0, 0)
+        for name in plan.file.varied:
+            texts = (x for x in possible_values(plan.file, name) if isinstance(x, str))
+            yield from (one._replace(values={**one.values, name: text}) for text in texts)
 
 
 def _shared_lights(plan: ConfiguredSamples, sweep: SceneSweep) -> tuple[SharedLight, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from ..files.texts import text_of_file
 from .configured import OF_VIEW, ConfiguredSamples, PlannedSample
 from .file import MOST_SAMPLES, read_dataset
 from .keys import Config, key_of
-from .plan_checks import Pair, PlannedScene, checked_scenes
+from .plan_checks import Pair, PlannedScene, checked_scenes, telling_combinations
 from .splits import AS_DRAWN
 from .sweep import Combination, Light, SceneSweep
 
@@ -83,6 +84,13 @@ class DatasetPlan(ConfiguredSamples):
     def numbers(self) -> int:
         """How many numbers the samples take. Where splits leave combinations out, some numbers have no sample."""
         return self.scenes[-1].end
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 that is another one for other keys of samples, or another order of them."""
+        file = self.file.model_dump_json(exclude={"description", "licence"}, warnings=False)
+        keys = (self.first_sample(one).key for one in telling_combinations(self))
+        return hashlib.sha256("\n".join([file, *keys]).encode()).hexdigest()
 
     def views(self, first: int = 0, end: int | None = None) -> Iterator[PlannedView]:
         """The samples with numbers from ``first`` to before ``end``, in their order, by their light."""

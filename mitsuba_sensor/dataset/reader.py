@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +18,11 @@ from ..core.argument_names import tells_of_names
 from ..core.checks import require_path
 from ..files.raw_files import read_raw
 from ..files.readout_pages import READOUTS, read_readouts
-from ..files.texts import read_json, text_of_file
+from ..files.texts import read_json
 from ..output.exr import read_aovs_exr
+from .index_part import Line
 from .keys import Config, Facts
-from .record import INDEX, KEY, sealed, unsealed
+from .origin import index_of
 from .store import Store
 
 CHANGED = "`mitsuba-sensor dataset verify` finds what is missing or was changed"
@@ -47,8 +45,6 @@ NO_ARRAYS = {
     "dng": 'the file sample.folder / "frame.dng"',
 }
 """Outputs that are not read as arrays, and what has them."""
-
-MOST_SAID = 20  # values, in the sentence on one that no sample has
 AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 
 
@@ -121,7 +117,7 @@ class Sample:
 
 @tells_of_names
 class Dataset(Sequence[Sample]):
-    """The samples of a dataset folder, in the order of its file.
+    """The samples of a dataset folder, in the order of its file, each read from the index when it is asked for.
 
     ::
 
@@ -134,18 +130,12 @@ class Dataset(Sequence[Sample]):
 
     def __init__(self, folder: str | os.PathLike[str], split: str | None = None) -> None:
         self.folder = require_path("folder", folder, "pairs/")
-        store, lines = Store(self.folder), read_index(self.folder).lines
-        splits = sorted({line["split"] for line in lines})
-        if split is not None and split not in splits:
-            raise InputError(
-                f"split is {split!r}; {self.folder} has {', '.join(filter(None, splits)) or 'none'}."
-            )
-        self.samples = [
-            sample_of(store, line) for line in lines if split in (None, line["split"])
-        ]
+        self.lines, self._store = index_of(self.folder), Store(self.folder)
+        if split is not None:
+            self.lines = self.lines.where("split", split)
 
     def __len__(self) -> int:
-        return len(self.samples)
+        return len(self.lines)
 
     @overload
     def __getitem__(self, number: int) -> Sample: ...
@@ -154,16 +144,16 @@ class Dataset(Sequence[Sample]):
     def __getitem__(self, number: slice) -> list[Sample]: ...
 
     def __getitem__(self, number: int | slice) -> Sample | list[Sample]:
-        return self.samples[number]
+        if isinstance(number, slice):
+            return [sample_of(self._store, line) for line in self.lines[number]]
+        return sample_of(self._store, self.lines[number])
 
     def __iter__(self) -> Iterator[Sample]:
-        return iter(self.samples)
+        return (sample_of(self._store, line) for line in self.lines)
 
     def __repr__(self) -> str:
-        splits = {
-            split: sum(one.split == split for one in self.samples) for split in self.splits
-        }
-        parts = ", ".join(f"{split} {number}" for split, number in splits.items() if split)
+        splits = self.lines.counts("split").items()
+        parts = ", ".join(f"{split} {number}" for split, number in sorted(splits) if split)
         return (
             f"<Dataset: {len(self)} samples{f' ({parts})' if parts else ''} in {self.folder}>"
         )
@@ -171,7 +161,7 @@ class Dataset(Sequence[Sample]):
     @property
     def splits(self) -> list[str]:
         """Names of the splits, in alphabetical order."""
-        return sorted({one.split for one in self.samples})
+        return sorted(self.lines.counts("split"))
 
     def where(self, **values: object) -> Dataset:
         """The samples that have all of these values, which may be none.
@@ -182,117 +172,11 @@ class Dataset(Sequence[Sample]):
         """
         chosen = copy(self)
         for name, value in values.items():
-            chosen.samples = [one for one in chosen.samples if has_value(one, name, value)]
-            if not chosen.samples:
-                require_known(name, value, self.samples)
+            chosen.lines = chosen.lines.where(name, value)
         return chosen
 
 
-def sample_of(store: Store, line: Config) -> Sample:
+def sample_of(store: Store, line: Line) -> Sample:
     """The sample of a line of the index."""
-    return Sample(
-        line["key"],
-        line["split"],
-        line["values"],
-        store.folder_of("samples", line["key"]),
-        store.folder_of("views", line["view"]),
-    )
-
-
-def has_value(sample: Sample, name: str, value: object) -> bool:
-    """Whether a sample has this value; numbers are equal to nine digits."""
-    own = sample.split if name == "split" else sample.values.get(name)
-    if own is None:
-        return False
-    if isinstance(value, float) and isinstance(own, int | float):
-        return math.isclose(value, own, rel_tol=1e-9)
-    if isinstance(value, tuple):
-        return bool(own == [*value])
-    return bool(own == value)
-
-
-def require_known(name: str, value: object, samples: Sequence[Sample]) -> None:
-    """Raise InputError, with what there is, for a name or a value that none of the samples has."""
-    if any(has_value(one, name, value) for one in samples):
-        return
-    texts: dict[str, dict[str, None]] = {}  # name → its values, each once
-    for one in samples:
-        for known, own in [*one.values.items(), ("split", one.split or "none")]:
-            texts.setdefault(known, {})[str(own)] = None
-    if name not in texts:
-        raise InputError(
-            f"no sample has {name!r}; what they have: {', '.join(texts)}.{nearest(name, texts)}"
-        )
-    shown = [*texts[name]][:MOST_SAID]
-    if len(texts[name]) > MOST_SAID:
-        shown.append(f"… ({len(texts[name])} values)")
-    remedy = nearest(str(value), texts[name])
-    raise InputError(f"{name} is {value!r}; the samples have {', '.join(shown)}.{remedy}")
-
-
-class Index(NamedTuple):
-    """What index.jsonl says.
-
-    lines : key, view, split, values of each sample.  made_from : SHA-256 of the dataset's record when it was written.
-    """
-
-    lines: list[Facts]
-    made_from: str
-
-
-def line_text(line: Config) -> str:
-    """The line of a sample in index.jsonl."""
-    return f"{json.dumps(line, ensure_ascii=False)}\n"
-
-
-def index_text(index: Index) -> bytes:
-    """What index.jsonl holds: a line for each sample, and a last one with the SHA-256 of all before."""
-    end = json.dumps({"samples": len(index.lines), "made_from": index.made_from})
-    return sealed("".join(map(line_text, index.lines)) + end)
-
-
-def lines_digest(lines: Iterable[Config]) -> tuple[int, str]:
-    """How many lines there are, and the SHA-256 of their text."""
-    digest, count = hashlib.sha256(), 0
-    for line in lines:
-        digest.update(line_text(line).encode())
-        count += 1
-    return count, digest.hexdigest()
-
-
-def read_index(folder: Path) -> Index:
-    """Its inverse. Raises InputError where there is no index, or not the one that was written."""
-    path = folder / INDEX
-    if not path.exists():
-        raise InputError(
-            f"{folder} is no dataset that is complete; make it with `mitsuba-sensor dataset run`."
-        )
-    remedy = "`mitsuba-sensor dataset run` writes it again"
-    index = _index_of(text_of_file(path, remedy, newline="").encode())
-    if index is None:
-        raise InputError(f"{path} was changed; {remedy}.")
-    return index
-
-
-def _index_of(content: bytes) -> Index | None:
-    """The index that :func:`index_text` wrote; None for any other bytes."""
-    text = unsealed(content)
-    try:
-        *lines, last = (json.loads(line) for line in (text or "").split("\n"))
-        index = Index(lines, last["made_from"])
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return None
-    return index if last.get("samples") == len(lines) and all(map(_is_line, lines)) else None
-
-
-def _is_line(line: object) -> bool:
-    """Whether a line is such as a run writes, whoever wrote it."""
-    if not isinstance(line, dict) or not isinstance(line.get("values"), dict):
-        return False
-    keys = [line.get("key"), line.get("view")]
-    named = all(isinstance(key, str) and KEY.fullmatch(key) for key in keys)
-    return (
-        named
-        and isinstance(line.get("split"), str)
-        and isinstance(line.get("view_files"), bool)
-    )
+    places = store.folder_of("samples", line.key), store.folder_of("views", line.view)
+    return Sample(line.key, line.split, line.values, *places)

@@ -1,6 +1,6 @@
 """Records of a dataset's entries: which files an entry has, their sizes and hashes, and a hash over all that.
 
-Whatever says what a dataset is, ends with the SHA-256 of its own bytes: records, the index, and notes of quarantine.
+Records and notes of quarantine end with the SHA-256 of their own bytes.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 Kind: TypeAlias = Literal["samples", "views"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-FILE, INDEX, RECORD = "dataset.toml", "index.jsonl", "record.json"
-"""What a folder of a dataset has beside its entries; each entry has a record too."""
+FILE, INDEX, RECORD = "dataset.toml", "index", "record.json"
+"""What a folder of a dataset has beside its entries; INDEX is a folder, and each entry has a record too."""
 FOR_PEOPLE = TABLE, CARD, SHEET = "samples.csv", "README.md", "contact_sheet.png"
 """For people: made from the index whenever it changes, part of nothing that is verified."""
 MOST_BYTES = 2**20

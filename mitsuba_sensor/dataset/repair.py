@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError
+from ..files import durable
 from ..files.appearing import refuse_empty
 from .faults import Fault
-from .origin import origin_faults, plan_lines
+from .index_part import NUMBERS, Line, OpenPart, Part, all_parts, parts_of
+from .index_writer import lines_of
+from .origin import index_of, origin_faults, origin_of
 from .planned import DatasetPlan
-from .reader import read_index
-from .record import FILE, INDEX, Kind
+from .record import FILE, INDEX, Kind, Record
 from .store import Store
 
 Show = Callable[[int, int], object]
@@ -33,18 +36,26 @@ def verify(folder: Path, show: Show | None = None) -> Iterator[Fault]:
 
 def _missing_of_index(store: Store) -> Iterator[Fault]:
     """What the index names and is not there. Raises InputError where there is no index."""
-    for line in read_index(store.folder).lines:
-        entries: list[tuple[Kind, str]] = [("samples", line["key"])]
-        entries += [("views", line["view"])] if line["view_files"] else []
-        for kind, key in entries:
-            if not store.folder_of(kind, key).exists():
-                yield Fault(kind, key, "", "missing")
+    for kind, key in _entries_of(index_of(store.folder)):
+        if not store.folder_of(kind, key).exists():
+            yield Fault(kind, key, "", "missing")
+
+
+def _entries_of(lines: Iterable[Line]) -> Iterator[tuple[Kind, str]]:
+    """Samples, and views that have files; a view once, as its samples follow one another."""
+    view = ""
+    for line in lines:
+        yield "samples", line.key
+        if line.view_files and line.view != view:
+            yield "views", line.view
+        view = line.view
 
 
 def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
     """Remove the entries that have a fault; their kinds and keys. Files that belong to no entry stay.
 
-    Notes of quarantine that have one are removed too, so that their views are tried again.
+    Parts of the index that have one, or name such an entry, are removed before: a run looks for what they name. Notes
+    of quarantine that have one are removed too, so that their views are tried again.
     """
     store, broken = store_of(folder), set[tuple[Kind, str]]()
     for fault in faults:
@@ -52,14 +63,26 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
             store.release(fault.key)
         elif fault.kind != "dataset" and fault.key:
             broken.add((fault.kind, fault.key))
+    for part in all_parts(folder):
+        if not _is_sound(folder, part, broken):
+            durable.remove_folder(folder / INDEX / part.name)
     for kind, key in sorted(broken):
         store.discard(kind, key)
     return sorted(broken)
 
 
+def _is_sound(folder: Path, part: Part, broken: Set[tuple[Kind, str]]) -> bool:
+    """Whether a part of the index is as it was written, and names no broken entry."""
+    try:
+        return broken.isdisjoint(_entries_of(OpenPart(folder, part).lines()))
+    except InputError:
+        return False
+
+
 class Holdings(NamedTuple):
     """What a folder has.  samples : of the dataset, of which are there : so many, with so many bytes, those of the
-    files that views share included.  others : samples that an earlier text of the dataset file had."""
+    files that views share included.  others : samples that an earlier text of the dataset file had, their views'
+    files included."""
 
     samples: int
     there: int
@@ -69,23 +92,39 @@ class Holdings(NamedTuple):
 
 
 def holdings(store: Store, plan: DatasetPlan) -> Holdings:
-    """By the records of the store: no file is read."""
-    sizes, of_views = _bytes_by_key(store, "samples"), _bytes_by_key(store, "views")
-    lines = list(plan_lines(plan))
-    own = [sizes.pop(line["key"]) for line in lines if line["key"] in sizes]
-    shared = [of_views.get(key, 0) for key in dict.fromkeys(line["view"] for line in lines)]
-    total = sum(own) + sum(shared)
-    return Holdings(len(lines), len(own), total, len(sizes), sum(sizes.values()))
+    """By the index, and by the records of the store: no file of a sample is read."""
+    there = size = 0
+    for kind, key in _entries_of(_planned_lines(store.folder, plan)):
+        if record := store.record(kind, key):
+            there += kind == "samples"
+            size += _bytes_of(record)
+    others, others_bytes = -there, -size
+    for record in chain(store.scan("samples"), store.scan("views")):
+        others += record.kind == "samples"
+        others_bytes += _bytes_of(record)
+    return Holdings(plan.samples, there, size, others, others_bytes)
 
 
-def _bytes_by_key(store: Store, kind: Kind) -> dict[str, int]:
-    return {one.key: sum(size for size, _ in one.files.values()) for one in store.scan(kind)}
+def _planned_lines(folder: Path, plan: DatasetPlan) -> Iterator[Line]:
+    """The lines of a complete index: those that are there, and those that are planned for the rest."""
+    parts = parts_of(origin_of(plan).digest, all_parts(folder))
+    for number in range(-(-plan.numbers // NUMBERS)):
+        part = parts.get(number)
+        if part is not None and part.is_whole:
+            yield from OpenPart(folder, part).lines()
+        else:
+            for view in plan.views(number * NUMBERS, (number + 1) * NUMBERS):
+                yield from lines_of(view)
+
+
+def _bytes_of(record: Record) -> int:
+    return sum(size for size, _ in record.files.values())
 
 
 def store_of(folder: Path) -> Store:
     """The store in a dataset folder. Raises InputError where it is none."""
     refuse_empty(folder, "the folder", "give the folder of a dataset")
-    if not any((folder / name).is_file() for name in (FILE, INDEX)):
+    if not any((folder / name).exists() for name in (FILE, INDEX)):
         raise InputError(
             f"{folder} is no dataset: it has no {FILE}; give a folder that `dataset run` made."
         )

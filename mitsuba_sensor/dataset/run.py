@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,8 +17,9 @@ from ..files.worker_log import forget, is_begun
 from ..render.variants import restores_variant
 from .engine import outcomes, usual_workers
 from .file import read_dataset
+from .index_writer import IndexWriter
 from .options import RunOptions
-from .origin import origin_in, require_same_versions, write_index, write_origin
+from .origin import origin_in, require_same_versions, write_origin
 from .overview import write_overview
 from .planned import DatasetPlan, PlannedView, load_plan
 from .record import FILE
@@ -149,10 +150,12 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
     store, progress = Store(out), RunProgress(0)
     require_folder(out)
     check_same(plan, store)
-    check_scenes(plan)  # before anything is written
+    writer = IndexWriter(plan, store, numbers_of_shard(plan, shard))
+    if not writer.is_whole:
+        check_scenes(plan)  # before anything is written
     progress.changed = write_origin(plan, store.folder)
     store.clean()
-    progress.samples = round(plan.samples / shard[1])
+    progress.samples, progress.there = round(plan.samples / shard[1]), writer.there
     known = store.quarantined()
     show(progress)
 
@@ -169,9 +172,8 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
         progress.now = progress.now if done else what
         show(progress)
 
-    views = _missing(
-        of_shard(plan, shard), store, progress, (known, {} if chosen["retry"] else known)
-    )
+    left_out = {} if chosen["retry"] else known
+    views = _missing(writer, progress, known, left_out)
     for one in outcomes(store, views, chosen, told, remark=progress.remarks.append):
         if one.full is not None:
             path, size, why = one.full
@@ -180,11 +182,11 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
             progress.failed.append(one)
         elif one.view in known:
             store.release(one.view)
+        writer.ended(one.first, not one.failed)
         count(0, one.samples)
         show(progress)
     store.remove_empty_quarantine()
-    index = write_index(plan, store)
-    overview = write_overview(plan, store, index)
+    overview = write_overview(plan, store, writer.index())
     progress.render_noise = overview.render_noise
     if overview.failed:
         progress.remarks.append(overview.failed)
@@ -195,18 +197,15 @@ _Failed: TypeAlias = Mapping[str, Mapping[str, object]]
 
 
 def _missing(
-    views: Iterable[PlannedView],
-    store: Store,
-    progress: RunProgress,
-    quarantine: tuple[_Failed, _Failed],
+    writer: IndexWriter, progress: RunProgress, known: _Failed, left_out: _Failed
 ) -> Iterator[PlannedView]:
-    """Views of which something is missing; those that another run has begun come last.
+    """Tasks of which something is missing; those that another run has begun come last.
 
-    quarantine : key → facts of the views that are in it, and of those that are left out.
+    known, left_out : key → facts of the views that are in quarantine, and of those that are not tried again.
     """
-    known, left_out = quarantine
-    later, logs = [], {path.stem for path in log_path(store, "*").parent.glob("*.log")}
-    for view in views:
+    store, later = writer.store, list[PlannedView]()
+    logs = {path.stem for path in log_path(store, "*").parent.glob("*.log")}
+    for view in writer.tasks():
         samples, log = missing_samples(view, store), log_path(store, view.key)
         progress.there += len(view.samples) - samples
         missing = samples or (view.outputs and not store.exists("views", view.key))
@@ -216,15 +215,20 @@ def _missing(
                 forget(log)
             if view.key in known:
                 store.release(view.key)
+            writer.ended(view.first, True)
         elif view.key in left_out:
-            progress.failed.append(
-                Outcome(view.key, failed=str(left_out[view.key].get("why", "")))
-            )
+            why = str(left_out[view.key].get("why", ""))
+            progress.failed.append(Outcome(view.key, view.first, failed=why))
+            writer.ended(view.first, False)
         elif begun:
             later.append(view)
         else:
             yield view
-    yield from (view for view in later if missing_of(view, store))
+    for view in later:
+        if missing_of(view, store):
+            yield view
+        else:
+            writer.ended(view.first, True)
 
 
 def missing_of(view: PlannedView, store: Store) -> int:
@@ -238,10 +242,10 @@ def missing_samples(view: PlannedView, store: Store) -> int:
     return sum(not store.exists("samples", sample.key) for sample in view.samples)
 
 
-def of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> Iterator[PlannedView]:
-    """The i-th of n parts of the samples, equally large, where splits leave none out; a view may be in several."""
+def numbers_of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> range:
+    """The numbers of the i-th of n parts, equally large where splits leave none out; a view may be in several."""
     number, shards = shard
-    return plan.views(*(plan.numbers * end // shards for end in (number - 1, number)))
+    return range(*(plan.numbers * end // shards for end in (number - 1, number)))
 
 
 def check_same(plan: DatasetPlan, store: Store) -> None:

@@ -1,4 +1,4 @@
-"""The table samples.csv of a dataset: a row for each sample, for spreadsheets and pandas."""
+"""The table samples.csv of a dataset: a row for each sample, for spreadsheets."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
+from ..files.durable import remove_folder
 from ..files.texts import read_json, text_of_file, write_page
-from .keys import Config, Facts
+from .index_part import Line
+from .keys import Config
 from .reader import CHANGED
 from .record import TABLE
 from .store import Store
 from .values import text_of
 
+MOST_ROWS = 100_000
+"""Of which spreadsheets are made."""
 Known: TypeAlias = Mapping[str, Mapping[str, str]]
 NOTHING: Known = {}
 OF_SAMPLE = ("exposure_s", "system_gain_dn_per_e", "black_level_dn")
@@ -23,15 +27,18 @@ COLUMNS = ("key", "folder", "split", "scene", "view", "camera", "serial", *OF_SA
 """Of every table; then all others that vary, in the order in which the samples have them."""
 
 
-def write_samples_table(store: Store, lines: Sequence[Facts], known: Known = NOTHING) -> None:
-    """Write samples.csv.
+def write_samples_table(store: Store, lines: Sequence[Line], known: Known = NOTHING) -> None:
+    """Write samples.csv; of too many samples there is none.
 
     lines : of the index.  known : key → what an earlier table had of sample.json, which is not read.
     Raises InputError for a sample that is not as it was written.
     """
+    if len(lines) > MOST_ROWS:
+        remove_folder(store.folder / TABLE)
+        return
     names = dict.fromkeys(COLUMNS)
     for line in lines:
-        names.update(dict.fromkeys(_cells(line["values"])))
+        names.update(dict.fromkeys(_cells(line.values)))
     text = io.StringIO()
     writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
     writer.writeheader()
@@ -50,15 +57,15 @@ def known_of_table(store: Store) -> dict[str, dict[str, str]]:
     return known
 
 
-def _row(store: Store, line: Config, known: Known) -> dict[str, str]:
+def _row(store: Store, line: Line, known: Known) -> dict[str, str]:
     """Column → text of one sample."""
-    folder = store.folder_of("samples", line["key"])
+    folder = store.folder_of("samples", line.key)
     return {
-        "key": line["key"],
+        "key": line.key,
         "folder": folder.relative_to(store.folder).as_posix(),
-        "split": line["split"],
-        **_cells(line["values"]),
-        **(known.get(line["key"]) or _of_sample(folder)),
+        "split": line.split,
+        **_cells(line.values),
+        **(known.get(line.key) or _of_sample(folder)),
     }
 
 

@@ -18,7 +18,6 @@ from pathlib import Path
 
 from ..core import DiskFull, InputError
 from ..files import durable
-from ..files.appearing import write_drawing
 from ..files.disk_errors import disk_sentences, is_full, names_in
 from ..stopping import undone_if_stopped, whole_step
 from . import faults
@@ -42,7 +41,7 @@ from .record import (
 )
 
 QUARANTINE = "quarantine"
-UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, INDEX, *FOR_PEOPLE))
+UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, *FOR_PEOPLE))
 """Beginnings of the names of pages until they are whole (files/appearing.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
@@ -63,7 +62,7 @@ class Store:
             raise ValueError(
                 f"{kind} {key!r} is no entry; kinds are {', '.join(KINDS)}, a key has 24 hex digits."
             )
-        return self.folder / kind / key[:2] / key
+        return self.folder / f"{kind}/{key[:2]}/{key}"
 
     def commit(self, kind: Kind, key: str, write: Callable[[Path], object]) -> Record:
         """Make an entry of the files that ``write`` puts into the folder that it is given, all of them or none.
@@ -229,10 +228,9 @@ class Store:
             for name in durable.names_of(self.folder)
             if name.startswith(UNFINISHED)
         ]
-        hidden = (
-            name for name in durable.names_of(self.folder / QUARANTINE) if name.startswith(".")
-        )
-        found += [self.folder / QUARANTINE / name for name in hidden]
+        for place in (self.folder / QUARANTINE, self.folder / INDEX):
+            names = (name for name in durable.names_of(place) if name.startswith("."))
+            found += [place / name for name in names]
         if not found:
             return 0
         latest = durable.clock_of(self.folder) - older_s
@@ -248,9 +246,7 @@ class Store:
         self._flushed.discard(path.parent)  # another run may have removed it, empty
         with disk_sentences(path):
             self._make_parent(path.parent)
-            write_drawing(path, sealed(json.dumps(facts, ensure_ascii=False)))
-            durable.flush(path, *durable.size_and_hash(path))
-            durable.sync_folder(path.parent)
+            durable.write_lasting(path, sealed(json.dumps(facts, ensure_ascii=False)))
 
     def quarantined(self) -> dict[str, Facts]:
         """Key → facts of all views that cannot be made; a file that is damaged counts for nothing."""

@@ -24,13 +24,14 @@ Make = Callable[[Store, PlannedView, Callable[[str], object]], Iterator[PlannedS
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a view.
+    """What became of a view, or of some of its samples.
 
-    samples : that were made.  seconds : that it took.  failed : why it is in quarantine, or nothing.
-    full : path, bytes and reason where the disk takes no more.
+    first : number of the first of them.  samples : that were made.  seconds : that it took.
+    failed : why it is in quarantine, or nothing.  full : path, bytes and reason where the disk takes no more.
     """
 
     view: str
+    first: int
     samples: int = 0
     seconds: float = 0.0
     failed: str = ""
@@ -68,7 +69,7 @@ def run_task(
     """Make what is missing of a view; whatever goes wrong becomes an outcome."""
     timeout_s = limits.timeout_s
     store, started, made = Store(Path(folder)), time.monotonic(), 0
-    path = log_path(store, view.key)
+    path, task = log_path(store, view.key), (view.key, view.first)
 
     try:
         with logged(path, limits.capture) as log:
@@ -82,23 +83,19 @@ def run_task(
                 made += 1
                 told("sample", 1)
     except DiskFull as error:
-        return Outcome(
-            view.key,
-            made,
-            time.monotonic() - started,
-            full=(str(error.path), error.size, error.why),
-        )
+        full = str(error.path), error.size, error.why
+        return Outcome(*task, made, time.monotonic() - started, full=full)
     except InputError as error:
         quarantine(store, view, str(error))
-        return Outcome(view.key, made, time.monotonic() - started, failed=str(error))
+        return Outcome(*task, made, time.monotonic() - started, failed=str(error))
     except Exception as error:  # a bug costs one view and not the night
         why = f"{type(error).__name__}: {error}"
         quarantine(store, view, why, traceback.format_exc())
-        return Outcome(view.key, made, time.monotonic() - started, failed=why)
+        return Outcome(*task, made, time.monotonic() - started, failed=why)
     finally:
         if timeout_s is not None:
             faulthandler.cancel_dump_traceback_later()
-    return Outcome(view.key, made, time.monotonic() - started)
+    return Outcome(*task, made, time.monotonic() - started)
 
 
 def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> None:
@@ -137,4 +134,4 @@ def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
     reason = said or "nothing was printed: a signal, or too little memory"
     why = f"its process died {tries} times ({reason}); its log is in quarantine/{view.key}.json"
     quarantine(store, view, why)
-    return Outcome(view.key, failed=why)
+    return Outcome(view.key, view.first, failed=why)

@@ -16,7 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..core import InputError
-from .disk_errors import disk_sentences
+from .appearing import appearing
+from .disk_errors import disk_sentences, names_in
 
 SCRATCH = ".unfinished-"
 FOLDER_BYTES = 4096
@@ -135,6 +136,24 @@ def read_small(path: str, most: int) -> bytes:
     if len(content) <= most:
         return content
     return b""
+
+
+def read_plain(path: Path) -> bytes:
+    """Content of a file, which is no link and no pipe. Raises OSError."""
+    with open(os.open(path, READ_SMALL), "rb", buffering=0) as file:
+        return file.read()
+
+
+def write_lasting(path: Path, content: bytes) -> None:
+    """A file that appears whole, in the place of an older one, and outlives a power cut from then on.
+
+    Raises DiskFull and InputError.
+    """
+    with appearing(path, len(content)) as temporary, names_in(path, temporary):
+        temporary.write_bytes(content)
+        flush(temporary, len(content), hashlib.sha256(content).hexdigest())
+    with disk_sentences(path):
+        sync_folder(path.parent)
 
 
 def newest_mtime(folder: Path) -> float:

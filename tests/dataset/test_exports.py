@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from helpers.datasets import write_index
 from helpers.marks import one_in
 from PIL import Image
 
@@ -32,9 +33,9 @@ from mitsuba_sensor.dataset.exports.export import WRITERS, export
 from mitsuba_sensor.dataset.exports.job import worlds
 from mitsuba_sensor.dataset.exports.torch_dataset import TorchDataset
 from mitsuba_sensor.dataset.options import EXPORT_FORMATS
+from mitsuba_sensor.dataset.origin import index_of
 from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.reader import Index, index_text, read_index
-from mitsuba_sensor.dataset.record import INDEX, Record, text_of
+from mitsuba_sensor.dataset.record import Record, text_of
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.files.durable import size_and_hash
 from mitsuba_sensor.files.whole_folder import LISTING
@@ -173,7 +174,7 @@ def test_poses_of_one_world_are_together_with_their_pictures_and_depths(
     export(made, "nerfstudio", tmp_path / "out")
     names = [f"{scene}-00{number}" for scene in ("first", "second") for number in (1, 2)]
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.is_dir()) == names
-    for world, samples in worlds(ms.Dataset(made).samples).items():
+    for world, samples in worlds(ms.Dataset(made)).items():
         data = json.loads((tmp_path / f"out/{world}/transforms.json").read_text("utf-8"))
         assert {one.values["parameters.height"] for one in samples} == {
             0.5 if world.endswith("2") else 0
@@ -204,7 +205,7 @@ def test_pycolmap_and_opencv_see_the_same_cameras(made: Path, tmp_path: Path) ->
     cv2, pycolmap = pytest.importorskip("cv2"), pytest.importorskip("pycolmap")
     export(made, "colmap", tmp_path / "colmap")
     export(made, "opencv", tmp_path / "opencv")
-    for world, samples in worlds(ms.Dataset(made).samples).items():
+    for world, samples in worlds(ms.Dataset(made)).items():
         model = pycolmap.Reconstruction(str(tmp_path / "colmap" / world / "sparse/0"))
         images = {one.name.removesuffix(".png"): one for one in model.images.values()}
         poses = {}
@@ -250,7 +251,7 @@ def test_ros_has_one_file_for_each_camera_and_says_whose_it_is(
 def test_the_card_says_what_is_in_the_dataset(made: Path, tmp_path: Path) -> None:
     export(made, "card", tmp_path / "out", licence="CC-BY-4.0")
     text = (tmp_path / "out/README.md").read_text("utf-8")
-    samples = ms.Dataset(made).samples
+    samples = [*ms.Dataset(made)]
     assert (
         "| samples | 24 |" in text
         and "| renders | 12 |" in text
@@ -443,10 +444,10 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
     name = name.replace("ABSOLUTE", str(tmp_path))
     copy = tmp_path / "deep" / "copy"
     shutil.copytree(made, copy)
-    lines = [
-        line | ({"split": name} if field == "split" else {}) for line in read_index(copy).lines
-    ]
-    (copy / INDEX).write_bytes(index_text(Index(lines, "")))
+    lines = [*index_of(copy)]
+    if field == "split":
+        lines = [line._replace(split=name) for line in lines]
+    write_index(copy, lines)
     if field == "scene":
         for sample in ms.Dataset(copy):
             facts = json.loads(json.dumps(sample.facts))

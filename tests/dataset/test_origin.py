@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.datasets import SCENES
+from helpers.datasets import SCENES, write_index
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset import keys
-from mitsuba_sensor.dataset.reader import Index, index_text, read_index
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.index_part import kinds_of
+from mitsuba_sensor.dataset.origin import index_of
 from mitsuba_sensor.dataset.record import FILE, INDEX, RECORD, sealed, unsealed
 from mitsuba_sensor.dataset.repair import verify
 
@@ -82,13 +84,18 @@ def damaged(content: bytes, chance: random.Random) -> bytes:
 @pytest.mark.parametrize("name", [FILE, RECORD, INDEX])
 def test_every_damage_of_what_says_what_a_dataset_is_is_found(name: str, here: Path) -> None:
     path, chance = here / "out" / name, random.Random(name)
+    if name == INDEX:
+        (path,) = path.iterdir()
+        name = f"{INDEX}/{path.name}"
     content = path.read_bytes()
     assert not list(verify(here / "out"))
     for _ in range(100):
         path.write_bytes(damaged(content, chance))
         assert name in [fault.file for fault in verify(here / "out")], path.read_bytes()
     path.unlink()
-    assert [(fault.file, fault.what) for fault in verify(here / "out")] == [(name, "missing")]
+    assert [(x.file[:12], x.what) for x in verify(here / "out")] == [
+        (name[:12] if INDEX not in name else f"{INDEX}/000000", "missing")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -135,7 +142,8 @@ OTHER_VALUES: dict[str, Any] = {
     "file": [len(TEXT), "0" * 64],
     "made_by": {"mitsuba-sensor": "9.9.9"},
     "samples": 3,
-    "lines_sha256": "0" * 64,
+    "parts": 2,
+    "plan": "0" * 64,
 }
 
 
@@ -156,51 +164,51 @@ def test_a_record_of_somebody_who_knows_how_its_hash_is_made_is_found_too(
 def test_an_index_of_somebody_who_knows_how_its_hash_is_made_is_found_and_written_again(
     here: Path, made: Path, cli: Cli
 ) -> None:
-    path = here / "out" / INDEX
-    index = read_index(here / "out")
-    first, second = index.lines
+    """Splits and values that could be right are not told from those that are."""
+    first, second = index_of(here / "out")
     for lines in (
         [second, first],
-        [first, {**second, "split": "test"}],
+        [first, second._replace(key="0" * 24)],
         [first, second, second],
+        [first._replace(number=10_000)],
     ):
-        path.write_bytes(index_text(Index(lines, index.made_from)))
-        assert [fault.file for fault in verify(here / "out")] == [INDEX]
+        write_index(here / "out", lines)
+        assert list(verify(here / "out"))
     assert cli("dataset", "repair", "out", "--workers", "0").exit_code == 0
     assert contents(here) == contents(made)
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("kinds", "changes"),
     [
-        {"key": "../../x"},
-        {"key": 7},
-        {"values": []},
-        {"split": 1},
-        {"view": "0" * 23},
-        {"view_files": 1},
+        ({}, {"key": "../../x"}),
+        ({"key": "integer"}, {"key": 7}),
+        ({"split": "integer"}, {"split": 1}),
+        ({}, {"view": "0" * 23}),
+        ({}, {"view": None}),
+        ({"view_files": "integer"}, {"view_files": 1}),
+        ({"number": "text"}, {"number": "0"}),
     ],
 )
 def test_an_index_with_a_line_that_no_run_writes_is_a_sentence(
-    changes: Any, here: Path
+    kinds: Any, changes: Any, here: Path
 ) -> None:
-    index = read_index(here / "out")
-    line = {**index.lines[0], **changes}
-    (here / "out" / INDEX).write_bytes(index_text(Index([line], index.made_from)))
-    with pytest.raises(InputError, match=r"index\.jsonl was changed"):
-        ms.Dataset(here / "out")
+    known = kinds_of(read_dataset(here / "out" / FILE))
+    first, _ = index_of(here / "out")
+    write_index(here / "out", [first._replace(**changes)], {**known, **kinds})
+    with pytest.raises(InputError, match=r"\.parquet was changed"):
+        list(ms.Dataset(here / "out"))
 
 
-def test_a_separator_of_lines_in_a_text_is_no_end_of_a_line(tmp_path: Path) -> None:
-    line = {
-        "key": "0" * 24,
-        "view": "1" * 24,
-        "split": "",
-        "view_files": False,
-        "values": {"a": "x\u2028y\x85z"},
-    }
-    (tmp_path / INDEX).write_bytes(index_text(Index([line], "")))
-    assert read_index(tmp_path).lines == [line]
+@pytest.mark.parametrize("old", ["-000000-", "-2-of-2-", "-of-2-"])
+def test_a_part_with_another_name_is_found(old: str, here: Path) -> None:
+    (part,) = (here / "out" / INDEX).iterdir()
+    part.rename(
+        part.with_name(part.name.replace(old, old.replace("2", "1").replace("00-", "01-")))
+    )
+    assert list(verify(here / "out"))
+    with pytest.raises(InputError, match="was changed"):
+        list(ms.Dataset(here / "out"))
 
 
 def test_a_scene_that_was_changed_since_is_not_rendered_in_place_of_the_one_that_was(

@@ -20,9 +20,11 @@ from mitsuba_sensor.dataset.exports import summary
 from mitsuba_sensor.dataset.exports.job import facts_of
 from mitsuba_sensor.dataset.exports.sheet import caption, names_that_vary, sheet_rows
 from mitsuba_sensor.dataset.forecast import forecast
+from mitsuba_sensor.dataset.index_part import Line
 from mitsuba_sensor.dataset.keys import Facts
+from mitsuba_sensor.dataset.origin import index_of
 from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
-from mitsuba_sensor.dataset.reader import Sample, read_index
+from mitsuba_sensor.dataset.reader import Sample
 from mitsuba_sensor.dataset.record import FOR_PEOPLE
 from mitsuba_sensor.dataset.repair import holdings, verify
 from mitsuba_sensor.dataset.run import run
@@ -234,8 +236,9 @@ def test_the_card_of_a_big_dataset_reads_some_of_its_samples(
     text = (copy / "README.md").read_text("utf-8")
     assert len(read) == 3 and "| samples | 12 |" in text and "| renders | 3 |" in text
     assert "\n3 of the 12 samples, evenly chosen, were read" in text
-    index = hashlib.sha256((copy / "index.jsonl").read_bytes()).hexdigest()
-    assert f"| `index.jsonl` | {index} |" in text and "record.json" not in text
+    names = "".join(f"{path.name}\n" for path in (copy / "index").iterdir())
+    index = hashlib.sha256(names.encode()).hexdigest()
+    assert f"`index/`, a line each | {index} |" in text and "record.json" not in text
 
 
 def test_the_card_says_how_large_the_render_noise_is_and_what_helps(
@@ -291,7 +294,7 @@ def test_a_preview_that_was_changed_is_a_remark_that_says_what_to_do(copy: Path)
 
 
 def test_a_row_of_the_sheet_is_a_scene_and_view_and_says_the_exposures(made: Path) -> None:
-    rows = sheet_rows(Store(made), read_index(made).lines)
+    rows = sheet_rows(Store(made), index_of(made))
     assert [row.label for row in rows] == [["flat"], ["box", "view 0"], ["box", "view 1"]]
     for row in rows:
         lines = [line for one in row.pictures for line in one.caption]
@@ -314,7 +317,7 @@ def test_a_caption_is_the_time_that_was_exposed_and_what_varies(
     values: dict[str, object], lines: list[str]
 ) -> None:
     other = dict.fromkeys(values, "other")
-    varied = names_that_vary([{"values": values}, {"values": other}])
+    varied = names_that_vary([Line(0, "", "", "", False, x) for x in (values, other)])
     assert varied == [*values]
     assert caption(values, [name for name in varied if name != "gain"], 0.3) == lines
 

@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli
 from mitsuba_sensor.dataset.record import INDEX
+from mitsuba_sensor.dataset.repair import discard, verify
+from mitsuba_sensor.dataset.store import Store
 
 TEXT = """
 name = "small"
@@ -98,14 +100,22 @@ def test_what_is_found_is_made_again_and_nothing_else(made: Path, broken: Path) 
     assert inodes and all(path.stat().st_ino == inode for path, inode in inodes.items())
 
 
+def part_in(folder: Path) -> Path:
+    """The only file of the index."""
+    (path,) = (folder / INDEX).iterdir()
+    return path
+
+
 @pytest.mark.parametrize("what", ["changed", "missing"])
 def test_the_index_is_written_again(made: Path, broken: Path, what: str) -> None:
+    part, name = part_in(broken), f"{INDEX}/000000"
     if what == "missing":
-        (broken / INDEX).unlink()
+        part.unlink()
     else:
-        (broken / INDEX).write_text((broken / INDEX).read_text().replace("0.01", "0.02", 1))
+        part.write_bytes(part.read_bytes()[:-1] + b"x")
+        name = f"{INDEX}/{part.name}"
     code, found = dataset("verify", str(broken))
-    assert (code, found) == (1, [{"kind": "dataset", "key": "", "file": INDEX, "what": what}])
+    assert (code, found) == (1, [{"kind": "dataset", "key": "", "file": name, "what": what}])
     code, said = dataset("repair", str(broken), "--workers", "0")
     assert (code, said["made"], said["broken"]) == (0, 0, [])
     assert contents(broken) == contents(made)
@@ -113,23 +123,52 @@ def test_the_index_is_written_again(made: Path, broken: Path, what: str) -> None
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of Unix")
 def test_nobody_waits_for_a_pipe_in_place_of_the_index(made: Path, broken: Path) -> None:
-    (broken / INDEX).unlink()
-    os.mkfifo(broken / INDEX)
+    part = part_in(broken)
+    part.unlink()
+    os.mkfifo(part)
+    name = f"{INDEX}/{part.name}"
     assert dataset("verify", str(broken)) == (
         1,
-        [{"kind": "dataset", "key": "", "file": INDEX, "what": "changed"}],
+        [{"kind": "dataset", "key": "", "file": name, "what": "changed"}],
     )
-    assert dataset("repair", str(broken), "--workers", "0")[0] == 0 and contents(
-        broken
-    ) == contents(made)
+    assert dataset("repair", str(broken), "--workers", "0")[0] == 0
+    assert contents(broken) == contents(made)
 
 
 def test_other_entries_are_read_where_the_index_was_changed(broken: Path) -> None:
     pixel = next(iter(ms.Dataset(broken))).folder / "frame.tiff"
     pixel.write_bytes(pixel.read_bytes()[:-1])
-    (broken / INDEX).write_text("{}\n")
+    part_in(broken).write_text("{}\n")
     _, found = dataset("verify", str(broken))
     assert [(one["file"], one["what"]) for one in found] == [
         ("frame.tiff", "short"),
-        (INDEX, "changed"),
+        (f"{INDEX}/{part_in(broken).name}", "changed"),
     ]
+
+
+def test_files_that_do_not_belong_into_the_index_are_named(broken: Path) -> None:
+    (broken / INDEX / "notes.txt").write_text("mine")
+    assert dataset("verify", str(broken))[1] == [
+        {"kind": "dataset", "key": "", "file": f"{INDEX}/notes.txt", "what": "stray"}
+    ]
+    assert dataset("repair", str(broken), "--workers", "0")[0] == 0
+    assert (broken / INDEX / "notes.txt").exists()
+
+
+def test_a_repair_that_is_stopped_forgets_the_index_before_the_samples(
+    made: Path, broken: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a part of the index would name samples that are gone, and no run would look for them."""
+    folder = next(iter(ms.Dataset(broken))).folder
+    (folder / "frame.tiff").unlink()
+
+    def stopped(store: Store, kind: str, key: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Store, "discard", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        discard(broken, [*verify(broken)])
+    monkeypatch.undo()
+    assert not [*(broken / INDEX).iterdir()]
+    assert dataset("repair", str(broken), "--workers", "0")[0] == 0
+    assert contents(broken) == contents(made)

@@ -55,7 +55,7 @@ def contents(folder: Path) -> dict[str, str]:
     """Every file of the samples, and the index."""
     paths = [
         *(path for path in (folder / "samples").rglob("*") if path.is_file()),
-        folder / "index.jsonl",
+        *(folder / "index").iterdir(),
     ]
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()

@@ -180,7 +180,7 @@ def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(
 def test_left_over_pages_are_removed_by_age_and_nobody_elses_files(store: Store) -> None:
     store.folder.mkdir(parents=True, exist_ok=True)
     dead, alive, foreign = (
-        store.folder / name for name in (".index.jsonl.12", ".record.json.13", ".gitignore")
+        store.folder / name for name in (".dataset.toml.12", ".record.json.13", ".gitignore")
     )
     for path in (dead, alive, foreign):
         path.write_text("half")

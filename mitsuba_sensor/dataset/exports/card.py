@@ -56,7 +56,7 @@ class CardFacts:
     figures: Mapping[str, str | int]
     cameras: Sequence[CameraNumbers]
     hashes: Mapping[str, str]
-    splits: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    splits: Mapping[str, tuple[int | str, ...]] = field(default_factory=dict)
     how_to_read: str = ""
     pictures: Sequence[SheetRow] = ()
     versions: Mapping[str, str | None] = field(default_factory=dict)

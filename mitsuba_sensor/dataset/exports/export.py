@@ -14,7 +14,7 @@ from ...files.whole_folder import appearing_folder
 from ..file import read_dataset
 from ..options import ExportOptions
 from ..origin import require_origin
-from ..reader import Dataset, read_index
+from ..reader import Dataset
 from ..record import FILE
 from .card import write_card
 from .coco import write_coco
@@ -79,8 +79,6 @@ def export(
         done += 1
         progress(done, total)
 
-    lines = read_index(dataset.folder).lines
-    lines = [line for line in lines if chosen["split"] in (None, line["split"])]
     if file.description:
         title = f"{file.name}: {file.description}"
     else:
@@ -88,8 +86,8 @@ def export(
     with appearing_folder(
         Path(out), chosen["force"], {"dataset": file.name, "format": format}
     ) as scratch:
-        known = summary(dataset.folder, lines, file, step)
+        known = summary(dataset.folder, dataset.lines, file, step)
         known = replace(known, licence=chosen["licence"] or known.licence)
-        how = WRITERS[format](Job(dataset.samples, scratch, chosen, step, title, known.licence))
+        how = WRITERS[format](Job(dataset, scratch, chosen, step, title, known.licence))
         write_card(scratch, replace(known, how_to_read=how or known.how_to_read))
     return len(dataset)

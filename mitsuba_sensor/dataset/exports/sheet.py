@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...output.contact_sheet import Captioned, SheetRow
-from ..keys import Config, Facts
+from ..index_part import Line
+from ..keys import Config
 from ..planned import evenly_chosen
 from ..reader import sample_of
 from ..store import Store
@@ -13,20 +14,22 @@ from ..values import text_of
 from .job import PICTURE, checked, facts_of
 
 MOST_ROWS, MOST_COLUMNS = 8, 10
+MOST_LOOKED_AT = 2000  # of all samples, for their scenes, views and what varies
 MOST_LINES = 3  # of the caption of a picture
 OF_ROW = ("scene", "view", "pose")
 OF_EXPOSURE = ("exposure_s", "exposure_ev")
 
 
-def sheet_rows(store: Store, lines: Sequence[Facts]) -> list[SheetRow]:
+def sheet_rows(store: Store, lines: Sequence[Line]) -> list[SheetRow]:
     """Rows for samples with previews, evenly chosen of all scenes, views and samples.
 
     lines : of the index.  Raises InputError for a preview that is not as it was written.
     """
-    scenes: dict[str, dict[object, list[Facts]]] = {}  # scene → view → lines
+    lines = evenly_chosen(lines, MOST_LOOKED_AT)
+    scenes: dict[str, dict[object, list[Line]]] = {}  # scene → view → lines
     for line in lines:
-        views = scenes.setdefault(str(line["values"].get("scene")), {})
-        views.setdefault(line["values"].get("view"), []).append(line)
+        views = scenes.setdefault(str(line.values.get("scene")), {})
+        views.setdefault(line.values.get("view"), []).append(line)
     varied, rows = names_that_vary(lines), []
     shown = evenly_chosen([*scenes], MOST_ROWS)
     for scene in shown:
@@ -40,24 +43,24 @@ def sheet_rows(store: Store, lines: Sequence[Facts]) -> list[SheetRow]:
     return [row for row in rows if row.pictures]
 
 
-def _pictures(store: Store, lines: Sequence[Facts], varied: Sequence[str]) -> list[Captioned]:
+def _pictures(store: Store, lines: Sequence[Line], varied: Sequence[str]) -> list[Captioned]:
     """The previews of these samples, of those that have one."""
     pictures = []
     for line in lines:
-        path = store.folder_of("samples", line["key"]) / PICTURE
+        path = store.folder_of("samples", line.key) / PICTURE
         if path.exists():
             exposure_s = facts_of(sample_of(store, line))["image"]["exposure_s"]
-            text = caption(line["values"], varied, exposure_s)
+            text = caption(line.values, varied, exposure_s)
             pictures.append(Captioned(checked(path), text))
     return pictures
 
 
-def names_that_vary(lines: Sequence[Facts]) -> list[str]:
+def names_that_vary(lines: Sequence[Line]) -> list[str]:
     """Names that have several values, in the order in which the samples have them."""
     first: dict[str, object] = {}
     varied: dict[str, None] = {}
     for line in lines:
-        for name, value in line["values"].items():
+        for name, value in line.values.items():
             if first.setdefault(name, value) != value:
                 varied[name] = None
     return [name for name in first if name in varied]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from ...camera.figures import figures_if_any
 from ...core import InputError
 from ...files import durable
 from ..file import DatasetFile
+from ..index_part import Line
 from ..keys import Facts, key_of
 from ..planned import evenly_chosen
 from ..reader import IMAGES, sample_of
@@ -35,6 +36,8 @@ LESS_RENDER_NOISE = (
     "In `[render]` of the dataset file `denoise = true`, a larger `spp`, or `noise_ratio = 0.1` with `max_spp` and "
     "without `spp` makes it smaller."
 )
+MOST_CHIPS = 10**5
+"""Of a split, that are counted."""
 NO_SHEET = "There is no contact sheet: `preview` is not among the outputs of the dataset."
 
 
@@ -45,6 +48,24 @@ class _Group:
     noise: list[tuple[float | None, ...]] = field(default_factory=list)
     digital: list[list[float]] = field(default_factory=list)
     electrons: list[list[float]] = field(default_factory=list)
+
+
+@dataclass
+class _Split:
+    """What a split has."""
+
+    samples: int = 0
+    frames: int = 0
+    renders: int = 0
+    scenes: set[str] = field(default_factory=set)
+    chips: set[tuple[str, object]] = field(default_factory=set)
+
+    def counts(self) -> tuple[int | str, ...]:
+        """Samples, scenes, renders and chips."""
+        chips: int | str = len(self.chips)
+        if chips == MOST_CHIPS:
+            chips = f"{MOST_CHIPS} or more"
+        return self.samples, len(self.scenes), self.renders, chips
 
 
 @dataclass
@@ -66,7 +87,7 @@ class _Read:
 
 def summary(
     folder: Path,
-    lines: Sequence[Facts],
+    lines: Sequence[Line],
     file: DatasetFile,
     step: Callable[[], object] = lambda: None,
     most: int | None = None,
@@ -81,9 +102,9 @@ def summary(
     chosen = evenly_chosen(lines, most or len(lines))
     for line in chosen:
         _add(read, line, facts_of(sample_of(store, line)))
-        _add_record(read, store, ("samples", line["key"]), digest)
+        _add_record(read, store, ("samples", line.key), digest)
         step()
-    for key in dict.fromkeys(line["view"] for line in chosen if line["view_files"]):
+    for key in dict.fromkeys(line.view for line in chosen if line.view_files):
         _add_record(read, store, ("views", key), digest)
     hashes = {f"`{FILE}`": durable.sha256_of(folder / FILE)}
     if most is None:
@@ -99,22 +120,24 @@ def summary(
             f"{len(chosen)} of the {len(lines)} samples, evenly chosen, were read for pixels, bytes, noise and values."
         )
     arrays = [name for name in file.outputs if name in IMAGES]
-    scenes = sorted({str(line["values"].get("scene")) for line in lines})
+    splits = _counted(lines, read.models)
     return CardFacts(
         file.name,
         file.description,
         file.licence,
         {
             "samples": len(lines),
-            "raw frames": sum(line["values"].get("frames", 1) for line in lines),
-            "scenes": ", ".join(scenes),
-            "renders": len({line["view"] for line in lines}),
+            "raw frames": sum(one.frames for one in splits.values()),
+            "scenes": ", ".join(
+                sorted({name for one in splits.values() for name in one.scenes})
+            ),
+            "renders": sum(one.renders for one in splits.values()),
             "pixels": ", ".join(sorted(read.sizes)),
             bytes_of: read.bytes,
         },
         [_numbers(*key, group) for key, group in read.groups.items()],
         hashes,
-        _splits(lines, read.models),
+        {split: one.counts() for split, one in splits.items()},
         HOW.format(array=arrays[0]) if arrays else "",
         sheet_rows(store, lines),
         read.versions,
@@ -123,24 +146,21 @@ def summary(
     )
 
 
-def _splits(
-    lines: Sequence[Facts], models: Mapping[str, str]
-) -> dict[str, tuple[int, int, int, int]]:
-    """Split → samples, scenes, renders and chips."""
-    samples: dict[str, int] = {}
-    sets: dict[str, tuple[set[object], set[object], set[object]]] = {}
+def _counted(lines: Iterable[Line], models: Mapping[str, str]) -> dict[str, _Split]:
+    """What each split has."""
+    found: dict[str, _Split] = {}
+    view = ""
     for line in lines:
-        split, values = line["split"], line["values"]
-        camera = values.get("camera")
-        samples[split] = samples.get(split, 0) + 1
-        scenes, renders, chips = sets.setdefault(split, (set(), set(), set()))
-        scenes.add(values.get("scene"))
-        renders.add(line["view"])
-        chips.add((models.get(camera, camera), values.get("serial")))
-    return {
-        split: (samples[split], len(scenes), len(renders), len(chips))
-        for split, (scenes, renders, chips) in sets.items()
-    }
+        split, values = found.setdefault(line.split, _Split()), line.values
+        split.samples += 1
+        split.frames += values.get("frames", 1)
+        split.renders += line.view != view  # the samples of a render follow one another
+        split.scenes.add(str(values.get("scene")))
+        if len(split.chips) < MOST_CHIPS:
+            camera = values.get("camera", "")
+            split.chips.add((models.get(camera, camera), values.get("serial")))
+        view = line.view
+    return found
 
 
 def _render_noise_note(noise_ratios: Mapping[str, float]) -> str:
@@ -160,7 +180,7 @@ def _render_noise_note(noise_ratios: Mapping[str, float]) -> str:
     return note
 
 
-def _add(read: _Read, line: Facts, facts: Facts) -> None:
+def _add(read: _Read, line: Line, facts: Facts) -> None:
     """Count one sample."""
     config, image = facts["config"], facts["image"]
     key = facts["camera"], str(config["gain"] or "–")
@@ -168,8 +188,8 @@ def _add(read: _Read, line: Facts, facts: Facts) -> None:
     group.noise.append((*_noise(read, facts), *_levels(facts)))
     group.digital.append(facts["digital_quantiles_dn"])
     group.electrons.append(facts["electrons_quantiles_e"])
-    read.models[str(line["values"].get("camera"))] = facts["camera"]
-    read.noise_ratios[line["view"]] = facts["light"]["noise_ratio_median"]
+    read.models[str(line.values.get("camera"))] = facts["camera"]
+    read.noise_ratios[line.view] = facts["light"]["noise_ratio_median"]
     read.sizes.add(f"{image['columns']} × {image['rows']}")
     read.versions = facts["versions"]
 

@@ -1,0 +1,221 @@
+"""A part of the index of a dataset: which samples of 10 000 numbers are there, in a Parquet file.
+
+Its name says of which origin and numbers it is, how many samples it has, of how many, and the SHA-256 of its content.
+It is whole where it has all: then it was written after the last of its samples was on the disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import InputError
+from ..files import durable
+from ..files.parquet import Kind, ParquetRows, parquet_bytes
+from .file import DatasetFile, Value
+from .keys import Config, Facts
+from .record import INDEX, KEY
+from .sweep import possible_values
+
+NUMBERS = 10_000
+"""Of samples, that a part is of."""
+FIXED: dict[str, Kind] = {
+    "number": "integer",
+    "key": "text",
+    "split": "text",
+    "view_key": "text",
+    "view_files": "flag",
+}
+"""Columns of every index, before those of the values."""
+TYPES = ("int64", "string", "string", "string", "bool")
+"""Of the values of these columns."""
+SEEDS = ("serial", "repetition")
+ORIGIN_DIGITS = 12
+"""Of its SHA-256, in the name of a part."""
+LARGEST = 2**63
+"""Whole numbers beyond are kept as floats, but for seeds."""
+_NAME = re.compile(r"([0-9a-f]{12})-(\d{6,9})-(\d{1,5})-of-(\d{1,5})-([0-9a-f]{64})\.parquet")
+REMEDY = "`mitsuba-sensor dataset repair` writes it again"
+
+
+class Line(NamedTuple):
+    """A row of the index.
+
+    number : of the sample in its dataset.  view : key of its view.  view_files : whether that has files of its own.
+    """
+
+    number: int
+    key: str
+    split: str
+    view: str
+    view_files: bool
+    values: Config
+
+
+class Part(NamedTuple):
+    """A file of the index.
+
+    origin : the first digits of the SHA-256 of what the dataset is made from.  number : from 0.  rows : samples.
+    planned : samples that it has when it is whole.  digest : SHA-256 of its content.
+    """
+
+    origin: str
+    number: int
+    rows: int
+    planned: int
+    digest: str
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return f"{self.origin}-{self.number:06d}-{self.rows}-of-{self.planned}-{self.digest}.parquet"
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it has all of its samples."""
+        return self.rows == self.planned
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What its content says of itself, as its name does."""
+        return {"origin": self.origin, "part": str(self.number), "planned": str(self.planned)}
+
+
+def part_called(name: str) -> Part | None:
+    """The part of which a file with this name is; None of any other file."""
+    if (found := _NAME.fullmatch(name)) is None:
+        return None
+    origin, *counts, digest = found.groups()
+    number, rows, planned = map(int, counts)
+    return Part(origin, number, rows, planned, digest)
+
+
+def all_parts(folder: Path) -> list[Part]:
+    """All parts in a dataset folder, of whatever origin."""
+    parts = (part_called(name) for name in durable.names_of(folder / INDEX))
+    return [part for part in parts if part is not None]
+
+
+def parts_of(origin: str, parts: Iterable[Part]) -> dict[int, Part]:
+    """Number → the part of this origin; of several with one number that with most samples."""
+    own = [part for part in parts if origin.startswith(part.origin)]
+    return {
+        part.number: part for part in sorted(own, key=lambda part: (part.number, part.rows))
+    }
+
+
+def kinds_of(file: DatasetFile) -> dict[str, Kind]:
+    """Name of each column of the index of a dataset → the kind of its values.
+
+    A name that has values of several kinds has a column for each: its numbers have the name alone, others for example
+    "NAME (text)".
+    """
+    kinds: dict[str, Kind] = {**FIXED, "scene": "text", "camera": "text"}
+    for name in (*file.varied, "serial"):
+        values = [*possible_values(file, name)] or [1]
+        found = dict.fromkeys(_kind_of(name, value) for value in values)
+        for kind in found:
+            alone = len(found) == 1 or kind in ("integer", "number", "seed")
+            kinds[name if alone else f"{name} ({kind})"] = kind
+        if {"integer", "number"} <= {*found}:
+            kinds[name] = "number"
+    if any(scene.views or scene.path for scene in file.scenes):
+        kinds |= {"view": "integer", "pose": "pose"}
+    return kinds
+
+
+def _kind_of(name: str, value: Value) -> Kind:
+    if name in SEEDS:
+        return "seed"
+    if isinstance(value, bool):
+        return "flag"
+    if isinstance(value, int) and -LARGEST <= value < LARGEST:
+        return "integer"
+    if isinstance(value, int | float):
+        return "number"
+    if isinstance(value, str):
+        return "text"
+    return "vector"
+
+
+def part_of(
+    origin: str, number: int, lines: Sequence[Line], planned: int, kinds: Mapping[str, Kind]
+) -> tuple[Part, bytes]:
+    """A part with these lines, and its content.  kinds : of the columns."""
+    columns: dict[str, list[object]] = {name: [None] * len(lines) for name in kinds}
+    for place, name in enumerate(FIXED):
+        columns[name] = [line[place] for line in lines]
+    for row, line in enumerate(lines):
+        for name, value in line.values.items():
+            column = f"{name} ({_kind_of(name, value)})"
+            if column not in columns:
+                column = name
+            columns[column][row] = value
+    part = Part(origin[:ORIGIN_DIGITS], number, len(lines), planned, "")
+    content = parquet_bytes(columns, kinds, part.about)
+    return part._replace(digest=hashlib.sha256(content).hexdigest()), content
+
+
+class OpenPart:
+    """What is in a part, which is as it was written. Raises InputError."""
+
+    def __init__(self, folder: Path, part: Part) -> None:
+        self.path, self.part = folder / INDEX / part.name, part
+        try:
+            content = durable.read_plain(self.path)
+        except OSError as error:
+            raise InputError(
+                f"{self.path} cannot be read: {error.strerror}; if the dataset has changed since it was opened, open "
+                f"it again, else {REMEDY}."
+            ) from None
+        if hashlib.sha256(content).hexdigest() != part.digest:
+            raise self._was_changed()
+        try:
+            self.rows = ParquetRows(content)
+        except (ValueError, OSError):
+            raise self._was_changed() from None
+        types = [*self.rows.types.values()][: len(FIXED)]
+        said = self.rows.rows, self.rows.about, [*self.rows.types][: len(FIXED)]
+        if types != [*TYPES] or said != (part.rows, part.about, [*FIXED]):
+            raise self._was_changed()
+
+    def line(self, number: int) -> Line:
+        """The line in this row."""
+        return self._line_of(self.rows.row(number))
+
+    def lines(self) -> Iterator[Line]:
+        """All of them."""
+        return map(self._line_of, self.rows.all_rows())
+
+    def names(self) -> list[str]:
+        """Names of all that has values, split included."""
+        return [*dict.fromkeys(map(_name_of, [*self.rows.types][len(FIXED) :])), "split"]
+
+    def values(self, name: str) -> Iterator[tuple[list[object], NDArray[np.int64]]]:
+        """The values of a name, each once, and for each row the number of its own, −1 for none: of each kind."""
+        columns = ["split", *[*self.rows.types][len(FIXED) :]]
+        return (self.rows.coded(column) for column in columns if _name_of(column) == name)
+
+    def _line_of(self, row: Facts) -> Line:
+        number, key, split, view, view_files = (row.pop(name) for name in FIXED)
+        start = self.part.number * NUMBERS
+        known = None not in (number, key, split, view, view_files)
+        if not (known and KEY.fullmatch(key) and KEY.fullmatch(view)) or not (
+            start <= number < start + NUMBERS
+        ):
+            raise self._was_changed()
+        values = {_name_of(column): x for column, x in row.items() if x is not None}
+        return Line(number, key, split, view, view_files, values)
+
+    def _was_changed(self) -> InputError:
+        return InputError(f"{self.path} was changed; {REMEDY}.")
+
+
+def _name_of(column: str) -> str:
+    return column.partition(" (")[0]

@@ -1,0 +1,143 @@
+"""Writes the index of a dataset while that is made: each part when the last of its samples is there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import chain
+
+from ..files import durable
+from .index import Index
+from .index_part import NUMBERS, Line, Part, all_parts, kinds_of, part_of, parts_of
+from .origin import origin_of
+from .planned import DatasetPlan, PlannedView
+from .record import INDEX
+from .store import Store
+
+
+@dataclass
+class _Begun:
+    """A part while it is made.
+
+    lines : number of the first sample of a task → what the index says of its samples.  under_way : tasks that have not
+    ended.  doubtful : those of which something may be missing.  is_planned : whether all its tasks are known.
+    """
+
+    lines: dict[int, list[Line]] = field(default_factory=dict)
+    under_way: set[int] = field(default_factory=set)
+    doubtful: set[int] = field(default_factory=set)
+    is_planned: bool = False
+
+
+class IndexWriter:
+    """Follows the tasks of a run.
+
+    numbers : of the samples that the run makes.  A part that other runs make too is written by whoever is the last; all
+    write the same bytes.  Raises DiskFull and InputError.
+    """
+
+    def __init__(self, plan: DatasetPlan, store: Store, numbers: range) -> None:
+        self.plan, self.store, self.numbers = plan, store, numbers
+        self._kinds = kinds_of(plan.file)
+        self._digest = origin_of(plan).digest
+        self._parts = parts_of(self._digest, all_parts(store.folder))
+        self._begun: dict[int, _Begun] = {}
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is left to do."""
+        return not any(True for _ in self._left())
+
+    @property
+    def there(self) -> int:
+        """How many samples of the run are in parts that are whole."""
+        left, found = {*self._left()}, 0.0
+        for number, part in self._parts.items():
+            numbers = self._numbers_of(number)
+            if number not in left and len(numbers):
+                found += part.rows * len(self._own(numbers)) / len(numbers)
+        return round(found)
+
+    def tasks(self) -> Iterator[PlannedView]:
+        """The tasks of all parts that are not whole; :meth:`ended` must be called for each."""
+        for number in self._left():
+            part = self._begun[number] = _Begun()
+            own = self._own(self._numbers_of(number))
+            for view in self.plan.views(own.start, own.stop):
+                part.lines[view.first] = lines_of(view)
+                part.under_way.add(view.first)
+                yield view
+            part.is_planned = True
+            self._write_if_ended(number)
+
+    def ended(self, first: int, is_there: bool) -> None:
+        """A task has ended.  first : number of its first sample.  is_there : whether all of it is on the disk."""
+        part = self._begun[first // NUMBERS]
+        part.under_way.discard(first)
+        if not is_there:
+            part.doubtful.add(first)
+        self._write_if_ended(first // NUMBERS)
+
+    def index(self) -> Index:
+        """All that is written; what other parts replace is removed."""
+        self._remove_replaced(found := all_parts(self.store.folder))
+        return Index(self.store.folder, parts_of(self._digest, found).values())
+
+    def _left(self) -> Iterator[int]:
+        """Numbers of the parts of this run that are not whole."""
+        for number in range(self.numbers.start // NUMBERS, -(-self.numbers.stop // NUMBERS)):
+            part = self._parts.get(number)
+            if (part is None or not part.is_whole) and len(self._own(self._numbers_of(number))):
+                yield number
+
+    def _numbers_of(self, part: int) -> range:
+        return range(part * NUMBERS, min((part + 1) * NUMBERS, self.plan.numbers))
+
+    def _own(self, numbers: range) -> range:
+        """Those of the numbers that are of this run."""
+        return range(
+            max(numbers.start, self.numbers.start), min(numbers.stop, self.numbers.stop)
+        )
+
+    def _write_if_ended(self, number: int) -> None:
+        begun = self._begun[number]
+        if not begun.is_planned or begun.under_way:
+            return
+        del self._begun[number]
+        numbers, planned = self._numbers_of(number), 0
+        own, found = self._own(numbers), list[Line]()
+        others = (range(numbers.start, own.start), range(own.stop, numbers.stop))
+        for view in chain.from_iterable(self.plan.views(x.start, x.stop) for x in others if x):
+            begun.lines[view.first] = lines_of(view)
+            begun.doubtful.add(view.first)
+        for first, lines in sorted(begun.lines.items()):
+            planned += len(lines)
+            if first in begun.doubtful:
+                lines = [line for line in lines if self._is_there(line)]
+            found += lines
+        part, content = part_of(self._digest, number, found, planned, self._kinds)
+        place = self.store.folder / INDEX / part.name
+        durable.make_folder(place.parent, self.store.folder.parent)
+        durable.write_lasting(place, content)
+        parts = all_parts(self.store.folder)
+        self._remove_replaced([other for other in parts if other.number == number])
+
+    def _is_there(self, line: Line) -> bool:
+        if line.view_files and not self.store.exists("views", line.view):
+            return False
+        return self.store.exists("samples", line.key)
+
+    def _remove_replaced(self, parts: Sequence[Part]) -> None:
+        """Remove those of these parts that are of another plan, or have fewer samples than another one."""
+        kept = parts_of(self._digest, parts).values()
+        for part in {*parts} - {*kept}:
+            with suppress(OSError):
+                durable.remove_folder(self.store.folder / INDEX / part.name)
+
+
+def lines_of(view: PlannedView) -> list[Line]:
+    """What the index says of the samples of a task."""
+    of_view = view.key, bool(view.outputs)
+    numbered = enumerate(view.samples, start=view.first)
+    return [Line(k, one.key, one.split, *of_view, one.values) for k, one in numbered]

@@ -1,0 +1,297 @@
+"""The index of a dataset: parts that appear whole, which other programs read, and any line is found at once."""
+
+from __future__ import annotations
+
+import pickle
+import random
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.datasets import SCENES, TABLES
+
+import mitsuba_sensor as ms
+from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset import index_part, index_writer
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.index import Index
+from mitsuba_sensor.dataset.index_part import Line, all_parts, kinds_of, part_of, parts_of
+from mitsuba_sensor.dataset.index_writer import IndexWriter, lines_of
+from mitsuba_sensor.dataset.origin import index_of, origin_of, write_origin
+from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.files import durable
+
+ROWS = 7
+"""Of a part, in these tests."""
+SEVERAL: dict[str, Any] = {
+    "grid": {
+        "exposure_s": [0.01, "auto", 1],
+        "traverse.lamp": [[1.0, 2.0, 3.0], 0.5],
+        "serial": [1, 2**64 - 1],
+    },
+    "list": [{"temperature_k": 290}, {"gain": "low", "parameters.glass": True}],
+    "scenes": [
+        {"name": "a", "file": "flat_field.xml"},
+        {
+            "name": "b",
+            "file": "flat_field.xml",
+            "views": [{"origin_m": [0, k, 4], "target_m": [0, 1, 0]} for k in (1, 2)],
+        },
+    ],
+}
+"""Values of every kind, some of them in some samples only."""
+
+
+@pytest.fixture
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (index_part, index_writer):
+        monkeypatch.setattr(module, "NUMBERS", ROWS)
+
+
+def plan_of(**tables: Any) -> DatasetPlan:
+    return DatasetPlan(read_dataset({**TABLES, **tables}), [SCENES], "text")
+
+
+def commit(store: Store, key: str) -> None:
+    store.commit("samples", key, lambda folder: (folder / "a.txt").write_text("a"))
+
+
+def follow(writer: IndexWriter, lost: frozenset[int] = frozenset()) -> None:
+    """Make all tasks of a run but for the samples with these numbers."""
+    for view in writer.tasks():
+        numbers = range(view.first, view.first + len(view.samples))
+        for number, sample in zip(numbers, view.samples, strict=True):
+            if number not in lost:
+                commit(writer.store, sample.key)
+        writer.ended(view.first, lost.isdisjoint(numbers))
+
+
+def whole(plan: DatasetPlan, store: Store) -> IndexWriter:
+    return IndexWriter(plan, store, range(plan.numbers))
+
+
+def test_every_value_of_every_line_comes_back(tmp_path: Path) -> None:
+    """Numbers as numbers, texts as texts, lists as lists, and what a sample does not have is not there."""
+    kinds = kinds_of(read_dataset({**TABLES, **SEVERAL}))
+    values: list[Any] = [
+        {"scene": "a", "camera": "c", "exposure_s": 0.01, "serial": 2**64 - 1},
+        {"scene": "b", "camera": "c", "exposure_s": "auto", "traverse.lamp": [1.0, 2.0, 3.0]},
+        {"scene": "b", "camera": "c", "exposure_s": 1, "traverse.lamp": 0.5, "gain": "low"},
+        {"scene": "x\u2028y\x85z", "camera": "c", "parameters.glass": True, "view": 3},
+    ]
+    pose = {"origin_m": [0.0, 1.0, 4.0], "target_m": [0.0, 1.0, 0.0], "up": [0.0, 1.0, 0.0]}
+    values[3]["pose"] = pose
+    lines = [Line(k, f"{k:024x}", "train", "f" * 24, False, x) for k, x in enumerate(values)]
+    part, content = part_of("0" * 64, 0, lines, 4, kinds)
+    (tmp_path / "index").mkdir()
+    (tmp_path / "index" / part.name).write_bytes(content)
+    found = Index(tmp_path, all_parts(tmp_path))
+    assert [*found] == lines == [found[k] for k in range(4)] and found[-1] == lines[-1]
+    assert found.where("exposure_s", "auto")[0] == lines[1]
+    assert found.where("traverse.lamp", (1.0, 2.0, 3.0))[0] == lines[1]
+    assert [*found.where("pose", pose)] == [lines[3]]
+    assert found.counts("exposure_s") == {"0.01": 1, "1.0": 1, "auto": 1}
+
+
+def test_pandas_reads_all_parts_at_once(small_parts: None, tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    plan = plan_of(**{**SEVERAL, "list": []})
+    follow(whole(plan, Store(tmp_path)))
+    table = pandas.read_parquet(tmp_path / "index")
+    assert table.number.tolist() == [*range(plan.samples)] and len(table.columns) == 14
+    assert table.exposure_s.dtype == float and set(table["exposure_s (text)"].dropna()) == {
+        "auto"
+    }
+    assert table[table.scene == "b"].pose.iloc[0]["origin_m"].tolist() == [0, 1, 4]
+
+
+def test_a_part_appears_when_the_last_of_its_samples_is_there(
+    small_parts: None, tmp_path: Path
+) -> None:
+    plan, store = plan_of(grid={"repetition": [*range(20)]}), Store(tmp_path)
+    writer, known = whole(plan, store), list[int]()
+    for view in writer.tasks():
+        for sample in view.samples:
+            commit(store, sample.key)
+        assert len(all_parts(tmp_path)) == len(known), "not before it has ended"
+        writer.ended(view.first, True)
+        known.append(view.first)
+    parts = [*parts_of(origin_of(plan).digest, all_parts(tmp_path)).values()]
+    assert [(one.number, one.rows, one.is_whole) for one in parts] == [
+        (0, 7, True),
+        (1, 7, True),
+        (2, 6, True),
+    ]
+    assert whole(plan, store).is_whole and whole(plan, store).there == 20
+
+
+def test_what_is_lost_is_in_no_part_and_found_by_the_next_run(
+    small_parts: None, tmp_path: Path
+) -> None:
+    plan, store = plan_of(grid={"repetition": [*range(20)]}), Store(tmp_path)
+    writer = whole(plan, store)
+    follow(writer, frozenset({3, 19}))
+    assert [line.number for line in writer.index()] == [*(set(range(20)) - {3, 19})]
+    again = whole(plan, store)
+    assert not again.is_whole and again.there == 7
+    assert sum(len(view.samples) for view in whole(plan, store).tasks()) == 13
+    follow(again)
+    assert [line.number for line in again.index()] == [*range(20)]
+    assert len(all_parts(tmp_path)) == 3, "parts with fewer samples are gone"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_shards_in_any_order_write_the_parts_of_one_run(
+    small_parts: None, tmp_path: Path, seed: int
+) -> None:
+    """Their borders are in the middle of parts and views; each shard looks for what the others have."""
+    chance = random.Random(seed)
+    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"a": n}} for n in "ab"]
+    plan = plan_of(
+        scenes=scenes,
+        grid={"serial": [*range(13)], "exposure_s": [0.1, 0.2]},
+        splits={"shares": {"train": 0.5, "test": 0.5}},
+    )
+    alone, shared = Store(tmp_path / "alone"), Store(tmp_path / "shared")
+    follow(whole(plan, alone))
+    ends = [0, *sorted(chance.sample(range(1, plan.numbers), 5)), plan.numbers]
+    numbers = [range(*pair) for pair in zip(ends, ends[1:], strict=False)]
+    writers = [IndexWriter(plan, shared, some) for some in numbers]
+    tasks = [(writer, writer.tasks()) for writer in writers]
+    while tasks:  # all at once, a task of any of them at a time
+        writer, some = chance.choice(tasks)
+        if (view := next(some, None)) is None:
+            tasks.remove((writer, some))
+            continue
+        for sample in view.samples:
+            commit(shared, sample.key)
+        writer.ended(view.first, True)
+    names = [{one.name for one in all_parts(store.folder)} for store in (alone, shared)]
+    assert names[0] == names[1] and plan.samples < plan.numbers
+    lines = [line for view in plan.views() for line in lines_of(view)]
+    assert [
+        (one.key, one.split)
+        for one in Index(tmp_path / "shared", all_parts(tmp_path / "shared"))
+    ] == [(one.key, one.split) for one in lines]
+
+
+def test_a_part_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut leaves the whole part or none."""
+    told, flush, replace = list[str](), durable.flush, durable.os.replace
+    monkeypatch.setattr(durable, "flush", lambda *x: told.append("flush") or flush(*x))
+    monkeypatch.setattr(durable.os, "replace", lambda *x: told.append("name") or replace(*x))
+    monkeypatch.setattr(durable, "sync_folder", lambda folder: told.append("folder"))
+    durable.write_lasting(tmp_path / "a", b"a")
+    assert told == ["flush", "name", "folder"] and (tmp_path / "a").read_bytes() == b"a"
+
+
+def test_parts_of_another_origin_are_passed_over_and_removed_at_the_end(
+    small_parts: None, tmp_path: Path
+) -> None:
+    before, plan = (plan_of(grid={"repetition": [*range(n)]}) for n in (9, 8))
+    store = Store(tmp_path)
+    follow(whole(before, store))
+    write_origin(plan, tmp_path)
+    writer = whole(plan, store)
+    assert writer.there == 0 and not len(index_of(tmp_path))
+    follow(writer)
+    assert len(writer.index()) == 8 and len(all_parts(tmp_path)) == 2
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"seed": 2},
+        {"grid": {"exposure_s": [0.2, 0.1]}},
+        {"outputs": ["raw"]},
+        {"render": {"spp": 17, "width": 16}},
+        {"cameras": [{"camera": "konnik_table1", "set": {"adc.bits": 10}}]},
+    ],
+)
+def test_whatever_changes_keys_or_their_order_changes_the_digest(tables: Any) -> None:
+    grid = {"exposure_s": [0.1, 0.2]}
+    assert plan_of(grid=grid).digest == plan_of(grid=grid, description="new").digest
+    assert plan_of(grid=grid).digest != plan_of(**{"grid": grid, **tables}).digest
+
+
+def test_a_file_that_one_text_of_the_grid_names_changes_the_digest(tmp_path: Path) -> None:
+    text = (SCENES / "flat_field.xml").read_text("utf-8")
+    bitmap = '<texture type="bitmap"><string name="filename" value="$name"/></texture></scene>'
+    scene = text.replace("</scene>", bitmap).replace(
+        "<default", '<default name="name" value="a.png"/><default', 1
+    )
+    (tmp_path / "scene.xml").write_text(scene, "utf-8")
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(b"1")
+    tables = {
+        **TABLES,
+        "scenes": [{"name": "s", "file": "scene.xml"}],
+        "grid": {"parameters.name": ["a.png", "b.png"]},
+    }
+    first = DatasetPlan(read_dataset(tables), [tmp_path]).digest
+    (tmp_path / "b.png").write_bytes(b"2")
+    assert DatasetPlan(read_dataset(tables), [tmp_path]).digest != first
+
+
+def stand_in(folder: Path, parts: int, rows: int) -> None:
+    """An index of so many lines, whose keys are numbers."""
+    (folder / "index").mkdir(parents=True)
+    plan = plan_of(grid={"repetition": [*range(10)]})
+    kinds, digest = kinds_of(plan.file), origin_of(plan).digest
+    write_origin(plan, folder)
+    for number in range(parts):
+        first = number * index_part.NUMBERS
+        lines = [
+            Line(
+                k,
+                f"{k:024x}",
+                ("test", "train")[k % 3 > 0],
+                "0" * 24,
+                False,
+                {"repetition": k % 10},
+            )
+            for k in range(first, first + rows)
+        ]
+        part, content = part_of(digest, number, lines, rows, kinds)
+        (folder / "index" / part.name).write_bytes(content)
+
+
+def test_any_line_is_found_by_its_place_also_of_a_split_and_in_another_process(
+    tmp_path: Path,
+) -> None:
+    stand_in(tmp_path, 3, 2000)
+    samples, train = ms.Dataset(tmp_path), ms.Dataset(tmp_path, split="train")
+    expected = [k for p in range(3) for k in range(p * 10_000, p * 10_000 + 2000)]
+    assert [int(one.key, 16) for one in samples] == expected
+    kept = [k for k in expected if k % 3]
+    assert [int(one.key, 16) for one in train] == kept
+    places = np.random.default_rng(1).integers(-len(kept), len(kept), 50).tolist()
+    again = pickle.loads(pickle.dumps(train))
+    assert [int(again[k].key, 16) for k in places] == [kept[k] for k in places]
+    assert [int(x.key, 16) for x in train[5:4000:777]] == kept[5:4000:777]
+    tens = train.where(repetition=4)
+    assert [int(one.key, 16) for one in tens] == [k for k in kept if k % 10 == 4]
+    assert repr(samples).startswith(f"<Dataset: 6000 samples (test {6000 - len(kept)}, train ")
+    with pytest.raises(IndexError):
+        samples[6000]
+
+
+def test_a_dataset_that_changed_since_it_was_opened_says_so(tmp_path: Path) -> None:
+    stand_in(tmp_path, 1, 3)
+    samples = ms.Dataset(tmp_path)
+    shutil.rmtree(tmp_path / "index")
+    with pytest.raises(InputError, match="open it again"):
+        samples[0]
+    with pytest.raises(InputError, match="no dataset that has complete samples"):
+        ms.Dataset(tmp_path)
+
+
+def test_a_split_that_no_sample_has_is_a_sentence(tmp_path: Path) -> None:
+    stand_in(tmp_path, 1, 3)
+    with pytest.raises(InputError, match="split is 'tran'; the samples have test, train"):
+        ms.Dataset(tmp_path, split="tran")
