@@ -9,8 +9,12 @@ from collections.abc import Iterator
 
 import charts
 import numpy as np
+import scipy
 
+from mitsuba_sensor.lab.measure.automotive.contrast import contrast_detection
+from mitsuba_sensor.lab.measure.automotive.flicker import flicker
 from mitsuba_sensor.lab.measure.colour_and_geometry.colour_chart import colour_chart
+from mitsuba_sensor.lab.measure.colour_and_geometry.flat_field import flat_field
 from mitsuba_sensor.lab.measure.image_quality.dead_leaves import dead_leaves
 from mitsuba_sensor.lab.measure.image_quality.siemens_star import siemens_star
 from mitsuba_sensor.lab.quantity import Quantity
@@ -82,3 +86,68 @@ def leaves_case(rng: np.random.Generator) -> Cases:
         for frequency in (0.125, 0.25, 0.5):
             quantity = modulation.at(frequency)
             yield f"{method}({frequency})", quantity, exact.at(frequency).value
+
+
+def flat_case(rng: np.random.Generator) -> Cases:
+    """cos⁴ of three channels with chief rays of their own, shot noise and PRNU."""
+    y, x = (np.arange(count) + 0.5 for count in (80, 100))
+    square = ((x / 50 - 1) ** 2 + (y[:, None] / 40 - 1) ** 2) / 2
+    falls = rng.uniform(0.05, 0.3) + rng.uniform(-0.02, 0.02, 3)
+    clean = 10 ** rng.uniform(3, 4.5) * (1 + falls * square[..., None]) ** -2.0
+    planes = rng.poisson(clean * (1 + 0.005 * rng.normal(size=clean.shape)))
+    measured = flat_field(planes)
+    corners = (1 + falls) ** -2.0
+    yield "relative illumination", measured.illumination[0], 100 * corners[0]
+    yield "colour shading", measured.shading[1], 100 * (corners[2] / corners[1] - 1)
+
+
+def normal_share(means: np.ndarray, sigmas: np.ndarray, ratio: float) -> float:
+    """Share of pairs of normal values whose quotient is above a ratio, the second being above 0."""
+    return float(
+        scipy.special.ndtr(
+            (means[0] - ratio * means[1]) / np.hypot(sigmas[0], ratio * sigmas[1])
+        )
+    )
+
+
+def contrast_case(rng: np.random.Generator) -> Cases:
+    """Two patches with normal noise, of which a part is fixed pattern, in four frames."""
+    contrast, side = rng.uniform(0.05, 1), int(rng.integers(12, 40))
+    means = np.array([1 + contrast, 1.0])
+    sigmas = rng.uniform(0.02, 0.2) * np.sqrt(means)
+    fixed = rng.uniform(0, 0.7)
+    patches = [
+        mean
+        + sigma * np.sqrt(fixed) * rng.normal(size=(side, side))
+        + sigma * np.sqrt(1 - fixed) * rng.normal(size=(4, side, side))
+        for mean, sigma in zip(means, sigmas, strict=True)
+    ]
+    measured = contrast_detection(*patches, contrast)
+    ends = [normal_share(means, sigmas, 1 + contrast * bound) for bound in (0.5, 1.5)]
+    if 0.002 < ends[0] - ends[1] < 0.998:
+        yield "CTA", measured.accuracy, ends[0] - ends[1]
+    if ends[0] < 0.998:
+        yield "CDP", measured.detection, ends[0]
+    yield "contrast", measured.mean, contrast
+
+
+def flicker_case(rng: np.random.Generator) -> Cases:
+    """A sine, a pulse or a steady light at phases by chance, with shot and read noise and PRNU, 60 frames."""
+    phase = rng.random(60)
+    depth, duty, share = rng.uniform(0.05, 0.9), rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8)
+    waves = {
+        "sine": 1 + depth * np.sin(2 * np.pi * phase),
+        "pulse": 1 - depth + 2 * depth * (phase < duty),
+        "steady": np.ones(60),
+    }
+    name = str(rng.choice(list(waves)))
+    level = 10 ** rng.uniform(2, 4) * waves[name]
+    clean = level[:, None, None] * (1 + 0.01 * rng.normal(size=(12, 12)))
+    frames = rng.poisson(clean) + rng.normal(0, 5, clean.shape)
+    off = share * float(np.median(level))
+    measured = flicker(frames, off=off)
+    yield f"FMI {name}", measured.modulation, float(np.ptp(level) / (level.max() + level.min()))
+    if name == "pulse":
+        bright, dark = level.max() / off, level.min() / off
+        if min(abs(bright - 1.1), abs(dark - 1.1)) > 0.1:
+            yield "FDI", measured.detection, duty * (bright > 1.1) + (1 - duty) * (dark > 1.1)

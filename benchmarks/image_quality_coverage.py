@@ -81,6 +81,9 @@ CASES: dict[str, Case] = {
     "colour_chart": chart_cases.colour_case,
     "siemens_star": chart_cases.star_case,
     "dead_leaves": chart_cases.leaves_case,
+    "flat_field": chart_cases.flat_case,
+    "contrast_detection": chart_cases.contrast_case,
+    "flicker": chart_cases.flicker_case,
 }
 
 

@@ -3,7 +3,10 @@
 from .frames.bench import Bench as Bench
 from .frames.bench import read_bench as read_bench
 from .frames.stack import Stack as Stack
+from .measure.automotive.contrast import contrast_detection as contrast_detection
+from .measure.automotive.flicker import flicker as flicker
 from .measure.colour_and_geometry.colour_chart import colour_chart as colour_chart
+from .measure.colour_and_geometry.flat_field import flat_field as flat_field
 from .measure.image_quality.dead_leaves import dead_leaves as dead_leaves
 from .measure.image_quality.siemens_star import siemens_star as siemens_star
 from .measure.image_quality.slanted_edge import slanted_edge as slanted_edge

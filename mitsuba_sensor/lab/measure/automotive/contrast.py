@@ -1,0 +1,169 @@
+"""Contrast detection probability, contrast transfer accuracy and contrast-to-noise of two patches (IEEE 2020).
+
+Each pixel of the bright patch makes a contrast with each pixel of the dark one. Contrast transfer accuracy (CTA) is the
+share of these within a bound about the contrast of the scene (Geese et al. 2018 and Artmann et al. 2019 call it
+contrast detection probability); contrast detection probability (CDP) is here the share above the lower bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ....core import InputError, numbers, require
+from ....core.argument_names import tells_of_names
+from ....core.types import Float64Array
+from ...quantity import Quantity, normal_interval
+from .shares import share_quantiles
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "IEEE 2020"
+FEWEST_PIXELS = 16
+KINDS = ("weber", "michelson")
+
+
+@dataclass(frozen=True, eq=False)
+class Contrast:
+    """How well two patches show their contrast.
+
+    accuracy : contrast transfer accuracy.  detection : contrast detection probability.
+    mean : contrast of the means of the patches.
+    ratios : of 10 000 pairs of pixels, bright over dark.  bounds : of the ratio, for the accuracy.
+    """
+
+    accuracy: Quantity
+    detection: Quantity
+    mean: Quantity
+    ratios: Float64Array
+    bounds: tuple[float, float]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Accuracy, detection probability and contrast."""
+        return self.accuracy, self.detection, self.mean
+
+    def plot(self, ax: Axes) -> None:
+        """Histogram of the ratios of pixels, and the bounds."""
+        ax.hist(self.ratios, bins=100, density=True, label="pairs of pixels")
+        for number, bound in enumerate(self.bounds):
+            ax.axvline(bound, color="k", ls="--", lw=1, label=("bounds", None)[number])
+        ax.set(xlabel="bright over dark pixel", ylabel="density")
+
+
+@tells_of_names
+def contrast_detection(
+    bright: ArrayLike,
+    dark: ArrayLike,
+    contrast: float,
+    *,
+    tolerance: float = 0.5,
+    kind: str = "weber",
+) -> Contrast:
+    """How often a pair of pixels of two patches shows the contrast of the scene.
+
+    ::
+
+        rng = np.random.default_rng(1)
+        bright, dark = rng.normal(150, 10, (40, 40)), rng.normal(100, 10, (40, 40))
+        print(ms.lab.contrast_detection(bright, dark, 0.5).detection)
+
+    bright, dark : (H, W) or (N, H, W) linear values without the black level, of each patch; frames of a pixel count as
+        one case, since they share its fixed pattern.
+    contrast : of the scene, above 0: bright / dark − 1 ("weber"), or (bright − dark) / (bright + dark) ("michelson").
+    tolerance : bounds are contrast·(1 ± tolerance).
+    Raises InputError for patches of fewer than 16 pixels and contrasts that there are not.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind is {kind!r}; it must be one of {', '.join(KINDS)}.")
+    largest = {"weber": 1e6, "michelson": 1.0}[kind]
+    contrast = require("contrast", contrast, 1e-6, largest, "of the scene, e.g. 0.5")
+    tolerance = require("tolerance", tolerance, 1e-6, 1.0, "a share of the contrast, e.g. 0.5")
+    patches = _pixels("bright", bright), _pixels("dark", dark)
+    ends = contrast * (1 - tolerance), contrast * (1 + tolerance)
+    if kind == "michelson":
+        ends = _ratio(ends[0]), _ratio(ends[1])
+    else:
+        ends = 1 + ends[0], 1 + ends[1]
+    accuracy = _share("CTA", "contrast transfer accuracy", patches, ends)
+    detection = _share("CDP", "contrast detection probability", patches, (ends[0], np.inf))
+    rng = np.random.default_rng(0)
+    above, below = (rng.choice(patch.ravel(), 10_000) for patch in patches)
+    ratios = above[below > 0] / below[below > 0]
+    return Contrast(accuracy, detection, _mean_contrast(patches, kind), ratios, ends)
+
+
+def _ratio(michelson: float) -> float:
+    """Bright over dark of a contrast, infinite from 1 on."""
+    if michelson >= 1:
+        return np.inf
+    return (1 + michelson) / (1 - michelson)
+
+
+def _pixels(name: str, values: ArrayLike) -> Float64Array:
+    """(frames, pixels) of a patch."""
+    patch = numbers(name, values, "values of a patch (rows, columns)")
+    if patch.ndim == 2:
+        patch = patch[None]
+    if patch.ndim != 3 or patch[0].size < FEWEST_PIXELS or not np.isfinite(patch).all():
+        raise InputError(
+            f"{name} has shape {patch.shape}; pass finite values (rows, columns) or (frames, rows, columns) of "
+            f"{FEWEST_PIXELS} pixels or more."
+        )
+    return patch.reshape(len(patch), -1)
+
+
+def _share(
+    symbol: str,
+    name: str,
+    patches: tuple[Float64Array, Float64Array],
+    ends: tuple[float, float],
+) -> Quantity:
+    """Share of all pairs whose ratio lies within the ends; the variance is that of the means over one of each pair."""
+    bright, dark = patches
+    by_bright = _count(np.sort(dark.ravel()), bright, (1 / ends[1], 1 / ends[0])) / dark.size
+    by_dark = _count(np.sort(bright.ravel()), dark, ends) / bright.size
+    share = float(by_bright.mean())
+    variance = sum(
+        float(part.mean(axis=0).var(ddof=1)) / part.shape[1] for part in (by_bright, by_dark)
+    )
+    cases = float(min(bright.shape[1], dark.shape[1]))
+    if variance > 0 and 0 < share < 1:
+        cases = max(share * (1 - share) / variance, 1.0)
+    return Quantity(symbol, name, *share_quantiles(share, cases), "", SECTION)
+
+
+def _count(
+    others: Float64Array, values: Float64Array, ends: tuple[float, float]
+) -> Float64Array:
+    """How many of the sorted others lie between ends times each value; of values above 0."""
+    lowest, highest = ends
+    low = np.searchsorted(others, np.where(values > 0, lowest * values, np.inf), "left")
+    if lowest == 0:  # dark pixels below 0 are darker than any bright one
+        low = np.zeros_like(low)
+    top = np.where(values > 0, np.minimum(highest * values, 1e300), -np.inf)
+    high = np.searchsorted(others, top, "right")
+    return np.asarray(np.maximum(high - low, 0), np.float64)
+
+
+def _mean_contrast(patches: tuple[Float64Array, Float64Array], kind: str) -> Quantity:
+    """Contrast of the means, without value where they are not above 0."""
+    means = [float(patch.mean()) for patch in patches]
+    errors = [
+        float(patch.mean(axis=0).std(ddof=1)) / patch.shape[1] ** 0.5 for patch in patches
+    ]
+    name = f"contrast of the means, {kind}"
+    if not min(means) > 0:
+        nothing = float("nan")
+        note = "a patch is not brighter than black"
+        return Quantity("C", name, nothing, nothing, nothing, "", SECTION, note)
+    ratio = means[0] / means[1]
+    error = ratio * np.hypot(errors[0] / means[0], errors[1] / means[1])
+    value = ratio - 1
+    if kind == "michelson":
+        value, error = (ratio - 1) / (ratio + 1), 2 * error / (ratio + 1) ** 2
+    return Quantity("C", name, *normal_interval(value, float(error)), "", SECTION)

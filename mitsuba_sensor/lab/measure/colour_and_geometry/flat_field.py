@@ -1,0 +1,154 @@
+"""Relative illumination and colour shading of an evenly lit surface (ISO 17957)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ....core import InputError, numbers
+from ....core.argument_names import tells_of_names
+from ....core.types import Float64Array
+from ...quantity import Quantity, student_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "ISO 17957"
+ORDER = 8
+"""Of the polynomial of the place that light over the field is."""
+BLOCKS = 48
+"""Blocks of pixels along each side, at most, whose means are fitted."""
+SMALLEST = 16
+CORNERS = np.array([[0.0, 0.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+"""Centre and corners (x, y), in halves of the picture."""
+
+
+class _Field(NamedTuple):
+    """values : of the centre and the corners.  covariance : (5, 5) of these.  freedom : of the scatter."""
+
+    values: Float64Array
+    covariance: Float64Array
+    freedom: int
+    coefficients: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class FlatField:
+    """What an evenly lit surface shows.
+
+    illumination : of the corners over the centre, one for each channel [%].
+    shading : of each channel over the second, at the corners less at the centre [% of the centre].
+    fields : the fitted polynomials of each channel.
+    """
+
+    illumination: tuple[Quantity, ...]
+    shading: tuple[Quantity, ...]
+    fields: tuple[Float64Array, ...]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Relative illumination, then colour shading."""
+        return *self.illumination, *self.shading
+
+    def plot(self, ax: Axes) -> None:
+        """Light from the centre along the diagonal, over that of the centre."""
+        place = np.linspace(0.0, 1.0, 101)
+        for number, coefficients in enumerate(self.fields):
+            light = _powers(place, place) @ coefficients
+            label = f"channel {number}"
+            ax.plot(place, 100 * light / light[0], label=label)
+        ax.set(xlabel="image height, 1 in the corner", ylabel="relative illumination [%]")
+        ax.set_ylim(0, None)
+
+
+@tells_of_names
+def flat_field(planes: ArrayLike) -> FlatField:
+    """Relative illumination and colour shading of a picture of an evenly lit surface.
+
+    ::
+
+        y, x = np.mgrid[-1:1:64j, -1:1:96j]
+        light = 1000 / (1 + 0.1 * (x**2 + y**2)) ** 2
+        print(ms.lab.flat_field(light).illumination[0])
+
+    planes : (H, W) linear values without the black level, or (H, W, C) in some channels: red, green, blue, …; the
+        mean of some frames.
+    Raises InputError for pictures of fewer than 16 × 16 pixels and those that are dark in the centre.
+    """
+    pixels = numbers("planes", planes, "values (rows, columns) or (rows, columns, channels)")
+    if pixels.ndim == 2:
+        pixels = pixels[..., None]
+    if pixels.ndim != 3 or min(pixels.shape[:2]) < SMALLEST or not np.isfinite(pixels).all():
+        raise InputError(
+            f"planes has shape {pixels.shape}; pass finite values (rows, columns) or (rows, columns, channels) of "
+            f"{SMALLEST} × {SMALLEST} pixels or more."
+        )
+    fields = [_fit_field(plane) for plane in np.moveaxis(pixels, 2, 0)]
+    if not min(field.values.min() for field in fields) > 0:
+        raise InputError(
+            "planes are dark in the centre or a corner; pass light above the black level."
+        )
+    illumination = tuple(_relative(field, number) for number, field in enumerate(fields))
+    others = [number for number in range(len(fields)) if number != 1 and len(fields) > 1]
+    shading = tuple(_shading(fields[number], fields[1], number) for number in others)
+    return FlatField(illumination, shading, tuple(field.coefficients for field in fields))
+
+
+def _powers(x: Float64Array, y: Float64Array) -> Float64Array:
+    """(N, k), products of Legendre's polynomials up to an order."""
+    columns = np.polynomial.legendre.legvander2d(x, y, [ORDER, ORDER])
+    total = np.add.outer(np.arange(ORDER + 1), np.arange(ORDER + 1)).ravel()
+    return np.asarray(columns[:, total <= ORDER])
+
+
+def _fit_field(plane: Float64Array) -> _Field:
+    """A polynomial through the means of blocks of pixels."""
+    blocks = [min(count // 2, BLOCKS) for count in plane.shape]
+    edges = [
+        np.linspace(0, n, b + 1).astype(int) for n, b in zip(plane.shape, blocks, strict=True)
+    ]
+    sums = np.add.reduceat(np.add.reduceat(plane, edges[0][:-1], 0), edges[1][:-1], 1)
+    sizes = np.outer(np.diff(edges[0]), np.diff(edges[1])).astype(float)
+    middles = [(e[1:] + e[:-1]) / n - 1 for e, n in zip(edges, plane.shape, strict=True)]
+    y, x = np.meshgrid(*middles, indexing="ij")
+    weight = np.sqrt(sizes / sizes.mean()).ravel()
+    design = _powers(x.ravel(), y.ravel()) * weight[:, None]
+    values = (sums / sizes).ravel() * weight
+    inverse = np.linalg.inv(design.T @ design)
+    coefficients = inverse @ (design.T @ values)
+    residual = values - design @ coefficients
+    freedom = values.size - design.shape[1]
+    variance = float(residual @ residual) / freedom
+    ends = _powers(*CORNERS.T)
+    covariance = variance * ends @ inverse @ ends.T
+    return _Field(ends @ coefficients, covariance, freedom, coefficients)
+
+
+def _relative(field: _Field, number: int) -> Quantity:
+    """Mean of the corners over the centre."""
+    ratio, error = _corners_over_centre(field)
+    name = f"relative illumination of the corners, channel {number}"
+    interval = student_interval(100 * ratio, 100 * error, field.freedom)
+    return Quantity(f"RI_{number}", name, *interval, "%", SECTION)
+
+
+def _corners_over_centre(field: _Field) -> tuple[float, float]:
+    """The ratio and its standard error."""
+    centre, corners = field.values[0], field.values[1:].mean()
+    ratio = float(corners / centre)
+    slopes = np.array([-ratio, 0.25, 0.25, 0.25, 0.25]) / centre
+    return ratio, float(np.sqrt(slopes @ field.covariance @ slopes))
+
+
+def _shading(field: _Field, green: _Field, number: int) -> Quantity:
+    """How much the ratio of two channels differs between the corners, all together, and the centre."""
+    own, own_error = _corners_over_centre(field)
+    other, other_error = _corners_over_centre(green)
+    ratio = own / other
+    error = ratio * float(np.hypot(own_error / own, other_error / other))
+    name = f"colour shading, channel {number} over channel 1"
+    interval = student_interval(100 * (ratio - 1), 100 * error, field.freedom)
+    return Quantity(f"CS_{number}", name, *interval, "%", SECTION)
