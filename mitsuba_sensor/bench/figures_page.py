@@ -129,7 +129,7 @@ def filter_section(
         for title, sentence in measured.refused.items()
     ]
     findings += [f"{where.lstrip()}: {note}" if where else note for note in measured.notes]
-    shown = [(mark, _with_digits(cells)) for mark, cells in rows]
+    shown = [(mark, with_digits(cells)) for mark, cells in rows]
     main: list[MarkedRow] = []
     for mark, cells in shown:
         if cells[0] in MAIN:
@@ -187,7 +187,7 @@ def _in_decibels(row: MarkedRow) -> Iterator[MarkedRow]:
         yield mark, (symbol, name, *numbers, DECIBELS, _decibels(said), z, *chip, *last)
 
 
-def _with_digits(cells: Sequence[object]) -> tuple[object, ...]:
+def with_digits(cells: Sequence[object]) -> tuple[object, ...]:
     """The cells of a row with as many decimals as give half the width of its interval two digits."""
     symbol, name, value, low, high, unit, said, *rest = cells
     if not (isinstance(low, float) and isinstance(high, float) and high > low):

@@ -19,8 +19,8 @@ from ..stages.effects.dark_current import mean_dark_e
 from .rendered_field import Field, field_at
 
 Array = NDArray[np.float64]
-MOST_ROWS, MOST_COLUMNS = 1024, 1024
-"""The part of a larger sensor that is measured: 1 Mpx, whose standard deviations are within 0.1 %."""
+MOST_SIDE = 1024
+"""Side of the part of a larger sensor that is measured: 1 Mpx, whose standard deviations are within 0.1 %."""
 
 FLAT_S = 0.01
 """Exposure time of the flat fields; the light varies (EMVA 1288 R4 5.3, method with constant exposure time)."""
@@ -62,12 +62,14 @@ class Setup(NamedTuple):
 
     temperature_k : of the sensor [K].  wavelength_nm : of the light; None: where the camera sees best.
     serial, seed : of the chip and of all temporal noise.
+    side : rows and columns in the middle of a larger sensor that are measured.
     """
 
     temperature_k: float = 298.15
     wavelength_nm: float | None = None
     serial: int = 1
     seed: int = 1
+    side: int = MOST_SIDE
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def virtual_bench(
 ) -> Bench:
     """All stacks of this camera.
 
-    Of a sensor above 1024 × 1024 pixels its middle.
+    Of a sensor with more pixels than that of the setup its middle.
     field : of light that was rendered; without it the light is exact.
     report : called with the stacks that are taken, and all of them.
     Raises InputError for a camera that sees nothing at the wavelength.
@@ -102,7 +104,8 @@ def virtual_bench(
     shots = list(_shots(camera, setup, light))
     sensor, taken = Sensor(camera, serial=setup.serial), dict[str, list[Stack]]()
     for number, shot in enumerate(shots, start=1):
-        taken.setdefault(shot.kind, []).append(_taken(sensor, shot, setup.seed + number, light))
+        stack = _taken(sensor, shot, setup, setup.seed + number, light)
+        taken.setdefault(shot.kind, []).append(stack)
         if report is not None:
             report(number, len(shots))
     stacks = {kind: tuple(some) for kind, some in taken.items()}
@@ -129,7 +132,7 @@ def saturating_photons(camera: Camera, light: Field) -> Array:
 
 
 def _shots(camera: Camera, setup: Setup, light: Field) -> Iterator[Shot]:
-    kelvin, shape = setup.temperature_k, bench_shape(camera)
+    kelvin, shape = setup.temperature_k, bench_shape(camera, setup.side)
     yield Shot("bias", 0.0, 0.0, kelvin, MANY)
     yield Shot("dark", 0.0, FLAT_S, kelvin, MANY)
     wells = saturating_photons(camera, light)
@@ -162,36 +165,47 @@ def _longest_dark_s(camera: Camera, temperature_k: float) -> float:
     )
 
 
-def bench_shape(camera: Camera) -> tuple[int, int]:
+def bench_shape(camera: Camera, side: int) -> tuple[int, int]:
     """Rows and columns that are measured."""
-    return min(camera.sensor.rows, MOST_ROWS), min(camera.sensor.columns, MOST_COLUMNS)
+    return min(camera.sensor.rows, side), min(camera.sensor.columns, side)
 
 
-def _taken(sensor: Sensor, shot: Shot, seed: int, light: Field) -> Stack:
+def _taken(sensor: Sensor, shot: Shot, setup: Setup, seed: int, light: Field) -> Stack:
     camera = sensor.camera
-    rows, columns = bench_shape(camera)
-    first = _middle(camera.sensor.rows, rows, len(camera.tile))
-    origin = first, _middle(camera.sensor.columns, columns, len(camera.tile[0]))
+    shape = bench_shape(camera, setup.side)
     level = np.asarray(shot.photons, np.float64)
-    photons = np.broadcast_to(level, level.shape or (rows, columns))[..., None] * light.shares
+    photons = np.broadcast_to(level, level.shape or shape)[..., None] * light.shares
     frames = sensor.expose(
         photons,
         Exposure(shot.exposure_s, shot.temperature_k),
         wavelengths_nm=light.wavelengths_nm,
-        origin=origin,
+        origin=middle_of_sensor(camera, shape),
         frames=shot.frames,
         seed=seed,
     )
-    names = tuple(tuple(camera.filter_names[number] for number in row) for row in camera.tile)
     return Stack(
         frames.digital,
         shot.exposure_s,
         shot.photons,
         shot.temperature_k,
         bits=camera.adc.bits,
-        tile=names if len(camera.filter_names) > 1 else (),
+        tile=mosaic(camera),
         source=f"{shot.kind} of {shot.exposure_s:g} s at {shot.temperature_k:g} K",
     )
+
+
+def mosaic(camera: Camera) -> tuple[tuple[str, ...], ...]:
+    """Names of the colour filters as they lie in frames of this camera; empty where all have one."""
+    if len(camera.filter_names) == 1:
+        return ()
+    return tuple(tuple(camera.filter_names[number] for number in row) for row in camera.tile)
+
+
+def middle_of_sensor(camera: Camera, shape: tuple[int, int]) -> tuple[int, int]:
+    """First row and column of a window of this shape in the middle, at the beginning of a tile."""
+    rows, columns = shape
+    first = _middle(camera.sensor.rows, rows, len(camera.tile))
+    return first, _middle(camera.sensor.columns, columns, len(camera.tile[0]))
 
 
 def _middle(whole: int, part: int, step: int) -> int:

@@ -62,6 +62,9 @@ COMMANDS = {
     "lint": Listed("commands", THINGS, "Say what in a scene is black or wrong for a camera."),
     "dataset": Listed("datasets", THINGS, "Raw frames by the thousand, from one TOML file."),
     "characterize": Listed("laboratory", CHECKS, "Measure a camera as EMVA 1288 does."),
+    "sheet": Listed(
+        "sheets", CHECKS, "Charts in front of a camera, every figure beside theory."
+    ),
     "fit": Listed("twins", CHECKS, "Fit a camera file to bias, dark and flat frames."),
     "study": Listed("studies", CHECKS, "Error against run time, and what can be left out."),
     "doctor": Listed("commands", CHECKS, "Find out what works on this machine."),

@@ -99,6 +99,14 @@ CameraName = Annotated[
         autocompletion=camera_names,
     ),
 ]
+SheetCamera = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="CAMERA",
+        help="A name from `cameras list`, or the path of a .toml; with --frames, the one whose datasheet is compared.",
+        autocompletion=camera_names,
+    ),
+]
 Verbose = Annotated[
     bool,
     typer.Option(

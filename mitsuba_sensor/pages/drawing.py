@@ -91,7 +91,7 @@ def draw(picture: Any, axes: Axes) -> float:
     Returns the height of the figure [inch].
     """
     picture.draw(axes)
-    return HEIGHT_IN
+    return HEIGHT_IN * float(picture.lines)
 
 
 @draw.register(Plot)

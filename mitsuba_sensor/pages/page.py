@@ -115,11 +115,15 @@ class Grid:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture that something else draws: an instrument of the laboratory, onto axes that it is given."""
+    """A picture that something else draws: an instrument of the laboratory, onto axes that it is given.
+
+    lines : of pictures that it consists of; it is as many times as high.
+    """
 
     title: str
     draw: Callable[[Axes], object]
     note: str = ""
+    lines: int = 1
 
 
 Picture = Plot | Bars | Grid | Drawing

@@ -37,10 +37,8 @@ CAMERA = ms.load_camera("konnik_table1").replace(
 @pytest.fixture(scope="module")
 def small() -> Bench:
     """Table 1's camera with noise of every kind, 128 × 160 pixels of it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench_module, "MOST_ROWS", 128)
-        patch.setattr(bench_module, "MOST_COLUMNS", 160)
-        return virtual_bench(CAMERA, Setup(serial=3, seed=5))
+    small = CAMERA.replace(**{"sensor.rows": 128, "sensor.columns": 160})
+    return virtual_bench(small, Setup(serial=3, seed=5))
 
 
 def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
@@ -146,10 +144,7 @@ def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench
 @pytest.mark.exhaustive
 def test_the_light_of_a_mosaic_saturates_every_filter_and_each_is_measured_apart() -> None:
     camera = ms.load_camera("bayer_2mp")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench_module, "MOST_ROWS", 64)
-        patch.setattr(bench_module, "MOST_COLUMNS", 64)
-        bench = virtual_bench(camera, Setup())
+    bench = virtual_bench(camera, Setup(side=64))
     found = {one.filter_name: one.figures for one in measure_bench(bench)}
     assert list(found) == ["R", "G", "G (2)", "B"]
     for (name, figures), number in zip(found.items(), (0, 1, 1, 2), strict=True):

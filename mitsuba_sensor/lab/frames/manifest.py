@@ -21,7 +21,7 @@ OWN_RAW, OWN_METADATA = "frame.tiff", ("frame.json", "sample.json")
 Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
     """Whether a value is a finite number of at least 0; True and False are none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
@@ -35,13 +35,13 @@ def _is_texts(value: object) -> bool:
     return all(isinstance(text, str) and text for text in value)
 
 
-A_NUMBER: Check = (_is_number, "a number of at least 0")
+A_NUMBER: Check = (is_number, "a number of at least 0")
 OF_BENCH: dict[str, Check] = {
     "bits": (
         lambda value: type(value) is int and 1 <= value <= 32,
         "a whole number from 1 to 32",
     ),
-    "wavelength_nm": (lambda value: _is_number(value) and value > 0, "a number above 0"),
+    "wavelength_nm": (lambda value: is_number(value) and value > 0, "a number above 0"),
     "tile": (
         lambda value: isinstance(value, list) and all(map(_is_texts, value)),
         'rows of names, e.g. [["R", "G"], …]',
@@ -58,7 +58,7 @@ OF_STACK: dict[str, Check] = {
     "photons": A_NUMBER,
     "temperature_k": A_NUMBER,
     "gain": (
-        lambda value: isinstance(value, str) or _is_number(value),
+        lambda value: isinstance(value, str) or is_number(value),
         "a text or a number of at least 0",
     ),
 }

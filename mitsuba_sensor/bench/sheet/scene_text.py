@@ -1,0 +1,44 @@
+"""Charts as scenes of Mitsuba: luminous rectangles in front of a telecentric lens; 1 is the pitch of the pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+EVEN = '<spectrum name="radiance" type="uniform"><float name="value" value="{value:.9g}"/></spectrum>'
+DAYLIGHT = (
+    '<spectrum name="radiance" type="d65"><float name="scale" value="{value:.9g}"/></spectrum>'
+)
+"""Radiance of a lamp of a flat spectrum and of CIE D65."""
+
+
+def telecentric_scene(shape: tuple[int, int], elements: Iterable[str]) -> str:
+    """The XML of a scene.  shape : rows and columns of the picture; its middle is at (0, 0)."""
+    rows, columns = shape
+    return f"""<scene version="3.0.0">
+<integrator type="path"><integer name="max_depth" value="1"/></integrator>
+<sensor type="orthographic">
+<transform name="to_world"><scale x="{columns / 2:g}" y="{columns / 2:g}"/>
+<lookat origin="0, 0, 1" target="0, 0, 0" up="0, 1, 0"/></transform>
+<film type="specfilm"><integer name="width" value="{columns}"/><integer name="height" value="{rows}"/>
+<string name="component_format" value="float32"/><rfilter type="box"/></film>
+<sampler type="multijitter"/>
+</sensor>
+{"".join(elements)}</scene>"""
+
+
+def emitter_rectangle(
+    middle: tuple[float, float],
+    half: tuple[float, float],
+    turned_deg: float,
+    radiance: float,
+    spectrum: str = EVEN,
+) -> str:
+    """A rectangle that shines towards the camera.
+
+    middle, half : its middle and half its sides, before it is turned about (0, 0) by so many degrees, anticlockwise.
+    """
+    return (
+        f'<shape type="rectangle"><transform name="to_world"><scale x="{half[0]:g}" y="{half[1]:g}"/>'
+        f'<translate x="{middle[0]:g}" y="{middle[1]:g}"/><rotate z="1" angle="{turned_deg:g}"/></transform>'
+        f'<emitter type="area">{spectrum.format(value=radiance)}</emitter></shape>\n'
+    )
