@@ -28,6 +28,8 @@ MAIN = (
     "T_d",
 )
 RATIOS_IN_DB, DECIBELS = ("SNR_max", "DR"), "dB"
+ROOTS = "σ_", "DSNU", "PRNU"
+"""Figures that are roots of variances: beginnings of their symbols."""
 DIGITS_OF_INTERVAL, MOST_DECIMALS = 2, 6
 NO_UNIT = "1"  # the unit of a ratio, which a reader need not see
 MAIN_HEADINGS = "figure | measured | 95 % from | to | unit | datasheet"
@@ -240,7 +242,11 @@ def _distance(figure: Quantity, value: float) -> float:
     else:
         half_width = figure.value - figure.low
     if half_width > 0:
-        return (figure.value - value) / (half_width / TWO_SIDED)
+        standard_errors = TWO_SIDED * (figure.value - value) / half_width
+        if value == 0 and figure.symbol.startswith(ROOTS):
+            # The square of a standard deviation that is 0 has a normal law, the standard deviation has none.
+            return standard_errors * figure.value / (figure.value + figure.low)
+        return standard_errors
     if figure.low <= value <= figure.high:
         return 0.0
     return math.copysign(math.inf, figure.value - value)

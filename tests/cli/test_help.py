@@ -87,7 +87,7 @@ def test_h_is_help_and_every_flag_stands_in_a_panel(path: tuple[str, ...]) -> No
 
 def test_commands_stand_in_the_order_of_use() -> None:
     names = ["render", "expose", "budget", "plan", "cameras", "scenes", "fpn-maps", "lint"]
-    names += ["dataset", "characterize", "fit", "study", "doctor"]
+    names += ["dataset", "characterize", "sheet", "fit", "study", "doctor"]
     assert re.findall(r"^│ ([a-z][a-z-]+) ", said("--help"), flags=re.M) == names
     assert {path[0] for path in COMMANDS if path} == set(names)
 

@@ -12,7 +12,6 @@ import pytest
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.bench import virtual_bench as bench_module
 from mitsuba_sensor.bench.datasheet import Said, expected
 from mitsuba_sensor.bench.figures_page import beside_datasheet, characterized, figures_of
 from mitsuba_sensor.bench.rendered_field import rendered_field
@@ -20,6 +19,7 @@ from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure_bench
+from mitsuba_sensor.lab.quantity import TWO_SIDED
 from mitsuba_sensor.pages.drawing import png
 from mitsuba_sensor.pages.page import Drawing, Table
 
@@ -237,3 +237,11 @@ def test_rendered_light_is_as_bright_as_the_closed_form_says() -> None:
     field = rendered_field(CAMERA)
     assert field.shares.sum() == pytest.approx(1, rel=1e-3)
     assert field.efficiency == pytest.approx([0.6], rel=1e-3)
+
+
+def test_a_standard_deviation_that_should_be_0_is_judged_by_its_square() -> None:
+    """A variance of 3 ± 1 standard errors: its root is from √1.04 to √4.96, and 3 standard errors above 0."""
+    low, high = (np.sqrt(3 + sign * TWO_SIDED) for sign in (-1, 1))
+    figure = ms.lab.Quantity("σ_col", "column noise", np.sqrt(3), low, high, "e-", "")
+    beside = beside_datasheet(figure, {"σ_col": Said(0.0, 0.0, 0.0)})
+    assert beside["z"] == pytest.approx(3.0)

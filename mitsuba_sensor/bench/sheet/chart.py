@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from ...camera.camera import Camera
+from ...files.texts import Facts
 from ...lab.frames.bench import Bench
 from ...lab.quantity import Quantity
 from ..datasheet import Said
@@ -30,7 +31,7 @@ class Taken:
     """
 
     bench: Bench
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    facts: Facts = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

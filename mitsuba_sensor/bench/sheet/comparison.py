@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from ...core import InputError
-from ...files.texts import read_json
+from ...files.texts import Facts, read_json
 from ...lab.quantity import TWO_SIDED
 from ...pages.page import Bars, MarkedRow, Part, Section, Study, study_of, table
 
 SHEET = "sheet.json"
 REMEDY = "give a folder that `mitsuba-sensor sheet` wrote, or the name of a camera"
-Figure = Mapping[str, Any]
 Place = tuple[str, str, str, int, float | None]
 """Chart, filter, symbol, number of the gain setting, temperature [K]."""
 HEADINGS = (
@@ -32,12 +30,12 @@ SHOWN = (
     "S_sat",
     "SNR_max",
 )
-"""Figures whose ratios are drawn."""
+"""Factss whose ratios are drawn."""
 CLEAR = 3.0
 """Standard errors from which on a difference is said."""
 
 
-def read_sheet(path: Path) -> list[Figure]:
+def read_sheet(path: Path) -> list[Facts]:
     """The rows of a sheet on disk.  path : its folder, or sheet.json. Raises InputError for another file."""
     file = path / SHEET if path.is_dir() else path
     rows = read_json(file, REMEDY).get("rows")
@@ -51,9 +49,7 @@ def _is_row(row: object) -> bool:
     return isinstance(row, dict) and needed | {"low", "high"} <= set(row)
 
 
-def compared(
-    names: tuple[str, str], sheets: tuple[Sequence[Figure], Sequence[Figure]]
-) -> Study:
+def compared(names: tuple[str, str], sheets: tuple[Sequence[Facts], Sequence[Facts]]) -> Study:
     """The page of two sheets.
 
     Gain settings of equal names belong together; where no name is in both, those of the same number in each.
@@ -75,10 +71,8 @@ def compared(
     return study_of("sheet comparison", title, sections, rows=rows)
 
 
-def _pairs(
-    first: Sequence[Figure], second: Sequence[Figure]
-) -> Iterator[tuple[Figure, Figure]]:
-    """Figures of both sheets that belong together, in the order of the first."""
+def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Facts, Facts]]:
+    """Factss of both sheets that belong together, in the order of the first."""
     gains = [list(dict.fromkeys(str(row["gain"]) for row in rows)) for rows in (first, second)]
     if set(gains[0]) & set(gains[1]):
         shared = list(dict.fromkeys(gains[0] + gains[1]))
@@ -90,12 +84,12 @@ def _pairs(
             yield row, other
 
 
-def _place(row: Figure, gains: Sequence[str]) -> Place:
+def _place(row: Facts, gains: Sequence[str]) -> Place:
     number = gains.index(str(row["gain"]))
     return row["chart"], row["filter"], row["symbol"], number, row["temperature_k"]
 
 
-def _values(pair: tuple[Figure, Figure]) -> dict[str, Any]:
+def _values(pair: tuple[Facts, Facts]) -> Facts:
     """One line of the comparison."""
     first, second = pair
     shared = ("chart", "filter", "symbol", "name", "unit", "temperature_k")
@@ -107,11 +101,11 @@ def _values(pair: tuple[Figure, Figure]) -> dict[str, Any]:
     return values | {"ratio": ratio, "z": _distance(first, second)}
 
 
-def _half(row: Figure) -> float:
+def _half(row: Facts) -> float:
     return 0.5 * float(row["high"] - row["low"])
 
 
-def _distance(first: Figure, second: Figure) -> float | None:
+def _distance(first: Facts, second: Facts) -> float | None:
     """Difference over its standard error; None where neither figure has one."""
     error = math.hypot(_half(first), _half(second)) / TWO_SIDED
     if not error:
@@ -119,7 +113,7 @@ def _distance(first: Figure, second: Figure) -> float | None:
     return float((second["value"] - first["value"]) / error)
 
 
-def _section(names: tuple[str, str], pairs: Sequence[tuple[Figure, Figure]]) -> Section:
+def _section(names: tuple[str, str], pairs: Sequence[tuple[Facts, Facts]]) -> Section:
     """One chart of both."""
     lines = [_values(pair) for pair in pairs]
     apart = [line for line in lines if line["z"] is not None and abs(line["z"]) > CLEAR]
@@ -137,7 +131,7 @@ def _section(names: tuple[str, str], pairs: Sequence[tuple[Figure, Figure]]) -> 
     return Section((finding,), True, tuple(parts))
 
 
-def _cells(pair: tuple[Figure, Figure]) -> tuple[object, ...]:
+def _cells(pair: tuple[Facts, Facts]) -> tuple[object, ...]:
     """A line of the table."""
     first, second = pair
     values = _values(pair)

@@ -10,7 +10,6 @@ import numpy as np
 from ...camera.camera import Camera
 from ...core.types import Float64Array
 from ...optics.point_spread import diffraction_mtf
-from ...stages.effects.quantum_efficiency import QuantumEfficiency
 
 Kernel = tuple[tuple[float, ...], ...]
 FINE, PERIOD_PX = 128, 512
@@ -77,15 +76,18 @@ def transfer_of(
 
 def coupling_of(camera: Camera) -> tuple[Kernel, ...] | None:
     """Kernels of crosstalk and of inter-pixel capacitance; None where they do not say how an edge is blurred."""
-    (efficiency,) = (s for s in camera.stages if isinstance(s, QuantumEfficiency))
-    side, corner = camera.readout.ipc_coupling, camera.readout.ipc_corner_coupling
+    section, readout = camera.quantum_efficiency, camera.readout
     kernels: list[Kernel] = []
-    if efficiency.crosstalk is not None:
-        kernels.append(efficiency.crosstalk.kernels[0])
+    crosstalk = section.crosstalk or (section.crosstalk_from or {}).get(camera.filter_names[0])
+    if crosstalk is not None:
+        kernels.append(crosstalk)
+    side, corner = readout.ipc_coupling, readout.ipc_corner_coupling
     if side or corner:
         outer, centre = (corner, side, corner), 1 - 4 * side - 4 * corner
         kernels.append((outer, (side, centre, side), outer))
-    if efficiency.diffusion is not None or (kernels and len(camera.filter_names) > 1):
+    coupled = kernels or section.crosstalk_from
+    diffuses = section.diffusion_um is not None and any(section.diffusion_um)
+    if diffuses or (coupled and len(camera.filter_names) > 1):
         return None
     return tuple(kernels)
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from ...camera.camera import Camera
 from ...core import InputError
-from ...files.texts import read_toml
+from ...files.texts import Facts, read_toml
 from ...lab.frames.bench import read_bench
 from .chart import Chart, Taken, Theory
 from .charts import CHARTS
@@ -63,7 +61,7 @@ def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[C
     return parts
 
 
-def facts_of(folder: Path) -> Mapping[str, Any]:
+def facts_of(folder: Path) -> Facts:
     """What ``chart.toml`` says; nothing without one. Raises InputError for a file that is no TOML."""
     file = folder / FACTS
     if not file.exists():

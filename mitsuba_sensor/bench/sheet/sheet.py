@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...camera.camera import Camera
 from ...camera.figures import refuse_readouts
 from ...core import InputError
 from ...core.types import Float64Array
+from ...files.texts import Facts
 from ...lab.quantity import Quantity, no_value
 from ..datasheet import Said
 from ..figures_page import beside_datasheet
@@ -50,7 +51,7 @@ class Row:
             return {}
         return beside_datasheet(self.quantity, {self.quantity.symbol: self.said})
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Facts:
         """Plain values of one line of sheet.json and sheet.csv; None where there is no number."""
         quantity, beside = self.quantity, self.beside
         numbers = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ...camera.camera import Camera
 from ...camera.figures import QUANTISATION_DN2, emva_figures, saturation_e
 from ...core import InputError
 from ...core.types import Float64Array
+from ...files.texts import Facts
 from ...lab.frames.bench import Bench
 from ...lab.frames.manifest import is_number
 from ...lab.measure.image_quality.patches import Region
@@ -120,7 +121,7 @@ class Patches(NamedTuple):
     exposures_lxs: Sequence[float]
 
 
-def patches_of(facts: Mapping[str, Any]) -> Patches:
+def patches_of(facts: Facts) -> Patches:
     """The patches that ``chart.toml`` names. Raises InputError where it does not, and for wrong values."""
     regions, exposures = (facts.get(name) for name in ("patches", "exposure_lxs"))
     are_regions = isinstance(regions, list) and all(map(_is_region, regions))
@@ -227,7 +228,7 @@ def figures_of_linear(setting: Setting, electrons_per_lxs: float) -> dict[str, S
 
 
 def _fixed_patterns(setting: Setting, gain: float) -> list[tuple[float, float]]:
-    """Variance of the dark pattern [DN²] and square of PRNU in a patch: the camera's, and the least and the most that
+    """Variance of DSNU [DN²] and square of PRNU in a patch: the camera's, and the least and the most that
     so few columns may have."""
     camera = setting.camera
     columns = _patch_side(camera)[1] // len(camera.tile[0])
