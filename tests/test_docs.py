@@ -48,7 +48,7 @@ SMALL = {
 LONG_PAGES = {"exposure-and-colour", "lab", "plugins", "rendering"}
 """Their commands and calls are those of other pages, with other options."""
 
-LONG = r"\bstudy\b|\bcharacterize\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"
+LONG = r"\bstudy\b|\bcharacterize\b|\bsheet\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"
 """What only the command line's parser sees here: it takes long, and has tests of its own."""
 
 

@@ -48,7 +48,8 @@ def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
     asked: list[tuple[int, int]] = []
     (found,) = figures_of(small, lambda done, total, now: asked.append((done, total)))
     assert (
-        asked == [(number, INSTRUMENTS) for number in range(INSTRUMENTS)] and not found.refused
+        list(dict.fromkeys(asked)) == [(number, INSTRUMENTS) for number in range(INSTRUMENTS)]
+        and not found.refused
     )
     sheet = expected(CAMERA, ms.Exposure(FLAT_S), 0.6, 128 * 160)
     study = characterized(CAMERA.name, [found], {"": sheet})

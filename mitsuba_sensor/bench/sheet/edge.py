@@ -106,7 +106,7 @@ class EdgeChart(NamedTuple):
         """The modulation of theory at the frequencies of the sheet."""
         points = [(f, said[f"MTF({f:g})"].value) for f in FREQUENCIES if f"MTF({f:g})" in said]
         if points:
-            ax.plot(*zip(*points, strict=True), "kx", markersize=8, label="theory")
+            ax.plot(*zip(*points, strict=True), "kx", markersize=6, label="theory")
 
     def measure(self, taken: Taken) -> Sequence[Measured]:
         """The modulation transfer behind each place of the mosaic."""

@@ -87,7 +87,7 @@ def _draw_part(part: ChartPart, box: tuple[float, float, float], ax: Axes) -> No
     for title, draw in list(part.drawings.items())[:1]:
         below = ax.inset_axes((left, bottom + 0.08 * height, width, 0.36 * height))
         draw(below)
-        below.set_title(title, fontsize=8)
+        below.set_title(title, fontsize=7)
         below.tick_params(labelsize=6)
         below.set_xlabel(below.get_xlabel(), fontsize=6)
         below.set_ylabel(below.get_ylabel(), fontsize=6)
