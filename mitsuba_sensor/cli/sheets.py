@@ -169,11 +169,13 @@ def _of_camera(
 
 
 def _camera(name: str, flags: Flags) -> "Camera":
-    """The camera with --set and --without."""
+    """The camera with --set, --readout and --without."""
     from ..camera.camera_file import load_camera
     from .inputs import changes_of
 
     camera = load_camera(name).replace(**changes_of(flags))
+    if flags["readout"] is not None:
+        camera = camera.at_readout(str(flags["readout"]))
     return camera.without(*flags.get("without") or ())
 
 

@@ -55,18 +55,19 @@ def transfer_of(
     """The transfer behind one colour filter; None where it has no closed form.
 
     That is so for charge that diffuses, for pixels of a mosaic that are coupled, for a lens prescription, half a
-    pupil, and glare that falls with the distance.
+    pupil, glare that falls with the distance, and pixels that are more sensitive in some places.
     electrons : from each lamp.
     """
     lens, pixel = camera.lens, camera.pixel
     glare = lens.veiling_glare and lens.glare_width_mm is not None
+    traced = lens.prescription is not None or lens.half_pupil is not None
     kernels = coupling_of(camera)
-    if lens.prescription is not None or lens.half_pupil is not None or glare or kernels is None:
+    if traced or glare or kernels is None or not pixel.aperture_shape.is_even:
         return None
     shares = np.round(electrons / electrons.sum(), DIGITS).tolist()
     return Transfer(
         tuple(zip(wavelengths_nm.tolist(), shares, strict=True)),
-        pixel.aperture_sides,
+        pixel.aperture_shape.sides,
         (pixel.pitch_x_um, pixel.pitch_y_um),
         lens.f_number if lens.diffraction else 0.0,
         lens.obstruction,

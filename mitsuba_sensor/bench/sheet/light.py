@@ -95,7 +95,7 @@ def fingerprint(scene: ChartScene, camera: Camera) -> str:
         REVISION,
         scene,
         sorted(camera.lens.model_dump(mode="json").items()),
-        (pixel.pitch_x_um, pixel.pitch_y_um, pixel.aperture_sides, pixel.angular_response),
+        (pixel.pitch_x_um, pixel.pitch_y_um, pixel.aperture_shape, pixel.angular_response),
         camera.band_nm,
         choose_variant().name,
         [version_of[name] for name in RENDERERS],
