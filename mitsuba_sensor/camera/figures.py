@@ -194,8 +194,14 @@ def metered_saturation_e(camera: Camera) -> float:
 def saturation_dn(camera: Camera) -> int:
     """The code of a saturated pixel: that of a full well, above the black level and at most the highest [DN]."""
     converter = converter_of(camera.stages)
-    full_dn = converter.highest + _beyond_converter_dn(_smallest_well_e(camera), camera)
-    return min(converter.highest, max(round(full_dn), math.floor(converter.black_level_dn) + 1))
+    above_dark_dn = max(round(full_well_dn(camera)), math.floor(converter.black_level_dn) + 1)
+    return min(converter.highest, above_dark_dn)
+
+
+def full_well_dn(camera: Camera) -> float:
+    """The code that a full well would have if the converter did not end [DN]."""
+    converter = converter_of(camera.stages)
+    return converter.highest + _beyond_converter_dn(_smallest_well_e(camera), camera)
 
 
 def _smallest_well_e(camera: Camera) -> float:

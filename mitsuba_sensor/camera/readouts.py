@@ -16,7 +16,7 @@ from ..stages.combined_readouts import CombinedReadouts, ReadoutChain
 from ..stages.datasheet import FileTable, Fraction, NotNegative, Positive
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of
-from .figures import saturation_dn, saturation_e
+from .figures import figures_if_any, full_well_dn, saturation_dn, saturation_e
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -41,6 +41,10 @@ MOST_READOUTS = 8
 HAND_OVER = 0.9
 """Share of its saturation at which a read-out hands over to the next, unless the file says otherwise."""
 LATE = 0.97
+FULL_MARGIN = 5.0
+"""Noise in the dark by which a full pixel is above the hand-over at least: below it in 3 of 10 million frames."""
+LARGEST_STEP = 1 / 16
+"""Of a read-out, as a share of all linear codes."""
 
 
 class Readout(FileTable):
@@ -179,12 +183,14 @@ def check_readouts(camera: Camera) -> None:
             raise ValueError(f"readouts and {why}, or leave readouts out")
     _check_hand_over(camera)
     _check_order(camera)
+    _check_margin(camera)
     stage = camera.combined_readouts
     if stage.black_level_dn >= stage.highest / 2:
         raise ValueError(
             f"the linear code of darkness is {stage.black_level_dn:.6g}, and {camera.combine.bits} bits end at "
             f"{stage.highest}; take more combine.bits, or a lower combine.black_level_dn"
         )
+    _check_steps(camera)
 
 
 def _check_hand_over(camera: Camera) -> None:
@@ -198,6 +204,38 @@ def _check_hand_over(camera: Camera) -> None:
         if begin > end:
             raise ValueError(
                 f"combine.blend_from is {begin:g} and hand_over {end:g}; averaging begins below where it ends"
+            )
+
+
+def _check_margin(camera: Camera) -> None:
+    """Raise ValueError where read noise takes the code of a full pixel below its hand-over: a saturated read-out would
+    count in some frames."""
+    linear_readouts = camera.combined_readouts.combination.readouts
+    for name, linear in zip(camera.readout_cameras, linear_readouts[:-1], strict=False):
+        readout = camera.readout_cameras[name]
+        figures = figures_if_any(readout)
+        if figures is None:
+            continue
+        noise_dn = figures.temporal_dark_noise_e * figures.system_gain_dn_per_e
+        full_dn = full_well_dn(readout)
+        if full_dn - linear.end_dn < FULL_MARGIN * noise_dn:
+            raise ValueError(
+                f"read-out {name!r} is full at {full_dn:.4g} DN, hands over at {linear.end_dn:g} and has "
+                f"{noise_dn:.3g} DN of noise in the dark; full and hand-over must be {FULL_MARGIN:g} times that "
+                "apart: take a lower combine.hand_over, or a smaller gain of the read-out"
+            )
+
+
+def _check_steps(camera: Camera) -> None:
+    """Raise ValueError where a code of a read-out is a large part of all linear codes."""
+    stage = camera.combined_readouts
+    for name, linear in zip(stage.names(), stage.combination.readouts, strict=True):
+        step_dn = stage.nominal_gain * linear.electrons_per_dn
+        if step_dn > LARGEST_STEP * stage.highest:
+            raise ValueError(
+                f"a code of the read-out {name!r} is {step_dn:.4g} linear codes, and {camera.combine.bits} bits end at "
+                f"{stage.highest}, {1 / LARGEST_STEP:g} of them at least are needed: take more combine.bits, or a "
+                "smaller combine.gain_dn_per_e"
             )
 
 

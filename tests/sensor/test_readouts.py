@@ -291,6 +291,39 @@ def test_a_combination_that_ends_early_or_hands_over_late_is_told() -> None:
     assert "hand_over" in dual_gain(**{"combine.hand_over": [1.0]}).notes[0]
 
 
+@pytest.mark.parametrize(
+    ("of_high", "bits", "said"),
+    [
+        (
+            {"pixel.full_well_e": 1300.0, "source_follower.read_noise_e": 60.0},
+            20,
+            r"'high' is full at .* DN, hands over at .* must be 5 times",
+        ),
+        ({}, 7, "'low' is 13.33 linear codes, and 7 bits end at 127"),
+    ],
+)
+def test_combinations_whose_closed_form_would_be_wrong_by_tens_of_codes_are_refused(
+    of_high: dict[str, float], bits: int, said: str
+) -> None:
+    """Noise about the hand-over of a full pixel; a code of the low gain that is a tenth of all linear codes."""
+    high = {**HIGH, **of_high, "adc.black_level_dn": 10}
+    low = {**LOW, "adc.black_level_dn": 10, "pixel.full_well_e": 32_000.0}
+    readouts = [{"name": "high", "fields": high}, {"name": "low", "fields": low}]
+    with pytest.raises(ms.InputError, match=said):
+        PLAIN.replace(**{"readouts": readouts, "combine.bits": bits})
+
+
+@pytest.mark.parametrize("light_e", [100.0, 2300.0, 2450.0, 20_000.0])
+def test_the_mean_of_coarse_linear_codes_is_off_by_half_a_code_at_most(light_e: float) -> None:
+    """8 bits for 32 000 electrons: before, at and behind the hand-over."""
+    gain = 240 / 32_000
+    camera = dual_gain(
+        **{"combine.bits": 8, "combine.gain_dn_per_e": gain, "combine.black_level_dn": 8}
+    )
+    frames = ms.expose(electrons(light_e, (64, 64)), camera, SHORT, frames=2)
+    assert frames.digital.mean() == pytest.approx(frames.clean.mean(), abs=0.52)
+
+
 def test_a_plan_leaves_out_stages_of_each_readout_within_the_tolerance() -> None:
     """In steps of the linear code; nothing at all changes with a tolerance of 0."""
     camera = dual_gain(**{"pixel.prnu": 0.002})
