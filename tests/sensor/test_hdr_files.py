@@ -70,7 +70,7 @@ def test_the_snippets_of_the_page_can_be_pasted() -> None:
             text = text.replace(f"\n{heading}\n", f"\n{snippet}", 1)
         camera = ms.load_camera(text)
         assert camera.readouts or camera.pixel.partial_resets or camera.companding.knees
-    assert len(snippets) == 4
+    assert len(snippets) == 5
 
 
 def test_the_split_pixel_has_the_noise_and_the_range_of_its_publication() -> None:
