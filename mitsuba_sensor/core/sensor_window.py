@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self, TypeVar
 
 import numpy as np
@@ -16,6 +16,8 @@ from .errors import require_seed
 from .types import Array, Float64Array, RandomBits
 
 Value = TypeVar("Value")
+MOST_LINES = 64
+"""Blocks of lines of coupled normals that are kept, of the chips that came last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +149,8 @@ class SensorWindow:
                 np.arange(y - margin, y + size + margin),
                 np.arange(x - margin, x + size + margin),
             )
-            white = distributions.normal(self._bits_at(source, rows[:, None], columns[None, :]))
+            key = self.key_of_source(source)
+            white = distributions.normal(_bits_at(source, key, rows[:, None], columns[None, :]))
             tile = distributions.isotropic_ar(
                 distributions.isotropic_ar(white, coupling, margin).T, coupling, margin
             ).T
@@ -158,30 +161,14 @@ class SensorWindow:
         """FPN of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): standard normals, coupled as an AR process."""
 
         def make() -> Array:
+            key = self.key_of_source(source)
             starts, window = _blocks((self.rows, self.columns)[axis], distributions.AR_BLOCK)
             line = np.concatenate(
-                [self._ar_line(source, start, coupling, axis) for start in starts]
+                [_ar_line(source, key, start, coupling, axis) for start in starts]
             )[window]
             return self.backend.from_numpy(line[None, :] if axis else line[:, None], self)
 
         return self.cached((source, coupling, axis), make)
-
-    def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Float64Array:
-        margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
-        along = np.arange(start - margin, start + distributions.AR_BLOCK + margin)
-        if axis:
-            place = (zero, along)
-        else:
-            place = (along, zero)
-        return distributions.isotropic_ar(
-            distributions.normal(self._bits_at(source, *place)), coupling, margin
-        )
-
-    def _bits_at(
-        self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]
-    ) -> RandomBits:
-        block, slot = stream_of(source, fixed=True)
-        return random_bits_at(block, rows, columns, 0, self.key_of_source(source))[slot]
 
     def cached(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What ``make`` returns, computed once per window and read-out."""
@@ -191,6 +178,25 @@ class SensorWindow:
             self._maps[key] = make()
         value: Value = self._maps[key]
         return value
+
+
+@lru_cache(maxsize=MOST_LINES)
+def _ar_line(source: str, key: int, start: int, coupling: float, axis: int) -> Float64Array:
+    """One block of a line of coupled standard normals, which all windows of a chip share.  key : of the source."""
+    margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
+    along = np.arange(start - margin, start + distributions.AR_BLOCK + margin)
+    place = (zero, along) if axis else (along, zero)
+    white = distributions.normal(_bits_at(source, key, *place))
+    line = distributions.isotropic_ar(white, coupling, margin)
+    line.setflags(write=False)
+    return line
+
+
+def _bits_at(
+    source: str, key: int, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> RandomBits:
+    block, slot = stream_of(source, fixed=True)
+    return random_bits_at(block, rows, columns, 0, key)[slot]
 
 
 def _blocks(numbers: NDArray[np.int64], size: int) -> tuple[list[int], slice]:

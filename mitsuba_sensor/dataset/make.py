@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from ..render.passes.prepared import METERING_SPP, PreparedRender, prepare
 from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import fastest_variant
 from ..sensor.expose import exposure_of_photons
+from ..sensor.kept_maps import RECENT_BYTES, KeptMaps
 from ..sensor.metering import Metering, electrons_of
 from ..sensor.options import ExposeOptions
 from .configured import PlannedSample
@@ -87,6 +88,8 @@ class Rendered:
     light: Irradiance
     settings: SceneSettings
     seconds_per_sample: float
+    _maps: KeptMaps = field(default_factory=partial(KeptMaps, RECENT_BYTES))
+    _cameras: dict[tuple[int, str | None], Camera] = field(default_factory=dict)
 
     @classmethod
     def of(cls, view: PlannedView) -> Rendered:
@@ -140,7 +143,7 @@ class Rendered:
             folder / "view.json", {**facts, "versions": {**versions(), **made_by()}}
         )
 
-    @property
+    @cached_property
     def light_facts(self) -> Facts:
         """Of the render: samples, noise, projection, notes."""
         statistics = self.light.statistics.to_dict()
@@ -155,7 +158,7 @@ class Rendered:
     def expose(self, sample: PlannedSample, folder: Path) -> None:
         """The files of one sample."""
         config, outputs = sample.config, sample.config["outputs"]
-        camera = camera_of(config)
+        camera = self._camera_of(config)
         timed = is_timed(self.view)
         asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
         light = self.light
@@ -169,7 +172,10 @@ class Rendered:
             photons, camera, exposure, _ = collected(light, camera, longer, config["serial"])
         seed, serial = seed_of(identity(config)), config["serial"]
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
-        frames = Frames.exposed(exposure_of_photons(photons, camera, exposure, options))
+        chip = id(config["camera"]), config["gain"], serial
+        prepared = exposure_of_photons(photons, camera, exposure, options)
+        frames = Frames.exposed(self._maps.lend(prepared, chip))
+        self._maps.drop()
         electrons = electrons_of(photons, camera, exposure).astype(np.float32)
         for name in outputs:
             self._write(folder, name, frames, electrons)
@@ -197,6 +203,13 @@ class Rendered:
             "versions": {**versions(), **made_by()},
         }
         texts.write_json(folder / "sample.json", facts)
+
+    def _camera_of(self, config: Config) -> Camera:
+        """The camera of a sample; samples of the view that have the same share its table."""
+        key = id(config["camera"]), config["gain"]
+        if key not in self._cameras:
+            self._cameras[key] = camera_of(config)
+        return self._cameras[key]
 
     def _error_of(self, camera: Camera) -> str:
         """The camera whose photoelectrons the standard error of the render is of."""

@@ -67,7 +67,10 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
     found = PixelMoments(np.empty(shape, np.float32), np.empty(shape, np.float32))
 
     def write(rows: slice) -> None:
-        part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
+        window = frame.window  # whose maps are known where it is one strip
+        if rows != slice(0, shape[0]):
+            window = window.crop_rows(rows)
+        part = replace(frame, window=window, _blocks={})
         mean, variance = PixelStrip(stages, light.crop_rows(rows).signal, part).codes()
         found.mean[rows], found.temporal[rows] = (
             x.reshape(part.window.shape) for x in (mean, variance)

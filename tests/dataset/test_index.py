@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import random
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -295,3 +297,44 @@ def test_a_split_that_no_sample_has_is_a_sentence(tmp_path: Path) -> None:
     stand_in(tmp_path, 1, 3)
     with pytest.raises(InputError, match="split is 'tran'; the samples have test, train"):
         ms.Dataset(tmp_path, split="tran")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process to kill")
+@pytest.mark.parametrize("step", range(7))
+def test_a_run_that_is_killed_while_it_writes_parts_is_resumed_to_the_same(
+    small_parts: None, tmp_path: Path, step: int
+) -> None:
+    """Killed before the flush, the name, the flush of the folder, or the removal of a part with fewer samples; of three
+    parts, of which the first has been written without its last sample before."""
+    plan = plan_of(grid={"repetition": [*range(20)]})
+    alone, store = Store(tmp_path / "alone"), Store(tmp_path / "out")
+    follow(whole(plan, alone))
+    follow(IndexWriter(plan, store, range(7)), frozenset({6}))
+    if (child := os.fork()) == 0:
+        steps = iter(range(100))
+        for name in ("flush", "sync_folder", "remove_folder"):
+            die_at(name, steps, step, store.folder / "index")
+        follow(whole(plan, store))
+        os._exit(0)
+    assert os.WEXITSTATUS(os.waitpid(child, 0)[1]) == 9
+    index = Index(
+        store.folder, parts_of(origin_of(plan).digest, all_parts(store.folder)).values()
+    )
+    assert all(store.exists("samples", line.key) for line in index), "each part is true"
+    follow(whole(plan, store))
+    store.clean(older_s=-60)
+    whole(plan, store).index()
+    names = [sorted(os.listdir(one.folder / "index")) for one in (alone, store)]
+    assert names[0] == names[1]
+
+
+def die_at(name: str, steps: Iterator[int], step: int, folder: Path) -> None:
+    """End this process at the call of this number, of those that have to do with a folder."""
+    before = getattr(durable, name)
+
+    def call(path: Path, *more: object) -> None:
+        if path.is_relative_to(folder) and next(steps) == step:
+            os._exit(9)
+        before(path, *more)
+
+    setattr(durable, name, call)
