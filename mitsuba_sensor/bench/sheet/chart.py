@@ -63,6 +63,9 @@ class Chart(Protocol):
     @property
     def title(self) -> str: ...
 
+    def suits(self, camera: Camera) -> bool:
+        """Whether the chart shows anything of this camera."""
+
     def scenes(self, camera: Camera) -> list[ChartScene]:
         """What is to be rendered for this camera."""
 

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 from ...core import InputError, nearest
 from .chart import Chart
+from .colours import ColoursChart
 from .edge import EDGES
 from .emva import EmvaChart
 from .steps import StepsChart
 
-CHARTS: tuple[Chart, ...] = (EmvaChart(), *EDGES, StepsChart())
+CHARTS: tuple[Chart, ...] = (EmvaChart(), *EDGES, StepsChart(), ColoursChart())
 """One more chart is one more file of this folder, and its place here."""
 
 

@@ -65,6 +65,10 @@ class EdgeChart(NamedTuple):
             return 90 + ANGLE_DEG
         return ANGLE_DEG
 
+    def suits(self, camera: Camera) -> bool:
+        """Every camera."""
+        return True
+
     def scenes(self, camera: Camera) -> list[ChartScene]:
         """One for the lamp of each colour filter; without diffraction the light of all lamps has one shape."""
         shape, far = self.shape(camera), 1e5

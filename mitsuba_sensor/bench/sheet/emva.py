@@ -42,6 +42,10 @@ class EmvaChart(NamedTuple):
     kind: str = "emva"
     title: str = "EMVA 1288: noise, sensitivity, non-uniformity, dark current"
 
+    def suits(self, camera: Camera) -> bool:
+        """Every camera."""
+        return True
+
     def scenes(self, camera: Camera) -> list[ChartScene]:
         """None: even light needs no render."""
         return []

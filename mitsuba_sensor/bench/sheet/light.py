@@ -29,14 +29,16 @@ NARROW_NM = 10.0
 class ChartScene(NamedTuple):
     """A chart as a scene.
 
-    name : of its light.  text : the XML, in which 1 is the pitch of the pixels.  samples : of each pixel.
+    name : of its light.  text : the XML, or the name of a scene that ships.  samples : of each pixel.
     wavelength_nm : of its only band; None: all bands that the camera detects.
+    width : columns of the picture, where they are not those of the scene.
     """
 
     name: str
     text: str
     samples: int
     wavelength_nm: float | None = None
+    width: int | None = None
 
 
 class ChartLight(NamedTuple):
@@ -117,6 +119,7 @@ def _rendered(scene: ChartScene, camera: Camera) -> dict[str, np.ndarray]:
         spp=scene.samples,
         spectral="cube",
         denoise=False,
+        width=scene.width,
         **own,  # type: ignore[arg-type]
     )
     return {

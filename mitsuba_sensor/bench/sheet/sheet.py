@@ -101,9 +101,14 @@ def simulated_sheet(
     """Every chart at every setting of a simulated camera.
 
     report : told how many steps are done, how many there are, and what is done now.
-    Raises InputError for a camera with several read-outs.
+    Raises InputError for a camera with several read-outs, and for charts that show nothing of it.
     """
     refuse_readouts(camera, "a sheet has the figures of one of them")
+    charts = [chart for chart in charts if chart.suits(camera)]
+    if not charts:
+        raise InputError(
+            f"{camera.name} has one colour filter, and the chart colours needs three; take another of --charts."
+        )
     scenes = [(chart, scene) for chart in charts for scene in chart.scenes(camera)]
     total = len(scenes) + len(settings) * len(charts)
     lights: dict[str, Lights] = {chart.name: [] for chart in charts}

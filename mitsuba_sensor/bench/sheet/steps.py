@@ -57,6 +57,10 @@ class StepsChart(NamedTuple):
     kind: str = "steps"
     title: str = "Step chart: response, speed, noise, dynamic range"
 
+    def suits(self, camera: Camera) -> bool:
+        """Every camera."""
+        return True
+
     def scenes(self, camera: Camera) -> list[ChartScene]:
         """The patches, in rows from the darkest to the brightest."""
         half, reach = RENDERED_PX / 2, GRID * RENDERED_PX / 2
