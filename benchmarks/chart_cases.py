@@ -14,9 +14,14 @@ import scipy
 from mitsuba_sensor.lab.measure.automotive.contrast import contrast_detection
 from mitsuba_sensor.lab.measure.automotive.flicker import flicker
 from mitsuba_sensor.lab.measure.colour_and_geometry.colour_chart import colour_chart
+from mitsuba_sensor.lab.measure.colour_and_geometry.distortion import (
+    distortion,
+    lateral_colour,
+)
 from mitsuba_sensor.lab.measure.colour_and_geometry.flat_field import flat_field
 from mitsuba_sensor.lab.measure.image_quality.dead_leaves import dead_leaves
 from mitsuba_sensor.lab.measure.image_quality.siemens_star import siemens_star
+from mitsuba_sensor.lab.measure.noise_distance import noise_divergence
 from mitsuba_sensor.lab.quantity import Quantity
 from mitsuba_sensor.optics import spectra
 
@@ -151,3 +156,40 @@ def flicker_case(rng: np.random.Generator) -> Cases:
         bright, dark = level.max() / off, level.min() / off
         if min(abs(bright - 1.1), abs(dark - 1.1)) > 0.1:
             yield "FDI", measured.detection, duty * (bright > 1.1) + (1 - duty) * (dark > 1.1)
+
+
+def distortion_case(rng: np.random.Generator) -> Cases:
+    """A grid of points, turned and tilted, behind a lens of two coefficients; errors of 0.01 to 0.2 px."""
+    k1, k2 = rng.uniform(-0.1, 0.1), rng.uniform(-0.02, 0.02)
+    rows, columns = 1080, 1920
+    x, y = np.meshgrid(np.linspace(-0.8, 0.8, 17), np.linspace(-0.44, 0.44, 10))
+    plane = np.stack([x, y], axis=-1).reshape(-1, 2)
+    angle, tilt = rng.uniform(-0.05, 0.05), rng.uniform(-0.03, 0.03, 2)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    ideal = (plane @ turn + rng.uniform(-0.02, 0.02, 2)) / (1 + plane @ tilt)[:, None]
+    square = np.square(ideal).sum(axis=1, keepdims=True)
+    corner = np.hypot(rows, columns) / 2
+    real = ideal * (1 + k1 * square + k2 * square**2)
+    points = np.array([columns, rows]) / 2 + corner * real
+    noise = 10 ** rng.uniform(-2, -0.7)
+    points_px = points + noise * rng.normal(size=points.shape)
+    measured = distortion(points_px, plane, (rows, columns))
+    yield "local distortion", measured.local, 100 * (k1 + k2)
+    top = (rows / 2 / corner) ** 2
+    yield "TV distortion", measured.tv, 100 * ((1 + k1 + k2) / (1 + k1 * top + k2 * top**2) - 1)
+    first, third = rng.uniform(-1, 1, 2)
+    other = points + real * (first + third * np.square(real).sum(axis=1, keepdims=True))
+    other = other + 0.3 + noise * rng.normal(size=points.shape)
+    yield "lateral colour", lateral_colour(other, points, (rows, columns)), first + third
+
+
+def divergence_case(rng: np.random.Generator) -> Cases:
+    """Normal noise against normal noise of another mean and σ, or of the same, without an error of its own."""
+    size = int(10 ** rng.uniform(3.5, 4.5))
+    shift, sigma = rng.uniform(0, 0.3), rng.uniform(0.8, 1.25)
+    name = str(rng.choice(["KL", "KL of one law"]))
+    if name != "KL":
+        shift, sigma = 0.0, 1.0
+    quantity = noise_divergence(rng.normal(size=size), rng.normal(shift, sigma, size))
+    true = np.log(sigma) + (1 + shift**2) / (2 * sigma**2) - 0.5
+    yield name, quantity, float(true)

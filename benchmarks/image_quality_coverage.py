@@ -84,6 +84,8 @@ CASES: dict[str, Case] = {
     "flat_field": chart_cases.flat_case,
     "contrast_detection": chart_cases.contrast_case,
     "flicker": chart_cases.flicker_case,
+    "distortion": chart_cases.distortion_case,
+    "noise_divergence": chart_cases.divergence_case,
 }
 
 

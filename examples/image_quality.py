@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/image-quality.md: charts in front of a simulated camera, measured as in a laboratory.
+"""Draw the pictures of docs/image-quality.md and docs/colour-and-geometry.md: charts in front of a simulated camera.
 
 python examples/image_quality.py                 # into image_quality/
 python examples/image_quality.py docs/images     # the pictures of docs/image-quality.md
@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.appearing import write_drawing
+from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.pages.drawing import png
 from mitsuba_sensor.pages.page import Drawing
 
@@ -41,7 +42,7 @@ def taken(electrons: np.ndarray, camera: ms.Camera) -> np.ndarray:
 def draw_edge(axes: Axes) -> None:
     """Modulation behind each filter of a Bayer camera, and that of its pixel."""
     camera = ms.load_camera("bayer_2mp")
-    frame = taken(200 + 3000 * sharp_edge(240, 160), camera)
+    frame = taken(200 + 3000 * sharp_edge(800, 320), camera)
     tile = (("R", "G"), ("G", "B"))
     for name, plane in ms.lab.Stack(frame[None], 0.01, tile=tile).of_filters().items():
         edge = ms.lab.slanted_edge(plane.mean, sample_px=2)
@@ -68,7 +69,25 @@ def draw_steps(axes: Axes) -> None:
     ms.lab.step_chart(stack, regions, 0.2 * steps, black_dn=black_dn).plot_snr(axes)
 
 
+def draw_colours(axes: Axes) -> None:
+    """A ColorChecker as the Bayer camera has it through the matrix that fits best."""
+    nm = np.arange(400.0, 701.0, 10.0)
+    light = spectra.color_checker(nm) * spectra.d65(nm) * nm
+    photons = 40_000 * light / light.sum(axis=1).max()
+    scene = np.repeat(photons, 32, axis=0)[None] * np.ones((32, 1, 1))
+    camera = ms.load_camera("bayer_2mp")
+    frames = ms.expose(ms.Photons(scene, wavelengths_nm=nm), camera, EXPOSURE, frames=4)
+    no_light = ms.Photons(0 * scene, wavelengths_nm=nm)
+    dark = ms.expose(no_light, camera, EXPOSURE, frames=16, seed=2)
+    picture = frames.digital.mean(axis=0) - dark.digital.mean()
+    green = (picture[0::2, 1::2] + picture[1::2, 0::2]) / 2
+    planes = np.stack([picture[0::2, 0::2], green, picture[1::2, 1::2]], axis=2)
+    chart = ms.lab.colour_chart(planes, [(0, 16 * k, 16, 16) for k in range(24)])
+    chart.plot(axes)
+
+
 PICTURES = {
+    "image-quality-colours": ("ColorChecker, bayer_2mp", draw_colours),
     "image-quality-steps": ("step chart, konnik_table1", draw_steps),
     "image-quality-edge": ("slanted edge, bayer_2mp", draw_edge),
 }

@@ -6,12 +6,15 @@ from .frames.stack import Stack as Stack
 from .measure.automotive.contrast import contrast_detection as contrast_detection
 from .measure.automotive.flicker import flicker as flicker
 from .measure.colour_and_geometry.colour_chart import colour_chart as colour_chart
+from .measure.colour_and_geometry.distortion import distortion as distortion
+from .measure.colour_and_geometry.distortion import lateral_colour as lateral_colour
 from .measure.colour_and_geometry.flat_field import flat_field as flat_field
 from .measure.image_quality.dead_leaves import dead_leaves as dead_leaves
 from .measure.image_quality.siemens_star import siemens_star as siemens_star
 from .measure.image_quality.slanted_edge import slanted_edge as slanted_edge
 from .measure.image_quality.step_chart import step_chart as step_chart
 from .measure.measurement import measure_bench as measure_bench
+from .measure.noise_distance import noise_divergence as noise_divergence
 from .quantity import Quantity as Quantity
 from .twin.fit import Twin as Twin
 from .twin.fit import fit as fit

@@ -223,6 +223,6 @@ def _interval(total: Float64Array, noise: Float64Array) -> tuple[Float64Array, F
     near = ratio < 1e4  # farther away the law is normal
     for end, probability in ((low, 1 - tail), (high, tail)):
         excess = scipy.special.chndtrinc(ratio[near], freedom, probability)
-        excess = np.maximum(np.nan_to_num(excess), 0.0)
+        excess = np.where(excess > 1e-9, excess, 0.0)  # NaN where no noncentrality is so small
         end[near] = np.sqrt(excess * noise[near] / SECTORS)
     return low, high

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 SATURATION_CONSTANT, NOISE_CONSTANT = 78.0, 10.0
 """ISO 12232: the speed is 78/H of the exposure that saturates, 10/H of that whose signal-to-noise ratio is 40 or 10."""
+SPEED_RATIOS = (40, 10)
+"""Signal-to-noise ratios of the two noise-based speeds."""
 SATURATION, NOISE = "ISO 12232 saturation", "ISO 12232 noise"
 COARSE_DN2 = 0.25
 """Temporal variance below which rounding is no noise."""
@@ -78,6 +80,8 @@ class StepChart:
         temporal = self.patches.mean[lit] / np.sqrt(self.patches.temporal[lit])
         ax.loglog(exposures, self.snr[lit], "o", label="total noise")
         ax.loglog(exposures, temporal, "s", label="temporal noise")
+        for ratio in SPEED_RATIOS:
+            ax.axhline(ratio, color="0.6", lw=1, ls=":")
         ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal-to-noise ratio")
 
 

@@ -1,0 +1,162 @@
+"""Geometric distortion of a chart of known points (ISO 17850), and lateral colour between two channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from ....core import InputError, numbers
+from ....core.argument_names import tells_of_names
+from ....core.types import Float64Array
+from ...quantity import Quantity, student_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "ISO 17850 local geometric distortion"
+TV_SECTION = "SMIA TV distortion"
+LATERAL_SECTION = "ISO 19084"
+FEWEST_POINTS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """Distortion of a lens, from points of a plane chart.
+
+    local : distortion of the corner, real over ideal image height less 1 [%].
+    tv : how much taller the picture is at its sides than in its middle [%].
+    coefficients : k1, k2 of the growth 1 + k1·h² + k2·h⁴, the height h is 1 in the corner.
+    """
+
+    local: Quantity
+    tv: Quantity
+    coefficients: tuple[float, float]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Local distortion in the corner, and TV distortion."""
+        return self.local, self.tv
+
+    def plot(self, ax: Axes) -> None:
+        """Local distortion over the image height."""
+        height = np.linspace(0, 1, 101)
+        first, second = self.coefficients
+        ax.plot(height, 100 * (first * height**2 + second * height**4))
+        ax.set(xlabel="ideal image height, 1 in the corner", ylabel="local distortion [%]")
+
+
+@tells_of_names
+def distortion(points_px: ArrayLike, chart: ArrayLike, shape: tuple[int, int]) -> Distortion:
+    """Distortion of a picture of a plane chart, which may be turned, tilted and off the centre.
+
+    ::
+
+        chart = np.stack(np.meshgrid(np.arange(9.0), np.arange(7.0)), axis=-1).reshape(-1, 2)
+        points = 50 + 20 * chart + np.random.default_rng(1).normal(0, 0.05, chart.shape)
+        print(ms.lab.distortion(points, chart, (220, 260)).local)
+
+    points_px : (N, 2), x and y of points of the chart in the picture, from its corner.
+    chart : (N, 2), x and y of the same points on the chart, in any unit.
+    shape : (rows, columns) of the picture; the lens is centred on its middle.
+    Raises InputError for fewer than 12 points.
+    """
+    points, plane = _pair("points_px", points_px, "chart", chart)
+    rows, columns = shape
+    half = np.array([columns, rows]) / 2
+    corner = float(np.hypot(*half))
+    heights = (points - half) / corner
+    flat = (plane - plane.mean(axis=0)) / np.ptp(plane, axis=0).max()
+    start = np.linalg.lstsq(np.column_stack([np.ones(len(flat)), flat]), heights, rcond=None)[0]
+
+    def residual(values: Float64Array) -> Float64Array:
+        weight = 1 + flat @ values[6:8]
+        ideal = (values[:2] + flat @ values[2:6].reshape(2, 2)) / weight[:, None]
+        square = np.square(ideal).sum(axis=1, keepdims=True)
+        return np.asarray((ideal * _growth(square, values[8:]) - heights).ravel())
+
+    first = np.concatenate([start.ravel(), np.zeros(4)])
+    solution = scipy.optimize.least_squares(residual, first, xtol=1e-12, ftol=1e-12)
+    freedom = solution.fun.size - first.size
+    variance = float(solution.fun @ solution.fun) / freedom
+    covariance = variance * np.linalg.pinv(solution.jac.T @ solution.jac)[8:, 8:]
+    k1, k2 = (float(value) for value in solution.x[8:])
+    error = float(np.sqrt(np.ones(2) @ covariance @ np.ones(2)))
+    interval = student_interval(100 * (k1 + k2), 100 * error, freedom)
+    local = Quantity("D", "local distortion in the corner", *interval, "%", SECTION)
+    tv = _tv(np.array([k1, k2]), covariance, half[1] / corner, freedom)
+    return Distortion(local, tv, (k1, k2))
+
+
+def _growth(square: Float64Array, coefficients: Float64Array) -> Float64Array:
+    """Real over ideal image height."""
+    return np.asarray(1 + square * (coefficients[0] + square * coefficients[1]))
+
+
+def _tv(
+    coefficients: Float64Array, covariance: Float64Array, top: float, freedom: int
+) -> Quantity:
+    """Growth of the corner over that in the middle of the upper side, less 1.  top : its height."""
+    side, middle = (float(_growth(np.array(h**2), coefficients)) for h in (1.0, top))
+    ratio = side / middle
+    slopes = (np.ones(2) - ratio * np.array([top**2, top**4])) / middle
+    error = float(np.sqrt(slopes @ covariance @ slopes))
+    interval = student_interval(100 * (ratio - 1), 100 * error, freedom)
+    return Quantity("D_TV", "TV distortion", *interval, "%", TV_SECTION)
+
+
+@tells_of_names
+def lateral_colour(
+    points_px: ArrayLike, other_px: ArrayLike, shape: tuple[int, int]
+) -> Quantity:
+    """How much farther from the centre one channel has the corner than another [px].
+
+    ::
+
+        green = np.random.default_rng(1).uniform(0, 200, (60, 2))
+        red = 100 + 1.002 * (green - 100)
+        print(ms.lab.lateral_colour(red, green, (200, 200)))
+
+    points_px, other_px : (N, 2), x and y of the same points of a chart in the two channels, from the picture's corner.
+    shape : (rows, columns) of the picture.
+    Raises InputError for fewer than 12 points.
+    """
+    points, other = _pair("points_px", points_px, "other_px", other_px)
+    half = np.array(shape[::-1]) / 2
+    corner = float(np.hypot(*half))
+    place = (other - half) / corner
+    square = np.square(place).sum(axis=1, keepdims=True)
+    shapes = np.stack([place, place * square], axis=-1).reshape(-1, 2)
+    shift = np.tile(
+        np.eye(2), (len(place), 1)
+    )  # a shift of the whole channel is no lateral colour
+    design = np.column_stack([shapes, shift])
+    values = (points - other).ravel()
+    inverse = np.linalg.pinv(design)
+    solution = inverse @ values
+    rest = values - design @ solution
+    freedom = values.size - design.shape[1]
+    slopes = inverse[:2].sum(axis=0)
+    error = float(np.sqrt(rest @ rest / freedom * (slopes @ slopes)))
+    interval = student_interval(float(solution[:2].sum()), error, freedom)
+    return Quantity("LCD", "lateral colour in the corner", *interval, "px", LATERAL_SECTION)
+
+
+def _pair(
+    name: str, points: ArrayLike, other_name: str, others: ArrayLike
+) -> tuple[Float64Array, Float64Array]:
+    """Two arrays (N, 2) of the same points."""
+    pair = (
+        numbers(name, points, "x and y (N, 2)"),
+        numbers(other_name, others, "x and y (N, 2)"),
+    )
+    for title, array in zip((name, other_name), pair, strict=True):
+        alike = array.shape == pair[0].shape and array.ndim == 2 and array.shape[1:] == (2,)
+        if not alike or len(array) < FEWEST_POINTS or not np.isfinite(array).all():
+            raise InputError(
+                f"{title} has shape {array.shape}; pass finite x and y (N, 2) of {FEWEST_POINTS} points or more."
+            )
+    return pair
