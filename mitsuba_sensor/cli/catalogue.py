@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -132,20 +134,27 @@ def import_command(
 
 
 @cameras.command("check", cls=Command, epilog="Example: mitsuba-sensor cameras check my.toml")
-def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) -> None:
+@options.flags(options.ChangedCameraFlags)
+def check_camera(
+    name: arguments.CameraName, as_json: arguments.Json = False, **flags: Flag
+) -> None:
     """All that is wrong in a camera file, with line numbers, and values that are allowed but unusual.
 
     Exit code: 0 if there are at most warnings, 2 if the file cannot be used.
     """
     from ..optics import image_record
+    from .inputs import changes_of
 
     found, airy, pixel_mtf = ms.check_camera(name), None, None
-    lines = [*map(str, found)]
     errors = sum(one.level == "error" for one in found)
     if not errors:
-        camera = ms.load_camera(name)
+        camera = ms.load_camera(name).replace(**changes_of(flags))
+        if flags["settings"]:
+            found = _findings_of(camera, name)
         airy = image_record.airy_record(camera)
         pixel_mtf = image_record.pixel_mtf_record(camera)
+    lines = [*map(str, found)]
+    if not errors:
         lines.append(f"{name}: {image_record.airy_sentence(camera)}")
         lines.append(f"{name}: {image_record.pixel_mtf_sentence(camera)}")
     lines.append(_verdict(name, found))
@@ -154,6 +163,12 @@ def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) ->
     show(checked if as_json else "\n".join(lines), as_json)
     if errors:
         raise typer.Exit(2)
+
+
+def _findings_of(changed: ms.Camera, name: str) -> tuple[CameraFinding, ...]:
+    """What is unusual in a camera with --set; its numbers stand in no line of the file."""
+    found = ms.check_camera(tomllib.loads(changed.to_toml()))
+    return tuple(replace(one, file=f"{name} with --set", line=None) for one in found)
 
 
 @cameras.command(
@@ -183,7 +198,8 @@ def show_camera(
     if camera.readouts and not as_json:
         show(readout_table(camera), False)
     if figures and not as_json:
-        show(_figure_table(figures), False)
+        both = ", of both photodiodes together" if camera.sensor.dual_pixel else ""
+        show(_figure_table(figures, both), False)
     for note in () if as_json else camera.notes:
         show(f"note: {said_here(note)}", False)
 
@@ -208,10 +224,11 @@ def _field_table(camera: ms.Camera) -> FittedTable:
     return table
 
 
-def _figure_table(figures: EmvaFigures) -> FittedTable:
+def _figure_table(figures: EmvaFigures, of_what: str) -> FittedTable:
+    """of_what : end of the title, for dual pixels."""
     table = FittedTable(
         ("symbol", "value", "unit", "what it is"),
-        title="EMVA 1288, from the datasheet, short exposure",
+        title=f"EMVA 1288, from the datasheet, short exposure{of_what}",
     )
     for one in figures.table():
         table.add_row(one.symbol, f"{one.value:.5g}", one.unit, one.name)

@@ -363,13 +363,12 @@ def doctor(as_json: arguments.Json = False) -> None:
         "meter",
         "temperature_k",
         "gain",
-        "settings",
         "without",
         "width",
         "motion",
         "look_at",
     ),
-    first=("camera", "parameters", "scene_unit", "as_json"),
+    first=("camera", "settings", "parameters", "scene_unit", "as_json"),
 )
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
@@ -401,8 +400,10 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
         head = Text.assemble(
             (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm"
         )
-        nothing = Text("nothing to say for this camera; --camera names another", style="green")
-        show(Group(head, table if findings else nothing), False)
+        nothing = "nothing to say for this camera"
+        if flags["camera"] is None:
+            nothing += "; --camera takes another one"
+        show(Group(head, table if findings else Text(nothing, style="green")), False)
         show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)

@@ -149,9 +149,10 @@ def _what_was_measured(flags: Flags, made: "Study") -> "Iterator[str]":
         yield f"measured: frames from {flags['frames']}"
         return
     camera, temperature_k = _camera(flags)
+    both = ", of both photodiodes of a pixel together" if camera.sensor.dual_pixel else ""
     yield (
-        f"measured: simulated frames of {camera.name}, serial number {made.data['serial']}, at {temperature_k:g} K in "
-        f"light of {made.data['wavelength_nm']:g} nm; frames of a real camera: --frames DIR"
+        f"measured: simulated frames of {camera.name}{both}, serial number {made.data['serial']}, at "
+        f"{temperature_k:g} K in light of {made.data['wavelength_nm']:g} nm; frames of a real camera: --frames DIR"
     )
     yield from taken_by_default({**flags, "exposure_s": 0.0}, NO_SCENE, camera)
 

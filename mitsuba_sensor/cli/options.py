@@ -96,6 +96,12 @@ class CameraFlags(TypedDict, total=False):
     without: Without
 
 
+class ChangedCameraFlags(TypedDict, total=False):
+    """What is changed in a camera file before it is looked at."""
+
+    settings: Settings
+
+
 class NewCameraFlags(TypedDict, total=False):
     """What a new camera file begins with."""
 

@@ -1,10 +1,12 @@
-"""The scenes of a dataset, checked before anything is made: their parameters, and the size of film and sensor."""
+"""The scenes of a dataset, checked before anything is made: their parameters, the size of film
+and sensor, and the halves of the pupil that dual pixels see."""
 
 from __future__ import annotations
 
 from ..camera.sensor_size import check_on_sensor
 from ..core import InputError
 from ..render.scene.film_and_view import film_area
+from ..render.scene.half_pupil import check_halves
 from ..render.scene.scene_settings import parse
 from ..render.variants import restores_variant
 from .keys import canonical
@@ -30,21 +32,29 @@ def check_scenes(plan: DatasetPlan) -> None:
 
 def _asked(view: PlannedView) -> str:
     """What the check of a view depends on."""
-    sensors = view.lead["camera"]["sensor"]
+    camera = view.lead["camera"]
+    sensors, lens = camera["sensor"], camera["lens"]
+    halves = {
+        "half_pupil": lens.get("half_pupil"),
+        "is_traced": lens.get("prescription") is not None,
+    }
     width = view.config["render"]["width"]
     parameters = view.config["parameters"]
     scene = {"file": view.scene_file, "integrator": view.config["integrator"]}
-    return canonical({**scene, "parameters": parameters, "width": width, "sensors": sensors})
+    asked = {"parameters": parameters, "width": width, "sensors": sensors, **halves}
+    return canonical({**scene, **asked})
 
 
 @restores_variant
 def check_scene(view: PlannedView) -> None:
-    """Raise InputError where the scene of a view has no such parameter, or a sensor is smaller than the film."""
+    """Raise InputError where the scene has no such parameter, a sensor is smaller than the film, or dual pixels
+    see through a pinhole."""
     try:
         options = scene_options(view)
         parsed = parse(view.scene_file, options)
         camera = camera_of(view.lead)  # all that share a light have a sensor of this size
         shape, origin = film_area(parsed.file, camera, options["width"])
         check_on_sensor("the film", shape, origin, camera)
+        check_halves(parsed.file, parsed.settings, camera)
     except InputError as error:
         raise InputError(f"scene {view.scene!r} of the dataset: {error}") from None

@@ -1,6 +1,5 @@
 """Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,9 +19,7 @@ from ..core import (
 )
 from ..core.backend import FLOAT32_LIMIT
 from ..stages.combined_readouts import combined_of
-from ..stages.effects.shot_noise import LEFT
 from ..stages.gains import adc_gain_dn_per_v
-from ..stages.image_lag import BEFORE
 from ..stages.stage import Chain
 from .photon_checks import (
     check_channels,
@@ -34,6 +31,7 @@ from .photon_checks import (
     checked_widths,
     first_place,
 )
+from .readout_checks import check_light_of_readouts
 
 
 def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:
@@ -75,7 +73,7 @@ def as_photons(
     if not isinstance(photons, Photons) or photons.by_readout is None:
         return checked
     others = dict[str, Photons]()
-    _check_names_of_readouts(photons.by_readout, camera)
+    check_light_of_readouts(photons.by_readout, camera)
     for name, given in photons.by_readout.items():
         others[name] = _as_photons(given, camera, wavelengths_nm, check)
         if others[name].shape != checked.shape:
@@ -83,30 +81,12 @@ def as_photons(
                 f"photons.by_readout[{name!r}] has shape {others[name].shape}; it must be {checked.shape}, as that of "
                 "the first exposure."
             )
+        if others[name].origin != checked.origin:
+            raise InputError(
+                f"photons.by_readout[{name!r}] has its first pixel at {others[name].origin}; it must be "
+                f"{checked.origin}, as that of the first exposure: give it the same origin."
+            )
     return checked.changed(by_readout=others)
-
-
-def _check_names_of_readouts(given: Mapping[str, Photons], camera: Camera) -> None:
-    """Raise InputError for light that no part of the pixels of this camera would collect."""
-    if not isinstance(given, Mapping) or not all(
-        isinstance(x, Photons) for x in given.values()
-    ):
-        raise InputError(
-            "photons.by_readout holds something else than Photons by name; give {name: ms.Photons(mean)}."
-        )
-    parts = [readout.name for readout in camera.readouts[1:] if readout.of != "charge"]
-    known = f"{camera.name} has light of its own for " + ", ".join(map(repr, parts))
-    if camera.sensor.dual_pixel:
-        parts = [LEFT]
-        known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
-    elif camera.quantum_efficiency.image_lag:
-        parts = [BEFORE]
-        known = f"of a camera with image lag it has the light of the frame before, {BEFORE!r}"
-    elif not parts:
-        known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(by_readout=None)"
-    unknown = [name for name in given if name not in parts]
-    if unknown:
-        raise InputError(f"photons.by_readout names {unknown[0]!r}; {known}.")
 
 
 def _as_photons(

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ..camera.camera import Camera
-from ..core import InputError
+from ..camera.exposure_times import later_exposures
+from ..core import Exposure, InputError, Photons
+from ..stages.effects.shot_noise import LEFT
+from ..stages.image_lag import BEFORE
 from .options import ExposeOptions
 
 
@@ -44,4 +49,35 @@ def check_chain_of_dual_pixels(camera: Camera, chain: str) -> None:
         raise InputError(
             f"chain is {chain!r}, whose pixels have one photodiode, and {camera.name} has dual pixels; leave the chain "
             "out, or set sensor.dual_pixel to false."
+        )
+
+
+def check_light_of_readouts(given: Mapping[str, Photons], camera: Camera) -> None:
+    """Raise InputError for light that no part of the pixels of this camera would collect, and where light is missing
+    that later exposures collect."""
+    if not isinstance(given, Mapping) or not all(
+        isinstance(x, Photons) for x in given.values()
+    ):
+        raise InputError(
+            "photons.by_readout holds something else than Photons by name; give {name: ms.Photons(mean)}."
+        )
+    parts = [readout.name for readout in camera.readouts[1:] if readout.of != "charge"]
+    known = f"{camera.name} has light of its own for " + ", ".join(map(repr, parts))
+    needed = [*later_exposures(camera, Exposure(1.0))]
+    if camera.sensor.dual_pixel:
+        parts, needed = [LEFT], [LEFT]
+        known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
+    elif camera.quantum_efficiency.image_lag:
+        parts = [BEFORE]
+        known = f"of a camera with image lag it has the light of the frame before, {BEFORE!r}"
+    elif not parts:
+        known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(by_readout=None)"
+    unknown = [name for name in given if name not in parts]
+    if unknown:
+        raise InputError(f"photons.by_readout names {unknown[0]!r}; {known}.")
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise InputError(
+            f"photons.by_readout lacks {missing[0]!r}; give the light of all of {', '.join(map(repr, needed))}, or "
+            "photons.changed(by_readout=None) where it is the same in all exposures."
         )

@@ -130,6 +130,38 @@ def test_a_check_prints_errors_and_warnings_and_exits_2_only_for_errors(
     ]
 
 
+def test_a_check_may_change_fields_first(cli: Callable[..., Any]) -> None:
+    done = cli("cameras", "check", "sony_imx174", "--set", "lens.f_number=220")
+    assert done.exit_code == 0
+    assert done.stdout.splitlines() == [
+        "sony_imx174 with --set: warning: lens.f_number is 220, and 0.5 to 130 is usual: check its unit.",
+        "sony_imx174: the Airy disk of f/220 is 62 pixels across at 675 nm; lens.diffraction = true renders it",
+        "sony_imx174: 1 warning",
+    ]
+    wrong = cli("cameras", "check", "sony_imx174", "--set", "adc.bits=99")
+    assert wrong.exit_code == 2 and "adc.bits is 99; it must be" in wrong.stderr
+
+
+@pytest.mark.parametrize("camera", [(), ("--camera", "sony_a7s2")])
+def test_lint_names_another_camera_only_where_none_is_named(
+    camera: tuple[str, ...], cli: Callable[..., Any]
+) -> None:
+    done = cli("lint", "night_crossing", *camera, "--set", "lens.f_number=1.8")
+    assert done.exit_code == 0 and "nothing to say for this camera" in done.stdout
+    assert ("--camera takes another one" in done.stdout) == (not camera)
+
+
+def test_lint_takes_fields_of_the_camera(cli: Callable[..., Any]) -> None:
+    """The corner of the Cornell box, at 26° of microlenses that have half of the response there."""
+    response = ("--set", "pixel.angular_response=[1.0, 0.5]")
+    angles = ("--set", "pixel.angular_response_deg=[0, 20]")
+    short = cli("lint", "cornell_box", *response, *angles)
+    assert short.exit_code == 2 and "angular_response_deg [°] ends at 20" in short.stderr
+    angles = ("--set", "pixel.angular_response_deg=[0, 52]")
+    found = json.loads(cli("lint", "cornell_box", *response, *angles, "--json").stdout)
+    assert any("chief ray of the corner" in one["what"] for one in found)
+
+
 def test_a_check_as_json_has_the_airy_disk_in_pixels(cli: Callable[..., Any]) -> None:
     """2.44·λN over the pitch: 2.44 · 0.55 µm · 2.8 over 5.7 µm."""
     found = json.loads(cli("cameras", "check", "konnik_table1", "--json").stdout)

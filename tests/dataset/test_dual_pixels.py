@@ -12,6 +12,7 @@ from helpers.datasets import SCENES
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.cameras import of_light
 from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.forecast import counts_of
 from mitsuba_sensor.dataset.planned import DatasetPlan
 from mitsuba_sensor.dataset.run import run
 
@@ -50,3 +51,22 @@ def test_samples_have_both_photodiodes_which_see_different_halves(tmp_path: Path
     left, right = (readouts[name].astype(float) for name in ("left", "right"))
     np.testing.assert_array_equal(readouts["left and right"], samples[0].read("raw"))
     assert np.abs(left - right).mean() > 0.1 * (left + right).mean()
+
+
+@pytest.mark.parametrize(
+    ("field", "said"),
+    [
+        ('"sensor.dual_pixel" = true', r"dual_pixel is true, .* sensor is a pinhole; take"),
+        ('"lens.half_pupil" = "left"', "half_pupil is 'left', .* sensor is a pinhole; take"),
+    ],
+)
+def test_a_plan_with_the_halves_of_a_pinhole_is_refused(field: str, said: str) -> None:
+    """It was planned, and its samples failed one by one; a prescription has halves."""
+    scene = "cornell_box.xml"
+    text = FILE.replace("still_life.xml", scene).replace('"sensor.dual_pixel" = true', field)
+    text = text.replace('"readouts", ', "")
+    with pytest.raises(ms.InputError, match=said):
+        counts_of(DatasetPlan(read_dataset(tomllib.loads(text)), [SCENES], text=text))
+    lens = f'{field}, "lens.prescription" = "double_gauss", "lens.f_number" = 4'
+    traced = text.replace(field, lens)
+    assert counts_of(DatasetPlan(read_dataset(tomllib.loads(traced)), [SCENES], text=traced))

@@ -161,6 +161,15 @@ def test_light_of_later_exposures_that_is_no_photons_by_name_is_refused(later: A
         ms.expose(flat(100, 4).changed(by_readout=later), STAGGERED, SHORT)
 
 
+def test_light_of_later_exposures_is_of_all_of_them_at_the_same_place() -> None:
+    """The missing one had the light of the first, and another origin that of other pixels."""
+    with pytest.raises(ms.InputError, match=r"by_readout lacks 'short'; give the light of all"):
+        ms.expose(flat(100, 4).changed(by_readout={}), STAGGERED, SHORT)
+    beside = {"short": flat(100, 4).changed(origin=(0, 2)), "shortest": flat(100, 4)}
+    with pytest.raises(ms.InputError, match=r"first pixel at \(0, 2\); it must be \(0, 0\)"):
+        ms.expose(flat(100, 4).changed(by_readout=beside), STAGGERED, SHORT)
+
+
 def test_the_exposure_time_that_a_refusal_names_fits_into_the_frame() -> None:
     """At 24 frames per second it was 0.0417 s, longer than the frame; of a gap that fills it 0 s."""
     light, long = np.full((4, 4), 100.0), ms.Exposure(1.0)

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ...camera.dual_pixels import PHOTODIODES
 from ...core import Float64Array
 from ..light.group_notes import notes_of_groups
 from ..light.irradiance import Irradiance
 from ..light.light_sum import sum_of_groups
 from ..lint.electron_share import with_notes_of_shares
 from ..lint.refusals import refuse_black
+from ..scene.half_pupil import half_note
 from .passes import FEWEST, hashed_seed
 from .statistics import POOLED, NoiseRatios, RenderStatistics, coarsest, sum_error, summary_of
 from .stop_criterion import Progress, RenderProgress, StopCriterion
@@ -210,9 +212,11 @@ def _denoised_record(
 
 
 def _own_notes(whole: PreparedRender, renders: Mapping[str, GroupRender]) -> list[str]:
-    """Notes of the renders of the groups that are not those of the whole scene."""
+    """Notes of the renders of the groups that are not those of the whole scene, nor that they are halves of dual
+    pixels."""
+    known = [*whole.scene.notes, *map(half_note, PHOTODIODES)]
     notes = {
-        name: [note for note in render.light.notes if note not in whole.scene.notes]
+        name: [note for note in render.light.notes if note not in known]
         for name, render in renders.items()
     }
     return notes_of_groups(notes)

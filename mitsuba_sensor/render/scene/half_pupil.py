@@ -12,6 +12,8 @@ from ...core import Array, InputError
 from ...optics.intrinsics import View
 from ..variants import MitsubaObject, mitsuba
 from .lens_sensor import IN_PYTHON, Samples, sensor_class
+from .scene_file import SceneFile
+from .scene_settings import SENSOR, SceneSettings
 
 FIRST_NUMBER = {"left": 0.5, "right": 0.0}
 """Where the half of the first number begins: Mitsuba's cameras have x to the left."""
@@ -41,21 +43,43 @@ def with_half_pupil(
     InputError for a pinhole."""
     if camera is None:
         return sensor, ()
-    half, asked = camera.lens.half_pupil, f"lens.half_pupil is {camera.lens.half_pupil!r}"
-    if camera.sensor.dual_pixel:  # each half is loaded by itself
-        asked = "sensor.dual_pixel is true"
-    elif half is None:
-        return sensor, ()
+    half = camera.lens.half_pupil
     if view.aperture_radius_m == 0:
-        raise InputError(
-            f"{asked}, for the halves of a pupil, and the scene's sensor is a pinhole; take a thinlens sensor in the "
-            "scene, give lens.prescription, or leave it out."
-        )
-    if half is None:
+        _refuse_halves_of_a_pinhole(camera)
+    if half is None:  # each half of dual pixels is loaded by itself
         return sensor, ()
-    notes = [f"the light of the {half} half of the pupil alone (lens.half_pupil)"]
+    notes = [half_note(half)]
     if view.sequential:  # whose rays are those of the half already
         return sensor, tuple(notes)
     if mitsuba().variant().startswith("scalar"):
         notes.append(IN_PYTHON)
     return sensor_class(mitsuba().variant())(sensor, HalfPupil(half)), tuple(notes)
+
+
+def half_note(half: str) -> str:
+    """The note of a render of one half."""
+    return f"the light of the {half} half of the pupil alone (lens.half_pupil)"
+
+
+def check_halves(scene: SceneFile, settings: SceneSettings, camera: Camera) -> None:
+    """Raise InputError for a scene file whose sensor is a pinhole, and a camera that sees halves of the pupil."""
+    kind = scene.sensor().props.plugin_name()
+    is_thin_lens = kind == "thinlens" or (
+        kind == SENSOR and settings.focus_distance_m is not None
+    )
+    if not is_thin_lens and camera.lens.prescription is None:
+        _refuse_halves_of_a_pinhole(camera)
+
+
+def _refuse_halves_of_a_pinhole(camera: Camera) -> None:
+    """Raise InputError where a camera sees halves of the pupil."""
+    if camera.sensor.dual_pixel:
+        asked = "sensor.dual_pixel is true"
+    elif camera.lens.half_pupil is not None:
+        asked = f"lens.half_pupil is {camera.lens.half_pupil!r}"
+    else:
+        return
+    raise InputError(
+        f"{asked}, for the halves of a pupil, and the scene's sensor is a pinhole; take a thinlens sensor in the "
+        "scene, give lens.prescription, or leave it out."
+    )
