@@ -21,6 +21,8 @@ WINDOW_PX = 3.0
 """Standard deviation of the window in which both pictures are compared."""
 SHARPEST_PX, CLEAR = 2.0, 1e-4
 """Largest disparity of the colours; contrast over signal squared, below which nothing is seen to move."""
+CROP, ENLARGED = 4, 4
+"""Rows and columns of the picture over those of its crop; how much the crop is enlarged."""
 
 
 def photodiodes(size: int, spp: int) -> tuple[np.ndarray, np.ndarray]:
@@ -53,6 +55,18 @@ def coloured(shift_px: np.ndarray) -> np.ndarray:
     return colours
 
 
+def crop_of_largest(picture: np.ndarray, shift_px: np.ndarray) -> np.ndarray:
+    """The part of a picture with the most displacement, enlarged."""
+    rows, columns = (length // CROP for length in shift_px.shape)
+    moved = np.cumsum(np.cumsum(np.abs(np.nan_to_num(shift_px)), axis=0), axis=1)
+    moved = np.pad(moved, ((1, 0), (1, 0)))
+    inside = moved[rows:, columns:] - moved[:-rows, columns:]
+    inside = inside - moved[rows:, :-columns] + moved[:-rows, :-columns]
+    row, column = np.unravel_index(np.argmax(inside), inside.shape)
+    crop = picture[row : row + rows, column : column + columns]
+    return crop.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, nargs="?", default=Path("dual_pixel"))
@@ -63,7 +77,11 @@ def main() -> None:
     left, right = photodiodes(options.size, options.spp)
     white = np.quantile([left, right], 0.98)
     both = np.clip(np.stack([left, right, right], axis=-1) / white, 0, 1) ** (1 / 2.2)
-    pictures = {"dual_pixel": both, "dual_pixel_disparity": coloured(disparity_px(left, right))}
+    shift_px = disparity_px(left, right)
+    pictures = {"dual_pixel": both, "dual_pixel_disparity": coloured(shift_px)}
+    pictures["dual_pixel_crop"] = crop_of_largest(
+        both, np.clip(shift_px, -SHARPEST_PX, SHARPEST_PX)
+    )
     for name, picture in pictures.items():
         file = options.folder / f"{name}.png"
         write_png(file, (255 * picture).astype(np.uint8))
