@@ -1,5 +1,4 @@
-"""The scenes of a dataset, checked before anything is made: their parameters, the size of film
-and sensor, and the halves of the pupil that dual pixels see."""
+"""The scenes of a dataset, checked before anything is made: parameters, sizes of film and sensor, halves of the pupil."""
 
 from __future__ import annotations
 
