@@ -1,4 +1,4 @@
-"""The scenes of a dataset, checked before anything is made: parameters, sizes of film and sensor, halves of the pupil."""
+"""The scenes of a dataset, checked before anything is made: parameters, sizes of film and sensor, halves of pupils."""
 
 from __future__ import annotations
 
