@@ -36,6 +36,9 @@ def full_well(setting: Setting) -> Value:
     """Full well of a setting where it ends the range, or a value beyond the ADC's range."""
     brightest = setting.brightest
     end = setting.electrons(brightest.end)
+    if brightest.knee is not None:
+        well_e = setting.knee_figure("full_well").quantity
+        return Value("pixel.full_well_e", well_e.value, setting.knee_figure("full_well").source)
     if brightest.limited_by == "well":
         return Value("pixel.full_well_e", end.quantity.value, end.source)
     where = "the brightest flat field is"
@@ -56,6 +59,11 @@ def _pixel(setting: Setting) -> Iterator[Value]:
     yield Value("pixel.prnu_distribution", "gaussian")
     yield Value("pixel.prnu_coupling", 0.0)
     yield full_well(setting)
+    yield _fitted(
+        "pixel.full_well_knee_e",
+        setting.knee_figure("knee"),
+        "a clip gives the variances as well",
+    )
     yield _fitted("pixel.dsnu_e", setting.electrons(_offsets(setting, "pixel")), "")
     yield Value("pixel.dsnu_coupling", 0.0)
 
@@ -115,10 +123,12 @@ def _noise(setting: Setting) -> Iterator[Value]:
         yield Value("source_follower.read_noise_shape", shape.quantity.value, shape.source)
     else:
         yield Value("source_follower.read_noise_shape", None)
+    yield from _noisy_pixels(setting)
     yield Value("source_follower.rtn_uv", 0.0)
     yield Value("source_follower.rtn_pixel_fraction", 0.0)
     yield _fitted("readout.row_noise_e", setting.electrons(noise.row), "")
     yield _fitted("readout.column_noise_e", setting.electrons(noise.column), "")
+    yield _fitted("readout.frame_noise_e", setting.electrons(setting.frame), "")
     yield Value(
         "readout.reset", "true_cds", "fit: all noise of the dark frames is in read_noise_e"
     )
@@ -148,8 +158,32 @@ def _converter(setting: Setting) -> Iterator[Value]:
         bits_source = "the metadata"
     yield Value("adc.bits", setting.bits, bits_source)
     yield _fitted("adc.black_level_dn", setting.dark.black, "")
-    for name in ("gamma", "ile", "dnl_lsb"):
+    for name in ("gamma", "ile"):
         yield Value(f"adc.{name}", None)
+    yield _code_widths(setting)
+
+
+def _code_widths(setting: Setting) -> Value:
+    """Widths of the codes where the response is that of the noise; all alike elsewhere."""
+    brightest = setting.brightest
+    if brightest.curve is None:
+        return Value("adc.dnl_lsb", None)
+    widths = brightest.curve.widths(setting.dark.black.quantity.value, setting.bits)
+    return Value("adc.dnl_lsb", widths, f"fit: response by the noise, {brightest.gain.frames}")
+
+
+def _noisy_pixels(setting: Setting) -> Iterator[Value]:
+    """Share and factor of the noisy pixels, or none."""
+    noise = setting.noise
+    yield _fitted("source_follower.noisy_pixel_fraction", noise.noisy, "")
+    if noise.factor.known:
+        yield Value(
+            "source_follower.noisy_pixel_factor",
+            noise.factor.quantity.value,
+            noise.factor.source,
+        )
+    else:
+        yield Value("source_follower.noisy_pixel_factor", 1.0)
 
 
 def _ratio_at_full_well(ratio: float, setting: Setting, well_e: float) -> float:

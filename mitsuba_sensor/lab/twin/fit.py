@@ -95,12 +95,16 @@ class Twin:
         for sigma in (noise.read, noise.row, noise.column):
             figures[sigma.quantity.symbol] = setting.electrons(sigma)
         figures["cv_read"] = noise.cv
+        figures["noisy"], figures["σ_noisy/σ"] = noise.noisy, noise.factor
+        figures["σ_frame"] = setting.electrons(setting.frame)
         for part in ("pixel", "row", "column"):
             figures[f"PRNU_{part}"] = setting.prnu(part)
         figures[noise.law.shape.symbol] = noise.shape
         figures["µ_I"] = setting.electrons(dark.rate, "e-/s")
         figures["D_N"] = dark.cv
         figures["µ_e.end"] = setting.electrons(setting.brightest.end)
+        figures["µ_e.well"] = setting.knee_figure("full_well")
+        figures["w"] = setting.knee_figure("knee")
         return {symbol: figure for symbol, figure in figures.items() if figure.known}
 
     def tables(self, like: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -328,6 +332,7 @@ def _gain_table(setting: Setting, well: bool) -> dict[str, Any]:
     table["black_level_dn"] = max(setting.dark.black.quantity.value, 0.0)
     table["row_noise_e"] = electrons(noise.row)
     table["column_noise_e"] = electrons(noise.column)
+    table["frame_noise_e"] = max(electrons(setting.frame), 0.0)
     if noise.shape.known:
         table["read_noise_shape"] = noise.shape.quantity.value
     if well:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...core.types import Float64Array
 from ..frames.stack import Stack
 from ..quantity import Quantity
@@ -31,8 +29,7 @@ def gain_map(flat: Stack, dark: Dark, response: Response) -> GainMap:
     """PRNU of a flat field of one filter, about half saturated."""
     y = flat.mean - dark.expected_frame(flat.exposure_s)
     level = float(y.mean())
-    bend = response.curvature * float(response.straight(np.array([level]))[0])
-    per_gain = (1 + bend) / (1 + 2 * bend)  # d ln s / d ln y
+    per_gain = response.per_gain(level)
     noises = [Noise(temporal_mean_squares(flat), 1 / len(flat)), *dark.offsets.noises]
     if dark.rates is not None:
         for noise in dark.rates.noises:

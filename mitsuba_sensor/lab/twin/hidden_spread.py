@@ -14,13 +14,23 @@ import numpy as np
 import scipy
 
 from ...core.types import Float64Array
-from ..quantity import LEVEL
+from ..quantity import LEVEL, TWO_SIDED
 
 STEP, FARTHEST = 1 / 12, 6.0
 """Nodes of z, and the largest: closer together than χ²(n) is wide for 1000 frames and a cv of 0.5."""
 BINS = 400
 WIDEST = 1.5
 """Largest s that is searched: a cv of 2.9."""
+SMALLEST_CV = 0.01
+"""Spread of σ beside noisy pixels that is none."""
+MOST_NOISY = 0.3
+"""Share of the pixels above which noisy ones are no exception."""
+NOISY_STARTS = (0.02, 3.0), (0.003, 6.0), (0.1, 1.8)
+"""Shares and factors from which the search begins."""
+CLEARLY_NOISY = 12.0
+"""Gain of the log-likelihood by two more numbers, from which on there are noisy pixels: by chance once in 100 000."""
+WIDER = 1.5
+"""Standard error over that with the other numbers held: they are correlated by up to 0.75."""
 CHI2 = 3.841458820694124  # 95 % quantile of chi-square with one degree of freedom
 
 
@@ -29,6 +39,16 @@ class HiddenSpread(NamedTuple):
 
     variance: tuple[float, float, float]
     cv: tuple[float, float, float]
+
+    def beside(self, noisy: NoisyPixels) -> HiddenSpread:
+        """Of all pixels the mean variance, of those that are not noisy the cv; the intervals are as wide."""
+        wide = noisy.variance / self.variance[0]
+        least = max(noisy.cv - 0.5 * (self.cv[2] - self.cv[0]), 0.0)
+        cv = noisy.cv, least, noisy.cv + 0.5 * (self.cv[2] - self.cv[0])
+        if noisy.cv < SMALLEST_CV:
+            cv = 0.0, 0.0, cv[2]
+        _, low, high = self.variance
+        return HiddenSpread((noisy.variance, wide * low, wide * high), cv)
 
 
 class Mixed(NamedTuple):
@@ -78,6 +98,75 @@ def hidden_spread(variances: Float64Array, freedom: int, mixed: Mixed) -> Hidden
     )
 
 
+class NoisyPixels(NamedTuple):
+    """(value, low, high) of the share of noisy pixels and of their σ over that of the others; and what is left for all:
+    the mean variance m, and the cv of σ among those that are not noisy.
+    """
+
+    share: tuple[float, float, float]
+    factor: tuple[float, float, float]
+    variance: float
+    cv: float
+
+
+def noisy_pixels(
+    variances: Float64Array, freedom: int, mixed: Mixed, one_law: HiddenSpread
+) -> NoisyPixels | None:
+    """The noisy pixels, where a second group of pixels makes the variances far more likely; None elsewhere."""
+    likelihood = _Likelihood(variances, freedom, mixed)
+    log_m = math.log(one_law.variance[0])
+    s = math.sqrt(math.log1p(one_law.cv[0] ** 2))
+    alone = likelihood(log_m, s)
+
+    def missing(x: Float64Array) -> float:
+        log_mean, spread, log_share, log_excess = x
+        share, factor = math.exp(min(log_share, 0.0)), 1 + math.exp(min(log_excess, 6.0))
+        if share > MOST_NOISY:
+            return -alone + 1e3 * (share - MOST_NOISY + 1)
+        return -likelihood(float(log_mean), abs(float(spread)), share, factor)
+
+    fits = []
+    for share, factor in NOISY_STARTS:
+        start = np.array([log_m, 0.5 * s, math.log(share), math.log(factor - 1)])
+        simplex = start + np.vstack([np.zeros(4), np.diag([0.02, 0.05, 0.5, 0.3])])
+        options = {"xatol": 1e-4, "fatol": 1e-3, "initial_simplex": simplex, "maxiter": 600}
+        fits.append(
+            scipy.optimize.minimize(missing, start, method="Nelder-Mead", options=options)
+        )
+    best = min(fits, key=lambda fit: float(fit.fun))
+    if -float(best.fun) < alone + CLEARLY_NOISY:
+        return None
+    x = np.asarray(best.x)
+    errors = [_error_along(missing, x, axis) for axis in (2, 3)]
+    share, factor = (
+        _interval_of_logarithm(x[k], e) for k, e in zip((2, 3), errors, strict=True)
+    )
+    return NoisyPixels(
+        share=(share[0], share[1], min(share[2], 1.0)),
+        factor=(1 + factor[0], 1 + factor[1], 1 + factor[2]),
+        variance=math.exp(float(x[0])),
+        cv=_cv_of_sigma(abs(float(x[1]))),
+    )
+
+
+def _error_along(missing: Callable[[Float64Array], float], x: Float64Array, axis: int) -> float:
+    """Standard error of one of the numbers, the others as they are most likely beside it, about: wider by WIDER."""
+    least = missing(x)
+
+    def change(d: float) -> float:
+        moved = x.copy()
+        moved[axis] += d
+        return least - missing(moved)
+
+    return WIDER * _error_from_curvature(change, 0.05)
+
+
+def _interval_of_logarithm(value: float, error: float) -> tuple[float, float, float]:
+    """(value, low, high) of a number whose logarithm has this standard error."""
+    half = TWO_SIDED * error
+    return math.exp(value), math.exp(value - half), math.exp(value + half)
+
+
 class _Likelihood:
     """Log-likelihood of ln m and s, of variances that are put into narrow bins."""
 
@@ -101,15 +190,25 @@ class _Likelihood:
         by_chance = math.sqrt(float(scipy.special.polygamma(1, self.half)))
         return 0.5 * math.sqrt(max(spread**2 - by_chance**2, 0.01))
 
-    def __call__(self, log_m: float, s: float) -> float:
-        """Log-likelihood of ln m and s: the larger, the more likely."""
+    def __call__(
+        self, log_m: float, s: float, share: float = 0.0, factor: float = 1.0
+    ) -> float:
+        """Log-likelihood of ln m and s: the larger, the more likely.
+
+        share, factor : of the pixels that have so many times the σ of the others.
+        """
         if s > WIDEST:
             return -math.inf
-        m, log_normal = math.exp(log_m), np.exp(2 * s * self.z - 2 * s**2)
+        log_normal = np.exp(2 * s * self.z - 2 * s**2) / (1 + share * (factor**2 - 1))
+        law = self.law
+        if share:
+            log_normal = np.concatenate([log_normal, factor**2 * log_normal])
+            law = np.concatenate([(1 - share) * law, share * law])
+        m = math.exp(log_m)
         v = self.mixed.floor + m * (self.mixed.own * log_normal + self.mixed.shared)
         chance = -self.half * (np.log(v) + self.values[:, None] / v)
         most = chance.max(axis=1)
-        return float(self.weights @ (np.log(np.exp(chance - most[:, None]) @ self.law) + most))
+        return float(self.weights @ (np.log(np.exp(chance - most[:, None]) @ law) + most))
 
 
 def _error_from_curvature(change: Callable[[float], float], step: float) -> float:

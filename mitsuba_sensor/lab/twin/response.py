@@ -18,11 +18,17 @@ from ..measure.radiometric import radiometric
 from ..measure.saturation import Peak, find_peak
 from ..quantity import Quantity, no_value, normal_interval
 from .evidence import Fitted, frames_of
+from .knee import Electrons, Knee, find_knee
+from .noise_curve import NoiseCurve, noise_curve
 
 PLATEAU = 0.2
 """Variance over the largest one, below which a level is full."""
-MOST_PIXELS = 1024
-"""Rows and columns about the centre of which K is measured: of 2 frames they give it within 0.2 %."""
+MOST_CODES = 1023
+"""Largest code up to which a response that is no parabola is written as widths of codes."""
+BY_NOISE = (
+    "of small signals: the response is that of the noise, whose variance is neither proportional to the signal nor "
+    "that of a parabola; light as it is stated may give another"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +37,8 @@ class Response:
 
     curvature : κ of y = s(1 + κs) [1/DN], 0 for a straight response.
     end : the largest signal [DN], linear.  limited_by : what ends it.  transfer : the curve.
+    levels, peak : of the flat fields.  curve : the response by the noise, where it is no parabola.
+    knee : of the full well, where it is no clip.
     """
 
     gain: Fitted
@@ -41,15 +49,77 @@ class Response:
     transfer: PhotonTransfer
     efficiency: Quantity | None
     notes: tuple[str, ...]
+    levels: Series
+    peak: Peak
+    curve: NoiseCurve | None = None
+    knee: Knee | None = None
 
     def straight(self, signal: Float64Array) -> Float64Array:
-        """The linear signal s of a signal y = s(1 + κs) [DN]."""
+        """The linear signal s of a signal y, = s(1 + κs) or by the curve [DN]."""
+        if self.curve is not None:
+            return self.curve.gain * self.curve.electrons_of(signal)
         return straight(signal, self.curvature)
+
+    def per_gain(self, signal: float) -> float:
+        """(ds/s)/(dy/y) at a signal y [DN]: by how much less than in proportion y grows with the light."""
+        linear = float(self.straight(np.array([signal]))[0])
+        if self.curve is not None:
+            slope = float(self.curve.slope_of(np.array([signal]))[0])
+            return signal / (slope * linear)
+        bend = self.curvature * linear
+        return (1 + bend) / (1 + 2 * bend)
+
+    def by_noise(self, noise_dn2: float) -> Response:
+        """With what the variances of the flat fields say of the response, and of the way in which it saturates.
+
+        noise_dn2 : temporal variance in the dark, without rounding [DN²].
+        """
+        bent = self
+        measured, end = self.levels, self.peak
+        gain = self.gain.quantity
+        curve = None
+        if measured.top_code is not None and measured.top_code <= MOST_CODES:
+            curve = noise_curve(measured, end, gain.value, self.curvature, noise_dn2)
+        if curve is not None:
+            bent = self._along(curve)
+        end_e = float(bent.straight(np.array([end.mean[0]]))[0]) / bent.gain.quantity.value
+        knee = find_knee(measured, end, bent._of_electrons(), end_e, noise_dn2)
+        return replace(bent, knee=knee)
+
+    def _along(self, curve: NoiseCurve) -> Response:
+        """This response with the curve in place of the line or parabola."""
+        gain = replace(
+            self.gain.quantity,
+            value=curve.gain,
+            low=curve.gain - curve.gain_error,
+            high=curve.gain + curve.gain_error,
+            note=BY_NOISE,
+        )
+        y = np.array([float(self.levels.signal[int(np.argmax(self.levels.signal))])])
+        along = replace(self, gain=self.gain.known_as(gain), curvature=0.0, curve=curve)
+        end = self.end.quantity
+        value = float(along.straight(y)[0])
+        wider = value / end.value
+        moved = replace(end, value=value, low=end.low * wider, high=end.high * wider)
+        ratio = replace(_NO_RATIO, value=1.0, low=1.0, high=1.0)
+        return replace(along, end=self.end.known_as(moved), ratio=self.ratio.known_as(ratio))
+
+    def _of_electrons(self) -> Electrons:
+        """Signal and slope for so many electrons."""
+        gain, kappa, curve = self.gain.quantity.value, self.curvature, self.curve
+        if curve is not None:
+            return Electrons(
+                curve.signal_of, lambda n: curve.gain * curve.slope_of(curve.signal_of(n))
+            )
+        return Electrons(
+            lambda n: gain * n * (1 + kappa * gain * n),
+            lambda n: gain * (1 + 2 * kappa * gain * n),
+        )
 
 
 def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
     """Response from flat fields of one filter and dark frames. Raises InputError as :func:`series` does."""
-    measured = series(darks, flats, MOST_PIXELS)
+    measured = series(darks, flats)
     end = find_peak(measured)
     kappa, *ends_of_curvature = curvature(measured, end)
     straightened = measured
@@ -74,6 +144,8 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
         transfer=transfer,
         efficiency=radiometric(straightened).efficiency(transfer.gain),
         notes=measured.notes,
+        levels=measured,
+        peak=end,
     )
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import scipy
@@ -27,8 +27,10 @@ from ..frames.stuck_lines import with_lines_filled
 from ..measure.dark_current import dark_temperature
 from ..measure.radiometric import TOO_EFFICIENT
 from ..quantity import Quantity, no_value, normal_interval, unknown
+from .coarse_dark import coarse_of, dark_noise_dn2
 from .dark import Dark, dark_over_time, usable
 from .evidence import Fitted, frames_of
+from .frame_noise import frame_noise
 from .gain_map import GainMap, gain_map
 from .noise import ReadNoise, read_noise
 from .response import Response, response
@@ -37,6 +39,11 @@ from .telegraph import Telegraph, telegraph
 Result = TypeVar("Result")
 FEWEST_PIXELS = 8
 """Rows, and columns, of a frame behind each filter."""
+KNEE_FIGURES = {
+    "full_well": ("µ_e.well", "full well in bright light"),
+    "knee": ("w", "width of the knee of the full well"),
+}
+"""Symbol and name of what a knee has."""
 DIFFERENT = 1e-3
 """Probability of a larger scatter, below which filters are said to differ."""
 
@@ -46,7 +53,8 @@ class Setting:
     """One gain setting.
 
     name : of the setting.  shape : rows and columns.  bits : of the ADC.  tile : of the colour filters, or empty.
-    responses, gains : by filter.  doubling : temperature step that doubles the dark current, or None.
+    frame : jitter of the black level.  responses, gains : by filter.
+    doubling : temperature step that doubles the dark current, or None.
     notes : what could not be measured, and why.
     """
 
@@ -57,6 +65,7 @@ class Setting:
     tile: tuple[tuple[str, ...], ...]
     dark: Dark
     noise: ReadNoise
+    frame: Fitted
     responses: dict[str, Response]
     gains: dict[str, GainMap]
     telegraph: Telegraph | None
@@ -83,6 +92,18 @@ class Setting:
         alike = {"column": rows, "row": columns}.get(part, 1)
         figures: list[Fitted] = [getattr(gains, part) for gains in self.gains.values()]
         return root_mean_square(figures, alike)
+
+    def knee_figure(self, which: Literal["full_well", "knee"]) -> Fitted:
+        """Full well or width of its knee of the brightest filter [e-]; without a value where there is no knee."""
+        symbol, name = KNEE_FIGURES[which]
+        brightest = self.brightest
+        figure = no_value(symbol, name, "e-", "fit")
+        if brightest.knee is not None:
+            ends = brightest.knee.well_e
+            if which == "knee":
+                ends = brightest.knee.width_e
+            figure = replace(figure, value=ends[0], low=ends[1], high=ends[2])
+        return brightest.end.known_as(figure)
 
     def electrons(self, figure: Fitted, unit: str = "e-") -> Fitted:
         """A figure in DN, in electrons."""
@@ -125,7 +146,16 @@ def fit_setting(bench: Bench) -> Setting:
     notes += _note_spaced_codes(bench)
     longest = max(series, key=lambda stack: (stack.exposure_s, len(stack)))
     traps = _try(lambda: telegraph(longest), notes)
-    noise = read_noise(dark, gain.quantity)
+    coarse = coarse_of(dark.quiet)
+    if coarse is not None:
+        dark = coarse.applied(dark)
+    noise_dn2 = dark_noise_dn2(dark.quiet, coarse)
+    responses = {name: one.by_noise(noise_dn2) for name, one in responses.items()}
+    gain = weighted_mean([response.gain for response in responses.values()])
+    noise = read_noise(dark, gain.quantity, coarse)
+    slope = 1.0
+    if coarse is not None:
+        slope = coarse.slope
     gains = _gains(bench, dark, responses, notes)
     doubling = _doubling(blind, dark, notes)
     bits, bits_known = _bits(bench)
@@ -137,6 +167,7 @@ def fit_setting(bench: Bench) -> Setting:
         tile=bench.stacks[0].tile,
         dark=dark,
         noise=noise,
+        frame=frame_noise(series, slope),
         responses=responses,
         gains=gains,
         telegraph=traps,
