@@ -48,8 +48,8 @@ class CoarseDark:
         quantity = dark.black.quantity
         shift = self.level - quantity.value
         half = math.hypot(0.5 * (quantity.high - quantity.low), shift)
-        ends = {"low": self.level - half, "high": self.level + half}
-        moved = replace(quantity, value=self.level, **ends, note="")
+        low, high = self.level - half, self.level + half
+        moved = replace(quantity, value=self.level, low=low, high=high, note="")
         moved = moved.noted("before rounding, by how often each code is seen")
         own = float(dark.offsets.image.std())
         wider = self.offsets / own

@@ -119,34 +119,39 @@ def noisy_pixels(
     alone = likelihood(log_m, s)
 
     def missing(x: Float64Array) -> float:
-        log_mean, spread, log_share, log_excess = x
-        share, factor = math.exp(min(log_share, 0.0)), 1 + math.exp(min(log_excess, 6.0))
-        if share > MOST_NOISY:
-            return -alone + 1e3 * (share - MOST_NOISY + 1)
-        return -likelihood(float(log_mean), abs(float(spread)), share, factor)
+        log_mean, spread, log_share, log_excess = map(float, x)
+        of_noisy, times = math.exp(min(log_share, 0.0)), 1 + math.exp(min(log_excess, 6.0))
+        if of_noisy > MOST_NOISY:
+            return -alone + 1e3 * (of_noisy - MOST_NOISY + 1)
+        return -likelihood(log_mean, abs(spread), of_noisy, times)
 
-    fits = []
-    for share, factor in NOISY_STARTS:
-        start = np.array([log_m, 0.5 * s, math.log(share), math.log(factor - 1)])
-        simplex = start + np.vstack([np.zeros(4), np.diag([0.02, 0.05, 0.5, 0.3])])
-        options = {"xatol": 1e-4, "fatol": 1e-3, "initial_simplex": simplex, "maxiter": 600}
-        fits.append(
-            scipy.optimize.minimize(missing, start, method="Nelder-Mead", options=options)
-        )
-    best = min(fits, key=lambda fit: float(fit.fun))
-    if -float(best.fun) < alone + CLEARLY_NOISY:
+    starts = [(log_m, 0.5 * s, math.log(share), math.log(k - 1)) for share, k in NOISY_STARTS]
+    x, least = _least_of(missing, starts)
+    if -least < alone + CLEARLY_NOISY:
         return None
-    x = np.asarray(best.x)
-    errors = [_error_along(missing, x, axis) for axis in (2, 3)]
-    share, factor = (
-        _interval_of_logarithm(x[k], e) for k, e in zip((2, 3), errors, strict=True)
-    )
+    share = _interval_of_logarithm(float(x[2]), _error_along(missing, x, 2))
+    excess = _interval_of_logarithm(float(x[3]), _error_along(missing, x, 3))
     return NoisyPixels(
         share=(share[0], share[1], min(share[2], 1.0)),
-        factor=(1 + factor[0], 1 + factor[1], 1 + factor[2]),
+        factor=(1 + excess[0], 1 + excess[1], 1 + excess[2]),
         variance=math.exp(float(x[0])),
         cv=_cv_of_sigma(abs(float(x[1]))),
     )
+
+
+def _least_of(
+    missing: Callable[[Float64Array], float], starts: list[tuple[float, float, float, float]]
+) -> tuple[Float64Array, float]:
+    """Where a function of four numbers is least, and its value there."""
+    fits = []
+    for start in starts:
+        simplex = np.array(start) + np.vstack([np.zeros(4), np.diag([0.02, 0.05, 0.5, 0.3])])
+        options = {"xatol": 1e-4, "fatol": 1e-3, "initial_simplex": simplex, "maxiter": 600}
+        fits.append(
+            scipy.optimize.minimize(missing, simplex[0], method="Nelder-Mead", options=options)
+        )
+    best = min(fits, key=lambda fit: float(fit.fun))
+    return np.asarray(best.x), float(best.fun)
 
 
 def _error_along(missing: Callable[[Float64Array], float], x: Float64Array, axis: int) -> float:
