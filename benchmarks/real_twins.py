@@ -33,7 +33,14 @@ FEWEST = 8
 """Frames of a stack of which every second is fitted."""
 CLIPPED = 1e-3
 """Share of the largest code from which on a level is behind the clip."""
-LEVELS = np.concatenate([np.linspace(0.01, 0.8, 20), np.linspace(0.83, 1.3, 20)])
+LEVELS = np.concatenate(
+    [
+        [0, 2e-4, 5e-4],
+        np.linspace(0.004, 0.05, 6),
+        np.linspace(0.07, 0.8, 30),
+        np.linspace(0.83, 1.3, 20),
+    ]
+)
 """Light of the twin's curve, over that of the end of its range."""
 SIZE = (128, 512)
 """Rows and columns of the twin's frames."""

@@ -154,11 +154,11 @@ def test_a_second_group_of_pixels_is_found_and_chance_makes_none() -> None:
             assert found.variance == pytest.approx(1 + 0.03 * 15, rel=0.03)
 
 
-def flats_of(variance_over_mean: float, bent: float) -> list[Stack]:
-    """8-bit flat fields: y = f(N) with a slope that falls by ``bent`` over a step at 100 DN, light stated as N."""
+def flats_of(variance_over_mean: float, lower: float) -> list[Stack]:
+    """8-bit flat fields: y = f(N) with a slope that falls by ``lower`` over a step at 100 DN, light stated as N."""
     chance, flats = np.random.default_rng(4), []
     for number, mean in enumerate(np.linspace(20, 220, 24)):
-        slope = 1 - bent * (mean > 100)
+        slope = 1 - lower * (mean > 100)
         sigma = slope * np.sqrt(variance_over_mean * (mean - 3))
         codes = np.rint(mean + sigma * chance.normal(size=(4, 60, 80))).astype(np.uint8)
         flats.append(Stack(codes, TIME_S, float(mean), bits=8, source=f"{number}"))
@@ -171,10 +171,10 @@ def test_a_variance_that_is_no_parabola_is_a_response_and_a_line_is_none() -> No
         np.random.default_rng(6).integers(2, 5, (8, 60, 80)).astype(np.uint8), TIME_S, 0.0
     )
     dark = replace(dark, bits=8)
-    for bent in (0.0, 0.1):
-        measured = series([dark], flats_of(0.02, bent))
+    for lower in (0.0, 0.1):
+        measured = series([dark], flats_of(0.02, lower))
         curve = noise_curve(measured, find_peak(measured), 0.02, 0.0, 0.0)
-        assert (curve is None) == (bent == 0)
+        assert (curve is None) == (lower == 0)
         if curve is not None:
             ends = curve.electrons_of(np.array([60.0, 120.0]))
             slopes = curve.gain * curve.slope_of(np.array([60.0, 120.0]))

@@ -74,17 +74,19 @@ class Response:
 
         noise_dn2 : temporal variance in the dark, without rounding [DN²].
         """
-        bent = self
+        changed = self
         measured, end = self.levels, self.peak
         gain = self.gain.quantity
         curve = None
         if measured.top_code is not None and measured.top_code <= MOST_CODES:
             curve = noise_curve(measured, end, gain.value, self.curvature, noise_dn2)
         if curve is not None:
-            bent = self._along(curve)
-        end_e = float(bent.straight(np.array([end.mean[0]]))[0]) / bent.gain.quantity.value
-        knee = find_knee(measured, end, bent._of_electrons(), end_e, noise_dn2)
-        return replace(bent, knee=knee)
+            changed = self._along(curve)
+        end_e = (
+            float(changed.straight(np.array([end.mean[0]]))[0]) / changed.gain.quantity.value
+        )
+        knee = find_knee(measured, end, changed._of_electrons(), end_e, noise_dn2)
+        return replace(changed, knee=knee)
 
     def _along(self, curve: NoiseCurve) -> Response:
         """This response with the curve in place of the line or parabola."""
