@@ -1,4 +1,4 @@
-"""A curved response y = s(1 + κs), the linear signal s that it came from, and the levels that it would have given.
+"""A curved response y = s(1 + κs + …), the linear signal s that it came from, and the levels that it would have given.
 
 EMVA 1288 R4 Linear takes every response for a line; where the levels show that it is none, photon transfer is that of
 the linear signal, whose variance is the measured one over the square of the slope dy/ds, as noise is referred to the
@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from ...core.types import Float64Array
@@ -26,8 +27,11 @@ USED = 0.02, 0.9
 """Part of the saturation signal from which the curvature is fitted."""
 FEWEST = 5
 """Levels that it needs."""
+MOST_TERMS = 3
+"""Of κs + κ₂s² + κ₃s³: more than the first where the levels are not on a parabola."""
 CURVED = 3.3
 """Standard errors from which on a response is taken as curved: 0.1 % of the straight ones."""
+NEWTON_STEPS = 12
 OF_SMALL_SIGNALS = (
     "of small signals: the response is curved, and variances are divided by the square of its slope; EMVA 1288 Linear "
     "takes the curve as a line"
@@ -43,15 +47,47 @@ def straight(signal: Float64Array, curvature: float) -> Float64Array:
     return np.asarray((root - 1) / (2 * curvature))
 
 
-def curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
-    """(κ, low, high), or zeros where the response is straight or the light of the levels is not known."""
-    nothing = 0.0, 0.0, 0.0
+@dataclass(frozen=True)
+class Curve:
+    """A response y = s(1 + κs + κ₂s² + …).
+
+    kappa, low, high : of the parabola y = s(1 + κs) that is nearest, with its interval [1/DN]; 0 where the response is a
+    line, or the light of the levels is not known.  terms : κ, κ₂, … [1/DN, 1/DN², …], of that parabola or of what is
+    nearer.
+    """
+
+    kappa: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+    terms: tuple[float, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.kappa)
+
+    def straight(self, signal: Float64Array) -> Float64Array:
+        """s of y [DN], by Newton's method where it is no parabola."""
+        linear = straight(signal, self.kappa)
+        if len(self.terms) < 2:
+            return linear
+        for _ in range(NEWTON_STEPS):
+            excess = linear * polyval(linear, (1.0, *self.terms)) - signal
+            linear = linear - excess / np.maximum(self.slope(linear), 0.1)
+        return linear
+
+    def slope(self, linear: Float64Array) -> Float64Array:
+        """dy/ds at s [DN]."""
+        weighted = [(power + 2) * term for power, term in enumerate(self.terms)]
+        return np.asarray(polyval(linear, (1.0, *weighted)))
+
+
+def curvature(measured: Series, end: Peak) -> Curve:
+    """The curve of the levels; a line where they show none, or where their light is not known."""
     x, y = measured.light, measured.signal
     used = measured.inside & (y > USED[0] * end.mean[0]) & (y < USED[1] * end.mean[0]) & (x > 0)
     stray, _ = find_stray(measured, end)
     used &= ~stray
     if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
-        return nothing
+        return Curve()
     x, y = x[used], y[used]
     errors, dark_shift = _errors(measured, used)
     start, largest = float(y[0] / x[0]), y.max()
@@ -68,11 +104,32 @@ def curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
     error = math.hypot(math.sqrt(float(covariance[1, 1]) * scatter), of_dark)
     limit = CURVED * error * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
     if abs(fit.x[1]) < limit:
-        return nothing
+        return Curve()
     kappa, error_of_kappa = float(fit.x[1]) / float(largest), error / float(largest)
+    interval = normal_interval(kappa, error_of_kappa)
     if scatter > 1:
-        return student_interval(kappa, error_of_kappa, freedom)
-    return normal_interval(kappa, error_of_kappa)
+        interval = student_interval(kappa, error_of_kappa, freedom)
+    return Curve(*interval, _higher_terms(x / x.max(), y, errors) or (kappa,))
+
+
+def _higher_terms(x: Float64Array, y: Float64Array, errors: Float64Array) -> tuple[float, ...]:
+    """κ, κ₂, … of as many terms as the levels show, nothing where the first is enough.
+
+    A term is taken where it is 3.3 of its standard errors, with the scatter about the curve that has it.
+    """
+    found: tuple[float, ...] = ()
+    for count in range(2, MOST_TERMS + 1):
+        powers = x[:, None] ** np.arange(1, count + 2) / errors[:, None]
+        freedom = len(x) - count - 1
+        if freedom < 3:
+            break
+        inverse = np.linalg.pinv(powers.T @ powers)
+        factors = inverse @ powers.T @ (y / errors)
+        scatter = max(1.0, float(np.square(powers @ factors - y / errors).sum()) / freedom)
+        limit = CURVED * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
+        if abs(factors[-1]) > limit * math.sqrt(float(inverse[-1, -1]) * scatter):
+            found = tuple(float(a / factors[0] ** (k + 2)) for k, a in enumerate(factors[1:]))
+    return found
 
 
 def _errors(measured: Series, used: NDArray[np.bool_]) -> tuple[Float64Array, Float64Array]:
@@ -98,13 +155,13 @@ def _shift_by_rounding(measured: Series, of: Callable[[str], Float64Array]) -> F
     return np.array([shift_of_mean_dn(float(x)) for x in total_dn2])
 
 
-def straighten(measured: Series, kappa: float) -> Series:
+def straighten(measured: Series, curve: Curve) -> Series:
     """The levels that a linear response would have given: variances over the square of the slope."""
     flats: list[Level] = []
     for flat, dark_number in zip(measured.flats, measured.dark_of, strict=True):
         dark = measured.darks[dark_number]
-        signal = float(straight(np.array(flat.mean - dark.mean), kappa))
-        slope = 1 + 2 * kappa * signal
+        linear_dn = curve.straight(np.array(flat.mean - dark.mean))
+        signal, slope = float(linear_dn), float(curve.slope(linear_dn))
         variance = max(dark.variance + (flat.variance - dark.variance) / slope**2, 0.0)
         linear = replace(
             flat,

@@ -62,10 +62,10 @@ def emva_linear(
     """
     used = temporal_levels(flats)
     measured = series(darks, used, window, report)
-    kappa, *_ = curvature(measured, find_peak(measured))
-    straightened = straighten(measured, kappa) if kappa else measured
+    curve = curvature(measured, find_peak(measured))
+    straightened = straighten(measured, curve) if curve else measured
     transfer, light = photon_transfer(straightened), radiometric(measured)
-    if kappa:
+    if curve:
         gain = transfer.gain.noted(OF_SMALL_SIGNALS)
         responsivity = radiometric(straightened).responsivity.noted(OF_SMALL_SIGNALS)
         transfer = replace(transfer, gain=gain)
@@ -78,7 +78,7 @@ def emva_linear(
     if efficiency is not None and TOO_EFFICIENT in efficiency.note:
         usable = None  # the photons are not those of a pixel
     ends = saturation(straightened, transfer.gain, usable, dark.total)
-    if kappa:
+    if curve:
         signal = saturation(measured, transfer.gain, usable, dark.total).signal
         ends = replace(ends, signal=signal)
     notes = (*measured.notes, *_note_spatial_stacks(flats, used, measured))
@@ -92,7 +92,7 @@ def emva_linear(
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
     snr = signal_to_noise(straightened, transfer.gain, usable, dark.total)
-    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes, kappa)
+    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes, curve.kappa)
 
 
 def _note_spatial_stacks(

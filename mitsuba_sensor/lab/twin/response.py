@@ -123,10 +123,10 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
     """Response from flat fields of one filter and dark frames. Raises InputError as :func:`series` does."""
     measured = series(darks, flats)
     end = find_peak(measured)
-    kappa, *ends_of_curvature = curvature(measured, end)
-    straightened = measured
-    if kappa:
-        straightened = straighten(measured, kappa)
+    curve = curvature(measured, end)
+    kappa, straightened = curve.kappa, measured
+    if curve:
+        straightened = straighten(measured, curve)
     transfer = photon_transfer(straightened)
     top = _largest_signal(measured, end, kappa)
     gain = transfer.gain
@@ -134,7 +134,7 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
         gain = gain.noted(OF_SMALL_SIGNALS)
     ratio = replace(_NO_RATIO, value=1.0, low=1.0, high=1.0)
     if kappa:
-        low, high = sorted(1 + limit * top.value for limit in ends_of_curvature)
+        low, high = sorted(1 + limit * top.value for limit in (curve.low, curve.high))
         ratio = replace(_NO_RATIO, value=1 + kappa * top.value, low=low, high=high)
     frames = frames_of(*flats)
     return Response(
