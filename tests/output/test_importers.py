@@ -358,3 +358,92 @@ def test_missing_files_and_several_files_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(ms.InputError, match=said):
             import_camera(files)
+
+
+PROFILE = {
+    "Kmin": np.float64(0.0939),
+    "Kmax": np.float64(6.01),
+    "G_shape": np.array([0.11, 0.0, -0.09, -0.13]),
+    "color_bias": np.zeros((3, 4)),
+    "Profile-1": {
+        "G_scale": {"slope": np.float64(0.462), "bias": 0.5657, "sigma": 0.263},
+        "g_scale": {"slope": 0.5407, "bias": 1.2185, "sigma": 0.25},
+        "R_scale": {"slope": 0.5275, "bias": -0.5917, "sigma": 0.25},
+    },
+}
+"""As ELD's release has them, of the Sony A7S2; numbers to three or four digits."""
+
+
+def test_a_noise_profile_of_eld_becomes_gain_settings_on_its_lines(tmp_path: Path) -> None:
+    path = tmp_path / "SonyA7S2_params.npy"
+    np.save(path, np.array(PROFILE, dtype=object), allow_pickle=True)
+    camera = import_camera(path)
+    assert [gain.label for gain in camera.gains] == [str(100 * 2**k) for k in range(7)]
+    assert gain_dn_per_e(camera) == pytest.approx(0.0939, rel=1e-5)
+    assert camera.adc.bits == 14 and camera.adc.black_level_dn == 800
+    top = camera.at_gain("6400")
+    gain = gain_dn_per_e(top)
+    assert gain == pytest.approx(6.01, rel=1e-5)
+    shape = -0.045  # the median
+    assert top.source_follower.read_noise_shape == pytest.approx(shape)
+    scale = np.exp(0.462 * np.log(6.01) + 0.5657)
+    noise_dn = stats.tukeylambda.std(shape) * scale
+    read_dn = top.source_follower.read_noise_e * gain
+    assert read_dn**2 + 1 / 12 == pytest.approx(noise_dn**2, rel=1e-4)
+    row_dn = np.exp(0.5275 * np.log(6.01) - 0.5917)
+    assert top.readout.row_noise_e * gain == pytest.approx(row_dn, rel=1e-4)
+
+
+class Runs:
+    """An object whose pickle runs a function when it is read."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (print, ("this must not run",))
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (Runs(), "builtins.print, which is no number"),
+        ({"Kmin": Runs()}, "builtins.print, which is no number"),
+        ({"Kmin": 1.0}, "no noise profile with Kmin and Kmax; it has Kmin"),
+        ([1, 2], "has list; give a .npy of one dict"),
+        ({**PROFILE, "Kmax": "much"}, "Kmax is 'much'"),
+        ({**PROFILE, "Profile-1": {}}, "G_scale"),
+    ],
+)
+def test_pickles_run_nothing_and_are_refused_with_what_is_wrong(
+    value: Any, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.npy"
+    array = np.empty((), dtype=object)
+    array[()] = value
+    np.save(path, array, allow_pickle=True)
+    with pytest.raises(ms.InputError) as error:
+        import_camera(path)
+    assert said in str(error.value) and "this must not run" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_broken_bytes_of_a_profile_are_refused(seed: int, tmp_path: Path) -> None:
+    """40 files with 12 bytes changed, cut somewhere: a camera or one sentence, nothing else."""
+    rng = np.random.default_rng(seed)
+    path = tmp_path / "a.npy"
+    np.save(path, np.array(PROFILE, dtype=object), allow_pickle=True)
+    data = bytearray(path.read_bytes())
+    for place in rng.integers(100, len(data), 12):
+        data[place] = rng.integers(256)
+    path.write_bytes(data[: rng.integers(200, len(data) + 1)])
+    try:
+        import_camera(path)
+    except ms.InputError:
+        pass
+
+
+def test_arrays_and_missing_files_are_no_profiles(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.zeros(3))
+    with pytest.raises(ms.InputError, match="has an array of numbers"):
+        import_camera(path)
+    with pytest.raises(ms.InputError, match="cannot be read"):
+        import_camera(tmp_path / "none.npy")

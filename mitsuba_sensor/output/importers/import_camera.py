@@ -10,18 +10,21 @@ from ...camera.camera import Camera
 from ...camera.camera_file import load_camera
 from ...core import InputError
 from ...core.small_files import json_value, require_small
+from ...files.npy_dict import read_npy_dict
 from .calibration import is_storage, is_transforms, read_storage, read_transforms
 from .dng import read_dngs
 from .draft import Draft
 from .emva_report import read_report
 from .getframes import PREFIX, preset_text, read_preset
 from .libcamera import is_tuning, read_tuning
+from .noise_profile import is_profile, read_profile
 from .noise_table import is_table, read_table, rows_by_name
 
 LIKE = "bayer_2mp"
 YAML = (".yml", ".yaml")
 FORMATS = (
-    "a libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs (.dng), an EMVA 1288 report (.xml), a "
+    "a libcamera tuning file (.json), a noise calibration (.json, .csv), a noise profile of ELD (.npy), DNGs (.dng), an "
+    "EMVA 1288 report (.xml), a "
     f"preset of getframes (.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS .yaml, "
     "nerfstudio's transforms.json)"
 )
@@ -35,7 +38,7 @@ def import_camera(
 ) -> Camera:
     """The camera that a file of another program describes, with the source of every number in ``sources``.
 
-    files : a libcamera tuning file, a noise calibration of ELD or PMN, an EMVA 1288 report, a preset of getframes
+    files : a libcamera tuning file, a noise calibration of ELD or PMN, a noise profile of ELD (.npy), an EMVA 1288 report, a preset of getframes
         ("getframes:NAME"), DNGs of one camera, one for each ISO, or a calibration of OpenCV, ROS or nerfstudio, which
         has size and lens distortion.
     like : camera whose numbers hold where the file says nothing; their sources begin with "assumed:".
@@ -67,6 +70,8 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
         )
     if str(first).startswith(PREFIX):
         return read_preset(preset_text(str(first).removeprefix(PREFIX)), str(first), like)
+    if kind == ".npy":
+        return _read_npy(first, like)
     if kind not in (".json", ".csv", ".xml", ".toml", *YAML):
         raise InputError(f"{first} is of no format that is imported; give {FORMATS}.")
     text = _read_text(first)
@@ -97,6 +102,18 @@ def _read_json(text: str, file: str, like: Camera) -> Draft:
         f"{file} is no tuning file (algorithms), has no rows of a noise calibration and no intrinsics (fl_x); give "
         f"{FORMATS}."
     )
+
+
+def _read_npy(path: Path, like: Camera) -> Draft:
+    """The draft of a noise profile."""
+    try:
+        data = read_npy_dict(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}. Give {FORMATS}.") from None
+    if not is_profile(data):
+        names = ", ".join(data)[:200] or "nothing"
+        raise InputError(f"{path} is no noise profile with Kmin and Kmax; it has {names}.")
+    return read_profile(data, path.name, like)
 
 
 def _read_text(path: Path) -> str:

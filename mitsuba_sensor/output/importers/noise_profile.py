@@ -1,0 +1,64 @@
+"""The noise profile of a camera in the release of ELD (Wei et al., CVPR 2020): a dict in a .npy.
+
+The profile has no ISO: K is between ``Kmin`` and ``Kmax``, and the noise of the pixels (``G_scale``, of a Tukey-lambda
+distribution of the shapes ``G_shape``; ``g_scale``, if it were normal) and of rows (``R_scale``) follows it, ln σ =
+slope·ln K + bias, about which the σ of single frames scatter.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping
+from typing import Any
+
+from ...camera.camera import Camera
+from .draft import Draft
+from .noise_table import read_table
+
+LOWEST_ISO = 100
+WHITE_DN, BLACK_DN = 16383, 800
+"""Of the program that the profiles are for, which takes 16383 − 800 DN as the range of raw values."""
+PROFILE = "Profile-1"
+MEANT = "K of a profile of ELD from Kmin to Kmax in octaves; ISO 100 is taken for Kmin"
+
+
+def is_profile(data: Mapping[str, Any]) -> bool:
+    """Whether a dict has the names of a profile."""
+    return {"Kmin", "Kmax", PROFILE} <= data.keys()
+
+
+def read_profile(data: Mapping[str, Any], file: str, like: Camera) -> Draft:
+    """The draft of a camera at Kmin, with gain settings an octave apart. Raises InputError."""
+    draft = Draft(file, like)
+    smallest = draft.number("Kmin", data["Kmin"])
+    largest = draft.number("Kmax", data["Kmax"], smallest * (1 - 1e-9))
+    laws = draft.table(PROFILE, data[PROFILE])
+    pixels = draft.table("G_scale", laws.get("G_scale"))
+    rows = draft.table("R_scale", laws.get("R_scale"))
+    shapes = draft.numbers("G_shape", data.get("G_shape"), -0.5, 2.0)
+    octaves = max(0, round(math.log2(largest / smallest)))
+    table: list[dict[str, float]] = []
+    for octave in range(octaves + 1):
+        gain = smallest * (largest / smallest) ** (octave / max(octaves, 1))
+        table.append(
+            {
+                "iso": LOWEST_ISO * 2.0**octave,
+                "K": gain,
+                "lam": statistics.median(shapes),
+                "sigTL": _at_gain(draft, "G_scale", pixels, gain),
+                "sigR": _at_gain(draft, "R_scale", rows, gain),
+                "bl": BLACK_DN,
+                "wp": WHITE_DN,
+            }
+        )
+    made = read_table(table, file, like)
+    made.description = f"Camera of the noise profile {file} of ELD, at Kmin; {MEANT}"
+    return made
+
+
+def _at_gain(draft: Draft, name: str, law: Mapping[str, Any], gain: float) -> float:
+    """The most likely σ of a noise at a gain [DN]."""
+    slope = draft.number(f"slope of {name}", law.get("slope"), -10.0, 10.0)
+    bias = draft.number(f"bias of {name}", law.get("bias"), -30.0, 30.0)
+    return math.exp(slope * math.log(gain) + bias)
