@@ -51,9 +51,9 @@ def straight(signal: Float64Array, curvature: float) -> Float64Array:
 class Curve:
     """A response y = s(1 + κs + κ₂s² + …).
 
-    kappa, low, high : of the parabola y = s(1 + κs) that is nearest, with its interval [1/DN]; 0 where the response is a
-    line, or the light of the levels is not known.  terms : κ, κ₂, … [1/DN, 1/DN², …], of that parabola or of what is
-    nearer.
+    kappa, low, high : of the parabola y = s(1 + κs) that is nearest, with its interval [1/DN]; 0 where the response is
+    a line, or the light of the levels is not known.  terms : κ, κ₂, … [1/DN, 1/DN², …], of that parabola or of what
+    is nearer.
     """
 
     kappa: float = 0.0

@@ -23,9 +23,9 @@ from .noise_table import is_table, read_table, rows_by_name
 LIKE = "bayer_2mp"
 YAML = (".yml", ".yaml")
 FORMATS = (
-    "a libcamera tuning file (.json), a noise calibration (.json, .csv), a noise profile of ELD (.npy), DNGs (.dng), an "
-    "EMVA 1288 report (.xml), a "
-    f"preset of getframes (.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS .yaml, "
+    "a libcamera tuning file (.json), a noise calibration (.json, .csv), a noise profile of ELD (.npy), "
+    "DNGs (.dng), an EMVA 1288 report (.xml), a preset of getframes "
+    f"(.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS .yaml, "
     "nerfstudio's transforms.json)"
 )
 LARGEST_BYTES = 2**24
@@ -38,9 +38,9 @@ def import_camera(
 ) -> Camera:
     """The camera that a file of another program describes, with the source of every number in ``sources``.
 
-    files : a libcamera tuning file, a noise calibration of ELD or PMN, a noise profile of ELD (.npy), an EMVA 1288 report, a preset of getframes
-        ("getframes:NAME"), DNGs of one camera, one for each ISO, or a calibration of OpenCV, ROS or nerfstudio, which
-        has size and lens distortion.
+    files : a libcamera tuning file, a noise calibration of ELD or PMN, a noise profile of ELD (.npy), an EMVA 1288
+        report, a preset of getframes ("getframes:NAME"), DNGs of one camera, one for each ISO, or a calibration of
+        OpenCV, ROS or nerfstudio, which has size and lens distortion.
     like : camera whose numbers hold where the file says nothing; their sources begin with "assumed:".
     name : of the camera; default: what the file says, else its own name.
     Raises InputError for a file that is none of these, or that has a number out of its range.
