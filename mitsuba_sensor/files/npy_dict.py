@@ -1,14 +1,14 @@
 """A dict of numbers in a .npy file, as ``np.save`` writes it: pickled, and read here without any object but numbers.
 
-Reading a pickle runs what it names. Here it may name arrays, numbers and their types alone, which run nothing.
+Python's own reader of pickles runs what they name. Here their codes are read one by one, they may name arrays, numbers
+and their types alone, and functions of this file stand for these.
 """
 
 from __future__ import annotations
 
-import io
-import pickle
 import pickletools
 import tokenize
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -18,10 +18,7 @@ from ..core import InputError
 from ..core.small_files import require_small
 
 LARGEST_BYTES = 2**20
-BUFFERS = {"BYTEARRAY8", "NEXT_BUFFER", "READONLY_BUFFER"}
-"""Codes of pickles that no such dict has, and that allocate what broken bytes say."""
 BROKEN = (
-    pickle.UnpicklingError,
     ValueError,
     TypeError,
     LookupError,
@@ -33,7 +30,7 @@ BROKEN = (
     SyntaxError,
     tokenize.TokenError,
 )
-"""What NumPy and pickle raise for broken bytes."""
+"""What broken bytes raise."""
 
 
 def read_npy_dict(path: Path) -> dict[str, Any]:
@@ -43,11 +40,7 @@ def read_npy_dict(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             if _header(file) != ((), np.dtype(object)):
                 raise InputError(f"{path} has an array of numbers; give a .npy of one dict.")
-            data = file.read()
-        for code, _, _ in pickletools.genops(data):
-            if code.name in BUFFERS:
-                raise pickle.UnpicklingError(f"it has a {code.name}, which is no number")
-        value = _plain(_Numbers(io.BytesIO(data), encoding="latin1").load())
+            value = _plain(_Machine().load(file.read()))
     except BROKEN as error:
         raise InputError(f"{path} is no .npy of one dict of numbers: {error}.") from None
     if not isinstance(value, dict):
@@ -74,7 +67,8 @@ class _Type:
     def __init__(self, code: str, *_: object) -> None:
         self.code, self.order = code, "<"
 
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
+    def fill(self, state: tuple[Any, ...]) -> None:
+        """By the state that the pickle has of it."""
         self.order = str(state[1])
 
     def read(self, data: bytes) -> np.ndarray:
@@ -92,7 +86,8 @@ class _Array:
     def __init__(self, *_: object) -> None:
         pass
 
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
+    def fill(self, state: tuple[Any, ...]) -> None:
+        """By the state that the pickle has of it."""
         _, shape, kind, is_fortran, data = state
         if isinstance(data, list):
             (self.value,) = data
@@ -122,17 +117,96 @@ def _plain(value: Any) -> Any:
     return value
 
 
-class _Numbers(pickle.Unpickler):
-    """Reads pickles of dicts, lists, texts, numbers and arrays of them, and refuses the name of everything else."""
+class _Machine:
+    """Does what the codes of a pickle say, of those that make dicts, lists, texts, numbers and arrays of them."""
 
-    def find_class(self, module: str, name: str) -> Any:
-        """What stands for a name in the pickle."""
-        known = KNOWN.get((module.replace("numpy._core", "numpy.core"), name))
-        if known is None:
-            raise pickle.UnpicklingError(f"it names {module}.{name}, which is no number")
-        return known
+    def __init__(self) -> None:
+        self.stack: list[Any] = []
+        self.marks: list[int] = []
+        self.memo: dict[int, Any] = {}
+
+    def load(self, data: bytes) -> Any:
+        """The value of a pickle. Raises ValueError for a code or a name of anything else."""
+        for code, argument, _ in pickletools.genops(data):
+            if code.name == "STOP":
+                break
+            if code.name in VALUES:
+                self.stack.append(argument)
+            elif code.name in MADE:
+                self.stack.append(MADE[code.name]())
+            elif code.name in ("MEMOIZE", "BINPUT", "LONG_BINPUT"):
+                number = len(self.memo)
+                if isinstance(argument, int):
+                    number = argument
+                self.memo[number] = self.stack[-1]
+            elif code.name in ("BINGET", "LONG_BINGET"):
+                self.stack.append(self.memo[argument])
+            elif code.name == "MARK":
+                self.marks.append(len(self.stack))
+            elif code.name not in ("PROTO", "FRAME"):
+                self._combine(code.name, argument)
+        return self.stack.pop()
+
+    def _combine(self, code: str, argument: Any) -> None:
+        """A code that takes values from the stack."""
+        stack = self.stack
+        if code == "GLOBAL":
+            stack.append(_known(*argument.split(" ")))
+        elif code == "STACK_GLOBAL":
+            stack.append(_known(*self._take(2)))
+        elif code in TUPLES:
+            stack.append(tuple(self._take(TUPLES[code])))
+        elif code == "TUPLE":
+            stack.append(tuple(self._take_marked()))
+        elif code in ("APPEND", "APPENDS"):
+            parts = self._take(1) if code == "APPEND" else self._take_marked()
+            stack[-1].extend(parts)
+        elif code in ("SETITEM", "SETITEMS"):
+            parts = self._take(2) if code == "SETITEM" else self._take_marked()
+            stack[-1].update(zip(parts[::2], parts[1::2], strict=True))
+        elif code == "REDUCE":
+            made, arguments = self._take(2)
+            stack.append(made(*arguments))
+        elif code == "BUILD":
+            (state,) = self._take(1)
+            stack[-1].fill(state)
+        else:
+            raise ValueError(f"it has the code {code}, which makes no number")
+
+    def _take(self, count: int) -> list[Any]:
+        """The topmost values."""
+        first = len(self.stack) - count
+        parts = self.stack[first:]
+        del self.stack[first:]
+        return parts
+
+    def _take_marked(self) -> list[Any]:
+        """The values above the last mark."""
+        return self._take(len(self.stack) - self.marks.pop())
 
 
+def _known(module: str, name: str) -> Any:
+    """What stands for a name in the pickle."""
+    known = KNOWN.get((module.replace("numpy._core", "numpy.core"), name))
+    if known is None:
+        raise ValueError(f"it names {module}.{name}, which is no number")
+    return known
+
+
+VALUES = {
+    *("BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT"),
+    *("BINUNICODE", "SHORT_BINUNICODE", "BINBYTES", "SHORT_BINBYTES"),
+}
+MADE: dict[str, Callable[[], Any]] = {
+    "EMPTY_DICT": dict,
+    "EMPTY_LIST": list,
+    "EMPTY_TUPLE": tuple,
+    "NONE": lambda: None,
+    "NEWTRUE": lambda: True,
+    "NEWFALSE": lambda: False,
+}
+TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
+"""Codes of pickles: of values, of what is made empty, of tuples with their lengths."""
 CODES = ("f4", "f8", "i2", "i4", "i8", "u1", "u2", "u4")
 KNOWN: dict[tuple[str, str], Any] = {
     ("numpy.core.multiarray", "_reconstruct"): _Array,
