@@ -123,7 +123,7 @@ class _Machine:
     def __init__(self) -> None:
         self.stack: list[Any] = []
         self.marks: list[int] = []
-        self.memo: dict[int, Any] = {}
+        self.memo: dict[Any, Any] = {}
 
     def load(self, data: bytes) -> Any:
         """The value of a pickle. Raises ValueError for a code or a name of anything else."""
