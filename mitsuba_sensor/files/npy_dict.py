@@ -10,7 +10,7 @@ import pickletools
 import tokenize
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO, Literal, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from ..core import InputError
 from ..core.small_files import require_small
 
 LARGEST_BYTES = 2**20
+Value: TypeAlias = Any
+"""What a code of a pickle makes: a dict, a list, a tuple, a text, a number, or what stands for a name."""
 BROKEN = (
     ValueError,
     TypeError,
@@ -33,7 +35,7 @@ BROKEN = (
 """What broken bytes raise."""
 
 
-def read_npy_dict(path: Path) -> dict[str, Any]:
+def read_npy_dict(path: Path) -> dict[str, Value]:
     """The dict of a .npy: numbers as float, arrays as nested lists. Raises InputError for everything else."""
     require_small(path, "the file", LARGEST_BYTES)
     try:
@@ -48,7 +50,7 @@ def read_npy_dict(path: Path) -> dict[str, Any]:
     return value
 
 
-def _header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype[Value]]:
     """Shape and type of the array. Raises ValueError for what is no .npy."""
     readers = {
         (1, 0): np.lib.format.read_array_header_1_0,
@@ -67,7 +69,7 @@ class _Type:
     def __init__(self, code: str, *_: object) -> None:
         self.code, self.order = code, "<"
 
-    def fill(self, state: tuple[Any, ...]) -> None:
+    def fill(self, state: tuple[Value, ...]) -> None:
         """By the state that the pickle has of it."""
         self.order = str(state[1])
 
@@ -81,12 +83,12 @@ class _Type:
 class _Array:
     """An array, as its value: a number, nested lists of them, or the one object that it has."""
 
-    value: Any = None
+    value: Value = None
 
     def __init__(self, *_: object) -> None:
         pass
 
-    def fill(self, state: tuple[Any, ...]) -> None:
+    def fill(self, state: tuple[Value, ...]) -> None:
         """By the state that the pickle has of it."""
         _, shape, kind, is_fortran, data = state
         if isinstance(data, list):
@@ -106,7 +108,7 @@ def _latin1_bytes(text: str, encoding: str) -> bytes:
     return text.encode("latin1")
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Value) -> Value:
     """Dicts, lists and numbers of Python."""
     if isinstance(value, dict):
         return {str(name): _plain(part) for name, part in value.items()}
@@ -121,11 +123,11 @@ class _Machine:
     """Does what the codes of a pickle say, of those that make dicts, lists, texts, numbers and arrays of them."""
 
     def __init__(self) -> None:
-        self.stack: list[Any] = []
+        self.stack: list[Value] = []
         self.marks: list[int] = []
-        self.memo: dict[Any, Any] = {}
+        self.memo: dict[Value, Value] = {}
 
-    def load(self, data: bytes) -> Any:
+    def load(self, data: bytes) -> Value:
         """The value of a pickle. Raises ValueError for a code or a name of anything else."""
         for code, argument, _ in pickletools.genops(data):
             if code.name == "STOP":
@@ -147,7 +149,7 @@ class _Machine:
                 self._combine(code.name, argument)
         return self.stack.pop()
 
-    def _combine(self, code: str, argument: Any) -> None:
+    def _combine(self, code: str, argument: Value) -> None:
         """A code that takes values from the stack."""
         stack = self.stack
         if code == "GLOBAL":
@@ -173,19 +175,19 @@ class _Machine:
         else:
             raise ValueError(f"it has the code {code}, which makes no number")
 
-    def _take(self, count: int) -> list[Any]:
+    def _take(self, count: int) -> list[Value]:
         """The topmost values."""
         first = len(self.stack) - count
         parts = self.stack[first:]
         del self.stack[first:]
         return parts
 
-    def _take_marked(self) -> list[Any]:
+    def _take_marked(self) -> list[Value]:
         """The values above the last mark."""
         return self._take(len(self.stack) - self.marks.pop())
 
 
-def _known(module: str, name: str) -> Any:
+def _known(module: str, name: str) -> Value:
     """What stands for a name in the pickle."""
     known = KNOWN.get((module.replace("numpy._core", "numpy.core"), name))
     if known is None:
@@ -197,7 +199,7 @@ VALUES = {
     *("BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT"),
     *("BINUNICODE", "SHORT_BINUNICODE", "BINBYTES", "SHORT_BINBYTES"),
 }
-MADE: dict[str, Callable[[], Any]] = {
+MADE: dict[str, Callable[[], Value]] = {
     "EMPTY_DICT": dict,
     "EMPTY_LIST": list,
     "EMPTY_TUPLE": tuple,
@@ -208,7 +210,7 @@ MADE: dict[str, Callable[[], Any]] = {
 TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 """Codes of pickles: of values, of what is made empty, of tuples with their lengths."""
 CODES = ("f4", "f8", "i2", "i4", "i8", "u1", "u2", "u4")
-KNOWN: dict[tuple[str, str], Any] = {
+KNOWN: dict[tuple[str, str], Value] = {
     ("numpy.core.multiarray", "_reconstruct"): _Array,
     ("numpy.core.multiarray", "scalar"): _scalar,
     ("numpy", "ndarray"): _Array,

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping
-from typing import Any
 
 from ...camera.camera import Camera
 from .draft import Draft
@@ -23,12 +22,12 @@ PROFILE = "Profile-1"
 MEANT = "K of a profile of ELD from Kmin to Kmax in octaves; ISO 100 is taken for Kmin"
 
 
-def is_profile(data: Mapping[str, Any]) -> bool:
+def is_profile(data: Mapping[str, object]) -> bool:
     """Whether a dict has the names of a profile."""
     return {"Kmin", "Kmax", PROFILE} <= data.keys()
 
 
-def read_profile(data: Mapping[str, Any], file: str, like: Camera) -> Draft:
+def read_profile(data: Mapping[str, object], file: str, like: Camera) -> Draft:
     """The draft of a camera at Kmin, with gain settings an octave apart. Raises InputError."""
     draft = Draft(file, like)
     smallest = draft.number("Kmin", data["Kmin"])
@@ -57,7 +56,7 @@ def read_profile(data: Mapping[str, Any], file: str, like: Camera) -> Draft:
     return made
 
 
-def _at_gain(draft: Draft, name: str, law: Mapping[str, Any], gain: float) -> float:
+def _at_gain(draft: Draft, name: str, law: Mapping[str, object], gain: float) -> float:
     """The most likely σ of a noise at a gain [DN]."""
     slope = draft.number(f"slope of {name}", law.get("slope"), -10.0, 10.0)
     bias = draft.number(f"bias of {name}", law.get("bias"), -30.0, 30.0)
