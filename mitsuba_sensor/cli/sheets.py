@@ -106,7 +106,7 @@ def sheet(
     """Image quality of a camera on one page: what charts show at every gain and temperature, beside theory.
 
     Charts stand in front of a simulated camera: even light (EMVA 1288), slanted edges, grey steps, a
-    ColorChecker. Their light is rendered once and kept in ~/.cache/mitsuba-sensor.
+    ColorChecker, a grey surface, a flickering lamp. Their light is rendered once and kept in ~/.cache/mitsuba-sensor.
 
     Writes sheet.html, sheet.json and sheet.csv; --compare writes comparison.html, comparison.json and comparison.csv.
     Exit code 1: a figure is not what theory says.

@@ -9,9 +9,18 @@ from .chart import Chart
 from .colours import ColoursChart
 from .edge import EDGES
 from .emva import EmvaChart
+from .grey import GreyChart
+from .led import LedChart
 from .steps import StepsChart
 
-CHARTS: tuple[Chart, ...] = (EmvaChart(), *EDGES, StepsChart(), ColoursChart())
+CHARTS: tuple[Chart, ...] = (
+    EmvaChart(),
+    *EDGES,
+    StepsChart(),
+    ColoursChart(),
+    GreyChart(),
+    LedChart(),
+)
 """One more chart is one more file of this folder, and its place here."""
 
 

@@ -96,20 +96,26 @@ def _measure(bench: Bench, patches: Patches) -> Measured:
         for top, left, rows, columns in patches.regions
     ]
     try:
-        planes: dict[str, list[Float64Array]] = {}
-        for name, part in bench.of_filters().items():
-            own = planes.setdefault(name.partition(" (")[0], [])
-            own.append(without_black(part.scenes, part))
+        planes = planes_of_filters(bench)
         if len(planes) < CHANNELS:
             raise InputError(
                 f"the frames have {len(planes)} colour filter(s); a colour matrix needs {CHANNELS}: give the tile in "
                 "bench.toml."
             )
-        means = [np.mean(own, axis=0) for own in planes.values()]
-        chart = colour_chart(np.stack(means, axis=2), regions)
+        chart = colour_chart(np.stack(list(planes.values()), axis=2), regions)
     except InputError as error:
         return Measured("", (), refused=(str(error),))
     return Measured("", chart.quantities, {"Colours in CIELAB": chart.plot})
+
+
+def planes_of_filters(bench: Bench) -> dict[str, Float64Array]:
+    """The picture behind each colour filter, the mean of its places in the mosaic. Raises InputError without dark
+    frames or pictures."""
+    planes: dict[str, list[Float64Array]] = {}
+    for name, part in bench.of_filters().items():
+        own = planes.setdefault(name.partition(" (")[0], [])
+        own.append(without_black(part.scenes, part))
+    return {name: np.asarray(np.mean(own, axis=0)) for name, own in planes.items()}
 
 
 def _patch_side(camera: Camera) -> tuple[int, int]:

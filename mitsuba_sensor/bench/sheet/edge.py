@@ -188,14 +188,25 @@ def bands_of_lamps(camera: Camera) -> Bands:
 
 
 def lamp_photons(setting: Setting, lights: Lights) -> Float64Array:
-    """Mean photons of all lamps (H, W, B): equally many electrons of each where it is seen best, and the bright side at
-    its share of the saturation of the filter that sees most."""
-    camera, bands = setting.camera, bands_of_lamps(setting.camera)
-    shapes = np.concatenate([light.data / _brightest(light.data) for light in lights], axis=-1)
-    shapes = np.broadcast_to(shapes, (*shapes.shape[:2], len(bands.wavelengths_nm)))
+    """Mean photons of all lamps (H, W, B), the bright side at its share of saturation."""
+    shapes = [light.data / _brightest(light.data) for light in lights]
+    return photons_of_shapes(setting.camera, shapes, BRIGHT_SIDE)
+
+
+def photons_of_shapes(
+    camera: Camera, shapes: Sequence[Float64Array], share: float
+) -> Float64Array:
+    """Mean photons of all lamps (H, W, B): equally many electrons of each where it is seen best.
+
+    shapes : light (H, W, 1) of each lamp, or of one for all.  share : of the saturation of the filter that sees most,
+    where shapes are 1.
+    """
+    bands = bands_of_lamps(camera)
+    joined = np.concatenate(shapes, axis=-1)
+    joined = np.broadcast_to(joined, (*joined.shape[:2], len(bands.wavelengths_nm)))
     most_e = camera.qe(*bands).max(axis=0)
     total = levels_of_filters(camera, 1 / most_e, bands).max()
-    return np.asarray(shapes / most_e * (BRIGHT_SIDE * saturation_e(camera) / total))
+    return np.asarray(joined / most_e * (share * saturation_e(camera) / total))
 
 
 def _brightest(light: Float64Array) -> Float64Array:

@@ -32,6 +32,7 @@ class ChartScene(NamedTuple):
     name : of its light.  text : the XML, or the name of a scene that ships.  samples : of each pixel.
     wavelength_nm : of its only band; None: all bands that the camera detects.
     width : columns of the picture, where they are not those of the scene.
+    pixels : of the camera along each side of one of the picture.
     """
 
     name: str
@@ -39,6 +40,18 @@ class ChartScene(NamedTuple):
     samples: int
     wavelength_nm: float | None = None
     width: int | None = None
+    pixels: float = 1.0
+
+    def seen_by(self, camera: Camera) -> Camera:
+        """The camera with the pixels of the picture."""
+        if self.pixels == 1:
+            return camera
+        across, down = (camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
+        wider = {
+            "pixel.pitch_x_um": across * self.pixels,
+            "pixel.pitch_y_um": down * self.pixels,
+        }
+        return camera.replace(**wider)
 
 
 class ChartLight(NamedTuple):
@@ -97,7 +110,9 @@ def fingerprint(scene: ChartScene, camera: Camera) -> str:
         REVISION,
         scene,
         sorted(camera.lens.model_dump(mode="json").items()),
-        (pixel.pitch_x_um, pixel.pitch_y_um, pixel.aperture_shape, pixel.angular_response),
+        (pixel.pitch_x_um, pixel.pitch_y_um, pixel.aperture_shape),
+        (pixel.angular_response, pixel.angular_response_deg),
+        (pixel.microlens_cra_deg, pixel.microlens_cra_heights_mm),
         camera.band_nm,
         choose_variant().name,
         [version_of[name] for name in RENDERERS],
@@ -112,7 +127,7 @@ def _rendered(scene: ChartScene, camera: Camera) -> dict[str, np.ndarray]:
         own = {"wavelength_nm": scene.wavelength_nm, "bandwidth_nm": NARROW_NM}
     light = render(
         scene.text,
-        camera,
+        scene.seen_by(camera),
         Exposure(1.0),
         seed=1,
         progress=False,

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...core.types import Float64Array
 from ...lab.statistics.estimators import z_limit
 from ...pages.page import (
@@ -37,8 +39,8 @@ OF_TABLE = (
     "z: distance from theory in standard errors. A row is marked where the figure is farther from theory, or from the "
     "range in which single chips of the datasheet lie, than chance allows for so many figures: once in 100 sheets"
 )
-CHARTS_OF_LINE = 4
-"""Side by side in the overview."""
+CHARTS_OF_LINE, TITLE_LETTERS = 4, 26
+"""Charts side by side in the overview, and letters of a line of a title there."""
 TRENDS = "K", "σ_d", "µ_I.mean", "DSNU1288", "DR", "MTF50"
 """Figures that are drawn over the settings."""
 
@@ -81,16 +83,30 @@ def _draw_part(part: ChartPart, box: tuple[float, float, float], ax: Axes) -> No
     width = 0.72 / CHARTS_OF_LINE
     if part.picture is not None:
         above = ax.inset_axes((left, bottom + 0.55 * height, width, 0.36 * height))
-        draw_frame(part.picture, above)
+        above.imshow(mean_of_tiles(part.picture, part.tile), cmap="gray", vmin=0)
         above.set_title(part.name, fontsize=9)
         above.set_axis_off()
     for title, draw in list(part.drawings.items())[:1]:
         below = ax.inset_axes((left, bottom + 0.08 * height, width, 0.36 * height))
         draw(below)
-        below.set_title(title, fontsize=7)
+        below.set_title(_in_lines(title), fontsize=7)
         below.tick_params(labelsize=6)
         below.set_xlabel(below.get_xlabel(), fontsize=6)
         below.set_ylabel(below.get_ylabel(), fontsize=6)
+
+
+def _in_lines(title: str) -> str:
+    """A title, with the filter in a second line where it is long."""
+    if len(title) > TITLE_LETTERS:
+        return title.replace(" behind ", "\nbehind ")
+    return title
+
+
+def mean_of_tiles(frame: Float64Array, tile: tuple[int, int]) -> Float64Array:
+    """A frame with one value for each tile of its colour mosaic, without pixels of tiles that are cut off."""
+    rows, columns = (count // step for count, step in zip(frame.shape, tile, strict=True))
+    whole = frame[: rows * tile[0], : columns * tile[1]]
+    return np.asarray(whole.reshape(rows, tile[0], columns, tile[1]).mean(axis=(1, 3)))
 
 
 def mark_of(row: Row, limit: float) -> Mark:

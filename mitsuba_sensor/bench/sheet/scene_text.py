@@ -13,12 +13,28 @@ DAYLIGHT = (
 
 def telecentric_scene(shape: tuple[int, int], elements: Iterable[str]) -> str:
     """The XML of a scene.  shape : rows and columns of the picture; its middle is at (0, 0)."""
+    half = shape[1] / 2
+    sensor = (
+        f'<sensor type="orthographic"><transform name="to_world"><scale x="{half:g}" y="{half:g}"/>'
+        '<lookat origin="0, 0, 1" target="0, 0, 0" up="0, 1, 0"/></transform>'
+    )
+    return _scene(sensor, shape, elements)
+
+
+def surrounded_scene(shape: tuple[int, int], field_deg: float) -> str:
+    """The XML of even light from everywhere.  field_deg : field of view across."""
+    sensor = f'<sensor type="perspective"><float name="fov" value="{field_deg:g}"/>'
+    return _scene(
+        sensor, shape, [f'<emitter type="constant">{EVEN.format(value=1.0)}</emitter>']
+    )
+
+
+def _scene(sensor: str, shape: tuple[int, int], elements: Iterable[str]) -> str:
+    """The XML of a scene.  sensor : the beginning of its element, without film and sampler."""
     rows, columns = shape
     return f"""<scene version="3.0.0">
 <integrator type="path"><integer name="max_depth" value="1"/></integrator>
-<sensor type="orthographic">
-<transform name="to_world"><scale x="{columns / 2:g}" y="{columns / 2:g}"/>
-<lookat origin="0, 0, 1" target="0, 0, 0" up="0, 1, 0"/></transform>
+{sensor}
 <film type="specfilm"><integer name="width" value="{columns}"/><integer name="height" value="{rows}"/>
 <string name="component_format" value="float32"/><rfilter type="box"/></film>
 <sampler type="multijitter"/>

@@ -83,7 +83,7 @@ class ChartPart:
     """What one chart gave at one setting.
 
     name, title : of the chart.  setting : what it is called.  rows : its figures.  drawings : by title.
-    picture : the first frame, or None.  refused : sentences.
+    picture : the first frame, or None.  tile : rows and columns of its colour mosaic.  refused : sentences.
     """
 
     name: str
@@ -93,6 +93,7 @@ class ChartPart:
     drawings: Mapping[str, Callable[[Axes], object]] = field(default_factory=dict)
     picture: Float64Array | None = None
     refused: Sequence[str] = ()
+    tile: tuple[int, int] = (1, 1)
 
 
 def simulated_sheet(
@@ -157,8 +158,17 @@ def part_of_frames(chart: Chart, name: str, taken: Taken, theory: Theory) -> Cha
             drawings[f"{title}{where}"] = partial(_draw_both, draw, chart, said)
         refused += [f"{sentence}{where}" for sentence in found.refused]
     pictures = (stack.frames[0] for stack in taken.bench.scenes)
-    setting = named(gain, temperature_k)
-    return ChartPart(name, chart.title, setting, rows, drawings, next(pictures, None), refused)
+    tile = first.tile or (("",),)
+    return ChartPart(
+        name,
+        chart.title,
+        named(gain, temperature_k),
+        rows,
+        drawings,
+        next(pictures, None),
+        refused,
+        (len(tile), len(tile[0])),
+    )
 
 
 def _draw_both(
