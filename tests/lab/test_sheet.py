@@ -292,9 +292,10 @@ def written_frames(folder: Path, bench: Bench) -> None:
 
 
 def test_frames_on_disk_give_the_figures_of_the_same_camera(tmp_path: Path) -> None:
-    """Edge and steps of a simulated camera, written and read as those of a real one."""
-    at, chart = setting(TINY), StepsChart()
-    for one, name in ((EDGES[0], "edge_middle"), (chart, "steps")):
+    """Charts of a simulated camera, written and read as those of a real one."""
+    at, names = setting(TINY), ("edge_columns", "steps", "grey", "led")
+    for one in chosen_charts(names):
+        name = one.name.replace("columns", "middle")
         taken = one.take(at, [light_of(scene, TINY) for scene in one.scenes(TINY)])
         written_frames(tmp_path / "frames" / name, taken.bench)
         facts = [f"{key} = {json.dumps(value)}" for key, value in taken.facts.items()]
@@ -302,11 +303,11 @@ def test_frames_on_disk_give_the_figures_of_the_same_camera(tmp_path: Path) -> N
     result = run("--frames", str(tmp_path / "frames"), "-o", str(tmp_path / "out"), "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)["rows"]
-    assert {row["chart"] for row in found} == {"edge_middle", "steps"}
+    assert {row["chart"] for row in found} == {"edge_middle", "steps", "grey", "led"}
     assert not any(row["mark"] for row in found)
     simulated = {
         (row.chart.replace("edge_columns", "edge_middle"), row.quantity.symbol): row
-        for row in part_rows(TINY, "edge_columns", "steps")
+        for row in part_rows(TINY, *names)
     }
     for row in found:
         assert row["value"] == simulated[row["chart"], row["symbol"]].quantity.value

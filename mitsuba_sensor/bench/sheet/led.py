@@ -6,6 +6,7 @@ see most. Frames begin at phases all over its period.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,11 +20,11 @@ from ...lab.frames.bench import Bench
 from ...lab.measure.automotive.flicker import flicker
 from ...optics.shutter import shutter_of
 from ...optics.waveform import pwm
-from ..datasheet import Said
+from ..datasheet import SIGMAS, Said
 from .chart import Lights, Measured, Taken, Theory
 from .edge import bands_of_lamps, photons_of_shapes
 from .light import ChartScene
-from .setting import Setting, chart_shape, take
+from .setting import Setting, chart_shape, levels_of_filters, take
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,12 +81,14 @@ class LedChart(NamedTuple):
         rows = np.arange(shape[0]) * row_periods
         begins = np.arange(FRAMES)[:, None] * STEP_PERIODS + rows
         light = lit_periods(begins, setting.exposure.time_s * FREQUENCY_HZ).mean(axis=1)
-        modulation = float(np.ptp(light) / (light.max() + light.min()))
         steady = float((np.abs(light / light.mean() - 1) < TOLERANCE).mean())
-        said = {"FMI": Said(*3 * (modulation,)), "MMP": Said(*3 * (steady,))}
-        if len(camera.filter_names) == 1:
-            return {"": said}
-        return dict.fromkeys(camera.filter_names, said)
+        noises = _noise_of_means(camera, shape)
+        theory = {}
+        for name, noise in zip(camera.filter_names, noises.tolist(), strict=True):
+            modulation = _modulation(light / light.max(), noise)
+            said = {"FMI": modulation, "MMP": Said(*3 * (steady,))}
+            theory[name if len(camera.filter_names) > 1 else ""] = said
+        return theory
 
     def draw_theory(self, said: Mapping[str, Said], ax: Axes) -> None:
         """Nothing: theory stands in the table."""
@@ -103,6 +106,31 @@ def lit_periods(begin_periods: Float64Array, open_periods: float) -> Float64Arra
         return np.asarray(DUTY * whole + np.minimum(periods - whole, DUTY))
 
     return lit_until(begin_periods + open_periods) - lit_until(begin_periods)
+
+
+def _modulation(light: Float64Array, noise: float) -> Said:
+    """Flicker modulation index, and how far noise of the means of frames may take it.
+
+    light : of the frames, over the brightest.  noise : standard deviation, in the same unit.
+    """
+    ends = float(light.min()), float(light.max())
+    value = (ends[1] - ends[0]) / sum(ends)
+    reach = SIGMAS * noise * 2 * math.hypot(*ends) / sum(ends) ** 2
+    return Said(value, value - reach, value + reach)
+
+
+def _noise_of_means(camera: Camera, shape: tuple[int, int]) -> Float64Array:
+    """Noise of rows and columns in the mean of a frame behind each colour filter, (F,), over its brightest light."""
+    rows, columns = (count // step for count, step in zip(shape, _tile(camera), strict=True))
+    readout = camera.readout
+    noise_e2 = readout.row_noise_e**2 / rows + readout.column_noise_e**2 / columns
+    photons = photons_of_shapes(camera, [np.ones((1, 1, 1))], BRIGHTEST)
+    electrons = levels_of_filters(camera, photons[0, 0], bands_of_lamps(camera))
+    return np.asarray(math.sqrt(noise_e2) / electrons)
+
+
+def _tile(camera: Camera) -> tuple[int, int]:
+    return len(camera.tile), len(camera.tile[0])
 
 
 def _measure(name: str, bench: Bench) -> Measured:
