@@ -183,6 +183,7 @@ def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     )
 
 
+@pytest.mark.exhaustive
 def test_cases_of_plans_are_cameras_that_exist() -> None:
     """The first 300 are drawn; nothing is computed."""
     draw = importlib.import_module("plan_cases").case

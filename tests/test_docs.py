@@ -45,7 +45,7 @@ SMALL = {
 }
 """What the commands of the pages get in addition here."""
 
-LONG_PAGES = {"exposure-and-colour", "lab", "plugins", "rendering"}
+LONG_PAGES = {"exposure-and-colour", "image-quality", "lab", "plugins", "rendering"}
 """Their commands and calls are those of other pages, with other options."""
 
 LONG = r"\bstudy\b|\bcharacterize\b|\bsheet\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"

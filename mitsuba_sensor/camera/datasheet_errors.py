@@ -128,9 +128,7 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
     said = one["msg"].removeprefix("Input should be ").removeprefix("Input ")
     rule = PLAIN.get(what) or _number_rule(what, field) or said
     if limit := next((one["ctx"][end] for end in LIMITS if end in one.get("ctx", ())), None):
-        rule = rule.replace(
-            said.rpartition(" ")[2], f"{limit:g}"
-        )  # 1e-30 has thirty digits there
+        rule = rule.replace(said.rpartition(" ")[2], repr(limit))  # 1e-30 has thirty digits
     if what in ("too_short", "too_long"):
         least, most = (one["ctx"].get(f"{end}_length") for end in ("min", "max"))
         rule = f"at most {most} long" if least is None else f"at least {least} long"

@@ -63,6 +63,7 @@ def contents(folder: Path) -> dict[str, str]:
     }
 
 
+@pytest.mark.exhaustive
 def test_processes_shards_and_a_cluster_make_the_same_bytes(
     plan: DatasetPlan, tmp_path: Path
 ) -> None:

@@ -13,7 +13,7 @@ from helpers.datasets import SCENES, TABLES
 from mitsuba_sensor.dataset.configured import PlannedSample
 from mitsuba_sensor.dataset.file import Distribution, read_dataset
 from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedView
-from mitsuba_sensor.dataset.run import of_shard
+from mitsuba_sensor.dataset.run import numbers_of_shard
 from mitsuba_sensor.dataset.sweep import Poses, drawn, share_of
 
 POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
@@ -266,7 +266,8 @@ def test_shards_split_a_view_into_parts_of_equal_size(shards: int) -> None:
     """They are disjoint and together all; a dataset of one view, too."""
     grid = {"exposure_s": [0.1, 0.2, 0.3, 0.4], "serial": [1, 2, 3]}
     plan = DatasetPlan(read_dataset({**TABLES, "grid": grid}), [SCENES])
-    parts = [samples(list(of_shard(plan, (k, shards)))) for k in range(1, shards + 1)]
+    numbers = [numbers_of_shard(plan, (k, shards)) for k in range(1, shards + 1)]
+    parts = [samples(list(plan.views(part.start, part.stop))) for part in numbers]
     assert {len(part) for part in parts} <= {12 // shards, -(-12 // shards)}
     assert [one for part in parts for one in part] == samples(list(plan.views()))
 

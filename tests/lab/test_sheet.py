@@ -157,6 +157,7 @@ def test_coupled_pixels_and_small_apertures_have_the_modulation_of_theory(
     )
 
 
+@pytest.mark.exhaustive
 def test_diffraction_is_in_light_and_theory() -> None:
     """f/16 on 2 µm; 6 figures or more: beyond 4 standard errors once in 2000 runs; the seed is fixed."""
     camera = TINY.replace(

@@ -98,6 +98,7 @@ def test_the_frequency_of_a_share_is_where_the_curve_has_it(share: float) -> Non
     assert math.isnan(curve.at(2.0).value)
 
 
+@pytest.mark.exhaustive
 def test_edges_cover_what_they_were_made_with() -> None:
     """60 edges, 5 figures of each: fewer than 87 % or none outside once in 500 tests."""
     shares = [share for share, _ in coverage(edge_case, 60).values()]

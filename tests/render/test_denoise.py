@@ -200,6 +200,7 @@ def reference(variant: str) -> np.ndarray:
     )
 
 
+@pytest.mark.exhaustive
 def test_the_cornell_box_is_four_times_nearer_to_its_reference_and_its_error_bars_hold() -> (
     None
 ):

@@ -93,6 +93,7 @@ def passes(scene: Scene, seed: int) -> Any:
     )
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("spectral", "lens"),
     [

@@ -93,6 +93,7 @@ def each(floor: Path) -> Series:
     return series(floor, "per-frame", SPP, FRAMES // 2)
 
 
+@pytest.mark.exhaustive
 def test_compensated_frames_have_mean_and_variance_of_poissons_law(
     compensated: Series, each: Series
 ) -> None:

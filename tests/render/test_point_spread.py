@@ -147,6 +147,7 @@ LOPSIDED = [[0.1, 0.3, 0.6, 0.2], [0.4, 1.0, 0.9, 0.3], [0.2, 0.8, 0.5, 0.0]]
 """A sensitivity within the pixel of three rows and four columns."""
 
 
+@pytest.mark.exhaustive
 def test_an_edge_has_the_response_of_a_map_of_the_sensitivity_within_the_pixel(
     tmp_path: Path,
 ) -> None:

@@ -67,6 +67,7 @@ def test_a_moving_edge_is_where_the_time_of_its_frame_says(
     assert (series["fps"], series["period_s"]) == (10, 0.1)
 
 
+@pytest.mark.exhaustive
 def test_a_later_frame_alone_is_that_of_the_series(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, SCENE)
     given: dict[str, Any] = {"motion": MOTION, "frame_period_s": 0.1, **QUICK}
@@ -96,6 +97,7 @@ def test_a_hundred_frames_of_a_still_scene_are_one_render_and_the_frames_without
     assert timed.metadata["series"]["flicker_modulation_index"] < 0.01
 
 
+@pytest.mark.exhaustive
 def test_light_groups_of_a_moving_scene_are_loaded_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,6 +191,7 @@ def test_impossible_times_are_refused_by_expose_too(options: dict[str, Any]) -> 
         ms.expose(np.ones((4, 4)), "konnik_table1", ms.Exposure(0.01), frames=2, **options)
 
 
+@pytest.mark.exhaustive
 def test_a_ghost_behind_a_moving_edge_has_the_lag_of_the_frame_before(tmp_path: Path) -> None:
     """Columns that have become dark show f of the light that was there one frame ago, of its own render; frame 2 is
     the same alone, and frame 0 sees itself. The light is the same with lag and without."""

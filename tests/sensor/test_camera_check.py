@@ -360,4 +360,4 @@ def test_a_damaged_file_has_an_error_exactly_if_it_does_not_load(
                 ms.load_camera(path)
         else:
             loads += bool(ms.load_camera(path))
-    assert files / 12 < loads < 11 * files / 12
+    assert files / 20 < loads < 19 * files / 20

@@ -60,6 +60,7 @@ class TestSoftFullWellThatIsNearlyFull(TestSoftFullWell):
     level = 1.1
 
 
+@pytest.mark.exhaustive
 class TestSoftFullWellWithAKneeNarrowerThanItsNoise(TestSoftFullWell):
     """σ of the counts is 182 e-: averages over them."""
 
