@@ -83,7 +83,6 @@ def bytes_per_pixel(script: str, *arguments: str) -> float:
     return float(done.stdout.splitlines()[-1])
 
 
-@pytest.mark.exhaustive
 @on_linux
 def test_frame_and_files_need_little_memory_beside_the_light(tmp_path: Path) -> None:
     """As a file of the light has 260 bytes per pixel, a copy of it would be seen."""

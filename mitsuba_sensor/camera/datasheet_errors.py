@@ -34,6 +34,9 @@ NOT_A_NUMBER = ("float_type", "int_type")
 """Errors of a value that is no number."""
 
 NUMBER_NOUNS = {"float_type": "a number", "int_type": "a whole number"}
+MOST_DIGITS = 20
+"""Of a limit that is written out."""
+
 LIMITS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 """The ends of a range as pydantic's metadata call them, and as a sentence says them."""
 
@@ -127,8 +130,10 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
         return f"{path} is {value}, and it is a text. Did you mean {MEANT[path]!r}?"
     said = one["msg"].removeprefix("Input should be ").removeprefix("Input ")
     rule = PLAIN.get(what) or _number_rule(what, field) or said
-    if limit := next((one["ctx"][end] for end in LIMITS if end in one.get("ctx", ())), None):
-        rule = rule.replace(said.rpartition(" ")[2], repr(limit))  # 1e-30 has thirty digits
+    limit = next((one["ctx"][end] for end in LIMITS if end in one.get("ctx", ())), None)
+    digits = said.rpartition(" ")[2]
+    if limit is not None and len(digits) > MOST_DIGITS:
+        rule = rule.replace(digits, repr(limit))  # 1e-30
     if what in ("too_short", "too_long"):
         least, most = (one["ctx"].get(f"{end}_length") for end in ("min", "max"))
         rule = f"at most {most} long" if least is None else f"at least {least} long"

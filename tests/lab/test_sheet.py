@@ -215,6 +215,7 @@ def test_a_grey_surface_falls_off_as_the_lens_says(
     assert row.said.value == pytest.approx(corners_percent, abs=0.3)
 
 
+@pytest.mark.exhaustive
 def test_a_lens_without_a_closed_form_has_its_illumination_without_theory() -> None:
     """The double Gauss on a sensor of 0.4 mm is as bright in the corners as in the middle."""
     row, _ = part_rows(TINY.replace(**{"lens.prescription": "double_gauss"}), "grey")
