@@ -122,6 +122,8 @@ def cluster(folder: Path) -> Iterator[tuple[str, int]]:
 class Deadly:
     """A view that ends the process that it comes to."""
 
+    first = 0
+
     @property
     def key(self) -> str:
         if multiprocessing.parent_process() is not None:
