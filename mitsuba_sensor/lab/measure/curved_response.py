@@ -36,7 +36,11 @@ OF_SMALL_SIGNALS = (
     "of small signals: the response is curved, and variances are divided by the square of its slope; EMVA 1288 Linear "
     "takes the curve as a line"
 )
-"""In the note of a figure that is measured so."""
+TOO_FEW = (
+    "{} levels between 2 and 90 % of the signal of the largest variance cannot tell whether the response is curved; "
+    "take 5 or more"
+)
+"""In the notes of figures."""
 
 
 def straight(signal: Float64Array, curvature: float) -> Float64Array:
@@ -53,13 +57,23 @@ class Curve:
 
     kappa, low, high : of the parabola y = s(1 + κs) that is nearest, with its interval [1/DN]; 0 where the response is
     a line, or the light of the levels is not known.  terms : κ, κ₂, … [1/DN, 1/DN², …], of that parabola or of what
-    is nearer.
+    is nearer.  levels : that could show a curve; fewer than 5 do not.
     """
 
     kappa: float = 0.0
     low: float = 0.0
     high: float = 0.0
     terms: tuple[float, ...] = ()
+    levels: int = FEWEST
+
+    @property
+    def note(self) -> str:
+        """Of a figure that takes this response as a line, or as a curve."""
+        if self.kappa:
+            return OF_SMALL_SIGNALS
+        if self.levels < FEWEST:
+            return TOO_FEW.format(self.levels)
+        return ""
 
     def __bool__(self) -> bool:
         return bool(self.kappa)
@@ -86,8 +100,9 @@ def curvature(measured: Series, end: Peak) -> Curve:
     used = measured.inside & (y > USED[0] * end.mean[0]) & (y < USED[1] * end.mean[0]) & (x > 0)
     stray, _ = find_stray(measured, end)
     used &= ~stray
-    if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
-        return Curve()
+    levels = len(set(x[used].tolist()))
+    if levels < FEWEST:
+        return Curve(levels=levels)
     x, y = x[used], y[used]
     errors, dark_shift = _errors(measured, used)
     start, largest = float(y[0] / x[0]), y.max()

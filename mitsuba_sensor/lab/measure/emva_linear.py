@@ -13,7 +13,7 @@ from ..frames.selection import temporal_levels
 from ..frames.series import Report, Series, centre, series
 from ..frames.stack import Stack
 from ..quantity import Quantity, unknown
-from .curved_response import OF_SMALL_SIGNALS, curvature, straighten
+from .curved_response import curvature, straighten
 from .dark_noise import DarkNoise, dark_noise
 from .photon_transfer import PhotonTransfer, photon_transfer
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
@@ -65,10 +65,9 @@ def emva_linear(
     curve = curvature(measured, find_peak(measured))
     straightened = straighten(measured, curve) if curve else measured
     transfer, light = photon_transfer(straightened), radiometric(measured)
+    transfer = replace(transfer, gain=transfer.gain.noted(curve.note))
     if curve:
-        gain = transfer.gain.noted(OF_SMALL_SIGNALS)
-        responsivity = radiometric(straightened).responsivity.noted(OF_SMALL_SIGNALS)
-        transfer = replace(transfer, gain=gain)
+        responsivity = radiometric(straightened).responsivity.noted(curve.note)
         light = replace(light, responsivity=responsivity)
     efficiency = light.efficiency(transfer.gain)
     if window is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from ...core.types import Float64Array
 from ..frames.series import Series, series
 from ..frames.stack import Stack
-from ..measure.curved_response import OF_SMALL_SIGNALS, curvature, straight, straighten
+from ..measure.curved_response import curvature, straight, straighten
 from ..measure.photon_transfer import PhotonTransfer, photon_transfer
 from ..measure.radiometric import radiometric
 from ..measure.saturation import Peak, find_peak
@@ -129,9 +129,7 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
         straightened = straighten(measured, curve)
     transfer = photon_transfer(straightened)
     top = _largest_signal(measured, end, kappa)
-    gain = transfer.gain
-    if kappa:
-        gain = gain.noted(OF_SMALL_SIGNALS)
+    gain = transfer.gain.noted(curve.note)
     ratio = replace(_NO_RATIO, value=1.0, low=1.0, high=1.0)
     if kappa:
         low, high = sorted(1 + limit * top.value for limit in (curve.low, curve.high))
