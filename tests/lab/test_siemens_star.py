@@ -92,6 +92,9 @@ def test_the_star_draws_itself() -> None:
     [
         (np.ones((200, 200)), 3, {}, "cycles"),
         (np.ones((30, 30)), 144, {}, "no ring of enough pixels"),
+        (np.ones((200, 200)), 36.5, {}, "whole number"),
+        (np.ones((200, 200)), 35, {}, "that it has 35 cycles"),
+        (np.ones((200, 200)), 72, {}, "that it has 72 cycles"),
         (np.ones((200, 200)), 36, {"contrast": 0.0}, "contrast"),
         (np.ones((200, 200)), 36, {"radius_px": 300.0}, "radius_px"),
         (-np.ones((200, 200)), 36, {}, "not brighter than black"),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
-from ...core import InputError, numbers, require
+from ...core import InputError, numbers, require, require_seed
 from ...core.argument_names import tells_of_names
 from ...core.types import Float64Array
-from ..quantity import LEVEL, Quantity
+from ..quantity import Quantity
+from ..statistics.noncentral import noncentrality_interval
 
 SECTION = "Abdelhamed et al. 2019"
 FEWEST_IN_A_BIN = 10
@@ -39,7 +39,8 @@ def noise_divergence(real: ArrayLike, model: ArrayLike, *, bins: int = 64) -> Qu
             raise InputError(
                 f"{name} has {values.size} values; pass 100 finite values or more."
             )
-    count = int(require("bins", bins, 2, 10_000, "a whole number, e.g. 64"))
+    require("bins", bins, 4, 10_000, "a whole number, e.g. 64")
+    count = require_seed("bins", bins)
     counts = [np.array(part, float) for part in _histograms(samples, count)]
     above, below = (part / part.sum() for part in counts)
     logs = np.log(above / below)
@@ -63,9 +64,10 @@ def _histograms(samples: list[Float64Array], bins: int) -> tuple[list[float], li
     if len(real) > 1 and min(real[-1], model[-1]) < FEWEST_IN_A_BIN:
         real[-2:] = [real[-2] + real[-1]]
         model[-2:] = [model[-2] + model[-1]]
-    if len(real) < 2 or min(real[-1], model[-1]) == 0:
+    if len(real) < 2:
         raise InputError(
-            "real and model have no values in common; their divergence is infinite."
+            f"no two bins have {FEWEST_IN_A_BIN} values of both; where real and model have no values in common, their "
+            "divergence is infinite, and values that are all equal have none."
         )
     return real, model
 
@@ -76,15 +78,14 @@ def _with_interval(
     """From the noncentral χ² law of small divergences, as wide as the delta method has it for large ones."""
     sizes = [float(part.sum()) for part in counts]
     harmonic = 1 / (1 / sizes[0] + 1 / sizes[1])
-    freedom, tail = logs.size - 1, (1 - LEVEL) / 2
+    freedom = logs.size - 1
     above, below = (part / part.sum() for part in counts)
     linear = float(above @ np.square(logs) - value**2) / sizes[0]
     linear += float(below @ np.square(ratio) - 1) / sizes[1]
     square = 2 * harmonic * value
     centre = max(square - freedom, 0.0) / (2 * harmonic)
-    ends = [scipy.special.chndtrinc(square, freedom, share) for share in (1 - tail, tail)]
-    ends = [float(np.nan_to_num(end)) for end in ends]
-    low, high = (end * (end > 1e-9) / (2 * harmonic) for end in ends)
+    ends = noncentrality_interval(np.array(square), freedom)
+    low, high = (float(end) / (2 * harmonic) for end in ends)
     usual = 2 * max(centre, 1e-300) / harmonic
     if square > 4 * freedom:  # the noncentral part rules
         wider = math.sqrt(max(linear / usual, 0.0))

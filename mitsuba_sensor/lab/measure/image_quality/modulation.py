@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 
 from ....core.types import Float64Array
-from ...quantity import LEVEL, TWO_SIDED, Quantity, no_value
+from ...quantity import TWO_SIDED, Quantity, no_value
+from ...statistics.noncentral import noncentrality_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,10 +114,7 @@ def modulus(
     low, high = value - TWO_SIDED * error, value + TWO_SIDED * error
     small = (value < NORMAL_FROM * error) & (error > 0)
     square = np.square(size[small] / error[small])
-    tail = (1 - LEVEL) / 2
-    # The noncentrality at which so large a value, or so small a one, is as rare as the tail.
-    lowest = np.nan_to_num(scipy.special.chndtrinc(square, 2, 1 - tail))
-    highest = np.nan_to_num(scipy.special.chndtrinc(square, 2, tail))
-    low[small] = np.minimum(error[small] * np.sqrt(np.maximum(lowest, 0.0)), value[small])
-    high[small] = np.maximum(error[small] * np.sqrt(np.maximum(highest, 0.0)), value[small])
+    lowest, highest = noncentrality_interval(square, 2)
+    low[small] = np.minimum(error[small] * np.sqrt(lowest), value[small])
+    high[small] = np.maximum(error[small] * np.sqrt(highest), value[small])
     return value, low, high

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
-from ....core import InputError, require
+from ....core import InputError, require, require_seed
 from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
-from ...quantity import LEVEL, Quantity
+from ...quantity import TWO_SIDED, Quantity
+from ...statistics.noncentral import noncentrality_interval
 from .modulation import Modulation
 from .pictures import flat_fielded, picture_of
 
@@ -33,6 +33,9 @@ FEWEST_PIXELS = 36
 """Of a sector of a ring, in which five numbers are fitted; with fewer the pixels repeat each other's phases."""
 STEPS = 4
 """Of the search for the centre."""
+MOST_PHASE = 0.8
+"""Root mean square of what the phases of the sectors may be off those of one centre [rad]. A star of one cycle more or
+less has 1.1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,8 @@ def siemens_star(
     Raises InputError for pictures that show no such star.
     """
     pixels = flat_fielded(picture_of(picture), flat)
-    count = int(require("cycles", cycles, 8, 1000, "a whole number, e.g. 144"))
+    require("cycles", cycles, 8, 1000, "a whole number, e.g. 144")
+    count = require_seed("cycles", cycles)
     contrast = require("contrast", contrast, 0.01, 1.0, "1 for a chart from black to white")
     sample_px = require(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
@@ -146,9 +150,10 @@ def _find_centre(pixels: Float64Array, cycles: int, radius: float) -> Float64Arr
         phases = np.unwrap([-np.angle(one.amplitude) for one in sectors])
         angles = np.array([one.angle for one in sectors])
         design = np.column_stack([np.ones_like(angles), np.sin(angles), -np.cos(angles)])
-        shift = np.linalg.lstsq(design, phases, rcond=None)[0][1:]
-        centre = centre + shift * (outer - RING_PX) / cycles
-    if not np.hypot(*(centre - middle)) < 0.1 * radius:
+        solution = np.linalg.lstsq(design, phases, rcond=None)[0]
+        centre = centre + solution[1:] * (outer - RING_PX) / cycles
+        off = float(np.sqrt(np.square(phases - design @ solution).mean()))
+    if not (np.hypot(*(centre - middle)) < 0.1 * radius and off < MOST_PHASE):
         raise InputError(
             "the picture shows no star around its middle; cut out a square with the star's centre in the middle, and "
             f"check that it has {cycles} cycles."
@@ -215,14 +220,10 @@ def _interval(total: Float64Array, noise: Float64Array) -> tuple[Float64Array, F
     """Ends of the interval of the root of the mean square, from the noncentral χ² law of the sum of squares."""
     freedom = 2 * SECTORS
     ratio = total / np.maximum(noise, 1e-300)
-    tail = (1 - LEVEL) / 2
-    error = np.sqrt(noise / SECTORS)
+    half = TWO_SIDED * np.sqrt(noise / SECTORS)
     size = np.sqrt(np.maximum(total - (freedom - 1) * noise, 0.0) / SECTORS)
-    half = -float(scipy.special.ndtri(tail)) * error
     low, high = size - half, size + half
     near = ratio < 1e4  # farther away the law is normal
-    for end, probability in ((low, 1 - tail), (high, tail)):
-        excess = scipy.special.chndtrinc(ratio[near], freedom, probability)
-        excess = np.where(excess > 1e-9, excess, 0.0)  # NaN where no noncentrality is so small
-        end[near] = np.sqrt(excess * noise[near] / SECTORS)
+    ends = noncentrality_interval(ratio[near], freedom)
+    low[near], high[near] = (np.sqrt(end * noise[near] / SECTORS) for end in ends)
     return low, high
