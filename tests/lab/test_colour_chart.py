@@ -116,6 +116,9 @@ def test_the_chart_draws_itself() -> None:
         (np.ones((8, 100, 3)), {}, "must lie inside"),
         (np.zeros((8, 192, 3)), {}, "above 0"),
         (np.ones((8, 192, 3)), {"reference_xyz": XYZ[:4]}, "for 24 patches"),
+        (np.ones((8, 192, 3)), {"reference_xyz": 0 * XYZ}, "above 0 in every patch"),
+        (in_patches(XYZ, 8), {"greys": [24, 1]}, "from 0 to 23"),
+        (in_patches(XYZ, 8), {"greys": [18]}, "two patches or more"),
         (in_patches(XYZ, 8), {"white_balance": [1.0, 2.0]}, "a factor above 0 for each of 3"),
     ],
 )
@@ -124,3 +127,9 @@ def test_charts_that_show_nothing_are_refused(
 ) -> None:
     with pytest.raises(ms.InputError, match=said):
         colour_chart(planes, REGIONS, **options)
+
+
+@pytest.mark.parametrize("region", [(0, 0, 8), (0, 0, 8.5, 8), "abcd", (-1, 0, 8, 8)])
+def test_patches_that_are_no_rectangles_are_refused(region: Any) -> None:
+    with pytest.raises(ms.InputError, match="must lie inside pictures"):
+        colour_chart(in_patches(XYZ, 8), [region] * 24)

@@ -143,7 +143,7 @@ def test_the_chart_draws_itself() -> None:
     ("frames", "regions", "exposures", "said"),
     [
         (np.ones((1, 40, 640)), REGIONS, STEPS, "two frames"),
-        (np.ones((2, 40, 600)), REGIONS, STEPS, "inside frames"),
+        (np.ones((2, 40, 600)), REGIONS, STEPS, "inside pictures"),
         (np.ones((2, 40, 640)), REGIONS, STEPS[1:], "one of 0 or more"),
         (np.ones((2, 40, 640)), [(0, 0, 2, 2)] * 16, STEPS, "pixels or more"),
         (np.full((2, 40, 640), 4095), REGIONS, STEPS, "not clipped"),

@@ -12,17 +12,18 @@ from numpy.typing import ArrayLike
 
 from ....core import InputError, numbers
 from ....core.argument_names import tells_of_names
+from ....core.errors import shown
 from ....core.types import Float64Array
 from ....optics import spectra
 from ....optics.colour_difference import delta_e_2000
 from ...quantity import LEVEL, Quantity, normal_interval
-from ..image_quality.patches import FEWEST_PIXELS, Region, variance_about_plane
+from ..image_quality.patches import Region, slices_of, variance_about_plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "CIE 142:2001 ΔE00"
-BALANCE = "ISO 17321-1 neutral patches"
+BALANCE = "sum over the grey patches"
 GREYS = tuple(range(18, 24))
 """Patches of a ColorChecker that are neutral, from white to black."""
 DRAWS, SEED = 400, 2000
@@ -104,7 +105,7 @@ def colour_chart(
         mosaic the planes of its filters, np.stack([r, g, b], axis=2).
     regions : (first row, first column, rows, columns) of each patch.
     reference_xyz : (P, 3) of the patches in daylight (D65), white has Y = 1; by default a ColorChecker (ISO 17321-1).
-    greys : which patches are neutral, the brightest first; none for no white balance.
+    greys : which patches are neutral, two or more, the brightest first; () for no white balance.
     white_balance : (C,) factors that the camera states; by default those of the brightest of the greys.
     Raises InputError for patches outside of the planes, clipped to 0 or fewer than the matrix needs.
     """
@@ -121,6 +122,8 @@ def colour_chart(
         raise InputError(
             f"reference_xyz has shape {reference.shape} for {len(regions)} patches; pass (P, 3) of {least} or more."
         )
+    if not (np.isfinite(reference) & (reference > 0)).all():
+        raise InputError("reference_xyz must be finite and above 0 in every patch.")
     patches = _measure(pixels, regions)
     fit = _fit_matrix(patches.values, reference)
     reference_lab = spectra.lab(reference)
@@ -134,14 +137,7 @@ def _measure(pixels: Float64Array, regions: Sequence[Region]) -> _Patches:
     """Mean of every patch and its standard error, from the scatter of its pixels about a plane."""
     values, errors = [], []
     for region in regions:
-        top, left, rows, columns = region
-        part = pixels[top : top + rows, left : left + columns]
-        inside = top >= 0 and left >= 0 and part.shape[:2] == (rows, columns)
-        if not inside or rows * columns < FEWEST_PIXELS or min(rows, columns) < 2:
-            raise InputError(
-                f"the patch {tuple(region)} (first row, first column, rows, columns) must lie inside planes of "
-                f"{pixels.shape[0]} × {pixels.shape[1]} pixels and have {FEWEST_PIXELS} pixels or more."
-            )
+        part = pixels[slices_of(region, pixels.shape)]
         mean = part.mean(axis=(0, 1))
         if not (mean > 0).all():
             raise InputError(
@@ -149,7 +145,7 @@ def _measure(pixels: Float64Array, regions: Sequence[Region]) -> _Patches:
             )
         variance = [variance_about_plane(plane) for plane in np.moveaxis(part, 2, 0)]
         values.append(mean)
-        errors.append(np.sqrt(np.array(variance) / (rows * columns)))
+        errors.append(np.sqrt(np.array(variance) / part[..., 0].size))
     return _Patches(np.array(values), np.array(errors))
 
 
@@ -227,6 +223,10 @@ def _balance(
     """How far the sum of each channel over the greys is from that of the second, after balancing [%]."""
     if not len(greys):
         return ()
+    if not set(greys) <= set(range(len(patches.values))) or len(greys) < 2:
+        raise InputError(
+            f"greys is {shown(greys)}; pass numbers of two patches or more, from 0 to {len(patches.values) - 1}, or ()."
+        )
     first, rest = greys[0], list(greys[1:])
     factors = patches.values[first, 1] / patches.values[first]
     shared = np.square(patches.errors[first] / patches.values[first])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ....core import InputError
+from ....core.errors import shown
 from ....core.types import Float64Array
 from ...frames.stack import Stack
 
@@ -55,15 +57,25 @@ def measure_patches(stack: Stack, regions: Sequence[Region], black_dn: Float64Ar
 
 def _cut(stack: Stack, region: Region) -> Float64Array:
     """The pixels of a patch, (N, rows, columns)."""
-    top, left, rows, columns = region
-    height, width = stack.shape
-    inside = 0 <= top <= height - rows and 0 <= left <= width - columns
-    if not inside or rows * columns < FEWEST_PIXELS or min(rows, columns) < 2:
+    rows, columns = slices_of(region, stack.shape)
+    return stack.frames[:, rows, columns].astype(np.float64)
+
+
+def slices_of(region: Region, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of a patch in a picture of this shape. Raises InputError where it is outside or too small."""
+    height, width = shape[:2]
+    try:
+        top, left, rows, columns = map(operator.index, region)
+        inside = 0 <= top <= height - rows and 0 <= left <= width - columns
+        fits = inside and rows * columns >= FEWEST_PIXELS and min(rows, columns) >= 2
+    except (TypeError, ValueError):  # no four whole numbers
+        fits = False
+    if not fits:
         raise InputError(
-            f"the patch {tuple(region)} (first row, first column, rows, columns) must lie inside frames of {height} × "
-            f"{width} pixels and have {FEWEST_PIXELS} pixels or more."
+            f"the patch {shown(region)} (first row, first column, rows, columns) must lie inside pictures of {height} "
+            f"× {width} pixels and have {FEWEST_PIXELS} pixels or more."
         )
-    return stack.frames[:, top : top + rows, left : left + columns].astype(np.float64)
+    return slice(top, top + rows), slice(left, left + columns)
 
 
 def _measure_one(pixels: Float64Array, stack: Stack) -> tuple[float, ...]:
