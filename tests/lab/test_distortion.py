@@ -60,5 +60,12 @@ def test_the_lens_draws_itself() -> None:
 def test_points_that_do_not_belong_together_are_refused() -> None:
     with pytest.raises(ms.InputError, match="12 points or more"):
         distortion(GRID[:5], GRID[:5], SHAPE)
+    with pytest.raises(ms.InputError, match="on a line"):
+        distortion(GRID, np.zeros_like(GRID), SHAPE)
+    with pytest.raises(ms.InputError, match="on a line"):
+        lateral_colour(GRID, GRID * [1.0, 0.0], SHAPE)
+    for shape in ((0, 0), (100.5, 100), 100):
+        with pytest.raises(ms.InputError, match="shape"):
+            lateral_colour(GRID, GRID, shape)  # type: ignore[arg-type]
     with pytest.raises(ms.InputError, match="chart has shape"):
         distortion(GRID, GRID[:20], SHAPE)

@@ -9,8 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ....core import InputError, numbers
+from ....core import InputError, numbers, require
 from ....core.argument_names import tells_of_names
+from ....core.checks import require_pair
 from ....core.types import Float64Array
 from ...quantity import Quantity, student_interval
 
@@ -65,8 +66,7 @@ def distortion(points_px: ArrayLike, chart: ArrayLike, shape: tuple[int, int]) -
     Raises InputError for fewer than 12 points.
     """
     points, plane = _pair("points_px", points_px, "chart", chart)
-    rows, columns = shape
-    half = np.array([columns, rows]) / 2
+    half = _half(shape)
     corner = float(np.hypot(*half))
     heights = (points - half) / corner
     flat = (plane - plane.mean(axis=0)) / np.ptp(plane, axis=0).max()
@@ -125,7 +125,7 @@ def lateral_colour(
     Raises InputError for fewer than 12 points.
     """
     points, other = _pair("points_px", points_px, "other_px", other_px)
-    half = np.array(shape[::-1]) / 2
+    half = _half(shape)
     corner = float(np.hypot(*half))
     place = (other - half) / corner
     square = np.square(place).sum(axis=1, keepdims=True)
@@ -145,6 +145,14 @@ def lateral_colour(
     return Quantity("LCD", "lateral colour in the corner", *interval, "px", LATERAL_SECTION)
 
 
+def _half(shape: tuple[int, int]) -> Float64Array:
+    """Half the columns and rows of a picture, (x, y)."""
+    rows, columns = require_pair("shape", shape, "(rows, columns) of the picture")
+    for count in (rows, columns):
+        require("shape", count, 2, 1e6, "(rows, columns) of the picture")
+    return np.array([columns, rows]) / 2
+
+
 def _pair(
     name: str, points: ArrayLike, other_name: str, others: ArrayLike
 ) -> tuple[Float64Array, Float64Array]:
@@ -158,5 +166,9 @@ def _pair(
         if not alike or len(array) < FEWEST_POINTS or not np.isfinite(array).all():
             raise InputError(
                 f"{title} has shape {array.shape}; pass finite x and y (N, 2) of {FEWEST_POINTS} points or more."
+            )
+        if np.linalg.matrix_rank(array - array.mean(axis=0)) < 2:
+            raise InputError(
+                f"{title} has all points on a line; pass points from all over the picture."
             )
     return pair
