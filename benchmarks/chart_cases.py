@@ -137,17 +137,19 @@ def contrast_case(rng: np.random.Generator) -> Cases:
 
 
 def flicker_case(rng: np.random.Generator) -> Cases:
-    """A sine, a pulse or a steady light at phases by chance, with shot and read noise and PRNU, 60 frames."""
-    phase = rng.random(60)
+    """A sine, a pulse, a triangle or a steady light in 4 to 240 frames at phases by chance, with noise and PRNU."""
+    count, side = int(rng.choice([4, 16, 60, 240])), int(rng.choice([4, 12, 20]))
+    phase = rng.random(count)
     depth, duty, share = rng.uniform(0.05, 0.9), rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8)
     waves = {
         "sine": 1 + depth * np.sin(2 * np.pi * phase),
         "pulse": 1 - depth + 2 * depth * (phase < duty),
-        "steady": np.ones(60),
+        "triangle": 1 + depth * (2 * np.abs(2 * phase - 1) - 1),
+        "steady": np.ones(count),
     }
     name = str(rng.choice(list(waves)))
     level = 10 ** rng.uniform(2, 4) * waves[name]
-    clean = level[:, None, None] * (1 + 0.01 * rng.normal(size=(12, 12)))
+    clean = level[:, None, None] * (1 + 0.01 * rng.normal(size=(side, side)))
     frames = rng.poisson(clean) + rng.normal(0, 5, clean.shape)
     off = share * float(np.median(level))
     measured = flicker(frames, off=off)

@@ -16,6 +16,8 @@ from mitsuba_sensor.lab.measure.automotive.contrast import contrast_detection
 from mitsuba_sensor.lab.measure.automotive.flicker import flicker
 
 RNG = np.random.default_rng(2020)
+NOISE = RNG.normal(size=(9, 8, 8))
+NOISE -= NOISE.mean()
 
 
 @pytest.mark.parametrize("contrast", [0.1, 0.3, 1.0])
@@ -76,6 +78,14 @@ def test_noise_is_no_flicker() -> None:
     assert measured.value < 0.05 and measured.low == 0
 
 
+def test_a_dark_pixel_is_darker_than_any_and_lights_go_out_to_a_modulation_of_1() -> None:
+    """No share from 0 times infinity, and no modulation above 1 where noise is below black."""
+    dark = contrast_detection(np.full((8, 8), 50.0), np.zeros((8, 8)), 0.5)
+    assert dark.accuracy.value == 0 and dark.detection.value == 1
+    out = flicker(still(np.array([100.0, 0.0] * 10)) + RNG.normal(0, 9, (20, 8, 8))).modulation
+    assert out.high == 1
+
+
 def test_a_pulsed_light_of_the_simulator_flickers_as_its_duty_says() -> None:
     """Exposures much shorter than a period see the pulse or nothing: modulation 1."""
     level = np.array([1000.0, 0.0] * 10)
@@ -105,6 +115,8 @@ def test_both_draw_themselves() -> None:
         (lambda: contrast_detection(np.ones((8, 8)), np.ones((8, 8)), 0.0), "contrast is 0"),
         (lambda: contrast_detection(np.ones((8, 8)), np.ones((8, 8)), 2, kind="michelson"), "contrast is 2"),
         (lambda: contrast_detection(np.ones((8, 8)), np.ones((8, 8)), 1, kind="rms"), "weber, michelson"),
+        (lambda: contrast_detection(np.ones((0, 8, 8)), np.ones((8, 8)), 0.5), "16 pixels"),
+        (lambda: flicker(NOISE + 0.001), "as dark as its noise"),
         (lambda: flicker(np.ones((3, 8, 8))), "4 frames"),
         (lambda: flicker(-np.ones((5, 8, 8))), "not brighter than black"),
         (lambda: flicker(np.ones((5, 8, 8)), off=0.0), "off is 0"),

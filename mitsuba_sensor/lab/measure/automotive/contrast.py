@@ -109,7 +109,8 @@ def _pixels(name: str, values: ArrayLike) -> Float64Array:
     patch = numbers(name, values, "values of a patch (rows, columns)")
     if patch.ndim == 2:
         patch = patch[None]
-    if patch.ndim != 3 or patch[0].size < FEWEST_PIXELS or not np.isfinite(patch).all():
+    small = patch.ndim != 3 or not len(patch) or patch[0].size < FEWEST_PIXELS
+    if small or not np.isfinite(patch).all():
         raise InputError(
             f"{name} has shape {patch.shape}; pass finite values (rows, columns) or (frames, rows, columns) of "
             f"{FEWEST_PIXELS} pixels or more."
@@ -142,12 +143,13 @@ def _count(
 ) -> Float64Array:
     """How many of the sorted others lie between ends times each value; of values above 0."""
     lowest, highest = ends
-    low = np.searchsorted(others, np.where(values > 0, lowest * values, np.inf), "left")
+    is_lit = values > 0
+    lit = np.where(is_lit, values, 1.0)
+    low = np.searchsorted(others, lowest * lit, "left")
     if lowest == 0:  # dark pixels below 0 are darker than any bright one
         low = np.zeros_like(low)
-    top = np.where(values > 0, np.minimum(highest * values, 1e300), -np.inf)
-    high = np.searchsorted(others, top, "right")
-    return np.asarray(np.maximum(high - low, 0), np.float64)
+    high = np.searchsorted(others, highest * lit, "right")
+    return np.asarray(np.maximum(high - low, 0) * is_lit, np.float64)
 
 
 def _mean_contrast(patches: tuple[Float64Array, Float64Array], kind: str) -> Quantity:

@@ -92,6 +92,10 @@ def flicker(
             "the region is not brighter than black; take off the black level only."
         )
     errors = _errors(rows, means)
+    if not means.mean() > TWO_SIDED * np.sqrt(np.square(errors).mean() / len(means)):
+        raise InputError(
+            "the region is as dark as its noise; pass the pixels of the light alone."
+        )
     detection = no_value("FDI", "flicker detection index", "", SECTION, "needs off")
     if off is not None:
         off = require("off", off, 1e-12, 1e12, "the level without the light, above black")
@@ -127,8 +131,7 @@ def _modulation(rows: Float64Array, errors: Float64Array) -> Quantity:
 
     Every second pixel says which frame has the end, and the others how bright it is: noise does not add to it.
     """
-    level = rows.mean()
-    halves = [part.mean(axis=1) / part.mean() * level for part in (rows[:, ::2], rows[:, 1::2])]
+    halves = [part.mean(axis=1) for part in (rows[:, ::2], rows[:, 1::2])]
     top = [int(np.argmax(half)) for half in halves]
     bottom = [int(np.argmin(half)) for half in halves]
     bright = (halves[1][top[0]] + halves[0][top[1]]) / 2
@@ -139,5 +142,5 @@ def _modulation(rows: Float64Array, errors: Float64Array) -> Quantity:
     error = float(np.hypot(*(slopes * steps)))
     value = min(max(float(size), 0.0), 1.0)
     low, high = float(size) - INWARD * error, float(size) + OUTWARD * error
-    ends = max(min(low, value), 0.0), max(high, value)
+    ends = max(min(low, value), 0.0), min(max(high, value), 1.0)
     return Quantity("FMI", "flicker modulation index", value, *ends, "", SECTION)
