@@ -38,8 +38,6 @@ TYPES = ("int64", "string", "string", "string", "bool")
 SEEDS = ("serial", "repetition")
 ORIGIN_DIGITS = 12
 """Of its SHA-256, in the name of a part."""
-LARGEST = 2**63
-"""Whole numbers beyond are kept as floats, but for seeds."""
 _NAME = re.compile(r"([0-9a-f]{12})-(\d{6,9})-(\d{1,5})-of-(\d{1,5})-([0-9a-f]{64})\.parquet")
 REMEDY = "`mitsuba-sensor dataset repair` writes it again"
 
@@ -93,7 +91,10 @@ def part_called(name: str) -> Part | None:
         return None
     origin, *counts, digest = found.groups()
     number, rows, planned = map(int, counts)
-    return Part(origin, number, rows, planned, digest)
+    part = Part(origin, number, rows, planned, digest)
+    if part.name == name:  # no more zeros before its numbers
+        return part
+    return None
 
 
 def all_parts(folder: Path) -> list[Part]:
@@ -114,16 +115,17 @@ def kinds_of(file: DatasetFile) -> dict[str, Kind]:
     """Name of each column of the index of a dataset → the kind of its values.
 
     A name that has values of several kinds has a column for each: its numbers have the name alone, others for example
-    "NAME (text)".
+    "NAME (text)". So has each name that itself ends with a bracket.
     """
     kinds: dict[str, Kind] = {**FIXED, "scene": "text", "camera": "text"}
     for name in (*file.varied, "serial"):
         values = [*possible_values(file, name)] or [1]
         found = dict.fromkeys(_kind_of(name, value) for value in values)
+        bare = not name.endswith(")")
         for kind in found:
-            alone = len(found) == 1 or kind in ("integer", "number", "seed")
+            alone = bare and (len(found) == 1 or kind in ("integer", "number", "seed"))
             kinds[name if alone else f"{name} ({kind})"] = kind
-        if {"integer", "number"} <= {*found}:
+        if bare and {"integer", "number"} <= {*found}:
             kinds[name] = "number"
     if any(scene.views or scene.path for scene in file.scenes):
         kinds |= {"view": "integer", "pose": "pose"}
@@ -135,9 +137,9 @@ def _kind_of(name: str, value: Value) -> Kind:
         return "seed"
     if isinstance(value, bool):
         return "flag"
-    if isinstance(value, int) and -LARGEST <= value < LARGEST:
+    if isinstance(value, int):
         return "integer"
-    if isinstance(value, int | float):
+    if isinstance(value, float):
         return "number"
     if isinstance(value, str):
         return "text"
@@ -156,6 +158,8 @@ def part_of(
             column = f"{name} ({_kind_of(name, value)})"
             if column not in columns:
                 column = name
+            if kinds[column] == "number":
+                value = float(value)
             columns[column][row] = value
     part = Part(origin[:ORIGIN_DIGITS], number, len(lines), planned, "")
     content = parquet_bytes(columns, kinds, part.about)
@@ -190,8 +194,13 @@ class OpenPart:
         return self._line_of(self.rows.row(number))
 
     def lines(self) -> Iterator[Line]:
-        """All of them."""
-        return map(self._line_of, self.rows.all_rows())
+        """All of them, in the order of their numbers."""
+        before = -1
+        for line in map(self._line_of, self.rows.all_rows()):
+            if line.number <= before:
+                raise self._was_changed()
+            before = line.number
+            yield line
 
     def names(self) -> list[str]:
         """Names of all that has values, split included."""
@@ -218,4 +227,6 @@ class OpenPart:
 
 
 def _name_of(column: str) -> str:
-    return column.partition(" (")[0]
+    if column.endswith(")"):
+        return column.rpartition(" (")[0]
+    return column

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 
 from ..files import durable
+from ..files.disk_errors import disk_sentences
 from .index import Index
 from .index_part import NUMBERS, Line, Part, all_parts, kinds_of, part_of, parts_of
 from .origin import origin_of
@@ -118,7 +119,8 @@ class IndexWriter:
             found += lines
         part, content = part_of(self._digest, number, found, planned, self._kinds)
         place = self.store.folder / INDEX / part.name
-        durable.make_folder(place.parent, self.store.folder.parent)
+        with disk_sentences(place.parent, durable.FOLDER_BYTES):
+            durable.make_folder(place.parent, self.store.folder.parent)
         durable.write_lasting(place, content)
         parts = all_parts(self.store.folder)
         self._remove_replaced([other for other in parts if other.number == number])

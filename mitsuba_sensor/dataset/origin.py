@@ -15,7 +15,7 @@ from ..files.appearing import write_drawing
 from ..files.scene_references import folder_names
 from .faults import Fault, What, what_is_wrong
 from .index import Index
-from .index_part import NUMBERS, OpenPart, all_parts, part_called, parts_of
+from .index_part import NUMBERS, all_parts, parts_of
 from .keys import Config, made_by
 from .light import FORMAT
 from .planned import DatasetPlan, load_plan
@@ -136,34 +136,12 @@ def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
 
 
 def origin_faults(folder: Path) -> Iterator[Fault]:
-    """What is not as it was written of the files that say what a dataset is: its file, its record and its index."""
+    """What is not as it was written of the files that say what a dataset is made from."""
     origin = origin_in(folder)
     if origin is None:
         yield Fault("dataset", "", RECORD, _missing_or_changed(folder / RECORD))
     elif what := what_is_wrong(folder / FILE, *origin.file):
         yield Fault("dataset", "", FILE, what)
-    if origin is not None:
-        yield from _index_faults(folder, origin)
-
-
-def _index_faults(folder: Path, origin: Origin) -> Iterator[Fault]:
-    """Parts of the index that are not as they were written, and those that are not there."""
-    found = {name: part_called(name) for name in durable.names_of(folder / INDEX)}
-    parts = parts_of(origin.digest, filter(None, found.values()))
-    for number in range(origin.parts):
-        if number not in parts:
-            yield Fault("dataset", "", f"{INDEX}/{number:06d}", "missing")
-    for name, part in found.items():
-        if part is None and not name.startswith("."):
-            yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
-    for part in parts.values():
-        try:
-            numbers = [line.number for line in OpenPart(folder, part).lines()]
-        except InputError:
-            yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
-        else:
-            if sorted({*numbers}) != numbers:
-                yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
 
 
 def index_of(folder: Path) -> Index:

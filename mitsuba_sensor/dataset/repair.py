@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
-from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from ..files.appearing import refuse_empty
 from .faults import Fault
 from .index_part import NUMBERS, Line, OpenPart, Part, all_parts, parts_of
 from .index_writer import lines_of
-from .origin import index_of, origin_faults, origin_of
+from .origin import Origin, origin_faults, origin_in, origin_of
 from .planned import DatasetPlan
 from .record import FILE, INDEX, Kind, Record
 from .store import Store
@@ -30,15 +29,36 @@ def verify(folder: Path, show: Show | None = None) -> Iterator[Fault]:
     store = store_of(folder)
     yield from store.verify_all(show)
     yield from origin_faults(folder)
-    with suppress(InputError):
-        yield from _missing_of_index(store)
+    if origin := origin_in(folder):
+        yield from _index_faults(store, origin)
 
 
-def _missing_of_index(store: Store) -> Iterator[Fault]:
-    """What the index names and is not there. Raises InputError where there is no index."""
-    for kind, key in _entries_of(index_of(store.folder)):
+def _index_faults(store: Store, origin: Origin) -> Iterator[Fault]:
+    """What is not as it was written in the index, and what it names and is not there."""
+    parts = parts_of(origin.digest, all_parts(store.folder))
+    for number in range(origin.parts):
+        if number not in parts:
+            yield Fault("dataset", "", f"{INDEX}/{number:06d}", "missing")
+    own, changed = {part.name for part in parts.values()}, list[Part]()
+    for name in durable.names_of(store.folder / INDEX):
+        if name not in own and not name.startswith("."):
+            yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
+    for kind, key in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
         if not store.folder_of(kind, key).exists():
             yield Fault(kind, key, "", "missing")
+    for part in changed:
+        yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
+
+
+def _sound_lines(folder: Path, parts: Iterable[Part], changed: list[Part]) -> Iterator[Line]:
+    """The lines of all parts that are as they were written; the others are added to ``changed``."""
+    for part in parts:
+        try:
+            lines = [*OpenPart(folder, part).lines()]
+        except InputError:
+            changed.append(part)
+        else:
+            yield from lines
 
 
 def _entries_of(lines: Iterable[Line]) -> Iterator[tuple[Kind, str]]:
@@ -66,6 +86,7 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
     for part in all_parts(folder):
         if not _is_sound(folder, part, broken):
             durable.remove_folder(folder / INDEX / part.name)
+            durable.sync_folder(folder / INDEX)
     for kind, key in sorted(broken):
         store.discard(kind, key)
     return sorted(broken)

@@ -8,6 +8,8 @@ from ..core import Exposure, InputError, require, require_seed
 from ..optics.waveform import FROM_FILE, waveform_of
 
 LARGEST = sys.float_info.max
+LARGEST_WHOLE = 2**63
+"""Of whole numbers, but for seeds: the index has 64 bits for each."""
 MOST_STOPS = 60.0
 MOST_FRAMES = 65535
 
@@ -15,6 +17,13 @@ MOST_FRAMES = 65535
 def check_value(name: str, value: object) -> None:
     """Raise InputError for a value that this name cannot have. Fields of the camera are checked by its datasheet."""
     kind = name.partition(".")[0]
+    if name in ("serial", "repetition"):
+        require_seed(name, value)  # type: ignore[arg-type]
+        return
+    if isinstance(value, int) and not -LARGEST_WHOLE <= value < LARGEST_WHOLE:
+        raise InputError(
+            f"{name} is {value!r:.100}; a whole number must be from -2^63 to 2^63 - 1. Give a larger one as a text."
+        )
     if name == "exposure_s":
         _check_exposure(value)
     elif name == "exposure_ev":
@@ -27,8 +36,6 @@ def check_value(name: str, value: object) -> None:
         )
     elif name == "temperature_k":
         Exposure(0.0, _number(name, value))
-    elif name in ("serial", "repetition"):
-        require_seed(name, value)  # type: ignore[arg-type]
     elif name == "frames":
         _check_frames(value)
     elif kind == "lights":

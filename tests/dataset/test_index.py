@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.datasets import SCENES, TABLES
+from helpers.datasets import SCENES, TABLES, commit, follow, make_parts_small, plan_of, whole
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset import index_part, index_writer
+from mitsuba_sensor.dataset import index_part
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.index import Index
 from mitsuba_sensor.dataset.index_part import Line, all_parts, kinds_of, part_of, parts_of
@@ -49,30 +49,7 @@ SEVERAL: dict[str, Any] = {
 
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (index_part, index_writer):
-        monkeypatch.setattr(module, "NUMBERS", ROWS)
-
-
-def plan_of(**tables: Any) -> DatasetPlan:
-    return DatasetPlan(read_dataset({**TABLES, **tables}), [SCENES], "text")
-
-
-def commit(store: Store, key: str) -> None:
-    store.commit("samples", key, lambda folder: (folder / "a.txt").write_text("a"))
-
-
-def follow(writer: IndexWriter, lost: frozenset[int] = frozenset()) -> None:
-    """Make all tasks of a run but for the samples with these numbers."""
-    for view in writer.tasks():
-        numbers = range(view.first, view.first + len(view.samples))
-        for number, sample in zip(numbers, view.samples, strict=True):
-            if number not in lost:
-                commit(writer.store, sample.key)
-        writer.ended(view.first, lost.isdisjoint(numbers))
-
-
-def whole(plan: DatasetPlan, store: Store) -> IndexWriter:
-    return IndexWriter(plan, store, range(plan.numbers))
+    make_parts_small(monkeypatch, ROWS)
 
 
 def test_every_value_of_every_line_comes_back(tmp_path: Path) -> None:
@@ -96,6 +73,26 @@ def test_every_value_of_every_line_comes_back(tmp_path: Path) -> None:
     assert found.where("traverse.lamp", (1.0, 2.0, 3.0))[0] == lines[1]
     assert [*found.where("pose", pose)] == [lines[3]]
     assert found.counts("exposure_s") == {"0.01": 1, "1.0": 1, "auto": 1}
+
+
+def test_names_with_brackets_and_large_numbers_come_back(tmp_path: Path) -> None:
+    """ "a (text)" is a name of its own, and the column of the texts of "a"."""
+    names: dict[str, list[Any]] = {
+        "parameters.a": ["x", 2**63 - 1],
+        "parameters.a (text)": [3, "q"],
+        "parameters.a (b)": [1, 0.5, "t", True],
+        "parameters.a (b) c": [-(2**63), "z"],
+        "parameters.d": [2**53 - 1, 0.5],
+    }
+    plan = plan_of(grid=names)
+    lines = [line for view in plan.views() for line in lines_of(view)]
+    part, content = part_of("0" * 64, 0, lines, len(lines), kinds_of(plan.file))
+    (tmp_path / "index").mkdir()
+    (tmp_path / "index" / part.name).write_bytes(content)
+    found = Index(tmp_path, all_parts(tmp_path))
+    assert [*found] == lines and set(names) < {*found.names()}
+    with pytest.raises(InputError, match="Give a larger one as a text"):
+        plan_of(grid={"parameters.a": [2**63]}).scenes  # noqa: B018
 
 
 def test_pandas_reads_all_parts_at_once(small_parts: None, tmp_path: Path) -> None:

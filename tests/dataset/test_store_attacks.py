@@ -11,11 +11,11 @@ import pytest
 from helpers import ATTACKS
 
 
-def attack(name: str, tries: int) -> dict[str, Any]:
+def attack(name: str, tries: int, script: str = "dataset_store.py") -> dict[str, Any]:
     """What the attack counts; it ends with 1 if anything is damaged."""
     command = [
         sys.executable,
-        str(ATTACKS / "dataset_store.py"),
+        str(ATTACKS / script),
         name,
         "--tries",
         str(tries),
@@ -70,3 +70,13 @@ def test_a_dataset_is_scanned_in_memory_that_does_not_grow() -> None:
     found = attack("speed", 400)
     few, many = (float(one) for one in found["memory"]["scan_mib"].split(" and "))
     assert many - few < 3
+
+
+@pytest.mark.exhaustive
+def test_runs_that_write_parts_of_an_index_may_die_and_meet_full_disks_and_each_other() -> None:
+    script = "dataset_index.py"
+    for name, tries in (("kills", 5), ("calls", 1), ("shards", 6)):
+        found = attack(name, tries, script)
+        assert found["damaged"] == 0 and found["tries"] >= tries
+    found = attack("full", 1, script)
+    assert all(found[error]["damaged"] == 0 for error in ("ENOSPC", "EIO"))

@@ -4,9 +4,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from mitsuba_sensor.dataset import index_part, index_writer, origin, repair
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.index_part import Line, all_parts, kinds_of, part_of
+from mitsuba_sensor.dataset.index_writer import IndexWriter
+from mitsuba_sensor.dataset.planned import DatasetPlan
 from mitsuba_sensor.dataset.record import FILE, INDEX
+from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files.parquet import Kind
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -27,3 +33,34 @@ def write_index(
     (folder / INDEX / old.name).unlink()
     part, content = part_of(old.origin, 0, lines, len(lines), known)
     (folder / INDEX / part.name).write_bytes(content)
+
+
+def make_parts_small(monkeypatch: pytest.MonkeyPatch, numbers: int) -> None:
+    """From now on a part of an index is of so many numbers."""
+    for module in (index_part, index_writer, origin, repair):
+        monkeypatch.setattr(module, "NUMBERS", numbers)
+
+
+def plan_of(**tables: Any) -> DatasetPlan:
+    """The small dataset with these tables."""
+    return DatasetPlan(read_dataset({**TABLES, **tables}), [SCENES], "text")
+
+
+def commit(store: Store, key: str) -> None:
+    """A sample of one small file."""
+    store.commit("samples", key, lambda folder: (folder / "a.txt").write_text("a"))
+
+
+def follow(writer: IndexWriter, lost: frozenset[int] = frozenset()) -> None:
+    """Make all tasks of a run but for the samples with these numbers."""
+    for view in writer.tasks():
+        numbers = range(view.first, view.first + len(view.samples))
+        for number, sample in zip(numbers, view.samples, strict=True):
+            if number not in lost:
+                commit(writer.store, sample.key)
+        writer.ended(view.first, lost.isdisjoint(numbers))
+
+
+def whole(plan: DatasetPlan, store: Store) -> IndexWriter:
+    """The writer of a run of all samples."""
+    return IndexWriter(plan, store, range(plan.numbers))

@@ -1,0 +1,217 @@
+"""Attack the index of a dataset: kill runs that write its parts, fill the disk, let shards write one part at once.
+
+    python tests/attacks/dataset_index.py [kills calls full shards] [--tries N] [--json]
+
+kills   SIGKILL at random moments while parts are written and older ones removed, each time resumed
+calls   SIGKILL at every system call of that (strace, as root)
+full    a disk that is full or broken at every write: the n-th call fails (strace, as root)
+shards  two processes, each with half of the samples of a part, some of them killed
+
+Each line says how often that was tried and how many tries left damage: a part that is torn, or names a sample that is
+not there, or a folder that after resuming is not that of an undisturbed run.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import dataset_calls as calls
+from dataset_attacks import Attack, run_attacks
+from dataset_entries import ALL_FILES_S, FULL, Program, Told, summary
+
+from mitsuba_sensor.core import InputError
+from mitsuba_sensor.dataset import index_part, index_writer, origin, repair
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.index_part import OpenPart, all_parts
+from mitsuba_sensor.dataset.index_writer import IndexWriter
+from mitsuba_sensor.dataset.origin import write_origin
+from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.record import INDEX
+from mitsuba_sensor.dataset.repair import verify
+from mitsuba_sensor.dataset.store import Store
+
+NUMBERS, SAMPLES = 7, 20
+"""Of a part, and of the dataset."""
+TABLES = {
+    "name": "parts",
+    "render": {"spp": 16, "width": 16},
+    "scenes": [{"name": "flat", "file": "flat_field"}],
+    "cameras": [{"camera": "konnik_table1"}],
+    "grid": {"repetition": [*range(SAMPLES)]},
+}
+IGNORED = {"exit", "exit_group", "rt_sigreturn", "futex"}
+"""Calls that do not return, and those of which there is any number."""
+FAILING = {"ENOSPC": ("mkdir", "write", "fsync", "rename"), "EIO": ("write", "fsync")}
+
+
+class Ground:
+    """A dataset whose samples are all there, and of its index one part with a sample less than there is now."""
+
+    def __init__(self, top: Path) -> None:
+        for module in (index_part, index_writer, origin, repair):
+            module.NUMBERS = NUMBERS
+        self.plan = DatasetPlan(read_dataset(TABLES), [Path()], "text")
+        self.out, self.template, right = top / "out", top / "template", top / "right"
+        self.problems: list[str] = []
+        for folder in (self.template, right):
+            write_origin(self.plan, folder)
+        *others, last = (sample.key for view in self.plan.views() for sample in view.samples)
+        commit(Store(self.template), others)
+        self.follow(Store(self.template), numbers=range(SAMPLES // NUMBERS * NUMBERS, SAMPLES))
+        commit(Store(self.template), [last])
+        commit(Store(right), [*others, last])
+        self.follow(Store(right))
+        self.right = sorted(os.listdir(right / INDEX))
+
+    def follow(self, store: Store, numbers: range = range(SAMPLES)) -> None:
+        """What a run does when it has made all samples that it can."""
+        writer = IndexWriter(self.plan, store, numbers)
+        for view in writer.tasks():
+            writer.ended(view.first, False)
+        writer.index()
+
+    def start(self) -> Callable[[Told], object]:
+        """Begin anew; returns the job of a run."""
+        shutil.rmtree(self.out, ignore_errors=True)
+        shutil.copytree(self.template, self.out)
+        return lambda told: self.follow(Store(self.out))
+
+    def check(self, where: str) -> None:
+        """Each part that is there is whole, and names nothing that is not there."""
+        for part in all_parts(self.out):
+            try:
+                keys = [line.key for line in OpenPart(self.out, part).lines()]
+            except InputError as error:
+                self.problems.append(f"{where}: {error}")
+                continue
+            if not all(Store(self.out).exists("samples", key) for key in keys):
+                self.problems.append(f"{where}: {part.name} names what is not there")
+
+    def resume(self, where: str) -> None:
+        """After another run all is as if nothing had happened."""
+        store = Store(self.out)
+        self.follow(store)
+        store.clean(ALL_FILES_S)
+        found = sorted(os.listdir(self.out / INDEX))
+        if found != self.right or [*verify(self.out)]:
+            self.problems.append(f"{where}, resumed: {found}, {[*verify(self.out)]}")
+
+
+def commit(store: Store, keys: list[str]) -> None:
+    """Samples of one small file."""
+    for key in keys:
+        store.commit("samples", key, lambda folder: (folder / "a.txt").write_text("a"))
+
+
+def kills(tries: int, seed: int, top: Path) -> dict[str, Any]:
+    """SIGKILL at random moments."""
+    ground, chance, done = Ground(top), Random(seed), 0
+    began = time.monotonic()
+    Program(ground.start()).wait()
+    whole_s = time.monotonic() - began
+    while done < tries:
+        program = Program(ground.start())
+        time.sleep(chance.uniform(0, whole_s))
+        program.kill()
+        code, _, said = program.wait()
+        if code not in (0, -9):
+            raise SystemExit(said)
+        done += code == -9
+        ground.check(f"kill {done}")
+        ground.resume(f"kill {done}")
+    return summary(done, ground.problems)
+
+
+def each_call(tries: int, seed: int, top: Path) -> dict[str, Any]:
+    """SIGKILL at every system call.  tries : of each name at most."""
+    if not calls.possible():
+        return {"skipped": "needs strace, as root"}
+    ground, done = Ground(top), 0
+    known = calls.calls_of(ground.start(), top / "log")
+    chosen = {name: min(count, tries) for name, count in known.items() if name not in IGNORED}
+    for where, (code, _, said) in calls.each_call(chosen, "signal=KILL", ground.start):
+        if code not in (0, -9):
+            raise SystemExit(said)
+        done += code == -9
+        ground.check(where)
+        ground.resume(where)
+    return summary(done, ground.problems, kinds_of_calls=len(chosen))
+
+
+def full(tries: int, seed: int, top: Path) -> dict[str, Any]:
+    """A disk that is full at every write.  tries : of each name at most."""
+    if not calls.possible():
+        return {"skipped": "needs strace, as root"}
+    found = {}
+    for error, names in FAILING.items():
+        ground, done = Ground(top / error), 0
+        shutil.rmtree(ground.template / INDEX)  # so that it is made, too
+        known = calls.calls_of(ground.start(), top / error / "log")
+        chosen = {name: min(known.get(name, 0), tries) for name in names}
+        for where, (code, _, said) in calls.each_call(chosen, f"error={error}", ground.start):
+            done += 1
+            ground.check(where)
+            right = {"ENOSPC": code == FULL, "EIO": "InputError" in said}[error]
+            if not (code == 0 or right):
+                ground.problems.append(f"{where}: ended with {code}, {said}")
+            ground.problems += [f"{where}: left {path}" for path in ground.out.rglob(".*")]
+            ground.resume(where)
+        found[error] = summary(done, ground.problems)
+    return found
+
+
+def shards(tries: int, seed: int, top: Path) -> dict[str, Any]:
+    """Two runs at once that both have samples of the part in the middle; each makes its own samples first."""
+    ground, chance, killed = Ground(top), Random(seed), 0
+    halves = range(SAMPLES // 2), range(SAMPLES // 2, SAMPLES)
+    for number in range(tries):
+        ground.start()
+        shutil.rmtree(ground.out / INDEX)
+        shutil.rmtree(ground.out / "samples")
+        jobs = [partial(_make_half, ground, half, chance.uniform(0, 0.01)) for half in halves]
+        programs = [Program(job, held=True) for job in jobs]
+        for program in programs:
+            program.go()
+        if number % 2:
+            time.sleep(chance.uniform(0, 0.2))
+            programs[1].kill()
+        codes = [program.wait()[0] for program in programs]
+        killed += -9 in codes
+        ground.check(f"round {number}")
+        if -9 in codes:
+            for half in halves:
+                _make_half(ground, half, 0.0, lambda entry: None)
+            Store(ground.out).clean(ALL_FILES_S)
+        if sorted(os.listdir(ground.out / INDEX)) != ground.right:
+            ground.problems.append(f"round {number}: {codes} {os.listdir(ground.out / INDEX)}")
+    return summary(tries, ground.problems, killed=killed)
+
+
+def _make_half(ground: Ground, half: range, pause_s: float, told: Told) -> None:
+    store = Store(ground.out)
+    writer = IndexWriter(ground.plan, store, half)
+    for view in writer.tasks():
+        time.sleep(pause_s)
+        commit(store, [sample.key for sample in view.samples])
+        writer.ended(view.first, True)
+    writer.index()
+
+
+ATTACKS: dict[str, tuple[Attack, int]] = {
+    "kills": (kills, 300),
+    "calls": (each_call, 10_000),
+    "full": (full, 10_000),
+    "shards": (shards, 100),
+}
+"""Name → attack, and how often it is tried if nothing is said."""
+
+
+if __name__ == "__main__":
+    run_attacks(__doc__, ATTACKS)
