@@ -10,15 +10,12 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from ..core.types import Array, Float64Array
-
-if TYPE_CHECKING:
-    from .effects.quantum_efficiency import SpectralCurve
+from .spectral_curve import SpectralCurve
 
 WIDEST_PX = 2.0
 """Largest standard deviation of the Gaussian [pixels]."""

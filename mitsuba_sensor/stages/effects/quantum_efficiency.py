@@ -24,7 +24,6 @@ from ...core import (
     SensorWindow,
     arrays,
 )
-from ...core.band_average import photon_averages
 from ...core.signals import Filters
 from ...core.types import NumpyArray
 from ..crosstalk import Crosstalk, CrosstalkFields
@@ -33,6 +32,7 @@ from ..diffusion import Diffusion
 from ..image_lag import BEFORE, ImageLag, ImageLagFields
 from ..polarizers import efficiencies
 from ..qe_file import read_curves
+from ..spectral_curve import SpectralCurve
 from ..stage import Datasheet, OtherPhotodiode, Stage
 from ..usual_range import PERCENT, Usual
 from .quantum_yield import bursts
@@ -152,41 +152,6 @@ def _plausible(value: Any) -> bool:
     return value is None or (
         isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1
     )
-
-
-@dataclass(frozen=True)
-class SpectralCurve:
-    """A quantity against wavelength: linear between the points, 0 outside them.
-
-    wavelengths_nm : increasing [nm].  values : at each of them; electrons per photon for a QE.
-    """
-
-    wavelengths_nm: tuple[float, ...]
-    values: tuple[float, ...]
-
-    def at(self, wavelengths_nm: Array) -> Array:
-        """Values at these wavelengths, (B,)."""
-        return arrays.interpolate(wavelengths_nm, self.wavelengths_nm, self.values)
-
-    def of(
-        self,
-        photons: Photons,
-        wavelengths_nm: Array,
-        factor: SpectralCurve | None = None,
-        power: int = 1,
-    ) -> Array:
-        """Means over the bands of the photons, or values at their wavelengths, (B,); times factor**power."""
-
-        def values(nm: Array) -> Array:
-            if factor is None:
-                return self.at(nm)
-            return self.at(nm) * factor.at(nm) ** power
-
-        if photons.bandwidths_nm is None:
-            return values(wavelengths_nm)
-        return photon_averages(
-            values, np.array(self.wavelengths_nm), wavelengths_nm, photons.bandwidths_nm
-        )
 
 
 @dataclass(frozen=True)
