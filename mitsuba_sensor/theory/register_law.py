@@ -11,7 +11,7 @@ import scipy
 
 from ..core.types import Float64Array
 from .pixel_counts import ABOUT_END
-from .swing import FARTHEST, Normals
+from .swing import FARTHEST, Normals, cells_between
 
 EVEN: Float64Array = np.linspace(-FARTHEST, FARTHEST, 41)[:, None]
 """Edges of the cells of the law, 0.35 of its σ apart."""
@@ -32,14 +32,7 @@ def cells_of_gamma_laws(laws: Normals, ends_e: Float64Array, noise_e: float) -> 
         mass += chance * below
         first += chance * once
         second += chance * twice
-    mass, first, second = (np.diff(sums, axis=0) for sums in (mass, first, second))
-    mass = np.maximum(mass, 0.0)
-    filled = mass > 1e-300
-    mean = np.divide(first, mass, out=np.zeros(mass.shape), where=filled)
-    square = np.divide(second, mass, out=np.zeros(mass.shape), where=filled)
-    mean = np.clip(mean, np.maximum(edges[:-1], 0.0), edges[1:])
-    variance = np.where(filled, np.maximum(square - mean**2, 0.0), 0.0)
-    return Normals(mass / mass.sum(axis=0), mean, variance)
+    return cells_between(np.maximum(edges, 0.0), mass, first, second)
 
 
 def _edges(laws: Normals, ends_e: Float64Array, noise_e: float) -> Float64Array:
@@ -61,10 +54,8 @@ def _partial_moments(
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Moments 0, 1 and 2 of the part of a gamma law that lies at or below each edge, (K, P)."""
     spread = (mean > 0) & (variance > 0)
-    shape = np.where(spread, mean, 1.0) ** 2 / np.where(spread, variance, 1.0)
-    ends = (
-        np.maximum(edges, 0.0) * np.where(spread, mean, 1.0) / np.where(spread, variance, 1.0)
-    )
+    rate = np.where(spread, mean, 1.0) / np.where(spread, variance, 1.0)
+    shape, ends = np.where(spread, mean, 1.0) * rate, np.maximum(edges, 0.0) * rate
     certain = (edges >= mean).astype(np.float64)
     below, once, twice = (
         np.where(spread, scipy.special.gammainc(shape + order, ends), certain)

@@ -48,6 +48,23 @@ class Normals(NamedTuple):
     variances: Float64Array
 
 
+def cells_between(
+    edges: Float64Array, mass: Float64Array, first: Float64Array, second: Float64Array
+) -> Normals:
+    """Chances, means and variances of the cells of a law, (K, P).
+
+    mass, first, second : moments 0, 1 and 2 of the part of it that lies below each edge, (K + 1, P).
+    """
+    mass, first, second = (np.diff(sums, axis=0) for sums in (mass, first, second))
+    mass = np.maximum(mass, 0.0)
+    filled = mass > 1e-300
+    mean = np.divide(first, mass, out=np.zeros(mass.shape), where=filled)
+    square = np.divide(second, mass, out=np.zeros(mass.shape), where=filled)
+    mean = np.clip(mean, edges[:-1], edges[1:])
+    variance = np.where(filled, np.maximum(square - mean**2, 0.0), 0.0)
+    return Normals(mass / mass.sum(axis=0), mean, variance)
+
+
 def pass_curve(stage: Stage, normals: Normals, frame: Frame) -> Normals:
     """Normals behind a curved stage that changes none of them much.
 
@@ -115,15 +132,10 @@ class Curve(NamedTuple):
             mass += chance * below
             first += chance * shifted
             second += chance * squared
-        mass, first, second = (np.diff(sums, axis=0) for sums in (mass, first, second))
-        mass = np.maximum(mass, 0.0)
-        filled = mass > 1e-300
-        mean = np.divide(first, mass, out=np.zeros(mass.shape), where=filled)
-        square = np.divide(second, mass, out=np.zeros(mass.shape), where=filled)
-        mean = np.clip(mean, edges[:-1], edges[1:])
+        shares, mean, variance = cells_between(edges, mass, first, second)
         seen = self._is_seen(centre + spread * edges)
-        variance = np.where(filled & seen, np.maximum(square - mean**2, 0.0), 0.0)
-        return Normals(mass / mass.sum(axis=0), centre + spread * mean, spread**2 * variance)
+        variance = np.where(seen, variance, 0.0)
+        return Normals(shares, centre + spread * mean, spread**2 * variance)
 
     def _edges(self, centre: Float64Array, spread: Float64Array) -> Float64Array:
         """Edges of the cells [σ about the centre], (K + 1, P)."""
