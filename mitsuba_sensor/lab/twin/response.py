@@ -97,7 +97,7 @@ class Response:
             high=curve.gain + curve.gain_error,
             note=BY_NOISE,
         )
-        y = np.array([float(self.levels.signal[int(np.argmax(self.levels.signal))])])
+        y = np.array([self.levels.signal.max()])
         along = replace(self, gain=self.gain.known_as(gain), curvature=0.0, curve=curve)
         end = self.end.quantity
         value = float(along.straight(y)[0])

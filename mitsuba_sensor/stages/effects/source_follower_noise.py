@@ -27,9 +27,6 @@ NOTED = 0.01
 LARGEST_CV = 5.0
 """Spread of the read noise up to which the rms of the pixels that are drawn is right within 0.1 %."""
 
-GROUPS, FARTHEST = 9, 3.2
-"""Kinds of pixels that differ in read noise, for the theory, and how far out they lie [σ]."""
-
 NORMAL_ALONE: tuple[Float64Array, ...] = np.ones(1), np.zeros(1), np.ones(1)
 """Chances, means and variances of the normals that make up a normal."""
 
