@@ -7,9 +7,10 @@ antiblooming drain takes a share of it away.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, arrays
 from ...core.types import NumpyArray
@@ -30,6 +31,16 @@ class BloomingFields(FileTable):
         "the rest",
         examples=[1.0],
     )
+
+    @model_validator(mode="after")
+    def _wells_clip(self) -> Self:
+        knee_e = getattr(self, "full_well_knee_e", 0.0)
+        if self.blooming and knee_e:
+            raise ValueError(
+                f"blooming is {self.blooming:g} and full_well_knee_e is {knee_e:g}; set one of them to 0: charge of a "
+                "well with a knee goes to the drain before it can flow along the column"
+            )
+        return self
 
 
 @dataclass(frozen=True)

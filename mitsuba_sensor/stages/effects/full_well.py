@@ -134,7 +134,7 @@ class SoftFullWell(Stage):
     full_well_e: float
     knee_e: float
     domain = "electrons"
-    label = FullWell.label
+    no_noise = "set pixel.full_well_knee_e to 0"
     curved: ClassVar[bool] = True
 
     @classmethod
