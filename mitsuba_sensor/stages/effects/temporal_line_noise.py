@@ -43,7 +43,7 @@ class TemporalFrameNoiseFields(FileTable):
 
 @dataclass(frozen=True)
 class TemporalLineNoise(Stage):
-    """Adds σ·gain·z, one z per line, or per frame, and frame.
+    """Adds σ·gain·z, one z for each line, or one for all pixels, in each frame.
 
     sigma_e : σ as electrons at the sense node [e- rms].  gain_v_per_e : one electron at this stage [V/e-].
     """
