@@ -36,6 +36,7 @@ def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, 
         *_wavelength_note(light.photons, camera),
         *clipped_note(light, camera, first),
         *_bias_note(light.photons, first),
+        *_lag_note(light.photons, camera),
         *_unpolarized_note(light.photons, camera),
         *temperature_note(first.exposure.temperature_k),
         *(() if source is None else source.notes_for(camera)),
@@ -46,6 +47,15 @@ def _bias_note(photons: Photons, first: Frame) -> Iterator[str]:
     """Where the light of a scene is collected for no time."""
     if photons.source is not None and first.exposure.time_s == 0:
         yield "the exposure time is 0 s, so that no light is collected: this is a bias frame"
+
+
+def _lag_note(photons: Photons, camera: Camera) -> Iterator[str]:
+    """Where a camera has image lag and the light of the frame before is not known."""
+    if camera.quantum_efficiency.image_lag and not photons.by_readout:
+        yield (
+            "image_lag shows nothing in this frame: the light of the frame before is taken as the same; frames with "
+            'fps have it, and photons with by_readout={"before": ms.Photons(…)}'
+        )
 
 
 def _unpolarized_note(photons: Photons, camera: Camera) -> Iterator[str]:

@@ -30,7 +30,7 @@ class ImageLagFields(FileTable):
         0.0,
         title="image lag, residual charge",
         description="share of a pixel's photoelectrons that its read-out leaves behind for the next frame, of frames "
-        "that follow each other in time",
+        "that follow each other in time; a frame without the light of the one before (no fps, data sets) shows no lag",
         examples=[0.01],
     )
 
