@@ -1,18 +1,17 @@
 """The command of the laboratory: characterize a camera, simulated or real."""
 
-import shlex
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..camera.shipped import DEFAULT_CAMERA
-from ..core import InputError, require_seed
+from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import options
 from .app import app, err, out, show, show_remarks
 from .help import Command
+from .measuring import SimulatedFlags, how_made, refuse_beside_frames
 from .options import Flags, StudyFlags
 from .progress import steps_bar
 from .values import Flag
@@ -30,7 +29,7 @@ PANEL = "Laboratory"
 PAGE, REPORT = "report.html", "report.json"
 
 
-class CharacterizeFlags(TypedDict, total=False):
+class CharacterizeFlags(SimulatedFlags, total=False):
     """Flags of ``characterize``."""
 
     frames: Annotated[
@@ -68,18 +67,6 @@ class CharacterizeFlags(TypedDict, total=False):
             flag="--rendered",
             panel=PANEL,
         ),
-    ]
-    serial: Annotated[
-        int | None,
-        Option(
-            "Serial number of the simulated camera. Default: 1.",
-            check=require_seed,
-            panel=PANEL,
-        ),
-    ]
-    seed: Annotated[
-        int | None,
-        Option("Seed of the simulated frames. Default: 1.", check=require_seed, panel=PANEL),
     ]
 
 
@@ -189,7 +176,7 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
         "light": "rendered" if asked["rendered"] else "exact",
     }
     sheet = _datasheet(flags, bench, light.efficiency)
-    return characterized(camera.name, measured, sheet, **about, **_made())
+    return characterized(camera.name, measured, sheet, **about, **how_made())
 
 
 def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
@@ -197,11 +184,7 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
     from ..bench.figures_page import characterized, figures_of
     from ..lab.frames.bench import read_bench
 
-    for name in ("rendered", "serial", "seed"):
-        if asked[name]:
-            raise InputError(
-                f"--{name} is for simulated frames, and --frames names real ones; leave one of them out."
-            )
+    refuse_beside_frames(asked, ("rendered", "serial", "seed"))
     with steps_bar(err) as progress:
         bench = read_bench(
             asked["frames"] or "", lambda done, total: progress(done, total, "reading frames")
@@ -221,7 +204,7 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
         "camera": name,
         "stacks": [stack.source for stack in bench.stacks],
     }
-    return characterized(name, measured, sheet, **about, **_made())
+    return characterized(name, measured, sheet, **about, **how_made())
 
 
 def _at_gain(bench: "Bench", gain: object) -> "Bench":
@@ -271,14 +254,3 @@ def _datasheet(
             qe = float(efficiency[number])
         found[name] = expected(camera, exposure, qe, part.stacks[0].mean.size)
     return found
-
-
-def _made() -> dict[str, object]:
-    """How the report was made, for its foot."""
-    from ..core.versions import machine, versions
-
-    return {
-        "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
-        "machine": machine(),
-        "versions": versions(),
-    }

@@ -1,17 +1,16 @@
 """The command sheet: charts in front of a camera, every figure at every setting beside theory, on one page."""
 
-import shlex
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..core import InputError, require_seed
+from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
 from .app import app, err, out, show, show_remarks
 from .help import Command
+from .measuring import SimulatedFlags, how_made, refuse_beside_frames
 from .options import CameraFlags, Flags, StudyFlags
 from .progress import steps_bar
 from .values import Flag
@@ -26,7 +25,7 @@ FILES = "sheet.html", "sheet.json", "sheet.csv"
 COMPARISON = "comparison.html", "comparison.json", "comparison.csv"
 
 
-class SheetFlags(TypedDict, total=False):
+class SheetFlags(SimulatedFlags, total=False):
     """Flags of ``sheet``."""
 
     gains: Annotated[
@@ -48,7 +47,7 @@ class SheetFlags(TypedDict, total=False):
     charts: Annotated[
         str | None,
         Option(
-            "Only these charts, apart by commas, e.g. emva,steps. Default: all.",
+            "Only these of emva, edge, steps, colours, grey, led, apart by commas. Default: all.",
             metavar="NAME,…",
             panel=PANEL,
         ),
@@ -60,18 +59,6 @@ class SheetFlags(TypedDict, total=False):
             metavar="DIR",
             panel=PANEL,
         ),
-    ]
-    serial: Annotated[
-        int | None,
-        Option(
-            "Serial number of the simulated camera. Default: 1.",
-            check=require_seed,
-            panel=PANEL,
-        ),
-    ]
-    seed: Annotated[
-        int | None,
-        Option("Seed of the simulated frames. Default: 1.", check=require_seed, panel=PANEL),
     ]
 
 
@@ -95,6 +82,7 @@ Compared = Annotated[
     SheetFlags,
     StudyFlags,
     without=("camera", "exposure_s", "meter", "temperature_k", "gain", "force"),
+    first=("gains", "temperatures", "charts", "frames", "compare", "out", "as_json"),
     source="",
     helps={"out": "Folder for the page and its data. Default: sheet."},
 )
@@ -165,7 +153,7 @@ def _of_camera(
         )
     camera = _camera(name, flags)
     parts = _parts(camera, asked, progress)
-    return sheet_study(camera.name, parts, camera=camera.name, **_made())
+    return sheet_study(camera.name, parts, camera=camera.name, **how_made())
 
 
 def _camera(name: str, flags: Flags) -> "Camera":
@@ -202,16 +190,12 @@ def _of_frames(
     from ..bench.sheet.page import sheet_study
     from ..bench.sheet.real_frames import sheet_of_frames
 
-    for option in ("gains", "temperatures", "charts", "serial", "seed"):
-        if asked.get(option) is not None:
-            raise InputError(
-                f"--{option} is for a simulated camera, and --frames names frames of a real one; leave one of them out."
-            )
+    refuse_beside_frames(asked, ("gains", "temperatures", "charts", "serial", "seed"))
     path = Path(asked["frames"] or "")
     camera = None if name is None else _camera(name, flags)
     parts = sheet_of_frames(path, camera, progress)
     title = path.resolve().name if camera is None else camera.name
-    return sheet_study(title, parts, frames=str(path), **_made())
+    return sheet_study(title, parts, frames=str(path), **how_made())
 
 
 def _comparison(
@@ -265,14 +249,3 @@ def _kelvins(text: str | None) -> list[float]:
     if len(set(kelvins)) < len(kelvins):
         raise InputError(f"--temperatures {text} has one twice; write each once.")
     return kelvins
-
-
-def _made() -> dict[str, object]:
-    """How the sheet was made, for its foot."""
-    from ..core.versions import machine, versions
-
-    return {
-        "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
-        "machine": machine(),
-        "versions": versions(),
-    }

@@ -1,7 +1,5 @@
 """The command fit: frames of a camera in, its twin out: a camera file, measured maps and a page."""
 
-import shlex
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
@@ -15,6 +13,7 @@ from ..core.options import Option, complete, part_of
 from . import arguments, options
 from .app import app, err, out, show, show_remarks
 from .help import Command
+from .measuring import how_made
 from .progress import steps_bar
 from .values import Flag
 
@@ -128,7 +127,7 @@ def _fitted(frames: str, asked: FitFlags, stem: str, progress: "Report") -> _Fit
     twin = fit_twin(kept)
     camera = _camera(twin.tables(_like(asked)), stem)
     benches = kept.at_gain(twin.base.name), held.at_gain(twin.base.name)
-    study = twin_study(twin, camera, benches, progress, frames=frames, **_made())
+    study = twin_study(twin, camera, benches, progress, frames=frames, **how_made())
     maps = {f"{stem}.npz": maps_of(twin.base)}
     for setting in twin.settings[1:]:
         maps[f"{stem}{_mark(setting.name)}.npz"] = maps_of(setting)
@@ -154,7 +153,7 @@ def _fitted_readouts(
         benches, own = (kept[name], held[name]), camera.at_readout(name)
         studies[name] = twin_study(twin, own, benches, progress)
         maps[f"{stem}{_mark(name)}.npz"] = twin.maps
-    study = readouts_study(studies, camera, frames=frames, **_made())
+    study = readouts_study(studies, camera, frames=frames, **how_made())
     return _Fitted(camera, study, maps)
 
 
@@ -172,17 +171,6 @@ def _like(asked: FitFlags) -> "Facts | None":
     if not asked["like"]:
         return None
     return ms.load_camera(asked["like"]).model_dump()
-
-
-def _made() -> dict[str, object]:
-    """How the page was made, for its foot."""
-    from ..core.versions import machine, versions
-
-    return {
-        "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]),
-        "machine": machine(),
-        "versions": versions(),
-    }
 
 
 def _target(out_file: str, force: bool) -> Path:
