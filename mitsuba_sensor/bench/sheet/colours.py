@@ -1,6 +1,6 @@
 """A ColorChecker on the sheet: colour differences through the best matrix and white balance, in daylight.
 
-The scene ``color_checker`` is rendered small. Each patch is even, so that its mean is the light of a larger one.
+The chart is the scene ``color_checker``, rendered small.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...camera.camera import Camera
-from ...camera.figures import saturation_e
 from ...core import InputError
 from ...core.types import Float64Array
 from ...lab.frames.bench import Bench
@@ -21,20 +20,18 @@ from .chart import Lights, Measured, Taken, Theory
 from .edge import without_black
 from .edge_theory import coupling_of
 from .light import ChartLight, ChartScene
-from .setting import Setting, chart_shape, levels_of_filters, take
-from .steps import Patches, patches_of
+from .patches import Patches, PatchGrid, patches_of, scaled_to_saturation
+from .setting import Setting, levels_of_filters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ROWS, COLUMNS = 4, 6
-RENDERED_PX, MARGIN_PX = 16, 4
-"""Distance of the patches in the render, and what of it on each side may be frame or blurred."""
-PATCH_PX = 24
-"""Side of a patch in the frames, behind each place of the mosaic."""
+GRID = PatchGrid(rows=4, columns=6, rendered_px=16, margin_px=4, patch_px=24)
 BRIGHTEST = 0.8
 """Of saturation, behind the filter that sees most."""
-SAMPLES, FRAMES = 64, 4
+SAMPLES = 64
+COUNTS = 4, 8
+"""Of frames, and of dark ones."""
 CHANNELS = 3
 """Filters that a colour matrix needs."""
 
@@ -52,22 +49,16 @@ class ColoursChart(NamedTuple):
 
     def scenes(self, camera: Camera) -> list[ChartScene]:
         """The scene that ships with the package."""
-        return [ChartScene(self.name, "color_checker", SAMPLES, width=COLUMNS * RENDERED_PX)]
+        width = GRID.columns * GRID.rendered_px
+        return [ChartScene(self.name, "color_checker", SAMPLES, width=width)]
 
     def take(self, setting: Setting, lights: Lights) -> Taken:
         """Frames of the chart and dark ones."""
         (light,) = lights
-        side = _patch_side(setting.camera)
-        patches = _patch_photons(setting, light).reshape(ROWS, COLUMNS, -1)
-        photons = patches.repeat(side[0], axis=0).repeat(side[1], axis=1)
-        scene = take(setting, photons, light.bands, FRAMES, self.name)
-        dark = take(setting, 0 * photons, light.bands, 2 * FRAMES, f"{self.name} dark")
-        regions = [
-            [row * side[0], column * side[1], *side]
-            for row, column in np.ndindex(ROWS, COLUMNS)
-        ]
-        facts = {"patches": regions, "exposure_lxs": [0.0] * len(regions)}
-        return Taken(Bench((), (dark,), (), (scene,)), facts)
+        patches = _patch_photons(setting, light)
+        bench = GRID.take(setting, patches, light.bands, self.name, COUNTS)
+        regions = GRID.regions(setting.camera)
+        return Taken(bench, {"patches": regions, "exposure_lxs": [0.0] * len(regions)})
 
     def theory(self, setting: Setting, lights: Lights) -> Theory:
         """What the instrument finds in the mean photoelectrons of the patches; of pixels that are not coupled."""
@@ -75,8 +66,9 @@ class ColoursChart(NamedTuple):
         if coupling_of(camera) != ():
             return {}
         patches = levels_of_filters(camera, _patch_photons(setting, light), light.bands)
-        planes = patches.repeat(PATCH_PX, axis=0)[None].repeat(PATCH_PX, axis=0)
-        regions = [(0, PATCH_PX * n, PATCH_PX, PATCH_PX) for n in range(len(patches))]
+        side = GRID.patch_px
+        planes = patches.repeat(side, axis=0)[None].repeat(side, axis=0)
+        regions = [(0, side * number, side, side) for number in range(len(patches))]
         figures = colour_chart(planes, regions).quantities
         return {"": {one.symbol: Said(*3 * (one.value,)) for one in figures}}
 
@@ -91,10 +83,7 @@ class ColoursChart(NamedTuple):
 def _measure(bench: Bench, patches: Patches) -> Measured:
     """The instrument on one plane for each colour filter, the mean of its places in the mosaic."""
     tile = bench.stacks[0].tile or (("",),)
-    regions = [
-        (top // len(tile), left // len(tile[0]), rows // len(tile), columns // len(tile[0]))
-        for top, left, rows, columns in patches.regions
-    ]
+    regions = patches.behind_one_filter((len(tile), len(tile[0])))
     try:
         planes = planes_of_filters(bench)
         if len(planes) < CHANNELS:
@@ -118,19 +107,7 @@ def planes_of_filters(bench: Bench) -> dict[str, Float64Array]:
     return {name: np.asarray(np.mean(own, axis=0)) for name, own in planes.items()}
 
 
-def _patch_side(camera: Camera) -> tuple[int, int]:
-    """Rows and columns of a patch in the frames, whole tiles."""
-    rows, columns = chart_shape(camera, ROWS * PATCH_PX, COLUMNS * PATCH_PX)
-    tile = len(camera.tile), len(camera.tile[0])
-    return rows // ROWS // tile[0] * tile[0], columns // COLUMNS // tile[1] * tile[1]
-
-
 def _patch_photons(setting: Setting, light: ChartLight) -> Float64Array:
-    """Mean photons per pixel of every patch (P, B), the brightest near saturation behind the filter that sees most."""
-    camera, bands = setting.camera, light.data.shape[-1]
-    patches = light.data.reshape(ROWS, RENDERED_PX, COLUMNS, RENDERED_PX, bands)
-    inside = slice(MARGIN_PX, -MARGIN_PX)
-    means = patches[:, inside, :, inside].mean(axis=(1, 3)).reshape(-1, bands)
-    photons = light.photons(camera, setting.exposure, means)
-    most_e = levels_of_filters(camera, photons, light.bands).max()
-    return np.asarray(photons * (BRIGHTEST * saturation_e(camera) / most_e))
+    """Mean photons per pixel of every patch, (P, B)."""
+    photons = light.photons(setting.camera, setting.exposure, GRID.irradiance(light))
+    return scaled_to_saturation(setting.camera, photons, light.bands, BRIGHTEST)

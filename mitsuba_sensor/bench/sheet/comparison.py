@@ -30,7 +30,7 @@ SHOWN = (
     "S_sat",
     "SNR_max",
 )
-"""Factss whose ratios are drawn."""
+"""Figures whose ratios are drawn."""
 CLEAR = 3.0
 """Standard errors from which on a difference is said."""
 
@@ -72,7 +72,7 @@ def compared(names: tuple[str, str], sheets: tuple[Sequence[Facts], Sequence[Fac
 
 
 def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Facts, Facts]]:
-    """Factss of both sheets that belong together, in the order of the first."""
+    """Figures of both sheets that belong together, in the order of the first."""
     gains = [list(dict.fromkeys(str(row["gain"]) for row in rows)) for rows in (first, second)]
     if set(gains[0]) & set(gains[1]):
         shared = list(dict.fromkeys(gains[0] + gains[1]))

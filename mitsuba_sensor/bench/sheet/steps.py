@@ -1,7 +1,6 @@
 """A step chart on the sheet: response, ISO speeds, noise and dynamic range of grey patches in daylight.
 
-The patches are rendered small. Each is even, so that its mean is the light of a larger patch: the render noise is in
-the levels, whose exposure is known, and none is in the noise of the pixels.
+The exposure of each patch is that of its light in the render, with the render noise of that.
 """
 
 from __future__ import annotations
@@ -13,13 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...camera.camera import Camera
-from ...camera.figures import QUANTISATION_DN2, emva_figures, saturation_e
+from ...camera.figures import QUANTISATION_DN2, emva_figures
 from ...core import InputError
 from ...core.types import Float64Array
-from ...files.texts import Facts
 from ...lab.frames.bench import Bench
-from ...lab.frames.manifest import is_number
-from ...lab.measure.image_quality.patches import Region
 from ...lab.measure.image_quality.step_chart import (
     NOISE_CONSTANT,
     SATURATION_CONSTANT,
@@ -30,22 +26,20 @@ from ...stages.stage import converter_of
 from ..datasheet import Said, expected
 from .chart import Lights, Measured, Taken, Theory
 from .light import ChartLight, ChartScene
+from .patches import Patches, PatchGrid, patches_of, scaled_to_saturation
 from .scene_text import DAYLIGHT, emitter_rectangle, telecentric_scene
-from .setting import Setting, chart_shape, levels_of_filters, take
+from .setting import Setting, levels_of_filters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-GRID = 4
-"""Patches are in so many rows and columns."""
-RENDERED_PX, MARGIN_PX = 12, 3
-"""Side of a patch in the render, and what of it on each side the lens may have blurred."""
-PATCH_PX = 40
-"""Side of a patch in the frames, behind each place of the mosaic."""
-REFLECTANCES = np.concatenate([[0.0], np.geomspace(0.002, 1.0, GRID * GRID - 1)])
+GRID = PatchGrid(rows=4, columns=4, rendered_px=12, margin_px=3, patch_px=40)
+REFLECTANCES = np.concatenate([[0.0], np.geomspace(0.002, 1.0, GRID.rows * GRID.columns - 1)])
 BRIGHTEST = 0.9
 """Of saturation, behind the filter that sees most."""
-SAMPLES, FRAMES = 64, 8
+SAMPLES = 64
+COUNTS = 8, 8
+"""Of frames, and of dark ones."""
 SIGMAS = 4.0
 """As far as the spread of few columns may be from the camera's."""
 
@@ -63,34 +57,30 @@ class StepsChart(NamedTuple):
 
     def scenes(self, camera: Camera) -> list[ChartScene]:
         """The patches, in rows from the darkest to the brightest."""
-        half, reach = RENDERED_PX / 2, GRID * RENDERED_PX / 2
+        side = GRID.rendered_px
+        half, reach = side / 2, GRID.rows * side / 2
         patches = []
         for number, reflectance in enumerate(REFLECTANCES):
-            row, column = divmod(number, GRID)
+            row, column = divmod(number, GRID.columns)
             middle = (
-                column * RENDERED_PX + half - reach,
-                reach - row * RENDERED_PX - half,
+                column * side + half - reach,
+                reach - row * side - half,
             )
             if reflectance > 0:
                 patches.append(
                     emitter_rectangle(middle, (half, half), 0.0, reflectance, DAYLIGHT)
                 )
-        side = GRID * RENDERED_PX
-        return [ChartScene(self.name, telecentric_scene((side, side), patches), SAMPLES)]
+        shape = GRID.rows * side, GRID.columns * side
+        return [ChartScene(self.name, telecentric_scene(shape, patches), SAMPLES)]
 
     def take(self, setting: Setting, lights: Lights) -> Taken:
         """Frames of the chart and dark ones."""
-        camera, (light,) = setting.camera, lights
-        side = _patch_side(camera)
-        levels = _levels(setting, light).reshape(GRID, GRID, -1)
-        photons = levels.repeat(side[0], axis=0).repeat(side[1], axis=1)
-        scene = take(setting, photons, light.bands, FRAMES, self.name)
-        dark = take(setting, 0 * photons, light.bands, FRAMES, f"{self.name} dark")
-        regions = [
-            [row * side[0], column * side[1], *side] for row, column in np.ndindex(GRID, GRID)
-        ]
-        facts = {"patches": regions, "exposure_lxs": _exposures_lxs(setting, light).tolist()}
-        return Taken(Bench((), (dark,), (), (scene,)), facts)
+        (light,) = lights
+        bench = GRID.take(setting, _levels(setting, light), light.bands, self.name, COUNTS)
+        exposures = _exposures_lxs(setting, light).tolist()
+        return Taken(
+            bench, {"patches": GRID.regions(setting.camera), "exposure_lxs": exposures}
+        )
 
     def theory(self, setting: Setting, lights: Lights) -> Theory:
         """Closed forms of a linear camera, by filter."""
@@ -118,40 +108,9 @@ class StepsChart(NamedTuple):
         ]
 
 
-class Patches(NamedTuple):
-    """Where the patches are (first row, first column, rows, columns), and the exposure of each [lx s]."""
-
-    regions: Sequence[Region]
-    exposures_lxs: Sequence[float]
-
-
-def patches_of(facts: Facts) -> Patches:
-    """The patches that ``chart.toml`` names. Raises InputError where it does not, and for wrong values."""
-    regions, exposures = (facts.get(name) for name in ("patches", "exposure_lxs"))
-    are_regions = isinstance(regions, list) and all(map(_is_region, regions))
-    are_exposures = isinstance(exposures, list) and all(map(is_number, exposures))
-    if not (are_regions and are_exposures and len(regions or ()) == len(exposures or ())):
-        raise InputError(
-            "chart.toml of a step chart has patches = [[first row, first column, rows, columns], …] and exposure_lxs = "
-            "[…], the illuminance at the focal plane times the exposure time of each patch; docs/sheet.md shows one."
-        )
-    return Patches([tuple(region) for region in regions or ()], exposures or ())
-
-
-def _is_region(value: object) -> bool:
-    """Whether a value is four whole numbers of at least 0."""
-    if not isinstance(value, list) or len(value) != 4:
-        return False
-    return all(type(number) is int and number >= 0 for number in value)
-
-
 def measure_plane(name: str, bench: Bench, patches: Patches, step: tuple[int, int]) -> Measured:
     """The instrument on the pixels behind one filter.  step : distance of these, down and across."""
     try:
-        regions = [
-            (top // step[0], left // step[1], rows // step[0], columns // step[1])
-            for top, left, rows, columns in patches.regions
-        ]
         if not bench.scenes or not bench.darks:
             raise InputError(
                 f"{len(bench.scenes)} pictures of the chart and {len(bench.darks)} stacks of dark frames; take both, "
@@ -159,7 +118,7 @@ def measure_plane(name: str, bench: Bench, patches: Patches, step: tuple[int, in
             )
         chart = step_chart(
             bench.scenes[0],
-            regions,
+            patches.behind_one_filter(step),
             patches.exposures_lxs,
             black_dn=bench.darks[0].mean,
         )
@@ -169,22 +128,12 @@ def measure_plane(name: str, bench: Bench, patches: Patches, step: tuple[int, in
     return Measured(name, chart.quantities, drawings)
 
 
-def _patch_side(camera: Camera) -> tuple[int, int]:
-    """Rows and columns of a patch in the frames, whole tiles."""
-    rows, columns = chart_shape(camera, GRID * PATCH_PX, GRID * PATCH_PX)
-    tile = len(camera.tile), len(camera.tile[0])
-    return rows // GRID // tile[0] * tile[0], columns // GRID // tile[1] * tile[1]
-
-
 def _patch_means(light: ChartLight) -> Float64Array:
     """Irradiance of every patch without its margin, (P, B) [W m⁻² nm⁻¹].
 
     All have the spectrum of the lamp, the mean of theirs; the render noise is in their levels.
     """
-    bands = light.data.shape[-1]
-    patches = light.data.reshape(GRID, RENDERED_PX, GRID, RENDERED_PX, bands)
-    inside = slice(MARGIN_PX, -MARGIN_PX)
-    means = patches[:, inside, :, inside].mean(axis=(1, 3)).reshape(-1, bands)
+    means = GRID.irradiance(light)
     levels = means @ light.bands.bandwidths_nm
     return np.asarray(levels[:, None] * means.sum(axis=0) / levels.sum())
 
@@ -193,8 +142,7 @@ def _levels(setting: Setting, light: ChartLight) -> Float64Array:
     """Mean photons per pixel of every patch, (P, B), the brightest near saturation behind the filter that sees most."""
     camera = setting.camera
     photons = light.photons(camera, setting.exposure, _patch_means(light))
-    most_e = levels_of_filters(camera, photons[-1], light.bands).max()
-    return np.asarray(photons * (BRIGHTEST * saturation_e(camera) / most_e))
+    return scaled_to_saturation(camera, photons, light.bands, BRIGHTEST)
 
 
 def _exposures_lxs(setting: Setting, light: ChartLight) -> Float64Array:
@@ -235,7 +183,7 @@ def _fixed_patterns(setting: Setting, gain: float) -> list[tuple[float, float]]:
     """Variance of DSNU [DN²] and square of PRNU in a patch: the camera's, and the least and the most that
     so few columns may have."""
     camera = setting.camera
-    columns = _patch_side(camera)[1] // len(camera.tile[0])
+    columns = GRID.side(camera)[1] // len(camera.tile[0])
     patterns = expected(camera, setting.exposure, None, 1)
     pixel, column, row = (
         patterns.get(f"DSNU1288_{name}", Said(0.0, 0.0, 0.0)).value
@@ -261,6 +209,6 @@ def _signal(ratio: float, dark_dn2: float, gain: float, prnu2: float) -> float:
 
 def _of_chip(value: float, camera: Camera) -> Said:
     """A figure that is proportional to the response: that of the brightest patch, whose columns have their PRNU."""
-    columns = camera.readout.prnu_col / math.sqrt(PATCH_PX)
-    share = SIGMAS * math.hypot(columns, camera.pixel.prnu / PATCH_PX)
+    columns = camera.readout.prnu_col / math.sqrt(GRID.patch_px)
+    share = SIGMAS * math.hypot(columns, camera.pixel.prnu / GRID.patch_px)
     return Said(value, value * (1 - share), value * (1 + share))
