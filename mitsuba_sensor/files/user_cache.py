@@ -1,7 +1,7 @@
 """Arrays that are kept from one run of the program to the next, in the user's cache folder.
 
-What is kept there can be made again at any time: a folder that cannot be written is no error, and a file that cannot be
-read counts as missing.
+What is kept there can be made again at any time: a folder that cannot be written is no error, nor is a user without a
+home, and a file that cannot be read counts as missing.
 """
 
 from __future__ import annotations
@@ -20,9 +20,14 @@ FOLDER = "mitsuba-sensor"
 
 
 def cache_folder() -> Path:
-    """``$XDG_CACHE_HOME/mitsuba-sensor``, else ``~/.cache/mitsuba-sensor``."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / FOLDER
+    """``$XDG_CACHE_HOME/mitsuba-sensor``, else ``~/.cache/mitsuba-sensor``.
+
+    A relative path counts as none, as XDG says. Raises RuntimeError for a user without a home.
+    """
+    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not base.is_absolute():
+        base = Path.home() / ".cache"
+    return base / FOLDER
 
 
 def kept_file(name: str) -> Path:
@@ -34,13 +39,13 @@ def read_kept(name: str) -> dict[str, np.ndarray] | None:
     """The arrays that were kept under a name; None where there are none."""
     try:
         return read_arrays(kept_file(name))
-    except (OSError, ValueError, InputError):
+    except (OSError, RuntimeError, ValueError, InputError):
         return None
 
 
 def keep(name: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Keep arrays under a name, where the folder can be written."""
-    file = kept_file(name)
-    with suppress(OSError, InputError):
+    with suppress(OSError, RuntimeError, InputError):
+        file = kept_file(name)
         file.parent.mkdir(parents=True, exist_ok=True)
         write_fpn_maps(file, arrays)
