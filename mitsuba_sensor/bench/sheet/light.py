@@ -18,9 +18,7 @@ from ...render.passes.prepared import render
 from ...render.variants import choose_variant
 from .setting import Bands
 
-REVISION = 1
-"""Changes when charts of the same text get another light."""
-RENDERERS = "mitsuba", "drjit"
+RENDERERS = "mitsuba-sensor", "mitsuba", "drjit"
 """Packages whose versions the light depends on."""
 NARROW_NM = 10.0
 """Width of the band of a chart that is seen in one colour."""
@@ -107,7 +105,6 @@ def fingerprint(scene: ChartScene, camera: Camera) -> str:
     """A hash of all that the light depends on: the chart, the lens, the pixels, the bands, and the renderer."""
     pixel, version_of = camera.pixel, versions()
     parts = (
-        REVISION,
         scene,
         sorted(camera.lens.model_dump(mode="json").items()),
         (pixel.pitch_x_um, pixel.pitch_y_um, pixel.aperture_shape),
