@@ -378,6 +378,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
     from rich.console import Group
     from rich.text import Text
 
+    from ..optics.image_record import airy_diameter_px
     from ..render.scene.scene import inspect_scene
     from .inputs import render_input
     from .remarks import taken_by_default
@@ -397,8 +398,9 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
                 Text(one.level, style=LEVELS[one.level]),
                 *map(Text, (one.where, said_here(one.what), said_here(one.remedy))),
             )
+        disk = f"Airy disk {airy_diameter_px(camera):.2g} px"
         head = Text.assemble(
-            (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm"
+            (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm, {disk}"
         )
         nothing = "nothing to say for this camera"
         if flags["camera"] is None:

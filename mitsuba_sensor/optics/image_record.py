@@ -35,12 +35,15 @@ def airy_wavelength_nm(camera: Camera) -> float:
     return sum(camera.band_nm) / 2
 
 
-def airy_record(camera: Camera) -> dict[str, object]:
-    """The Airy disk of the camera's lens, focused at infinity, and whether renders have it; ready for JSON."""
+def airy_record(camera: Camera, f_number: float | None = None) -> dict[str, object]:
+    """The Airy disk of the camera's lens, and whether renders have it; ready for JSON.
+
+    f_number : the working one; by default that of the lens, focused at infinity.
+    """
     return {
-        "diameter_px": airy_diameter_px(camera),
+        "diameter_px": airy_diameter_px(camera, f_number),
         "wavelength_nm": airy_wavelength_nm(camera),
-        "f_number": camera.lens.f_number,
+        "f_number": f_number or camera.lens.f_number,
         "rendered": camera.lens.diffraction,
     }
 
@@ -78,16 +81,18 @@ def airy_sentence(camera: Camera) -> str:
 
 
 def image_record(view: View, camera: Camera) -> dict[str, object]:
-    """Intrinsics, ``shading``, ``point_spread`` and ``veiling_glare`` of a render, ready for JSON.
+    """Intrinsics, ``shading``, ``airy_disk``, ``point_spread`` and ``veiling_glare`` of a render, ready for JSON.
 
-    point_spread : what displaced its rays: working f-number and obstruction of the pupil, the diameter of its Airy disk
-        at a wavelength, the sides of the pixel's aperture as shares of the pitch, and the sensitivity of its cells, if
-        that is measured; None of a render without.
+    airy_disk : that of the working f-number at a wavelength, also of a render without diffraction.
+    point_spread : what displaced its rays: whether diffraction did, and of which obstruction of the pupil; the sides of
+        the pixel's aperture as shares of the pitch, and the sensitivity of its cells, if that is measured; None of a
+        render without.
     veiling_glare : the share of the light, and the width of its spread [mm] or None; None of a render without.
     """
     shape = {
         "shading": shading(view, camera),
-        "point_spread": _point_spread(view, camera),
+        "airy_disk": airy_record(camera, 1 / (2 * numerical_aperture(view, camera))),
+        "point_spread": _point_spread(camera),
         "veiling_glare": _veiling_glare(camera),
     }
     return intrinsics(view, camera) | shape
@@ -100,22 +105,13 @@ def _veiling_glare(camera: Camera) -> dict[str, float | None] | None:
     return {"fraction": lens.veiling_glare, "width_mm": lens.glare_width_mm}
 
 
-def _point_spread(view: View, camera: Camera) -> dict[str, object] | None:
+def _point_spread(camera: Camera) -> dict[str, object] | None:
     lens, aperture = camera.lens, camera.pixel.aperture_shape
     if not lens.diffraction and aperture.is_full:
         return None
-    working = 1 / (2 * numerical_aperture(view, camera))
-    found = {
+    return {
         "diffraction": lens.diffraction,
+        "obstruction": lens.obstruction,
         "pixel_aperture": list(aperture.sides),
         "sensitivity_within_pixel": None if aperture.is_even else aperture.cells,
-    }
-    if not lens.diffraction:
-        return found
-    return {
-        **found,
-        "working_f_number": working,
-        "obstruction": lens.obstruction,
-        "airy_diameter_px": airy_diameter_px(camera, working),
-        "wavelength_nm": airy_wavelength_nm(camera),
     }
