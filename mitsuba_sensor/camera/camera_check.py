@@ -12,10 +12,11 @@ from typing import Any, Literal, TypeAlias
 
 from pydantic import ValidationError
 
-from ..core import closest
+from ..core import InputError, closest
 from ..core.argument_names import tells_of_names
 from ..core.printable import printable
 from ..core.small_files import toml_tables, without_strings
+from ..optics.paraxial import cardinal_points
 from .camera import Camera
 from .camera_file import CameraText, camera_text, plain_tables
 from .datasheet_errors import Fault, Loc, doubts, faults, fields_of
@@ -29,7 +30,8 @@ MOST_BROKEN = 20  # lines that are no TOML; the text is parsed again for each
 class CameraFinding:
     """One error or warning of a camera file.
 
-    level : a file with an error cannot be used; a warning is a value that is allowed and probably not meant.
+    level : a file with an error cannot be loaded, or its lens cannot be traced; a warning is a value that is allowed
+        and probably not meant.
     field : dotted name, or empty for the whole file.  line : from 1; None for what stands nowhere.
     text : value, allowed or usual range, and the way out.
     """
@@ -171,7 +173,19 @@ def _all_faults(
             if not unknown:
                 return list(found.values()), doubts(data, Camera)
         else:
-            return list(found.values()), [(note.split()[0], note) for note in camera.notes]
+            notes = [(note.split()[0], note) for note in camera.notes]
+            return [*found.values(), *_lens_faults(camera)], notes
+
+
+def _lens_faults(camera: Camera) -> list[Fault]:
+    """What a render refuses in a prescription: an f-number that it does not open to, a negative focal length."""
+    if camera.lens.prescription is None:
+        return []
+    try:
+        cardinal_points(camera.lens)
+    except InputError as error:
+        return [Fault(("lens", "prescription"), str(error), False, "", True)]
+    return []
 
 
 def _renamed(

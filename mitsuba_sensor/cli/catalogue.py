@@ -145,30 +145,35 @@ def check_camera(
     from ..optics import image_record
     from .inputs import changes_of
 
-    found, airy, pixel_mtf = ms.check_camera(name), None, None
-    errors = sum(one.level == "error" for one in found)
-    if not errors:
-        camera = ms.load_camera(name).replace(**changes_of(flags))
-        if flags["settings"]:
-            found = _findings_of(camera, name)
+    found, changes = ms.check_camera(name), changes_of(flags)
+    if changes:
+        found = _findings_with(changes, name, found)
+    lines, airy, pixel_mtf = [*map(str, found)], None, None
+    is_wrong = any(one.level == "error" for one in found)
+    if not is_wrong:
+        camera = ms.load_camera(name).replace(**changes)
         airy = image_record.airy_record(camera)
         pixel_mtf = image_record.pixel_mtf_record(camera)
-    lines = [*map(str, found)]
-    if not errors:
         lines.append(f"{name}: {image_record.airy_sentence(camera)}")
         lines.append(f"{name}: {image_record.pixel_mtf_sentence(camera)}")
     lines.append(_verdict(name, found))
     findings = [one.to_dict() for one in found]
     checked = {"findings": findings, "airy_disk": airy, "pixel_mtf": pixel_mtf}
     show(checked if as_json else "\n".join(lines), as_json)
-    if errors:
+    if is_wrong:
         raise typer.Exit(2)
 
 
-def _findings_of(changed: ms.Camera, name: str) -> tuple[CameraFinding, ...]:
-    """What is unusual in a camera with --set; its numbers stand in no line of the file."""
-    found = ms.check_camera(tomllib.loads(changed.to_toml()))
-    return tuple(replace(one, file=f"{name} with --set", line=None) for one in found)
+def _findings_with(
+    changes: dict[str, object], name: str, of_file: tuple[CameraFinding, ...]
+) -> tuple[CameraFinding, ...]:
+    """What is wrong or unusual with --set, in no line of the file; of a file that does not load, its own errors."""
+    try:
+        camera = ms.load_camera(name)
+    except ms.InputError:
+        return of_file
+    found = ms.check_camera(tomllib.loads(camera.replace(**changes).to_toml()))
+    return tuple(replace(one, file=f"{name} with --set") for one in found)
 
 
 @cameras.command(

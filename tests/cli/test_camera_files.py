@@ -141,6 +141,10 @@ def test_a_check_may_change_fields_first(cli: Callable[..., Any]) -> None:
     ]
     wrong = cli("cameras", "check", "sony_imx174", "--set", "adc.bits=99")
     assert wrong.exit_code == 2 and "adc.bits is 99; it must be" in wrong.stderr
+    lens = ("--set", "lens.prescription=double_gauss", "--set", "lens.f_number=1.4")
+    closed = cli("cameras", "check", "sony_imx174", *lens)
+    assert closed.exit_code == 2 and "opens to f/2.05 at most" in closed.stdout
+    assert closed.stdout.endswith("sony_imx174: 1 error\n")
 
 
 @pytest.mark.parametrize("camera", [(), ("--camera", "sony_a7s2")])
@@ -149,6 +153,7 @@ def test_lint_names_another_camera_only_where_none_is_named(
 ) -> None:
     done = cli("lint", "night_crossing", *camera, "--set", "lens.f_number=1.8")
     assert done.exit_code == 0 and "nothing to say for this camera" in done.stdout
+    assert "Airy disk 0." in done.stdout  # also where it is small
     assert ("--camera takes another one" in done.stdout) == (not camera)
 
 

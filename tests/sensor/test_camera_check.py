@@ -301,6 +301,16 @@ def test_lines_of_every_kind_of_toml() -> None:
     assert lines(("s", "many", 1, "y")) == 16
 
 
+def test_a_lens_that_does_not_open_as_far_as_its_f_number_is_an_error(tmp_path: Path) -> None:
+    """As a render says it; the file itself loads."""
+    lens = '[lens]\nf_number = 1.4\nprescription = "double_gauss"\n'
+    text = TABLE1.partition("[lens]")[0] + lens
+    (found,) = (one for one in checked(text, tmp_path) if one.level == "error")
+    assert found.line == text.splitlines().index('prescription = "double_gauss"') + 1
+    assert "lens.f_number is 1.4, and the lens 'double_gauss' opens to f/2.05" in found.text
+    assert not checked(text.replace("1.4", "2.8"), tmp_path)
+
+
 JUNK = (
     "-3",
     "nan",
