@@ -34,8 +34,6 @@ NOT_A_NUMBER = ("float_type", "int_type")
 """Errors of a value that is no number."""
 
 NUMBER_NOUNS = {"float_type": "a number", "int_type": "a whole number"}
-MOST_DIGITS = 20
-"""Of a limit that is written out."""
 
 LIMITS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 """The ends of a range as pydantic's metadata call them, and as a sentence says them."""
@@ -129,16 +127,20 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
     if what == "string_type" and path in MEANT:
         return f"{path} is {value}, and it is a text. Did you mean {MEANT[path]!r}?"
     said = one["msg"].removeprefix("Input should be ").removeprefix("Input ")
-    rule = PLAIN.get(what) or _number_rule(what, field) or said
-    limit = next((one["ctx"][end] for end in LIMITS if end in one.get("ctx", ())), None)
-    digits = said.rpartition(" ")[2]
-    if limit is not None and len(digits) > MOST_DIGITS:
-        rule = rule.replace(digits, repr(limit))  # 1e-30
+    rule = PLAIN.get(what) or _limit_rule(one) or _number_rule(what, field) or said
     if what in ("too_short", "too_long"):
         least, most = (one["ctx"].get(f"{end}_length") for end in ("min", "max"))
         rule = f"at most {most} long" if least is None else f"at least {least} long"
     value = value if len(value) <= 60 else value[:57] + "..."
     return f"{path} is {value}; it must be {rule} ({_way_out(path, field)[:-1]}{_meaning(path, one, field)})."
+
+
+def _limit_rule(one: ErrorDetails) -> str:
+    """The end of its range that a number is beyond; empty for other kinds of error."""
+    for end, limit in one.get("ctx", {}).items():
+        if end in LIMITS:
+            return f"{LIMITS[end]} {limit!r}".removesuffix(".0")
+    return ""
 
 
 def _number_rule(what: str, field: FieldInfo | None) -> str:

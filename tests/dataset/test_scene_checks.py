@@ -35,7 +35,7 @@ NEVER = {
     ),
     "a sensor that is none": (
         {"cameras": [{"camera": "bayer_2mp", "set": {"sensor.columns": 10**9}}]},
-        "sensor.columns is 1000000000; it must be less than or equal to 1000000",
+        "sensor.columns is 1000000000; it must be at most 1000000",
     ),
 }
 

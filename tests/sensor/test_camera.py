@@ -293,7 +293,7 @@ CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "no curve": ({"quantum_efficiency.curves": {}}, "at least 1 long"),
     "QE above 1": (
         {"quantum_efficiency.curves": {"mono": [0.6, 60.0]}},
-        "less than or equal to 1",
+        "at most 1",
     ),
     "QE nan": ({"quantum_efficiency.curves": {"mono": [0.6, math.nan]}}, "finite number"),
     "curves without tile": (

@@ -74,11 +74,11 @@ ERRORS = {  # line → field, and what is said
     5: ("sensor.rows", "is 480.5; it must be a whole number"),
     7: ("pixels", "Did you mean 'pixel'?"),
     10: ("pixel.fil_factor", "Did you mean 'pixel.fill_factor'?"),
-    11: ("pixel.full_well_e", "is -3; it must be greater than or equal to 1"),
+    11: ("pixel.full_well_e", "is -3; it must be at least 1"),
     17: ("quantum_efficiency.curves.mono.1", "if 60 is in percent, write 0.6"),
     21: ("dark_current.at_temperature_k", "if 25 is in °C, write 298.15"),
     22: ("dark_current.cvs", "Did you mean 'dark_current.cv'?"),
-    32: ("dark_current.components.1.weight", "is 2.0; it must be less than or equal to 1"),
+    32: ("dark_current.components.1.weight", "is 2.0; it must be at most 1"),
     38: ("source_follower", "give either read_noise_e or white_nv_per_rthz"),
     42: ("readout", "the gain is missing; give gain_dn_per_e"),  # once `reset` is understood
     43: ("readout.rest", "Did you mean 'readout.reset'?"),

@@ -97,7 +97,7 @@ def test_the_camera_refuses_a_step_narrower_than_nothing_and_a_code_without_two_
     """The first and the last code take all that lies beyond them: they have no width (IEEE 1241)."""
     with pytest.raises(
         ms.InputError,
-        match=r"adc\.dnl_lsb\.7 is -1\.01; it must be greater than or equal to -1",
+        match=r"adc\.dnl_lsb\.7 is -1\.01; it must be at least -1",
     ):
         TABLE1.replace(**{"adc.dnl_lsb": {"7": -1.01}})
     for code in ("0", "4095", "4096", "-1", "seven", "1.5"):

@@ -223,7 +223,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "seven": ({MIXING: np.pad(LOPSIDED, 2).tolist()}, "it must be 3 rows of 3 or 5 rows of 5"),
     "shifted": ({MIXING: np.roll(LOPSIDED, 1, 0).tolist()}, "the share in the middle must"),
     "dark": ({MIXING: np.zeros((3, 3)).tolist()}, "the share in the middle must"),
-    "negative": ({MIXING: (-LOPSIDED).tolist()}, "greater than or equal to 0"),
+    "negative": ({MIXING: (-LOPSIDED).tolist()}, "at least 0"),
     "unknown": ({f"{MIXING}_from": {"X": LOPSIDED.tolist()}}, "names 'X', which has no curve"),
     "twice": (
         {f"{MIXING}_from": {"mono": LOPSIDED.tolist()}, MIXING: LOPSIDED.tolist()},

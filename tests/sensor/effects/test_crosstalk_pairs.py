@@ -194,7 +194,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         r"\.R\.G has a share in row \+0 and column \+0 from the pixel, where none behind G",
     ),
     "rows": ({"R": {"R": [[0.9]]}}, "it must be 3 rows of 3 or 5 rows of 5"),
-    "negative": ({"R": {"R": cross(-0.9, 0, 0)}}, "greater than or equal to 0"),
+    "negative": ({"R": {"R": cross(-0.9, 0, 0)}}, "at least 0"),
     "empty": ({"R": {}}, "must be at least 1 long"),
 }
 

@@ -257,7 +257,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"readout.em_gain": 300.0, "readout.em_stages": 4},
         "at most doubles the electrons; take a gain up to 16",
     ),
-    "less": ({"readout.em_gain": 0.5}, "greater than or equal to 1"),
+    "less": ({"readout.em_gain": 0.5}, "at least 1"),
 }
 
 

@@ -200,8 +200,8 @@ YIELD = {
     "quantum_efficiency.quantum_yield": [2.0, 1.0],
 }
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "percent": ({"quantum_efficiency.image_lag": 2.0}, "less than or equal to 0.5"),
-    "negative": ({"quantum_efficiency.image_lag": -0.1}, "greater than or equal to 0"),
+    "percent": ({"quantum_efficiency.image_lag": 2.0}, "at most 0.5"),
+    "negative": ({"quantum_efficiency.image_lag": -0.1}, "at least 0"),
     "bursts": (YIELD, "give either image_lag or quantum_yield"),
     "dual": (
         {"quantum_efficiency.image_lag": 0.01, "sensor.dual_pixel": True},

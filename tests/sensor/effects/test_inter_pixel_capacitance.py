@@ -167,8 +167,8 @@ def test_check_stage_compares_its_moments_inside_the_windows() -> None:
 
 
 REFUSED = {
-    "percent": ({"readout.ipc_coupling": 2.0}, "less than or equal to 0.2"),
-    "negative": ({"readout.ipc_coupling": -0.01}, "greater than or equal to 0"),
+    "percent": ({"readout.ipc_coupling": 2.0}, "at most 0.2"),
+    "negative": ({"readout.ipc_coupling": -0.01}, "at least 0"),
     "hollow": (
         {"readout.ipc_coupling": 0.2, "readout.ipc_corner_coupling": 0.01},
         r"leave 0\.16 in the pixel itself.*take smaller",

@@ -342,7 +342,7 @@ def test_the_converter_is_monotone_for_every_gamma_below_e(gamma: float) -> None
 
 @pytest.mark.parametrize("gamma", [math.e, 3.0])
 def test_the_camera_refuses_a_gamma_of_e_and_above(gamma: float) -> None:
-    with pytest.raises(ms.InputError, match=r"adc\.gamma is .*less than 2\.718"):
+    with pytest.raises(ms.InputError, match=r"adc\.gamma is .*below 2\.718"):
         TABLE1.replace(**{"adc.gamma": gamma})
 
 

@@ -195,7 +195,7 @@ FILES = {
         "has a line that is not 2 numbers",
     ),
     "NaN": ("wavelength_nm,mono_percent\n400,nan\n700,60\n", "finite number"),
-    "negative": ("wavelength_nm,mono_percent\n400,-1\n700,60\n", "greater than or equal to 0"),
+    "negative": ("wavelength_nm,mono_percent\n400,-1\n700,60\n", "at least 0"),
     "twice the same name": (
         "wavelength_nm,G_percent,G_percent\n400,60,10\n700,60,10\n",
         "names a curve twice; give each of ['G'] one",

@@ -47,7 +47,7 @@ def test_uncorrelated_sampling_adds_the_variance_of_two_resets() -> None:
     assert stage.sigma_v(SMALL) ** 2 == pytest.approx(2 * hard.sigma_v(SMALL) ** 2, rel=1e-14)
     with pytest.raises(
         ms.InputError,
-        match=r"readout\.ktc_residual is 1\.5; it must be less than or equal to 1\.414",
+        match=r"readout\.ktc_residual is 1\.5; it must be at most 1\.414",
     ):
         BASE.replace(**{"readout.ktc_residual": 1.5})
 
