@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.ray_transfer import fitted_lens, thin_lens, written
+from helpers.ray_transfer import fitted_lens, light_of_pixels, thin_lens, written
 from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
@@ -86,8 +86,8 @@ def test_the_ray_transfer_of_a_thin_lens_is_mitsubas_thin_lens(tmp_path: Path) -
 
 @pytest.mark.exhaustive
 def test_a_fitted_double_gauss_renders_as_the_double_gauss(tmp_path: Path) -> None:
-    """At f/4 with vignetting and a ball out of focus; light within 1 %, because what passes are ellipses and not the
-    common part of circles, and each pixel within four standard errors."""
+    """At f/4 with vignetting and a ball out of focus: each pixel within four standard errors, and the light of all as
+    that of counted rays within 0.3 %. Ellipses pass 0.6 % more than the common part of circles, 2 % in the corner."""
     cam = camera(prescription="double_gauss", f_number=4.0)
     points = cardinal_points(cam.lens)
     pupil_mm = points.entrance_radius / points.focal_length
@@ -101,7 +101,9 @@ def test_a_fitted_double_gauss_renders_as_the_double_gauss(tmp_path: Path) -> No
         for each in (cam, fitted)
     )
     assert expected.min() < 0.6 * expected.max()
-    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+    light, same = (light_of_pixels(each.lens, 1.0, 20, 14).mean() for each in (fitted, cam))
+    assert light / same == pytest.approx(1.006, abs=1e-3)
+    assert found.mean() / expected.mean() == pytest.approx(light / same, rel=3e-3)
     assert np.abs(found - expected).max() < 4 * 0.5 * math.sqrt(2 / SAMPLES) * expected.max()
 
 
