@@ -299,9 +299,9 @@ def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
 
     if not faults:
         return Text(f"{folder}: every file is as it was written", style="green")
-    table = FittedTable(("what", "of", "key", "file"), keys=2)
+    table = FittedTable(("what", "of", "folder", "file"), keys=2)
     for one in faults[:MOST_SHOWN]:
-        table.add_row(one.what, one.kind, one.key, Text(one.file))
+        table.add_row(one.what, one.kind, Text(one.name), Text(one.file))
     if len(faults) > MOST_SHOWN:
         more = [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")]
     else:

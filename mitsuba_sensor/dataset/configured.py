@@ -13,6 +13,8 @@ from .cameras import Cameras, VariedCamera, check_outputs
 from .file import DatasetFile
 from .keys import Config, Facts, identity, key_of, made_by
 from .light import FORMAT, Lights, exposure_asked
+from .names import name_of_sample
+from .record import Entry
 from .splits import SplitOf
 from .sweep import Combination, SceneSweep, of_kind
 
@@ -21,12 +23,19 @@ OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
 
 @dataclass(frozen=True)
 class PlannedSample:
-    """One sample.  key : its name on disk.  config : what decides its pixels.  values : what varies, for people."""
+    """One sample.  name : of its folder.  config : what decides its pixels.  key : the hash of that.  values : what
+    varies, for people."""
 
+    name: str
     key: str
     config: Config
     values: Config
     split: str
+
+    @property
+    def entry(self) -> Entry:
+        """What it is in the store."""
+        return Entry("samples", self.name, self.key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,4 +115,6 @@ class ConfiguredSamples:
         }
         if one.pose is not None:
             said |= {"view": one.view, "pose": one.pose.model_dump()}
-        return PlannedSample(own, {**config, "outputs": outputs}, said, split)
+        entry = self.file.cameras[one.camera]
+        name = name_of_sample(said, entry.name or entry.camera, one.draw, own)
+        return PlannedSample(name, own, {**config, "outputs": outputs}, said, split)

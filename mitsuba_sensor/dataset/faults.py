@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
 from ..files import durable
-from .record import KEY, MOST_BYTES, RECORD, Kind, Record, record_of
+from .names import is_name_of_entry, is_part
+from .record import MOST_BYTES, RECORD, Kind, Record, record_of
 
+OF_ENTRY = 2
+"""Folders above the one of an entry: scene and pose."""
 What: TypeAlias = Literal[
     "missing",
     "extra",
@@ -26,41 +29,41 @@ What: TypeAlias = Literal[
 class Fault(NamedTuple):
     """One thing that is wrong.
 
-    kind : of entry, dataset for what says what it is, or quarantine for a note there.  key : empty for what belongs to
-    no entry.  file : in the entry's folder, or, of what belongs to no entry, in the folder of its kind.
+    kind : of entry, dataset for what says what it is, or quarantine for a note there.  name : of the entry, a key in
+    quarantine, empty for what belongs to no entry.  file : in the entry's folder, or, of what belongs to no entry, in
+    the folder of its kind.
     """
 
     kind: Kind | Literal["dataset", "quarantine"]
-    key: str
+    name: str
     file: str
     what: What
 
 
-def of_entry(folder: Path, kind: Kind, key: str) -> list[Fault]:
+def of_entry(folder: Path, kind: Kind, name: str) -> list[Fault]:
     """Every difference between an entry and its record; of an entry without a valid one, that only."""
-    record = _record_in(folder, kind, key)
+    record = _record_in(folder, kind, name)
     if not isinstance(record, Record):
-        return [Fault(kind, key, RECORD, record)]
+        return [Fault(kind, name, RECORD, record)]
     try:
         found = dict(durable.plain_files(folder))
     except OSError:
-        return [Fault(kind, key, RECORD, "unreadable")]
+        return [Fault(kind, name, RECORD, "unreadable")]
     faults = [
-        Fault(kind, key, name, "extra")
-        for name in found
-        if name not in record.files and name != RECORD
+        Fault(kind, name, file, "extra")
+        for file in found
+        if file not in record.files and file != RECORD
     ]
-    for name, (size, digest) in record.files.items():
-        what = (
-            what_is_wrong(folder / name, size, digest)
-            if found.get(name, True)
-            else "not a plain file"
-        )
-        faults += [Fault(kind, key, name, what)] if what else []
+    for file, (size, digest) in record.files.items():
+        what: What | None = "not a plain file"
+        if found.get(file, True):
+            what = what_is_wrong(folder / file, size, digest)
+        if what:
+            faults.append(Fault(kind, name, file, what))
     return sorted(faults)
 
 
-def _record_in(folder: Path, kind: Kind, key: str) -> Record | What:
+def _record_in(folder: Path, kind: Kind, name: str) -> Record | What:
     """The record of an entry, or what is wrong with it."""
     path = folder / RECORD
     if folder.is_symlink() or path.is_symlink():
@@ -73,7 +76,9 @@ def _record_in(folder: Path, kind: Kind, key: str) -> Record | What:
         return "unreadable"
     if record is None:
         return "unreadable"
-    return record if (record.kind, record.key) == (kind, key) else "of another entry"
+    if (record.kind, record.name) != (kind, name):
+        return "of another entry"
+    return record
 
 
 def what_is_wrong(path: Path, size: int, digest: str) -> What | None:
@@ -93,18 +98,18 @@ def what_is_wrong(path: Path, size: int, digest: str) -> What | None:
 
 def strays(folder: Path, kind: Kind) -> Iterator[Fault]:
     """What lies in the folder of a kind and is no entry; scratch folders of programs that may still run are none."""
-    top = folder / kind
-    for prefix in durable.names_of(top):
-        here = top / prefix
-        if (
-            len(prefix) != 2
-            or set(prefix) - set("0123456789abcdef")
-            or not here.is_dir()
-            or here.is_symlink()
-        ):
-            yield Fault(kind, "", prefix, "stray")
-            continue
-        for name in durable.names_of(here):
-            entry = KEY.fullmatch(name) and name.startswith(prefix)
-            if not entry and not name.startswith(durable.SCRATCH):
-                yield Fault(kind, "", f"{prefix}/{name}", "stray")
+    yield from _strays_below(folder / kind, kind, "")
+
+
+def _strays_below(top: Path, kind: Kind, above: str) -> Iterator[Fault]:
+    """What is no folder of entries, or no entry, in the folder of a scene or pose.  above : its name, with a slash."""
+    depth = above.count("/")
+    for name in durable.names_of(top / above):
+        place = top / above / name
+        if depth == OF_ENTRY:
+            if not is_name_of_entry(above + name) and not name.startswith(durable.SCRATCH):
+                yield Fault(kind, "", above + name, "stray")
+        elif is_part(name) and place.is_dir() and not place.is_symlink():
+            yield from _strays_below(top, kind, f"{above}{name}/")
+        else:
+            yield Fault(kind, "", above + name, "stray")

@@ -138,9 +138,7 @@ def cost_of(view: PlannedView) -> Cost:
     with tempfile.TemporaryDirectory() as folder:
         if view.outputs:
             started = time.monotonic()
-            view_bytes = _bytes(
-                Store(Path(folder)).commit("views", view.key, rendered.write).files
-            )
+            view_bytes = _bytes(Store(Path(folder)).commit(view.entry, rendered.write).files)
             render_s += time.monotonic() - started
         step = max(len(view.samples) // MOST_SAMPLES, 1)
         for number, sample in enumerate(
@@ -148,7 +146,7 @@ def cost_of(view: PlannedView) -> Cost:
         ):
             started = time.monotonic()
             record = Store(Path(folder) / str(number)).commit(
-                "samples", sample.key, partial(rendered.expose, sample)
+                sample.entry, partial(rendered.expose, sample)
             )
             took.append(time.monotonic() - started)
             sizes.append(_bytes(record.files))

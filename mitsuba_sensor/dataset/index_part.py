@@ -20,6 +20,7 @@ from ..files import durable
 from ..files.parquet import Kind, ParquetRows, parquet_bytes
 from .file import DatasetFile, Value
 from .keys import Config, Facts
+from .names import is_name_of_entry, name_of_view
 from .record import INDEX, KEY
 from .sweep import possible_values
 
@@ -28,12 +29,13 @@ NUMBERS = 10_000
 FIXED: dict[str, Kind] = {
     "number": "integer",
     "key": "text",
+    "name": "text",
     "split": "text",
     "view_key": "text",
     "view_files": "flag",
 }
 """Columns of every index, before those of the values."""
-TYPES = ("int64", "string", "string", "string", "bool")
+TYPES = ("int64", "string", "string", "string", "string", "bool")
 """Of the values of these columns."""
 SEEDS = ("serial", "repetition")
 ORIGIN_DIGITS = 12
@@ -45,15 +47,21 @@ REMEDY = "`mitsuba-sensor dataset repair` writes it again"
 class Line(NamedTuple):
     """A row of the index.
 
-    number : of the sample in its dataset.  view : key of its view.  view_files : whether that has files of its own.
+    number : of the sample in its dataset.  name : of its folder.  view : key of its view.  view_files : whether that has files of its own.
     """
 
     number: int
     key: str
+    name: str
     split: str
     view: str
     view_files: bool
     values: Config
+
+    @property
+    def view_name(self) -> str:
+        """Of the folder of its view."""
+        return name_of_view(self.values, self.view)
 
 
 class Part(NamedTuple):
@@ -212,15 +220,14 @@ class OpenPart:
         return (self.rows.coded(column) for column in columns if _name_of(column) == name)
 
     def _line_of(self, row: Facts) -> Line:
-        number, key, split, view, view_files = (row.pop(name) for name in FIXED)
+        number, key, name, split, view, view_files = (row.pop(name) for name in FIXED)
         start = self.part.number * NUMBERS
-        known = None not in (number, key, split, view, view_files)
-        if not (known and KEY.fullmatch(key) and KEY.fullmatch(view)) or not (
-            start <= number < start + NUMBERS
-        ):
+        known = None not in (number, key, name, split, view, view_files)
+        known = known and bool(KEY.fullmatch(key) and KEY.fullmatch(view))
+        if not (known and is_name_of_entry(name) and start <= number < start + NUMBERS):
             raise self._was_changed()
         values = {_name_of(column): x for column, x in row.items() if x is not None}
-        return Line(number, key, split, view, view_files, values)
+        return Line(number, key, name, split, view, view_files, values)
 
     def _was_changed(self) -> InputError:
         return InputError(f"{self.path} was changed; {REMEDY}.")

@@ -13,7 +13,7 @@ from .index import Index
 from .index_part import NUMBERS, Line, Part, all_parts, kinds_of, part_of, parts_of
 from .origin import origin_of
 from .planned import DatasetPlan, PlannedView
-from .record import INDEX
+from .record import INDEX, Entry
 from .store import Store
 
 
@@ -114,9 +114,8 @@ class IndexWriter:
             begun.doubtful.add(view.first)
         for first, lines in sorted(begun.lines.items()):
             planned += len(lines)
-            if first in begun.doubtful:
-                lines = [line for line in lines if self._is_there(line)]
-            found += lines
+            there = [self._as_it_is(line, first in begun.doubtful) for line in lines]
+            found += [line for line in there if line is not None]
         part, content = part_of(self._digest, number, found, planned, self._kinds)
         place = self.store.folder / INDEX / part.name
         with disk_sentences(place.parent, durable.FOLDER_BYTES):
@@ -125,10 +124,15 @@ class IndexWriter:
         parts = all_parts(self.store.folder)
         self._remove_replaced([other for other in parts if other.number == number])
 
-    def _is_there(self, line: Line) -> bool:
-        if line.view_files and not self.store.exists("views", line.view):
-            return False
-        return self.store.exists("samples", line.key)
+    def _as_it_is(self, line: Line, is_doubtful: bool) -> Line | None:
+        """The line with the folder in which its sample is; None where something of it is missing."""
+        view = Entry("views", line.view_name, line.view)
+        if is_doubtful and line.view_files and not self.store.exists(view):
+            return None
+        record = self.store.find(Entry("samples", line.name, line.key))
+        if record is None:
+            return None
+        return line._replace(name=record.name)
 
     def _remove_replaced(self, parts: Sequence[Part]) -> None:
         """Remove those of these parts that are of another plan, or have fewer samples than another one."""
@@ -142,4 +146,4 @@ def lines_of(view: PlannedView) -> list[Line]:
     """What the index says of the samples of a task."""
     of_view = view.key, bool(view.outputs)
     numbered = enumerate(view.samples, start=view.first)
-    return [Line(k, one.key, one.split, *of_view, one.values) for k, one in numbered]
+    return [Line(k, one.key, one.name, one.split, *of_view, one.values) for k, one in numbered]

@@ -53,16 +53,16 @@ def make_view(
 
     told : called with what is done now.
     """
-    missing = [sample for sample in view.samples if not store.exists("samples", sample.key)]
-    alone = bool(view.outputs) and not store.exists("views", view.key)
+    missing = [sample for sample in view.samples if not store.exists(sample.entry)]
+    alone = bool(view.outputs) and not store.exists(view.entry)
     if missing or alone:
         told("rendering")
         rendered = rendered_light(view)
         if alone:
-            store.commit("views", view.key, rendered.write)
+            store.commit(view.entry, rendered.write)
         for sample in missing:
             told("exposing")
-            store.commit("samples", sample.key, partial(rendered.expose, sample))
+            store.commit(sample.entry, partial(rendered.expose, sample))
             yield sample
 
 

@@ -19,7 +19,9 @@ from ..files.texts import text_of_file
 from .configured import OF_VIEW, ConfiguredSamples, PlannedSample
 from .file import MOST_SAMPLES, read_dataset
 from .keys import Config, key_of
+from .names import name_of_view
 from .plan_checks import Pair, PlannedScene, checked_scenes, telling_combinations
+from .record import Entry
 from .splits import AS_DRAWN
 from .sweep import Combination, Light, SceneSweep
 
@@ -32,11 +34,12 @@ Thing = TypeVar("Thing")
 class PlannedView:
     """One render and samples that are exposed to it: all, or some of many.
 
-    key : its name on disk.  config : what decides its light.  samples : in the order of the dataset.
+    name : of its folder.  key : hash of what decides its light, config, and of its outputs.  samples : in the order of the dataset.
     scene_file : where the scene is on this machine.  lead : configuration of the first of all samples of the light.
     first : number of the first sample.  whole : whether they are all samples of the light.
     """
 
+    name: str
     key: str
     config: Config
     outputs: tuple[str, ...]
@@ -46,6 +49,11 @@ class PlannedView:
     lead: Config
     first: int
     whole: bool
+
+    @property
+    def entry(self) -> Entry:
+        """What it is in the store."""
+        return Entry("views", self.name, self.key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +140,9 @@ class DatasetPlan(ConfiguredSamples):
         where = self.file.scenes[one.scene].name, str(self.lights.places[one.scene])
         whole = len(chosen) == exposed.count
         lead, *rest = samples
+        name = name_of_view(lead.values, own)
         return PlannedView(
-            own, config, outputs, *where, tuple(rest), lead.config, number, whole
+            name, own, config, outputs, *where, tuple(rest), lead.config, number, whole
         ), stop
 
     def _sample_of(self, exposed: _Exposed, place: int, light_key: str) -> PlannedSample:

@@ -52,7 +52,7 @@ AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 class Sample:
     """One sample.
 
-    key : its name on disk.  split : train, test, …, or an empty text.  values : what varies in the dataset.
+    key : hash of its configuration.  split : train, test, …, or an empty text.  values : what varies in the dataset.
     folder, view_folder : where its files are, and those that all samples of its view share.
     """
 
@@ -178,5 +178,5 @@ class Dataset(Sequence[Sample]):
 
 def sample_of(store: Store, line: Line) -> Sample:
     """The sample of a line of the index."""
-    places = store.folder_of("samples", line.key), store.folder_of("views", line.view)
+    places = store.folder_of("samples", line.name), store.folder_of("views", line.view_name)
     return Sample(line.key, line.split, line.values, *places)

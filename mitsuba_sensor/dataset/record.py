@@ -11,6 +11,8 @@ import re
 from collections.abc import Mapping
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
+from .names import is_name_of_entry
+
 Kind: TypeAlias = Literal["samples", "views"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 FILE, INDEX, RECORD = "dataset.toml", "index", "record.json"
@@ -26,10 +28,21 @@ _END = ', "sha256": "{}"}}\n'
 _END_BYTES = len(_END.format("0" * 64))
 
 
-class Record(NamedTuple):
-    """One entry that is there: a sample or a view.  files : name → (bytes, SHA-256), without record.json itself."""
+class Entry(NamedTuple):
+    """A sample or a view.  name : of its folder.  key : hash of its configuration, by which it is told from others of
+    that name, which earlier texts of a dataset file had."""
 
     kind: Kind
+    name: str
+    key: str
+
+
+class Record(NamedTuple):
+    """One entry that is there.  name : of the folder in which it is.  files : name → (bytes, SHA-256), without
+    record.json itself."""
+
+    kind: Kind
+    name: str
     key: str
     files: Mapping[str, tuple[int, str]]
 
@@ -54,7 +67,7 @@ def unsealed(content: bytes) -> str | None:
 def text_of(record: Record) -> bytes:
     """What record.json holds: one line of JSON, at its end the SHA-256 of all bytes before."""
     files = {name: list(facts) for name, facts in sorted(record.files.items())}
-    return sealed(json.dumps({"kind": record.kind, "key": record.key, "files": files}))
+    return sealed(json.dumps({**record._asdict(), "files": files}))
 
 
 def record_of(content: bytes) -> Record | None:
@@ -65,7 +78,7 @@ def record_of(content: bytes) -> Record | None:
     try:
         said = json.loads(body)
         files = {name: (size, digest) for name, (size, digest) in said["files"].items()}
-        record = Record(said["kind"], said["key"], files)
+        record = Record(said["kind"], said["name"], said["key"], files)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
     if _possible(record):
@@ -77,6 +90,7 @@ def _possible(record: Record) -> bool:
     """Whether kind, key, names, sizes and hashes are such, whoever wrote them."""
     known = (
         record.kind in KINDS
+        and is_name_of_entry(record.name)
         and isinstance(record.key, str)
         and KEY.fullmatch(record.key) is not None
     )

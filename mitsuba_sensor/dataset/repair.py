@@ -15,7 +15,7 @@ from .index_part import NUMBERS, Line, OpenPart, Part, all_parts, parts_of
 from .index_writer import lines_of
 from .origin import Origin, origin_faults, origin_in, origin_of
 from .planned import DatasetPlan
-from .record import FILE, INDEX, Kind, Record
+from .record import FILE, INDEX, RECORD, Entry, Kind, Record
 from .store import Store
 
 Show = Callable[[int, int], object]
@@ -43,9 +43,9 @@ def _index_faults(store: Store, origin: Origin) -> Iterator[Fault]:
     for name in durable.names_of(store.folder / INDEX):
         if name not in own and not name.startswith("."):
             yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
-    for kind, key in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
-        if not store.folder_of(kind, key).exists():
-            yield Fault(kind, key, "", "missing")
+    for entry in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
+        if not store.folder_of(entry.kind, entry.name).exists():
+            yield Fault(entry.kind, entry.name, "", "missing")
     for part in changed:
         yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
 
@@ -61,41 +61,46 @@ def _sound_lines(folder: Path, parts: Iterable[Part], changed: list[Part]) -> It
             yield from lines
 
 
-def _entries_of(lines: Iterable[Line]) -> Iterator[tuple[Kind, str]]:
+def _entries_of(lines: Iterable[Line]) -> Iterator[Entry]:
     """Samples, and views that have files; a view once, as its samples follow one another."""
     view = ""
     for line in lines:
-        yield "samples", line.key
+        yield Entry("samples", line.name, line.key)
         if line.view_files and line.view != view:
-            yield "views", line.view
+            yield Entry("views", line.view_name, line.view)
         view = line.view
 
 
 def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
-    """Remove the entries that have a fault; their kinds and keys. Files that belong to no entry stay.
+    """Remove the entries that have a fault; kinds and names of all that have one. Files that belong to no entry stay,
+    and so does a folder without a record, or with that of another entry: it may be anybody's, and a run replaces it
+    where it needs its place.
 
     Parts of the index that have one, or name such an entry, are removed before: a run looks for what they name. Notes
     of quarantine that have one are removed too, so that their views are tried again.
     """
-    store, broken = store_of(folder), set[tuple[Kind, str]]()
+    store, broken, own = store_of(folder), set[tuple[Kind, str]](), set[tuple[Kind, str]]()
     for fault in faults:
         if fault.kind == "quarantine":
-            store.release(fault.key)
-        elif fault.kind != "dataset" and fault.key:
-            broken.add((fault.kind, fault.key))
+            store.release(fault.name)
+        elif fault.kind != "dataset" and fault.name:
+            broken.add((fault.kind, fault.name))
+            if fault.file != RECORD or fault.what not in ("missing", "of another entry"):
+                own.add((fault.kind, fault.name))
     for part in all_parts(folder):
         if not _is_sound(folder, part, broken):
             durable.remove_folder(folder / INDEX / part.name)
             durable.sync_folder(folder / INDEX)
-    for kind, key in sorted(broken):
-        store.discard(kind, key)
+    for kind, name in sorted(own):
+        store.discard(kind, name)
     return sorted(broken)
 
 
 def _is_sound(folder: Path, part: Part, broken: Set[tuple[Kind, str]]) -> bool:
     """Whether a part of the index is as it was written, and names no broken entry."""
     try:
-        return broken.isdisjoint(_entries_of(OpenPart(folder, part).lines()))
+        entries = _entries_of(OpenPart(folder, part).lines())
+        return broken.isdisjoint((entry.kind, entry.name) for entry in entries)
     except InputError:
         return False
 
@@ -115,9 +120,9 @@ class Holdings(NamedTuple):
 def holdings(store: Store, plan: DatasetPlan) -> Holdings:
     """By the index, and by the records of the store: no file of a sample is read."""
     there = size = 0
-    for kind, key in _entries_of(_planned_lines(store.folder, plan)):
-        if record := store.record(kind, key):
-            there += kind == "samples"
+    for entry in _entries_of(_planned_lines(store.folder, plan)):
+        if record := store.find(entry):
+            there += entry.kind == "samples"
             size += _bytes_of(record)
     others, others_bytes = -there, -size
     for record in chain(store.scan("samples"), store.scan("views")):

@@ -208,7 +208,7 @@ def _missing(
     for view in writer.tasks():
         samples, log = missing_samples(view, store), log_path(store, view.key)
         progress.there += len(view.samples) - samples
-        missing = samples or (view.outputs and not store.exists("views", view.key))
+        missing = samples or (view.outputs and not store.exists(view.entry))
         begun = view.key in logs and is_begun(log)
         if not missing:  # the process that made it may have been killed before it tidied up
             if view.key in logs and not begun:
@@ -233,13 +233,13 @@ def _missing(
 
 def missing_of(view: PlannedView, store: Store) -> int:
     """How many entries of a view are missing."""
-    alone = bool(view.outputs) and not store.exists("views", view.key)
+    alone = bool(view.outputs) and not store.exists(view.entry)
     return alone + missing_samples(view, store)
 
 
 def missing_samples(view: PlannedView, store: Store) -> int:
     """How many samples of a view are missing."""
-    return sum(not store.exists("samples", sample.key) for sample in view.samples)
+    return sum(not store.exists(sample.entry) for sample in view.samples)
 
 
 def numbers_of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> range:

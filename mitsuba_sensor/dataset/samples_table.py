@@ -59,7 +59,7 @@ def known_of_table(store: Store) -> dict[str, dict[str, str]]:
 
 def _row(store: Store, line: Line, known: Known) -> dict[str, str]:
     """Column → text of one sample."""
-    folder = store.folder_of("samples", line.key)
+    folder = store.folder_of("samples", line.name)
     return {
         "key": line.key,
         "folder": folder.relative_to(store.folder).as_posix(),

@@ -23,6 +23,7 @@ from ..stopping import undone_if_stopped, whole_step
 from . import faults
 from .faults import Fault
 from .keys import Config, Facts
+from .names import is_name_of_entry, with_piece
 from .record import (
     FILE,
     FOR_PEOPLE,
@@ -31,6 +32,7 @@ from .record import (
     KINDS,
     MOST_BYTES,
     RECORD,
+    Entry,
     Kind,
     Record,
     is_name,
@@ -45,43 +47,48 @@ UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, *FOR_PEOPLE))
 """Beginnings of the names of pages until they are whole (files/appearing.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
+MOST_KNOWN = 1000
+"""Folders that are known to be on the disk."""
 TRIES = 10
 """At the place of an entry where others put broken ones all the time."""
 
 
 class Store:
-    """Entries of a dataset by kind (samples, views) and key, which is 24 hexadecimal digits."""
+    """Entries of a dataset by kind (samples, views), name of the folder, and key, which is 24 hexadecimal digits."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
         self._flushed: set[Path] = set()
 
-    def folder_of(self, kind: Kind, key: str) -> Path:
-        """Where an entry is, or will be: samples/ab/ab…"""
-        if kind not in KINDS or not KEY.fullmatch(key):
+    def folder_of(self, kind: Kind, name: str) -> Path:
+        """Where an entry of this name is, or will be: samples/scene/view_0000/…"""
+        if kind not in KINDS or not is_name_of_entry(name):
             raise ValueError(
-                f"{kind} {key!r} is no entry; kinds are {', '.join(KINDS)}, a key has 24 hex digits."
+                f"{kind} {name!r} is no entry; kinds are {', '.join(KINDS)}, a name is scene/pose/settings."
             )
-        return self.folder / f"{kind}/{key[:2]}/{key}"
+        return self.folder / kind / name
 
-    def commit(self, kind: Kind, key: str, write: Callable[[Path], object]) -> Record:
+    def commit(self, entry: Entry, write: Callable[[Path], object]) -> Record:
         """Make an entry of the files that ``write`` puts into the folder that it is given, all of them or none.
 
-        Nothing is written if the entry exists. A broken one is replaced. When this returns, a power cut loses nothing.
+        Nothing is written if the entry exists. A broken one is replaced; where another one has its name, a piece of the
+        key is added to it. When this returns, a power cut loses nothing.
         Raises DiskFull and InputError, which name the file's final place, and whatever ``write`` raises; then, and if
         the program is stopped, nothing is left.
         """
-        final = self.folder_of(kind, key)
-        if found := self.record(kind, key):
+        if not KEY.fullmatch(entry.key):
+            raise ValueError(f"{entry.key!r} is no key; one has 24 hex digits.")
+        if found := self.find(entry):
             return found
+        name = entry.name
+        if self.record(entry.kind, name):
+            name = with_piece(name, entry.key)
+        final = self.folder_of(entry.kind, name)
         with self._scratch(final) as scratch:
             self._fill(scratch, write)
             _require(scratch, final)
-            record = Record(
-                kind,
-                key,
-                {name: durable.size_and_hash(scratch / name) for name in _written(scratch)},
-            )
+            files = {file: durable.size_and_hash(scratch / file) for file in _written(scratch)}
+            record = Record(entry.kind, name, entry.key, files)
             durable.write_new(scratch / RECORD, text_of(record))
             with disk_sentences(final, durable.FOLDER_BYTES):
                 durable.flush_folder(
@@ -89,7 +96,7 @@ class Store:
                 )
                 self._publish(scratch, record)
                 durable.sync_folder(final.parent)
-        return self.record(kind, key) or record
+        return self.find(entry) or record
 
     @contextmanager
     def _scratch(self, final: Path) -> Iterator[Path]:
@@ -120,12 +127,14 @@ class Store:
     def _make_parent(self, parent: Path) -> None:
         """Once for each store, also where the folder is there: who made it may not have flushed its name yet."""
         if parent not in self._flushed:
+            if len(self._flushed) == MOST_KNOWN:
+                self._flushed.clear()
             durable.make_folder(parent, self.folder.parent)
             self._flushed.add(parent)
 
     def _publish(self, scratch: Path, record: Record) -> None:
         """Rename the scratch folder; what is broken there is moved away, what is not wins."""
-        final = self.folder_of(record.kind, record.key)
+        final = self.folder_of(record.kind, record.name)
         for _ in range(TRIES):
             with whole_step:
                 try:
@@ -137,40 +146,50 @@ class Store:
                         TAKEN + PERHAPS_TAKEN if os.path.lexists(final) else TAKEN
                     ):
                         raise
-            if self.exists(record.kind, record.key):
+            if (there := self.record(record.kind, record.name)) is None:
+                self.discard(record.kind, record.name)
+            elif there.key == record.key:
                 return
-            self.discard(record.kind, record.key)
         raise InputError(
-            f"cannot write {final}: something broken is put there again and again; find out by what."
+            f"cannot write {final}: something else is put there again and again; find out by what, and run it again."
         )
 
-    def record(self, kind: Kind, key: str) -> Record | None:
-        """The record of an entry if it is valid and all files are there with their sizes; contents are not read."""
-        return _quick(os.fspath(self.folder_of(kind, key)), kind, key)
+    def record(self, kind: Kind, name: str) -> Record | None:
+        """The record in the folder of this name, whatever its key, if it is valid and all files are there with their
+        sizes; contents are not read."""
+        return _quick(os.fspath(self.folder_of(kind, name)), kind, name)
 
-    def exists(self, kind: Kind, key: str) -> bool:
+    def find(self, entry: Entry) -> Record | None:
+        """The record of an entry, whose folder may have a piece of its key at the end; as :meth:`record`."""
+        for name in (entry.name, with_piece(entry.name, entry.key)):
+            record = self.record(entry.kind, name)
+            if record and record.key == entry.key:
+                return record
+        return None
+
+    def exists(self, entry: Entry) -> bool:
         """Whether an entry is there, by its record and the sizes of its files."""
-        return self.record(kind, key) is not None
+        return self.find(entry) is not None
 
-    def keys(self, kind: Kind) -> Iterator[str]:
-        """Keys of all that stands where entries of a kind stand, broken ones too, sorted."""
-        top = self.folder / kind
-        for prefix in durable.names_of(top):
-            if len(prefix) == 2:
-                for name in durable.names_of(top / prefix):
-                    if name.startswith(prefix) and KEY.fullmatch(name):
+    def names(self, kind: Kind) -> Iterator[str]:
+        """Names of all folders that stand where entries of a kind stand, broken ones too, sorted."""
+        top = os.path.join(self.folder, kind)
+        for scene in durable.names_of(top):
+            for pose in durable.names_of(f"{top}/{scene}"):
+                for settings in durable.names_of(f"{top}/{scene}/{pose}"):
+                    if is_name_of_entry(name := f"{scene}/{pose}/{settings}"):
                         yield name
 
     def scan(self, kind: Kind) -> Iterator[Record]:
-        """Records of all entries that exist, sorted by key; at least 10 000 a second from a warm cache."""
+        """Records of all entries that exist, sorted by name; at least 10 000 a second from a warm cache."""
         top = os.path.join(self.folder, kind)
-        for key in self.keys(kind):
-            if record := _quick(f"{top}/{key[:2]}/{key}", kind, key):
+        for name in self.names(kind):
+            if record := _quick(f"{top}/{name}", kind, name):
                 yield record
 
-    def verify(self, kind: Kind, key: str) -> list[Fault]:
+    def verify(self, kind: Kind, name: str) -> list[Fault]:
         """Every difference between an entry and its record, all contents read; none if it is as it was written."""
-        return faults.of_entry(self.folder_of(kind, key), kind, key)
+        return faults.of_entry(self.folder_of(kind, name), kind, name)
 
     def verify_all(
         self, progress: Callable[[int, int], object] | None = None
@@ -179,11 +198,11 @@ class Store:
 
         progress : called after each entry with the number of those that are done, and of all.
         """
-        total, done = sum(1 for kind in KINDS for _ in self.keys(kind)), 0
+        total, done = sum(1 for kind in KINDS for _ in self.names(kind)), 0
         for kind in KINDS:
             yield from faults.strays(self.folder, kind)
-            for key in self.keys(kind):
-                yield from self.verify(kind, key)
+            for name in self.names(kind):
+                yield from self.verify(kind, name)
                 done += 1
                 if progress is not None:
                     progress(done, total)
@@ -191,9 +210,9 @@ class Store:
             if self._note(key) is None:
                 yield Fault("quarantine", key, f"{key}.json", "changed")
 
-    def discard(self, kind: Kind, key: str) -> None:
+    def discard(self, kind: Kind, name: str) -> None:
         """Remove an entry, broken or not: in one step it is no entry any more."""
-        final = self.folder_of(kind, key)
+        final = self.folder_of(kind, name)
         self._move_away_and_remove(final)
 
     def _move_away_and_remove(self, place: Path) -> None:
@@ -212,9 +231,10 @@ class Store:
             machine too. One that is not is renamed first: a program that wakes up cannot publish half a folder.
         """
         places = [
-            self.folder / kind / name
+            self.folder / kind / scene / pose
             for kind in KINDS
-            for name in durable.names_of(self.folder / kind)
+            for scene in durable.names_of(self.folder / kind)
+            for pose in durable.names_of(self.folder / kind / scene)
         ]
         places.append(self.folder)  # where the clock is read
         found = [
@@ -280,7 +300,8 @@ class Store:
             (self.folder / QUARANTINE).rmdir()
 
     def _quarantine_of(self, key: str) -> Path:
-        self.folder_of("views", key)  # refuses what is no key
+        if not KEY.fullmatch(key):
+            raise ValueError(f"{key!r} is no key; one has 24 hex digits.")
         return self.folder / QUARANTINE / f"{key}.json"
 
 
@@ -304,18 +325,18 @@ def _written(scratch: Path) -> list[str]:
     return [name for name, _ in found]
 
 
-def _quick(folder: str, kind: Kind, key: str) -> Record | None:
-    """The record in a folder if it is of this entry, and the files have their sizes."""
+def _quick(folder: str, kind: Kind, name: str) -> Record | None:
+    """The record in a folder if it is of this place, and the files have their sizes."""
     try:
         record = record_of(durable.read_small(f"{folder}/{RECORD}", MOST_BYTES))
         if (
             record is None
-            or (record.kind, record.key) != (kind, key)
+            or (record.kind, record.name) != (kind, name)
             or not stat.S_ISDIR(os.lstat(folder).st_mode)
         ):
             return None
-        for name, (size, _) in record.files.items():
-            there = os.lstat(f"{folder}/{name}")
+        for file, (size, _) in record.files.items():
+            there = os.lstat(f"{folder}/{file}")
             if there.st_size != size or not stat.S_ISREG(there.st_mode):
                 return None
     except OSError:

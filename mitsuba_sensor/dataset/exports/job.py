@@ -57,7 +57,7 @@ def checked(path: Path) -> Path:
     """A file of a sample or view, if its content is still that of the record beside it. Raises InputError."""
     with suppress(OSError):
         found = record_of(durable.read_small(os.fspath(path.with_name(RECORD)), MOST_BYTES))
-        if found and found.key == path.parent.name:
+        if found and path.parent.as_posix().endswith(f"/{found.name}"):
             said = found.files.get(path.name)
         else:
             said = None

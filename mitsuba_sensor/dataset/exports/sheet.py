@@ -47,7 +47,7 @@ def _pictures(store: Store, lines: Sequence[Line], varied: Sequence[str]) -> lis
     """The previews of these samples, of those that have one."""
     pictures = []
     for line in lines:
-        path = store.folder_of("samples", line.key) / PICTURE
+        path = store.folder_of("samples", line.name) / PICTURE
         if path.exists():
             exposure_s = facts_of(sample_of(store, line))["image"]["exposure_s"]
             text = caption(line.values, varied, exposure_s)

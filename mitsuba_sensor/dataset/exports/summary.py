@@ -102,10 +102,10 @@ def summary(
     chosen = evenly_chosen(lines, most or len(lines))
     for line in chosen:
         _add(read, line, facts_of(sample_of(store, line)))
-        _add_record(read, store, ("samples", line.key), digest)
+        _add_record(read, store, ("samples", line.name), digest)
         step()
-    for key in dict.fromkeys(line.view for line in chosen if line.view_files):
-        _add_record(read, store, ("views", key), digest)
+    for name in dict.fromkeys(line.view_name for line in chosen if line.view_files):
+        _add_record(read, store, ("views", name), digest)
     hashes = {f"`{FILE}`": durable.sha256_of(folder / FILE)}
     if most is None:
         records = f"every `{RECORD}` in the order of the samples, then of the renders"
