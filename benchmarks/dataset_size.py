@@ -28,6 +28,7 @@ from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.index_part import NUMBERS, Line, kinds_of, part_of
 from mitsuba_sensor.dataset.index_writer import IndexWriter
+from mitsuba_sensor.dataset.names import name_of_sample
 from mitsuba_sensor.dataset.origin import index_of, origin_of, write_origin
 from mitsuba_sensor.dataset.planned import DatasetPlan
 from mitsuba_sensor.dataset.record import CARD, INDEX
@@ -110,7 +111,8 @@ def write_stand_in(folder: Path, samples: int) -> None:
         for k in range(number * NUMBERS, (number + 1) * NUMBERS):
             key = hashlib.blake2b(str(k).encode(), digest_size=12).hexdigest()
             own = {**values, "repetition": k // 1000, "exposure_s": EXPOSURES_S[k % 1000]}
-            lines.append(Line(k, key, SPLIT_NAMES[k % 5 == 0], "0" * 24, False, own))
+            name = name_of_sample(own, "konnik_table1", -1, key)
+            lines.append(Line(k, key, name, SPLIT_NAMES[k % 5 == 0], "0" * 24, False, own))
         part, content = part_of(digest, number, lines, NUMBERS, kinds)
         (folder / INDEX / part.name).write_bytes(content)
     (folder / CARD).write_text(index_of(folder).digest, "utf-8")  # else a run would write it

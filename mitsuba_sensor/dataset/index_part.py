@@ -47,7 +47,8 @@ REMEDY = "`mitsuba-sensor dataset repair` writes it again"
 class Line(NamedTuple):
     """A row of the index.
 
-    number : of the sample in its dataset.  name : of its folder.  view : key of its view.  view_files : whether that has files of its own.
+    number : of the sample in its dataset.  name : of its folder.  view : key of its view.  view_files : whether that
+    has files of its own.
     """
 
     number: int

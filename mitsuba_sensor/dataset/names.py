@@ -22,7 +22,8 @@ NEUTRAL = {"exposure_ev": 0, "frames": 1, "repetition": 0}
 """Settings that are left out where they have the value of a sample for which nothing is said."""
 NOT_SETTINGS = ("scene", "camera", "view", "pose")
 _PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,=+-]{0,199}")
-_UNSAFE = re.compile(r"[^A-Za-z0-9_.+-]|^[^A-Za-z0-9_]|\.$")
+_UNSAFE = re.compile(r"[^A-Za-z0-9_.+-]|\.$")
+_FIRST_UNSAFE = re.compile(r"^[.+-]")
 
 
 def is_name_of_entry(name: object) -> bool:
@@ -47,12 +48,14 @@ def name_of_sample(values: Mapping[str, object], camera: str, draw: int, key: st
     settings = {name: x for name, x in values.items() if name not in NOT_SETTINGS}
     if draw >= 0:
         settings["draw"] = draw
-    texts = [camera.removesuffix(".toml")]
+    whole = camera.removesuffix(".toml")
+    safe = _FIRST_UNSAFE.sub("_", _UNSAFE.sub("_", whole))
     for name in sorted(settings, key=_place):
         if settings[name] != NEUTRAL.get(name):
-            texts.append(f"{name}={text_of_setting(settings[name])}")
-    safe = ",".join("=".join(_UNSAFE.sub("_", x) for x in text.split("=", 1)) for text in texts)
-    if safe != ",".join(texts) or len(safe) > LONGEST:
+            text = text_of_setting(settings[name])
+            whole += f",{name}={text}"
+            safe += f",{_UNSAFE.sub('_', name)}={_UNSAFE.sub('_', text)}"
+    if safe != whole or len(safe) > LONGEST:
         safe = with_piece(safe[:LONGEST], key)
     return f"{_pose_of(values)}/{safe}"
 

@@ -34,7 +34,8 @@ Thing = TypeVar("Thing")
 class PlannedView:
     """One render and samples that are exposed to it: all, or some of many.
 
-    name : of its folder.  key : hash of what decides its light, config, and of its outputs.  samples : in the order of the dataset.
+    name : of its folder.  key : hash of what decides its light, config, and of its outputs.
+    samples : in the order of the dataset.
     scene_file : where the scene is on this machine.  lead : configuration of the first of all samples of the light.
     first : number of the first sample.  whole : whether they are all samples of the light.
     """

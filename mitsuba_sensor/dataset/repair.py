@@ -44,7 +44,9 @@ def _index_faults(store: Store, origin: Origin) -> Iterator[Fault]:
         if name not in own and not name.startswith("."):
             yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
     for entry in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
-        if not store.folder_of(entry.kind, entry.name).exists():
+        record = store.record(entry.kind, entry.name)
+        is_another = record is not None and record.key != entry.key
+        if is_another or not store.folder_of(entry.kind, entry.name).exists():
             yield Fault(entry.kind, entry.name, "", "missing")
     for part in changed:
         yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")

@@ -80,8 +80,8 @@ class Store:
             raise ValueError(f"{entry.key!r} is no key; one has 24 hex digits.")
         if found := self.find(entry):
             return found
-        name = entry.name
-        if self.record(entry.kind, name):
+        name, there = entry.name, self.record(entry.kind, entry.name)
+        if there is not None and there.key != entry.key:
             name = with_piece(name, entry.key)
         final = self.folder_of(entry.kind, name)
         with self._scratch(final) as scratch:

@@ -14,7 +14,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from dataset_entries import Entry, Program, Told
+from dataset_entries import Program, Told
+
+from mitsuba_sensor.dataset.record import Entry
 
 READY_S, TRIES = 5.0, 5
 CALL = re.compile(r"^(\d+) +(\w+)\(")

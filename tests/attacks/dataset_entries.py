@@ -20,12 +20,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.dataset.record import RECORD, Kind
+from mitsuba_sensor.dataset.record import RECORD, Entry, Kind
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files import texts, tiff
 from mitsuba_sensor.files.appearing import write_drawing
 
-Entry: TypeAlias = tuple[Kind, str]
 Told: TypeAlias = Callable[[Entry], object]
 
 ALL_FILES_S = -3600.0
@@ -36,19 +35,25 @@ FULL = 3
 
 def entries(count: int) -> list[Entry]:
     """Samples and views by turns, in two folders of each kind, so that programs meet in them."""
-    keys = [
-        f"{number % 2:02x}{hashlib.sha256(b'%d' % number).hexdigest()[:22]}"
-        for number in range(count)
-    ]
-    return [("samples" if number % 3 else "views", key) for number, key in enumerate(keys)]
+    found = []
+    for number in range(count):
+        key = hashlib.sha256(b"%d" % number).hexdigest()[:24]
+        kind: Kind = "samples" if number % 3 else "views"
+        found.append(entry_called(kind, f"scene/view_{number % 2:04d}/{key}"))
+    return found
+
+
+def entry_called(kind: Kind, name: str) -> Entry:
+    """The entry whose folder has this name, which ends with its key."""
+    return Entry(kind, name, name[-24:])
 
 
 def write(entry: Entry, folder: Path) -> None:
     """Frames, facts and bytes, all decided by the key; some files are empty."""
-    rng = np.random.default_rng(int(entry[1], 16))
+    rng = np.random.default_rng(int(entry.key, 16))
     tiff.write_tiff(folder / "frame.tiff", rng.integers(0, 4096, (2, 8, 12)).astype(np.uint16))
     texts.write_json(
-        folder / "sample.json", {"key": entry[1], "temperature_k": rng.uniform(250, 350)}
+        folder / "sample.json", {"key": entry.key, "temperature_k": rng.uniform(250, 350)}
     )
     write_drawing(
         folder / "data.bin", rng.bytes(int(rng.integers(0, 3)) * int(rng.integers(1, 9000)))
@@ -77,20 +82,24 @@ def work(store: Store, wanted: list[Entry], seed: int, told: Told) -> None:
     order = random.Random(seed)
     store.clean()
     for entry in order.sample(wanted, len(wanted)):
-        store.commit(*entry, lambda folder, entry=entry: write(entry, folder))
+        store.commit(entry, lambda folder, entry=entry: write(entry, folder))
         told(entry)
-    for kind, key in sorted(
-        {(fault.kind, fault.key) for fault in store.verify_all() if fault.key}
+    for kind, name in sorted(
+        {(fault.kind, fault.name) for fault in store.verify_all() if fault.name}
     ):
-        store.discard(kind, key)
-        store.commit(kind, key, lambda folder, entry=(kind, key): write(entry, folder))
+        store.discard(kind, name)
+        entry = entry_called(kind, name)
+        store.commit(entry, lambda folder, entry=entry: write(entry, folder))
 
 
 def break_some(store: Store, some: list[Entry]) -> None:
     """Entries as older damage has left them: a flipped bit, a file that is short, no record, by turns."""
     for number, entry in enumerate(some):
-        store.commit(*entry, lambda folder, entry=entry: write(entry, folder))
-        path = store.folder_of(*entry) / ("frame.tiff", "frame.tiff", RECORD)[number % 3]
+        store.commit(entry, lambda folder, entry=entry: write(entry, folder))
+        path = (
+            store.folder_of(entry.kind, entry.name)
+            / ("frame.tiff", "frame.tiff", RECORD)[number % 3]
+        )
         content = path.read_bytes()
         if number % 3 == 0:
             path.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
@@ -109,23 +118,23 @@ def damage(
     """
     found = []
     for kind in ("samples", "views"):
-        there = set(store.keys(kind))
-        for key in there:
-            folder = store.folder_of(kind, key)
+        there = set(store.names(kind))
+        for name in there:
+            folder, entry = store.folder_of(kind, name), entry_called(kind, name)
             same = all(
-                right[(folder / name).relative_to(store.folder).as_posix()] == x
-                for name, x in tree(folder).items()
+                right[(folder / file).relative_to(store.folder).as_posix()] == x
+                for file, x in tree(folder).items()
             )
-            if (kind, key) not in broken and (
-                store.verify(kind, key) or not store.exists(kind, key) or not same
+            if entry not in broken and (
+                store.verify(kind, name) or not store.exists(entry) or not same
             ):
-                found.append(f"torn: {kind} {key} {store.verify(kind, key)}")
+                found.append(f"torn: {kind} {name} {store.verify(kind, name)}")
         found += [
-            f"lost: {kind} {key}"
-            for one, key in told - broken
-            if one == kind and key not in there
+            f"lost: {kind} {one.name}"
+            for one in told - broken
+            if one.kind == kind and one.name not in there
         ]
-    return found + [f"stray: {fault}" for fault in store.verify_all() if not fault.key]
+    return found + [f"stray: {fault}" for fault in store.verify_all() if not fault.name]
 
 
 def difference(store: Store, right: dict[str, bytes]) -> list[str]:
@@ -171,8 +180,8 @@ class Program:
         with self.mine:
             lines = b"".join(self._received()).decode().splitlines()
         told = {
-            (kind, key)
-            for kind, _, key in (line[1:].partition(" ") for line in lines if line[:1] == "+")
+            entry_called(kind, name)  # type: ignore[arg-type]
+            for kind, _, name in (line[1:].partition(" ") for line in lines if line[:1] == "+")
         }
         return (
             os.waitstatus_to_exitcode(status),
@@ -190,7 +199,7 @@ def _run(job: Callable[[Told], object], theirs: socket.socket) -> None:
     code = 1
     try:
         theirs.recv(1)
-        job(lambda entry: theirs.sendall(f"+{entry[0]} {entry[1]}\n".encode()))
+        job(lambda entry: theirs.sendall(f"+{entry.kind} {entry.name}\n".encode()))
         code = 0
     except DiskFull as error:
         theirs.sendall(f"full: {error.path} {error.size}\n".encode())

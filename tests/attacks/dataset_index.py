@@ -33,7 +33,7 @@ from mitsuba_sensor.dataset.index_part import OpenPart, all_parts
 from mitsuba_sensor.dataset.index_writer import IndexWriter
 from mitsuba_sensor.dataset.origin import write_origin
 from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.record import INDEX
+from mitsuba_sensor.dataset.record import INDEX, Entry
 from mitsuba_sensor.dataset.repair import verify
 from mitsuba_sensor.dataset.store import Store
 
@@ -62,7 +62,7 @@ class Ground:
         self.problems: list[str] = []
         for folder in (self.template, right):
             write_origin(self.plan, folder)
-        *others, last = (sample.key for view in self.plan.views() for sample in view.samples)
+        *others, last = (sample.entry for view in self.plan.views() for sample in view.samples)
         commit(Store(self.template), others)
         self.follow(Store(self.template), numbers=range(SAMPLES // NUMBERS * NUMBERS, SAMPLES))
         commit(Store(self.template), [last])
@@ -87,11 +87,12 @@ class Ground:
         """Each part that is there is whole, and names nothing that is not there."""
         for part in all_parts(self.out):
             try:
-                keys = [line.key for line in OpenPart(self.out, part).lines()]
+                lines = [*OpenPart(self.out, part).lines()]
             except InputError as error:
                 self.problems.append(f"{where}: {error}")
                 continue
-            if not all(Store(self.out).exists("samples", key) for key in keys):
+            entries = [Entry("samples", line.name, line.key) for line in lines]
+            if not all(map(Store(self.out).exists, entries)):
                 self.problems.append(f"{where}: {part.name} names what is not there")
 
     def resume(self, where: str) -> None:
@@ -104,10 +105,10 @@ class Ground:
             self.problems.append(f"{where}, resumed: {found}, {[*verify(self.out)]}")
 
 
-def commit(store: Store, keys: list[str]) -> None:
+def commit(store: Store, entries: list[Entry]) -> None:
     """Samples of one small file."""
-    for key in keys:
-        store.commit("samples", key, lambda folder: (folder / "a.txt").write_text("a"))
+    for entry in entries:
+        store.commit(entry, lambda folder: (folder / "a.txt").write_text("a"))
 
 
 def kills(tries: int, seed: int, top: Path) -> dict[str, Any]:
@@ -199,7 +200,7 @@ def _make_half(ground: Ground, half: range, pause_s: float, told: Told) -> None:
     writer = IndexWriter(ground.plan, store, half)
     for view in writer.tasks():
         time.sleep(pause_s)
-        commit(store, [sample.key for sample in view.samples])
+        commit(store, [sample.entry for sample in view.samples])
         writer.ended(view.first, True)
     writer.index()
 

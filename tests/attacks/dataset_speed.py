@@ -12,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from mitsuba_sensor.dataset.record import RECORD, Record, text_of
+from mitsuba_sensor.dataset.record import RECORD, Entry, Record, text_of
 from mitsuba_sensor.dataset.store import Store
 
 FILES = 8
@@ -55,11 +55,12 @@ def tiny_entries(folder: Path, count: int) -> None:
     }
     for number in range(count):
         key = hashlib.sha256(b"%d" % number).hexdigest()[:24]
-        place = store.folder_of("samples", key)
+        name = f"scene/view_{number % 256:04d}/{key}"
+        place = store.folder_of("samples", name)
         place.mkdir(parents=True)
         for name in files:
             (place / name).write_bytes(content)
-        (place / RECORD).write_bytes(text_of(Record("samples", key, files)))
+        (place / RECORD).write_bytes(text_of(Record("samples", name, key, files)))
 
 
 def commits(folder: Path) -> tuple[float, float]:
@@ -73,7 +74,7 @@ def commits(folder: Path) -> tuple[float, float]:
     careful, plain = [], []
     for number in range(COMMITS):
         began = time.perf_counter()
-        store.commit("samples", f"{number:024x}", write)
+        store.commit(Entry("samples", f"scene/view_0000/{number}", f"{number:024x}"), write)
         careful.append(time.perf_counter() - began)
         (folder / f"plain{number}").mkdir()
         began = time.perf_counter()

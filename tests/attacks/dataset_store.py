@@ -28,11 +28,10 @@ import dataset_calls as calls
 import dataset_disks as disks
 import dataset_speed as speed
 from dataset_attacks import Attack, run_attacks
-from dataset_damage import CORRUPTIONS
+from dataset_damage import CORRUPTIONS, Named
 from dataset_entries import (
     ALL_FILES_S,
     FULL,
-    Entry,
     Program,
     Told,
     break_some,
@@ -45,6 +44,7 @@ from dataset_entries import (
     work,
 )
 
+from mitsuba_sensor.dataset.record import Entry
 from mitsuba_sensor.dataset.store import Store
 
 IGNORED = {"exit", "exit_group", "rt_sigreturn"}  # calls that do not return
@@ -236,25 +236,27 @@ def corruptions(tries: int, seed: int, top: Path) -> dict[str, Any]:
     for number in range(tries):
         corrupt = CORRUPTIONS[number % len(CORRUPTIONS)]
         must = corrupt(store, ground.wanted, chance)
-        found = {(fault.kind, fault.key) for fault in store.verify_all()}
+        found = {(fault.kind, fault.name) for fault in store.verify_all()}
         counts[corrupt.__name__] += 1
         if found != must:
             ground.problems.append(
                 f"{corrupt.__name__} {number}: found {found} instead of {must}"
             )
-        restore(store, whole, must | set(ground.wanted if number % 50 == 0 else []))
+        if number % 50 == 0:
+            must |= {entry[:2] for entry in ground.wanted}
+        restore(store, whole, must)
     ground.resume("all")
     return summary(tries, ground.problems, **counts)
 
 
-def restore(store: Store, whole: Path, spoilt: set[Entry]) -> None:
+def restore(store: Store, whole: Path, spoilt: Named) -> None:
     """Put back what was spoilt."""
-    for kind, key in spoilt:
-        if not key:
+    for kind, name in spoilt:
+        if not name:
             for place in store.verify_all():
                 shutil.rmtree(store.folder / kind / place.file, ignore_errors=True)
             continue
-        source, folder = whole / kind / key[:2] / key, store.folder_of(kind, key)
+        source, folder = whole / kind / name, store.folder_of(kind, name)
         shutil.rmtree(folder, ignore_errors=True)
         if source.exists():
             shutil.copytree(source, folder)

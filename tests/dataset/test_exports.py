@@ -266,7 +266,7 @@ def test_the_card_says_what_is_in_the_dataset(made: Path, tmp_path: Path) -> Non
     ]
     assert hashlib.sha256(b"".join(path.read_bytes() for path in records)).hexdigest() in text
     total = sum(
-        path.stat().st_size for path in made.rglob("*/*/*/*") if path.name != "record.json"
+        path.stat().st_size for path in made.rglob("*/*/*/*/*") if path.name != "record.json"
     )
     assert f"| bytes of the dataset | {total:,} |".replace(",", " ") in text
     raw = [one.read("raw") for one in samples if one.values["camera"] == "bayer_2mp"]
@@ -459,7 +459,9 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
                 if one.name != "record.json"
             }
             (sample.folder / "record.json").write_bytes(
-                text_of(Record("samples", sample.key, files))
+                text_of(
+                    Record("samples", "/".join(sample.folder.parts[-3:]), sample.key, files)
+                )
             )
     before = tree(tmp_path)
     with suppress(ms.InputError):

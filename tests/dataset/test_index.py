@@ -23,6 +23,7 @@ from mitsuba_sensor.dataset.index_part import Line, all_parts, kinds_of, part_of
 from mitsuba_sensor.dataset.index_writer import IndexWriter, lines_of
 from mitsuba_sensor.dataset.origin import index_of, origin_of, write_origin
 from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.record import Entry
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files import durable
 
@@ -63,7 +64,10 @@ def test_every_value_of_every_line_comes_back(tmp_path: Path) -> None:
     ]
     pose = {"origin_m": [0.0, 1.0, 4.0], "target_m": [0.0, 1.0, 0.0], "up": [0.0, 1.0, 0.0]}
     values[3]["pose"] = pose
-    lines = [Line(k, f"{k:024x}", "train", "f" * 24, False, x) for k, x in enumerate(values)]
+    lines = [
+        Line(k, f"{k:024x}", f"a/view_0000/{k}", "train", "f" * 24, False, x)
+        for k, x in enumerate(values)
+    ]
     part, content = part_of("0" * 64, 0, lines, 4, kinds)
     (tmp_path / "index").mkdir()
     (tmp_path / "index" / part.name).write_bytes(content)
@@ -100,7 +104,7 @@ def test_pandas_reads_all_parts_at_once(small_parts: None, tmp_path: Path) -> No
     plan = plan_of(**{**SEVERAL, "list": []})
     follow(whole(plan, Store(tmp_path)))
     table = pandas.read_parquet(tmp_path / "index")
-    assert table.number.tolist() == [*range(plan.samples)] and len(table.columns) == 14
+    assert table.number.tolist() == [*range(plan.samples)] and len(table.columns) == 15
     assert table.exposure_s.dtype == float and set(table["exposure_s (text)"].dropna()) == {
         "auto"
     }
@@ -114,7 +118,7 @@ def test_a_part_appears_when_the_last_of_its_samples_is_there(
     writer, known = whole(plan, store), list[int]()
     for view in writer.tasks():
         for sample in view.samples:
-            commit(store, sample.key)
+            commit(store, sample)
         assert len(all_parts(tmp_path)) == len(known), "not before it has ended"
         writer.ended(view.first, True)
         known.append(view.first)
@@ -166,7 +170,7 @@ def test_shards_in_any_order_write_the_parts_of_one_run(
             tasks.remove((writer, some))
             continue
         for sample in view.samples:
-            commit(shared, sample.key)
+            commit(shared, sample)
         writer.ended(view.first, True)
     names = [{one.name for one in all_parts(store.folder)} for store in (alone, shared)]
     assert names[0] == names[1] and plan.samples < plan.numbers
@@ -249,10 +253,11 @@ def stand_in(folder: Path, parts: int, rows: int) -> None:
             Line(
                 k,
                 f"{k:024x}",
+                f"flat/view_0000/{k}",
                 ("test", "train")[k % 3 > 0],
                 "0" * 24,
                 False,
-                {"repetition": k % 10},
+                {"scene": "flat", "repetition": k % 10},
             )
             for k in range(first, first + rows)
         ]
@@ -317,7 +322,9 @@ def test_a_run_that_is_killed_while_it_writes_parts_is_resumed_to_the_same(
     index = Index(
         store.folder, parts_of(origin_of(plan).digest, all_parts(store.folder)).values()
     )
-    assert all(store.exists("samples", line.key) for line in index), "each part is true"
+    assert all(store.exists(Entry("samples", x.name, x.key)) for x in index), (
+        "each part is true"
+    )
     follow(whole(plan, store))
     store.clean(older_s=-60)
     whole(plan, store).index()

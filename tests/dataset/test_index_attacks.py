@@ -113,7 +113,7 @@ def test_one_repair_is_enough_for_a_spoilt_part_and_a_lost_sample_of_another_par
 ) -> None:
     lines = [line for view in PLAN.views() for line in lines_of(view)]
     parts(made)[0].write_bytes(b"x")
-    shutil.rmtree(Store(made).folder_of("samples", lines[15].key))
+    shutil.rmtree(Store(made).folder_of("samples", lines[15].name))
     assert faults(made) == {(parts(made)[0].name, "changed"), ("", "missing")}
     assert not repaired(made)
 
@@ -132,7 +132,7 @@ def test_a_file_or_a_full_disk_in_the_place_of_the_index_is_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store, view = Store(tmp_path / "out"), next(PLAN.views())
-    commit(store, view.samples[0].key)
+    commit(store, view.samples[0])
     (store.folder / INDEX).write_text("x")
     with pytest.raises(InputError, match="index: File exists"):
         follow(whole(PLAN, store))

@@ -200,8 +200,9 @@ def test_the_table_of_a_run_that_goes_on_reads_new_samples_only(
     read = list[str]()
 
     def noted(path: Path, remedy: str) -> Facts:
-        read.append(path.parent.name)
-        return read_json(path, remedy)
+        found = read_json(path, remedy)
+        read.append(found["key"])
+        return found
 
     monkeypatch.setattr(samples_table, "read_json", noted)
     run(plan, out, shard=(2, 2))
@@ -317,7 +318,7 @@ def test_a_caption_is_the_time_that_was_exposed_and_what_varies(
     values: dict[str, object], lines: list[str]
 ) -> None:
     other = dict.fromkeys(values, "other")
-    varied = names_that_vary([Line(0, "", "", "", False, x) for x in (values, other)])
+    varied = names_that_vary([Line(0, "", "", "", "", False, x) for x in (values, other)])
     assert varied == [*values]
     assert caption(values, [name for name in varied if name != "gain"], 0.3) == lines
 

@@ -88,16 +88,21 @@ def test_what_is_found_is_made_again_and_nothing_else(made: Path, broken: Path) 
 
     code, found = dataset("verify", str(broken))
     assert code == 1
-    assert {(one["key"], one["file"], one["what"]) for one in found} == {
-        (first.key, "frame.tiff", "changed"),
-        (second.key, "clean.tiff", "missing"),
-        (third.key, "", "missing"),
-        (first.view_folder.name, "more.txt", "extra"),
+    assert {(one["name"], one["file"], one["what"]) for one in found} == {
+        (name_of(first.folder), "frame.tiff", "changed"),
+        (name_of(second.folder), "clean.tiff", "missing"),
+        (name_of(third.folder), "", "missing"),
+        (name_of(first.view_folder), "more.txt", "extra"),
     }
     code, said = dataset("repair", str(broken), "--workers", "0")
     assert (code, said["made"], len(said["broken"])) == (0, 3, 4)
     assert contents(broken) == contents(made)
     assert inodes and all(path.stat().st_ino == inode for path, inode in inodes.items())
+
+
+def name_of(folder: Path) -> str:
+    """The name of the entry in this folder."""
+    return "/".join(folder.parts[-3:])
 
 
 def part_in(folder: Path) -> Path:
@@ -115,7 +120,7 @@ def test_the_index_is_written_again(made: Path, broken: Path, what: str) -> None
         part.write_bytes(part.read_bytes()[:-1] + b"x")
         name = f"{INDEX}/{part.name}"
     code, found = dataset("verify", str(broken))
-    assert (code, found) == (1, [{"kind": "dataset", "key": "", "file": name, "what": what}])
+    assert (code, found) == (1, [{"kind": "dataset", "name": "", "file": name, "what": what}])
     code, said = dataset("repair", str(broken), "--workers", "0")
     assert (code, said["made"], said["broken"]) == (0, 0, [])
     assert contents(broken) == contents(made)
@@ -129,7 +134,7 @@ def test_nobody_waits_for_a_pipe_in_place_of_the_index(made: Path, broken: Path)
     name = f"{INDEX}/{part.name}"
     assert dataset("verify", str(broken)) == (
         1,
-        [{"kind": "dataset", "key": "", "file": name, "what": "changed"}],
+        [{"kind": "dataset", "name": "", "file": name, "what": "changed"}],
     )
     assert dataset("repair", str(broken), "--workers", "0")[0] == 0
     assert contents(broken) == contents(made)
@@ -149,7 +154,7 @@ def test_other_entries_are_read_where_the_index_was_changed(broken: Path) -> Non
 def test_files_that_do_not_belong_into_the_index_are_named(broken: Path) -> None:
     (broken / INDEX / "notes.txt").write_text("mine")
     assert dataset("verify", str(broken))[1] == [
-        {"kind": "dataset", "key": "", "file": f"{INDEX}/notes.txt", "what": "stray"}
+        {"kind": "dataset", "name": "", "file": f"{INDEX}/notes.txt", "what": "stray"}
     ]
     assert dataset("repair", str(broken), "--workers", "0")[0] == 0
     assert (broken / INDEX / "notes.txt").exists()

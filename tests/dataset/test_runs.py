@@ -219,7 +219,7 @@ def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_
     assert remarks == [
         f"the Dask scheduler at {address} was gone; this machine alone has made the rest."
     ]
-    assert all(store.exists("samples", sample.key) for view in views for sample in view.samples)
+    assert all(store.exists(sample.entry) for view in views for sample in view.samples)
 
 
 @pytest.mark.exhaustive

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from mitsuba_sensor.dataset import index_part, index_writer, origin, repair
+from mitsuba_sensor.dataset.configured import PlannedSample
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.index_part import Line, all_parts, kinds_of, part_of
 from mitsuba_sensor.dataset.index_writer import IndexWriter
@@ -46,9 +47,9 @@ def plan_of(**tables: Any) -> DatasetPlan:
     return DatasetPlan(read_dataset({**TABLES, **tables}), [SCENES], "text")
 
 
-def commit(store: Store, key: str) -> None:
+def commit(store: Store, sample: PlannedSample) -> None:
     """A sample of one small file."""
-    store.commit("samples", key, lambda folder: (folder / "a.txt").write_text("a"))
+    store.commit(sample.entry, lambda folder: (folder / "a.txt").write_text("a"))
 
 
 def follow(writer: IndexWriter, lost: frozenset[int] = frozenset()) -> None:
@@ -57,7 +58,7 @@ def follow(writer: IndexWriter, lost: frozenset[int] = frozenset()) -> None:
         numbers = range(view.first, view.first + len(view.samples))
         for number, sample in zip(numbers, view.samples, strict=True):
             if number not in lost:
-                commit(writer.store, sample.key)
+                commit(writer.store, sample)
         writer.ended(view.first, lost.isdisjoint(numbers))
 
 

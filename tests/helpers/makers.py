@@ -25,8 +25,7 @@ def make_text(
     for sample in view.samples:
         told("exposing")
         store.commit(
-            "samples",
-            sample.key,
+            sample.entry,
             lambda folder: (folder / "a.txt").write_text(repr(listening())),
         )
         yield sample
@@ -48,7 +47,7 @@ def make_slowly(
     """A file for each sample, where a scheduler is killed meanwhile."""
     (pid,) = (store.folder / "scheduler").read_text().split()
     for sample in view.samples:
-        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text("a"))
+        store.commit(sample.entry, lambda folder: (folder / "a.txt").write_text("a"))
         with suppress(ProcessLookupError):
             os.kill(int(pid), signal.SIGKILL)
         yield sample
