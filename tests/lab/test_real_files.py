@@ -82,6 +82,19 @@ def test_a_descriptor_of_emva_1288_is_read(tmp_path: Path) -> None:
     assert found["K"].covers(0.3) and found["η"].covers(0.6), str(found["η"])
 
 
+def test_exposures_of_microseconds_in_a_descriptor_of_nanoseconds_are_said(
+    tmp_path: Path,
+) -> None:
+    """10 ms written as 10 000: 10 µs are the limit, and 10 ms have no note."""
+    path = descriptor_of(tmp_path)
+    assert not read_bench(path).notes
+    path.write_text(path.read_text().replace("10000000", "9999"))
+    bench = read_bench(path)
+    (measured,) = measure_bench(bench)
+    assert "the longest exposure is 10 µs" in bench.notes[0]
+    assert bench.notes[0] in measured.notes
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -52,6 +52,8 @@ from .stack import Stack
 
 SAME_TEMPERATURE_K = 1.0
 """Temperatures of metadata that differ by no more are taken as one: dark current differs by a tenth or less."""
+SHORT_S = 1e-5
+"""Longest exposure of a bench [s] below which its unit is likely to be another."""
 
 
 @tells_of_names
@@ -165,6 +167,7 @@ def read_bench(
             if report is not None:
                 report(len(frame_files), total)
     frame_files, notes = _with_equal_temperatures(frame_files)
+    notes = (*notes, *_note_short(frame_files))
     stacks: dict[Kind, list[Stack]] = {kind: [] for kind in KINDS}
     for kind, stack in _stacks(frame_files, facts):
         stacks[kind].append(stack)
@@ -270,6 +273,17 @@ def _with_equal_temperatures(
         equal.append(replace(file, settings=(exposure_s, temperature_k, gain)))
     files.clear()
     return equal, tuple(notes)
+
+
+def _note_short(files: Sequence[_FrameFile]) -> Iterator[str]:
+    """A note where all exposures are so short that their unit is likely to be another."""
+    longest_s = max(file.settings[0] for file in files)
+    if 0 < longest_s < SHORT_S:
+        yield (
+            f"the longest exposure is {1e6 * longest_s:.3g} µs, as stated, which few cameras have: if these are "
+            "microseconds where nanoseconds are meant (EMVA 1288), times are 1000 times as long and dark currents as "
+            "much smaller"
+        )
 
 
 def _known_kind(raw: RawFile) -> Kind | None:
