@@ -382,6 +382,12 @@ def test_a_noise_profile_of_eld_becomes_gain_settings_on_its_lines(tmp_path: Pat
     assert [gain.label for gain in camera.gains] == [str(100 * 2**k) for k in range(7)]
     assert gain_dn_per_e(camera) == pytest.approx(0.0939, rel=1e-5)
     assert camera.adc.bits == 14 and camera.adc.black_level_dn == 800
+    for field in ("adc.bits", "adc.black_level_dn"):
+        assert camera.sources[field].startswith("assumed: the program of ELD")
+    given = ms.load_camera("bayer_2mp").replace(**{"adc.bits": 12, "adc.black_level_dn": 64.0})
+    asked = import_camera(path, like=given)
+    assert asked.adc.bits == 12 and asked.adc.black_level_dn == 64
+    assert asked.gains[3].black_level_dn == 64
     top = camera.at_gain("6400")
     gain = gain_dn_per_e(top)
     assert gain == pytest.approx(6.01, rel=1e-5)
