@@ -1,12 +1,13 @@
 """How often the 95 % intervals of the laboratory hold what random cameras were made with, by kind of camera.
 
-    python benchmarks/lab_coverage.py [--cameras 400] [--kinds linear curved coarse lines hot] [--json]
+    python benchmarks/lab_coverage.py [--cameras 400] [--kinds linear curved few coarse lines hot] [--json]
 
 Every camera is another chip of 48 × 56 pixels: 16 dark frames, 13 flat fields of 2 frames, one of 16 at half
 saturation.
 
 linear : 1 to 6 DN of read noise.
 curved : the same, with a source follower whose gain at full well is 0.96 to 1.04 times that at zero.
+few : the same, with 0.7 to 1.3 times the gain at full well, and 5 to 10 flat fields.
 coarse : 0.1 to 0.7 DN of temporal dark noise.
 lines : the same as linear, with row and column noise and fixed rows and columns of up to the read noise.
 hot : the same as linear; 0.1 % of the pixels have offsets of 500 to 3500 DN of 4095.
@@ -31,7 +32,7 @@ from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.measurement import measure_bench
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
-KINDS = ("linear", "curved", "coarse", "lines", "hot")
+KINDS = ("linear", "curved", "coarse", "lines", "hot", "few")
 EXPOSURE = ms.Exposure(0.001)
 LEVELS = (*np.linspace(0.03, 0.93, 11), 1.1, 1.3)
 """Of the light that fills the range."""
@@ -82,8 +83,10 @@ class Sample:
 
     def bench(self) -> Bench:
         """Dark frames and flat fields."""
-        end = self.photons_at_end
-        flats = [self.stack(level * end, 2, 2 + k) for k, level in enumerate(LEVELS)]
+        end, levels = self.photons_at_end, LEVELS
+        if self.kind == "few":
+            levels = (*np.linspace(0.05, 0.95, 4 + self.number % 6), 1.2)
+        flats = [self.stack(level * end, 2, 2 + k) for k, level in enumerate(levels)]
         flats.append(self.stack(HALF * end, 16, 1))
         return Bench((), (self.stack(0.0, 16, 0),), tuple(flats))
 
@@ -114,7 +117,11 @@ def random_sample(kind: str, number: int) -> Sample:
     prnu, prnu_col = between(0.003, 0.02), 0.0
     if kind in ("lines", "coarse"):
         prnu_col = between(0.001, 0.01)
-    curvature = rng.uniform(0.005, 0.04) * rng.choice([-1, 1]) if kind == "curved" else 0.0
+    curvature = 0.0
+    if kind == "curved":
+        curvature = rng.uniform(0.005, 0.04) * rng.choice([-1, 1])
+    if kind == "few":
+        curvature = rng.uniform(-0.3, 0.3)
     spread_dn = gain * math.hypot(read_e, row_e, column_e, *dsnu_e)
     camera = ms.load_camera("bayer_2mp").replace(
         **{

@@ -80,6 +80,12 @@ class Quantity:
             return replace(self, note=note)
         return replace(self, note=f"{self.note}; {note}")
 
+    def extended(self, other: Self) -> Self:
+        """This quantity with an interval that holds that of another one too, if that has a value."""
+        if math.isnan(self.value) or math.isnan(other.value):
+            return self
+        return replace(self, low=min(self.low, other.low), high=max(self.high, other.high))
+
     def scaled(self, factor: float, unit: str) -> Self:
         """This quantity times a positive factor that is known exactly, in another unit."""
         return replace(

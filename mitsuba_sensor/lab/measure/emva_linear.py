@@ -13,9 +13,9 @@ from ..frames.selection import temporal_levels
 from ..frames.series import Report, Series, centre, series
 from ..frames.stack import Stack
 from ..quantity import Quantity, unknown
-from .curved_response import curvature, straighten
+from .curved_response import Curve, curvature, small_signals, straighten
 from .dark_noise import DarkNoise, dark_noise
-from .photon_transfer import PhotonTransfer, photon_transfer
+from .photon_transfer import PhotonTransfer
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
 from .saturation import NO_PHOTONS, Saturation, find_peak, saturation
 
@@ -28,6 +28,7 @@ class EmvaLinear:
     """quantities : all figures, K first, then QE and those of the parts.  notes : what was found in the frames.
 
     curvature : κ of a response y = s(1 + κs) [1/DN], 0 where it is a line; K, R and η are then those of small signals.
+    possible_curvature : κ that the levels do not tell from 0, or 0; K, R and η have intervals that hold both.
     """
 
     quantities: tuple[Quantity, ...]
@@ -38,6 +39,7 @@ class EmvaLinear:
     snr: SignalToNoise
     notes: tuple[str, ...]
     curvature: float
+    possible_curvature: float
 
     def __getitem__(self, symbol: str) -> Quantity:
         """A figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
@@ -63,12 +65,9 @@ def emva_linear(
     used = temporal_levels(flats)
     measured = series(darks, used, window, report)
     curve = curvature(measured, find_peak(measured))
-    straightened = straighten(measured, curve) if curve else measured
-    transfer, light = photon_transfer(straightened), radiometric(measured)
-    transfer = replace(transfer, gain=transfer.gain.noted(curve.note))
-    if curve:
-        responsivity = radiometric(straightened).responsivity.noted(curve.note)
-        light = replace(light, responsivity=responsivity)
+    small = small_signals(measured, curve)
+    straightened, transfer = small.levels, small.transfer
+    light = _light_along(measured, curve, straightened)
     efficiency = light.efficiency(transfer.gain)
     if window is not None:
         darks = [centre(stack, window) for stack in darks]
@@ -91,7 +90,20 @@ def emva_linear(
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
     snr = signal_to_noise(straightened, transfer.gain, usable, dark.total)
-    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes, curve.kappa)
+    kappas = curve.kappa, curve.possible_kappa
+    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes, *kappas)
+
+
+def _light_along(measured: Series, curve: Curve, straightened: Series) -> Radiometric:
+    """The response to light with R of small signals; R of a line and of a curve where both are possible."""
+    light = radiometric(measured)
+    responsivity = light.responsivity
+    if curve:
+        responsivity = radiometric(straightened).responsivity.noted(curve.note)
+    if curve.possible:
+        other = radiometric(straighten(measured, curve.possible)).responsivity
+        responsivity = responsivity.noted(curve.note).extended(other)
+    return replace(light, responsivity=responsivity)
 
 
 def _note_spatial_stacks(

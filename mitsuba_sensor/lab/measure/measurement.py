@@ -228,9 +228,9 @@ def _measure_uniformity(
     measurement: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None
 ) -> None:
     """Non-uniformity, profiles, spectrograms and defects of the half-saturated flat field and its dark frames."""
-    saturation_dn, kappa = None, 0.0
+    saturation_dn, curvatures = None, (0.0, 0.0)
     if linear is not None:
-        kappa = linear.curvature
+        curvatures = linear.curvature, linear.possible_curvature
         saturation_dn = float(linear.photon_transfer.peak.mean[0])
     half = measurement.run("non-uniformity", lambda: half_saturated(bench, saturation_dn))
     if half is None:
@@ -239,7 +239,7 @@ def _measure_uniformity(
     if dark is None:
         return
     uneven = partial(
-        _measure_in_electrons, gain, lambda: nonuniformity(dark, half, curvature=kappa)
+        _measure_in_electrons, gain, lambda: nonuniformity(dark, half, False, *curvatures)
     )
     measurement.take("non-uniformity", "Photo response non-uniformity", uneven)
     for name, image in (("darkness", dark), ("half saturation", half)):

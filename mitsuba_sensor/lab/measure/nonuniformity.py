@@ -36,6 +36,7 @@ DSNU_SECTION, DSNU_PART_SECTION = "EMVA 1288 R4 eq. 66", "EMVA 1288 R4 eq. 42 an
 PRNU_SECTION, PRNU_PART_SECTION = "EMVA 1288 R4 eq. 67", "EMVA 1288 R4 eq. 42 and 67"
 PAPER = "Konnik & Welsh 2014, PRNU"
 OF_LIGHT = "divided by the relative slope of the response, which is curved"
+MAYBE_OF_LIGHT = "the response may be curved; the interval holds PRNU divided by its slope"
 PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
     "": MeanSquares.variance,
     "_row": MeanSquares.row_variance,
@@ -101,7 +102,11 @@ class Nonuniformity:
 
 
 def nonuniformity(
-    dark: Stack, light: Stack, high_pass: bool = False, curvature: float = 0.0
+    dark: Stack,
+    light: Stack,
+    high_pass: bool = False,
+    curvature: float = 0.0,
+    possible_curvature: float = 0.0,
 ) -> Nonuniformity:
     """DSNU1288 and PRNU1288 of a dark stack and one of a flat field at half saturation, of the same exposure time.
 
@@ -114,6 +119,7 @@ def nonuniformity(
 
     high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part.
     curvature : κ of a response y = s(1 + κs) [1/DN], as emva_linear finds it: PRNU is then that of the light.
+    possible_curvature : κ of a curve that emva_linear does not tell from a line: PRNU has an interval that holds both.
 
     Raises InputError for stacks that do not fit, a mosaic, one pixel, and light that is not brighter than the dark.
     """
@@ -132,13 +138,19 @@ def nonuniformity(
             figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
         figures[name] = _mark(figure, *stacks)
     figures = _mark_rounding(figures, dark, light)
-    if curvature:
-        slope = relative_slope(float((light.mean - dark.mean).mean()), curvature)
-        for name, figure in figures.items():
-            if figure.unit == "%":
-                of_light = figure.scaled(1 / slope, "%")
-                figures[name] = of_light.noted(f"{OF_LIGHT}, by {slope:.4g}")
+    signal = float((light.mean - dark.mean).mean())
+    for name, figure in figures.items():
+        if figure.unit == "%" and curvature:
+            figures[name] = _of_light(figure, relative_slope(signal, curvature))
+        if figure.unit == "%" and possible_curvature:
+            other = _of_light(figure, relative_slope(signal, possible_curvature))
+            figures[name] = figure.extended(other).noted(MAYBE_OF_LIGHT)
     return Nonuniformity(**figures, difference=light.mean - dark.mean)
+
+
+def _of_light(prnu: Quantity, slope: float) -> Quantity:
+    """PRNU of the light where the response has this relative slope."""
+    return prnu.scaled(1 / slope, "%").noted(f"{OF_LIGHT}, by {slope:.4g}")
 
 
 def _mark_rounding(

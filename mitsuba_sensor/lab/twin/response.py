@@ -12,8 +12,8 @@ import numpy as np
 from ...core.types import Float64Array
 from ..frames.series import Series, series
 from ..frames.stack import Stack
-from ..measure.curved_response import curvature, straight, straighten
-from ..measure.photon_transfer import PhotonTransfer, photon_transfer
+from ..measure.curved_response import curvature, small_signals, straight
+from ..measure.photon_transfer import PhotonTransfer
 from ..measure.radiometric import radiometric
 from ..measure.saturation import Peak, find_peak
 from ..quantity import Quantity, no_value, normal_interval
@@ -124,19 +124,16 @@ def response(darks: Sequence[Stack], flats: Sequence[Stack]) -> Response:
     measured = series(darks, flats)
     end = find_peak(measured)
     curve = curvature(measured, end)
-    kappa, straightened = curve.kappa, measured
-    if curve:
-        straightened = straighten(measured, curve)
-    transfer = photon_transfer(straightened)
+    kappa, small = curve.kappa, small_signals(measured, curve)
+    straightened, transfer = small.levels, small.transfer
     top = _largest_signal(measured, end, kappa)
-    gain = transfer.gain.noted(curve.note)
     ratio = replace(_NO_RATIO, value=1.0, low=1.0, high=1.0)
     if kappa:
         low, high = sorted(1 + limit * top.value for limit in (curve.low, curve.high))
         ratio = replace(_NO_RATIO, value=1 + kappa * top.value, low=low, high=high)
     frames = frames_of(*flats)
     return Response(
-        gain=Fitted(gain, frames),
+        gain=Fitted(transfer.gain, frames),
         ratio=Fitted(ratio, frames),
         curvature=kappa,
         end=Fitted(top, frames),
