@@ -22,6 +22,8 @@ Codes = NDArray[Any]
 CHIP = 1288
 """Seed of everything that belongs to the chip: PRNU and DSNU."""
 CELSIUS = TEMPERATURE_K - 273.15
+PRNU_FILE, DSNU_FILE = "prnu.npy", "dsnu.npy"
+"""Maps that Pyxel reads."""
 
 
 @dataclass(frozen=True)
@@ -133,18 +135,17 @@ def of_emva1288(sheet: Datasheet, shot: Shot) -> Codes:
 
 
 def of_pyxel(sheet: Datasheet, shot: Shot) -> Codes:
-    """Pyxel's CMOS. Its own PRNU is log-normal about 2 QE, so that the map comes from a file, as it offers."""
+    """Pyxel's CMOS. PRNU and DSNU are maps from files, as it offers: its own PRNU is log-normal about 2 QE."""
     import pyxel
     from pyxel.exposure import Exposure, Readout
 
     np.random.seed(shot.seed)
+    chip = np.random.default_rng(CHIP)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "prnu.npy"
-        np.save(path, np.random.default_rng(CHIP).normal(1.0, sheet.prnu, shot.shape))
-        detector, pipeline = (
-            _pyxel_detector(sheet, shot.shape),
-            _pyxel_pipeline(sheet, shot.photons, str(path)),
-        )
+        np.save(Path(folder) / PRNU_FILE, chip.normal(1.0, sheet.prnu, shot.shape))
+        np.save(Path(folder) / DSNU_FILE, chip.normal(0.0, sheet.dsnu_e, shot.shape))
+        detector = _pyxel_detector(sheet, shot.shape)
+        pipeline = _pyxel_pipeline(sheet, shot, Path(folder))
         mode = Exposure(Readout(times=[shot.time_s]))
         taken = [
             pyxel.run_mode(mode=mode, detector=detector, pipeline=pipeline)
@@ -173,23 +174,28 @@ def _pyxel_detector(sheet: Datasheet, shape: tuple[int, int]) -> Any:
     )
 
 
-def _pyxel_pipeline(sheet: Datasheet, photons: float, prnu_file: str) -> Any:
-    """The models in the order of the pipeline."""
+def _pyxel_pipeline(sheet: Datasheet, shot: Shot, folder: Path) -> Any:
+    """The models in the order of the pipeline. The charge of the DSNU file is that of one exposure.
+
+    folder : of the two maps.
+    """
     from pyxel.pipelines import DetectionPipeline, ModelFunction
 
     def model(path: str, **arguments: Any) -> ModelFunction:
         return ModelFunction(f"pyxel.models.{path}", path.rpartition(".")[2], arguments)
 
-    collect = ModelFunction("simulated.collect", "collect", {"photons": photons})
+    collect = ModelFunction("simulated.collect", "collect", {"photons": shot.photons})
+    prnu, dsnu = (str(folder / name) for name in (PRNU_FILE, DSNU_FILE))
     return DetectionPipeline(
         photon_collection=[collect, model("photon_collection.shot_noise")],
         charge_generation=[
             model("charge_generation.simple_conversion"),
             model("charge_generation.simple_dark_current", dark_rate=sheet.dark_e_per_s),
+            model("charge_generation.load_charge", filename=dsnu, time_scale=shot.time_s),
         ],
         charge_collection=[
             model("charge_collection.simple_collection"),
-            model("charge_collection.fixed_pattern_noise", filename=prnu_file),
+            model("charge_collection.fixed_pattern_noise", filename=prnu),
             model("charge_collection.simple_full_well"),
         ],
         charge_measurement=[
