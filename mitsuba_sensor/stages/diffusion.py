@@ -10,12 +10,16 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from ..core.types import Array, Float64Array
 from .spectral_curve import SpectralCurve
+
+if TYPE_CHECKING:
+    from .stage import Datasheet
 
 WIDEST_PX = 2.0
 """Largest standard deviation of the Gaussian [pixels]."""
@@ -35,6 +39,15 @@ class Diffusion:
     sigma_um: SpectralCurve
     pitch_um: tuple[float, float]
 
+    @classmethod
+    def from_camera(cls, camera: Datasheet) -> Diffusion | None:
+        """That of the camera; None where every electron stays in its pixel."""
+        section, pixel = camera.quantum_efficiency, camera.pixel
+        if section.diffusion_um is None or not any(section.diffusion_um):
+            return None
+        sigma_um = SpectralCurve(section.wavelengths_nm, section.diffusion_um)
+        return cls(sigma_um, (pixel.pitch_y_um, pixel.pitch_x_um))
+
     @property
     def reach_px(self) -> int:
         """How far away a pixel is that gets electrons."""
@@ -50,7 +63,7 @@ class Diffusion:
         wavelengths_nm : of the bands, (B,).
         """
         reach_px = self.reach_px
-        down, right = self._shares(0, wavelengths_nm), self._shares(1, wavelengths_nm)
+        down, right = self.shares(0, wavelengths_nm), self.shares(1, wavelengths_nm)
         total: Array = 0.0
         for rows, columns in product(range(reach_px + 1), repeat=2):
             weights = down[rows] * right[columns]
@@ -63,8 +76,8 @@ class Diffusion:
                 total = total + freed[first[0] : first[0] + height, first[1] : first[1] + width]
         return np.asarray(total)
 
-    def _shares(self, axis: int, wavelengths_nm: Array) -> Float64Array:
-        """Share of a row or column so many pixels away, (reach_px + 1, B)."""
+    def shares(self, axis: int, wavelengths_nm: Array) -> Float64Array:
+        """Share of a row (axis 0) or column (1) so many pixels away, (reach_px + 1, B)."""
         sigma_px = self.sigma_um.at(wavelengths_nm) / self.pitch_um[axis]
         distance_px = np.arange(-1, self.reach_px + 2)[:, None]
         integral = _integral_twice(distance_px, np.maximum(sigma_px, 1e-9))

@@ -17,11 +17,11 @@ from ...lab.frames.bench import Bench
 from ...lab.measure.colour_and_geometry.colour_chart import colour_chart
 from ..datasheet import Said
 from .chart import Lights, Measured, Taken, Theory
-from .edge import without_black
-from .edge_theory import coupling_of
 from .light import ChartLight, ChartScene
+from .modulation import without_black
 from .patches import Patches, PatchGrid, patches_of, scaled_to_saturation
 from .setting import Setting, levels_of_filters
+from .transfer import coupling_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,20 +14,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...camera.camera import Camera
-from ...camera.figures import saturation_e
 from ...core import InputError
 from ...core.types import Float64Array
 from ...lab.frames.bench import Bench
-from ...lab.frames.stack import Stack
-from ...lab.measure.image_quality.modulation import Modulation
 from ...lab.measure.image_quality.slanted_edge import slanted_edge
-from ...lab.quantity import Quantity
 from ..datasheet import Said
 from .chart import Lights, Measured, Taken, Theory
-from .edge_theory import Transfer, picture_of_edge, transfer_of
-from .light import NARROW_NM, ChartScene
+from .lamps import bands_of_lamps, photons_of_shapes, rendered_nm, transfers_of_filters
+from .light import ChartScene
+from .modulation import draw_modulation, figures, flat_of, said_of, without_black
 from .scene_text import emitter_rectangle, telecentric_scene
-from .setting import Bands, Setting, chart_shape, levels_of_filters, take
+from .setting import Setting, chart_shape, take
+from .transfer import Transfer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +38,8 @@ DARK_SIDE, BRIGHT_SIDE = 0.1, 0.5
 """Light of the dark side over the bright one, and of that over saturation."""
 SAMPLES = 512
 FRAMES, FLATS, DARKS = 4, 16, 16
-FREQUENCIES = 0.125, 0.25, 0.5
-"""At which the modulation is on the sheet [cycles per pixel]."""
+FINE, PERIOD_PX = 128, 512
+"""Points per pixel and length of the edge spread that is computed: frequencies up to 64 cycles per pixel."""
 
 
 class EdgeChart(NamedTuple):
@@ -93,24 +91,17 @@ class EdgeChart(NamedTuple):
         return Taken(Bench((), (dark,), (flat,), (scene,)))
 
     def theory(self, setting: Setting, lights: Lights) -> Theory:
-        """Modulation of pixel, lens and coupled pixels, of an edge that the same instrument measures."""
-        camera, bands = setting.camera, bands_of_lamps(setting.camera)
-        brightest = _brightest(lamp_photons(setting, lights))
-        electrons = levels_of_filters(camera, np.diag(brightest), bands)  # (lamp, filter)
-        theory = {}
-        for number, name in enumerate(camera.filter_names):
-            transfer = transfer_of(camera, bands.wavelengths_nm, electrons[:, number])
-            if transfer is not None:
-                step = len(camera.tile), len(camera.tile[0])
-                said = _figures_of_theory(transfer, self.shape(camera), self.normal_deg, step)
-                theory[name if len(camera.filter_names) > 1 else ""] = said
-        return theory
+        """What the same instrument finds in an edge that the closed form makes."""
+        camera = setting.camera
+        shape, step = self.shape(camera), (len(camera.tile), len(camera.tile[0]))
+        return {
+            name: _figures_of_theory(transfer, shape, self.normal_deg, step)
+            for name, transfer in transfers_of_filters(camera).items()
+        }
 
     def draw_theory(self, said: Mapping[str, Said], ax: Axes) -> None:
         """The modulation of theory at the frequencies of the sheet."""
-        points = [(f, said[f"MTF({f:g})"].value) for f in FREQUENCIES if f"MTF({f:g})" in said]
-        if points:
-            ax.plot(*zip(*points, strict=True), "kx", markersize=6, label="theory")
+        draw_modulation(said, ax)
 
     def measure(self, taken: Taken) -> Sequence[Measured]:
         """The modulation transfer behind each place of the mosaic."""
@@ -120,15 +111,33 @@ class EdgeChart(NamedTuple):
         ]
 
 
+def picture_of_edge(
+    transfer: Transfer, shape: tuple[int, int], normal_deg: float
+) -> Float64Array:
+    """The picture (H, W) of an edge through the middle that rises from 0 to 1.
+
+    normal_deg : direction in which it rises, from the rows, anticlockwise.
+    """
+    cosine, sine = math.cos(math.radians(normal_deg)), math.sin(math.radians(normal_deg))
+    frequency = np.arange(FINE * PERIOD_PX // 2 + 1, dtype=np.float64) / PERIOD_PX
+    line = np.fft.irfft(transfer.at(frequency * cosine, frequency * sine)) * FINE
+    line = np.roll(line, FINE * PERIOD_PX // 2)
+    distances = np.arange(FINE * PERIOD_PX) / FINE - PERIOD_PX / 2
+    spread = (np.cumsum(line) - 0.5 * line) / FINE
+    rows, columns = (np.arange(length) + 0.5 - length / 2 for length in shape)
+    distance = cosine * columns[None, :] - sine * rows[:, None]
+    return np.asarray(np.interp(distance, distances, spread))
+
+
 @lru_cache(maxsize=256)
 def _figures_of_theory(
     transfer: Transfer, shape: tuple[int, int], normal_deg: float, step: tuple[int, int]
 ) -> dict[str, Said]:
     """What the instrument finds in an edge without noise.  step : distance of the pixels behind one filter."""
-    picture = DARK_SIDE + (1 - DARK_SIDE) * picture_of_edge(transfer, shape, normal_deg)
-    edge = slanted_edge(picture[:: step[0], :: step[1]], sample_px=step[0])
-    known = [one for one in figures(edge.modulation) if math.isfinite(one.value)]
-    return {one.symbol: Said(*3 * (one.value,)) for one in known}
+    edge = DARK_SIDE + (1 - DARK_SIDE) * picture_of_edge(transfer, shape, normal_deg)
+    picture = transfer.with_glare(edge)
+    found = slanted_edge(picture[:: step[0], :: step[1]], sample_px=step[0])
+    return said_of(found.modulation)
 
 
 def measure_plane(name: str, bench: Bench, sample_px: int) -> Measured:
@@ -145,68 +154,10 @@ def measure_plane(name: str, bench: Bench, sample_px: int) -> Measured:
     return Measured(name, figures(edge.modulation), {"Modulation transfer": edge.plot})
 
 
-def without_black(stacks: Sequence[Stack], bench: Bench) -> Float64Array:
-    """Mean of the first of these stacks less that of the dark frames. Raises InputError where either is missing."""
-    if not stacks or not bench.darks:
-        raise InputError(
-            f"{len(stacks)} pictures of the chart and {len(bench.darks)} stacks of dark frames; take both, with names "
-            "that begin with scene and dark."
-        )
-    return np.asarray(stacks[0].mean - bench.darks[0].mean)
-
-
-def flat_of(bench: Bench) -> Float64Array | None:
-    """The flat field of a chart, if it was taken, with every pixel above 0."""
-    if not bench.flats:
-        return None
-    return without_black(bench.flats, bench)
-
-
-def figures(modulation: Modulation) -> list[Quantity]:
-    """MTF50 and the modulation at the frequencies of the sheet."""
-    return [modulation.mtf50, *(modulation.at(frequency) for frequency in FREQUENCIES)]
-
-
-def lamps_nm(camera: Camera) -> list[float]:
-    """Where each colour filter sees most [nm], each wavelength once."""
-    points = np.array(camera.quantum_efficiency.wavelengths_nm, np.float64)
-    peaks = points[camera.qe(points).argmax(axis=1)]
-    return sorted(set(peaks.tolist()))
-
-
-def rendered_nm(camera: Camera) -> list[float]:
-    """The lamps whose light is rendered."""
-    if camera.lens.diffraction:
-        return lamps_nm(camera)
-    return lamps_nm(camera)[:1]
-
-
-def bands_of_lamps(camera: Camera) -> Bands:
-    """A narrow band about each lamp."""
-    centres = np.array(lamps_nm(camera))
-    return Bands(centres, np.full(centres.shape, NARROW_NM))
-
-
 def lamp_photons(setting: Setting, lights: Lights) -> Float64Array:
     """Mean photons of all lamps (H, W, B), the bright side at its share of saturation."""
     shapes = [light.data / _brightest(light.data) for light in lights]
     return photons_of_shapes(setting.camera, shapes, BRIGHT_SIDE)
-
-
-def photons_of_shapes(
-    camera: Camera, shapes: Sequence[Float64Array], share: float
-) -> Float64Array:
-    """Mean photons of all lamps (H, W, B): equally many electrons of each where it is seen best.
-
-    shapes : light (H, W, 1) of each lamp, or of one for all.  share : of the saturation of the filter that sees most,
-    where shapes are 1.
-    """
-    bands = bands_of_lamps(camera)
-    joined = np.concatenate(shapes, axis=-1)
-    joined = np.broadcast_to(joined, (*joined.shape[:2], len(bands.wavelengths_nm)))
-    most_e = camera.qe(*bands).max(axis=0)
-    total = levels_of_filters(camera, 1 / most_e, bands).max()
-    return np.asarray(joined / most_e * (share * saturation_e(camera) / total))
 
 
 def _brightest(light: Float64Array) -> Float64Array:

@@ -21,7 +21,7 @@ from ...lab.quantity import Quantity
 from ..datasheet import SIGMAS, Said
 from .chart import Lights, Measured, Taken, Theory
 from .colours import planes_of_filters
-from .edge import bands_of_lamps, lamps_nm, photons_of_shapes
+from .lamps import bands_of_lamps, lamps_nm, photons_of_shapes
 from .light import ChartScene
 from .scene_text import surrounded_scene
 from .setting import Setting, take

@@ -22,7 +22,7 @@ from ...optics.shutter import shutter_of
 from ...optics.waveform import pwm
 from ..datasheet import SIGMAS, Said
 from .chart import Lights, Measured, Taken, Theory
-from .edge import bands_of_lamps, photons_of_shapes
+from .lamps import bands_of_lamps, photons_of_shapes
 from .light import ChartScene
 from .setting import Setting, chart_shape, levels_of_filters, take
 

@@ -201,12 +201,8 @@ class QuantumEfficiency(Stage):
         crosstalk = Crosstalk.of(
             section.shares_given, tuple(section.curves), section.filter_tile
         )
-        diffusion = None
-        if section.diffusion_um is not None and any(section.diffusion_um):
-            sigma_um = SpectralCurve(section.wavelengths_nm, section.diffusion_um)
-            pitch_um = camera.pixel.pitch_y_um, camera.pixel.pitch_x_um
-            diffusion = Diffusion(sigma_um, pitch_um)
-        tile, lag = section.filter_tile, ImageLag.from_camera(camera)
+        diffusion, lag = Diffusion.from_camera(camera), ImageLag.from_camera(camera)
+        tile = section.filter_tile
         return cls(curves, tile, section.reference_nm, burst, crosstalk, diffusion, lag)
 
     def with_photodiodes(self, readouts: Iterable[ReadoutChain]) -> QuantumEfficiency:
