@@ -47,7 +47,7 @@ class SheetFlags(SimulatedFlags, total=False):
     charts: Annotated[
         str | None,
         Option(
-            "Only these of emva, edge, steps, colours, grey, led, apart by commas. Default: all.",
+            "Only these of emva, edge, star, leaves, steps, colours, grey, led, apart by commas. Default: all.",
             metavar="NAME,…",
             panel=PANEL,
         ),
@@ -93,8 +93,9 @@ def sheet(
 ) -> None:
     """Image quality of a camera on one page: what charts show at every gain and temperature, beside theory.
 
-    Charts stand in front of a simulated camera: even light (EMVA 1288), slanted edges, grey steps, a
-    ColorChecker, a grey surface, a flickering lamp. Their light is rendered once and kept in ~/.cache/mitsuba-sensor.
+    Charts stand in front of a simulated camera: even light (EMVA 1288), slanted edges, a star, dead leaves, grey
+    steps, a ColorChecker, a grey surface, a flickering lamp. Their light is rendered once and kept in
+    ~/.cache/mitsuba-sensor.
 
     Writes sheet.html, sheet.json and sheet.csv; --compare writes comparison.html, comparison.json and comparison.csv.
     Exit code 1: a figure is not what theory says.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.bench.sheet import edge, light, steps
+from mitsuba_sensor.bench.sheet import bitmap, edge, light, steps
 from mitsuba_sensor.bench.sheet.charts import CHARTS, chosen_charts
 from mitsuba_sensor.bench.sheet.edge import EDGES
 from mitsuba_sensor.bench.sheet.led import DUTY, lit_periods
 from mitsuba_sensor.bench.sheet.light import ChartScene, fingerprint, light_of
+from mitsuba_sensor.bench.sheet.modulation import figures
 from mitsuba_sensor.bench.sheet.page import mean_of_tiles, sheet_study
 from mitsuba_sensor.bench.sheet.setting import Setting, settings_of
 from mitsuba_sensor.bench.sheet.sheet import Row, rows_of, simulated_sheet
@@ -30,6 +31,8 @@ from mitsuba_sensor.lab.measure.image_quality.slanted_edge import slanted_edge
 TINY = ms.load_camera("sony_imx174").replace(
     **{"sensor.rows": 64, "sensor.columns": 64, "readout.dsnu_col": 1e-4, "lens.f_number": 4.0}
 )
+SMALL = TINY.replace(**{"sensor.rows": 96, "sensor.columns": 96})
+"""Large enough for dead leaves."""
 DIFFRACTING = TINY.replace(
     **{
         "lens.diffraction": True,
@@ -38,6 +41,9 @@ DIFFRACTING = TINY.replace(
         "pixel.pitch_y_um": 3.0,
     }
 )
+WAVELENGTHS_NM = TINY.quantum_efficiency.wavelengths_nm
+DIFFUSION = {"quantum_efficiency.diffusion_um": [3.0] * len(WAVELENGTHS_NM)}
+GLARE = {"lens.veiling_glare": 0.1, "lens.glare_width_mm": 0.05}
 HEIGHTS_MM = np.linspace(0, 0.36, 37)
 
 SHIPPED_SAMPLES = edge.SAMPLES
@@ -52,6 +58,7 @@ def own_cache(
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
     monkeypatch.setattr(edge, "SAMPLES", 64)
     monkeypatch.setattr(steps, "SAMPLES", 16)
+    monkeypatch.setattr(bitmap, "SAMPLES", 16)
     yield
 
 
@@ -78,11 +85,11 @@ def tiny_file(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(file)
 
 
-def test_every_chart_of_a_tiny_camera_agrees_with_theory() -> None:
+def test_every_chart_of_a_small_camera_agrees_with_theory() -> None:
     """More than 30 figures; one beyond its limit once in 100 sheets, the seed is fixed."""
-    parts = simulated_sheet(TINY, [setting(TINY)], CHARTS, lambda *_: None)
-    assert [part.name for part in parts] == [one.name for one in CHARTS if one.suits(TINY)]
-    study = sheet_study(TINY.name, parts)
+    parts = simulated_sheet(SMALL, [setting(SMALL)], CHARTS, lambda *_: None)
+    assert [part.name for part in parts] == [one.name for one in CHARTS if one.suits(SMALL)]
+    study = sheet_study(SMALL.name, parts)
     assert study.passed and not study.missing, study.findings
     assert sum(bool(row["mark"]) for row in study.data["rows"]) > 30
 
@@ -132,6 +139,8 @@ def test_light_depends_on_the_optics_and_the_chart_and_on_nothing_else() -> None
         assert fingerprint(scene, TINY.replace(**{name: value})) == own, name
     assert fingerprint(scene._replace(text="<scene />"), TINY) != own
     assert fingerprint(scene._replace(samples=65), TINY) != own
+    pictures = [scene._replace(bitmap=np.full((8, 8), value)) for value in (1.0, 2.0)]
+    assert len({own, *(fingerprint(picture, TINY) for picture in pictures)}) == 3
 
 
 def test_a_file_of_light_that_is_broken_is_rendered_again() -> None:
@@ -143,18 +152,17 @@ def test_a_file_of_light_that_is_broken_is_rendered_again() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "changes_figures"),
+    "fields",
     [
-        ({"readout.ipc_coupling": 0.03}, True),
-        (
-            {"quantum_efficiency.crosstalk": [[0, 0.03, 0], [0.03, 0.88, 0.03], [0, 0.03, 0]]},
-            True,
-        ),
-        ({"pixel.fill_factor": 0.25, "pixel.aperture": "square"}, True),
+        {"readout.ipc_coupling": 0.03},
+        {"quantum_efficiency.crosstalk": [[0, 0.03, 0], [0.03, 0.88, 0.03], [0, 0.03, 0]]},
+        {"pixel.fill_factor": 0.25, "pixel.aperture": "square"},
+        pytest.param(DIFFUSION, marks=pytest.mark.exhaustive),
+        pytest.param(GLARE, marks=pytest.mark.exhaustive),
     ],
 )
-def test_coupled_pixels_and_small_apertures_have_the_modulation_of_theory(
-    fields: dict[str, Any], changes_figures: bool
+def test_charge_and_light_that_spread_have_the_modulation_of_theory(
+    fields: dict[str, Any],
 ) -> None:
     """4 figures of two edges each: one beyond 4 standard errors once in 2000 runs; the seed is fixed."""
     rows = [row for row in part_rows(TINY.replace(**fields), "edge") if row.beside]
@@ -166,6 +174,48 @@ def test_coupled_pixels_and_small_apertures_have_the_modulation_of_theory(
     assert all(
         abs(row.said.value - plain["MTF(0.5)"].value) > 0.02 for row in moved if row.said
     )
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        pytest.param({**DIFFUSION, "readout.ipc_coupling": 0.03}, marks=pytest.mark.exhaustive),
+        pytest.param({"lens.veiling_glare": 0.1}, marks=pytest.mark.exhaustive),
+        pytest.param(GLARE, marks=pytest.mark.exhaustive),
+    ],
+    ids=["plain", "charge", "even glare", "near glare"],
+)
+def test_stars_and_dead_leaves_have_the_modulation_of_theory(fields: dict[str, Any]) -> None:
+    """Seven figures or less: one beyond 4 standard errors once in 2000 runs; the seed is fixed."""
+    camera = TINY.replace(**{"sensor.rows": 208, "sensor.columns": 208}, **fields)
+    rows = [row for row in part_rows(camera, "star", "leaves") if row.beside]
+    assert len(rows) >= 6 and {row.chart for row in rows} == {"star", "leaves"}
+    for row in rows:
+        assert abs(row.beside["z"]) < 4, row
+
+
+def test_theory_of_a_star_is_the_mean_square_over_its_directions() -> None:
+    """Of the apertures of the pixels, in all directions alike: the instrument adds less than 0.001."""
+    camera = TINY.replace(**{"sensor.rows": 208, "sensor.columns": 208})
+    angles = np.linspace(0, 2 * np.pi, 721)[:-1]
+    said = chosen_charts(["star"])[0].theory(setting(camera), ())[""]
+    for frequency in (0.125, 0.25, 0.5):
+        squares = np.square(
+            np.sinc(frequency * np.cos(angles)) * np.sinc(frequency * np.sin(angles))
+        )
+        value = said[f"MTF({frequency:g})"].value
+        assert value == pytest.approx(np.sqrt(squares.mean()), abs=1e-3)
+
+
+@pytest.mark.exhaustive
+def test_stars_and_dead_leaves_of_a_mosaic_have_theory_behind_each_filter() -> None:
+    """16 figures: one beyond 4 standard errors once in 1000 runs; the seed is fixed."""
+    camera = ms.load_camera("bayer_2mp").replace(**{"sensor.rows": 416, "sensor.columns": 416})
+    rows = [row for row in part_rows(camera, "star", "leaves") if row.beside]
+    assert len(rows) == 16 and {row.filter_name for row in rows} == {"R", "G", "G (2)", "B"}
+    for row in rows:
+        assert abs(row.beside["z"]) < 4, row
 
 
 @pytest.mark.exhaustive
@@ -196,9 +246,9 @@ def test_render_noise_of_an_edge_is_in_its_intervals(
 
         monkeypatch.setattr(light, "render", with_seed)
         modulation = slanted_edge(light_of(scene, camera).data[..., 0]).modulation
-        figures = edge.figures(modulation)
-        values.append([one.value for one in figures])
-        errors.append([(one.high - one.low) / (2 * 1.96) for one in figures])
+        found = figures(modulation)
+        values.append([one.value for one in found])
+        errors.append([(one.high - one.low) / (2 * 1.96) for one in found])
     ratios = np.std(values, axis=0, ddof=1) / np.sqrt(np.square(errors).mean(axis=0))
     assert (ratios > 0.3).all() and (ratios < 1.95).all(), ratios
 
@@ -324,24 +374,28 @@ def written_frames(folder: Path, bench: Bench) -> None:
 
 def test_frames_on_disk_give_the_figures_of_the_same_camera(tmp_path: Path) -> None:
     """Charts of a simulated camera, written and read as those of a real one."""
-    at, names = setting(TINY), ("edge_columns", "steps", "grey", "led")
+    at, names = setting(SMALL), ("edge_columns", "star", "leaves", "steps", "grey", "led")
     for one in chosen_charts(names):
         name = one.name.replace("columns", "middle")
-        taken = one.take(at, [light_of(scene, TINY) for scene in one.scenes(TINY)])
+        taken = one.take(at, [light_of(scene, SMALL) for scene in one.scenes(SMALL)])
         written_frames(tmp_path / "frames" / name, taken.bench)
-        facts = [f"{key} = {json.dumps(value)}" for key, value in taken.facts.items()]
+        known = dict(taken.facts)
+        if "chart" in known:
+            np.save(tmp_path / "frames" / "leaves.npy", known["chart"])
+            known["chart"] = "../leaves.npy"
+        facts = [f"{key} = {json.dumps(value)}" for key, value in known.items()]
         (tmp_path / "frames" / name / "chart.toml").write_text("\n".join(facts))
     result = run("--frames", str(tmp_path / "frames"), "-o", str(tmp_path / "out"), "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)["rows"]
-    assert {row["chart"] for row in found} == {"edge_middle", "steps", "grey", "led"}
+    assert {row["chart"] for row in found} == {"edge_middle", *names[1:]}
     assert not any(row["mark"] for row in found)
     simulated = {
         (row.chart.replace("edge_columns", "edge_middle"), row.quantity.symbol): row
-        for row in part_rows(TINY, *names)
+        for row in part_rows(SMALL, *names)
     }
     for row in found:
-        assert row["value"] == simulated[row["chart"], row["symbol"]].quantity.value
+        assert row["value"] == simulated[row["chart"], row["symbol"]].to_dict()["value"]
         assert row["temperature_k"] == 298.15
 
 
@@ -394,12 +448,25 @@ def test_what_cannot_be_is_refused_in_a_sentence_and_nothing_is_written(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_step_chart_of_a_real_camera_says_where_its_patches_are(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("chart", "texts"),
+    [
+        ("steps", ("", "patches = 3", 'patches = [[1, 2, 3, "4"]]\nexposure_lxs = [1]', "=")),
+        ("star", ("", "cycles = 2.5", "cycles = true", 'cycles = 72\ncontrast = "high"')),
+        (
+            "leaves",
+            ("", "chart = 3", 'chart = "bench.toml"', 'chart = "0.npy"\nmethod = "best"'),
+        ),
+    ],
+)
+def test_what_is_known_of_the_chart_of_a_real_camera_is_asked_for(
+    chart: str, texts: Sequence[str], tmp_path: Path
+) -> None:
     frames = np.full((2, 64, 64), 100, np.uint16)
     bench = Bench((), (Stack(frames, 0.1, bits=12),), (), (Stack(frames, 0.1, bits=12),))
-    written_frames(tmp_path / "in" / "steps", bench)
-    for text in ("", "patches = 3", 'patches = [[1, 2, 3, "4"]]\nexposure_lxs = [1]', "="):
-        (tmp_path / "in" / "steps" / "chart.toml").write_text(text)
+    written_frames(tmp_path / "in" / chart, bench)
+    for text in texts:
+        (tmp_path / "in" / chart / "chart.toml").write_text(text)
         result = run("--frames", str(tmp_path / "in"), "-o", str(tmp_path / "out"))
-        assert result.exit_code == 2 and "chart.toml" in result.output, result.output
+        assert result.exit_code == 2 and ".toml" in result.output, result.output
     assert not (tmp_path / "out").exists()

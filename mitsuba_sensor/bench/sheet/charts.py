@@ -10,12 +10,16 @@ from .colours import ColoursChart
 from .edge import EDGES
 from .emva import EmvaChart
 from .grey import GreyChart
+from .leaves import LeavesChart
 from .led import LedChart
+from .star import StarChart
 from .steps import StepsChart
 
 CHARTS: tuple[Chart, ...] = (
     EmvaChart(),
     *EDGES,
+    StarChart(),
+    LeavesChart(),
     StepsChart(),
     ColoursChart(),
     GreyChart(),

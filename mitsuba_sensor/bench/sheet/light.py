@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +15,12 @@ from ...camera.camera import Camera
 from ...core import Exposure
 from ...core.types import Float64Array
 from ...core.versions import versions
+from ...files.openexr import Plane, write_planes
 from ...files.user_cache import keep, kept_file, read_kept
 from ...render.light.photons import photons_per_irradiance
 from ...render.passes.prepared import render
 from ...render.variants import choose_variant
+from .scene_text import BITMAP_FILE
 from .setting import Bands
 
 RENDERERS = "mitsuba-sensor", "mitsuba", "drjit"
@@ -31,6 +36,7 @@ class ChartScene(NamedTuple):
     wavelength_nm : of its only band; None: all bands that the camera detects.
     width : columns of the picture, where they are not those of the scene.
     pixels : of the camera along each side of one of the picture.
+    bitmap : radiance at the points of a bitmap, from the top, where the text has BITMAP_FILE.
     """
 
     name: str
@@ -39,6 +45,7 @@ class ChartScene(NamedTuple):
     wavelength_nm: float | None = None
     width: int | None = None
     pixels: float = 1.0
+    bitmap: Float64Array | None = None
 
     def seen_by(self, camera: Camera) -> Camera:
         """The camera with the pixels of the picture."""
@@ -105,7 +112,8 @@ def fingerprint(scene: ChartScene, camera: Camera) -> str:
     """A hash of all that the light depends on: the chart, the lens, the pixels, the bands, and the renderer."""
     pixel, version_of = camera.pixel, versions()
     parts = (
-        scene,
+        scene._replace(bitmap=None),
+        scene.bitmap is not None and hashlib.blake2b(scene.bitmap.tobytes()).hexdigest(),
         sorted(camera.lens.model_dump(mode="json").items()),
         (pixel.pitch_x_um, pixel.pitch_y_um, pixel.aperture_shape),
         (pixel.angular_response, pixel.angular_response_deg),
@@ -117,23 +125,34 @@ def fingerprint(scene: ChartScene, camera: Camera) -> str:
     return hashlib.blake2b(repr(parts).encode(), digest_size=8).hexdigest()
 
 
+@contextmanager
+def _text_of(scene: ChartScene) -> Iterator[str]:
+    """The text of a scene, with its bitmap in a file for as long as it is needed."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "bitmap.exr"
+        if scene.bitmap is not None:
+            write_planes(file, {}, {"Y": Plane(scene.bitmap[::-1])})  # from the bottom
+        yield scene.text.replace(BITMAP_FILE, str(file))
+
+
 def _rendered(scene: ChartScene, camera: Camera) -> dict[str, np.ndarray]:
     """The arrays that are kept."""
     own = {}
     if scene.wavelength_nm is not None:
         own = {"wavelength_nm": scene.wavelength_nm, "bandwidth_nm": NARROW_NM}
-    light = render(
-        scene.text,
-        scene.seen_by(camera),
-        Exposure(1.0),
-        seed=1,
-        progress=False,
-        spp=scene.samples,
-        spectral="cube",
-        denoise=False,
-        width=scene.width,
-        **own,  # type: ignore[arg-type]
-    )
+    with _text_of(scene) as text:
+        light = render(
+            text,
+            scene.seen_by(camera),
+            Exposure(1.0),
+            seed=1,
+            progress=False,
+            spp=scene.samples,
+            spectral="cube",
+            denoise=False,
+            width=scene.width,
+            **own,  # type: ignore[arg-type]
+        )
     return {
         "data": light.data,
         "wavelengths_nm": light.wavelengths_nm,

@@ -62,11 +62,17 @@ def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[C
 
 
 def facts_of(folder: Path) -> Facts:
-    """What ``chart.toml`` says; nothing without one. Raises InputError for a file that is no TOML."""
+    """What ``chart.toml`` says; nothing without one. The path of a chart is from the folder.
+
+    Raises InputError for a file that is no TOML.
+    """
     file = folder / FACTS
     if not file.exists():
         return {}
     try:
-        return read_toml(file)
+        facts = read_toml(file)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{file} is no TOML: {error}.") from None
+    if isinstance(facts.get("chart"), str):
+        facts["chart"] = folder / facts["chart"]
+    return facts

@@ -1,4 +1,4 @@
-"""Charts as scenes of Mitsuba: luminous rectangles in front of a telecentric lens; 1 is the pitch of the pixels."""
+"""Charts as scenes of Mitsuba: shining rectangles before a telecentric lens; 1 is the pitch of the pixels."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ DAYLIGHT = (
     '<spectrum name="radiance" type="d65"><float name="scale" value="{value:.9g}"/></spectrum>'
 )
 """Radiance of a lamp of a flat spectrum and of CIE D65."""
+BITMAP_FILE = "{bitmap}"
+"""Stands for the file of a bitmap in the text of a scene."""
+REPEATS = 3
+"""Of a bitmap along each side: the light that comes from beyond the picture is that of the bitmap, too."""
 
 
 def telecentric_scene(shape: tuple[int, int], elements: Iterable[str]) -> str:
@@ -57,4 +61,15 @@ def emitter_rectangle(
         f'<shape type="rectangle"><transform name="to_world"><scale x="{half[0]:g}" y="{half[1]:g}"/>'
         f'<translate x="{middle[0]:g}" y="{middle[1]:g}"/><rotate z="1" angle="{turned_deg:g}"/></transform>'
         f'<emitter type="area">{spectrum.format(value=radiance)}</emitter></shape>\n'
+    )
+
+
+def bitmap_lamp(shape: tuple[int, int]) -> str:
+    """A lamp that shines as a bitmap says, which fills the picture and repeats beyond.  shape : rows and columns."""
+    rows, columns = shape
+    return (
+        f'<shape type="rectangle"><transform name="to_world"><scale x="{REPEATS * columns / 2:g}" '
+        f'y="{REPEATS * rows / 2:g}"/></transform><emitter type="area"><texture type="bitmap" name="radiance">'
+        f'<string name="filename" value="{BITMAP_FILE}"/><boolean name="raw" value="true"/>'
+        f'<transform name="to_uv"><scale value="{REPEATS}"/></transform></texture></emitter></shape>'
     )
