@@ -1,10 +1,11 @@
 """Ten EMVA 1288 sheets of makers: what their figures say of each other, and what frames of such a camera measure.
 
-    python benchmarks/published_sheets.py [--side 192] [--json]
+    python benchmarks/published_sheets.py [--side 192] [--camera ASI2600MM] [--json]
 
 Each sheet becomes a camera as ``mitsuba-sensor cameras new --emva`` makes it. Where a sheet has no gain, the converter
 ends at the saturation capacity. Printed, then computed from the sheet's own σ_d and saturation by Release 4 and by
 Release 3 (whose absolute sensitivity threshold has no ¼ under the root), then measured by our lab with its interval.
+Five gain settings of one camera, as a laboratory measured them, are a table of their own.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import argparse
 import json
 import math
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +35,30 @@ TOP = 0.95
 """Of the codes, above the black level: where the saturation capacity lies if a sheet has no gain."""
 
 
+def _highest_dn(sheet: Sheet) -> int:
+    return 2 ** int(sheet["bits"]) - 1
+
+
+def saturation_e(sheet: Sheet) -> float:
+    """As printed, or where the converter ends."""
+    if "saturation" in sheet:
+        return float(sheet["saturation"])
+    return TOP * _highest_dn(sheet) * float(sheet["e_per_dn"])
+
+
 def camera_of(sheet: Sheet) -> ms.Camera:
     """Without fixed patterns and dark current, which these sheets do not have."""
-    saturation, sigma = float(sheet["saturation"]), float(sheet["sigma_d"])
-    highest = 2 ** sheet["bits"] - 1
+    saturation, sigma = saturation_e(sheet), float(sheet["sigma_d"])
+    gain = TOP * _highest_dn(sheet) / saturation
+    if "e_per_dn" in sheet:
+        gain = 1 / float(sheet["e_per_dn"])
     rows = {
         "pitch_um": (sheet["pitch_um"],) * 2,
         "size": (1000, 1000),
         "bits": sheet["bits"],
         "wavelength_nm": sheet.get("wavelength_nm", WAVELENGTH_NM),
         "qe": float(sheet.get("qe", USUAL_QE)) / 100,
-        "gain_dn_per_e": float(sheet.get("gain", TOP * highest / saturation)),
+        "gain_dn_per_e": float(sheet.get("gain", gain)),
         "read_noise_e": sigma,
         "saturation_e": saturation,
         "dsnu_e": 0.0,
@@ -62,7 +77,7 @@ def computed(sheet: Sheet, camera: ms.Camera, release: int) -> dict[str, float]:
     threshold = noise_e + 0.5
     if release == 4:
         threshold = figures.absolute_sensitivity_e
-    saturation = float(sheet["saturation"])
+    saturation = saturation_e(sheet)
     return {
         "threshold": threshold,
         "dynamic_range": 20 * math.log10(saturation / threshold),
@@ -95,7 +110,12 @@ def row_of(sheet: Sheet, side: int) -> dict[str, Any]:
         "printed": {name: value for name, value in sheet.items() if isinstance(value, str)},
         "release_4": computed(sheet, camera, 4),
         "release_3": computed(sheet, camera, 3),
-        "measured": {name: [one.value, one.low, one.high] for name, one in figures.items()},
+        "measured": {
+            **{name: [one.value, one.low, one.high] for name, one in figures.items()},
+            "e_per_dn": [
+                1 / one for one in (found["K"].value, found["K"].high, found["K"].low)
+            ],
+        },
     }
 
 
@@ -106,15 +126,32 @@ def table(rows: list[dict[str, Any]]) -> str:
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for row in rows:
         printed, third, fourth = row["printed"], row["release_3"], row["release_4"]
-        cells = [row["camera"]]
-        for name, factor in (("sigma_d", 1), ("qe", 100), ("saturation", 1)):
-            value, low, high = (factor * one for one in row["measured"][name])
-            cells += [printed.get(name, "–"), f"{value:.4g} ± {(high - low) / 2:.2g}"]
+        columns = (("sigma_d", 1), ("qe", 100), ("saturation", 1))
+        cells = [row["camera"], *_beside_printed(row, columns)]
         for name, digits in (("threshold", 2), ("dynamic_range", 1)):
             computed_by = [f"{one[name]:.{digits}f}" for one in (third, fourth)]
             cells += [printed.get(name, "–"), *computed_by]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def table_of_gains(rows: list[dict[str, Any]]) -> str:
+    """Markdown: a row per gain setting."""
+    head = ["camera", "1/K [e-/DN]", "measured", "σ_d [e-]", "measured"]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for row in rows:
+        cells = [row["camera"], *_beside_printed(row, (("e_per_dn", 1), ("sigma_d", 1)))]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _beside_printed(row: dict[str, Any], columns: Iterable[tuple[str, float]]) -> list[str]:
+    """Printed and measured figures in turns.  columns : name, and factor to the unit in which it is printed."""
+    cells = []
+    for name, factor in columns:
+        value, low, high = (factor * one for one in row["measured"][name])
+        cells += [row["printed"].get(name, "–"), f"{value:.4g} ± {(high - low) / 2:.2g}"]
+    return cells
 
 
 def main() -> None:
@@ -123,11 +160,20 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--side", type=int, default=192, help="rows and columns (default 192)")
+    parser.add_argument("--camera", default="", help="only those whose names have this in them")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     asked = parser.parse_args()
     warnings.simplefilter("ignore")  # saturated levels are wanted
-    rows = [row_of(sheet, asked.side) for sheet in json.loads(FILE.read_text())]
-    print(json.dumps(rows) if asked.json else table(rows))
+    sheets = [one for one in json.loads(FILE.read_text()) if asked.camera in one["camera"]]
+    rows = [row_of(sheet, asked.side) for sheet in sheets]
+    if asked.json:
+        print(json.dumps(rows))
+        return
+    gains = [row for row in rows if "e_per_dn" in row["printed"]]
+    makers = [row for row in rows if row not in gains]
+    for one, drawn in ((makers, table), (gains, table_of_gains)):
+        if one:
+            print(drawn(one), end="\n\n")
 
 
 if __name__ == "__main__":

@@ -234,12 +234,12 @@ def test_every_figure_of_a_data_sheet_comes_back_from_our_frames() -> None:
 
 
 @pytest.mark.exhaustive
-def test_ten_makers_sheets_are_recovered_within_their_digits() -> None:
+def test_ten_makers_sheets_and_five_gains_are_recovered_within_their_digits() -> None:
     rows = run("published_sheets.py", "--side", "64")
-    assert len(rows) == 10
+    assert len(rows) == 15
     for row in rows:
         printed = row["printed"]
-        for name, factor in (("sigma_d", 1), ("qe", 0.01)):
+        for name, factor in (("sigma_d", 1), ("qe", 0.01), ("e_per_dn", 1)):
             if name in printed:
                 value, low, high = row["measured"][name]
                 half_digit = 0.5 * 10.0 ** -len(printed[name].partition(".")[2])
