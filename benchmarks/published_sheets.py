@@ -36,7 +36,7 @@ TOP = 0.95
 
 
 def _highest_dn(sheet: Sheet) -> int:
-    return 2 ** int(sheet["bits"]) - 1
+    return (1 << int(sheet["bits"])) - 1
 
 
 def saturation_e(sheet: Sheet) -> float:
