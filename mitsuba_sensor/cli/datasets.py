@@ -232,18 +232,16 @@ def export_command(
     from ..dataset.exports.export import export
 
     with steps_bar(err) as now:
-        count = export(
+        exported = export(
             folder,
             format,
             out_dir,
             progress=lambda done, total: now(done, total, "exported"),
             **flags,
         )
-    found = {"samples": count, "format": format, "folder": out_dir}
-    said = (
-        f"{Path(out_dir)}: {count} samples as {format}; README.md there says how to read them"
-    )
-    show(found if as_json else said, as_json)
+    found = {**exported._asdict(), "format": format, "folder": out_dir}
+    said = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there says how to read them"
+    show(found if as_json else "\n".join([said, *exported.remarks]), as_json)
 
 
 def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:

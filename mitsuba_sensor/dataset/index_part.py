@@ -164,15 +164,22 @@ def part_of(
         columns[name] = [line[place] for line in lines]
     for row, line in enumerate(lines):
         for name, value in line.values.items():
-            column = f"{name} ({_kind_of(name, value)})"
-            if column not in columns:
-                column = name
-            if kinds[column] == "number":
-                value = float(value)
-            columns[column][row] = value
+            column, cell = cell_of(name, value, kinds)
+            columns[column][row] = cell
     part = Part(origin[:ORIGIN_DIGITS], number, len(lines), planned, "")
     content = parquet_bytes(columns, kinds, part.about)
     return part._replace(digest=hashlib.sha256(content).hexdigest()), content
+
+
+def cell_of(name: str, value: Value, kinds: Mapping[str, Kind]) -> tuple[str, Value]:
+    """The column that has a value of a sample, and the value as it has it: where a name has values of several kinds, the
+    column of its kind."""
+    column = f"{name} ({_kind_of(name, value)})"
+    if column not in kinds:
+        column = name
+    if kinds[column] == "number":
+        return column, float(value)  # type: ignore[arg-type]
+    return column, value
 
 
 class OpenPart:

@@ -1,17 +1,21 @@
 """The options of a run: which part of a dataset is made, by how many processes, within which limits."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
-from typing import Annotated, TypedDict
+from typing import Annotated, Literal, TypedDict
 
 from ..core import InputError
 from ..core.options import Option
 
 ENGINE, EXPORT = "Engine", "Export"
 EXPORT_FORMATS = {
+    "parquet": "a data set of Hugging Face with images",
     "webdataset": "tar shards of arrays",
+    "hdf5": "arrays and spectra with units",
     "coco": "pictures and instance masks",
     "nerfstudio": "pictures, poses and depth as transforms.json",
     "colmap": "pictures and poses as a text model",
+    "kitti": "sequences with times, poses and calibrations, as the odometry benchmark has them",
+    "euroc": "the same as EuRoC's mav0 folders",
     "opencv": "calibrations and poses as FileStorage",
     "ros": "calibrations as camera_info",
     "card": "README.md with a contact sheet alone",
@@ -112,8 +116,8 @@ class ExportOptions(TypedDict, total=False):
     arrays: Annotated[
         list[str] | None,
         Option(
-            "An array of each sample in webdataset: raw, clean, variance, electrons, depth_m, … Repeatable. Default: "
-            "raw, clean and variance, as far as there are any.",
+            "An array of each sample in parquet, webdataset and hdf5: raw, clean, variance, electrons, depth_m, … "
+            "Repeatable. Default: raw, clean and variance, as far as there are any; in hdf5 all images that there are.",
             flag="--array",
             metavar="NAME",
             panel=EXPORT,
@@ -121,7 +125,31 @@ class ExportOptions(TypedDict, total=False):
         ),
     ]
     shard_mb: Annotated[
-        int, Option("Largest size of a shard, in MB.", 1000, low=1, high=10**6, panel=EXPORT)
+        int | None,
+        Option(
+            "Largest size of a file of parquet and webdataset, in MB. Default: 1000, of parquet 256.",
+            low=1,
+            high=10**6,
+            example="500",
+            panel=EXPORT,
+        ),
+    ]
+    images: Annotated[
+        Literal["preview", "raw"] | None,
+        Option(
+            "Pictures of coco, nerfstudio, colmap, kitti and euroc: the preview, or the digital numbers of the first "
+            "raw frame, PNG of 16 bits (TIFF of 32 bits where it has more). Default: raw for kitti and euroc, preview "
+            "for the others.",
+            panel=EXPORT,
+        ),
+    ]
+    incomplete: Annotated[
+        bool,
+        Option(
+            "Export what is there of a dataset that is not complete; without it that is refused.",
+            False,
+            panel=EXPORT,
+        ),
     ]
     licence: Annotated[
         str | None,

@@ -74,12 +74,19 @@ class Poses(Sequence[View | None]):
         origin, target, up = (tuple(map(float, one)) for one in self.vectors([number])[0])
         return View(origin_m=origin, target_m=target, up=up)
 
+    def times_s(self, numbers: Sequence[int]) -> np.ndarray:
+        """When the camera is at these poses of the path [s], (N,)."""
+        assert self.path is not None
+        first, last = self.path.keys[0], self.path.keys[-1]
+        steps = self.path.views - (not _is_loop(first, last))
+        period_s = (last.time_s - first.time_s) / max(steps, 1)
+        return np.asarray(first.time_s + np.asarray(numbers) * period_s)
+
     def vectors(self, numbers: Sequence[int]) -> np.ndarray:
         """Origin, target and up of these poses of the path, (N, 3, 3)."""
         assert self.path is not None
         keys, times = self.path.keys, [key.time_s for key in self.path.keys]
-        steps = self.path.views - (not _is_loop(keys[0], keys[-1]))
-        at = times[0] + np.asarray(numbers) * ((times[-1] - times[0]) / max(steps, 1))
+        at = self.times_s(numbers)
         found = np.empty((len(numbers), 3, 3))
         for row, name in enumerate(("origin_m", "target_m", "up")):
             points = np.array([getattr(key, name) for key in keys], dtype=float)

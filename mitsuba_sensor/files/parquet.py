@@ -1,4 +1,4 @@
-"""Parquet files in memory, and rows and columns of them: the only module that imports pyarrow."""
+"""Parquet files in memory, and rows and columns of them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 Row: TypeAlias = dict[str, Any]
 """Name of the column → value."""
-Kind: TypeAlias = Literal["flag", "integer", "seed", "number", "text", "vector", "pose"]
-"""Of the values of a column; a vector is a list of numbers, a pose has the vectors of POSE."""
+Kind: TypeAlias = Literal[
+    "flag", "integer", "seed", "number", "text", "vector", "pose", "image", "bytes"
+]
+"""Of the values of a column; a vector is a list of numbers, a pose has the vectors of POSE, an image the bytes of a
+file and its name ("path"), as Hugging Face has it."""
 POSE = ("origin_m", "target_m", "up")
 GROUP = 500
 """Rows that are read together: one row of a file takes as long as these."""
@@ -30,12 +33,18 @@ def parquet_bytes(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    types = [(name, _type_of(kind)) for name, kind in kinds.items()]
-    schema = pa.schema(types, metadata=dict(about))
-    table = pa.table({name: columns[name] for name in kinds}, schema=schema)
+    table = pa.table({name: columns[name] for name in kinds}, schema=schema_of(kinds, about))
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, row_group_size=GROUP, compression="zstd")
     return bytes(sink.getvalue())
+
+
+def schema_of(kinds: Mapping[str, Kind], about: Mapping[str, str]) -> Any:
+    """Arrow's schema of a file.  kinds : of the columns.  about : texts of the file itself."""
+    import pyarrow as pa
+
+    types = [(name, _type_of(kind)) for name, kind in kinds.items()]
+    return pa.schema(types, metadata=dict(about))
 
 
 class ParquetRows:
@@ -87,4 +96,6 @@ def _type_of(kind: Kind) -> object:
     vector = pa.list_(pa.float64())
     types = {"flag": pa.bool_(), "integer": pa.int64(), "seed": pa.uint64()}
     types |= {"number": pa.float64(), "text": pa.string(), "vector": vector}
+    types |= {"bytes": pa.binary()}
+    types |= {"image": pa.struct([("bytes", pa.binary()), ("path", pa.string())])}
     return types.get(kind) or pa.struct([(name, vector) for name in POSE])

@@ -174,7 +174,8 @@ def test_poses_of_one_world_are_together_with_their_pictures_and_depths(
     export(made, "nerfstudio", tmp_path / "out")
     names = [f"{scene}-00{number}" for scene in ("first", "second") for number in (1, 2)]
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.is_dir()) == names
-    for world, samples in worlds(ms.Dataset(made)).items():
+    for world, posed in worlds(ms.Dataset(made))[0].items():
+        samples = [sample for sample, _ in posed]
         data = json.loads((tmp_path / f"out/{world}/transforms.json").read_text("utf-8"))
         assert {one.values["parameters.height"] for one in samples} == {
             0.5 if world.endswith("2") else 0
@@ -205,7 +206,8 @@ def test_pycolmap_and_opencv_see_the_same_cameras(made: Path, tmp_path: Path) ->
     cv2, pycolmap = pytest.importorskip("cv2"), pytest.importorskip("pycolmap")
     export(made, "colmap", tmp_path / "colmap")
     export(made, "opencv", tmp_path / "opencv")
-    for world, samples in worlds(ms.Dataset(made)).items():
+    for world, posed in worlds(ms.Dataset(made))[0].items():
+        samples = [sample for sample, _ in posed]
         model = pycolmap.Reconstruction(str(tmp_path / "colmap" / world / "sparse/0"))
         images = {one.name.removesuffix(".png"): one for one in model.images.values()}
         poses = {}
@@ -342,7 +344,7 @@ def test_pytorch_loads_samples_in_workers(made: Path) -> None:
 @pytest.mark.parametrize(
     ("format", "out", "options", "message"),
     [
-        ("hdf5", "x", {}, "format is 'hdf5'; it must be one of webdataset"),
+        ("hdf4", "x", {}, "format is 'hdf4'; it must be one of parquet"),
         ("card", "x", {"split": "val"}, "split is 'val'"),
         ("card", "../pairs/x", {}, "in the dataset itself"),
         ("card", "taken", {}, "taken exists and was not exported"),

@@ -26,6 +26,8 @@ data = COCO("annotations/instances_{split}.json")
 picture = data.loadImgs(data.getImgIds()[0])[0]  # its file is images/ + picture["file_name"]
 masks = [data.annToMask(one) for one in data.loadAnns(data.getAnnIds(imgIds=picture["id"]))]
 """
+LEVELS = ("black_level_dn", "white_level_dn", "cfa_pattern")
+"""Of the raw frame, that pictures have beside their values."""
 BITS, MORE, SIGN, FIRST = 5, 0x20, 0x10, 48  # of a character of compressed run lengths
 
 
@@ -154,10 +156,11 @@ def write_coco(job: Job) -> str:
                 checked(sample.existing(sample.view_folder / "aovs.exr", "shape_index"))
             )
             view, instances = sample.view_folder, instances_of(aovs.shape_index, aovs.shapes)
-        job.place_picture(sample, f"images/{sample.key}.png")
-        facts = {"split": sample.split, "values": dict(sample.values)}
-        size = facts_of(sample)["image"]
-        image = CocoImage(f"{sample.key}.png", size["columns"], size["rows"], instances, facts)
+        name = job.place_picture(sample, f"images/{sample.key}")
+        about = facts_of(sample)["image"]
+        levels = {level: about[level] for level in LEVELS}
+        facts = {"split": sample.split, "values": dict(sample.values), **levels}
+        image = CocoImage(name, about["columns"], about["rows"], instances, facts)
         found.setdefault(sample.split or "all", []).append(image)
         job.step()
     names = sorted(

@@ -8,6 +8,7 @@ has k1, k2, p1, p2, and FULL_OPENCV k3 too.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import scipy
 
@@ -15,7 +16,7 @@ from ...core import InputError
 from ...files.texts import write_page
 from ...files.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
-from .job import Job, posed, worlds
+from .job import Job
 from .poses import PosedImage, world_to_camera
 
 HOW = """import pycolmap
@@ -51,11 +52,11 @@ def colmap_model(images: Sequence[PosedImage]) -> dict[str, str]:
 
 def write_colmap(job: Job) -> str:
     """Write SCENE/sparse/0/ with the model and SCENE/images/KEY.png. Returns how to read."""
-    for world, samples in worlds(job.samples).items():
+    for world, samples in job.worlds().items():
         images = []
-        for sample in samples:
-            job.place_picture(sample, f"{world}/images/{sample.key}.png")
-            images.append(posed(sample, f"{sample.key}.png"))
+        for sample, image in samples:
+            name = job.place_picture(sample, f"{world}/images/{sample.key}")
+            images.append(replace(image, name=name))
             job.step()
         for name, text in colmap_model(images).items():
             write_page(inside(job.folder, f"{world}/sparse/0/{name}"), text)

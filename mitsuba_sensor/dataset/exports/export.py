@@ -3,28 +3,40 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Unpack
+from typing import Any, NamedTuple, Unpack
 
 from ...core import InputError, nearest
 from ...core.options import complete, documents
 from ...files.whole_folder import appearing_folder
 from ..file import read_dataset
+from ..index_part import Line
 from ..options import ExportOptions
-from ..origin import require_origin
 from ..reader import Dataset
 from ..record import FILE
 from .card import write_card
 from .coco import write_coco
 from .colmap import write_colmap
+from .euroc import write_euroc
+from .hdf5 import write_hdf5
 from .job import Job
+from .kitti import write_kitti
+from .missing import missing_samples
 from .nerfstudio import write_nerfstudio
 from .opencv import write_opencv
+from .parquet import write_parquet
 from .ros import write_ros
 from .summary import summary
 from .webdataset import write_shards
+
+
+class Exported(NamedTuple):
+    """What became of an export.  samples : that it has.  remarks : what it does not have, and why."""
+
+    samples: int
+    remarks: list[str]
 
 
 def write_nothing(job: Job) -> str:
@@ -35,14 +47,35 @@ def write_nothing(job: Job) -> str:
 
 
 WRITERS: Mapping[str, Callable[[Job], str]] = {
+    "parquet": write_parquet,
     "webdataset": write_shards,
+    "hdf5": write_hdf5,
     "coco": write_coco,
     "nerfstudio": write_nerfstudio,
     "colmap": write_colmap,
+    "kitti": write_kitti,
+    "euroc": write_euroc,
     "opencv": write_opencv,
     "ros": write_ros,
     "card": write_nothing,
 }
+OF_ARRAYS = ("parquet", "webdataset", "hdf5")
+SHARD_MB = {"parquet": 256, "webdataset": 1000}
+"""Format with shards → their largest size [MB]."""
+OF_PICTURES = {
+    "coco": "preview",
+    "nerfstudio": "preview",
+    "colmap": "preview",
+    "kitti": "raw",
+    "euroc": "raw",
+}
+"""Format with pictures → which."""
+REFUSED_INCOMPLETE = (
+    "{folder} is not complete: {missing}; `mitsuba-sensor dataset run FILE.toml -o {folder}` makes them, `dataset "
+    "status {folder}` says which could not be made, and --incomplete exports the others."
+)
+TAKEN_BY = {"arrays": OF_ARRAYS, "shard_mb": SHARD_MB, "images": OF_PICTURES}
+"""Option → the formats that take it."""
 
 
 @documents(ExportOptions)
@@ -53,17 +86,17 @@ def export(
     *,
     progress: Callable[[int, int], object] = lambda done, total: None,
     **options: Unpack[ExportOptions],
-) -> int:
-    """Write a dataset to ``out``, all of it or nothing, with README.md; returns the number of samples.
+) -> Exported:
+    """Write a dataset to ``out``, all of it or nothing, with README.md.
 
     folder : that `dataset run` made.  format : one of WRITERS.  progress : called with (steps done, steps in all).
     Raises InputError; DiskFull where the disk takes no more.
     """
-    chosen = complete(ExportOptions, options)
     if format not in WRITERS:
         raise InputError(
             f"format is {format!r}; it must be one of {', '.join(WRITERS)}.{nearest(format, WRITERS)}"
         )
+    chosen = _options_of(format, options)
     dataset = Dataset(folder, chosen["split"])
     if not len(dataset):
         raise InputError(
@@ -71,7 +104,9 @@ def export(
         )
     if Path(out).absolute().is_relative_to(dataset.folder.absolute()):
         raise InputError(f"{out} is in the dataset itself; give a folder elsewhere.")
-    require_origin(dataset.folder)
+    missing = missing_samples(dataset.folder)
+    if missing and not chosen["incomplete"]:
+        raise InputError(REFUSED_INCOMPLETE.format(folder=dataset.folder, missing=missing))
     file, done, total = read_dataset(dataset.folder / FILE), 0, 2 * len(dataset)
 
     def step() -> None:
@@ -79,15 +114,38 @@ def export(
         done += 1
         progress(done, total)
 
-    if file.description:
-        title = f"{file.name}: {file.description}"
-    else:
-        title = file.name
-    with appearing_folder(
-        Path(out), chosen["force"], {"dataset": file.name, "format": format}
-    ) as scratch:
-        known = summary(dataset.folder, dataset.lines, file, step)
-        known = replace(known, licence=chosen["licence"] or known.licence)
-        how = WRITERS[format](Job(dataset, scratch, chosen, step, title, known.licence))
-        write_card(scratch, replace(known, how_to_read=how or known.how_to_read))
-    return len(dataset)
+    about = {"dataset": file.name, "format": format}
+    with appearing_folder(Path(out), chosen["force"], about) as scratch:
+        job = Job(dataset, scratch, chosen, step, file)
+        if missing:
+            job.remarks.append(missing)
+        how = WRITERS[format](job)
+        _write_card(job, dataset, how)
+    return Exported(len(dataset) - len(job.left_out), job.remarks)
+
+
+def _options_of(format: str, given: ExportOptions) -> dict[str, Any]:
+    """All options, with the defaults of this format. Raises InputError for one that it does not take."""
+    chosen: dict[str, Any] = {**complete(ExportOptions, given)}
+    for name, formats in TAKEN_BY.items():
+        if chosen[name] is not None and format not in formats:
+            raise InputError(
+                f"{name} is an option of {', '.join(formats)}, and the format is {format}; leave it out."
+            )
+    chosen["shard_mb"] = chosen["shard_mb"] or SHARD_MB.get(format)
+    chosen["images"] = chosen["images"] or OF_PICTURES.get(format)
+    return chosen
+
+
+def _write_card(job: Job, dataset: Dataset, how: str) -> None:
+    """README.md of the samples that the export has.  how : code that reads it."""
+    lines: Sequence[Line] = dataset.lines
+    if job.left_out:
+        lines = [line for line in lines if line.key not in job.left_out]
+    known = summary(dataset.folder, lines, job.file, job.step)
+    for _ in job.left_out:
+        job.step()
+    notes = [*known.notes, *(f"{remark[0].upper()}{remark[1:]}." for remark in job.remarks)]
+    how_to_read = how or known.how_to_read
+    facts = replace(known, licence=job.licence, notes=notes, how_to_read=how_to_read)
+    write_card(job.folder, facts)

@@ -5,26 +5,38 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
 from ...files import durable
-from ...files.whole_folder import copy_into
+from ...files.png import write_png
+from ...files.tiff import write_tiff
+from ...files.whole_folder import copy_into, inside
 from ...optics.calibration import calibration_of
+from ..file import DatasetFile
 from ..keys import Facts, canonical
 from ..reader import AOVS, IMAGES, Sample
 from ..record import MOST_BYTES, RECORD, record_of
-from .poses import PosedImage
+from .poses import PosedImage, rigid_pose
 
 PICTURE = "frame.png"
+LARGEST_PNG = 16  # bits of a pixel
 NEEDED = ("image", "config", "view", "light", "versions")  # of sample.json
+USUAL = ("raw", "clean", "variance")
+"""Arrays that are written where nothing is asked for, as far as the dataset has them."""
 OF_WORLD = ("scene", "parameters", "traverse", "motion", "scene_unit")
 """Parts of a view's configuration that decide what its world space is."""
+
+
+class PosedSample(NamedTuple):
+    """A sample, and where its picture was taken; the picture has the name of its key."""
+
+    sample: Sample
+    image: PosedImage
 
 
 @dataclass(frozen=True)
@@ -33,24 +45,89 @@ class Job:
 
     samples : in the order of the dataset.  folder : empty, and renamed when all is done.
     options : of :class:`dataset.options.ExportOptions`, complete.  step : called after each sample.
-    title, licence : of the dataset.
+    file : that the dataset was made from.  left_out : keys of samples that cannot be in the export.
+    remarks : sentences for people and for the card.
     """
 
     samples: Sequence[Sample]
     folder: Path
     options: Mapping[str, Any]
     step: Callable[[], object]
-    title: str = ""
-    licence: str = ""
+    file: DatasetFile
+    left_out: set[str] = field(default_factory=set)
+    remarks: list[str] = field(default_factory=list)
 
-    def place_picture(self, sample: Sample, name: str) -> None:
-        """Copy the preview of a sample. Raises InputError where the dataset has none."""
-        picture = sample.folder / PICTURE
-        if not picture.exists():
+    @property
+    def title(self) -> str:
+        """Name and description of the dataset."""
+        if self.file.description:
+            return f"{self.file.name}: {self.file.description}"
+        return self.file.name
+
+    @property
+    def licence(self) -> str:
+        """That is asked for, or that of the dataset file."""
+        return self.options["licence"] or self.file.licence
+
+    def leave_out(self, samples: Sequence[Sample], what: str, why: str) -> None:
+        """Note, with a remark, that samples cannot be in the export.  what, why : they are, for the remark."""
+        for sample in samples:
+            self.left_out.add(sample.key)
+            self.step()
+        self.remarks.append(f"left out are {len(samples)} samples of {what}: {why}")
+
+    def arrays_of(self, sample: Sample, usual: Sequence[str] = USUAL) -> Sequence[str]:
+        """Names of the arrays of a sample that the options ask for; by default those of ``usual`` that it has.
+        Raises InputError for none."""
+        if self.options["arrays"]:
+            return list(dict.fromkeys(self.options["arrays"]))
+        found = [name for name in usual if (sample.folder / IMAGES[name]).exists()]
+        if not found:
             raise InputError(
-                f"there is no {picture}; add preview to the outputs of the dataset, and make it again."
+                f"the samples have none of {', '.join(usual)}; say which arrays to write, e.g. `--array depth_m`."
             )
-        copy_into(self.folder, name, checked(picture))
+        return found
+
+    def worlds(self) -> dict[str, list[PosedSample]]:
+        """Posed samples by the world that their poses are in. Those that no pose or calibration can describe are left
+        out. Raises InputError where none remains."""
+        found, unposed = worlds(self.samples)
+        for (scene, why), samples in unposed.items():
+            self.leave_out(samples, f"scene {scene}", why.removesuffix("."))
+        if not found:
+            raise InputError(f"no sample can be exported; {'; '.join(self.remarks)}.")
+        return found
+
+    def place_picture(self, sample: Sample, stem: str) -> str:
+        """Write the picture of a sample that the options ask for. Returns its name without folders. Raises InputError
+        where the dataset has none.
+
+        stem : of its name in the export, with folders.
+        """
+        if self.options["images"] == "raw":
+            name = _place_raw(self.folder, sample, stem)
+        else:
+            picture = sample.folder / PICTURE
+            if not picture.exists():
+                raise InputError(
+                    f"there is no {picture}; add preview to the outputs of the dataset, and make it again, or take "
+                    "--images raw."
+                )
+            name = f"{stem}.png"
+            copy_into(self.folder, name, checked(picture))
+        return name.rpartition("/")[2]
+
+
+def _place_raw(folder: Path, sample: Sample, stem: str) -> str:
+    """Write the first raw frame; the name of its file, by the bits of its codes."""
+    frame = checked_array(sample, "raw")[0]
+    if frame.dtype.itemsize * 8 <= LARGEST_PNG:
+        name = f"{stem}.png"
+        write_png(inside(folder, name), frame)
+    else:
+        name = f"{stem}.tiff"
+        write_tiff(inside(folder, name), frame)
+    return name
 
 
 def checked(path: Path) -> Path:
@@ -88,31 +165,41 @@ def checked_array(sample: Sample, name: str) -> NDArray[Any]:
     return sample.read(name)
 
 
-def worlds(samples: Sequence[Sample]) -> dict[str, list[Sample]]:
-    """Samples by the world that their poses are in: the name of a scene, with a number where it has variants."""
-    found: dict[tuple[str, str], list[Sample]] = {}
+def worlds(
+    samples: Sequence[Sample],
+) -> tuple[dict[str, list[PosedSample]], dict[tuple[str, str], list[Sample]]]:
+    """Posed samples by their world: the name of a scene, with a number where it has variants; and by scene and reason
+    those that have no pose or calibration which other programs could read."""
+    found: dict[tuple[str, str], list[PosedSample]] = {}
+    unposed: dict[tuple[str, str], list[Sample]] = {}
     for sample in samples:
-        view = facts_of(sample)["view"]
+        facts = facts_of(sample)
+        view = facts["view"]
+        try:
+            image = posed(sample, facts)
+        except InputError as error:
+            unposed.setdefault((view["scene"], str(error)), []).append(sample)
+            continue
         variant = canonical({name: view["config"].get(name) for name in OF_WORLD})
-        found.setdefault((view["scene"], variant), []).append(sample)
+        found.setdefault((view["scene"], variant), []).append(PosedSample(sample, image))
     scenes = [scene for scene, _ in found]
-    named: dict[str, list[Sample]] = {}
-    for number, ((scene, _), group) in enumerate(found.items()):
-        several = ""
-        if scenes.count(scene) > 1:
-            several = f"-{scenes[:number].count(scene) + 1:03d}"
-        named[scene + several] = group
-    return named
+    named: dict[str, list[PosedSample]] = {}
+    for (scene, _), group in found.items():
+        name, number = scene, 0
+        while name in named or (name in scenes and (name != scene or scenes.count(scene) > 1)):
+            number += 1
+            name = f"{scene}-{number:03d}"
+        named[name] = group
+    return named, unposed
 
 
-def posed(sample: Sample, name: str) -> PosedImage:
-    """Calibration and pose of a sample's picture.  name : of its file in the export. Raises InputError."""
-    facts = facts_of(sample)
+def posed(sample: Sample, facts: Facts) -> PosedImage:
+    """Calibration and pose of a sample's picture, which has the name of its key.  facts : its sample.json.
+    Raises InputError."""
     light, pitch_um = facts["light"], facts["config"]["camera"]["pixel"]["pitch_x_um"]
     if light.get("camera_to_world") is None:
         raise InputError(
             f"{sample.folder} has no pose; the dataset was made by an older version: make it again."
         )
-    return PosedImage(
-        name, calibration_of(light["intrinsics"], pitch_um), np.array(light["camera_to_world"])
-    )
+    calibration = calibration_of(light["intrinsics"], pitch_um)
+    return PosedImage(sample.key, calibration, rigid_pose(light["camera_to_world"]))

@@ -9,6 +9,7 @@ larger by 0.5 than OpenCV's. nerfstudio turns, centres and scales the poses unle
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from ...files.texts import write_json
 from ...files.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
 from ..reader import Sample
-from .job import Job, checked_array, posed, worlds
+from .job import Job, checked_array
 from .poses import TO_OPENGL, PosedImage, camera_to_world
 
 MM_PER_M, MOST_MM = 1000.0, 65535
@@ -57,12 +58,11 @@ def write_nerfstudio(job: Job) -> str:
 
     No train_filenames: a scene belongs to one split, and nerfstudio wants all of its own three or none.
     """
-    for world, samples in worlds(job.samples).items():
+    for world, samples in job.worlds().items():
         images, depths = [], {}
-        for sample in samples:
-            name = f"images/{sample.key}.png"
-            job.place_picture(sample, f"{world}/{name}")
-            images.append(posed(sample, name))
+        for sample, image in samples:
+            name = f"images/{job.place_picture(sample, f'{world}/images/{sample.key}')}"
+            images.append(replace(image, name=name))
             depths[name] = _depth(job, world, sample)
             job.step()
         found = transforms(images)

@@ -16,7 +16,7 @@ from ...core import Float64Array
 from ...files.texts import write_page
 from ...files.whole_folder import inside
 from ...optics.calibration import Calibration
-from .job import Job, posed, worlds
+from .job import Job
 from .poses import PosedImage, world_to_camera, yaml_number
 
 HOW = """import cv2
@@ -96,10 +96,9 @@ def _quoted(text: str) -> str:
 def write_opencv(job: Job) -> str:
     """Write SCENE/camera_1.yml and .xml, …: a calibration, and the poses of all samples that have it. Returns how to
     read."""
-    for world, samples in worlds(job.samples).items():
+    for world, samples in job.worlds().items():
         found: dict[Calibration, list[PosedImage]] = {}
-        for sample in samples:
-            image = posed(sample, sample.key)
+        for _, image in samples:
             found.setdefault(image.calibration, []).append(image)
             job.step()
         for number, (calibration, images) in enumerate(found.items(), start=1):

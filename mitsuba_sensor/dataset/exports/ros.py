@@ -13,7 +13,7 @@ from ...core import Float64Array
 from ...files.texts import write_json, write_page
 from ...files.whole_folder import inside
 from ...optics.calibration import Calibration
-from .job import Job, posed
+from .job import Job
 from .poses import yaml_number
 
 HOW = """import yaml
@@ -55,9 +55,10 @@ def write_ros(job: Job) -> str:
     """Write camera_1.yaml, …, one for each calibration, and samples.json, which says which samples have it. Returns how
     to read."""
     found: dict[Calibration, list[str]] = {}
-    for sample in job.samples:
-        found.setdefault(posed(sample, sample.key).calibration, []).append(sample.key)
-        job.step()
+    for samples in job.worlds().values():
+        for sample, image in samples:
+            found.setdefault(image.calibration, []).append(sample.key)
+            job.step()
     names = [f"camera_{number}" for number in range(1, len(found) + 1)]
     for name, calibration in zip(names, found, strict=True):
         write_page(inside(job.folder, f"{name}.yaml"), camera_info(calibration, name))

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...core import InputError
 from ...files.tar_shards import TarShards, npy
-from ..reader import IMAGES, Sample
+from ..reader import Sample
 from .job import PICTURE, Job, checked, checked_array
 
-USUAL = ("raw", "clean", "variance")
-"""Arrays that are written where nothing is asked for, as far as the dataset has them."""
 HOW = """import webdataset as wds
 
 samples = wds.WebDataset("{shards}", shardshuffle=False).decode()
@@ -22,7 +19,6 @@ for sample in samples:
 
 def write_shards(job: Job) -> str:
     """Write the shards of every split, samples sorted by key: a random order, the same always. Returns how to read."""
-    arrays = tuple(job.options["arrays"] or usual_arrays(job.samples))
     ends = {}
     for split in sorted({one.split for one in job.samples}):
         name = split or "shard"
@@ -30,10 +26,10 @@ def write_shards(job: Job) -> str:
             for sample in sorted(
                 (one for one in job.samples if one.split == split), key=lambda one: one.key
             ):
-                shards.add(sample.key, files_of(sample, arrays))
+                shards.add(sample.key, files_of(sample, job.arrays_of(sample)))
                 job.step()
         ends[name] = f"{name}-{{000000..{len(shards.shards) - 1:06d}}}.tar"
-    names = ", ".join(f'sample["{name}.npy"].shape' for name in arrays)
+    names = ", ".join(f'sample["{name}.npy"].shape' for name in job.arrays_of(job.samples[0]))
     return HOW.format(shards=next(iter(ends.values())), names=names)
 
 
@@ -48,13 +44,3 @@ def files_of(sample: Sample, arrays: Sequence[str]) -> dict[str, bytes | Path]:
     else:
         pictures = {}
     return {**found, "json": checked(sample.folder / "sample.json"), **pictures}
-
-
-def usual_arrays(samples: Sequence[Sample]) -> list[str]:
-    """Those of USUAL that the first sample has. Raises InputError for none."""
-    found = [name for name in USUAL if (samples[0].folder / IMAGES[name]).exists()]
-    if not found:
-        raise InputError(
-            f"the samples have none of {', '.join(USUAL)}; say which arrays to write, e.g. `--array electrons`."
-        )
-    return found

@@ -1,0 +1,90 @@
+"""A data set of Hugging Face: data/SPLIT-00000-of-00001.parquet, a row for each sample.
+
+Images are columns of the ``Image`` of its library `datasets`: the bytes of the files of the sample as they are, TIFFs
+of raw frames among them, so that every digital number is there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+
+from ...core import InputError
+from ...files.parquet import Kind, Row
+from ...files.parquet_shards import ParquetShards
+from ...files.tar_shards import npy
+from ...files.whole_folder import inside
+from ..index_part import column_of, kinds_of
+from ..reader import IMAGES, Sample
+from .job import PICTURE, Job, checked, checked_array
+
+HOW = """import numpy as np
+from datasets import load_dataset
+
+rows = load_dataset("DIR", split="{split}")  # the folder of this file
+for row in rows:
+    print(row["key"], np.array(row["{array}"]).shape)  # of several frames row["raw"].seek(1) has the second
+"""
+UNSPLIT = "train"
+"""What Hugging Face calls the only split of a data set."""
+OF_INDEX = ("number", "view_key", "view_files")
+"""Columns of the index that are of the dataset's own files."""
+PREVIEW, FACTS = "preview", "sample_json"
+
+
+def write_parquet(job: Job) -> str:
+    """Write the rows of every split, in the order of the dataset. Returns how to read."""
+    splits = _names_of_splits(sorted({sample.split for sample in job.samples}))
+    arrays = job.arrays_of(job.samples[0])
+    kinds: dict[str, Kind] = {"key": "text", "split": "text"}
+    for name in arrays:
+        kinds[name] = "image" if name in IMAGES else "bytes"
+    if "preview" in job.file.outputs:
+        kinds[PREVIEW] = "image"
+    of_values = {
+        name: kind for name, kind in kinds_of(job.file).items() if name not in OF_INDEX
+    }
+    kinds = {**kinds, **of_values, FACTS: "text"}
+    images = {name: {"_type": "Image"} for name, kind in kinds.items() if kind == "image"}
+    about = {"huggingface": json.dumps({"info": {"features": images}})}
+    most_bytes = job.options["shard_mb"] * 10**6
+    for split, name in splits.items():
+        folder = inside(job.folder, f"data/{name}").parent
+        with ParquetShards(folder, name, kinds, about, most_bytes) as shards:
+            for sample in job.samples:
+                if sample.split == split:
+                    shards.add(*_row(sample, kinds))
+                    job.step()
+    return HOW.format(split=splits[next(iter(splits))], array=arrays[0])
+
+
+def _row(sample: Sample, kinds: dict[str, Kind]) -> tuple[Row, int]:
+    """A sample as a row, and the bytes of its images and arrays."""
+    facts = checked(sample.folder / "sample.json")
+    row: Row = {"key": sample.key, "split": sample.split, FACTS: facts.read_text("utf-8")}
+    for name, value in sample.values.items():
+        row[column_of(name, value, kinds)] = value
+    size = 0
+    for name, kind in kinds.items():
+        if kind == "image":
+            file = PICTURE if name == PREVIEW else IMAGES[name]
+            path = checked(sample.existing(sample.folder / file, name))
+            content = path.read_bytes()
+            row[name] = {"bytes": content, "path": f"{sample.key}.{name}{path.suffix}"}
+            size += len(content)
+        elif kind == "bytes":
+            row[name] = npy(checked_array(sample, name))
+            size += len(row[name])
+    return row, size
+
+
+def _names_of_splits(splits: list[str]) -> dict[str, str]:
+    """Split → what it is called there, without what Hugging Face has in no name. Raises InputError where two are
+    called the same."""
+    names = {split: re.sub(r"[^\w.]|\.(?!\w)", "_", split) or UNSPLIT for split in splits}
+    if len({*names.values()}) < len(names):
+        raise InputError(
+            f"the splits {', '.join(splits)} are the same for Hugging Face, whose names have letters, digits, _ and "
+            "dots only; export each alone, with --split."
+        )
+    return names
