@@ -6,7 +6,7 @@ from ...files.hdf5 import Hdf5Writer, hdf5_writer
 from ...files.whole_folder import inside
 from ...output.exr import read_irradiance_exr
 from ..reader import IMAGES, Sample
-from .job import Job, checked, checked_array, facts_of
+from .job import IRRADIANCE, Job, checked, checked_array, facts_of
 
 HOW = """import h5py
 
@@ -14,7 +14,6 @@ with h5py.File("{file}") as file:
     for key, sample in file["samples"].items():
         print(key, dict(sample.attrs), {{name: array.shape for name, array in sample.items()}})
 """
-IRRADIANCE = "irradiance"
 UNITS = {
     "raw": "DN",
     "companded": "DN",
@@ -53,8 +52,7 @@ def _add(job: Job, file: Hdf5Writer, sample: Sample, views: set[str]) -> None:
     about = {name: facts["image"][name] for name in LEVELS}
     gain = {"system_gain_dn_per_e": facts["system_gain_dn_per_e"]}
     file.add_group(place, {"split": sample.split, **sample.values, **about, **gain})
-    path = sample.view_folder / f"{IRRADIANCE}.exr"
-    for name in _arrays_of(job, sample, path.exists()):
+    for name in job.arrays_of(sample, (*IMAGES, IRRADIANCE)):
         if name != IRRADIANCE:
             unit = UNITS.get(name, "1")
             file.add_array(f"{place}/{name}", checked_array(sample, name), unit)
@@ -67,14 +65,6 @@ def _add(job: Job, file: Hdf5Writer, sample: Sample, views: set[str]) -> None:
     file.add_text(
         f"{place}/sample_json", checked(sample.folder / "sample.json").read_text("utf-8")
     )
-
-
-def _arrays_of(job: Job, sample: Sample, has_light: bool) -> list[str]:
-    """Names that the options ask for; by default all images that the sample has, and the light of its view."""
-    names = [*job.arrays_of(sample, (*IMAGES,))]
-    if has_light and not job.options["arrays"]:
-        names.append(IRRADIANCE)
-    return names
 
 
 def add_light(file: Hdf5Writer, place: str, sample: Sample) -> None:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from ..reader import AOVS, IMAGES, Sample
 from ..record import MOST_BYTES, RECORD, record_of
 from .poses import PosedImage, rigid_pose
 
-PICTURE = "frame.png"
+PICTURE, IRRADIANCE = "frame.png", "irradiance"
 LARGEST_PNG = 16  # bits of a pixel
 NEEDED = ("image", "config", "view", "light", "versions")  # of sample.json
 USUAL = ("raw", "clean", "variance")
@@ -81,10 +81,11 @@ class Job:
         Raises InputError for none."""
         if self.options["arrays"]:
             return list(dict.fromkeys(self.options["arrays"]))
-        found = [name for name in usual if (sample.folder / IMAGES[name]).exists()]
+        found = [name for name in usual if _has(sample, name)]
         if not found:
             raise InputError(
-                f"the samples have none of {', '.join(usual)}; say which arrays to write, e.g. `--array depth_m`."
+                f"the samples have none of {', '.join(usual)}; name one in the outputs of the dataset, and make it "
+                "again, or say which arrays to write, e.g. `--array depth_m`."
             )
         return found
 
@@ -105,29 +106,40 @@ class Job:
         stem : of its name in the export, with folders.
         """
         if self.options["images"] == "raw":
-            name = _place_raw(self.folder, sample, stem)
-        else:
-            picture = sample.folder / PICTURE
-            if not picture.exists():
-                raise InputError(
-                    f"there is no {picture}; add preview to the outputs of the dataset, and make it again, or take "
-                    "--images raw."
-                )
-            name = f"{stem}.png"
-            copy_into(self.folder, name, checked(picture))
-        return name.rpartition("/")[2]
+            self._require(sample, "raw", IMAGES["raw"], "preview")
+            return _place_raw(self.folder, sample, stem)
+        self._require(sample, "preview", PICTURE, "raw")
+        name = f"{stem}.png"
+        copy_into(self.folder, name, checked(sample.folder / PICTURE))
+        return PurePath(name).name
+
+    def _require(self, sample: Sample, output: str, file: str, other: str) -> None:
+        """Raise InputError where a sample has no such picture.  other : output that has pictures, too."""
+        if (sample.folder / file).exists():
+            return
+        remedy = f"add {output} to the outputs of the dataset, and make it again"
+        if other in self.file.outputs:
+            remedy = f"take --images {other}, or {remedy}"
+        raise InputError(f"there is no {sample.folder / file}; {remedy}.")
+
+
+def _has(sample: Sample, name: str) -> bool:
+    """Whether a sample, or its view, has the file of an image or of the irradiance."""
+    if name == IRRADIANCE:
+        return (sample.view_folder / f"{IRRADIANCE}.exr").exists()
+    return (sample.folder / IMAGES[name]).exists()
 
 
 def _place_raw(folder: Path, sample: Sample, stem: str) -> str:
     """Write the first raw frame; the name of its file, by the bits of its codes."""
     frame = checked_array(sample, "raw")[0]
     if frame.dtype.itemsize * 8 <= LARGEST_PNG:
-        name = f"{stem}.png"
-        write_png(inside(folder, name), frame)
+        place = inside(folder, f"{stem}.png")
+        write_png(place, frame)
     else:
-        name = f"{stem}.tiff"
-        write_tiff(inside(folder, name), frame)
-    return name
+        place = inside(folder, f"{stem}.tiff")
+        write_tiff(place, frame)
+    return place.name
 
 
 def checked(path: Path) -> Path:
