@@ -172,8 +172,8 @@ def part_of(
 
 
 def cell_of(name: str, value: Value, kinds: Mapping[str, Kind]) -> tuple[str, Value]:
-    """The column that has a value of a sample, and the value as it has it: where a name has values of several kinds, the
-    column of its kind."""
+    """The column that has a value of a sample, and the value as it has it: where a name has values of several kinds,
+    the column of its kind."""
     column = f"{name} ({_kind_of(name, value)})"
     if column not in kinds:
         column = name

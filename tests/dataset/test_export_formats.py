@@ -10,16 +10,20 @@ import io
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from helpers.export_datasets import made_dataset
+from helpers.marks import one_in
 from numpy.typing import NDArray
 from PIL import Image
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core import DiskFull
+from mitsuba_sensor.dataset.exports import job
 from mitsuba_sensor.dataset.exports.export import export
 from mitsuba_sensor.dataset.exports.job import PosedSample
 from mitsuba_sensor.dataset.exports.kitti import projections
@@ -143,7 +147,7 @@ def test_pykitti_reads_poses_that_take_points_to_their_pixels(
         cameras = pykitti.utils.read_calib_file(out / f"sequences/{name}/calib_cam_to_cam.txt")
         first = np.array(said["world_from_first_camera"])
         times_s = [time.total_seconds() for time in found.timestamps]
-        assert times_s == ([0.5, 1.0, 1.5] if said["scene"] == "flight" else [0])
+        assert times_s == ([0.5, 1.5] if said["scene"] == "flight" else [0])
         for number, camera in enumerate(said["cameras"]):
             files = getattr(found, f"cam{number}_files")
             assert len(files) == len(found.poses) == len(camera["frames"])
@@ -174,7 +178,7 @@ def test_evo_and_the_published_layout_of_euroc_take_points_to_their_pixels(
     for name, said in about.items():
         folder = tmp_path / "out" / name / "mav0"
         times_s, poses = states_of(folder)
-        assert times_s.tolist() == ([0.5, 1.0, 1.5] if said["scene"] == "flight" else [0])
+        assert times_s.tolist() == ([0.5, 1.5] if said["scene"] == "flight" else [0])
         for number, camera in enumerate(said["cameras"]):
             sensor = yaml.safe_load((folder / f"cam{number}/sensor.yaml").read_text("utf-8"))
             fu, fv, cu, cv = sensor["intrinsics"]
@@ -245,9 +249,10 @@ def require_projection(sample: ms.Sample, calib: Any, number: int, pose: Floats)
 
 def test_cameras_of_a_rig_are_where_their_poses_have_them() -> None:
     """Datasets have cameras at one place only; cameras elsewhere are looked at here."""
-    calibration = Calibration(50, 36, (61.25, 60.0), (24.125, 18.5))
+    first = Calibration(50, 36, (61.25, 60.0), (24.125, 18.5))
+    second = Calibration(64, 20, (50.0, 51.0), (30.0, 9.5))
     cameras, truths = [], []
-    for origin in ((1.0, 2.0, -3.0), (1.2, 2.1, -3.0)):
+    for calibration, origin in ((first, (1.0, 2.0, -3.0)), (second, (1.2, 2.1, -3.0))):
         pose = KeyPose(time_s=0, origin_m=origin, target_m=(0, 0.5, 4), up=(0, 1, 0.3)).pose
         sample: Any = None
         frame = PosedSample(sample, PosedImage("a", calibration, pose))
@@ -261,7 +266,7 @@ def test_cameras_of_a_rig_are_where_their_poses_have_them() -> None:
     assert lines["P2"] == lines["P3"] == lines["P0"] != lines["P1"]
     point = np.array([0.3, 0.1, 4, 1])
     before_first = np.linalg.inv(truths[0]) @ point
-    for name, truth in zip(("P0", "P1"), truths, strict=True):
+    for name, calibration, truth in zip(("P0", "P1"), (first, second), truths, strict=True):
         before = (np.linalg.inv(truth) @ point)[:3]
         expected = calibration.matrix @ before / before[2]
         place = np.reshape([*map(float, lines[name].split())], (3, 4)) @ before_first
@@ -286,7 +291,9 @@ def with_orthographic(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made_dataset(tmp_path_factory.mktemp("ortho"), ORTHOGRAPHIC)
 
 
-@pytest.mark.parametrize("format", ["nerfstudio", "colmap", "kitti", "euroc", "opencv", "ros"])
+@pytest.mark.parametrize(
+    "format", one_in(3, ["nerfstudio", "colmap", "euroc", "kitti", "opencv", "ros"])
+)
 def test_an_orthographic_scene_is_left_out_by_name(
     with_orthographic: Path, tmp_path: Path, format: str
 ) -> None:
@@ -309,6 +316,7 @@ def test_an_orthographic_scene_is_left_out_by_name(
     assert "flat" not in names and not any(key in names for key in keys)
 
 
+@pytest.mark.exhaustive
 def test_a_dataset_of_orthographic_scenes_has_no_calibrations(tmp_path: Path) -> None:
     text = ORTHOGRAPHIC.replace("perspective.xml", "orthographic.xml")
     folder = made_dataset(tmp_path, text)
@@ -317,7 +325,7 @@ def test_a_dataset_of_orthographic_scenes_has_no_calibrations(tmp_path: Path) ->
     assert export(folder, "webdataset", tmp_path / "out").remarks == []
 
 
-@pytest.mark.parametrize("format", ["coco", "nerfstudio", "colmap"])
+@pytest.mark.parametrize("format", one_in(3, ["coco", "nerfstudio", "colmap"]))
 def test_pictures_are_raw_on_request(made: Path, tmp_path: Path, format: str) -> None:
     export(made, format, tmp_path / "out", images="raw")
     for sample in ms.Dataset(made):
@@ -374,3 +382,69 @@ def test_an_incomplete_dataset_says_what_is_missing(
     assert planned - {sample.key for sample in ms.Dataset(folder)} == {*found.groups()}
     text = (tmp_path / "out/README.md").read_text("utf-8")
     assert "2 of 12 samples are missing" in text and str(folder) not in text
+
+
+CODE = {
+    "parquet": "datasets",
+    "webdataset": "webdataset",
+    "hdf5": "h5py",
+    "coco": "pycocotools",
+    "colmap": "pycolmap",
+    "kitti": "pykitti",
+    "euroc": "evo",
+    "opencv": "cv2",
+    "ros": "yaml",
+}
+"""Format → the library that the code of its card is for."""
+
+
+@pytest.mark.parametrize("format", one_in(3, CODE))
+def test_the_code_of_a_card_reads_the_export(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
+) -> None:
+    pytest.importorskip(CODE[format])
+    export(made, format, tmp_path / "out")
+    monkeypatch.chdir(tmp_path / "out")
+    text = (tmp_path / "out/README.md").read_text("utf-8")
+    code = text.partition("## How to read\n\n```\n")[2].partition("```")[0]
+    assert "import" in code
+    if format == "parquet":
+        code = code.replace('"DIR"', f'"DIR", cache_dir="{tmp_path}"')
+    exec(code.replace("DIR", str(tmp_path / "out")), {})
+
+
+@pytest.mark.parametrize("format", one_in(2, ["parquet", "webdataset", "hdf5"]))
+@pytest.mark.parametrize("bytes_left", [0, 5000])
+def test_a_file_that_may_not_grow_is_a_full_disk_and_leaves_nothing(
+    made: Path, tmp_path: Path, format: str, bytes_left: int
+) -> None:
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, before[1]))
+    try:
+        with pytest.raises(DiskFull, match="make space there"):
+            export(made, format, tmp_path / "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_worlds_of_scenes_that_are_called_alike_stay_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A scene with variants would be called as another scene is."""
+    intrinsics = {"matrix": np.eye(3), "image_size": [2, 2], "heights_mm": None}
+    light = {
+        "intrinsics": {**intrinsics, "distortion": [0.0] * 5},
+        "camera_to_world": np.eye(4),
+    }
+    config = {"camera": {"pixel": {"pitch_x_um": 5.0}}}
+    samples = []
+    for scene, height in (("a", 0), ("a", 1), ("a-001", 0), ("b", 0)):
+        view = {"scene": scene, "config": {"parameters": {"height": height}}}
+        facts = {"view": view, "light": light, "config": config}
+        samples.append(SimpleNamespace(key=scene, facts=facts))
+    monkeypatch.setattr(job, "facts_of", lambda sample: sample.facts)
+    named, unposed = job.worlds(samples)  # type: ignore[arg-type]
+    assert unposed == {} and sorted(named) == ["a-001", "a-002", "a-003", "b"]
+    assert [len(group) for group in named.values()] == [1] * 4

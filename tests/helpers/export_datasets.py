@@ -29,7 +29,7 @@ cameras = [
 name = "flight"
 file = "perspective.xml"
 [scenes.path]
-views = 3
+views = 2
 keys = [
     { time_s = 0.5, origin_m = [0, 1, 4], target_m = [0, 0, 0] },
     { time_s = 1.5, origin_m = [1, 2, 4], target_m = [0.3, 0, 0] },

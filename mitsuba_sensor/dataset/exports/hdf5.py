@@ -12,7 +12,7 @@ HOW = """import h5py
 
 with h5py.File("{file}") as file:
     for key, sample in file["samples"].items():
-        print(key, dict(sample.attrs), {{name: array.shape for name, array in sample.items()}})
+        print(key, dict(sample.attrs), [*sample])  # sample["raw"][()] is an array
 """
 UNITS = {
     "raw": "DN",

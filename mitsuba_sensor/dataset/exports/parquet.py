@@ -14,7 +14,7 @@ from ...files.parquet import Kind, Row
 from ...files.parquet_shards import ParquetShards
 from ...files.tar_shards import npy
 from ...files.whole_folder import inside
-from ..index_part import column_of, kinds_of
+from ..index_part import FIXED, cell_of, kinds_of
 from ..reader import IMAGES, Sample
 from .job import PICTURE, Job, checked, checked_array
 
@@ -27,8 +27,6 @@ for row in rows:
 """
 UNSPLIT = "train"
 """What Hugging Face calls the only split of a data set."""
-OF_INDEX = ("number", "view_key", "view_files")
-"""Columns of the index that are of the dataset's own files."""
 PREVIEW, FACTS = "preview", "sample_json"
 
 
@@ -41,9 +39,7 @@ def write_parquet(job: Job) -> str:
         kinds[name] = "image" if name in IMAGES else "bytes"
     if "preview" in job.file.outputs:
         kinds[PREVIEW] = "image"
-    of_values = {
-        name: kind for name, kind in kinds_of(job.file).items() if name not in OF_INDEX
-    }
+    of_values = {name: kind for name, kind in kinds_of(job.file).items() if name not in FIXED}
     kinds = {**kinds, **of_values, FACTS: "text"}
     images = {name: {"_type": "Image"} for name, kind in kinds.items() if kind == "image"}
     about = {"huggingface": json.dumps({"info": {"features": images}})}
@@ -63,7 +59,8 @@ def _row(sample: Sample, kinds: dict[str, Kind]) -> tuple[Row, int]:
     facts = checked(sample.folder / "sample.json")
     row: Row = {"key": sample.key, "split": sample.split, FACTS: facts.read_text("utf-8")}
     for name, value in sample.values.items():
-        row[column_of(name, value, kinds)] = value
+        column, cell = cell_of(name, value, kinds)
+        row[column] = cell
     size = 0
     for name, kind in kinds.items():
         if kind == "image":
