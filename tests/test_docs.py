@@ -45,8 +45,15 @@ SMALL = {
 }
 """What the commands of the pages get in addition here."""
 
-LONG_PAGES = {"exposure-and-colour", "image-quality", "lab", "plugins", "rendering"}
-"""Their commands and calls are those of other pages, with other options."""
+LONG_PAGES = {
+    "dataset-exports",
+    "exposure-and-colour",
+    "image-quality",
+    "lab",
+    "plugins",
+    "rendering",
+}
+"""Their commands and calls are those of other pages, with other options; or have tests of their own."""
 
 LONG = r"\bstudy\b|\bcharacterize\b|\bsheet\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"
 """What only the command line's parser sees here: it takes long, and has tests of its own."""
