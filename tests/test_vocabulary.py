@@ -51,7 +51,7 @@ WORDS = (
     Word(r"rooms?", "domain (photons, electrons, volts, DN)", allowed=r"room temperature"),
     Word(r"words?", "random bits; options, arguments; text, label"),
     Word(
-        r"truth", "AOVs; reference", allowed=r"include_truth=False"
+        r"truth", "AOVs; reference", allowed=r"include_truth=False|state_groundtruth_estimate0"
     ),  # the keyword of getframes
     Word(
         r"(column|row|pixel) offsets?",

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core import InputError
 from .disk_errors import disk_sentences
+
+if TYPE_CHECKING:
+    import h5py
 
 EXTRA = "pip install 'mitsuba-sensor[hdf5]'"
 
@@ -18,10 +21,10 @@ EXTRA = "pip install 'mitsuba-sensor[hdf5]'"
 class Hdf5Writer:
     """Writes groups and arrays by their place, as ``samples/KEY/raw``.  file : of h5py."""
 
-    def __init__(self, file: Any) -> None:
+    def __init__(self, file: h5py.File) -> None:
         self._file = file
 
-    def add_group(self, place: str, attributes: Mapping[str, Any]) -> None:
+    def add_group(self, place: str, attributes: Mapping[str, object]) -> None:
         """A group, whose members are read in the order in which they are added.  attributes : plain values; those of
         a table have its name and a dot before theirs, and None has no attribute."""
         group = self._file.create_group(place, track_order=True)
@@ -54,7 +57,7 @@ def hdf5_writer(path: Path) -> Iterator[Hdf5Writer]:
         yield Hdf5Writer(file)
 
 
-def _flat(attributes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(attributes: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
     for name, value in attributes.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")

@@ -39,7 +39,7 @@ def parquet_bytes(
     return bytes(sink.getvalue())
 
 
-def schema_of(kinds: Mapping[str, Kind], about: Mapping[str, str]) -> Any:
+def schema_of(kinds: Mapping[str, Kind], about: Mapping[str, str]) -> object:
     """Arrow's schema of a file.  kinds : of the columns.  about : texts of the file itself."""
     import pyarrow as pa
 

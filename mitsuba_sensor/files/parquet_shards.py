@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 from .disk_errors import disk_sentences
 from .parquet import Kind, Row, schema_of
+
+if TYPE_CHECKING:
+    import pyarrow.parquet as pq
 
 MOST_ROWS = 100
 """Of a group, which readers have in memory at once."""
@@ -37,7 +40,7 @@ class ParquetShards:
         self._group_bytes = self._shard_bytes = 0
         self._shards: list[Path] = []
         self._stack = ExitStack()
-        self._writer: Any = None
+        self._writer: pq.ParquetWriter | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -70,14 +73,15 @@ class ParquetShards:
     def _write_group(self) -> None:
         import pyarrow as pa
 
-        if self._writer is None or self._shard_bytes + self._group_bytes > self.most_bytes:
-            self._open_next()
+        writer = self._writer
+        if writer is None or self._shard_bytes + self._group_bytes > self.most_bytes:
+            writer = self._open_next()
         with disk_sentences(self._shards[-1], self._group_bytes):
-            self._writer.write_table(pa.Table.from_pylist(self._group, schema=self.schema))
+            writer.write_table(pa.Table.from_pylist(self._group, schema=self.schema))
         self._shard_bytes += self._group_bytes
         self._group, self._group_bytes = [], 0
 
-    def _open_next(self) -> None:
+    def _open_next(self) -> pq.ParquetWriter:
         import pyarrow.parquet as pq
 
         self._stack.close()
@@ -87,3 +91,4 @@ class ParquetShards:
         file = self._stack.enter_context(path.open("wb"))
         writer = pq.ParquetWriter(file, self.schema, compression="zstd")
         self._writer, self._shard_bytes = self._stack.enter_context(writer), 0
+        return self._writer

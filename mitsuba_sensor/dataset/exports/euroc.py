@@ -29,7 +29,7 @@ trajectory = read_euroc_csv_trajectory(f"{{folder}}/state_groundtruth_estimate0/
 with open(f"{{folder}}/cam0/sensor.yaml") as camera, open(f"{{folder}}/cam0/data.csv") as pictures:
     print(yaml.safe_load(camera)["intrinsics"], [*csv.reader(pictures)][1], trajectory.poses_se3[0])
 """
-GROUND_TRUTH = (
+STATE_COLUMNS = (
     "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], "
     "v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], "
     "b_w_RS_S_z [rad s^-1], b_a_RS_S_x [m s^-2], b_a_RS_S_y [m s^-2], b_a_RS_S_z [m s^-2]"
@@ -49,12 +49,12 @@ def write_euroc(job: Job) -> str:
         times_ns = _times_ns(sequence)
         for number, camera in enumerate(sequence.cameras):
             _write_camera(job, sequence, camera, f"{name}/mav0/cam{number}")
-        truth = f"{name}/mav0/state_groundtruth_estimate0"
-        _write_lines(job, f"{truth}/data.csv", [GROUND_TRUTH, *_states(sequence, times_ns)])
+        states = f"{name}/mav0/state_groundtruth_estimate0"
+        _write_lines(job, f"{states}/data.csv", [STATE_COLUMNS, *_states(sequence, times_ns)])
         _write_lines(
             job,
-            f"{truth}/sensor.yaml",
-            ["sensor_type: ground_truth", f"comment: {BODY}", *_matrix(np.eye(4))],
+            f"{states}/sensor.yaml",
+            ["sensor_type: pose", f"comment: {BODY}", *_matrix(np.eye(4))],
         )
         about[name] = sequence.facts()
     write_json(inside(job.folder, "sequences.json"), about)

@@ -6,13 +6,14 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 from ...core import InputError, nearest
 from ...core.options import complete, documents
 from ...files.whole_folder import appearing_folder
 from ..file import read_dataset
 from ..index_part import Line
+from ..keys import Facts
 from ..options import ExportOptions
 from ..reader import Dataset
 from ..record import FILE
@@ -124,9 +125,9 @@ def export(
     return Exported(len(dataset) - len(job.left_out), job.remarks)
 
 
-def _options_of(format: str, given: ExportOptions) -> dict[str, Any]:
+def _options_of(format: str, given: ExportOptions) -> Facts:
     """All options, with the defaults of this format. Raises InputError for one that it does not take."""
-    chosen: dict[str, Any] = {**complete(ExportOptions, given)}
+    chosen: Facts = {**complete(ExportOptions, given)}
     for name, formats in TAKEN_BY.items():
         if chosen[name] is not None and format not in formats:
             raise InputError(

@@ -6,7 +6,7 @@ from ...files.hdf5 import Hdf5Writer, hdf5_writer
 from ...files.whole_folder import inside
 from ...output.exr import read_irradiance_exr
 from ..reader import IMAGES, Sample
-from .job import IRRADIANCE, Job, checked, checked_array, facts_of
+from .job import IRRADIANCE, Job, checked, checked_array, facts_of, facts_text_of
 
 HOW = """import h5py
 
@@ -62,9 +62,7 @@ def _add(job: Job, file: Hdf5Writer, sample: Sample, views: set[str]) -> None:
             views.add(view)
             add_light(file, view, sample)
         file.add_link(f"{place}/light", view)
-    file.add_text(
-        f"{place}/sample_json", checked(sample.folder / "sample.json").read_text("utf-8")
-    )
+    file.add_text(f"{place}/sample_json", facts_text_of(sample))
 
 
 def add_light(file: Hdf5Writer, place: str, sample: Sample) -> None:

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...files import durable
 from ...files.png import write_png
+from ...files.texts import text_of_file
 from ...files.tiff import write_tiff
 from ...files.whole_folder import copy_into, inside
 from ...optics.calibration import calibration_of
 from ..file import DatasetFile
 from ..keys import Facts, canonical
-from ..reader import AOVS, IMAGES, Sample
+from ..reader import AOVS, CHANGED, IMAGES, Sample
 from ..record import MOST_BYTES, RECORD, record_of
 from .poses import PosedImage, rigid_pose
 
@@ -166,6 +167,11 @@ def facts_of(sample: Sample) -> Facts:
             f"sample.json in {sample.folder} has no {missing[0]}: another version made it; make it again."
         )
     return found
+
+
+def facts_text_of(sample: Sample) -> str:
+    """The text of sample.json. Raises InputError."""
+    return text_of_file(checked(sample.folder / "sample.json"), CHANGED)
 
 
 def checked_array(sample: Sample, name: str) -> NDArray[Any]:

@@ -10,13 +10,14 @@ import json
 import re
 
 from ...core import InputError
+from ...files import durable
 from ...files.parquet import Kind, Row
 from ...files.parquet_shards import ParquetShards
 from ...files.tar_shards import npy
 from ...files.whole_folder import inside
 from ..index_part import FIXED, cell_of, kinds_of
 from ..reader import IMAGES, Sample
-from .job import PICTURE, Job, checked, checked_array
+from .job import PICTURE, Job, checked, checked_array, facts_text_of
 
 HOW = """import numpy as np
 from datasets import load_dataset
@@ -56,8 +57,7 @@ def write_parquet(job: Job) -> str:
 
 def _row(sample: Sample, kinds: dict[str, Kind]) -> tuple[Row, int]:
     """A sample as a row, and the bytes of its images and arrays."""
-    facts = checked(sample.folder / "sample.json")
-    row: Row = {"key": sample.key, "split": sample.split, FACTS: facts.read_text("utf-8")}
+    row: Row = {"key": sample.key, "split": sample.split, FACTS: facts_text_of(sample)}
     for name, value in sample.values.items():
         column, cell = cell_of(name, value, kinds)
         row[column] = cell
@@ -66,7 +66,7 @@ def _row(sample: Sample, kinds: dict[str, Kind]) -> tuple[Row, int]:
         if kind == "image":
             file = PICTURE if name == PREVIEW else IMAGES[name]
             path = checked(sample.existing(sample.folder / file, name))
-            content = path.read_bytes()
+            content = durable.read_plain(path)
             row[name] = {"bytes": content, "path": f"{sample.key}.{name}{path.suffix}"}
             size += len(content)
         elif kind == "bytes":

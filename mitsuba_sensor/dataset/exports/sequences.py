@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from ...core import Float64Array
-from ..keys import Config, canonical
+from ..keys import Config, Facts, canonical
 from ..reader import Sample
 from ..sweep import Poses
 from .job import Job, PosedSample
@@ -68,7 +68,7 @@ class ImageSequence:
         move = np.linalg.inv(self.poses[0]) @ camera.from_first
         return np.asarray(np.round(move, DECIMALS) + 0.0)  # no −0
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """What no file of other programs holds: values, and key and split of each frame of each camera."""
         return {
             "scene": self.scene,
