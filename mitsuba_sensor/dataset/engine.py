@@ -36,13 +36,14 @@ class Workers(Protocol):
 
     @property
     def count(self) -> int:
-        """How many views may be under way."""
+        """How many views may be under way: those that wait for a worker, too."""
 
     def begin(self, view: PlannedView) -> None:
         """Have a view made."""
 
-    def next_ended(self) -> tuple[PlannedView, Outcome | None]:
-        """The next view that has ended, and its outcome; None if its process has died."""
+    def next_ended(self) -> tuple[PlannedView, Outcome | None] | None:
+        """The next view that has ended, and its outcome, or None if its process has died; None where another number
+        of views may be under way."""
 
 
 def outcomes(
@@ -119,7 +120,9 @@ def _spread(workers: Workers, store: Store, views: Iterator[PlannedView]) -> Ite
             yield from begin(view)
         if not deaths:
             return
-        view, outcome = workers.next_ended()
+        if (ended := workers.next_ended()) is None:
+            continue
+        view, outcome = ended
         before = deaths.pop(view.first)
         if outcome is not None:
             early = 0

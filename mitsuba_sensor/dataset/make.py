@@ -31,7 +31,7 @@ from ..render.motion.aovs import Aovs
 from ..render.options import RenderOptions
 from ..render.passes.prepared import METERING_SPP, PreparedRender, prepare
 from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
-from ..render.variants import fastest_variant
+from ..render.variants import fastest_variant, use
 from ..sensor.expose import exposure_of_photons
 from ..sensor.kept_maps import RECENT_BYTES, KeptMaps
 from ..sensor.metering import Metering, electrons_of
@@ -44,6 +44,11 @@ from .store import Store
 QUANTILES = (0.0, 0.01, 0.5, 0.99, 1.0)
 _KEPT: dict[str, Rendered] = {}
 """Key → the last light of which other samples may follow."""
+
+
+def load_renderer() -> None:
+    """Load Mitsuba and the variant that renders: seconds, or a minute on a machine with much else to do."""
+    use(fastest_variant("llvm"))
 
 
 def make_view(

@@ -46,9 +46,10 @@ def log_path(store: Store, key: str) -> Path:
 def usual_make(
     store: Store, view: PlannedView, told: Callable[[str], object]
 ) -> Iterator[PlannedSample]:
-    """:func:`.make.make_view`, whose module is loaded when it is used: with Mitsuba."""
-    from .make import make_view
+    """:func:`.make.make_view`. Its module and Mitsuba are loaded here, before a sample is asked for."""
+    from .make import load_renderer, make_view
 
+    load_renderer()
     return make_view(store, view, told)
 
 
@@ -56,30 +57,39 @@ def usual_make(
 class TaskLimits:
     """timeout_s : for the render and for each sample; the process ends when it is over, with the stack in its log.
     capture : whether what is printed on stderr goes into the log.  make : yields the samples of a view as they are
-    made."""
+    made; what it needs is loaded when it is called, which has no time limit and is no view's death."""
 
     timeout_s: float | None = None
     capture: bool = True
     make: Make = usual_make
 
 
+@dataclass
+class _Timed:
+    """Ends the process where what it does takes too long.  log : open file for the stack."""
+
+    timeout_s: float | None
+    told: Told
+    log: int = 2
+
+    def begin(self, what: str) -> None:
+        """Begin to do something, and tell of it."""
+        if self.timeout_s is not None:
+            faulthandler.dump_traceback_later(self.timeout_s, exit=True, file=self.log)
+        self.told(what, 0)
+
+
 def run_task(
     folder: str, view: PlannedView, told: Told, limits: TaskLimits = TaskLimits()
 ) -> Outcome:
     """Make what is missing of a view; whatever goes wrong becomes an outcome."""
-    timeout_s = limits.timeout_s
     store, started, made = Store(Path(folder)), time.monotonic(), 0
     path, task = log_path(store, view.key), (view.key, view.first)
-
+    timed = _Timed(limits.timeout_s, told)
     try:
-        with logged(path, limits.capture) as log:
-
-            def doing(what: str) -> None:
-                if timeout_s is not None:
-                    faulthandler.dump_traceback_later(timeout_s, exit=True, file=log)
-                told(what, 0)
-
-            for _ in limits.make(store, view, doing):
+        samples = limits.make(store, view, timed.begin)
+        with logged(path, limits.capture) as timed.log:
+            for _ in samples:
                 made += 1
                 told("sample", 1)
     except DiskFull as error:
@@ -93,7 +103,7 @@ def run_task(
         quarantine(store, view, why, traceback.format_exc())
         return Outcome(*task, made, time.monotonic() - started, failed=why)
     finally:
-        if timeout_s is not None:
+        if limits.timeout_s is not None:
             faulthandler.cancel_dump_traceback_later()
     return Outcome(*task, made, time.monotonic() - started)
 

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import sys
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import connection, resource_tracker
@@ -38,19 +39,33 @@ class Worker(NamedTuple):
 class LocalWorkers:
     """Processes that begin when they are needed.
 
-    count : how many at most.  memory_gb : one that takes more is ended.  told : called with what they tell.
+    processes : how many at most.  memory_gb : one that takes more is ended.  told : called with what they tell.
     """
 
     def __init__(
-        self, store: Store, count: int, memory_gb: float | None, told: Told, limits: TaskLimits
+        self,
+        store: Store,
+        processes: int,
+        memory_gb: float | None,
+        told: Told,
+        limits: TaskLimits,
     ) -> None:
-        self.count, self.memory_gb, self.told = count, memory_gb, told
+        self.processes, self.memory_gb, self.told = processes, memory_gb, told
         self._asked = str(store.folder), limits
         self._idle: list[Worker] = []
         self._busy: dict[Connection, tuple[Worker, PlannedView]] = {}
+        self._waiting = deque[PlannedView]()
+
+    @property
+    def count(self) -> int:
+        """How many views may be under way: for each process the one that it makes, and one that waits for it."""
+        return 2 * self.processes
 
     def begin(self, view: PlannedView) -> None:
-        """Give a view to a process that has none. Raises InputError if none can be begun."""
+        """Give a view to a process that has none, or have it wait for one. Raises InputError if none can be begun."""
+        if len(self._busy) == self.processes:
+            self._waiting.append(view)
+            return
         if self._idle:
             worker = self._idle.pop()
         else:
@@ -72,10 +87,12 @@ class LocalWorkers:
                 except (EOFError, OSError):
                     del self._busy[pipe]
                     worker.process.join(ENDS_S)
+                    self._begin_waiting()
                     return view, None
                 if isinstance(said, Outcome):
                     del self._busy[pipe]
                     self._idle.append(worker)
+                    self._begin_waiting()
                     return view, said
                 self.told(*said)
             self._end_too_large()
@@ -88,6 +105,10 @@ class LocalWorkers:
         latest = time.monotonic() + ENDS_S
         for worker in workers:
             worker.process.join(max(latest - time.monotonic(), 0))
+
+    def _begin_waiting(self) -> None:
+        if self._waiting:
+            self.begin(self._waiting.popleft())
 
     def _begin_worker(self) -> Worker:
         context = multiprocessing.get_context("spawn")
@@ -116,12 +137,12 @@ class LocalWorkers:
 
 @contextmanager
 def local_workers(
-    store: Store, count: int, memory_gb: float | None, told: Told, limits: TaskLimits
+    store: Store, processes: int, memory_gb: float | None, told: Told, limits: TaskLimits
 ) -> Iterator[LocalWorkers]:
     """Processes that end with the block, and when the program is stopped."""
     if os.name == "posix":
         _begin_tracker()
-    workers = LocalWorkers(store, count, memory_gb, told, limits)
+    workers = LocalWorkers(store, processes, memory_gb, told, limits)
     with undone_if_stopped(workers.end):
         try:
             yield workers

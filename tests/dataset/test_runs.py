@@ -209,7 +209,9 @@ def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_
         store = Store(tmp_path / "out")
         with (
             monkeypatch.context() as other,
-            pytest.raises(InputError, match="give them the same versions"),
+            pytest.raises(
+                InputError, match=r"and this run has 9\.9\.9; give them the same version"
+            ),
         ):
             other.setattr(keys, "__version__", "9.9.9")
             list(outcomes(store, views, asked, lambda what, done: None, make_slowly))

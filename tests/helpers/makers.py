@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
@@ -75,3 +76,48 @@ def make_large(
     content = bytearray(b"x") * (6 * 10**8)
     signal.pause()
     yield view.samples[len(content)]
+
+
+def dies_loading(
+    store: Store, view: PlannedView, told: Callable[[str], object], times: int
+) -> Iterator[PlannedSample]:
+    """End the first processes before they have loaded what renders; a file for each sample in the others."""
+    begun = store.folder.parent / "begun"
+    begun.mkdir(exist_ok=True)
+    if len([*begun.iterdir()]) < times:
+        (begun / str(os.getpid())).touch()
+        os.abort()
+    return write_text(store, view, told)
+
+
+def load_slowly(
+    store: Store, view: PlannedView, told: Callable[[str], object], load_s: float
+) -> Iterator[PlannedSample]:
+    """Load what renders for longer than a view may take; a file for each sample."""
+    time.sleep(load_s)
+    return write_text(store, view, told)
+
+
+def make_timed(
+    store: Store, view: PlannedView, told: Callable[[str], object]
+) -> Iterator[PlannedSample]:
+    """A file for each sample: the worker of a cluster that made it, and when it began and ended."""
+    import distributed
+
+    worker = distributed.get_worker().address
+    for sample in view.samples:
+        began = time.monotonic()
+        time.sleep(0.05)
+        said = f"{worker} {began} {time.monotonic()}"
+        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text(said))  # noqa: B023
+        yield sample
+
+
+def write_text(
+    store: Store, view: PlannedView, told: Callable[[str], object]
+) -> Iterator[PlannedSample]:
+    """A file for each sample."""
+    told("exposing")
+    for sample in view.samples:
+        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text("a"))
+        yield sample

@@ -1,0 +1,199 @@
+"""Workers of a Dask cluster come and go: who is there has views to make, and who has other versions is refused."""
+
+from __future__ import annotations
+
+import importlib
+import threading
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.makers import dies_loading, load_slowly, make_timed, write_text
+from helpers.waiting import wait_until
+
+from mitsuba_sensor import InputError, __version__
+from mitsuba_sensor.core.options import complete
+from mitsuba_sensor.dataset import cluster, keys
+from mitsuba_sensor.dataset.cluster import ClusterWorkers, cluster_workers
+from mitsuba_sensor.dataset.engine import outcomes
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.options import RunOptions
+from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.task import TaskLimits
+from mitsuba_sensor.dataset.workers import local_workers
+
+LIGHT = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
+WAITED_S = 1.0
+"""For a worker that begins late: far longer than a view takes here."""
+
+
+def planned(views: int) -> DatasetPlan:
+    """A dataset of so many views of one sample."""
+    tables: dict[str, Any] = {
+        "name": "views",
+        "render": {"width": 16, "spp": 16},
+        "outputs": ["raw"],
+        "scenes": [{"name": "flat", "file": "flat_field"}],
+        "cameras": [{"camera": "konnik_table1"}],
+        "random": {"draws": views, "values": LIGHT},
+    }
+    return DatasetPlan(read_dataset(tables), [Path()])
+
+
+def told(what: str, done: int) -> None:
+    """Nobody listens."""
+
+
+@contextmanager
+def dask_cluster(count: int, threads: int = 1) -> Iterator[Any]:
+    """A scheduler and workers in this process."""
+    import distributed
+
+    quiet: Any = {"processes": False, "dashboard_address": None, "memory_limit": 0}
+    with distributed.LocalCluster(
+        n_workers=count, threads_per_worker=threads, **quiet
+    ) as found:
+        yield found
+
+
+def made_by_worker(folder: Path) -> dict[str, list[tuple[float, float]]]:
+    """Worker → when each of the samples that it made began and ended, in order."""
+    times = defaultdict[str, list[tuple[float, float]]](list)
+    for path in folder.rglob("a.txt"):
+        worker, began, ended = path.read_text().split()
+        times[worker].append((float(began), float(ended)))
+    return {worker: sorted(own) for worker, own in times.items()}
+
+
+def test_workers_that_come_late_have_views_to_make(tmp_path: Path) -> None:
+    """The first comes a second after the run has begun, the second one in its middle."""
+    with dask_cluster(0) as dask:
+        asked = complete(RunOptions, {"workers": 0, "scheduler": dask.scheduler_address})
+        threading.Timer(WAITED_S, dask.scale, [1]).start()
+        found = 0
+        for one in outcomes(Store(tmp_path), planned(60).views(), asked, told, make_timed):
+            assert (one.samples, one.failed) == (1, "")
+            found += 1
+            if found == 10:
+                dask.scale(2)
+    assert found == 60
+    made = made_by_worker(tmp_path)
+    assert len(made) == 2 and min(map(len, made.values())) >= 10
+
+
+def test_each_worker_has_a_view_to_make_and_one_that_waits_and_the_scheduler_is_not_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three workers are counted once, when the run begins, and not after each of 40 views."""
+    counted, most = [0], [0]
+    own_count = ClusterWorkers._count_workers
+
+    def count(self: ClusterWorkers) -> None:
+        counted[0] += 1
+        own_count(self)
+
+    monkeypatch.setattr(ClusterWorkers, "_count_workers", count)
+    with dask_cluster(3) as dask:
+        limits = TaskLimits(make=write_text)
+        with cluster_workers(dask.scheduler_address, Store(tmp_path), told, limits) as workers:
+            views = iter(planned(40).views())
+            under_way = ended = 0
+            while ended < 40:
+                while under_way < workers.count and (view := next(views, None)) is not None:
+                    workers.begin(view)
+                    under_way += 1
+                    most[0] = max(most[0], under_way)
+                if (found := workers.next_ended()) is not None:
+                    assert found[1] is not None and found[1].samples == 1
+                    under_way, ended = under_way - 1, ended + 1
+    assert most == [6] and counted == [1]
+
+
+def test_a_worker_of_another_version_is_refused_with_both_versions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The package has one version in this process, so that the run is told of another one when it begins."""
+    versions, views = {**keys.made_by(), "mitsuba-sensor": "9.9.9"}, list(planned(2).views())
+    monkeypatch.setattr(cluster, "made_by", partial(next, iter([versions]), keys.made_by()))
+    with dask_cluster(1) as dask:
+        asked = complete(RunOptions, {"workers": 0, "scheduler": dask.scheduler_address})
+        with pytest.raises(
+            InputError,
+            match=rf"has mitsuba-sensor {__version__}, and this run has 9\.9\.9; give",
+        ):
+            list(outcomes(Store(tmp_path), views, asked, told, write_text))
+    assert not (tmp_path / "samples").exists()
+
+
+def test_a_worker_that_does_not_have_the_package_is_refused(tmp_path: Path) -> None:
+    """What it is sent names a module that it does not find."""
+    with dask_cluster(1) as dask:
+        asked = complete(RunOptions, {"workers": 0, "scheduler": dask.scheduler_address})
+        views = list(planned(2).views())
+        with pytest.raises(
+            InputError,
+            match=rf"cannot read what mitsuba-sensor {__version__} sends \(.*install it there, in the same",
+        ):
+            list(outcomes(Store(tmp_path), views, asked, told, Unreadable()))  # type: ignore[arg-type]
+
+
+class Unreadable:
+    """What no worker can read, as one without the package reads no view."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return importlib.import_module, ("mitsuba_sensor.module_of_another_version",)
+
+
+def test_views_of_one_worker_with_several_threads_are_made_one_after_another(
+    tmp_path: Path,
+) -> None:
+    """What is printed goes into the log of one view, and a render uses all processors."""
+    with dask_cluster(1, threads=4) as dask:
+        asked = complete(RunOptions, {"workers": 0, "scheduler": dask.scheduler_address})
+        found = list(outcomes(Store(tmp_path), planned(8).views(), asked, told, make_timed))
+    assert len(found) == 8
+    (times,) = made_by_worker(tmp_path).values()
+    assert all(ended <= begun for (_, ended), (begun, _) in pairwise(times))
+
+
+def test_a_process_that_dies_while_it_loads_what_renders_counts_for_no_view(
+    tmp_path: Path,
+) -> None:
+    """Four processes, where three that die of a view put it into quarantine."""
+    make = partial(dies_loading, times=4)
+    asked = complete(RunOptions, {"workers": 1})
+    store = Store(tmp_path / "out")
+    found = list(outcomes(store, planned(2).views(), asked, told, make))
+    assert [(one.samples, one.failed) for one in found] == [(1, "")] * 2
+    assert len([*(tmp_path / "begun").iterdir()]) == 4 and not store.quarantined()
+
+
+def test_a_worker_may_load_what_renders_for_longer_than_a_view_may_take(tmp_path: Path) -> None:
+    """Both workers begin for two seconds, where a view has half of one."""
+    make = partial(load_slowly, load_s=2.0)
+    asked = complete(RunOptions, {"workers": 2, "timeout_s": 0.5})
+    found = list(outcomes(Store(tmp_path), planned(2).views(), asked, told, make))
+    assert [(one.samples, one.failed) for one in found] == [(1, "")] * 2
+
+
+def test_a_process_has_its_next_view_while_this_one_is_busy(tmp_path: Path) -> None:
+    """Both views of one process are made although nobody asks for the outcome of the first."""
+    views, limits, store = (
+        list(planned(3).views()),
+        TaskLimits(make=write_text),
+        Store(tmp_path),
+    )
+    with local_workers(store, 1, None, told, limits) as processes:
+        assert processes.count == 2
+        for view in views[:2]:
+            processes.begin(view)
+        first, _ = processes.next_ended()
+        wait_until(lambda: store.exists("samples", views[1].samples[0].key))
+        second, _ = processes.next_ended()
+    assert (first.first, second.first) == (0, 1)
