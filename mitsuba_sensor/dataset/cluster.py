@@ -12,7 +12,7 @@ from concurrent import futures
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 from .. import __version__
 from ..core import InputError
@@ -20,6 +20,13 @@ from .keys import Config, made_by
 from .planned import PlannedView
 from .store import Store
 from .task import Outcome, TaskLimits, Told, run_task
+
+if TYPE_CHECKING:
+    from distributed import Client, Worker
+    from distributed import Future as AnyFuture
+
+    Future: TypeAlias = AnyFuture[Outcome]
+    Event: TypeAlias = Future | str
 
 TOPIC = "mitsuba-sensor"  # of events that workers send
 OF_SCHEDULER = "all"
@@ -54,11 +61,11 @@ class ClusterWorkers:
     The scheduler tells when a view has ended, and when workers come or go: it is asked for nothing after each view.
     """
 
-    def __init__(self, client: Any, store: Store, limits: TaskLimits) -> None:
+    def __init__(self, client: Client, store: Store, limits: TaskLimits) -> None:
         self.client, self._asked = client, (str(store.folder), limits, made_by())
-        self._events: SimpleQueue[Any] = SimpleQueue()
+        self._events: SimpleQueue[Event] = SimpleQueue()
         self._ended, self._begun = deque[tuple[str, Outcome | None]](), 0
-        self._under_way = dict[str, tuple[PlannedView, Any]]()
+        self._under_way: dict[str, tuple[PlannedView, Future | None]] = {}
         with self._unless_lost():
             client.subscribe_topic(OF_SCHEDULER, self._note_event)
             self._count_workers()
@@ -95,9 +102,9 @@ class ClusterWorkers:
     def _count_workers(self) -> None:
         self._workers = len(self.client.nthreads())
 
-    def _take_events(self) -> list[Any]:
+    def _take_events(self) -> list[Event]:
         """Wait for something to happen; all that has, the outcomes of what has ended taken."""
-        events = list[Any]()
+        events: list[Event] = []
         while not events:
             with suppress(Empty):
                 events.append(self._events.get(timeout=LOOKS_EVERY_S))
@@ -105,19 +112,19 @@ class ClusterWorkers:
                     events.append(self._events.get())
             if self.client.status != "running":
                 raise futures.CancelledError
-        self._take_outcomes([event for event in events if event != WORKERS_CHANGED])
+        self._take_outcomes([event for event in events if not isinstance(event, str)])
         return events
 
-    def _take_outcomes(self, ended: Sequence[Any]) -> None:
-        made = dict[str, Any]()
+    def _take_outcomes(self, ended: Sequence[Future]) -> None:
+        made: dict[str, Future] = {}
         for future in ended:
             if future.status == "cancelled":
                 raise futures.CancelledError
             if future.status == "error":
                 _require_death(future.exception())
-                self._ended.append((future.key, None))
+                self._ended.append((str(future.key), None))
             else:
-                made[future.key] = future
+                made[str(future.key)] = future
         if made:
             self._ended += self.client.gather(made, errors="skip").items()
 
@@ -182,7 +189,7 @@ def _in_worker(folder: str, limits: TaskLimits, versions: Config, view: PlannedV
         return run_task(folder, view, _telling(worker), limits)
 
 
-def _telling(worker: Any) -> Told:
+def _telling(worker: Worker) -> Told:
     """Sends what a worker tells to the run, at most once a second: a thousand workers have one scheduler."""
     waiting, latest_s = 0, -math.inf
 
