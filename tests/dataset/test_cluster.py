@@ -194,6 +194,6 @@ def test_a_process_has_its_next_view_while_this_one_is_busy(tmp_path: Path) -> N
         for view in views[:2]:
             processes.begin(view)
         first, _ = processes.next_ended()
-        wait_until(lambda: store.exists("samples", views[1].samples[0].key))
+        wait_until(lambda: store.exists(views[1].samples[0].entry))
         second, _ = processes.next_ended()
     assert (first.first, second.first) == (0, 1)

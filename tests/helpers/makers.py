@@ -109,7 +109,7 @@ def make_timed(
         began = time.monotonic()
         time.sleep(0.05)
         said = f"{worker} {began} {time.monotonic()}"
-        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text(said))  # noqa: B023
+        store.commit(sample.entry, lambda folder: (folder / "a.txt").write_text(said))  # noqa: B023
         yield sample
 
 
@@ -119,5 +119,5 @@ def write_text(
     """A file for each sample."""
     told("exposing")
     for sample in view.samples:
-        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text("a"))
+        store.commit(sample.entry, lambda folder: (folder / "a.txt").write_text("a"))
         yield sample
