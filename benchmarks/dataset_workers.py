@@ -173,8 +173,8 @@ def measure(
         before, began = [processor_s(one) for one in processes], time.perf_counter()
         work(address, folder / "out", plan)
         took = time.perf_counter() - began
-        spent = [processor_s(one) - was for one, was in zip(processes, before, strict=True)]
-    return Measured(case.views, plan.samples, took, *spent)
+        taken_s = [processor_s(one) - was for one, was in zip(processes, before, strict=True)]
+    return Measured(case.views, plan.samples, took, *taken_s)
 
 
 def have_nothing_made(address: str, folder: Path, plan: DatasetPlan) -> None:
