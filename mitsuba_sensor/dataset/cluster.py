@@ -40,7 +40,7 @@ LOOKS_EVERY_S = 5.0
 """Between two looks at whether the scheduler still answers, where nothing comes from it."""
 TOLD_EVERY_S = 1.0
 VIEWS_OF_WORKER = 2
-"""The one that it makes, and one that waits for it: the next one begins without a word from this process."""
+"""The one that it makes, and one that waits for it: the next one begins without waiting for this process."""
 
 _ONE_AT_A_TIME: defaultdict[str, Lock] = defaultdict(Lock)
 """Of each worker in this process: one with several threads makes its views one after another, as a render uses them
