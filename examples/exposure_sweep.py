@@ -7,7 +7,7 @@ With FOLDER it also writes a raw TIFF of each exposure into this folder, and exp
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,12 @@ from mitsuba_sensor.files.tiff import write_tiff
 from mitsuba_sensor.output.preview import preview
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
+
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument(
+    "folder", nargs="?", type=Path, help="for a raw TIFF of each exposure, and exposures.png"
+)
+folder = parser.parse_args().folder
 
 camera = ms.load_camera("konnik_table1")
 irradiance = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, width=128)
@@ -32,8 +38,8 @@ for time_s in (0.001, 0.01, 0.1, 1.0):
         f"{time_s:10g} {last['mean_frame']:9.1f} {last['sigma_expected']:11.2f} {counts['clipped_full_well']:29d}"
     )
     previews.append(preview(frames.digital[0], camera))
-    if len(sys.argv) > 1:
-        Path(sys.argv[1]).mkdir(parents=True, exist_ok=True)
-        write_tiff(Path(sys.argv[1]) / f"exposure_{time_s:g}s.tiff", frames.digital)
-if len(sys.argv) > 1:
-    write_png(Path(sys.argv[1]) / "exposures.png", np.hstack(previews))
+    if folder:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_tiff(folder / f"exposure_{time_s:g}s.tiff", frames.digital)
+if folder:
+    write_png(folder / "exposures.png", np.hstack(previews))

@@ -8,7 +8,7 @@ back; draws a dark frame of each and their histograms.
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import numpy as np
 
@@ -36,6 +36,9 @@ CHANGES = {
     "readout.dsnu_row": 1e-4,
     "adc.black_level_dn": 64.0,
 }
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("picture", nargs="?", help="PNG file of the picture")
+picture = parser.parse_args().picture
 camera = ms.load_camera("bayer_2mp").replace(**CHANGES)
 
 
@@ -77,7 +80,7 @@ for name, value, q in rows:
 frames = ms.expose(0.0, made, ms.Exposure(LONG_S), maps=twin.maps, frames=32, seed=99)
 real = stack(0.0, LONG_S, 32, 98).frames
 
-if len(sys.argv) > 1:
+if picture:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 3.6), layout="constrained")
@@ -106,4 +109,4 @@ if len(sys.argv) > 1:
     )
     right.title.set_size(10)
     right.legend(frameon=False)
-    figure.savefig(sys.argv[1], dpi=110)
+    figure.savefig(picture, dpi=110)

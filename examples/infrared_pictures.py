@@ -5,8 +5,8 @@ python examples/infrared_pictures.py docs/images
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,13 @@ LEAVES, SEED = 260, 8
 SIZE, SAMPLES, DARKER = (400, 300), 256, 0.3
 
 
-def main(folder: str = "infrared_pictures") -> None:
+def main() -> None:
     """Render twice, expose both equally, write two PNG files."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("infrared_pictures"))
+    pictures = parser.parse_args().folder
     use(choose_variant(None))
-    scene, pictures = garden(), Path(folder)
+    scene = garden()
     pictures.mkdir(parents=True, exist_ok=True)
     camera = ms.load_camera(CAMERA)
     exposure: ms.Exposure | Metering = AUTO
@@ -147,4 +150,4 @@ def two_sided(rgb: list[float]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    main()

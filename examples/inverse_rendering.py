@@ -11,15 +11,13 @@ Prints the values with 95 % intervals and the bound of Cramér and Rao, draws PI
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 import mitsuba_sensor as ms
-
-mi.set_variant("llvm_ad_spectral")
 
 SCENE = """<scene version="3.0.0"><integrator type="prb"><integer name="max_depth" value="2"/></integrator>
 <sensor type="camera"><float name="focal_length_mm" value="5"/><float name="f_number" value="1.4"/>
@@ -50,6 +48,11 @@ SAMPLES, STEPS, SIMULATED = 256, 6, 8
 STEP = 0.02  # of a difference, relative
 LARGEST = 0.3  # change of a value in one step, relative
 
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("picture", nargs="?", help="PNG file of the picture")
+picture = parser.parse_args().picture
+
+mi.set_variant("llvm_ad_spectral")
 scene = mi.load_string(SCENE)
 sensor = scene.sensors()[0]
 parameters = mi.traverse(scene)
@@ -141,7 +144,7 @@ for name, found, reach, sigma in zip(values, values.values(), half, bound, stric
         f"{NAMES[name]} {found:.4g} ± {reach:.2g} {UNITS[name]} (true: {TRUE[name]:.4g})"
     )
 
-if len(sys.argv) > 1:
+if picture:
     from matplotlib.figure import Figure
 
     expected = np.array(ms.digital(image, sensor=sensor))
@@ -153,9 +156,9 @@ if len(sys.argv) > 1:
     }
     low, high = np.quantile(raw, (0.005, 0.995))
     figure = Figure(figsize=(10, 3.1), layout="constrained")
-    for axes, (title, picture) in zip(figure.subplots(1, 3), panels.items(), strict=True):
-        shown = axes.imshow(picture, cmap="gray", vmin=low, vmax=high)
+    for axes, (title, frame) in zip(figure.subplots(1, 3), panels.items(), strict=True):
+        shown = axes.imshow(frame, cmap="gray", vmin=low, vmax=high)
         axes.set(title=title, xticks=[], yticks=[])
     figure.colorbar(shown, ax=figure.axes, label="digital number [DN]", shrink=0.8)
     figure.suptitle("95 % intervals: " + ", ".join(lines), fontsize=9)
-    figure.savefig(sys.argv[1], dpi=100)
+    figure.savefig(picture, dpi=100)

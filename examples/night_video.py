@@ -8,7 +8,7 @@ comes, with a render for every frame. All are written to FOLDER, by default out/
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -68,12 +68,15 @@ def video(folder: Path) -> None:
         print(f"{one.start_s:.2f} s: {one.frames.first.exposure.time_s:.5f} s")
 
 
-def main(folder: str = "out/night") -> None:
+def main() -> None:
     """Write the two pictures, and the video in a folder of its own."""
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    pictures(Path(folder))
-    video(Path(folder) / "video")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("out/night"))
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures(folder)
+    video(folder / "video")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    main()

@@ -8,7 +8,7 @@ Prints the share of noise that the theory gives beside that of 32 images; draws 
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,12 @@ import mitsuba_sensor as ms
 SOURCE = Path(__file__).parent.parent / "docs" / "images" / "first_frame_clean.png"
 ROWS, COLUMNS = slice(100, 260), slice(120, 360)
 ELECTRONS = (2000.0, 200.0, 20.0)  # behind white
+
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument(
+    "picture", nargs="?", default="noise_on_pictures.png", help="PNG file of the picture"
+)
+picture = parser.parse_args().picture
 
 clean = np.asarray(Image.open(SOURCE).convert("RGB"))[ROWS, COLUMNS]
 shown = [clean]
@@ -36,6 +42,5 @@ for white_e in ELECTRONS:
     )
     shown.append(noisy.image)
 
-picture = Path(sys.argv[1] if len(sys.argv) > 1 else "noise_on_pictures.png")
 Image.fromarray(np.concatenate(shown, axis=1)).save(picture)
 print(f"wrote {picture}")

@@ -7,7 +7,7 @@ Every level of light is a row; the pixels of a row differ by PRNU and DSNU. Prin
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import numpy as np
 
@@ -15,6 +15,10 @@ import mitsuba_sensor as ms
 
 LEVELS_E = np.concatenate([np.geomspace(10, 25_000, 28), np.linspace(28_000, 38_000, 26)])
 COLUMNS, FRAMES, SERIALS = 512, 4, 24
+
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("picture", nargs="?", help="PNG file of the picture")
+picture = parser.parse_args().picture
 
 camera = ms.load_camera("konnik_table1")
 light = ms.Photons(np.tile(LEVELS_E[:, None] / 0.6, COLUMNS))  # its QE is 0.6
@@ -47,7 +51,7 @@ for k, electrons in enumerate(LEVELS_E):
     )
     print(f"{electrons:9.0f} {mean} {sigmas[0]} {sigmas[1]}")
 
-if len(sys.argv) > 1:
+if picture:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.5, 4.2), layout="constrained")
@@ -65,4 +69,4 @@ if len(sys.argv) > 1:
     figure.axes[0].set(ylim=(1, 30))
     figure.axes[1].set(xlim=(27_500, 38_000), ylim=(0, 26))
     figure.axes[0].legend(frameon=False, fontsize=8)
-    figure.savefig(sys.argv[1], dpi=110)
+    figure.savefig(picture, dpi=110)

@@ -7,11 +7,15 @@ The temporal variance grows linearly with the mean. The slope is the overall sys
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import numpy as np
 
 import mitsuba_sensor as ms
+
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("picture", nargs="?", help="PNG file of the picture")
+picture = parser.parse_args().picture
 
 camera = ms.load_camera("konnik_table1")
 exposure = ms.Exposure(time_s=0.1)
@@ -32,7 +36,7 @@ for column in range(0, 512, 64):
     columns = slice(column, column + 64)
     print(f"{mean[:, columns].mean():7.1f}   {variance[:, columns].mean():7.2f}")
 
-if len(sys.argv) > 1:
+if picture:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
@@ -47,4 +51,4 @@ if len(sys.argv) > 1:
     )
     axes.set(xlabel="mean [DN]", ylabel="temporal variance [DN²]")
     axes.legend(frameon=False)
-    figure.savefig(sys.argv[1], dpi=110)
+    figure.savefig(picture, dpi=110)

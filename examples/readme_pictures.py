@@ -8,7 +8,7 @@ The picture without noise is what the frames of this very camera are on average.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +19,13 @@ from mitsuba_sensor.output.preview import preview
 SHORTER = 10.0
 
 
-def main(irradiance_file: str, folder: str) -> None:
+def main() -> None:
     """Read the irradiance, expose twice, write three PNG files."""
-    light, pictures = ms.read_irradiance(irradiance_file), Path(folder)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("irradiance_file", help="irradiance.exr of the render")
+    parser.add_argument("folder", type=Path, help="for the pictures")
+    options = parser.parse_args()
+    light, pictures = ms.read_irradiance(options.irradiance_file), options.folder
     pictures.mkdir(parents=True, exist_ok=True)
     frames = ms.expose(light)  # camera and exposure are those of the render
     exposure, illuminant = frames.first.exposure, frames.light.illuminant
@@ -37,6 +41,4 @@ def main(irradiance_file: str, folder: str) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(__doc__)
-    main(*sys.argv[1:])
+    main()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -162,6 +163,17 @@ def test_the_python_of_the_readme_runs(checkout: Checkout) -> None:
     assert "shot noise" in checkout.run(
         shlex.join([sys.executable, "-c", fenced(README, "python")])
     )
+
+
+@pytest.mark.parametrize("example", PROGRAMS, ids=lambda path: path.stem)
+def test_an_example_says_its_arguments_before_it_does_anything(
+    example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [example.name, "--help"])
+    with pytest.raises(SystemExit) as stopped:
+        runpy.run_path(str(example), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert stopped.value.code == 0 and printed.startswith(f"usage: {example.name} [-h]")
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in PROGRAMS])
