@@ -13,6 +13,8 @@ from .types import Float64Array
 Value = TypeVar("Value")
 LIGHT_FILE = "read the file first, an irradiance.exr by ms.read_irradiance"
 PICTURE_FILE = "read the picture first, e.g. np.asarray(PIL.Image.open(path))"
+OTHER_KINDS = {"b": "of bool, as a mask or a picture has it", "c": "complex"}
+"""What arrays are that are no arrays of real numbers, by NumPy's kind of dtype."""
 
 
 def check_types(camera: object, exposure: object, optional: bool = False) -> None:
@@ -79,11 +81,12 @@ def numbers(name: str, values: object, remedy: str) -> Float64Array:
     try:
         array = np.asarray(values)
     except ValueError:
-        array = np.asarray("ragged")
-    if array.dtype.kind == "b":
-        raise InputError(f"{name} is of bool, as a mask or a picture has it; pass {remedy}.")
+        raise InputError(
+            f"{name} is ragged, its rows have different lengths; pass {remedy}."
+        ) from None
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} is not numeric; pass {remedy}.")
+        kind = OTHER_KINDS.get(array.dtype.kind, "not numeric")
+        raise InputError(f"{name} is {kind}; pass {remedy}.")
     return np.asarray(array, dtype=np.float64)
 
 

@@ -213,7 +213,7 @@ CALLS = {  # an expression → what its sentence holds
     "ms.expose(-grey, camera, exposure)": ("negative in 24 place(s)", "0 or more"),
     "ms.expose('photons', camera, exposure)": ("not numeric", "mean photons per pixel"),
     "ms.expose(None, camera, exposure)": ("not numeric",),
-    "ms.expose(grey * 1j, camera, exposure)": ("not numeric",),
+    "ms.expose(grey * 1j, camera, exposure)": ("complex",),
     "ms.expose(grey[0], camera, exposure)": ("shape (6,)", "(H, W)"),
     "ms.expose(grey[:0], camera, exposure)": ("shape (0, 6)", "(H, W)"),
     "ms.expose(grey[..., None].repeat(3, 2), camera, exposure)": (

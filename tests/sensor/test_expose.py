@@ -128,9 +128,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a map of nothing": ({"maps": {"prnu": None}}, r"maps\['prnu'\] is not numeric"),
     "a complex map": (
         {"maps": {"prnu": np.ones((6, 8)) * 1j}},
-        r"maps\['prnu'\] is not numeric",
+        r"maps\['prnu'\] is complex",
     ),
-    "a ragged map": ({"maps": {"prnu": [[1.0], [1.0, 2.0]]}}, r"maps\['prnu'\] is not numeric"),
+    "a ragged map": ({"maps": {"prnu": [[1.0], [1.0, 2.0]]}}, r"maps\['prnu'\] is ragged"),
     "a map without a name": ({"maps": {3: np.ones((6, 8))}}, "maps names 3"),
     "maps without names": ({"maps": [np.ones((6, 8))]}, "maps is a list; pass a dict"),
     "maps as text": ({"maps": "prnu"}, "maps is a str; pass a dict"),
@@ -172,10 +172,10 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(
         ("1000", "photons is not numeric"),
         (None, "photons is not numeric"),
         ({"mean": 1000}, "photons is not numeric"),
-        (np.full((2, 2), 1 + 1j), "photons is not numeric"),
+        (np.full((2, 2), 1 + 1j), "photons is complex; pass a number or an array"),
         (np.full((2, 2), "bright"), "photons is not numeric"),
         (ms.Photons("bright"), "photons is not numeric"),  # type: ignore[arg-type]
-        ([[1.0, 2.0], [3.0]], "photons is not numeric"),
+        ([[1.0, 2.0], [3.0]], "photons is ragged, its rows have different lengths; pass"),
         (math.nan, "photons is NaN in 2470000 place"),
     ],
 )

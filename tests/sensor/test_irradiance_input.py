@@ -254,7 +254,7 @@ def test_the_test_lights_refuse_what_is_no_irradiance(level: Any) -> None:
     [
         (lambda: ms.collect(np.ones((2, 2)), "x", EXPOSURE), "'x' is no camera"),
         (lambda: ms.collect(np.ones((2, 2)), TABLE1, 0.1), "exposure is the number 0.1"),  # type: ignore[arg-type]
-        (lambda: ms.collect([[1.0], [1.0, 2.0]], TABLE1, EXPOSURE), "light is not numeric"),  # type: ignore[arg-type]
+        (lambda: ms.collect([[1.0], [1.0, 2.0]], TABLE1, EXPOSURE), "light is ragged"),  # type: ignore[arg-type]
         (lambda: ms.collect(ms.Photons(np.ones((2, 2))), TABLE1, EXPOSURE), "light is Photons"),  # type: ignore[arg-type]
         (
             lambda: ms.collect(
