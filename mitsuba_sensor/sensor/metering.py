@@ -99,12 +99,18 @@ class Metering:
     ) -> float:
         """The time found [s], from the mean electrons that the light of any exposure makes in each pixel, of which
         those without bound do not count. Raises InputError."""
-        lit = electrons[(electrons > 0) & (electrons < FLOAT32_LIMIT)]
+        lit = electrons[electrons > 0]
+        bounded = lit[lit < FLOAT32_LIMIT]
         if not lit.size:
             raise InputError(
                 "no pixel has any light to meter; give an exposure time, e.g. 0.1 s."
             )
-        level_e = float(np.percentile(lit, self.percentile)) + mean_dark_e(camera, exposure)
+        if not bounded.size:
+            raise InputError(
+                f"every lit pixel has {FLOAT32_LIMIT:g} electrons or more in {exposure.time_s:g} s, which is not "
+                "metered; look at the unit of the light, or give an exposure time, e.g. 0.1 s."
+            )
+        level_e = float(np.percentile(bounded, self.percentile)) + mean_dark_e(camera, exposure)
         time_s = exposure.time_s * self.share * metered_saturation_e(camera) / level_e
         return min(float(f"{time_s:.{DIGITS}g}"), LONGEST_S)
 

@@ -144,6 +144,8 @@ def test_black_light_and_numbers_out_of_range_are_refused(light: Any) -> None:
         metered(light, CAMERA.replace(**{"adc.black_level_dn": 4095}), ms.Metering())
     with pytest.raises(ms.InputError, match="no pixel has any light"):
         metered(replace(light, data=0 * light.data), CAMERA, ms.Metering())
+    with pytest.raises(ms.InputError, match=r"1e\+30 electrons or more in 1 s.*the unit of"):
+        metered(replace(light, data=1e24 + 0 * light.data), CAMERA, ms.Metering())
     for wrong in ({"percentile": 101.0}, {"share": 0.0}, {"temperature_k": -1.0}):
         with pytest.raises(ms.InputError, match="it must be"):
             ms.Metering(**wrong)
