@@ -159,8 +159,8 @@ UNUSUAL = {  # a line of Table 1 → what stands there instead, and the end of t
     ),
     "full_well_e = 33000": ("full_well_e = 33", "if 33 is in thousands, write 33000."),
     "bits = 12": (
-        "bits = 12\nblack_level_dn = 5000",
-        "leaves 0 of 4095 codes for light; take a lower one",
+        "bits = 12\nblack_level_dn = 4000",
+        "leaves 95 of 4095 codes for light; take a lower one",
     ),
     "f_number = 2.8": ("f_number = 2.8\ntransmission = 0.001", "0.01 to 1 is usual"),
     "cds_sample_s = 1e-6": ("cds_sample_s = 1.0", "if 1 is in microseconds, write 1e-06."),

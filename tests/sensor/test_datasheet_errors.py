@@ -63,6 +63,11 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
         "adc.dnl_lsb.7",
         "is -1.5; it must be at least -1",
     ),
+    "darkness beyond the codes": (
+        {"adc.black_level_dn": 5000.0, "adc.bits": 12},
+        "adc",
+        "black_level_dn is 5000, and the codes of 12 bits end at 4095; take a lower one, or more",
+    ),
     "DNL of a code above the range": (
         {"adc.dnl_lsb": {"300": 0.1}, "adc.bits": 8},
         "adc",

@@ -68,6 +68,16 @@ class AdcFields(FileTable):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _black_level_is_a_code(self) -> Self:
+        highest, black_dn = 2**self.bits - 1, self.black_level_dn or 0.0
+        if black_dn > highest:
+            raise ValueError(
+                f"black_level_dn is {black_dn:g}, and the codes of {self.bits} bits end at {highest}; take a lower one, "
+                "or more bits"
+            )
+        return self
+
 
 @dataclass(frozen=True)
 class Adc(Converter):
@@ -108,7 +118,7 @@ class Adc(Converter):
         highest, filled = 2**bits - 1, full_well_swing_v(camera) / full_scale_v(camera)
         found = []
         if black_dn > highest / 2:
-            left = f"leaves {max(highest - black_dn, 0.0):.6g} of {highest} codes for light"
+            left = f"leaves {highest - black_dn:.6g} of {highest} codes for light"
             found.append(
                 f"adc.black_level_dn is {black_dn:.6g}, and {left}; take a lower one, or more adc.bits"
             )
