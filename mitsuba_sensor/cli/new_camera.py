@@ -102,10 +102,11 @@ def is_terminal() -> bool:
 def asked_rows() -> dict[str, Value]:
     """The values of a sheet, each asked until it can be used; of answers that nobody types the first that cannot ends
     it, because all others would belong to another row. Raises InputError, also where the answers end before."""
-    err.print(
-        "The rows of the EMVA 1288 summary sheet, from top to bottom; an optional one may stay empty.",
-        highlight=False,
-    )
+    if is_terminal():
+        err.print(
+            "The rows of the EMVA 1288 summary sheet, from top to bottom; an optional one may stay empty.",
+            highlight=False,
+        )
     values: dict[str, Value] = {}
     for row in ROWS:
         if is_asked(row, values):
@@ -119,15 +120,28 @@ def _asked(row: Row) -> Value:
     else:
         question = row.question
     while True:
-        try:
-            text = typer.prompt(question, default="", show_default=False, err=True)
-        except typer.Abort:
+        text = _typed(question)
+        if text is None:
             raise InputError(
-                f"the answers end before the row {row.question!r} of the sheet."
-            ) from None
+                f"the answers end before the row {row.question!r} of the sheet; give one line for each row, or a file of "
+                "them (--emva-file)."
+            )
         try:
-            return row.value(str(text))
+            return row.value(text)
         except InputError as error:
             if not is_terminal():
                 raise
             err.print(str(error), markup=False, highlight=False, soft_wrap=True)
+
+
+def _typed(question: str) -> str | None:
+    """The next answer; of a pipe a line, without asking. None where the answers end."""
+    if is_terminal():
+        try:
+            return str(typer.prompt(question, default="", show_default=False, err=True))
+        except typer.Abort:
+            return None
+    line = sys.stdin.readline()
+    if line:
+        return line.strip()
+    return None

@@ -222,10 +222,16 @@ def test_no_dark_current_has_no_temperature(tmp_path: Path) -> None:
     assert ms.load_camera(tmp_path / "my.toml").dark_current.at_temperature_k is None
 
 
-def test_answers_that_end_too_early_write_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("typed", "row"), [("", "pixel size"), ("5.86\n", "resolution")])
+def test_answers_that_end_too_early_are_one_sentence_and_write_nothing(
+    tmp_path: Path, typed: str, row: str
+) -> None:
+    """Nobody is asked who cannot type."""
     arguments = ["cameras", "new", str(tmp_path / "my.toml"), "--emva"]
-    done = CliRunner().invoke(app, arguments, input="5.86\n")
-    assert done.exit_code == 2 and "end before the row 'resolution" in done.stderr
+    done = CliRunner().invoke(app, arguments, input=typed)
+    assert done.exit_code == 2 and not done.stdout
+    assert done.stderr.startswith(f"error: the answers end before the row '{row}")
+    assert done.stderr.count(".\n") == 1 and "--emva-file" in done.stderr
     assert not list(tmp_path.iterdir())
 
 
