@@ -287,7 +287,7 @@ def test_the_card_says_what_is_in_the_dataset(made: Path, tmp_path: Path) -> Non
 
 
 def test_a_card_without_pictures_or_numbers_has_no_empty_parts() -> None:
-    numbers = CameraNumbers("a|b", "–", 1, [None] * 5, [0] * 5, [0.5] * 5)
+    numbers = CameraNumbers("a|b", "–", 1, {"": [None] * 5}, [0] * 5, [0.5] * 5)
     text = card_text(CardFacts("name", "", "", {"samples": 1}, [numbers], {}))
     assert (
         "\n\n\n" not in text

@@ -63,6 +63,24 @@ def test_a_sample_has_its_readouts_and_what_they_are_combined_to(dataset: ms.Dat
         assert abs(noise.mean()) < 0.1 * noise.std()
 
 
+def test_the_card_has_the_noise_of_each_readout(dataset: ms.Dataset) -> None:
+    """As the figures of its camera say; those of the combined frame are no camera's."""
+    rows = [
+        line.split(" | ")
+        for line in (dataset.folder / "README.md").read_text("utf-8").splitlines()
+    ]
+    found = {row[0].removeprefix("| "): row[3:6] for row in rows if row[2:3] == ["2"]}
+    for name, camera in ms.load_camera(SPLIT).readout_cameras.items():
+        figures = camera.emva1288()
+        expected = (
+            figures.system_gain_dn_per_e,
+            figures.temporal_dark_noise_e,
+            figures.saturation_e,
+        )
+        assert found.pop(f"{SPLIT}, read-out {name}") == [f"{one:.5g}" for one in expected]
+    assert [row[1:] for row in found.values()] == [["–", "–"]]
+
+
 def test_a_dng_of_a_sample_has_the_companded_codes(dataset: ms.Dataset) -> None:
     for sample in dataset:
         with tifffile.TiffFile(sample.folder / "frame.dng") as opened:

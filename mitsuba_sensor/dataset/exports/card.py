@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,15 +29,16 @@ UNITS = (
 class CameraNumbers:
     """One camera at one gain setting, and the values of its samples.
 
-    noise : smallest and largest over the samples of EMVA 1288's K [DN/e-], temporal dark noise [e-] of a short exposure
-        and saturation [e-], black and white level [DN]; None where it has none.
+    noise : by the name of a read-out, and of the whole frame under an empty one: smallest and largest over the samples
+        of EMVA 1288's K [DN/e-], temporal dark noise [e-] of a short exposure and saturation [e-], black and white level
+        [DN]; None where it has none.
     digital_dn, electrons_e : QUANTILES of its frames: lowest and highest of all, medians over the samples between.
     """
 
     name: str
     gain: str
     samples: int
-    noise: Sequence[tuple[float, float] | None]
+    noise: Mapping[str, Sequence[tuple[float, float] | None]]
     digital_dn: Sequence[float]
     electrons_e: Sequence[float]
 
@@ -79,7 +80,7 @@ def card_text(facts: CardFacts) -> str:
     splits: list[tuple[str | int, ...]] = [
         (name or "–", *numbers) for name, numbers in facts.splits.items()
     ]
-    noise = [(x.name, x.gain, x.samples, *map(_range, x.noise)) for x in facts.cameras]
+    noise = [row for x in facts.cameras for row in _noise(x)]
     versions = ", ".join(
         f"{name} {version}" for name, version in facts.versions.items() if version
     )
@@ -119,6 +120,15 @@ def _range(ends: tuple[float, float] | None) -> str | float | None:
     if ends is None or _cell(ends[0]) == _cell(ends[1]):
         return ends and ends[0]
     return f"{_cell(ends[0])} to {_cell(ends[1])}"
+
+
+def _noise(camera: CameraNumbers) -> Iterator[tuple[str | float | None, ...]]:
+    """A row of the whole frame, and one of each read-out that it is combined from."""
+    for readout, ends in camera.noise.items():
+        name = camera.name
+        if readout:
+            name = f"{camera.name}, read-out {readout}"
+        yield name, camera.gain, camera.samples, *map(_range, ends)
 
 
 def _values(camera: CameraNumbers) -> list[tuple[str | float, ...]]:

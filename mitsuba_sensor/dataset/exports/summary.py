@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...camera.camera_file import camera_from
 from ...camera.figures import figures_if_any
 from ...core import InputError
@@ -30,6 +31,8 @@ HOW = """import mitsuba_sensor as ms
 for sample in ms.Dataset("DIR"):
     print(sample.key, sample.split, sample.values, sample.read("{array}").shape)
 """
+LEVELS = ("overall_system_gain_dn_per_e", "black_level_dn", "white_level_dn")
+"""Facts of a read-out."""
 VISIBLE_RATIO = 0.1
 """Render variance over sensor variance from which on a frame is 5 % too noisy."""
 LESS_RENDER_NOISE = (
@@ -43,9 +46,12 @@ NO_SHEET = "There is no contact sheet: `preview` is not among the outputs of the
 
 @dataclass
 class _Group:
-    """Samples of one camera at one gain.  noise : the figures of each camera that it is, by scene and varied field."""
+    """Samples of one camera at one gain.
 
-    noise: list[tuple[float | None, ...]] = field(default_factory=list)
+    noise : by read-out, the figures of each camera that it is, by scene and varied field.
+    """
+
+    noise: dict[str, list[tuple[float | None, ...]]] = field(default_factory=dict)
     digital: list[list[float]] = field(default_factory=list)
     electrons: list[list[float]] = field(default_factory=list)
 
@@ -73,11 +79,13 @@ class _Read:
     """What is known of the samples that were read so far.
 
     models : entry of the dataset file → camera's own name.  noise_ratios : key of a view → its median noise ratio.
-    figures : key of a camera and its gain → σ_d and saturation.
+    figures : key of a camera and its gain → σ_d and saturation by read-out, of the whole under an empty name.
     """
 
     groups: dict[tuple[str, str], _Group] = field(default_factory=dict)
-    figures: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    figures: dict[str, dict[str, tuple[float | None, float | None]]] = field(
+        default_factory=dict
+    )
     models: dict[str, str] = field(default_factory=dict)
     noise_ratios: dict[str, float] = field(default_factory=dict)
     sizes: set[str] = field(default_factory=set)
@@ -185,7 +193,8 @@ def _add(read: _Read, line: Line, facts: Facts) -> None:
     config, image = facts["config"], facts["image"]
     key = facts["camera"], str(config["gain"] or "–")
     group = read.groups.setdefault(key, _Group())
-    group.noise.append((*_noise(read, facts), *_levels(facts)))
+    for readout, figures in _noise(read, facts):
+        group.noise.setdefault(readout, []).append(figures)
     group.digital.append(facts["digital_quantiles_dn"])
     group.electrons.append(facts["electrons_quantiles_e"])
     read.models[str(line.values.get("camera"))] = facts["camera"]
@@ -194,23 +203,28 @@ def _add(read: _Read, line: Line, facts: Facts) -> None:
     read.versions = facts["versions"]
 
 
-def _noise(read: _Read, facts: Facts) -> tuple[float | None, ...]:
-    """K, σ_d and saturation of the camera of a sample, as its scene and the dataset set it, at its gain."""
+def _noise(read: _Read, facts: Facts) -> Iterator[tuple[str, tuple[float | None, ...]]]:
+    """K, σ_d, saturation, black and white level of the camera of a sample, as its scene and the dataset set it, at its
+    gain; and of each read-out that its frames are combined from."""
     config = facts["config"]
     key = key_of({"camera": config["camera"], "gain": config["gain"]})
     if key not in read.figures:
         camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])
-        figures = figures_if_any(camera)
-        if figures is None:
-            read.figures[key] = None, None
-        else:
-            read.figures[key] = figures.temporal_dark_noise_e, figures.saturation_e
-    return (facts["system_gain_dn_per_e"], *read.figures[key])
+        cameras = {"": camera, **camera.readout_cameras}
+        read.figures[key] = {name: _dark_and_full_e(one) for name, one in cameras.items()}
+    own = facts["image"] | {"overall_system_gain_dn_per_e": facts["system_gain_dn_per_e"]}
+    levels = {"": own} | {one["name"]: one for one in facts["readouts"] or ()}
+    for name, figures_e in read.figures[key].items():
+        gain, black, white = (levels[name][level] for level in LEVELS)
+        yield name, (gain, *figures_e, black, white)
 
 
-def _levels(facts: Facts) -> tuple[float, float]:
-    """Black and white level of a sample."""
-    return facts["image"]["black_level_dn"], facts["image"]["white_level_dn"]
+def _dark_and_full_e(camera: Camera) -> tuple[float | None, float | None]:
+    """σ_d and saturation; None of frames that are combined from several read-outs."""
+    figures = figures_if_any(camera)
+    if figures is None:
+        return None, None
+    return figures.temporal_dark_noise_e, figures.saturation_e
 
 
 def _add_record(read: _Read, store: Store, entry: tuple[Kind, str], digest: Any) -> None:
@@ -229,10 +243,15 @@ def _numbers(name: str, gain: str, group: _Group) -> CameraNumbers:
         name,
         gain,
         len(group.digital),
-        [_ends(values) for values in zip(*group.noise, strict=True)],
+        {readout: _all_ends(figures) for readout, figures in group.noise.items()},
         _over(group.digital),
         _over(group.electrons),
     )
+
+
+def _all_ends(figures: list[tuple[float | None, ...]]) -> list[tuple[float, float] | None]:
+    """The smallest and the largest of each figure."""
+    return [_ends(values) for values in zip(*figures, strict=True)]
 
 
 def _ends(values: Sequence[float | None]) -> tuple[float, float] | None:
