@@ -402,10 +402,8 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
         head = Text.assemble(
             (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm, {disk}"
         )
-        nothing = "nothing to say for this camera"
-        if flags["camera"] is None:
-            nothing += "; --camera takes another one"
-        show(Group(head, table if findings else Text(nothing, style="green")), False)
+        nothing = Text("nothing to say for this camera", style="green")
+        show(Group(head, table if findings else nothing), False)
         show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)
