@@ -123,8 +123,8 @@ def _asked(row: Row) -> Value:
         text = _typed(question)
         if text is None:
             raise InputError(
-                f"the answers end before the row {row.question!r} of the sheet; give one line for each row, or a file of "
-                "them (--emva-file)."
+                f"the answers end before the row {row.question!r} of the sheet; give one line for each row, or a file "
+                "of them (--emva-file)."
             )
         try:
             return row.value(text)

@@ -30,8 +30,8 @@ class CameraNumbers:
     """One camera at one gain setting, and the values of its samples.
 
     noise : by the name of a read-out, and of the whole frame under an empty one: smallest and largest over the samples
-        of EMVA 1288's K [DN/e-], temporal dark noise [e-] of a short exposure and saturation [e-], black and white level
-        [DN]; None where it has none.
+        of EMVA 1288's K [DN/e-], temporal dark noise [e-] of a short exposure and saturation [e-], black and white
+        level [DN]; None where it has none.
     digital_dn, electrons_e : QUANTILES of its frames: lowest and highest of all, medians over the samples between.
     """
 

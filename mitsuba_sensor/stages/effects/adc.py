@@ -73,8 +73,8 @@ class AdcFields(FileTable):
         highest, black_dn = 2**self.bits - 1, self.black_level_dn or 0.0
         if black_dn > highest:
             raise ValueError(
-                f"black_level_dn is {black_dn:g}, and the codes of {self.bits} bits end at {highest}; take a lower one, "
-                "or more bits"
+                f"black_level_dn is {black_dn:g}, and the codes of {self.bits} bits end at {highest}; take a lower "
+                "one, or more bits"
             )
         return self
 
