@@ -28,7 +28,7 @@ from mitsuba_sensor.dataset.exports.export import export
 from mitsuba_sensor.dataset.exports.job import PosedSample
 from mitsuba_sensor.dataset.exports.kitti import projections
 from mitsuba_sensor.dataset.exports.poses import TO_OPENCV, PosedImage, camera_to_world
-from mitsuba_sensor.dataset.exports.sequences import ImageSequence, SequenceCamera
+from mitsuba_sensor.dataset.exports.sequences import ImageSequence, SequenceCamera, sequences
 from mitsuba_sensor.dataset.planned import load_plan
 from mitsuba_sensor.files.parquet_shards import ParquetShards
 from mitsuba_sensor.optics.calibration import Calibration
@@ -62,9 +62,12 @@ def test_hugging_face_reads_the_bits_of_every_frame(
                 sample.split,
                 sample.values["exposure_ev"],
             )
-            raw = np.array(row["raw"])
-            assert raw.dtype == np.uint16 and row["raw"].n_frames == 1
-            np.testing.assert_array_equal(raw, sample.read("raw")[0])
+            assert row["raw"].n_frames == len(sample.read("raw")) == 2
+            for number, frame in enumerate(sample.read("raw")):
+                row["raw"].seek(number)
+                raw = np.array(row["raw"])
+                assert raw.dtype == np.uint16
+                np.testing.assert_array_equal(raw, frame)
             np.testing.assert_array_equal(np.array(row["clean"]), sample.read("clean"))
             depth_m = np.load(io.BytesIO(row["depth_m"]))
             np.testing.assert_array_equal(depth_m, sample.read("depth_m"))
@@ -147,7 +150,7 @@ def test_pykitti_reads_poses_that_take_points_to_their_pixels(
         cameras = pykitti.utils.read_calib_file(out / f"sequences/{name}/calib_cam_to_cam.txt")
         first = np.array(said["world_from_first_camera"])
         times_s = [time.total_seconds() for time in found.timestamps]
-        assert times_s == ([0.5, 1.5] if said["scene"] == "flight" else [0])
+        assert times_s == ([0, 1] if said["scene"] == "flight" else [0])
         for number, camera in enumerate(said["cameras"]):
             files = getattr(found, f"cam{number}_files")
             assert len(files) == len(found.poses) == len(camera["frames"])
@@ -178,7 +181,7 @@ def test_evo_and_the_published_layout_of_euroc_take_points_to_their_pixels(
     for name, said in about.items():
         folder = tmp_path / "out" / name / "mav0"
         times_s, poses = states_of(folder)
-        assert times_s.tolist() == ([0.5, 1.5] if said["scene"] == "flight" else [0])
+        assert times_s.tolist() == ([0, 1] if said["scene"] == "flight" else [0])
         for number, camera in enumerate(said["cameras"]):
             sensor = yaml.safe_load((folder / f"cam{number}/sensor.yaml").read_text("utf-8"))
             fu, fv, cu, cv = sensor["intrinsics"]
@@ -271,6 +274,61 @@ def test_cameras_of_a_rig_are_where_their_poses_have_them() -> None:
         expected = calibration.matrix @ before / before[2]
         place = np.reshape([*map(float, lines[name].split())], (3, 4)) @ before_first
         np.testing.assert_allclose(place / place[2], expected, atol=1e-9)
+
+
+def posed_sample(camera: str, view: int, **values: Any) -> PosedSample:
+    """One that nothing is read from."""
+    said = {"scene": "a", "camera": camera, "view": view, **values}
+    sample: Any = SimpleNamespace(key=f"{camera}{view}", split="", values=said)
+    calibration = Calibration(2, 2, (2.0, 2.0), (0.5, 0.5))
+    return PosedSample(sample, PosedImage("a", calibration, np.eye(4)))
+
+
+@pytest.mark.parametrize(
+    ("views", "expected", "left_out"),
+    [
+        ({"x": [0, 1, 2], "y": [2, 0]}, [{"x": [0, 2], "y": [0, 2]}], ["x1"]),
+        ({"x": [0, 1], "y": [2]}, [{"x": [0, 1]}, {"y": [2]}], []),
+        ({"x": [3, 3, 1]}, [{"x": [1, 3]}, {"x": [3]}], []),
+        ({"x": [0]}, [{"x": [0]}], []),
+    ],
+)
+def test_cameras_of_a_sequence_have_frames_at_the_same_times(
+    views: dict[str, list[int]], expected: Any, left_out: list[str]
+) -> None:
+    """Samples that are equal in all that varies, as two random draws may be, are in two sequences."""
+    samples = [posed_sample(camera, view) for camera in views for view in views[camera]]
+    keys: list[str] = []
+    work: Any = SimpleNamespace(
+        worlds=lambda: {"a": samples},
+        leave_out=lambda rest, what, why: keys.extend(sample.key for sample in rest),
+        file=SimpleNamespace(scenes=[SimpleNamespace(name="a", path=None)]),
+        remarks=[],
+    )
+    found = sequences(work)
+    assert [one.number for one in found] == [*range(len(expected))] and keys == left_out
+    for sequence, cameras in zip(found, expected, strict=True):
+        seen = {
+            camera.name: [sample.values["view"] for sample, _ in camera.frames]
+            for camera in sequence.cameras
+        }
+        assert seen == cameras
+        views_s = [0.1 * view for view in next(iter(cameras.values()))]
+        np.testing.assert_allclose(sequence.times_s, views_s)
+
+
+def test_settings_that_differ_are_sequences_of_their_own() -> None:
+    samples = [posed_sample("x", view, gain=gain) for view in (0, 1) for gain in (1, 2)]
+    scenes = [SimpleNamespace(name="a", path=None)]
+    work: Any = SimpleNamespace(
+        worlds=lambda: {"a": samples}, file=SimpleNamespace(scenes=scenes), remarks=[]
+    )
+    assert [one.values for one in sequences(work)] == [
+        {"scene": "a", "gain": 1},
+        {"scene": "a", "gain": 2},
+    ]
+    (remark,) = work.remarks
+    assert "scene a has no path" in remark and "0.1 s apart" in remark
 
 
 ORTHOGRAPHIC = """name = "worlds"

@@ -20,7 +20,7 @@ description = "Türme & 橋 | small"
 licence = "CC0-1.0"
 outputs = ["raw", "clean", "variance", "electrons", "preview", "aovs", "irradiance"]
 render = { spp = 4, denoise = false, spectral = "cube" }
-grid = { exposure_ev = [0, -2] }
+grid = { exposure_ev = [0, -2], frames = [2] }
 cameras = [
     { camera = "konnik_table1", set = { "lens.distortion" = [-0.1, 0.02, 0.002, -0.001, 0.003] } },
     { camera = "bayer_2mp" },

@@ -146,10 +146,10 @@ def _at_common_views(job: Job, group: Group) -> tuple[list[SequenceCamera], list
 
 
 def _times_s(job: Job, scene: str, views: Sequence[int]) -> Float64Array:
-    """Times of these views of a scene [s]: of its path, or evenly spaced."""
+    """Times of these views of a scene [s]: from the first key of its path on, or evenly spaced."""
     (entry,) = (entry for entry in job.file.scenes if entry.name == scene)
     if entry.path is not None:
-        return Poses(entry).times_s(views)
+        return np.asarray(Poses(entry).times_s(views) - entry.path.keys[0].time_s)
     if len(views) > 1:
         remark = f"scene {scene} has no path, whose keys have times: its frames are {PERIOD_S:g} s apart"
         if remark not in job.remarks:
