@@ -179,6 +179,9 @@ def distortion_case(rng: np.random.Generator) -> Cases:
     yield "local distortion", measured.local, 100 * (k1 + k2)
     top = (rows / 2 / corner) ** 2
     yield "TV distortion", measured.tv, 100 * ((1 + k1 + k2) / (1 + k1 * top + k2 * top**2) - 1)
+    for line, side in zip(measured.lines, (rows, columns), strict=True):
+        middle = (side / 2 / corner) ** 2
+        yield "line distortion", line, 50 * (k1 * (1 - middle) + k2 * (1 - middle**2))
     first, third = rng.uniform(-1, 1, 2)
     other = points + real * (first + third * np.square(real).sum(axis=1, keepdims=True))
     other = other + 0.3 + noise * rng.normal(size=points.shape)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
@@ -18,7 +18,7 @@ from ...quantity import Quantity, student_interval
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SECTION = "ISO 17850 local geometric distortion"
+SECTION, LINE_SECTION = "ISO 17850 local geometric distortion", "ISO 17850 line distortion"
 TV_SECTION = "SMIA TV distortion"
 LATERAL_SECTION = "ISO 19084"
 FEWEST_POINTS = 12
@@ -30,17 +30,20 @@ class Distortion:
 
     local : distortion of the corner, real over ideal image height less 1 [%].
     tv : how much taller the picture is at its sides than in its middle [%].
+    lines : of a horizontal and of a vertical line that without distortion would be a side of the picture: how far its
+    ends lie outside of its middle, over the picture's height and width [%]. Barrels have negative ones.
     coefficients : k1, k2 of the growth 1 + k1·h² + k2·h⁴, the height h is 1 in the corner.
     """
 
     local: Quantity
     tv: Quantity
+    lines: tuple[Quantity, Quantity]
     coefficients: tuple[float, float]
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """Local distortion in the corner, and TV distortion."""
-        return self.local, self.tv
+        """Local distortion in the corner, TV distortion, and that of a horizontal and of a vertical line."""
+        return self.local, self.tv, *self.lines
 
     def plot(self, ax: Axes) -> None:
         """Local distortion over the image height."""
@@ -83,12 +86,29 @@ def distortion(points_px: ArrayLike, chart: ArrayLike, shape: tuple[int, int]) -
     freedom = solution.fun.size - first.size
     variance = float(solution.fun @ solution.fun) / freedom
     covariance = variance * np.linalg.pinv(solution.jac.T @ solution.jac)[8:, 8:]
-    k1, k2 = (float(value) for value in solution.x[8:])
-    error = float(np.sqrt(np.ones(2) @ covariance @ np.ones(2)))
-    interval = student_interval(100 * (k1 + k2), 100 * error, freedom)
-    local = Quantity("D", "local distortion in the corner", *interval, "%", SECTION)
-    tv = _tv(np.array([k1, k2]), covariance, half[1] / corner, freedom)
-    return Distortion(local, tv, (k1, k2))
+    lens = _Lens(solution.x[8:], covariance, freedom)
+    local = Quantity(
+        "D", "local distortion in the corner", *lens.weighted(100, 100), "%", SECTION
+    )
+    tv = _tv(lens, half[1] / corner)
+    horizontal = _line(lens, half[1] / corner, "D_h", "bend of a horizontal line")
+    vertical = _line(lens, half[0] / corner, "D_v", "bend of a vertical line")
+    k1, k2 = lens.coefficients.tolist()
+    return Distortion(local, tv, (horizontal, vertical), (k1, k2))
+
+
+class _Lens(NamedTuple):
+    """k1 and k2 with their covariance and its degrees of freedom."""
+
+    coefficients: Float64Array
+    covariance: Float64Array
+    freedom: int
+
+    def weighted(self, *weights: float) -> tuple[float, float, float]:
+        """(value, low, high) of a sum of weighted coefficients."""
+        slopes = np.array(weights)
+        error = float(np.sqrt(slopes @ self.covariance @ slopes))
+        return student_interval(float(slopes @ self.coefficients), error, self.freedom)
 
 
 def _growth(square: Float64Array, coefficients: Float64Array) -> Float64Array:
@@ -96,16 +116,20 @@ def _growth(square: Float64Array, coefficients: Float64Array) -> Float64Array:
     return np.asarray(1 + square * (coefficients[0] + square * coefficients[1]))
 
 
-def _tv(
-    coefficients: Float64Array, covariance: Float64Array, top: float, freedom: int
-) -> Quantity:
+def _tv(lens: _Lens, top: float) -> Quantity:
     """Growth of the corner over that in the middle of the upper side, less 1.  top : its height."""
-    side, middle = (float(_growth(np.array(h**2), coefficients)) for h in (1.0, top))
+    side, middle = (float(_growth(np.array(h**2), lens.coefficients)) for h in (1.0, top))
     ratio = side / middle
     slopes = (np.ones(2) - ratio * np.array([top**2, top**4])) / middle
-    error = float(np.sqrt(slopes @ covariance @ slopes))
-    interval = student_interval(100 * (ratio - 1), 100 * error, freedom)
+    error = float(np.sqrt(slopes @ lens.covariance @ slopes))
+    interval = student_interval(100 * (ratio - 1), 100 * error, lens.freedom)
     return Quantity("D_TV", "TV distortion", *interval, "%", TV_SECTION)
+
+
+def _line(lens: _Lens, middle: float, symbol: str, name: str) -> Quantity:
+    """Growth in the corner less that in the middle of a side, over two.  middle : height of the latter."""
+    interval = lens.weighted(50 * (1 - middle**2), 50 * (1 - middle**4))
+    return Quantity(symbol, name, *interval, "%", LINE_SECTION)
 
 
 @tells_of_names
