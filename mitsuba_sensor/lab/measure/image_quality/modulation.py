@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 NYQUIST = 0.5
 """Nyquist's frequency of the pixels [cycles per pixel]."""
+BETWEEN = 8
+"""Steps from one value to the next in which the interval between them is drawn."""
 NORMAL_FROM = 6.0
 """Standard errors from which on the modulus of a complex value with noise has a normal law."""
 
@@ -26,6 +28,7 @@ class Modulation:
 
     frequency : [cycles per pixel], rising from 0.  value : modulation there, 1 at frequency 0.
     low, high : ends of the 95 % interval at each frequency.  section : where its definition stands.
+    independent : whether neighbouring values have noise of their own, which is smaller between them.
     """
 
     frequency: Float64Array
@@ -33,6 +36,7 @@ class Modulation:
     low: Float64Array
     high: Float64Array
     section: str
+    independent: bool = False
 
     @property
     def mtf50(self) -> Quantity:
@@ -55,9 +59,10 @@ class Modulation:
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             note = f"the curve is from {self.frequency[0]:.3g} to {self.frequency[-1]:.3g}"
             return no_value(symbol, name, "", self.section, note)
-        value, low, high = (
-            float(np.interp(frequency, self.frequency, curve))
-            for curve in (self.value, self.low, self.high)
+        value = float(np.interp(frequency, self.frequency, self.value))
+        places, low_curve, high_curve = self._band()
+        low, high = (
+            float(np.interp(frequency, places, curve)) for curve in (low_curve, high_curve)
         )
         return Quantity(symbol, name, value, low, high, "", self.section)
 
@@ -68,12 +73,13 @@ class Modulation:
         """
         symbol = f"MTF{100 * share:.0f}"
         name = f"frequency of {100 * share:.0f} % modulation"
-        places = self._crossings(self.value, share)
-        if not places.size:
+        crossings = _crossings(self.frequency, self.value, share)
+        if not crossings.size:
             note = f"more than {share:g} up to {self.frequency[-1]:.3g} cycles per pixel"
             return no_value(symbol, name, "cy/px", self.section, note)
-        place = float(places[0])
-        lower, upper = self._crossings(self.low, share), self._crossings(self.high, share)
+        place = float(crossings[0])
+        places, *band = self._band()
+        lower, upper = (_crossings(places, curve, share) for curve in band)
         lower, upper = lower[lower <= place], upper[upper >= place]
         low, high = float(self.frequency[0]), float(self.frequency[-1])
         if lower.size:
@@ -82,13 +88,22 @@ class Modulation:
             high = float(upper[0])
         return Quantity(symbol, name, place, low, high, "cy/px", self.section)
 
-    def _crossings(self, curve: Float64Array, share: float) -> Float64Array:
-        """Frequencies at which a curve falls through a value."""
-        above = curve >= share
-        before = np.flatnonzero(above[:-1] & ~above[1:])
-        fall = curve[before] - curve[before + 1]
-        steps = np.diff(self.frequency)[before]
-        return np.asarray(self.frequency[before] + steps * (curve[before] - share) / fall)
+    def _band(self) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Frequencies, and the ends of the interval there; between independent values, too, as their errors add."""
+        if not self.independent:
+            return self.frequency, self.low, self.high
+        place = np.linspace(0, len(self.value) - 1, BETWEEN * (len(self.value) - 1) + 1)
+        before = np.minimum(place.astype(int), len(self.value) - 2)
+        weight = place - before
+        errors = [
+            np.hypot((1 - weight) * error[before], weight * error[before + 1])
+            for error in (self.value - self.low, self.high - self.value)
+        ]
+        frequency, value = (
+            (1 - weight) * values[before] + weight * values[before + 1]
+            for values in (self.frequency, self.value)
+        )
+        return frequency, value - errors[0], value + errors[1]
 
     def plot(self, ax: Axes, label: str = "measured") -> None:
         """The curve with its band."""
@@ -97,6 +112,15 @@ class Modulation:
         ax.axvline(NYQUIST, color="0.6", lw=1, ls=":")
         ax.set(xlabel="spatial frequency [cycles per pixel]", ylabel="modulation")
         ax.set_ylim(0, None)
+
+
+def _crossings(frequency: Float64Array, curve: Float64Array, share: float) -> Float64Array:
+    """Frequencies at which a curve falls through a value."""
+    above = curve >= share
+    before = np.flatnonzero(above[:-1] & ~above[1:])
+    fall = curve[before] - curve[before + 1]
+    steps = np.diff(frequency)[before]
+    return np.asarray(frequency[before] + steps * (curve[before] - share) / fall)
 
 
 def modulus(

@@ -213,7 +213,8 @@ def _modulation(
     low, high = _interval(total, noise)
     frequency = cycles / (2 * math.pi * radii * sample_px)
     low, high = np.minimum(low, value), np.maximum(high, value)
-    return Modulation(frequency, value / contrast, low / contrast, high / contrast, SECTION)
+    band = low / contrast, high / contrast
+    return Modulation(frequency, value / contrast, *band, SECTION, independent=True)
 
 
 def _interval(total: Float64Array, noise: Float64Array) -> tuple[Float64Array, Float64Array]:
