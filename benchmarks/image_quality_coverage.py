@@ -1,6 +1,6 @@
 """How many of the 95 % intervals of the instruments for image quality hold what the pictures were made with.
 
-    python benchmarks/image_quality_coverage.py --cases 400 [--only slanted_edge]
+    python benchmarks/image_quality_coverage.py --cases 400 [--seed 1] [--only slanted_edge]
 
 Every case is a chart with another place, direction, contrast, exposure and noise. Prints for each figure the share of
 the intervals that hold it, and the median of half their width over the value.
@@ -107,11 +107,12 @@ def main() -> None:
     """Print a line for each figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=400)
+    parser.add_argument("--seed", type=int, default=1, help="other charts for another one")
     parser.add_argument("--only", choices=CASES)
     given = parser.parse_args()
     for title, case in CASES.items():
         if given.only in (None, title):
-            for name, (share, width) in coverage(case, given.cases).items():
+            for name, (share, width) in coverage(case, given.cases, given.seed).items():
                 print(
                     f"{title:18} {name:14} {100 * share:5.1f} %   ± {100 * width:.2g} %",
                     flush=True,
