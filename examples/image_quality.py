@@ -1,7 +1,7 @@
-"""Draw the pictures of docs/image-quality.md and docs/colour-and-geometry.md: charts in front of a simulated camera.
+"""Draw the pictures of the pages about image quality: charts in front of a simulated camera.
 
 python examples/image_quality.py                 # into image_quality/
-python examples/image_quality.py docs/images     # the pictures of docs/image-quality.md
+python examples/image_quality.py docs/images     # the pictures of these pages and docs/contrast-and-flicker.md
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from scipy.ndimage import median_filter
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.appearing import write_drawing
@@ -30,21 +31,20 @@ def sharp_edge(rows: int, columns: int) -> np.ndarray:
     return np.asarray(right.reshape(rows, 16, columns, 16).mean(axis=(1, 3)))
 
 
-def taken(electrons: np.ndarray, camera: ms.Camera) -> np.ndarray:
-    """A frame of so many photoelectrons, without the black level."""
-    frame = ms.expose(ms.Photons(electrons, detected=True), camera, EXPOSURE).digital[0]
-    dark = ms.expose(
-        ms.Photons(0 * electrons, detected=True), camera, EXPOSURE, frames=16, seed=2
-    )
-    return np.asarray(frame - dark.digital.mean())
+def taken(electrons: np.ndarray, camera: ms.Camera, frames: int = 1) -> np.ndarray:
+    """Frames of so many photoelectrons, (N, H, W), without the black level."""
+    light, no_light = (ms.Photons(level, detected=True) for level in (electrons, 0 * electrons))
+    codes = ms.expose(light, camera, EXPOSURE, frames=frames).digital
+    dark = ms.expose(no_light, camera, EXPOSURE, frames=16, seed=2)
+    return np.asarray(codes - dark.digital.mean())
 
 
 def draw_edge(axes: Axes) -> None:
     """Modulation behind each filter of a Bayer camera, and that of its pixel."""
     camera = ms.load_camera("bayer_2mp")
-    frame = taken(200 + 3000 * sharp_edge(800, 320), camera)
+    frames = taken(200 + 3000 * sharp_edge(800, 320), camera)
     tile = (("R", "G"), ("G", "B"))
-    for name, plane in ms.lab.Stack(frame[None], 0.01, tile=tile).of_filters().items():
+    for name, plane in ms.lab.Stack(frames, 0.01, tile=tile).of_filters().items():
         edge = ms.lab.slanted_edge(plane.mean, sample_px=2)
         edge.modulation.plot(
             axes, f"{name}: {edge.modulation.at(0.25).value:.3f} at 0.25 cy/px"
@@ -86,20 +86,114 @@ def draw_colours(axes: Axes) -> None:
     chart.plot(axes)
 
 
+def show_chart(axes: Axes, picture: np.ndarray) -> None:
+    """The picture of a chart in a corner of a drawing."""
+    inset = axes.inset_axes((0.03, 0.05, 0.34, 0.45))
+    inset.imshow(picture, cmap="gray", interpolation="nearest")
+    inset.set_axis_off()
+
+
+def draw_star(axes: Axes) -> None:
+    """Modulation of a star, and that of the pixel: the root mean square over all directions."""
+    y, x = np.mgrid[:1600, :1600] / 8 - 100.2
+    star = 0.5 + 0.3 * np.cos(72 * np.arctan2(y, x))
+    light = 1000 * star.reshape(200, 8, 200, 8).mean(axis=(1, 3))
+    (frame,) = taken(light, ms.load_camera("sony_imx174"))
+    ms.lab.siemens_star(frame, 72, contrast=0.6).modulation.plot(axes)
+    angle = np.pi * (np.arange(360) + 0.5) / 360
+    frequency = np.linspace(0, 0.6, 121)
+    along, across = np.sinc(
+        frequency[:, None] * np.array([np.cos(angle), np.sin(angle)])[:, None]
+    )
+    axes.plot(
+        frequency,
+        np.sqrt(np.square(along * across).mean(axis=1)),
+        "k--",
+        label="theory: the pixel",
+    )
+    axes.set(xlim=(0, 0.6), ylim=(0, 1.1))
+    show_chart(axes, frame[50:150, 50:150])
+
+
+def dead_leaves_chart(side: int) -> np.ndarray:
+    """Discs that cover each other, 4 × 4 points for a pixel."""
+    rng = np.random.default_rng(1)
+    leaves = np.full((4 * side, 4 * side), 0.5)
+    for _ in range(800):
+        y, x = rng.uniform(0, 4 * side, 2)
+        radius = min(8 / rng.uniform(0.05, 1), 160.0)
+        rows, columns = (slice(max(int(c - radius), 0), int(c + radius) + 2) for c in (y, x))
+        part = leaves[rows, columns]
+        down, right = np.indices(part.shape) + np.array([[[rows.start]], [[columns.start]]])
+        part[np.hypot(down - y, right - x) < radius] = rng.uniform(0.25, 0.75)
+    return leaves
+
+
+def draw_leaves(axes: Axes) -> None:
+    """Modulation of a texture by both methods, and of frames behind a median filter, which takes noise and texture."""
+    leaves = dead_leaves_chart(256)
+    light = 4000 * leaves.reshape(256, 4, 256, 4).mean(axis=(1, 3))
+    frames = taken(light, ms.load_camera("sony_imx174"), 4)
+    filtered = median_filter(frames, size=(1, 3, 3))
+    for pictures, method, label in (
+        (frames, "cross", "cross"),
+        (frames, "power", "power"),
+        (filtered, "cross", "cross, median filter"),
+    ):
+        ms.lab.dead_leaves(pictures, leaves, method=method).modulation.plot(axes, label)
+    axes.set_ylim(0, 1.1)
+    show_chart(axes, frames[0, :128, :128])
+
+
+def draw_flat_field(axes: Axes) -> None:
+    """Light that falls off towards the corners, of three channels whose microlenses are made for other angles."""
+    y, x = (np.mgrid[:128, :192] + 0.5) / [[[64]], [[96]]] - 1
+    falls = (0.15, 0.13, 0.17)
+    camera = ms.load_camera("sony_imx174")
+    channels = [20_000 / (1 + fall * (x**2 + y**2)) ** 2 for fall in falls]
+    planes = np.stack([taken(light, camera, 4).mean(axis=0) for light in channels], axis=2)
+    measured = ms.lab.flat_field(planes)
+    measured.plot(axes)
+    height = np.linspace(0, 1, 101)
+    axes.plot(height, 100 / (1 + 0.3 * height**2) ** 2, "k--", label="theory, channel 0")
+    print(*measured.quantities, sep="\n")
+
+
+def draw_flicker(axes: Axes) -> None:
+    """A lamp of pulses over 60 frames, and the level of the same pixels without it."""
+    rng = np.random.default_rng(1)
+    led = 4000.0 * (rng.random(60) < 0.4)
+    camera = ms.load_camera("sony_imx174")
+    frames = [taken(np.full((16, 16), 1000 + light), camera)[0] for light in led]
+    off_dn = taken(np.full((16, 16), 1000.0), camera, 16).mean()
+    measured = ms.lab.flicker(np.array(frames), off=off_dn)
+    measured.plot(axes)
+    axes.axhline(off_dn, ls="--", color="k", lw=1, label="without the lamp")
+    axes.set_ylim(0, None)
+    print(*measured.quantities, sep="\n")
+
+
 PICTURES = {
     "image-quality-colours": ("ColorChecker, bayer_2mp", draw_colours),
     "image-quality-steps": ("step chart, konnik_table1", draw_steps),
     "image-quality-edge": ("slanted edge, bayer_2mp", draw_edge),
+    "image-quality-star": ("Siemens star, sony_imx174", draw_star),
+    "image-quality-leaves": ("dead leaves, sony_imx174", draw_leaves),
+    "image-quality-flat-field": ("flat field, sony_imx174", draw_flat_field),
+    "image-quality-flicker": ("pulsed lamp, sony_imx174", draw_flicker),
 }
 
 
 def main() -> None:
-    """Draw every picture."""
+    """Draw every picture, or one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, nargs="?", default=Path("image_quality"))
+    parser.add_argument("--only", choices=PICTURES)
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     for name, (title, draw) in PICTURES.items():
+        if options.only not in (None, name):
+            continue
         file = options.folder / f"{name}.png"
         write_drawing(file, png(Drawing(title, draw)))
         print(file)
