@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,12 +23,10 @@ from .tables import FittedTable, rough
 from .values import Flag
 
 if TYPE_CHECKING:
-    from ..dataset.faults import Fault
     from ..dataset.forecast import Counts, Forecast
     from ..dataset.planned import DatasetPlan
     from ..dataset.run import RunProgress
 
-MOST_SHOWN = 50  # faults
 READ_FIRST = {
     "contact_sheet.png": "some of the frames, to look at",
     "README.md": "what is in the folder, and how to read it",
@@ -149,8 +147,8 @@ def status_command(
     folder: DatasetFolder, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
     """Say how much of a dataset is there, and what could not be made. Reads records, no pictures."""
-    from ..dataset.origin import plan_of
     from ..dataset.repair import holdings, store_of
+    from ..dataset.same_origin import plan_of
 
     store, plan = store_of(Path(folder)), plan_of(Path(folder), flags["roots"])
     held = holdings(store, plan)
@@ -168,17 +166,24 @@ def status_command(
 
 
 @dataset.command("verify", cls=Command, epilog="Example: mitsuba-sensor dataset verify pairs/")
-def verify_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
-    """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
+@options.flags(RootOptions)
+def verify_command(
+    folder: DatasetFolder, as_json: arguments.Json = False, **flags: Flag
+) -> None:
+    """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not.
+
+    The files that it was made from are compared, too, where they are here.
+    """
     from ..dataset.repair import verify
+    from .dataset_faults import fault_sheet
 
     with steps_bar(err) as now:
-        faults = list(verify(Path(folder), lambda done, total: now(done, total, "verified")))
+        faults = list(verify(Path(folder), _verified(now), flags["roots"]))
     show(
         [fault._asdict() for fault in faults] if as_json else fault_sheet(folder, faults),
         as_json,
     )
-    if faults:
+    if any(fault.is_damage for fault in faults):
         raise typer.Exit(1)
 
 
@@ -188,16 +193,17 @@ def repair_command(
     folder: DatasetFolder, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
     """Make again what `dataset verify` finds, and what is missing; everything else stays as it is."""
-    from ..dataset.origin import plan_of, require_same_versions
     from ..dataset.repair import discard, store_of, verify
     from ..dataset.run import run
+    from ..dataset.same_origin import plan_of, require_same_versions
 
     place = Path(folder)
     store_of(place)
-    plan = plan_of(place, flags.pop("roots"))
+    roots = flags.pop("roots")
+    plan = plan_of(place, roots)
     require_same_versions(plan.made_by, place)
     with steps_bar(err) as now:
-        faults = list(verify(place, lambda done, total: now(done, total, "verified")))
+        faults = list(verify(place, _verified(now), roots))
     broken = discard(place, faults)
     with samples_bar(err) as progress:
         found = run(plan, place, progress=progress, **flags)
@@ -290,26 +296,9 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
     return Lines(Text(head, style="bold"), table, *map(Text, below))
 
 
-def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
-    """What is not as it was written, file by file."""
-    from ..dataset.origin import RESTORE
-    from ..dataset.record import INDEX
-
-    if not faults:
-        return Text(f"{folder}: every file is as it was written", style="green")
-    table = FittedTable(("what", "of", "folder", "file"), keys=2)
-    for one in faults[:MOST_SHOWN]:
-        table.add_row(one.what, one.kind, Text(one.name), Text(one.file))
-    if len(faults) > MOST_SHOWN:
-        more = [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")]
-    else:
-        more = []
-    remedy = f"`mitsuba-sensor dataset repair {folder}` makes them again"
-    if any(
-        fault.kind == "dataset" and not fault.file.startswith(f"{INDEX}/") for fault in faults
-    ):
-        remedy = RESTORE.format(folder)
-    return Lines(table, *more, Text(remedy))
+def _verified(now: Callable[[int, int, str], object]) -> Callable[[int, int], object]:
+    """What tells how many entries are verified, of how many.  now : told what is done."""
+    return lambda done, total: now(done, total, "verified")
 
 
 def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from ..camera.camera_file import load_camera
 from ..camera.datasheet_errors import fields_of
 from ..camera.dual_pixels import has_several_readouts
 from ..camera.lens_file import list_lenses
-from ..camera.shipped import list_cameras
+from ..camera.shipped import SHIPPED, list_cameras
 from ..core import InputError, nearest
 from ..files.scene_references import camera_references, check_below
 from .file import SAME, CameraEntry
@@ -41,8 +41,9 @@ class Cameras:
 
     def __init__(self, entries: Sequence[CameraEntry], roots: Sequence[Path]) -> None:
         self.entries, self.roots = entries, roots
+        self._files = [*map(self._file_of, entries)]
         self._varied: dict[str, VariedCamera] = {}
-        self.as_given = [self._of_entry(entry) for entry in entries]
+        self.as_given = [*map(self._of_entry, entries, self._files)]
 
     @property
     def models(self) -> list[str]:
@@ -55,9 +56,7 @@ class Cameras:
 
     def of(self, one: Combination) -> VariedCamera:
         """The camera with all that varies in it; that it has the gain setting is checked. Raises InputError."""
-        varied = of_kind(
-            "camera", {SAME.get(name, name): value for name, value in one.values.items()}
-        )
+        varied = _varied(one)
         gain = one.values.get("gain")
         known = canonical({"entry": one.camera, "varied": varied, "gain": gain})
         if known not in self._varied:
@@ -71,7 +70,19 @@ class Cameras:
             self._varied[known] = VariedCamera(camera, sheet, key_of(sheet), setting)
         return self._varied[known]
 
-    def _of_entry(self, entry: CameraEntry) -> Camera:
+    def files(self, one: Combination) -> Iterator[tuple[Path, str]]:
+        """All files that the camera of a sample is read from, and what they are of."""
+        use, file = f"camera {self.name(one.camera)}", self._files[one.camera]
+        if file is None:
+            found = [Path(str(SHIPPED / f"{self.entries[one.camera].camera}.toml"))]
+        else:
+            found = camera_references(file)
+        for changes in (fields_in(self.entries[one.camera].set), _varied(one)):
+            found += [find_below(name, self.roots, use) for name in _files_in(changes)]
+        yield from ((path, use) for path in found)
+
+    def _file_of(self, entry: CameraEntry) -> Path | None:
+        """The file of a camera; None where it ships with the package. Raises InputError."""
         where = f"camera {entry.camera[:200]!r}"
         shipped = entry.camera in list_cameras()
         if not shipped and not entry.camera.endswith(".toml"):
@@ -79,12 +90,14 @@ class Cameras:
             remedy = "`mitsuba-sensor cameras list` has them; the name of a camera file ends in .toml"
             raise InputError(f"{where} is not a camera; {remedy}.{near}")
         if shipped:
-            file = None
-        else:
-            file = find_below(entry.camera, self.roots, where)
-        if file is not None:
-            check_below(camera_references(file), self.roots)
+            return None
+        file = find_below(entry.camera, self.roots, where)
+        check_below(camera_references(file), self.roots)
+        return file
+
+    def _of_entry(self, entry: CameraEntry, file: Path | None) -> Camera:
         camera = load_camera(entry.camera if file is None else file)
+        where = f"camera {entry.camera[:200]!r}"
         changes = self._with_places(fields_in(entry.set), where)
         return with_fields_of(camera, changes, SET_BY_DATASET).without(*entry.without)
 
@@ -95,9 +108,28 @@ class Cameras:
             name = f"{table}{field}"
             if isinstance(value, Mapping):
                 found[field] = self._with_places(value, where, f"{name}.")
-            elif name in MAY_BE_FILES and isinstance(value, str) and value not in list_lenses():
+            elif _is_file(name, value):
                 found[field] = str(find_below(value, self.roots, f"{name} of {where}"))
         return found
+
+
+def _varied(one: Combination) -> Facts:
+    """Fields of the camera of a sample that vary, and their values."""
+    return of_kind("camera", {SAME.get(name, name): x for name, x in one.values.items()})
+
+
+def _files_in(changes: Config, table: str = "") -> Iterator[str]:
+    """Names of the files that fields name.  table : in which the fields are."""
+    for field, value in changes.items():
+        if isinstance(value, Mapping):
+            yield from _files_in(value, f"{table}{field}.")
+        elif _is_file(f"{table}{field}", value):
+            yield value
+
+
+def _is_file(field: str, value: object) -> bool:
+    """Whether a field of a camera is the name of a file which does not ship with the package."""
+    return field in MAY_BE_FILES and isinstance(value, str) and value not in list_lenses()
 
 
 def fields_in(tables: Config, table: str = "") -> Facts:

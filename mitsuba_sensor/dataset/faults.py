@@ -9,7 +9,17 @@ from typing import Literal, NamedTuple, TypeAlias
 
 from ..files import durable
 from .names import is_name_of_entry, is_part
-from .record import MOST_BYTES, RECORD, Kind, Record, record_of
+from .record import (
+    KEY,
+    MOST_BYTES,
+    OF_FOLDER,
+    QUARANTINE,
+    RECORD,
+    UNFINISHED,
+    Kind,
+    Record,
+    record_of,
+)
 
 OF_ENTRY = 2
 """Folders above the one of an entry: scene and pose."""
@@ -23,21 +33,33 @@ What: TypeAlias = Literal[
     "not a plain file",
     "of another entry",
     "stray",
+    "not of the dataset",
+    "unfinished",
+    "another version",
 ]
+NO_DAMAGE = "not of the dataset", "unfinished", "another version"
+"""What is said of a dataset of which every file is as it was written."""
+OfDataset: TypeAlias = Literal["dataset", "quarantine", "source", "library"]
 
 
 class Fault(NamedTuple):
-    """One thing that is wrong.
+    """One thing that is not as it was written, or that a user should know.
 
-    kind : of entry, dataset for what says what it is, or quarantine for a note there.  name : of the entry, a key in
-    quarantine, empty for what belongs to no entry.  file : in the entry's folder, or, of what belongs to no entry, in
-    the folder of its kind.
+    kind : of entry, dataset for what says what it is, quarantine for a note there, source for a file that the samples
+    are made from, or library for what made them.  name : of the entry, a key in quarantine; of a source, what is made
+    from it; else empty.  file : in the entry's folder, or, of what belongs to no entry, in the folder of its kind; of
+    a source below the roots.
     """
 
-    kind: Kind | Literal["dataset", "quarantine"]
+    kind: Kind | OfDataset
     name: str
     file: str
     what: What
+
+    @property
+    def is_damage(self) -> bool:
+        """Whether what it is of is not as it was; sources need not be where a dataset is read."""
+        return self.what not in NO_DAMAGE and (self.kind, self.what) != ("source", "missing")
 
 
 def of_entry(folder: Path, kind: Kind, name: str) -> list[Fault]:
@@ -97,8 +119,12 @@ def what_is_wrong(path: Path, size: int, digest: str) -> What | None:
 
 
 def strays(folder: Path, kind: Kind) -> Iterator[Fault]:
-    """What lies in the folder of a kind and is no entry; scratch folders of programs that may still run are none."""
-    yield from _strays_below(folder / kind, kind, "")
+    """What lies in the folder of a kind and is no entry, but for scratch folders of programs that may still run."""
+    top = folder / kind
+    if os.path.lexists(top) and (top.is_symlink() or not top.is_dir()):
+        yield Fault("dataset", "", kind, "stray")
+    else:
+        yield from _strays_below(top, kind, "")
 
 
 def _strays_below(top: Path, kind: Kind, above: str) -> Iterator[Fault]:
@@ -113,3 +139,14 @@ def _strays_below(top: Path, kind: Kind, above: str) -> Iterator[Fault]:
             yield from _strays_below(top, kind, f"{above}{name}/")
         else:
             yield Fault(kind, "", above + name, "stray")
+
+
+def strays_beside(folder: Path) -> Iterator[Fault]:
+    """What lies in the folder of a dataset, or in that of its quarantine, and is nothing of the dataset."""
+    for name in durable.names_of(folder):
+        if name not in OF_FOLDER and not name.startswith(UNFINISHED):
+            yield Fault("dataset", "", name, "not of the dataset")
+    for name in durable.names_of(folder / QUARANTINE):
+        key, _, end = name.partition(".")
+        if not (KEY.fullmatch(key) and end in ("json", "log")) and not name.startswith("."):
+            yield Fault("quarantine", "", name, "not of the dataset")

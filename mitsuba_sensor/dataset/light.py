@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 from ..camera.exposure_times import later_exposures
 from ..core import Exposure, InputError
 from ..core.options import used
-from ..files.scene_references import scene_digest
+from ..files.scene_references import files_digest, scene_references
 from ..files.shipped_scenes import (
     MOTION,
     NAME,
@@ -40,8 +40,10 @@ class Lights:
     def __init__(self, file: DatasetFile, roots: Sequence[Path]) -> None:
         self.file, self.roots = file, roots
         self.places = [self._place(scene) for scene in file.scenes]
-        self._motions = [self._motion(scene) for scene in file.scenes]
+        self._motion_files = [self._motion_file(scene) for scene in file.scenes]
+        self._motions = [self._motion(number) for number in range(len(file.scenes))]
         self._lenses = dict[str, Facts]()
+        self._references = lru_cache(MOST_DIGESTS)(self._references_of)
         self._digest = lru_cache(MOST_DIGESTS)(self._digest_of)
 
     @cached_property
@@ -58,9 +60,7 @@ class Lights:
 
     def described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
         """All that decides the light of a sample, ready for JSON."""
-        entry = self.file.scenes[one.scene]
-        parameters = {**entry.parameters, **of_kind("parameters", one.values)}
-        parameters = {name: text_of(value) for name, value in parameters.items()}
+        entry, parameters = self.file.scenes[one.scene], self._parameters(one)
         motion, options = self._motions[one.scene], self.options
         light: Facts = {
             "format": FORMAT,
@@ -83,6 +83,20 @@ class Lights:
             light |= {**noisy, "exposure": dict(exposure)}
         return light
 
+    def files(self, one: Combination) -> Iterator[tuple[Path, str]]:
+        """All files that the light of a sample is rendered from but for the camera's, and what each is of."""
+        scene = self.file.scenes[one.scene].name
+        for path in self._references(one.scene, tuple(self._parameters(one).items())):
+            yield path, f"scene {scene}"
+        if (motion := self._motion_files[one.scene]) is not None:
+            yield motion, f"scene {scene}"
+
+    def _parameters(self, one: Combination) -> dict[str, str]:
+        """Values of the <default> names of a scene."""
+        fixed = self.file.scenes[one.scene].parameters
+        values = {**fixed, **of_kind("parameters", one.values)}
+        return {name: text_of(value) for name, value in values.items()}
+
     def _lens_of(self, camera: VariedCamera) -> Facts:
         """What of a camera decides the light."""
         if camera.key not in self._lenses:
@@ -93,10 +107,17 @@ class Lights:
         return self._lenses[camera.key]
 
     def _digest_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> str:
-        roots = self.roots
+        return files_digest(self._references(scene, parameters), self._roots_of(scene))
+
+    def _references_of(
+        self, scene: int, parameters: tuple[tuple[str, str], ...]
+    ) -> Sequence[Path]:
+        return scene_references(self.places[scene], dict(parameters), self._roots_of(scene))
+
+    def _roots_of(self, scene: int) -> Sequence[Path]:
         if shipped_file(self.file.scenes[scene].file, SCENE, self.roots):
-            roots = [scenes_folder(), *roots]
-        return scene_digest(self.places[scene], dict(parameters), roots)
+            return [scenes_folder(), *self.roots]
+        return self.roots
 
     def _place(self, entry: SceneEntry) -> Path:
         try:
@@ -107,12 +128,13 @@ class Lights:
             also = f"or give {names_of_scenes(entry.file)}"
             raise InputError(f"{str(error).removesuffix('.')}; {also}") from None
 
-    def _motion(self, entry: SceneEntry) -> Motion:
+    def _motion_file(self, entry: SceneEntry) -> Path | None:
         if isinstance(entry.motion, str):
-            return read_motion(
-                self._find(entry.motion, MOTION, f"the motion of scene {entry.name}")
-            )
-        return read_motion(entry.motion)
+            return self._find(entry.motion, MOTION, f"the motion of scene {entry.name}")
+        return None
+
+    def _motion(self, scene: int) -> Motion:
+        return read_motion(self._motion_files[scene] or self.file.scenes[scene].motion)
 
     def _find(self, name: str, end: str, what: str) -> Path:
         """A file below the roots, else one that ships with the package."""

@@ -5,21 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError
 from ..files import durable, texts
 from ..files.appearing import write_drawing
-from ..files.scene_references import folder_names
 from .faults import Fault, What, what_is_wrong
 from .index import Index
 from .index_part import NUMBERS, all_parts, parts_of
 from .keys import Config, made_by
 from .light import FORMAT
-from .planned import DatasetPlan, load_plan
-from .record import FILE, INDEX, MOST_BYTES, RECORD, sealed, unsealed
+from .planned import DatasetPlan
+from .record import FILE, INDEX, MOST_BYTES_OF_DATASET, RECORD, sealed, unsealed
+from .sources import Sources, read_sources, source_faults
 
 RESTORE = (
     "give the file that it was made from again: `mitsuba-sensor dataset run FILE.toml -o {}`"
@@ -31,6 +31,7 @@ class Origin(NamedTuple):
 
     name : of the dataset.  file : bytes and SHA-256 of dataset.toml.  made_by : versions.  samples, parts : how many
     samples and parts of the index a complete dataset has.  plan : SHA-256 of what decides the keys of its samples.
+    sources : the files that the samples are made from.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Origin(NamedTuple):
     samples: int
     parts: int
     plan: str
+    sources: Sources
 
     @property
     def digest(self) -> str:
@@ -49,11 +51,24 @@ class Origin(NamedTuple):
 def origin_of(plan: DatasetPlan, file: tuple[int, str] = (0, "")) -> Origin:
     """What the record of a dataset says.  file : bytes and SHA-256 of dataset.toml."""
     counts = plan.samples, -(-plan.numbers // NUMBERS)
-    return Origin(plan.file.name, file, dict(plan.made_by), *counts, plan.digest)
+    return Origin(plan.file.name, file, dict(plan.made_by), *counts, plan.digest, plan.sources)
+
+
+def is_recorded(plan: DatasetPlan, folder: Path) -> bool:
+    """Whether a folder says that it was made from this dataset file, and from the same files as this plan."""
+    text = plan.text.encode()
+    written = len(text), hashlib.sha256(text).hexdigest()
+    recorded = origin_in(folder) == origin_of(plan, written)
+    return recorded and what_is_wrong(folder / FILE, *written) is None
 
 
 def write_origin(plan: DatasetPlan, folder: Path) -> bool:
-    """Write dataset.toml and record.json; whether another dataset.toml was recorded before. Raises InputError."""
+    """Write dataset.toml and record.json where they are others; whether another dataset.toml was recorded before.
+
+    Raises InputError.
+    """
+    if is_recorded(plan, folder):
+        return False
     before = origin_in(folder)
     durable.make_folder(folder, folder.parent)
     texts.write_page(folder / FILE, plan.text)
@@ -66,10 +81,11 @@ def write_origin(plan: DatasetPlan, folder: Path) -> bool:
 def origin_in(folder: Path) -> Origin | None:
     """What a folder was made from; None where its record is missing or was changed."""
     try:
-        text = unsealed(durable.read_small(os.fspath(folder / RECORD), MOST_BYTES))
-        said = json.loads(text or "{}")
+        content = durable.read_small(os.fspath(folder / RECORD), MOST_BYTES_OF_DATASET)
+        said = json.loads(unsealed(content) or "{}")
         kind, format_number = said.pop("kind"), said.pop("format")
-        origin = Origin(**{**said, "file": tuple(said["file"])})
+        read = {"file": tuple(said["file"]), "sources": read_sources(said["sources"])}
+        origin = Origin(**{**said, **read})
         size, digest = origin.file
         versions = [*origin.made_by.items()]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -105,43 +121,28 @@ def require_origin(folder: Path) -> Origin:
     return origin
 
 
-def require_same_versions(then: Config, folder: Path) -> None:
-    """Raise InputError where a folder was made by other versions of what pixels depend on."""
-    now = made_by()
-    if other := [name for name in now if then.get(name) != now[name]]:
-        there = ", ".join(f"{name} {then.get(name)}" for name in other)
-        here = ", ".join(f"{name} {now[name]}" for name in other)
-        raise InputError(
-            f"{folder} was made by {there}, and this is {here}, whose pixels may differ; install what made it, or "
-            "give a new folder."
-        )
+def origin_faults(folder: Path, roots: Sequence[Path]) -> Iterator[Fault]:
+    """What is not as it was written of the files that say what a dataset is made from, and of those files.
 
-
-def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
-    """The plan that a dataset folder was made from, by the versions that made it.
-
-    roots : folders below which the user lets its files be read; by default the current one, as of a run.
-    Raises InputError where anything that it was made from is not the same any more.
+    roots : folders below which these are sought.
     """
-    origin = require_origin(folder)
-    plan = load_plan(folder / FILE, roots or ["."])
-    plan = DatasetPlan(plan.file, plan.roots, plan.text, origin.made_by)
-    if origin_of(plan, origin.file) != origin:
-        raise InputError(
-            f"{folder} was made from other files than {FILE} names now below {folder_names(plan.roots)}: a "
-            "scene, camera or motion was changed, or its run had other --root folders; restore them and give the "
-            f"same --root, or make a dataset of the changed ones: `mitsuba-sensor dataset run FILE.toml -o {folder}`."
-        )
-    return plan
-
-
-def origin_faults(folder: Path) -> Iterator[Fault]:
-    """What is not as it was written of the files that say what a dataset is made from."""
     origin = origin_in(folder)
     if origin is None:
         yield Fault("dataset", "", RECORD, _missing_or_changed(folder / RECORD))
     elif what := what_is_wrong(folder / FILE, *origin.file):
         yield Fault("dataset", "", FILE, what)
+    if origin is not None:
+        yield from _faults_of_sources(origin, [folder, *roots])
+
+
+def _faults_of_sources(origin: Origin, roots: Sequence[Path]) -> Iterator[Fault]:
+    """Which files and libraries here are others than those that a dataset was made from and by."""
+    now = made_by()
+    for name, version in origin.made_by.items():
+        if now.get(name) != version:
+            yield Fault("library", "", f"{name} {version}", "another version")
+    same_package = now["mitsuba-sensor"] == origin.made_by.get("mitsuba-sensor")
+    yield from source_faults(origin.sources, roots, same_package)
 
 
 def index_of(folder: Path) -> Index:

@@ -22,6 +22,7 @@ from .keys import Config, key_of
 from .names import name_of_view
 from .plan_checks import Pair, PlannedScene, checked_scenes, telling_combinations
 from .record import Entry
+from .sources import Source, sources_of
 from .splits import AS_DRAWN
 from .sweep import Combination, Light, SceneSweep
 
@@ -100,6 +101,17 @@ class DatasetPlan(ConfiguredSamples):
         file = self.file.model_dump_json(exclude={"description", "licence"}, warnings=False)
         keys = (self.first_sample(one).key for one in telling_combinations(self))
         return hashlib.sha256("\n".join([file, *keys]).encode()).hexdigest()
+
+    def files(self) -> Iterator[tuple[Path, str]]:
+        """All files that the samples are made from, some several times, and what each is of."""
+        for one in telling_combinations(self):
+            yield from self.lights.files(one)
+            yield from self.cameras.files(one)
+
+    @cached_property
+    def sources(self) -> dict[str, Source]:
+        """The same by their names, with their digests."""
+        return sources_of(self)
 
     def views(self, first: int = 0, end: int | None = None) -> Iterator[PlannedView]:
         """The samples with numbers from ``first`` to before ``end``, in their order, by their light."""

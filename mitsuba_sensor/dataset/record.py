@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
+from ..files.durable import SCRATCH
 from .names import is_name_of_entry
 
 Kind: TypeAlias = Literal["samples", "views"]
@@ -19,8 +20,15 @@ FILE, INDEX, RECORD = "dataset.toml", "index", "record.json"
 """What a folder of a dataset has beside its entries; INDEX is a folder, and each entry has a record too."""
 FOR_PEOPLE = TABLE, CARD, SHEET = "samples.csv", "README.md", "contact_sheet.png"
 """For people: made from the index whenever it changes, part of nothing that is verified."""
+QUARANTINE = "quarantine"
+OF_FOLDER = {FILE, RECORD, INDEX, QUARANTINE, *KINDS, *FOR_PEOPLE}
+"""All that a run puts into the folder of a dataset."""
+UNFINISHED = (SCRATCH, *(f".{name}." for name in (FILE, RECORD, *FOR_PEOPLE)))
+"""Beginnings of the names of scratch folders, and of pages until they are whole (files/appearing.py)."""
 MOST_BYTES = 2**20
-"""Of a record; one of 8 files has 0.9 kB."""
+"""Of the record of an entry; one of 8 files has 0.9 kB."""
+MOST_BYTES_OF_DATASET = 2**27
+"""Of the record of a dataset, which has 150 bytes for each file that it is made from."""
 
 KEY = re.compile("[0-9a-f]{24}")
 _HASH = re.compile("[0-9a-f]{64}")

@@ -21,14 +21,17 @@ from .store import Store
 Show = Callable[[int, int], object]
 
 
-def verify(folder: Path, show: Show | None = None) -> Iterator[Fault]:
+def verify(
+    folder: Path, show: Show | None = None, roots: Sequence[str | Path] | None = None
+) -> Iterator[Fault]:
     """Every difference between a dataset folder and what was written: all files are read.
 
-    show : called with the number of entries that are done, and of all.  Raises InputError where there is no dataset.
+    show : called with the number of entries that are done, and of all.  roots : folders with the files that it was
+    made from; by default the current one, as of a run.  Raises InputError where there is no dataset.
     """
     store = store_of(folder)
     yield from store.verify_all(show)
-    yield from origin_faults(folder)
+    yield from origin_faults(folder, [Path(root) for root in roots or ["."]])
     if origin := origin_in(folder):
         yield from _index_faults(store, origin)
 
@@ -83,9 +86,9 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
     """
     store, broken, own = store_of(folder), set[tuple[Kind, str]](), set[tuple[Kind, str]]()
     for fault in faults:
-        if fault.kind == "quarantine":
+        if fault.kind == "quarantine" and fault.name:
             store.release(fault.name)
-        elif fault.kind != "dataset" and fault.name:
+        elif fault.name and fault.kind in ("samples", "views"):
             broken.add((fault.kind, fault.name))
             if fault.file != RECORD or fault.what not in ("missing", "of another entry"):
                 own.add((fault.kind, fault.name))

@@ -9,20 +9,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias, Unpack
 
-from ..core import DiskFull, InputError
+from ..core import DiskFull
 from ..core.options import complete, documents
 from ..core.progress import automatic_progress, is_asked
 from ..files.appearing import require_folder
 from ..files.worker_log import forget, is_begun
 from ..render.variants import restores_variant
 from .engine import outcomes, usual_workers
-from .file import read_dataset
 from .index_writer import IndexWriter
 from .options import RunOptions
-from .origin import origin_in, require_same_versions, write_origin
+from .origin import is_recorded, write_origin
 from .overview import write_overview
 from .planned import DatasetPlan, PlannedView, load_plan
-from .record import FILE
+from .same_origin import check_same
 from .scene_checks import check_scenes
 from .store import Store
 from .task import Outcome, log_path
@@ -148,9 +147,10 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
     if chosen["workers"] is None:
         chosen["workers"] = usual_workers() if shard == (1, 1) else 0
     store, progress = Store(out), RunProgress(0)
-    require_folder(out)
     check_same(plan, store)
     writer = IndexWriter(plan, store, numbers_of_shard(plan, shard))
+    if not (writer.is_whole and is_recorded(plan, out)):  # else nothing is written
+        require_folder(out)
     if not writer.is_whole:
         check_scenes(plan)  # before anything is written
     progress.changed = write_origin(plan, store.folder)
@@ -246,23 +246,3 @@ def numbers_of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> range:
     """The numbers of the i-th of n parts, equally large where splits leave none out; a view may be in several."""
     number, shards = shard
     return range(*(plan.numbers * end // shards for end in (number - 1, number)))
-
-
-def check_same(plan: DatasetPlan, store: Store) -> None:
-    """Raise InputError where the folder holds another dataset, or one that other versions have made."""
-    folder, origin = store.folder, origin_in(store.folder)
-    if origin is not None:
-        name = origin.name
-    elif (folder / FILE).exists():
-        name = read_dataset(folder / FILE).name
-    elif folder.is_dir() and any(folder.iterdir()):
-        raise InputError(f"{folder} holds other files and no dataset; give a new folder.")
-    else:
-        return
-    if name != plan.file.name:
-        this = plan.file.name
-        raise InputError(
-            f"{folder} holds the dataset {name!r}, and this one is {this!r}; give another folder."
-        )
-    if origin is not None:
-        require_same_versions(origin.made_by, folder)

@@ -25,13 +25,13 @@ from .faults import Fault
 from .keys import Config, Facts
 from .names import is_name_of_entry, with_piece
 from .record import (
-    FILE,
-    FOR_PEOPLE,
     INDEX,
     KEY,
     KINDS,
     MOST_BYTES,
+    QUARANTINE,
     RECORD,
+    UNFINISHED,
     Entry,
     Kind,
     Record,
@@ -42,9 +42,6 @@ from .record import (
     unsealed,
 )
 
-QUARANTINE = "quarantine"
-UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, *FOR_PEOPLE))
-"""Beginnings of the names of pages until they are whole (files/appearing.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
 MOST_KNOWN = 1000
@@ -209,6 +206,10 @@ class Store:
         for key in self._keys_of_notes():
             if self._note(key) is None:
                 yield Fault("quarantine", key, f"{key}.json", "changed")
+        yield from faults.strays_beside(self.folder)
+        for path in self._unfinished():
+            name = path.relative_to(self.folder).as_posix()
+            yield Fault("dataset", "", name, "unfinished")
 
     def discard(self, kind: Kind, name: str) -> None:
         """Remove an entry, broken or not: in one step it is no entry any more."""
@@ -230,27 +231,7 @@ class Store:
         older_s : a folder in which anything is younger is let alone, because its program may still run, on another
             machine too. One that is not is renamed first: a program that wakes up cannot publish half a folder.
         """
-        places = [
-            self.folder / kind / scene / pose
-            for kind in KINDS
-            for scene in durable.names_of(self.folder / kind)
-            for pose in durable.names_of(self.folder / kind / scene)
-        ]
-        places.append(self.folder)  # where the clock is read
-        found = [
-            path / name
-            for path in places
-            for name in durable.names_of(path)
-            if name.startswith(durable.SCRATCH)
-        ]
-        found += [
-            self.folder / name
-            for name in durable.names_of(self.folder)
-            if name.startswith(UNFINISHED)
-        ]
-        for place in (self.folder / QUARANTINE, self.folder / INDEX):
-            names = (name for name in durable.names_of(place) if name.startswith("."))
-            found += [place / name for name in names]
+        found = self._unfinished()
         if not found:
             return 0
         latest = durable.clock_of(self.folder) - older_s
@@ -259,6 +240,17 @@ class Store:
             with suppress(InputError):  # another user's: it is in nobody's way
                 self._move_away_and_remove(path)
         return len(dead)
+
+    def _unfinished(self) -> list[Path]:
+        """What programs have not finished, or have left when they died: folders, pages, parts of the index, notes."""
+        names = durable.names_of(self.folder)
+        found = [self.folder / name for name in names if name.startswith(UNFINISHED)]
+        for place in (self.folder / kind for kind in KINDS):
+            for pose in (path for x in durable.names_of(place) for path in _paths_in(place / x)):
+                found += [x for x in _paths_in(pose) if x.name.startswith(durable.SCRATCH)]
+        for place in (self.folder / QUARANTINE, self.folder / INDEX):
+            found += [path for path in _paths_in(place) if path.name.startswith(".")]
+        return found
 
     def quarantine(self, key: str, facts: Config) -> None:
         """Note that a view cannot be made.  facts : plain values, its log for example."""
@@ -303,6 +295,10 @@ class Store:
         if not KEY.fullmatch(key):
             raise ValueError(f"{key!r} is no key; one has 24 hex digits.")
         return self.folder / QUARANTINE / f"{key}.json"
+
+
+def _paths_in(folder: Path) -> list[Path]:
+    return [folder / name for name in durable.names_of(folder)]
 
 
 def _require(scratch: Path, final: Path) -> None:

@@ -106,6 +106,10 @@ def require_folder(path: Path | str) -> None:
             f"cannot write into {path}: a file stands in its place; give another folder."
         )
     if not os.access(nearest, os.W_OK):
+        if nearest == Path(path):
+            raise InputError(
+                f"cannot write into {path}, which is read-only here; let it be written, or give another folder."
+            )
         raise InputError(
             f"cannot make the folder {path}: {nearest} cannot be written; give another place."
         )

@@ -161,6 +161,18 @@ def test_a_record_of_somebody_who_knows_how_its_hash_is_made_is_found_too(
     assert contents(here) == before
 
 
+def test_a_record_that_leaves_out_what_the_samples_are_made_from_is_found_and_mended(
+    here: Path, made: Path, cli: Cli
+) -> None:
+    path = here / "out" / RECORD
+    path.write_bytes(
+        sealed(json.dumps({**json.loads(unsealed(path.read_bytes()) or ""), "sources": {}}))
+    )
+    assert list(verify(here / "out"))
+    assert cli("dataset", "repair", "out", "--workers", "0").exit_code == 0
+    assert contents(here) == contents(made)
+
+
 def test_an_index_of_somebody_who_knows_how_its_hash_is_made_is_found_and_written_again(
     here: Path, made: Path, cli: Cli
 ) -> None:
@@ -219,7 +231,7 @@ def test_a_scene_that_was_changed_since_is_not_rendered_in_place_of_the_one_that
     next(iter(ms.Dataset(here / "out"))).folder.joinpath("frame.tiff").unlink()
     before = contents(here)
     done = cli("dataset", "repair", "out", "--workers", "0")
-    assert done.exit_code == 2 and "a scene, camera or motion was changed" in done.stderr
+    assert done.exit_code == 2 and "mine/flat.xml (scene flat) was changed" in done.stderr
     assert contents(here) == before
 
 

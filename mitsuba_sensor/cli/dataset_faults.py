@@ -1,0 +1,105 @@
+"""What `dataset verify` says: a table of what is not as it was written, and what to do about each kind of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rich.console import Group as Lines
+from rich.console import RenderableType
+from rich.text import Text
+
+from ..dataset.faults import Fault
+from ..dataset.origin import RESTORE
+from ..dataset.record import INDEX
+from .tables import FittedTable
+
+MOST_SHOWN = 50
+"""Faults in the table."""
+MOST_NAMED = 3
+"""Files in a sentence."""
+Chosen = Callable[[Fault], bool]
+
+
+def fault_sheet(folder: str, faults: Sequence[Fault]) -> RenderableType:
+    """What is not as it was written, file by file, and sentences on what to do."""
+    lines = list[RenderableType]()
+    if not any(fault.is_damage for fault in faults):
+        lines.append(Text(f"{folder}: every file is as it was written", style="green"))
+    listed = [fault for fault in faults if not _is_not_here(fault)]
+    listed.sort(key=lambda fault: not fault.is_damage)
+    if listed:
+        lines.append(_table(listed[:MOST_SHOWN]))
+    if len(listed) > MOST_SHOWN:
+        lines.append(Text(f"and {len(listed) - MOST_SHOWN} more (--json lists all)"))
+    for is_of_kind, sentence in _REMEDIES:
+        files = [fault.file for fault in faults if is_of_kind(fault)]
+        if files:
+            named = ", ".join(files[:MOST_NAMED])
+            if len(files) > MOST_NAMED:
+                named += f" and {len(files) - MOST_NAMED} more"
+            restore = RESTORE.format(folder)
+            lines.append(Text(sentence.format(folder=folder, files=named, restore=restore)))
+    return Lines(*lines)
+
+
+def _table(faults: Sequence[Fault]) -> FittedTable:
+    table = FittedTable(("what", "of", "folder", "file"), keys=2)
+    for one in faults:
+        table.add_row(one.what, one.kind, Text(one.name), Text(one.file))
+    return table
+
+
+def _is_not_here(fault: Fault) -> bool:
+    return fault.kind == "source" and fault.what == "missing"
+
+
+def _is_made_again(fault: Fault) -> bool:
+    """Whether a repair makes it again."""
+    if fault.what == "stray" or not fault.is_damage or fault.kind == "source":
+        return False
+    return fault.kind != "dataset" or fault.file.startswith(f"{INDEX}/")
+
+
+def _says_what_it_is(fault: Fault) -> bool:
+    """Whether it is the record of the dataset, or its file."""
+    return fault.kind == "dataset" and fault.is_damage and "/" not in fault.file
+
+
+_REMEDIES: tuple[tuple[Chosen, str], ...] = (
+    (_is_made_again, "`mitsuba-sensor dataset repair {folder}` makes them again."),
+    (
+        lambda fault: _says_what_it_is(fault) and fault.what != "stray",
+        "What says what the samples are was changed; {restore}.",
+    ),
+    (
+        lambda fault: fault.kind == "source" and fault.is_damage,
+        "The samples were made from another {files}: they show another scene or camera than the files that are here "
+        "now. Restore these before `run` and `repair`, or make a dataset of them in a new folder: `mitsuba-sensor "
+        "dataset run FILE.toml -o NEW`.",
+    ),
+    (
+        _is_not_here,
+        "Not compared, as they are not here: {files}. Samples are read without them; `run` and `repair` "
+        "need them: name their folder with --root.",
+    ),
+    (
+        lambda fault: fault.kind == "library",
+        "Made by {files}, and another version is installed here: samples are read all the same, and `run` and "
+        "`repair` make none with it.",
+    ),
+    (
+        lambda fault: fault.what == "stray",
+        "No run wrote {files}: programs that read all files of a folder take it for data. Move it away; nothing but "
+        "you removes it.",
+    ),
+    (
+        lambda fault: fault.what == "not of the dataset",
+        "No run wrote {files}, and no reader of the samples looks at it: it stays where it is.",
+    ),
+    (
+        lambda fault: fault.what == "unfinished",
+        "Unfinished: {files}, of a program that still runs, or was killed; no damage. An hour after its last byte "
+        "the next `mitsuba-sensor dataset repair {folder}` or `run` removes it.",
+    ),
+)
+"""Which faults → what to do about them."""
