@@ -118,7 +118,7 @@ class PrescriptionSection(FileTable):
 class LensSection(FileTable):
     """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
 
-    f_number: Annotated[Positive, Usual(0.5, 130)] = optional(
+    f_number: Annotated[float, Field(ge=0.01, le=1e6, strict=True), Usual(0.5, 130)] = optional(
         "focal length over pupil diameter N", 2.8, 2.8, title="f-number f/#, N"
     )
     transmission: Annotated[Fraction, Usual.of(0.01, 1, PERCENT)] = optional(

@@ -19,7 +19,7 @@ from ..files import texts
 from ..files.appearing import refuse_empty
 from ..render.motion.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
-from ..stages.datasheet import Count, FileTable, optional
+from ..stages.datasheet import FileTable, optional
 from .keys import Config
 from .values import check_value, plain_value, value_or_list
 
@@ -268,7 +268,7 @@ class Splits(FileTable):
         examples=[["scene", "view"]],
         min_length=1,
     )
-    chips: Count | None = optional(
+    chips: Annotated[int, Field(ge=1, le=MOST_SAMPLES, strict=True)] | None = optional(
         "serial numbers of each split, of its own; instead of a varied serial", 2
     )
 
@@ -357,7 +357,7 @@ class DatasetFile(FileTable):
         for name in self.render:
             if name not in known:
                 why = NOT_RENDER.get(
-                    name, f"is no field of it.{nearest(name, known)}".rstrip("?")
+                    name, f"is no field of it.{nearest(name, known)}".rstrip(".?")
                 )
                 raise ValueError(
                     f"[render] has {name!r}, which {why}; the fields of [render] are {', '.join(known)}"
@@ -411,6 +411,5 @@ def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:
     try:
         return DatasetFile.model_validate(data)
     except pydantic.ValidationError as error:
-        raise InputError(
-            re.sub(r"\s+", " ", sentence(error, DatasetFile, where, "dataset"))
-        ) from None
+        said = re.sub(r"\s+", " ", sentence(error, DatasetFile, where, "dataset"))
+        raise InputError(said.replace(": the dataset: ", ": ", 1)) from None

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import InputError
+from ..core import Exposure, InputError
 from .cameras import VariedCamera
 from .configured import ConfiguredSamples
 from .file import SAME, DatasetFile, Distribution, Value
@@ -31,6 +31,8 @@ from .values import check_value, text_of
 MOST_CAMERAS = 2000
 """Combinations of values that change a camera, of which a camera is made for a check: evenly chosen where more are."""
 POSES_AT_ONCE, POSE_BYTES = 4096, 72
+SMALLEST_SINE = 1e-9
+"""Of the angle between up and where a camera looks, as of a motion's key."""
 Pair = tuple[int, int]
 """Number of a row, number of a camera."""
 
@@ -68,7 +70,9 @@ def checked_scenes(plan: ConfiguredSamples) -> list[PlannedScene]:
     for name, law in random_laws(plan.file).items():
         for value in ends(law, plan.file.random.draws if plan.file.random else 1):
             check_value(name, value)
+    _check_exposures(plan.file)
     for sweep in plan.sweeps:
+        _check_path(sweep)
         _refuse_equal_poses(sweep)
     for name, values in plan.file.grid.items():
         _refuse_equal_values(plan, name, values)
@@ -79,6 +83,60 @@ def checked_scenes(plan: ConfiguredSamples) -> list[PlannedScene]:
         scenes.append(PlannedScene(sweep, first, _shared_lights(plan, sweep)))
         first = scenes[-1].end
     return scenes
+
+
+def _check_exposures(file: DatasetFile) -> None:
+    """Raise InputError where an exposure time is too long with the stops on top."""
+    for row in file.list or ({},):
+        times = [one for one in _values_of(file, row, "exposure_s") if not isinstance(one, str)]
+        stops = _values_of(file, row, "exposure_ev")
+        if not times or not stops:
+            continue
+        time_s, most = max(map(_float, times)), max(map(_float, stops))
+        try:
+            Exposure(time_s * 2.0**most)
+        except InputError as error:
+            raise InputError(
+                f"exposure_s is {time_s:g} with exposure_ev {most:g} on top: {error}"
+            ) from None
+
+
+def _values_of(file: DatasetFile, row: Config, name: str) -> Sequence[Value]:
+    """The smallest and the largest value, or all, that something has in the samples of a row."""
+    if name in row:
+        return [row[name]]
+    if name in (laws := random_laws(file)):
+        return ends(laws[name], file.random.draws if file.random else 1)
+    return file.grid.get(name, ())
+
+
+def _check_path(sweep: SceneSweep) -> None:
+    """Raise InputError where a camera on a path is at its target, or looks along its up direction."""
+    if sweep.poses.path is None:
+        return
+    for numbers in _some_at_once(len(sweep.poses)):
+        vectors = sweep.poses.vectors(numbers)
+        forward, up = vectors[:, 1] - vectors[:, 0], vectors[:, 2]
+        left = np.linalg.norm(np.cross(up, forward), axis=1)
+        size = np.linalg.norm(up, axis=1) * np.linalg.norm(forward, axis=1)
+        if (wrong := np.flatnonzero((left < SMALLEST_SINE * size) | (left == 0))).size:
+            origin, target, _ = vectors[wrong[0]].tolist()
+            raise InputError(
+                f"view {numbers[wrong[0]]} on the path of scene {sweep.entry.name!r} is at {origin} and looks at "
+                f"{target}: that is one point, or straight along up; move a key, or give it another up."
+            )
+
+
+def _some_at_once(count: int) -> Iterator[range]:
+    """The numbers of poses, some at a time."""
+    for first in range(0, count, POSES_AT_ONCE):
+        yield range(first, min(first + POSES_AT_ONCE, count))
+
+
+def _float(value: Value) -> float:
+    """A number that was checked to be one."""
+    assert isinstance(value, int | float)
+    return float(value)
 
 
 def random_laws(file: DatasetFile) -> dict[str, Distribution]:
@@ -202,9 +260,7 @@ def _codes_of(poses: Poses) -> np.ndarray:
     if poses.path is None:
         views = [view and [view.origin_m, view.target_m, view.up] for view in poses.given]
         return np.concatenate([_codes(np.array([view or np.zeros((3, 3))])) for view in views])
-    firsts = range(0, len(poses), POSES_AT_ONCE)
-    numbers = (range(first, min(first + POSES_AT_ONCE, len(poses))) for first in firsts)
-    return np.concatenate([_codes(poses.vectors(some)) for some in numbers])
+    return np.concatenate([_codes(poses.vectors(x)) for x in _some_at_once(len(poses))])
 
 
 def _codes(vectors: np.ndarray) -> np.ndarray:

@@ -22,6 +22,17 @@ def free_memory_bytes() -> float:
     return min(free, max(int(most) - (taken - cache), 0.0))
 
 
+def whole_memory_bytes() -> float:
+    """Memory that this machine, or its container, has in all [byte]."""
+    import psutil
+
+    whole = float(psutil.virtual_memory().total)
+    most = _text("memory.max").strip()
+    if not most.isdecimal():
+        return whole
+    return min(whole, int(most))
+
+
 def resident_memory_bytes(process_id: int) -> int:
     """Memory that a process has; 0 for one that has ended [byte]."""
     import psutil

@@ -81,9 +81,10 @@ def _develop_strip(
 ) -> NDArray[np.uint8]:
     """Some rows of a frame, all pixels at once."""
     black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.code_bits - 1.0
-    linear = (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn)
+    range_dn = max(white_dn - black_dn, 1.0)
+    linear = (np.asarray(digital, dtype=np.float64) - black_dn) / range_dn
     if colours is not None:
-        clip = min((saturation_dn(camera) - black_dn) / (white_dn - black_dn), 1.0)
+        clip = min((saturation_dn(camera) - black_dn) / range_dn, 1.0)
         filters = camera.filter_index(linear.shape, origin)
         balanced = _balance_and_demosaic(linear, filters, camera, colours, clip)
         order = colour_order(camera.filter_names)

@@ -29,7 +29,8 @@ grid.exposure_s = [0.002, 0.05]
 
 
 def plan_of(**changes: Any) -> DatasetPlan:
-    return DatasetPlan(read_dataset({**tomllib.loads(TEXT), **changes}), [SCENES], text=TEXT)
+    tables = {**tomllib.loads(TEXT), **changes}
+    return DatasetPlan(read_dataset(tables), [SCENES], text=f"{TEXT}# {changes!r}\n")
 
 
 @pytest.fixture(scope="module")

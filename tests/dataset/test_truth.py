@@ -35,7 +35,9 @@ OWN_LENS = """<scene version="3.0.0">
 
 
 def plan_of(roots: Path = SCENES, **changes: Any) -> DatasetPlan:
-    return DatasetPlan(read_dataset({**TABLES, **changes}), [roots], text=TEXT)
+    return DatasetPlan(
+        read_dataset({**TABLES, **changes}), [roots], text=f"{TEXT}# {changes!r}\n"
+    )
 
 
 def samples(**changes: Any) -> list[PlannedSample]:

@@ -44,7 +44,7 @@ def make_parts_small(monkeypatch: pytest.MonkeyPatch, numbers: int) -> None:
 
 def plan_of(**tables: Any) -> DatasetPlan:
     """The small dataset with these tables."""
-    return DatasetPlan(read_dataset({**TABLES, **tables}), [SCENES], "text")
+    return DatasetPlan(read_dataset({**TABLES, **tables}), [SCENES], f"# {tables!r}")
 
 
 def commit(store: Store, sample: PlannedSample) -> None:

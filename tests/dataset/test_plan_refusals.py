@@ -1,0 +1,289 @@
+"""What a run would refuse, a plan refuses, with the same sentence; what a plan lets pass, a run makes."""
+
+from __future__ import annotations
+
+import copy
+import math
+import random
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.marks import exhaustive
+
+from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset import make_dataset
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.forecast import counts_of
+from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.run import run
+
+Cli = Callable[..., Any]
+Place = tuple[str | int, ...]
+SCENE = """<scene version="3.0.0"><default name="level" value="2e-4"/>
+    <integrator type="direct"/>
+    <sensor type="perspective"><float name="fov" value="50"/>
+        <transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/></film></sensor>
+    <emitter type="constant" id="sky"><spectrum name="radiance" value="$level"/></emitter>
+    <shape type="sphere" id="ball"><bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf></shape>
+</scene>"""
+KEYS = [
+    {"time_s": 0, "origin_m": [0, 0, 4], "target_m": [0, 0, 0]},
+    {"time_s": 1, "origin_m": [1, 0, 4], "target_m": [0, 0, 0]},
+]
+RIGHT: dict[str, Any] = {
+    "name": "tiny",
+    "seed": 1,
+    "outputs": ["raw", "clean", "variance", "preview", "electrons"],
+    "render": {"width": 8, "spp": 4},
+    "scenes": [
+        {
+            "name": "still",
+            "file": "ball.xml",
+            "parameters": {"level": 1e-4},
+            "traverse": {"ball.bsdf.reflectance.value": 0.4},
+            "scene_unit": "m",
+            "integrator": "path",
+            "views": [{"origin_m": [0, 0, 4], "target_m": [0, 0, 0], "up": [0, 1, 0]}],
+        },
+        {
+            "name": "moving",
+            "file": "ball.xml",
+            "path": {"views": 2, "keys": KEYS},
+            "motion": {"objects": {"ball": {"velocity_m_per_s": [0.1, 0, 0]}}},
+        },
+    ],
+    "cameras": [
+        {"camera": "bayer_2mp", "name": "one", "set": {"adc.bits": 10}, "without": ["prnu"]}
+    ],
+    "grid": {"exposure_s": [0.01], "frames": [1]},
+    "list": [{"temperature_k": 290, "camera.lens.f_number": 2.0}],
+    "random": {
+        "draws": 2,
+        "values": {
+            "exposure_ev": {"uniform": [-1, 1]},
+            "camera.adc.black_level_dn": {"integer": [60, 70]},
+        },
+    },
+    "splits": {"shares": {"train": 0.5, "test": 0.5}, "by": ["scene", "view"], "chips": 1},
+}
+ABSURD: tuple[Any, ...] = (
+    *(math.nan, math.inf, -math.inf, 1e30, -1e30, 1e-30, 0.5, -1, 0, 1, 3, True),
+    *(10**9, 10**40, 2**31, "x", "", "a b", "auto", "0.5", "../x", "/x", "\0", "${x}"),
+    *([], [1], ["x", "x"], [math.nan], [[1, 2], [3, 4]], {}, {"x": 1}, {"x": {"y": [1]}}),
+)
+LONGEST = 700
+"""Characters of a sentence, most of them of lists of names."""
+NEVER: dict[str, tuple[dict[str, Any], str]] = {
+    "width of a million": ({"render": {"width": 10**6}}, "from 1 to the film's own 8"),
+    "parameter of no scene": ({"grid": {"parameters.foo": [1]}}, "has no parameter 'foo'"),
+    "name of nothing in Mitsuba": (
+        {"grid": {"traverse.foo": [1.0]}},
+        "'foo', which the scene does not have: it has sky",
+    ),
+    "too many numbers": (
+        {"grid": {"traverse.ball.bsdf.reflectance.value": [[1.0, 2.0]]}},
+        "has 2 numbers; it takes one",
+    ),
+    "motion of nothing": (
+        {
+            "scenes": [
+                {
+                    **RIGHT["scenes"][1],
+                    "motion": {"objects": {"box": {"velocity_m_per_s": [1, 0, 0]}}},
+                }
+            ]
+        },
+        "the motion names 'box'",
+    ),
+    "dual pixels behind a pinhole": (
+        {"cameras": [{"camera": "bayer_2mp", "set": {"sensor.dual_pixel": True}}]},
+        "the scene's sensor is a pinhole",
+    ),
+    "a lens that opens less far": (
+        {"cameras": [{"camera": "bayer_2mp", "set": {"lens.prescription": "singlet"}}]},
+        "set lens.f_number to 7.98 or more",
+    ),
+    "a sensor that is none": (
+        {"cameras": [{"camera": "bayer_2mp", "set": {"sensor.columns": 10**9}}]},
+        "sensor.columns is 1000000000; it must be at most 1000000",
+    ),
+    "an exposure longer than any": ({"grid": {"exposure_s": [1e30]}}, "from 0 to 1e+12"),
+    "longer than any with its stops": (
+        {"grid": {"exposure_s": [1e12], "frames": [1]}},
+        "with exposure_ev 1 on top",
+    ),
+    "frames beyond any memory": (
+        {
+            "grid": {"frames": [65535]},
+            "cameras": [
+                {"camera": "bayer_2mp", "set": {"sensor.columns": 16000, "sensor.rows": 12000}}
+            ],
+            "render": {"spp": 4},
+            "scenes": [{"name": "large", "file": "large.xml"}],
+        },
+        "of memory; take a smaller width or fewer frames",
+    ),
+    "an output that is none": ({"outputs": ["raw", "jpeg"]}, "outputs.1 is 'jpeg'; it must be"),
+    "two outputs of one name": ({"outputs": ["raw", "raw"]}, "outputs has 'raw' twice"),
+    "a picture too small for a DNG": ({"outputs": ["dng"]}, "is too small for a DNG"),
+    "a unit that is none": (
+        {"scenes": [{**RIGHT["scenes"][0], "scene_unit": "x"}]},
+        "scene_unit is 'x'; it must be one of km, m",
+    ),
+    "light of no group": ({"grid": {"lights.sky": [0.5]}}, 'give light_groups = "auto"'),
+    "light of another group": (
+        {
+            "grid": {"lights.sun": [0.5]},
+            "render": {"width": 8, "spp": 4, "light_groups": "auto"},
+        },
+        "the light groups of the scene are sky",
+    ),
+    "a group of no lamp": (
+        {"render": {"width": 8, "spp": 4, "light_groups": {"a": "lamp_*"}}},
+        "no emitter is named lamp_* (a)",
+    ),
+    "subframes of nothing": (
+        {"render": {"width": 8, "spp": 4, "subframes": 3}},
+        "subframes is 3 and nothing moves",
+    ),
+    "a camera at its target": (
+        {
+            "scenes": [
+                {
+                    "name": "path",
+                    "file": "ball.xml",
+                    "path": {
+                        "views": 3,
+                        "keys": [KEYS[0], {**KEYS[1], "origin_m": [0, 0, -4]}],
+                    },
+                }
+            ]
+        },
+        "view 1 on the path of scene 'path' is at [0.0, 0.0, 0.0]",
+    ),
+    "chips beyond counting": (
+        {"splits": {**RIGHT["splits"], "chips": 10**40}},
+        "splits.chips is 1",
+    ),
+    "no aperture": (
+        {"list": [{"camera.lens.f_number": 1e-30}]},
+        "lens.f_number is 1e-30; it must be at least 0.01",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scenes")
+    (folder / "ball.xml").write_text(SCENE)
+    large = SCENE.replace('"8"', '"16000"').replace('"6"', '"12000"')
+    (folder / "large.xml").write_text(large)
+    return folder
+
+
+def places(table: Any, at: Place = ()) -> Iterator[Place]:
+    """Of every value in tables and lists."""
+    inner: Any = ()
+    if isinstance(table, dict):
+        inner = table.items()
+    elif isinstance(table, list):
+        inner = enumerate(table)
+    for name, value in inner:
+        yield (*at, name)
+        yield from places(value, (*at, name))
+
+
+def changed(place: Place, *value: Any) -> dict[str, Any]:
+    """The right tables with another value at a place, or without it."""
+    tables = copy.deepcopy(RIGHT)
+    inner: Any = tables
+    for name in place[:-1]:
+        inner = inner[name]
+    if value:
+        inner[place[-1]] = value[0]
+    else:
+        del inner[place[-1]]
+    return tables
+
+
+def plan_of(tables: dict[str, Any], scenes: Path) -> DatasetPlan:
+    return DatasetPlan(read_dataset(copy.deepcopy(tables)), [scenes], "text")
+
+
+def refusal(ask: Callable[[], object]) -> str:
+    """The sentence of an error, an empty text where there is none."""
+    try:
+        ask()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("seed", "files"), [(0, 30), *(exhaustive(seed, 100) for seed in (1, 2, 3))]
+)
+def test_whatever_a_field_is_a_plan_and_a_run_refuse_it_with_one_sentence(
+    seed: int, files: int, scenes: Path, tmp_path: Path
+) -> None:
+    """One of 80 fields is left out or has one of 32 absurd values, in 330 files."""
+    chance, refused, out = random.Random(seed), 0, tmp_path / "out"
+    for _ in range(files):
+        place = chance.choice([*places(RIGHT)])
+        tables = changed(place, *chance.choice([(), *((one,) for one in ABSURD)]))
+        said = refusal(lambda tables=tables: counts_of(plan_of(tables, scenes)))
+        if not said:
+            continue
+        refused += 1
+        assert len(said) < LONGEST and said[-1] in ".?" and "\n" not in said, said
+        again = refusal(lambda tables=tables: run(plan_of(tables, scenes), out, workers=0))
+        assert again == said and not out.exists()
+    assert refused > 0.6 * files
+
+
+@pytest.mark.exhaustive
+def test_what_a_plan_lets_pass_a_run_makes(scenes: Path, tmp_path: Path) -> None:
+    chance, made = random.Random(7), 0
+    while made < 6:
+        place = chance.choice([*places(RIGHT)])
+        tables = changed(place, chance.choice(ABSURD))
+        if refusal(lambda tables=tables: counts_of(plan_of(tables, scenes))):
+            continue
+        if "level" in place or counts_of(plan_of(tables, scenes)).samples > 10:
+            continue  # without light, which only a render finds; too many
+        made += 1
+        found = run(plan_of(tables, scenes), tmp_path / str(made), workers=0, progress=False)
+        assert not found.failed, (place, found.failed)
+
+
+@pytest.mark.parametrize("name", NEVER)
+def test_what_can_never_be_made_is_refused_by_plan_and_run(
+    name: str, scenes: Path, tmp_path: Path
+) -> None:
+    changes, sentence = NEVER[name]
+    tables, out = RIGHT | changes, tmp_path / "out"
+    if "scenes" in changes:
+        del tables["splits"]  # of which one scene has none
+    said = refusal(lambda: counts_of(plan_of(tables, scenes)))
+    assert sentence in said
+    assert refusal(lambda: run(plan_of(tables, scenes), out, workers=0)) == said
+    assert not out.exists()
+
+
+def test_the_command_line_refuses_in_one_line(
+    scenes: Path, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wrong.toml").write_text(
+        'name = "wrong"\nscenes = [{ name = "ball", file = "ball.xml", traverse = { "a.b" = nan } }]\n'
+        'cameras = [{ camera = "bayer_2mp" }]\n'
+    )
+    monkeypatch.chdir(scenes)
+    for command in (("plan",), ("plan", "--count-only"), ("run", "-o", tmp_path / "out")):
+        done = cli("dataset", *command, tmp_path / "wrong.toml")
+        assert done.exit_code == 2 and done.stderr.count("\n") == 1 and not done.stdout
+        assert "wrong.toml': scenes.0.traverse.a.b" in done.stderr and "finite" in done.stderr
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError):
+        make_dataset(tmp_path / "wrong.toml", tmp_path / "out")
