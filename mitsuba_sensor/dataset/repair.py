@@ -15,7 +15,7 @@ from .index_part import NUMBERS, Line, OpenPart, Part, all_parts, parts_of
 from .index_writer import lines_of
 from .origin import Origin, origin_faults, origin_in, origin_of
 from .planned import DatasetPlan
-from .record import FILE, INDEX, RECORD, Entry, Kind, Record
+from .record import FILE, INDEX, KINDS, RECORD, Entry, Kind, Record
 from .store import Store
 
 Show = Callable[[int, int], object]
@@ -29,15 +29,26 @@ def verify(
     show : called with the number of entries that are done, and of all.  roots : folders with the files that it was
     made from; by default the current one, as of a run.  Raises InputError where there is no dataset.
     """
-    store = store_of(folder)
-    yield from store.verify_all(show)
+    store, unrecorded = store_of(folder), dict[tuple[Kind, str], Fault]()
+    for fault in store.verify_all(show):
+        if fault.kind in KINDS and (fault.file, fault.what) == (RECORD, "missing"):
+            unrecorded[fault.kind, fault.name] = fault
+        else:
+            yield fault
     yield from origin_faults(folder, [Path(root) for root in roots or ["."]])
     if origin := origin_in(folder):
-        yield from _index_faults(store, origin)
+        yield from _index_faults(store, origin, unrecorded)
+    yield from unrecorded.values()
 
 
-def _index_faults(store: Store, origin: Origin) -> Iterator[Fault]:
-    """What is not as it was written in the index, and what it names and is not there."""
+def _index_faults(
+    store: Store, origin: Origin, unrecorded: dict[tuple[Kind, str], Fault]
+) -> Iterator[Fault]:
+    """What is not as it was written in the index, and what it names and is not there.
+
+    unrecorded : what stands in the places of entries without a record, of which those that no whole index names become
+    strays.
+    """
     parts = parts_of(origin.digest, all_parts(store.folder))
     for number in range(origin.parts):
         if number not in parts:
@@ -47,12 +58,18 @@ def _index_faults(store: Store, origin: Origin) -> Iterator[Fault]:
         if name not in own and not name.startswith("."):
             yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
     for entry in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
+        if fault := unrecorded.pop((entry.kind, entry.name), None):
+            yield fault
         record = store.record(entry.kind, entry.name)
         is_another = record is not None and record.key != entry.key
         if is_another or not store.folder_of(entry.kind, entry.name).exists():
             yield Fault(entry.kind, entry.name, "", "missing")
     for part in changed:
         yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
+    if len(parts) == origin.parts and not changed:
+        for kind, name in unrecorded:
+            yield Fault(kind, "", name, "stray")
+        unrecorded.clear()
 
 
 def _sound_lines(folder: Path, parts: Iterable[Part], changed: list[Part]) -> Iterator[Line]:

@@ -97,7 +97,7 @@ def _is_used(changed: list[str], plan: DatasetPlan, origin: Origin, store: Store
     """Whether there are samples that were made from these files, by the index, where that has all."""
     parts = parts_of(origin.digest, all_parts(store.folder))
     if len(parts) < origin.parts:
-        return next(store.keys("samples"), None) is not None
+        return next(store.names("samples"), None) is not None
     index = Index(store.folder, parts.values())
     there = {f"{kind} {name}" for kind in ("scene", "camera") for name in index.counts(kind)}
     return not there.isdisjoint(uses_of(plan, changed))

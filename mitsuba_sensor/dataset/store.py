@@ -246,7 +246,9 @@ class Store:
         names = durable.names_of(self.folder)
         found = [self.folder / name for name in names if name.startswith(UNFINISHED)]
         for place in (self.folder / kind for kind in KINDS):
-            for pose in (path for x in durable.names_of(place) for path in _paths_in(place / x)):
+            for pose in (
+                path for x in durable.names_of(place) for path in _paths_in(place / x)
+            ):
                 found += [x for x in _paths_in(pose) if x.name.startswith(durable.SCRATCH)]
         for place in (self.folder / QUARANTINE, self.folder / INDEX):
             found += [path for path in _paths_in(place) if path.name.startswith(".")]

@@ -322,20 +322,26 @@ def test_a_record_of_somebody_else_opens_nothing_beyond_the_roots(
 
 def strays_and_rests(chance: random.Random, out: Path) -> Iterator[tuple[Path, str]]:
     """Places of files that are not of the dataset or unfinished, and what they are called."""
-    prefixes = sorted(path for path in (out / "samples").iterdir())
-    entries = sorted(path for prefix in prefixes for path in prefix.iterdir())
+    poses = sorted((out / "samples").glob("*/*"))
+    entries = sorted((out / "samples").glob("*/*/*"))
     scratch = f".unfinished-{chance.randbytes(8).hex()}"
     names = ("notes.txt", "roots.json", "Thumbs.db", "frame.tiff~", "x.parquet", ".DS_Store")
     name = chance.choice(names)
     yield out / name, "not of the dataset"
     yield chance.choice(entries) / name, "extra"
-    yield chance.choice(prefixes) / name, "stray"
-    yield out / "samples" / name, "stray"
+    yield chance.choice(poses) / name, "stray"
     yield out / INDEX / name.lstrip("."), "stray"
     yield out / scratch, "unfinished"
     yield out / chance.choice([f".{FILE}.7", f".{RECORD}.8", ".README.md.9"]), "unfinished"
-    yield chance.choice(prefixes) / scratch, "unfinished"
+    yield chance.choice(poses) / scratch, "unfinished"
     yield out / INDEX / f".{'0' * 12}.parquet.77", "unfinished"
+
+
+@pytest.mark.parametrize("place", ["samples/notes.txt", "samples/card/notes.txt", "views/x"])
+def test_files_in_the_place_of_scenes_and_poses_are_strays(place: str, here: Path) -> None:
+    (here / "out/views").mkdir(exist_ok=True)
+    (here / "out" / place).write_text("x")
+    assert [(x.file, x.what) for x in faults(here)] == [(place.partition("/")[2], "stray")]
 
 
 def test_what_no_run_wrote_and_what_none_finished_is_named_and_stays(
@@ -346,6 +352,7 @@ def test_what_no_run_wrote_and_what_none_finished_is_named_and_stays(
     for _ in range(25):
         for path, what in strays_and_rests(chance, out):
             path.write_text("x") if chance.random() < 0.5 else path.mkdir()
+
             (fault,) = faults(here)
             assert fault.what == what and fault.file.endswith(path.name)
             assert fault.is_damage is (what in ("stray", "extra"))

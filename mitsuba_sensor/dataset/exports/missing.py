@@ -9,8 +9,9 @@ from pathlib import Path
 
 from ...core import InputError
 from ..index_part import NUMBERS, OpenPart, all_parts, parts_of
-from ..origin import plan_of, require_origin
+from ..origin import require_origin
 from ..reader import Dataset
+from ..same_origin import plan_of
 
 MOST_NAMED = 3
 """Keys in the sentence."""
