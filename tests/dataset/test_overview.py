@@ -211,7 +211,7 @@ def test_the_table_of_a_run_that_goes_on_reads_new_samples_only(
 
 
 def test_the_card_is_of_what_is_there_where_views_are_in_quarantine(tmp_path: Path) -> None:
-    wrong = 'file = "cornell_box.xml"\ntraverse = { "no.such.name" = 1.0 }'
+    wrong = 'file = "cornell_box.xml"\nparameters = { lamp_cd_per_m2 = 0 }'
     text = FILE.replace('file = "cornell_box.xml"', wrong)
     found = run(plan_in(tmp_path, text), tmp_path / "out", workers=0)
     assert len(found.failed) == 2 and not found.remarks
