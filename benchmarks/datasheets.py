@@ -7,8 +7,16 @@ from dataclasses import dataclass
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.emva_sheet import camera_of_sheet
 
-PITCH_UM, SIZE, WAVELENGTH_NM = 5.0, (1000, 1000), 550.0
-TEMPERATURE_K = 298.15
+PITCH_UM, WAVELENGTH_NM, TEMPERATURE_K = 5.0, 550.0, 298.15
+UNSAID = {
+    "pitch_um": (PITCH_UM, PITCH_UM),
+    "size": (1000, 1000),
+    "wavelength_nm": WAVELENGTH_NM,
+    "dsnu_e": 0.0,
+    "prnu": 0.0,
+    "dark_e_per_s": 0.0,
+}
+"""Rows of ``cameras new --emva`` of which a sheet says nothing."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +91,8 @@ SHEETS = {
 
 def camera_of(sheet: Datasheet) -> ms.Camera:
     """Our camera, as ``mitsuba-sensor cameras new --emva`` makes it; the black level is the sheet's."""
-    rows = {
-        "pitch_um": (PITCH_UM, PITCH_UM),
-        "size": SIZE,
+    rows = UNSAID | {
         "bits": sheet.bits,
-        "wavelength_nm": WAVELENGTH_NM,
         "qe": sheet.qe,
         "gain_dn_per_e": sheet.gain_dn_per_e,
         "read_noise_e": sheet.read_noise_e,

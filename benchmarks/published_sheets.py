@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from datasheets import TEMPERATURE_K, WAVELENGTH_NM
+from datasheets import TEMPERATURE_K, UNSAID, WAVELENGTH_NM
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.emva_sheet import camera_of_sheet
@@ -52,18 +52,14 @@ def camera_of(sheet: Sheet) -> ms.Camera:
     gain = TOP * _highest_dn(sheet) / saturation
     if "e_per_dn" in sheet:
         gain = 1 / float(sheet["e_per_dn"])
-    rows = {
+    rows = UNSAID | {
         "pitch_um": (sheet["pitch_um"],) * 2,
-        "size": (1000, 1000),
         "bits": sheet["bits"],
         "wavelength_nm": sheet.get("wavelength_nm", WAVELENGTH_NM),
         "qe": float(sheet.get("qe", USUAL_QE)) / 100,
         "gain_dn_per_e": float(sheet.get("gain", gain)),
         "read_noise_e": sigma,
         "saturation_e": saturation,
-        "dsnu_e": 0.0,
-        "prnu": 0.0,
-        "dark_e_per_s": 0.0,
     }
     return camera_of_sheet(rows, "of_the_sheet", sheet["camera"])
 
