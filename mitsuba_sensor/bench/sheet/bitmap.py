@@ -24,6 +24,8 @@ from .transfer import Transfer
 
 POINTS, FEWEST_POINTS = 8, 4
 """Of the bitmap, along the distance of two pixels behind one place of the mosaic, and along a pixel at least."""
+WIDEST = 2
+"""Of a bitmap in front of a mosaic, over that in front of a monochrome sensor."""
 SAMPLES = 64
 
 
@@ -40,8 +42,12 @@ class Layout(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera, side_px: int) -> Layout:
-        """That of a square with so many pixels along each side behind each place of the mosaic."""
+        """That of a square with so many pixels along each side behind each place of the mosaic.
+
+        Of mosaics of more than 2 × 2 places fewer: the square is at most twice as wide.
+        """
         step = len(camera.tile), len(camera.tile[0])
+        side_px = min(side_px, WIDEST * side_px // max(step))
         dense = max(POINTS // max(step), FEWEST_POINTS)
         return cls(chart_shape(camera, side_px, side_px), step, dense)
 

@@ -39,7 +39,7 @@ OF_TABLE = (
     "z: distance from theory in standard errors. A row is marked where the figure is farther from theory, or from the "
     "range in which single chips of the datasheet lie, than chance allows for so many figures: once in 100 sheets"
 )
-CHARTS_OF_LINE, TITLE_LETTERS = 4, 26
+CHARTS_OF_LINE, TITLE_LETTERS = 3, 26
 """Charts side by side in the overview, and letters of a line of a title there."""
 TRENDS = "K", "σ_d", "µ_I.mean", "DSNU1288", "DR", "MTF50"
 """Figures that are drawn over the settings."""
@@ -68,7 +68,7 @@ def _overview(parts: Sequence[ChartPart]) -> Drawing:
 
 
 def draw_overview(parts: Sequence[ChartPart], ax: Axes) -> None:
-    """A frame and a plot below for every chart, four side by side."""
+    """A frame and a plot below for every chart, three side by side."""
     ax.set_axis_off()
     lines = math.ceil(len(parts) / CHARTS_OF_LINE)
     for number, part in enumerate(parts):

@@ -17,7 +17,14 @@ from ...lab.frames.bench import Bench
 from ...lab.frames.manifest import is_number
 from ...lab.measure.image_quality.siemens_star import siemens_star
 from ..datasheet import Said
-from .bitmap import Layout, first_places, picture_of_bitmap, scenes_of_bitmap, take_bitmap
+from .bitmap import (
+    WIDEST,
+    Layout,
+    first_places,
+    picture_of_bitmap,
+    scenes_of_bitmap,
+    take_bitmap,
+)
 from .chart import Lights, Measured, Taken, Theory
 from .lamps import transfers_of_filters
 from .light import ChartScene
@@ -89,7 +96,7 @@ class StarChart(NamedTuple):
 
 def cycles_of(layout: Layout) -> int:
     """Cycles of the star: equally many per pixel at its rim for every mosaic."""
-    return CYCLES * layout.step[0]
+    return CYCLES * min(layout.step[0], WIDEST)
 
 
 @lru_cache(maxsize=2)
