@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +24,7 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.dataset.exports import job
+from mitsuba_sensor.dataset.exports import job, parquet
 from mitsuba_sensor.dataset.exports.export import export
 from mitsuba_sensor.dataset.exports.job import PosedSample
 from mitsuba_sensor.dataset.exports.kitti import projections
@@ -96,14 +97,20 @@ def test_parquet_shards_are_bounded_and_keep_the_order(tmp_path: Path) -> None:
     assert groups == [100, 100, 51]
 
 
-def test_splits_that_are_one_for_hugging_face_are_refused(
+def test_a_sample_that_is_too_large_for_a_row_is_refused(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mitsuba_sensor.dataset.exports.parquet import _names_of_splits
+    monkeypatch.setattr(parquet, "MOST_BYTES", 1000)
+    with pytest.raises(ms.InputError, match=r"bytes of images, and a row of Parquet 1000 at"):
+        export(made, "parquet", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
-    assert _names_of_splits(["", "a.-b", "été"]) == {"": "train", "a.-b": "a__b", "été": "été"}
+
+def test_splits_that_are_one_for_hugging_face_are_refused() -> None:
+    names = parquet.names_of_splits(["", "a.-b", "été"])
+    assert names == {"": "train", "a.-b": "a__b", "été": "été"}
     with pytest.raises(ms.InputError, match=r"a-b, a_b are the same for Hugging Face.*--split"):
-        _names_of_splits(["a-b", "a_b"])
+        parquet.names_of_splits(["a-b", "a_b"])
 
 
 def test_hdf5_has_arrays_with_units_and_the_spectra_of_their_view(
@@ -372,6 +379,20 @@ def test_an_orthographic_scene_is_left_out_by_name(
     names = " ".join(str(path) for path in (tmp_path / "out").rglob("*"))
     keys = {sample.key for sample in ms.Dataset(with_orthographic).where(scene="flat")}
     assert "flat" not in names and not any(key in names for key in keys)
+
+
+def test_the_command_says_what_it_left_out(
+    with_orthographic: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    command = "dataset", "export", "opencv", str(with_orthographic), "-o"
+    done = cli(*command, str(tmp_path / "a"))
+    first, second = done.stdout.splitlines()
+    assert done.exit_code == 0 and first.endswith(
+        "4 samples as opencv; README.md there says how to read them"
+    )
+    assert second.startswith("left out are 2 samples of scene flat: ")
+    said = json.loads(cli(*command, str(tmp_path / "b"), "--json").stdout)
+    assert (said["samples"], said["format"], said["remarks"]) == (4, "opencv", [second])
 
 
 @pytest.mark.exhaustive

@@ -37,7 +37,8 @@ def write_kitti(job: Job) -> str:
             for frame, (sample, _) in enumerate(camera.frames):
                 job.place_picture(sample, f"sequences/{name}/image_{number}/{frame:06d}")
                 job.step()
-        start, poses = np.linalg.inv(sequence.poses[0]), sequence.poses
+        poses = sequence.poses
+        start = np.linalg.inv(poses[0])
         texts = {
             f"sequences/{name}/times.txt": map(_row, sequence.times_s[:, None]),
             f"sequences/{name}/calib.txt": projections(sequence),

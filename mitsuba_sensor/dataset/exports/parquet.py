@@ -28,12 +28,14 @@ for row in rows:
 """
 UNSPLIT = "train"
 """What Hugging Face calls the only split of a data set."""
+MOST_BYTES = 2**31 - 1
+"""Of a value: Arrow counts them with 32 bits."""
 PREVIEW, FACTS = "preview", "sample_json"
 
 
 def write_parquet(job: Job) -> str:
     """Write the rows of every split, in the order of the dataset. Returns how to read."""
-    splits = _names_of_splits(sorted({sample.split for sample in job.samples}))
+    splits = names_of_splits(sorted({sample.split for sample in job.samples}))
     arrays = job.arrays_of(job.samples[0])
     kinds: dict[str, Kind] = {"key": "text", "split": "text"}
     for name in arrays:
@@ -72,10 +74,15 @@ def _row(sample: Sample, kinds: dict[str, Kind]) -> tuple[Row, int]:
         elif kind == "bytes":
             row[name] = npy(checked_array(sample, name))
             size += len(row[name])
+    if size > MOST_BYTES:
+        raise InputError(
+            f"sample {sample.key} has {size} bytes of images, and a row of Parquet {MOST_BYTES} at most; name fewer "
+            "with --array, or export to webdataset or hdf5."
+        )
     return row, size
 
 
-def _names_of_splits(splits: list[str]) -> dict[str, str]:
+def names_of_splits(splits: list[str]) -> dict[str, str]:
     """Split → what it is called there, without what Hugging Face has in no name. Raises InputError where two are
     called the same."""
     names = {split: re.sub(r"[^\w.]|\.(?!\w)", "_", split) or UNSPLIT for split in splits}

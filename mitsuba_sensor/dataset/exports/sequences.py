@@ -38,7 +38,7 @@ class SequenceCamera:
     frames: Sequence[PosedSample]
 
     @property
-    def from_first(self) -> Float64Array:
+    def to_world(self) -> Float64Array:
         """4 × 4, from this camera to the world, when the first frame is taken; right, down, forward [m]."""
         return camera_to_world(self.frames[0].image.pose, TO_OPENCV)
 
@@ -65,7 +65,7 @@ class ImageSequence:
 
     def beside_first(self, camera: SequenceCamera) -> Float64Array:
         """4 × 4, from a camera to the first one."""
-        move = np.linalg.inv(self.poses[0]) @ camera.from_first
+        move = np.linalg.inv(self.cameras[0].to_world) @ camera.to_world
         return np.asarray(np.round(move, DECIMALS) + 0.0)  # no −0
 
     def facts(self) -> Facts:
@@ -73,7 +73,7 @@ class ImageSequence:
         return {
             "scene": self.scene,
             "values": dict(self.values),
-            "world_from_first_camera": self.poses[0].tolist(),
+            "world_from_first_camera": self.cameras[0].to_world.tolist(),
             "cameras": [
                 {
                     "camera": camera.name,
@@ -132,12 +132,9 @@ def _common_views(group: Group) -> list[int]:
 def _at_common_views(job: Job, group: Group) -> tuple[list[SequenceCamera], list[int]]:
     """The cameras of a group with their frames at the views that all have, and the numbers of these views."""
     views = _common_views(group)
-    rest = [
-        posed.sample
-        for frames in group.values()
-        for view, posed in frames.items()
-        if view not in views
-    ]
+    rest = list[Sample]()
+    for frames in group.values():
+        rest += [frames[view].sample for view in frames.keys() - views]
     if rest:
         scene = f"scene {rest[0].values['scene']}"
         job.leave_out(rest, scene, "not every camera has these views")
