@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import Field
 
@@ -52,6 +52,16 @@ class TemporalLineNoise(Stage):
     gain_v_per_e: float
     domain = "volts"
     table = "readout"
+    fields: ClassVar[type[FileTable]]
+
+    @classmethod
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Self | None:
+        """None where the datasheet has no such noise: the one field of the stage."""
+        (field,) = cls.fields.model_fields
+        sigma_e = getattr(camera.readout, field)
+        if not sigma_e:
+            return None
+        return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain)
 
     @abstractmethod
     def line(self, frame: Frame) -> Array:
@@ -67,13 +77,6 @@ class TemporalLineNoise(Stage):
         """Adds σ² to the temporal variance of every pixel; the pixels of a line share it."""
         return m.add(temporal=(self.sigma_e * self.gain_v_per_e) ** 2)
 
-    @classmethod
-    def of(cls, sigma_e: float, camera: Datasheet) -> Self | None:
-        """None without noise."""
-        if sigma_e:
-            return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain)
-        return None
-
 
 @dataclass(frozen=True)
 class TemporalRowNoise(TemporalLineNoise):
@@ -82,13 +85,6 @@ class TemporalRowNoise(TemporalLineNoise):
     shared_by = "row"
     fields = TemporalRowNoiseFields
     terms = "temporal row noise σ_row (E)"
-
-    @classmethod
-    def from_camera(
-        cls, camera: Datasheet, before: tuple[Stage, ...]
-    ) -> TemporalRowNoise | None:
-        """None where the datasheet has no row noise."""
-        return cls.of(camera.readout.row_noise_e, camera)
 
     def line(self, frame: Frame) -> Array:
         """(H, 1)."""
@@ -102,13 +98,6 @@ class TemporalColumnNoise(TemporalLineNoise):
     shared_by = "column"
     fields = TemporalColumnNoiseFields
     terms = "temporal column noise σ_col (E)"
-
-    @classmethod
-    def from_camera(
-        cls, camera: Datasheet, before: tuple[Stage, ...]
-    ) -> TemporalColumnNoise | None:
-        """None where the datasheet has no column noise."""
-        return cls.of(camera.readout.column_noise_e, camera)
 
     def line(self, frame: Frame) -> Array:
         """(1, W)."""
@@ -126,13 +115,6 @@ class TemporalFrameNoise(TemporalLineNoise):
     shared_by = "frame"
     fields = TemporalFrameNoiseFields
     terms = "jitter of the black level"
-
-    @classmethod
-    def from_camera(
-        cls, camera: Datasheet, before: tuple[Stage, ...]
-    ) -> TemporalFrameNoise | None:
-        """None where the black level does not jitter."""
-        return cls.of(camera.readout.frame_noise_e, camera)
 
     def line(self, frame: Frame) -> Array:
         """(1, 1)."""
