@@ -14,10 +14,11 @@ from ..camera.lens_file import list_lenses
 from ..camera.shipped import SHIPPED, list_cameras
 from ..core import InputError, nearest
 from ..files.scene_references import camera_references, check_below
-from .file import SAME, CameraEntry
+from .file import CameraEntry
 from .keys import Config, Facts, canonical, key_of
 from .roots import find_below
 from .sweep import Combination, of_kind
+from .values import SAME
 
 SET_BY_DATASET = "set by the dataset file"
 MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")

@@ -21,7 +21,7 @@ from ..render.motion.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
 from ..stages.datasheet import FileTable, optional
 from .keys import Config
-from .values import check_value, plain_value, value_or_list
+from .values import SAME, check_field, check_value, plain_value, value_or_list
 
 LARGEST_BYTES = 2**22  # of a dataset file
 MOST_SAMPLES = 10**9
@@ -62,38 +62,6 @@ Value = Annotated[bool | float | int | str | tuple[float, ...], PlainValidator(v
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**63, strict=True)]
 Share = Annotated[float, Field(gt=0, le=1, strict=True)]
-
-FIELDS = {  # what can be varied → what it is
-    "exposure_s": "exposure time [s], or auto",
-    "exposure_ev": "stops on top of exposure_s or of the metered time",
-    "gain": "gain setting of the camera",
-    "temperature_k": "temperature of the sensor [K]",
-    "f_number": "f-number of the lens",
-    "focus_m": "focus distance of a lens prescription [m]",
-    "serial": "serial number of the camera",
-    "frames": "frames per sample",
-    "repetition": "number of an independent sample at the same settings",
-}
-PREFIXES = {
-    "parameters": "a <default> of the scene file",
-    "traverse": "a parameter of the scene by its name in mi.traverse",
-    "camera": "a field of the camera's datasheet",
-    "lights": "level or waveform of a light group",
-}
-
-SAME = {"f_number": "camera.lens.f_number", "focus_m": "camera.lens.focus_m"}
-"""A field → what it is the short name of."""
-
-
-def check_field(name: str) -> str:
-    """The name of something that can be varied. Raises ValueError."""
-    prefix, dot, rest = name.partition(".")
-    if name in FIELDS or (prefix in PREFIXES and dot and rest):
-        return name
-    known = (*FIELDS, *(f"{one}.NAME" for one in PREFIXES))
-    raise ValueError(
-        f"cannot vary {name!r}; what can be varied: {', '.join(known)}.{nearest(name, known)}"
-    )
 
 
 class CameraPath(FileTable):
@@ -268,6 +236,9 @@ class Splits(FileTable):
         examples=[["scene", "view"]],
         min_length=1,
     )
+    block: Annotated[int, Field(ge=1, le=MOST_SAMPLES, strict=True)] | None = optional(
+        "neighbouring poses that stay in one split, where by has view; by default 1", 20
+    )
     chips: Annotated[int, Field(ge=1, le=MOST_SAMPLES, strict=True)] | None = optional(
         "serial numbers of each split, of its own; instead of a varied serial", 2
     )
@@ -283,6 +254,10 @@ class Splits(FileTable):
                 raise ValueError(
                     f"by has {name!r}; give scene, view, parameters.NAME or traverse.NAME"
                 )
+        if self.block and "view" not in self.by:
+            raise ValueError(
+                f'block is {self.block}, of poses, and by names none; give by = ["scene", "view"]'
+            )
         return self
 
 

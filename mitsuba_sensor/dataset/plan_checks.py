@@ -15,7 +15,7 @@ import numpy as np
 from ..core import Exposure, InputError
 from .cameras import VariedCamera
 from .configured import ConfiguredSamples
-from .file import SAME, DatasetFile, Distribution, Value
+from .file import DatasetFile, Distribution, Value
 from .keys import Config, canonical
 from .sweep import (
     Combination,
@@ -26,7 +26,7 @@ from .sweep import (
     possible_values,
     values_of_cell,
 )
-from .values import check_value, text_of
+from .values import SAME, check_value, text_of
 
 MOST_CAMERAS = 2000
 """Combinations of values that change a camera, of which a camera is made for a check: evenly chosen where more are."""

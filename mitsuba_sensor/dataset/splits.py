@@ -23,7 +23,8 @@ AS_DRAWN = -1
 """Stands for a serial number that is drawn at random."""
 REMEDY = (
     'give more scenes, or name in by what else makes another scene: by = ["scene", "view"] deals '
-    'out the poses of a scene, by = ["scene", "parameters.NAME"] the values of a parameter'
+    'out the poses of a scene, by = ["scene", "parameters.NAME"] the values of a parameter; a smaller block makes more '
+    "of them"
 )
 
 
@@ -89,7 +90,8 @@ class SplitOf:
         """The split of a scene; an empty text where there are none."""
         if self.splits is None:
             return ""
-        values = {"view": light.view, **light.values, **sweep.rows[row]}
+        first_pose = light.view // self._block * self._block
+        values = {"view": first_pose, **light.values, **sweep.rows[row]}
         if self._by_draw(sweep):
             values |= drawn_values(self.file, sweep.entry.name, light.draws[0])
         return self._scenes.of(self._scene(sweep, values))
@@ -103,6 +105,11 @@ class SplitOf:
             return
         for scene, dealt in self._coordinates(sweep):
             yield dealt._replace(split=self._scenes.of(scene))
+
+    @property
+    def _block(self) -> int:
+        """Neighbouring poses that are in one split."""
+        return (self.splits and self.splits.block) or 1
 
     def _given(self) -> Iterator[int]:
         if "serial" in self.file.grid:
@@ -121,24 +128,32 @@ class SplitOf:
         assert self.splits is not None
         by = self.splits.by
         grid = {name: values for name, values in sweep.of_light.items() if name in by}
-        views = len(sweep.poses) if "view" in by else 1
+        poses = len(sweep.poses)
+        together = poses
+        if "view" in by:
+            together = self._block
+        blocks = range(0, poses, together)
         rows: Sequence[Sequence[int]] = [range(len(sweep.rows))]
         if any(name in row for row in sweep.rows for name in by):
             rows = [[row] for row in range(len(sweep.rows))]
         groups: Sequence[Sequence[int]] = [range(sweep.draws.all)]
         if self._by_draw(sweep):
             groups = [sweep.draws.of(number) for number in range(len(sweep.draws))]
-        parts = views * cells(grid)
-        lights = len(sweep.poses) * cells(sweep.of_light) // parts
-        if (scenes := parts * len(rows) * len(groups)) > MOST_SCENES:
+        lights_of_pose = cells(sweep.of_light) // cells(grid)
+        if (scenes := len(blocks) * cells(grid) * len(rows) * len(groups)) > MOST_SCENES:
             raise InputError(
                 f"splits.by tells {scenes} scenes apart; splits deal out at most {MOST_SCENES}: name less in by."
             )
         for draws in groups:
-            for view, cell, some in product(range(views), range(cells(grid)), rows):
-                values = {"view": view, **values_of_cell(grid, cell), **sweep.rows[some[0]]}
+            for first_pose, cell, some in product(blocks, range(cells(grid)), rows):
+                values = {
+                    "view": first_pose,
+                    **values_of_cell(grid, cell),
+                    **sweep.rows[some[0]],
+                }
                 if self._by_draw(sweep):
                     values |= drawn_values(self.file, sweep.entry.name, draws[0])
+                lights = min(together, poses - first_pose) * lights_of_pose
                 samples = lights * len(draws) * cells(sweep.of_exposure)
                 yield (
                     self._scene(sweep, values),

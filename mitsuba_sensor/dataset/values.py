@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ..core import Exposure, InputError, require, require_seed
+from ..core import Exposure, InputError, nearest, require, require_seed
 from ..optics.waveform import FROM_FILE, waveform_of
 
 LARGEST = sys.float_info.max
@@ -12,6 +12,39 @@ LARGEST_WHOLE = 2**63
 """Of whole numbers, but for seeds: the index has 64 bits for each."""
 MOST_STOPS = 60.0
 MOST_FRAMES = 65535
+
+
+FIELDS = {  # what can be varied → what it is
+    "exposure_s": "exposure time [s], or auto",
+    "exposure_ev": "stops on top of exposure_s or of the metered time",
+    "gain": "gain setting of the camera",
+    "temperature_k": "temperature of the sensor [K]",
+    "f_number": "f-number of the lens",
+    "focus_m": "focus distance of a lens prescription [m]",
+    "serial": "serial number of the camera",
+    "frames": "frames per sample",
+    "repetition": "number of an independent sample at the same settings",
+}
+PREFIXES = {
+    "parameters": "a <default> of the scene file",
+    "traverse": "a parameter of the scene by its name in mi.traverse",
+    "camera": "a field of the camera's datasheet",
+    "lights": "level or waveform of a light group",
+}
+
+SAME = {"f_number": "camera.lens.f_number", "focus_m": "camera.lens.focus_m"}
+"""A field → what it is the short name of."""
+
+
+def check_field(name: str) -> str:
+    """The name of something that can be varied. Raises ValueError."""
+    prefix, dot, rest = name.partition(".")
+    if name in FIELDS or (prefix in PREFIXES and dot and rest):
+        return name
+    known = (*FIELDS, *(f"{one}.NAME" for one in PREFIXES))
+    raise ValueError(
+        f"cannot vary {name!r}; what can be varied: {', '.join(known)}.{nearest(name, known)}"
+    )
 
 
 def check_value(name: str, value: object) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 from typing import Any
 
 import pytest
@@ -114,6 +115,72 @@ def test_splits_need_something_to_share_out() -> None:
         read_dataset(
             {**TABLES, "grid": {"serial": [1]}, "splits": {"shares": shares, "chips": 1}}
         )
+
+
+KEYS = [
+    {"time_s": time_s, "origin_m": [time_s, 0, 2], "target_m": [0, 0, 0]} for time_s in (0, 1)
+]
+
+
+def path_tables(views: int, block: int | None, **shares: float) -> dict[str, Any]:
+    """A scene on a path, whose poses are dealt out."""
+    splits = {"shares": shares, "by": ["scene", "view"], "block": block}
+    scene = {**TABLES["scenes"][0], "path": {"views": views, "keys": KEYS}}
+    return {**TABLES, "scenes": [scene], "splits": splits}
+
+
+@pytest.mark.parametrize("views", [60, 64])
+def test_neighbouring_poses_of_a_block_are_in_one_split(views: int) -> None:
+    """So 12 or 13 blocks are dealt out, by the shares; the seed decides which."""
+    dealt = list[list[str]]()
+    for seed in (1, 2):
+        tables = {**path_tables(views, 5, train=0.7, val=0.15, test=0.15), "seed": seed}
+        plan = DatasetPlan(read_dataset(tables), [SCENES])
+        samples = [sample for view in plan.views() for sample in view.samples]
+        split_of = {one.values["view"]: one.split for one in samples}
+        blocks = [
+            [split_of[k] for k in range(views)[first : first + 5]]
+            for first in range(0, views, 5)
+        ]
+        assert all(len({*block}) == 1 for block in blocks)
+        firsts = [block[0] for block in blocks]
+        for name, share in plan.file.splits.shares.items():  # type: ignore[union-attr]
+            assert abs(firsts.count(name) - share * len(blocks)) <= 1
+        assert (
+            plan.samples
+            == views
+            == sum(dealt.lights for dealt in plan.splits.dealt(plan.sweeps[0]))
+        )
+        dealt.append(firsts)
+    assert dealt[0] != dealt[1], "chance would have it once in 3000 pairs of seeds"
+
+
+def test_blocks_of_one_pose_are_poses_at_random() -> None:
+    def splits(block: int | None) -> list[str]:
+        plan = DatasetPlan(read_dataset(path_tables(20, block, train=0.5, test=0.5)), [SCENES])
+        return [view.samples[0].split for view in plan.views()]
+
+    assert splits(1) == splits(None) and splits(1) != splits(4)
+
+
+def test_ten_million_samples_of_blocks_are_planned_in_seconds() -> None:
+    """It takes 0.7 s of a processor."""
+    tables = path_tables(100_000, 100, train=0.8, test=0.2)
+    tables["grid"] = {"repetition": [*range(100)]}
+    began = time.process_time()
+    plan = DatasetPlan(read_dataset(tables), [SCENES])
+    (first,) = plan.views(0, 1)
+    (last,) = plan.views(plan.numbers - 1)
+    assert plan.samples == 10**7 and first.samples and last.samples
+    assert time.process_time() - began < 5
+
+
+def test_a_block_needs_poses_that_are_dealt_out() -> None:
+    shares = {"train": 0.5, "test": 0.5}
+    with pytest.raises(InputError, match=r'block is 5, .* give by = \["scene", "view"\]'):
+        read_dataset({**TABLES, "splits": {"shares": shares, "block": 5}})
+    with pytest.raises(InputError, match=r"1 scenes for 2 splits .* a smaller block"):
+        DatasetPlan(read_dataset(path_tables(20, 20, **shares)), [SCENES])
 
 
 def test_poses_of_one_scene_are_dealt_out_to_splits() -> None:
