@@ -1,4 +1,4 @@
-"""Commands of dataset: plan, run, status, verify, repair and export."""
+"""Commands of dataset: plan, run, show, status, verify, repair and export."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from rich.console import Group as Lines
 from rich.console import RenderableType
 from rich.text import Text
 
+from ..core import InputError
 from ..core.progress import duration
 from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
 from . import arguments, options
@@ -34,6 +35,7 @@ READ_FIRST = {
 }
 """Files of a dataset for people."""
 
+WRITE_ONE = "--picture FILE.png writes one"
 COUNTED = ("scene", "renders", "samples")
 MEASURED = ("render [s]", "sample [s]", "sample [MB]", "render noise")
 """Headings of a plan; the second ones where a short render was made."""
@@ -67,6 +69,31 @@ DatasetFolder = Annotated[
     str,
     typer.Argument(
         metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files
+    ),
+]
+SampleCalled = Annotated[
+    str,
+    typer.Argument(
+        metavar="SAMPLE",
+        help="Its number in the dataset, from 0; the beginning of its key; or its folder.",
+    ),
+]
+PictureFile = Annotated[
+    str | None,
+    typer.Option(
+        "--picture",
+        metavar="FILE.png",
+        help="Write its picture there, developed from the raw frame where the dataset stores none.",
+        rich_help_panel=arguments.OUTPUT,
+        autocompletion=shell_files,
+    ),
+]
+OpensPicture = Annotated[
+    bool,
+    typer.Option(
+        "--open",
+        help="Open its picture with the program of this desktop.",
+        rich_help_panel=arguments.OUTPUT,
     ),
 ]
 ExportFormat = Annotated[
@@ -139,6 +166,36 @@ def plan_command(
     with steps_bar(err) as now:
         found = forecast(plan, usual_workers(), now)
     show(found.to_dict() if as_json else plan_sheet(plan, found.counts, found), as_json)
+
+
+@dataset.command(
+    "show", cls=Command, epilog="Example: mitsuba-sensor dataset show pairs/ 3 --open"
+)
+def show_command(
+    folder: DatasetFolder,
+    sample: SampleCalled,
+    picture: PictureFile = None,
+    opens: OpensPicture = False,
+    as_json: arguments.Json = False,
+) -> None:
+    """Say what one sample is: its settings, signal and noise, its files, and where its picture is."""
+    from ..dataset.reader import Dataset
+    from ..dataset.shown import facts_shown, sample_called
+    from ..files.png import write_png
+    from .sample_sheet import sample_sheet
+
+    samples = Dataset(folder)
+    place, found = sample_called(samples, sample)
+    facts = facts_shown(samples, place, found)
+    if picture is not None:
+        write_png(Path(picture), found.read("preview"))
+        facts["picture"] = picture
+    if opens and facts["picture"] is None:
+        raise InputError(f"the picture of this sample is not stored; {WRITE_ONE}.")
+    said = facts["picture"] or f"none is stored; {WRITE_ONE}"
+    show(facts if as_json else sample_sheet(facts, said), as_json)
+    if opens and typer.launch(facts["picture"]) != 0:
+        err.print(f"no program here shows pictures; the picture is {facts['picture']}")
 
 
 @dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")

@@ -39,6 +39,7 @@ from ..sensor.options import ExposeOptions
 from .configured import PlannedSample
 from .keys import Config, Facts, identity, key_of, made_by, seed_of
 from .planned import PlannedView
+from .previews import PICTURE, stops_taken
 from .store import Store
 
 QUANTILES = (0.0, 0.01, 0.5, 0.99, 1.0)
@@ -185,8 +186,8 @@ class Rendered:
         for name in outputs:
             self._write(folder, name, frames, electrons)
         if "preview" in outputs:  # as bright as without the stops that were taken away
-            picture = preview_of(frames, gain=2.0 ** max(-config["exposure"]["ev"], 0))
-            png.write_png(folder / "frame.png", picture)
+            picture = preview_of(frames, gain=stops_taken(config["exposure"]["ev"]))
+            png.write_png(folder / PICTURE, picture)
         facts = {
             "key": sample.key,
             "values": sample.values,

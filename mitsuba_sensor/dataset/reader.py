@@ -23,6 +23,7 @@ from ..output.exr import read_aovs_exr
 from .index_part import Line
 from .keys import Config, Facts
 from .origin import index_of
+from .previews import preview_of_sample
 from .store import Store
 
 CHANGED = "`mitsuba-sensor dataset verify` finds what is missing or was changed"
@@ -41,7 +42,6 @@ NO_ARRAYS = {
     "readouts": "sample.readouts",
     "aovs": "sample.read(name), by the name of one of them, e.g. 'depth_m',",
     "irradiance": 'ms.read_irradiance(sample.view_folder / "irradiance.exr")',
-    "preview": 'the picture sample.folder / "frame.png"',
     "dng": 'the file sample.folder / "frame.dng"',
 }
 """Outputs that are not read as arrays, and what has them."""
@@ -89,17 +89,19 @@ class Sample:
 
         name : ``raw``, ``companded`` (N, H, W) unsigned [DN]; ``clean`` (H, W) float32 [DN], the expectation of the raw
             frame of this chip; ``variance`` (H, W) float32 [DN²], temporal; ``electrons``, ``electrons_error`` (H, W)
-            float32 [e-], mean photoelectrons and their standard error by the render; or an AOV, see
-            docs/clean-frames-and-aovs.md.
+            float32 [e-], mean photoelectrons and their standard error by the render; ``preview`` (H, W) or (H, W, 3)
+            uint8, of the file or developed from the raw frame; or an AOV, see docs/clean-frames-and-aovs.md.
         """
         if name in AOVS:
             return np.asarray(
                 getattr(read_aovs_exr(self.existing(self.view_folder / "aovs.exr", name)), name)
             )
+        if name == "preview":
+            return preview_of_sample(self)
         if name in NO_ARRAYS:
             raise InputError(f"{name} of a sample is no array; {NO_ARRAYS[name]} has it.")
         if name not in IMAGES:
-            known = (*IMAGES, *AOVS)
+            known = (*IMAGES, "preview", *AOVS)
             raise InputError(
                 f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}"
             )

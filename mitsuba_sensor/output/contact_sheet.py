@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,9 +25,9 @@ WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 
 
 class Captioned(NamedTuple):
-    """A PNG file, and the lines of text above it."""
+    """A PNG file, or its bytes, and the lines of text above it."""
 
-    path: Path
+    png: Path | bytes
     caption: Sequence[str] = ()
 
 
@@ -67,7 +68,7 @@ def _cell(picture: Captioned) -> Image.Image:
     """A small version of a picture below its caption."""
     from PIL import Image
 
-    pixels, factor = brightened(thumbnail(picture.path))
+    pixels, factor = brightened(thumbnail(picture.png))
     shown = f"shown {factor} x brighter" if factor > 1 else ""
     text = text_picture([*picture.caption, *([shown] if shown else [])])
     small = Image.fromarray(pixels)
@@ -115,16 +116,21 @@ def _cut(line: str) -> str:
     return f"{text[: MOST_LETTERS - 3]}..."
 
 
-def thumbnail(path: Path) -> NDArray[np.uint8]:
+def thumbnail(png: Path | bytes) -> NDArray[np.uint8]:
     """(h, w, 3) sRGB of a PNG file, averaged down to SIDE. Raises InputError."""
     from PIL import Image
 
+    source: Path | io.BytesIO
+    if isinstance(png, bytes):
+        source, name = io.BytesIO(png), "the PNG"
+    else:
+        source, name = png, str(png)
     try:
-        with Image.open(path, formats=["PNG"]) as picture:
+        with Image.open(source, formats=["PNG"]) as picture:
             factor = max(-(-max(picture.size) // SIDE), 1)
             return np.asarray(picture.convert("RGB").reduce(factor), dtype=np.uint8)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         why = " ".join(str(error).split()).rstrip(".") or "it is cut short"
         raise InputError(
-            f"{path} is no picture that can be read: {why}; make it again."
+            f"{name} is no picture that can be read: {why}; make it again."
         ) from None

@@ -258,12 +258,34 @@ def test_the_card_says_how_large_the_render_noise_is_and_what_helps(
     assert "over the pixels of one view)" in card and "denoise" not in card
 
 
-def test_without_previews_the_card_says_why_there_is_no_sheet(tmp_path: Path) -> None:
-    text = FILE.replace(', "preview"', "").replace("[0, -2]", "[0]")
+def test_the_sheet_is_developed_from_raw_frames_where_no_previews_are_stored(
+    made: Path, tmp_path: Path
+) -> None:
+    """The same pictures of a camera without colour filters, whose white needs no light of the scene."""
+    text = FILE.replace(', "preview"', "")
+    run(plan_in(tmp_path, text), tmp_path / "out", workers=0)
+    assert (tmp_path / "out" / "contact_sheet.png").exists()
+    assert "![" in (tmp_path / "out" / "README.md").read_text("utf-8")
+    for stored, developed in zip(ms.Dataset(made), ms.Dataset(tmp_path / "out"), strict=True):
+        assert not (developed.folder / "frame.png").exists()
+        one, other = stored.read("preview"), developed.read("preview")
+        assert one.dtype == np.uint8 and one.shape == stored.read("raw")[0].shape
+        np.testing.assert_array_equal(one, other)
+
+
+def test_without_previews_and_raw_frames_the_card_says_why_there_is_no_sheet(
+    tmp_path: Path,
+) -> None:
+    text = FILE.replace('["raw", "preview"]', '["clean"]').replace("[0, -2]", "[0]")
     run(plan_in(tmp_path, text), tmp_path / "out", workers=0)
     card = (tmp_path / "out" / "README.md").read_text("utf-8")
-    assert "no contact sheet: `preview` is not among the outputs" in card
+    assert "no contact sheet: neither `preview` nor `raw` is among the outputs" in card
     assert not (tmp_path / "out" / "contact_sheet.png").exists() and "![" not in card
+    (sample, *_) = ms.Dataset(tmp_path / "out")
+    with pytest.raises(
+        ms.InputError, match=r"frame\.tiff; name what preview needs in the outputs"
+    ):
+        sample.read("preview")
 
 
 @pytest.mark.parametrize("name", FOR_PEOPLE)

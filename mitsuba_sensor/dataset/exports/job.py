@@ -20,11 +20,12 @@ from ...files.whole_folder import copy_into, inside
 from ...optics.calibration import calibration_of
 from ..file import DatasetFile
 from ..keys import Facts, canonical
+from ..previews import PICTURE
 from ..reader import AOVS, CHANGED, IMAGES, Sample
 from ..record import MOST_BYTES, RECORD, record_of
 from .poses import PosedImage, rigid_pose
 
-PICTURE, IRRADIANCE = "frame.png", "irradiance"
+IRRADIANCE = "irradiance"
 LARGEST_PNG = 16  # bits of a pixel
 NEEDED = ("image", "config", "view", "light", "versions")  # of sample.json
 USUAL = ("raw", "clean", "variance")
@@ -178,8 +179,8 @@ def checked_array(sample: Sample, name: str) -> NDArray[Any]:
     """An array of a sample whose file is as it was written. Raises InputError."""
     if name in AOVS:
         checked(sample.existing(sample.view_folder / "aovs.exr", name))
-    elif name in IMAGES:
-        checked(sample.existing(sample.folder / IMAGES[name], name))
+    elif file := {**IMAGES, "preview": PICTURE}.get(name):
+        checked(sample.existing(sample.folder / file, name))
     return sample.read(name)
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
+from ...files.png import png as png_of
 from ...output.contact_sheet import Captioned, SheetRow
 from ..index_part import Line
 from ..keys import Config
 from ..planned import evenly_chosen
-from ..reader import sample_of
+from ..previews import PICTURE, preview_of_sample
+from ..reader import IMAGES, Sample, sample_of
 from ..store import Store
 from ..values import text_of
-from .job import PICTURE, checked, facts_of
+from .job import checked, facts_of
 
 MOST_ROWS, MOST_COLUMNS = 8, 10
 MOST_LOOKED_AT = 2000  # of all samples, for their scenes, views and what varies
@@ -21,7 +24,7 @@ OF_EXPOSURE = ("exposure_s", "exposure_ev")
 
 
 def sheet_rows(store: Store, lines: Sequence[Line]) -> list[SheetRow]:
-    """Rows for samples with previews, evenly chosen of all scenes, views and samples.
+    """Rows for samples with previews or raw frames, evenly chosen of all scenes, views and samples.
 
     lines : of the index.  Raises InputError for a preview that is not as it was written.
     """
@@ -44,15 +47,25 @@ def sheet_rows(store: Store, lines: Sequence[Line]) -> list[SheetRow]:
 
 
 def _pictures(store: Store, lines: Sequence[Line], varied: Sequence[str]) -> list[Captioned]:
-    """The previews of these samples, of those that have one."""
+    """The previews of these samples, developed from the raw frame where none is stored, of those that have either."""
     pictures = []
     for line in lines:
-        path = store.folder_of("samples", line.name) / PICTURE
-        if path.exists():
-            exposure_s = facts_of(sample_of(store, line))["image"]["exposure_s"]
-            text = caption(line.values, varied, exposure_s)
-            pictures.append(Captioned(checked(path), text))
+        sample = sample_of(store, line)
+        if (png := _picture(sample)) is not None:
+            text = caption(line.values, varied, facts_of(sample)["image"]["exposure_s"])
+            pictures.append(Captioned(png, text))
     return pictures
+
+
+def _picture(sample: Sample) -> Path | bytes | None:
+    """The PNG of a preview. Raises InputError where what it is made of is not as it was written."""
+    stored, raw = sample.folder / PICTURE, sample.folder / IMAGES["raw"]
+    if stored.exists():
+        return checked(stored)
+    if not raw.exists():
+        return None
+    checked(raw)
+    return png_of(preview_of_sample(sample))
 
 
 def names_that_vary(lines: Sequence[Line]) -> list[str]:

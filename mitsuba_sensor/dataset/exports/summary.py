@@ -41,7 +41,7 @@ LESS_RENDER_NOISE = (
 )
 MOST_CHIPS = 10**5
 """Of a split, that are counted."""
-NO_SHEET = "There is no contact sheet: `preview` is not among the outputs of the dataset."
+NO_SHEET = "There is no contact sheet: neither `preview` nor `raw` is among the outputs of the dataset."
 
 
 @dataclass
@@ -119,7 +119,7 @@ def summary(
         records = f"every `{RECORD}` in the order of the samples, then of the renders"
         hashes[records] = digest.hexdigest()
     notes = []
-    if "preview" not in file.outputs:
+    if {"preview", "raw"}.isdisjoint(file.outputs):
         notes.append(NO_SHEET)
     bytes_of = "bytes of the dataset"
     if len(chosen) < len(lines):

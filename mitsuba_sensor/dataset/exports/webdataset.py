@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...files.tar_shards import TarShards, npy
+from ..previews import PICTURE
 from ..reader import Sample
-from .job import PICTURE, Job, checked, checked_array
+from .job import Job, checked, checked_array
 
 HOW = """import webdataset as wds
 
