@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.camera_file import camera_from
+from ..files.png import read_png
 from ..output.preview import preview
 
 if TYPE_CHECKING:
@@ -22,12 +23,9 @@ def preview_of_sample(sample: Sample) -> NDArray[np.uint8]:
     Without a file white is that of daylight, as nothing stored says what the light of the scene is. Raises InputError
     where there is neither a picture nor a raw frame.
     """
-    from PIL import Image
-
     path = sample.folder / PICTURE
     if path.exists():
-        with Image.open(path, formats=["PNG"]) as picture:
-            return np.asarray(picture)
+        return read_png(path)
     sample.existing(sample.folder / "frame.tiff", "preview")
     config, image = sample.facts["config"], sample.facts["image"]
     camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])

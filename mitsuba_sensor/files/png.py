@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core import InputError
 from .appearing import write_drawing
 from .texts import plain_values
 
@@ -57,6 +58,20 @@ def _wrapped(
         else:
             lines.append(piece)
     return lines
+
+
+def read_png(path: Path) -> np.ndarray:
+    """The pixels of a PNG, (H, W) or (H, W, 3). Raises InputError."""
+    from PIL import Image
+
+    try:
+        with Image.open(path, formats=["PNG"]) as picture:
+            return np.asarray(picture)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        why = " ".join(str(error).split()).rstrip(".") or "it is cut short"
+        raise InputError(
+            f"{path} is no picture that can be read: {why}; make it again."
+        ) from None
 
 
 def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
