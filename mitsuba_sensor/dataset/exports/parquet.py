@@ -16,8 +16,9 @@ from ...files.parquet_shards import ParquetShards
 from ...files.tar_shards import npy
 from ...files.whole_folder import inside
 from ..index_part import FIXED, cell_of, kinds_of
+from ..previews import PICTURE
 from ..reader import IMAGES, Sample
-from .job import PICTURE, Job, checked, checked_array, facts_text_of
+from .job import Job, checked, checked_array, facts_text_of
 
 HOW = """import numpy as np
 from datasets import load_dataset
