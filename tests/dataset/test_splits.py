@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import time
 from typing import Any
 
 import pytest
@@ -163,16 +162,14 @@ def test_blocks_of_one_pose_are_poses_at_random() -> None:
     assert splits(1) == splits(None) and splits(1) != splits(4)
 
 
-def test_ten_million_samples_of_blocks_are_planned_in_seconds() -> None:
-    """It takes 0.7 s of a processor."""
+def test_ten_million_samples_of_blocks_are_planned_without_a_list_of_them() -> None:
+    """It takes 0.7 s of a processor; a list of them would take hours, and all memory."""
     tables = path_tables(100_000, 100, train=0.8, test=0.2)
     tables["grid"] = {"repetition": [*range(100)]}
-    began = time.process_time()
     plan = DatasetPlan(read_dataset(tables), [SCENES])
     (first,) = plan.views(0, 1)
     (last,) = plan.views(plan.numbers - 1)
     assert plan.samples == 10**7 and first.samples and last.samples
-    assert time.process_time() - began < 5
 
 
 def test_a_block_needs_poses_that_are_dealt_out() -> None:
