@@ -436,7 +436,17 @@ def bomb(side: int) -> bytes:
 @pytest.mark.parametrize(
     ("field", "format"),
     one_in(
-        3, [("split", "webdataset"), ("split", "coco"), ("scene", "nerfstudio")], several=True
+        3,
+        [
+            ("split", "webdataset"),
+            ("split", "coco"),
+            ("scene", "nerfstudio"),
+            ("split", "parquet"),
+            ("split", "hdf5"),
+            ("scene", "kitti"),
+            ("scene", "euroc"),
+        ],
+        several=True,
     ),
 )
 def test_names_in_a_foreign_dataset_lead_nowhere_else(

@@ -97,7 +97,7 @@ def sequences(job: Job) -> list[ImageSequence]:
             cameras, views = _at_common_views(job, group)
             first = cameras[0].frames[0].sample
             values = {name: x for name, x in first.values.items() if name not in OF_FRAME}
-            times_s = _times_s(job, str(first.values["scene"]), views)
+            times_s = _times_s(job, str(first.values.get("scene")), views)
             found.append(ImageSequence(len(found), world, values, times_s, cameras))
     return found
 
@@ -109,7 +109,7 @@ def _groups(samples: Iterable[PosedSample]) -> Iterator[Group]:
     for posed in samples:
         values = posed.sample.values
         settings = canonical({name: x for name, x in values.items() if name not in OF_FRAME})
-        camera, view, number = str(values["camera"]), values.get("view", 0), 0
+        camera, view, number = str(values.get("camera")), values.get("view", 0), 0
         while view in groups.get((settings, number), {}).get(camera, {}):
             number += 1
         group = groups.setdefault((settings, number), {})
@@ -136,7 +136,7 @@ def _at_common_views(job: Job, group: Group) -> tuple[list[SequenceCamera], list
     for frames in group.values():
         rest += [frames[view].sample for view in frames.keys() - views]
     if rest:
-        scene = f"scene {rest[0].values['scene']}"
+        scene = f"scene {rest[0].values.get('scene')}"
         job.leave_out(rest, scene, "not every camera has these views")
     frames_of = {name: [frames[view] for view in views] for name, frames in group.items()}
     return [SequenceCamera(*named) for named in frames_of.items()], views
@@ -144,9 +144,9 @@ def _at_common_views(job: Job, group: Group) -> tuple[list[SequenceCamera], list
 
 def _times_s(job: Job, scene: str, views: Sequence[int]) -> Float64Array:
     """Times of these views of a scene [s]: from the first key of its path on, or evenly spaced."""
-    (entry,) = (entry for entry in job.file.scenes if entry.name == scene)
-    if entry.path is not None:
-        return np.asarray(Poses(entry).times_s(views) - entry.path.keys[0].time_s)
+    for entry in job.file.scenes:
+        if entry.name == scene and entry.path is not None:
+            return np.asarray(Poses(entry).times_s(views) - entry.path.keys[0].time_s)
     if len(views) > 1:
         remark = f"scene {scene} has no path, whose keys have times: its frames are {PERIOD_S:g} s apart"
         if remark not in job.remarks:
