@@ -40,8 +40,8 @@ COUNTED = ("scene", "renders", "samples")
 MEASURED = ("render [s]", "sample [s]", "sample [MB]", "render noise")
 """Headings of a plan; the second ones where a short render was made."""
 NOT_DENOISED = (
-    "not denoised, as what a denoiser leaves is alike in neighbouring pixels, which training could learn; with "
-    "`denoise = true` in [render] of the dataset file it is, as by `mitsuba-sensor render`"
+    "Renders are not denoised: what a denoiser leaves is alike in neighbouring pixels, which training could learn. "
+    "`denoise = true` in `[render]` of the dataset file denoises them."
 )
 
 dataset = typer.Typer(
@@ -329,6 +329,8 @@ def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableT
 
 def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> RenderableType:
     """A line for each scene, and the sums."""
+    from ..dataset.exports.summary import LESS_RENDER_NOISE, VISIBLE_RATIO
+
     headings = COUNTED if found is None else (*COUNTED, *MEASURED)
     table = FittedTable(headings, keys=1)
     for scene, (views, samples) in counts.by_scene.items():
@@ -346,8 +348,11 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
         size = f"{found.bytes / 1e6:.3g} MB"
         below = [
             f"about {duration(found.seconds)} and {size} on this machine",
-            "render noise: the render's variance over the sensor's, in the median pixel; above 0.1 it shows",
+            f"Render noise is the variance of the render over that of the sensor, in the median pixel; above "
+            f"{VISIBLE_RATIO} it is seen in the frames.",
         ]
+        if any(cost.noise_ratio > VISIBLE_RATIO for cost in found.scenes.values()):
+            below.append(LESS_RENDER_NOISE)
     if not plan.file.render.get("denoise"):
         below.append(NOT_DENOISED)
     return Lines(Text(head, style="bold"), table, *map(Text, below))

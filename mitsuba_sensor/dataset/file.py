@@ -382,7 +382,7 @@ def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:
             ) from None
         except (OSError, UnicodeDecodeError) as error:
             why = getattr(error, "strerror", None) or "it is not text"
-            raise InputError(f"{where} cannot be read: {why}.") from None
+            raise InputError(f"{where} cannot be read: {why}; give the path of one.") from None
     try:
         return DatasetFile.model_validate(data)
     except pydantic.ValidationError as error:

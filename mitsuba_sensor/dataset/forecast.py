@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from statistics import fmean
 
+from ..core import InputError
 from ..render.passes.stop_criterion import RATIO_EXPONENT
 from ..render.variants import restores_variant
 from .keys import Facts
@@ -100,7 +101,10 @@ def forecast(
     measured = dict(_middle_views(plan))
     for number, (scene, view) in enumerate(measured.items()):
         now(number, len(measured), f"a short render of {scene}")
-        costs[scene] = cost_of(view)
+        try:
+            costs[scene] = cost_of(view)
+        except InputError as error:
+            raise InputError(f"scene {scene!r} of the dataset: {error}") from None
     mean = _mean(list(costs.values()))
     gain, contention = (1.0, 1.0) if workers < 2 or counts.views < 2 else (GAIN, CONTENTION)
     seconds, size = START_S, 0.0

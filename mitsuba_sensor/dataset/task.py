@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from ..core import DiskFull, InputError
 from ..files.worker_log import fatal_tries, forget, last_said, log_of, logged, note_death
@@ -22,12 +23,16 @@ Told = Callable[[str, int], object]
 Make = Callable[[Store, PlannedView, Callable[[str], object]], Iterator[PlannedSample]]
 
 
+Full: TypeAlias = tuple[str, int | None, str]
+"""Path, bytes and reason of what the disk does not take."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What became of a view, or of some of its samples.
 
     first : number of the first of them.  samples : that were made.  seconds : that it took.
-    failed : why it is in quarantine, or nothing.  full : path, bytes and reason where the disk takes no more.
+    failed : why it is in quarantine, or nothing.  full : where the disk takes no more.
     """
 
     view: str
@@ -35,7 +40,7 @@ class Outcome:
     samples: int = 0
     seconds: float = 0.0
     failed: str = ""
-    full: tuple[str, int | None, str] | None = None
+    full: Full | None = None
 
 
 def log_path(store: Store, key: str) -> Path:
@@ -96,20 +101,21 @@ def run_task(
         full = str(error.path), error.size, error.why
         return Outcome(*task, made, time.monotonic() - started, full=full)
     except InputError as error:
-        quarantine(store, view, str(error))
-        return Outcome(*task, made, time.monotonic() - started, failed=str(error))
+        refused = quarantine(store, view, str(error))
+        seconds = time.monotonic() - started
+        return Outcome(*task, made, seconds, failed=str(error), full=refused)
     except Exception as error:  # a bug costs one view and not the night
         why = f"{type(error).__name__}: {error}"
-        quarantine(store, view, why, traceback.format_exc())
-        return Outcome(*task, made, time.monotonic() - started, failed=why)
+        refused = quarantine(store, view, why, traceback.format_exc())
+        return Outcome(*task, made, time.monotonic() - started, failed=why, full=refused)
     finally:
         if limits.timeout_s is not None:
             faulthandler.cancel_dump_traceback_later()
     return Outcome(*task, made, time.monotonic() - started)
 
 
-def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> None:
-    """Note that a view cannot be made, with its log; later runs leave it out."""
+def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> Full | None:
+    """Note that a view cannot be made, with its log; later runs leave it out. Returns what the disk does not take."""
     path = log_path(store, view.key)
     values = view.samples[0].values
     about = {
@@ -119,8 +125,19 @@ def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> None
         "first": dict(values),
         "why": why,
     }
-    store.quarantine(view.key, {**about, "log": log or log_of(path)})
+    try:
+        store.quarantine(view.key, {**about, "log": log or log_of(path)})
+    except DiskFull as error:
+        return str(error.path), error.size, error.why
+    except InputError as error:
+        cause = error.__cause__
+        return (
+            str(path.with_suffix(".json")),
+            None,
+            getattr(cause, "strerror", "") or str(error),
+        )
     forget(path)
+    return None
 
 
 def note_death_of(store: Store, view: PlannedView) -> int:
@@ -143,5 +160,5 @@ def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
     said = last_said(log_path(store, view.key))
     reason = said or "nothing was printed: a signal, or too little memory"
     why = f"its process died {tries} times ({reason}); its log is in quarantine/{view.key}.json"
-    quarantine(store, view, why)
-    return Outcome(view.key, view.first, failed=why)
+    full = quarantine(store, view, why)
+    return Outcome(view.key, view.first, failed=why, full=full)

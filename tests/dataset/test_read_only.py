@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from helpers.datasets import SCENES
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.record import FILE, INDEX
@@ -94,6 +95,19 @@ def test_what_is_missing_of_one_that_is_read_only_is_one_sentence(
         done = cli("dataset", *RUN)
     assert done.exit_code == 2 and done.stderr.count("\n") == 1
     assert "cannot write into out, which is read-only here" in done.stderr
+
+
+@pytest.mark.parametrize("workers", [0, exhaustive(2)])
+def test_where_nothing_can_be_noted_a_run_ends_with_the_file_that_was_not_written(
+    workers: int, here: Path, cli: Cli
+) -> None:
+    shutil.rmtree(here / "out")
+    (here / "out/quarantine").mkdir(parents=True)
+    shutil.copy(here / "small.toml", here / "out" / FILE)
+    with read_only(here / "out/quarantine"):
+        done = cli("dataset", *RUN, "--workers", workers)
+    assert done.exit_code == 3 and done.stderr.count("\n") == 1
+    assert "cannot write out/quarantine/" in done.stderr and "another place" in done.stderr
 
 
 def test_a_repair_of_one_that_is_read_only_removes_nothing(here: Path, cli: Cli) -> None:
