@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.dataset.exports.sheet import caption
 from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 
@@ -30,14 +31,16 @@ def run_notebook(width: int, spp: int) -> dict[str, Any]:
     return names
 
 
-def pictures_of_rows(dataset: ms.Dataset) -> list[list[Path]]:
-    """Previews of a dataset: a row for each scene and chip, in the order of the exposures."""
-    rows = defaultdict[Any, list[Path]](list)
+def rows_of(dataset: ms.Dataset) -> list[SheetRow]:
+    """Previews of a dataset: a row for each scene and chip, in the order of the exposures, as in its contact sheet."""
+    rows = defaultdict[Any, list[Captioned]](list)
     for sample in dataset:
-        rows[sample.values["scene"], sample.values["serial"]].append(
-            sample.folder / "frame.png"
+        lines = caption(sample.values, (), sample.facts["image"]["exposure_s"])
+        picture = Captioned(sample.folder / "frame.png", lines)
+        rows[sample.values["scene"], f"chip {sample.values['serial']}", sample.split].append(
+            picture
         )
-    return list(rows.values())
+    return [SheetRow(label, pictures) for label, pictures in rows.items()]
 
 
 def main() -> None:
@@ -51,9 +54,7 @@ def main() -> None:
     options.folder.mkdir(parents=True, exist_ok=True)
     frame = names["metered"].preview()
     write_png(options.folder / "tutorial_frame.png", frame)
-    pictures = pictures_of_rows(ms.Dataset(names["out"] / "pairs"))
-    rows = [SheetRow((), [Captioned(path) for path in row]) for row in pictures]
-    sheet = contact_sheet(rows)
+    sheet = contact_sheet(rows_of(ms.Dataset(names["out"] / "pairs")))
     write_png(options.folder / "tutorial_dataset.png", sheet)
 
 

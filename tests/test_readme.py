@@ -23,8 +23,11 @@ from PIL import Image
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "mitsuba-sensor render scenes/first_frame.xml -o out/"
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
+SMALL_ELSEWHERE = {"train_a_denoiser"}
+"""Examples that take minutes, which tests/dataset/test_training.py runs with less."""
 QUICK = {"own_noise_source", "photons_from_an_array"}
-EXAMPLES = [path if path.stem in QUICK else exhaustive(path) for path in PROGRAMS]
+RUN = [path for path in PROGRAMS if path.stem not in SMALL_ELSEWHERE]
+EXAMPLES = [path if path.stem in QUICK else exhaustive(path) for path in RUN]
 
 
 SHELL = lines(fenced(README, "sh"))
@@ -176,7 +179,7 @@ def test_an_example_says_its_arguments_before_it_does_anything(
     assert stopped.value.code == 0 and printed.startswith(f"usage: {example.name} [-h]")
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in PROGRAMS])
+@pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in RUN])
 def test_the_examples_run(example: Path, checkout: Checkout) -> None:
     """An example that reads a file gets the light of the first picture, and a folder to write to."""
     folder = checkout.folder / example.stem
