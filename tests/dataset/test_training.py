@@ -11,8 +11,26 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from mitsuba_sensor.dataset.planned import load_plan
+
 ROOT = Path(__file__).parents[2]
+PAIRS = ROOT / "examples" / "denoiser_pairs.toml"
 SMALLER = {"width = 160": "width = 48", "spp = 128": "spp = 16"}
+
+
+def test_no_scene_and_no_chip_of_the_test_is_in_training() -> None:
+    scenes, chips = (
+        {"train": set[str](), "test": set[str]()},
+        {"train": set[str](), "test": set[str]()},
+    )
+    for view in load_plan(PAIRS).views():
+        for sample in view.samples:
+            scenes[sample.split].add(sample.values["scene"])
+            chips[sample.split].add(f"{sample.values['camera']} {sample.values['serial']}")
+    assert scenes["test"] == {"first_frame", "caustic"} and scenes["train"].isdisjoint(
+        scenes["test"]
+    )
+    assert len(chips["test"]) == 2 and chips["train"].isdisjoint(chips["test"])
 
 
 @pytest.mark.exhaustive
@@ -20,7 +38,7 @@ def test_a_network_leaves_less_noise_than_there_was_in_a_scene_that_it_has_not_s
     tmp_path: Path,
 ) -> None:
     """After 400 steps on two small renders by one camera, which is enough for smooth surfaces: 1.5 and 2.2 dB."""
-    text = (ROOT / "examples" / "denoiser_pairs.toml").read_text("utf-8")
+    text = PAIRS.read_text("utf-8")
     for old, new in SMALLER.items():
         assert old in text
         text = text.replace(old, new)
