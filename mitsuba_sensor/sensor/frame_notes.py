@@ -36,7 +36,7 @@ def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, 
         *_wavelength_note(light.photons, camera),
         *clipped_note(light, camera, first),
         *_bias_note(light.photons, first),
-        *_lag_note(light.photons, camera),
+        *_lag_note(light.photons, camera, first),
         *_unpolarized_note(light.photons, camera),
         *temperature_note(first.exposure.temperature_k),
         *(() if source is None else source.notes_for(camera)),
@@ -49,12 +49,12 @@ def _bias_note(photons: Photons, first: Frame) -> Iterator[str]:
         yield "the exposure time is 0 s, so that no light is collected: this is a bias frame"
 
 
-def _lag_note(photons: Photons, camera: Camera) -> Iterator[str]:
-    """Where a camera has image lag and the light of the frame before is not known."""
+def _lag_note(photons: Photons, camera: Camera, first: Frame) -> Iterator[str]:
+    """Where a camera has image lag and the light before the first frame is not known."""
     if camera.quantum_efficiency.image_lag and not photons.by_readout:
         yield (
-            "image_lag shows nothing in this frame: the light of the frame before is taken as the same; frames with "
-            'fps have it, and photons with by_readout={"before": ms.Photons(…)}'
+            f"image_lag shows nothing in frame {first.index}: the light before it is taken as the same; later frames "
+            'of light that changes (fps) show it, and photons with by_readout={"before": ms.Photons(…)}'
         )
 
 
