@@ -1,6 +1,9 @@
 """What datasets of ten million samples take: plan, index, random access, a run with nothing to do, a tiny sample.
 
 python benchmarks/dataset_size.py   # about six minutes, 0.5 GB in a temporary folder
+
+The overhead of a sample is all processor time of its task but for the render and for the arrays that its files hold
+(raw, clean, variance, electrons): files, hashes, tar, index. What is loaded or compiled once is not counted.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import time
 import tomllib
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -24,23 +28,26 @@ from typing import Any
 import numpy as np
 
 from mitsuba_sensor import Dataset
-from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index_part import NUMBERS, Line, kinds_of, part_of
+from mitsuba_sensor.dataset.index_part import InShard, Line, kinds_of, part_of
 from mitsuba_sensor.dataset.index_writer import IndexWriter
+from mitsuba_sensor.dataset.make import rendered_light
 from mitsuba_sensor.dataset.names import name_of_sample
 from mitsuba_sensor.dataset.origin import index_of, origin_of, write_origin
-from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.places import place_of
+from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
 from mitsuba_sensor.dataset.record import CARD, INDEX
-from mitsuba_sensor.dataset.run import RunProgress
+from mitsuba_sensor.dataset.shard_size import NUMBERS
 from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.files.parquet import parquet_bytes
 
 SAMPLES = 10**7
 ASKED_FOR = 2000
 """Samples from the middle whose keys are computed."""
-ACCESSES, READ = 500, 10**5
-"""Samples that are read at random, and in order."""
+ACCESSES, READ, READS = 500, 10**5, 100
+"""Lines that are read at random, and in order; and samples whose raw frames are read."""
 SPLIT_NAMES = ("train", "test")
+SHARD_NAME = f"{{:06d}}-{'0' * 12}-1000-of-1000-{'0' * 64}.tar"
 INDEXED = """
 name = "size"
 scenes = [{{ name = "flat", file = "flat_field" }}]
@@ -55,8 +62,10 @@ scenes = [{{ name = "flat", file = "flat_field" }}]
 cameras = [{{ camera = "konnik_table1" }}]
 grid = {{ exposure_s = [0.05, 0.1], repetition = {repetitions} }}
 """,
-    100,
+    200,
 )
+SHARD = 1000
+FORMS = {"folders": 0, "shards": SHARD}
 SCENE = {"name": "flat", "file": "flat_field"}
 KEYS = [{"time_s": k, "origin_m": [k, 0, 1], "target_m": [k, 0, 0]} for k in (0, 1)]
 EXPOSURES_S = [0.001 * k for k in range(1, 1001)]
@@ -104,7 +113,7 @@ def write_stand_in(folder: Path, samples: int) -> None:
     file = folder.with_suffix(".toml")
     file.write_text(text, "utf-8")
     write_origin(plan, folder)
-    kinds, digest = kinds_of(plan.file), origin_of(plan).digest
+    kinds, digest = kinds_of(plan.file, in_shards=True), origin_of(plan).digest
     (folder / INDEX).mkdir()
     for number in range(samples // NUMBERS):
         lines = list[Line]()
@@ -112,7 +121,9 @@ def write_stand_in(folder: Path, samples: int) -> None:
             key = hashlib.blake2b(str(k).encode(), digest_size=12).hexdigest()
             own = {**values, "repetition": k // 1000, "exposure_s": EXPOSURES_S[k % 1000]}
             name = name_of_sample(own, "konnik_table1", -1, key)
-            lines.append(Line(k, key, name, SPLIT_NAMES[k % 5 == 0], "0" * 24, False, own))
+            place = InShard(SHARD_NAME.format(k // SHARD), k % SHARD * 20_480, 20_480, None)
+            split = SPLIT_NAMES[k % 5 == 0]
+            lines.append(Line(k, key, name, split, "0" * 24, False, own, place))
         part, content = part_of(digest, number, lines, NUMBERS, kinds)
         (folder / INDEX / part.name).write_bytes(content)
     (folder / CARD).write_text(index_of(folder).digest, "utf-8")  # else a run would write it
@@ -182,20 +193,41 @@ def measure_driver(samples: int) -> str:
     return f"{samples:12}{each_ms:12.3f}{peak_mb() - before_mb:12.0f}"
 
 
-def measure_tiny() -> str:
-    """Makes samples of 16 × 16 pixels of one render, in one process."""
-    ends = list[float]()
-
-    def tell(progress: RunProgress) -> None:
-        if progress.made > len(ends):
-            ends.append(time.perf_counter())
-
+def measure_tiny(form: str) -> str:
+    """Makes samples of 16 × 16 pixels of one render, in one process, and reads some of them."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "tiny.toml"
-        file.write_text(TINY.format(repetitions=[*range(TINY_SAMPLES)]), "utf-8")
-        make_dataset(file, Path(folder) / "out", workers=0, progress=tell)
-    took = np.diff(ends) * 1e3
-    return f"{np.median(took):12.2f}{took.mean():12.2f}"
+        file, out = Path(folder) / "tiny.toml", Path(folder) / "out"
+        text = TINY.format(repetitions=[*range(TINY_SAMPLES)])
+        file.write_text(f"store = {{ shard_samples = {FORMS[form]} }}\n{text}", "utf-8")
+        plan = load_plan(file)
+        write_origin(plan, out)
+        writer = IndexWriter(plan, Store(out), range(plan.numbers))
+        (view,) = writer.tasks()
+        rendered, scratch = rendered_light(view), Path(folder)
+        rendered.files_of(view.samples[0], scratch)
+        parquet_bytes({"a": [1]}, {"a": "integer"}, {})  # what is loaded once
+        arrays_s, began = 0.0, time.process_time()
+        with place_of(writer.store, view) as place:
+            for sample in place.missing():
+                arrays_began = time.process_time()
+                frames, _ = rendered.expose(sample)
+                assert frames.clean.shape == frames.temporal_variance.shape
+                arrays_s += time.process_time() - arrays_began
+                place.add(sample, partial(rendered.files_of, sample))
+        writer.ended(view.first, True)
+        all_s, count = time.process_time() - began, len(view.samples)
+        inodes = sum(1 for _ in (out / ("samples", "shards")[form == "shards"]).rglob("*"))
+        samples, took = Dataset(out), list[float]()
+        for place_read in np.random.default_rng(1).integers(count, size=READS).tolist():
+            read_began = time.perf_counter()
+            samples[place_read].read("raw")
+            took.append(time.perf_counter() - read_began)
+    # the arrays are computed twice in it, once for their files
+    overhead_ms, arrays_ms = (all_s - 2 * arrays_s) / count * 1e3, arrays_s / count * 1e3
+    return (
+        f"{form:10}{arrays_ms:13.2f}{overhead_ms:15.2f}{statistics.median(took) * 1e3:15.2f}"
+        f"{inodes / count * 1e6:20.0f}"
+    )
 
 
 def measured(function: Callable[..., str], *arguments: object) -> str:
@@ -206,8 +238,9 @@ def measured(function: Callable[..., str], *arguments: object) -> str:
 
 
 def main() -> None:
-    print("a tiny sample: median [ms], mean [ms]")
-    print(measured(measure_tiny))
+    print("tiny samples  arrays [ms]  overhead [ms]  read raw [ms]  inodes of 10^6")
+    for form in FORMS:
+        print(measured(measure_tiny, form))
     print(f"{SAMPLES} samples{'plan [s]':>19}{'peak [MB]':>12}{'sample [ms]':>12}")
     for name in CASES:
         print(measured(measure, name))

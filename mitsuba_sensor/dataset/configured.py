@@ -23,11 +23,15 @@ OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
 
 @dataclass(frozen=True)
 class PlannedSample:
-    """One sample.  name : of its folder.  config : what decides its pixels.  key : the hash of that.  values : what
-    varies, for people."""
+    """One sample.
+
+    name : of its folder.  key : hash of its configuration.  pixels : hash of what decides its pixels, whatever its
+    files.  config : what decides them.  values : what varies, for people.
+    """
 
     name: str
     key: str
+    pixels: str
     config: Config
     values: Config
     split: str
@@ -117,4 +121,4 @@ class ConfiguredSamples:
             said |= {"view": one.view, "pose": one.pose.model_dump()}
         entry = self.file.cameras[one.camera]
         name = name_of_sample(said, entry.name or entry.camera, one.draw, own)
-        return PlannedSample(name, own, {**config, "outputs": outputs}, said, split)
+        return PlannedSample(name, own, pixels, {**config, "outputs": outputs}, said, split)

@@ -20,6 +20,8 @@ from .record import (
     Record,
     record_of,
 )
+from .shard_members import damaged_samples
+from .shards import Shard, is_stem, shard_called
 
 OF_ENTRY = 2
 """Folders above the one of an entry: scene and pose."""
@@ -39,16 +41,16 @@ What: TypeAlias = Literal[
 ]
 NO_DAMAGE = "not of the dataset", "unfinished", "another version"
 """What is said of a dataset of which every file is as it was written."""
-OfDataset: TypeAlias = Literal["dataset", "quarantine", "source", "library"]
+OfDataset: TypeAlias = Literal["shards", "dataset", "quarantine", "source", "library"]
 
 
 class Fault(NamedTuple):
     """One thing that is not as it was written, or that a user should know.
 
-    kind : of entry, dataset for what says what it is, quarantine for a note there, source for a file that the samples
-    are made from, or library for what made them.  name : of the entry, a key in quarantine; of a source, what is made
-    from it; else empty.  file : in the entry's folder, or, of what belongs to no entry, in the folder of its kind; of
-    a source below the roots.
+    kind : of entry, shards, dataset for what says what it is, quarantine for a note there, source for a file that the
+    samples are made from, or library for what made them.  name : of the entry or shard, a key in quarantine; of a
+    source, what is made from it; else empty.  file : in the entry's folder or in the shard, or, of what belongs to
+    none, in the folder of its kind; of a source below the roots.
     """
 
     kind: Kind | OfDataset
@@ -150,3 +152,26 @@ def strays_beside(folder: Path) -> Iterator[Fault]:
         key, _, end = name.partition(".")
         if not (KEY.fullmatch(key) and end in ("json", "log")) and not name.startswith("."):
             yield Fault("quarantine", "", name, "not of the dataset")
+
+
+def of_shard(folder: Path, shard: Shard) -> list[Fault]:
+    """What is not as it was written of a shard, sample by sample as far as they can be told apart."""
+    path = folder / shard.name
+    try:
+        if path.is_symlink() or not path.is_file():
+            return [Fault("shards", shard.name, "", "not a plain file")]
+        if durable.sha256_of(path) == shard.digest:
+            return []
+        changed = damaged_samples(path)
+    except OSError:
+        return [Fault("shards", shard.name, "", "unreadable")]
+    return [Fault("shards", shard.name, name, "changed") for name in changed or [""]]
+
+
+def strays_of_shards(folder: Path) -> Iterator[Fault]:
+    """What lies among shards and is none; pieces of those that are not whole are unfinished."""
+    for name in durable.names_of(folder):
+        if is_stem(name):
+            yield Fault("shards", "", name, "unfinished")
+        elif shard_called(name) is None and not name.startswith(durable.SCRATCH):
+            yield Fault("shards", "", name, "stray")

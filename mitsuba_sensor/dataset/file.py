@@ -21,6 +21,7 @@ from ..render.motion.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
 from ..stages.datasheet import FileTable, optional
 from .keys import Config
+from .shard_size import StoreTable
 from .values import SAME, check_field, check_value, plain_value, value_or_list
 
 LARGEST_BYTES = 2**22  # of a dataset file
@@ -303,6 +304,7 @@ class DatasetFile(FileTable):
         "values drawn at random", {"draws": 100, "values": {}}
     )
     splits: Splits | None = optional("train, test, …", {"shares": {"train": 0.8, "test": 0.2}})
+    store: StoreTable = optional("how samples are kept", {"shard_samples": 0}, StoreTable())
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,9 @@ from ..core import InputError
 from ..render.passes.stop_criterion import RATIO_EXPONENT
 from ..render.variants import restores_variant
 from .keys import Facts
+from .places import FolderPlace
 from .planned import DatasetPlan, PlannedView
+from .record import Record
 from .scene_checks import check_scenes
 from .store import Store
 
@@ -142,23 +144,23 @@ def cost_of(view: PlannedView) -> Cost:
     with tempfile.TemporaryDirectory() as folder:
         if view.outputs:
             started = time.monotonic()
-            view_bytes = _bytes(Store(Path(folder)).commit(view.entry, rendered.write).files)
+            place = FolderPlace(Store(Path(folder)), view)
+            view_bytes = _bytes(place.add_view(rendered.files_of_view))
             render_s += time.monotonic() - started
         step = max(len(view.samples) // MOST_SAMPLES, 1)
         for number, sample in enumerate(
             (view.samples[0], *view.samples[::step][:MOST_SAMPLES])
         ):
             started = time.monotonic()
-            record = Store(Path(folder) / str(number)).commit(
-                sample.entry, partial(rendered.expose, sample)
-            )
+            place = FolderPlace(Store(Path(folder) / str(number)), view)
+            record = place.add(sample, partial(rendered.files_of, sample))
             took.append(time.monotonic() - started)
-            sizes.append(_bytes(record.files))
+            sizes.append(_bytes(record))
     return Cost(render_s, fmean(took[1:]), view_bytes, round(fmean(sizes[1:])), noise_ratio)
 
 
-def _bytes(files: Mapping[str, tuple[int, str]]) -> int:
-    return sum(size for size, _ in files.values())
+def _bytes(record: Record) -> int:
+    return sum(size for size, _ in record.files.values())
 
 
 def _middle_views(plan: DatasetPlan) -> Iterator[tuple[str, PlannedView]]:

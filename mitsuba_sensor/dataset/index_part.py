@@ -22,10 +22,10 @@ from .file import DatasetFile, Value
 from .keys import Config, Facts
 from .names import is_name_of_entry, name_of_view
 from .record import INDEX, KEY
+from .shard_size import NUMBERS
+from .shards import shard_called
 from .sweep import possible_values
 
-NUMBERS = 10_000
-"""Of samples, that a part is of."""
 FIXED: dict[str, Kind] = {
     "number": "integer",
     "key": "text",
@@ -37,6 +37,13 @@ FIXED: dict[str, Kind] = {
 """Columns of every index, before those of the values."""
 TYPES = ("int64", "string", "string", "string", "string", "bool")
 """Of the values of these columns."""
+OF_PLACE: dict[str, Kind] = {
+    "shard": "text",
+    "offset": "integer",
+    "bytes": "integer",
+    "view_offset": "integer",
+}
+"""Columns after them where samples are in shards."""
 SEEDS = ("serial", "repetition")
 ORIGIN_DIGITS = 12
 """Of its SHA-256, in the name of a part."""
@@ -44,11 +51,24 @@ _NAME = re.compile(r"([0-9a-f]{12})-(\d{6,9})-(\d{1,5})-of-(\d{1,5})-([0-9a-f]{6
 REMEDY = "`mitsuba-sensor dataset repair` writes it again"
 
 
+class InShard(NamedTuple):
+    """Where a sample is in a shard.
+
+    shard : name of its file.  offset, bytes : of its members.  view_offset : of the sample that has the files of the
+    view, too.
+    """
+
+    shard: str
+    offset: int
+    bytes: int
+    view_offset: int | None
+
+
 class Line(NamedTuple):
     """A row of the index.
 
     number : of the sample in its dataset.  name : of its folder.  view : key of its view.  view_files : whether that
-    has files of its own.
+    has files of its own.  place : in a shard; None where the sample has a folder.
     """
 
     number: int
@@ -58,6 +78,7 @@ class Line(NamedTuple):
     view: str
     view_files: bool
     values: Config
+    place: InShard | None = None
 
     @property
     def view_name(self) -> str:
@@ -120,13 +141,17 @@ def parts_of(origin: str, parts: Iterable[Part]) -> dict[int, Part]:
     }
 
 
-def kinds_of(file: DatasetFile) -> dict[str, Kind]:
+def kinds_of(file: DatasetFile, in_shards: bool = False) -> dict[str, Kind]:
     """Name of each column of the index of a dataset → the kind of its values.
 
+    in_shards : whether its samples are in shards.
     A name that has values of several kinds has a column for each: its numbers have the name alone, others for example
     "NAME (text)". So has each name that itself ends with a bracket.
     """
-    kinds: dict[str, Kind] = {**FIXED, "scene": "text", "camera": "text"}
+    kinds: dict[str, Kind] = {**FIXED}
+    if in_shards:
+        kinds |= OF_PLACE
+    kinds |= {"scene": "text", "camera": "text"}
     for name in (*file.varied, "serial"):
         values = [*possible_values(file, name)] or [1]
         found = dict.fromkeys(_kind_of(name, value) for value in values)
@@ -162,6 +187,9 @@ def part_of(
     columns: dict[str, list[object]] = {name: [None] * len(lines) for name in kinds}
     for place, name in enumerate(FIXED):
         columns[name] = [line[place] for line in lines]
+    if lines and lines[0].place is not None:
+        for name in OF_PLACE:
+            columns[name] = [getattr(line.place, name) for line in lines]
     for row, line in enumerate(lines):
         for name, value in line.values.items():
             column, cell = cell_of(name, value, kinds)
@@ -200,6 +228,9 @@ class OpenPart:
             self.rows = ParquetRows(content)
         except (ValueError, OSError):
             raise self._was_changed() from None
+        self._beside = {*FIXED}
+        if "shard" in self.rows.types:
+            self._beside |= {*OF_PLACE}
         types = [*self.rows.types.values()][: len(FIXED)]
         said = self.rows.rows, self.rows.about, [*self.rows.types][: len(FIXED)]
         if types != [*TYPES] or said != (part.rows, part.about, [*FIXED]):
@@ -220,12 +251,16 @@ class OpenPart:
 
     def names(self) -> list[str]:
         """Names of all that has values, split included."""
-        return [*dict.fromkeys(map(_name_of, [*self.rows.types][len(FIXED) :])), "split"]
+        return [*dict.fromkeys(map(_name_of, self._columns())), "split"]
 
     def values(self, name: str) -> Iterator[tuple[list[object], NDArray[np.int64]]]:
         """The values of a name, each once, and for each row the number of its own, −1 for none: of each kind."""
-        columns = ["split", *[*self.rows.types][len(FIXED) :]]
+        columns = ["split", *self._columns()]
         return (self.rows.coded(column) for column in columns if _name_of(column) == name)
+
+    def _columns(self) -> list[str]:
+        """Columns of values."""
+        return [name for name in self.rows.types if name not in self._beside]
 
     def _line_of(self, row: Facts) -> Line:
         number, key, name, split, view, view_files = (row.pop(name) for name in FIXED)
@@ -234,8 +269,22 @@ class OpenPart:
         known = known and bool(KEY.fullmatch(key) and KEY.fullmatch(view))
         if not (known and is_name_of_entry(name) and start <= number < start + NUMBERS):
             raise self._was_changed()
+        place = self._place_of(row)
         values = {_name_of(column): x for column, x in row.items() if x is not None}
-        return Line(number, key, name, split, view, view_files, values)
+        return Line(number, key, name, split, view, view_files, values, place)
+
+    def _place_of(self, row: Facts) -> InShard | None:
+        """Takes the place of the sample in its shard out of a row."""
+        if "shard" not in self._beside:
+            return None
+        place = InShard(*(row.pop(name) for name in OF_PLACE))
+        if (
+            shard_called(place.shard or "") is None
+            or place.offset is None
+            or place.bytes is None
+        ):
+            raise self._was_changed()
+        return place
 
     def _was_changed(self) -> InputError:
         return InputError(f"{self.path} was changed; {REMEDY}.")

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 from ..files import durable
 from ..files.disk_errors import disk_sentences
 from .index import Index
-from .index_part import NUMBERS, Line, Part, all_parts, kinds_of, part_of, parts_of
+from .index_part import InShard, Line, Part, all_parts, kinds_of, part_of, parts_of
 from .origin import origin_of
 from .planned import DatasetPlan, PlannedView
 from .record import INDEX, Entry
+from .shard_size import NUMBERS
+from .shards import Block
 from .store import Store
 
 
@@ -22,12 +24,14 @@ class _Begun:
     """A part while it is made.
 
     lines : number of the first sample of a task → what the index says of its samples.  under_way : tasks that have not
-    ended.  doubtful : those of which something may be missing.  is_planned : whether all its tasks are known.
+    ended.  doubtful : those of which something may be missing.  blocks : its shards.  is_planned : whether all its
+    tasks are known.
     """
 
     lines: dict[int, list[Line]] = field(default_factory=dict)
     under_way: set[int] = field(default_factory=set)
     doubtful: set[int] = field(default_factory=set)
+    blocks: dict[int, Block] = field(default_factory=dict)
     is_planned: bool = False
 
 
@@ -40,7 +44,7 @@ class IndexWriter:
 
     def __init__(self, plan: DatasetPlan, store: Store, numbers: range) -> None:
         self.plan, self.store, self.numbers = plan, store, numbers
-        self._kinds = kinds_of(plan.file)
+        self._kinds = kinds_of(plan.file, bool(plan.shard_samples))
         self._digest = origin_of(plan).digest
         self._parts = parts_of(self._digest, all_parts(store.folder))
         self._begun: dict[int, _Begun] = {}
@@ -65,7 +69,7 @@ class IndexWriter:
         for number in self._left():
             part = self._begun[number] = _Begun()
             own = self._own(self._numbers_of(number))
-            for view in self.plan.views(own.start, own.stop):
+            for view in self._views(own, part):
                 part.lines[view.first] = lines_of(view)
                 part.under_way.add(view.first)
                 yield view
@@ -106,16 +110,13 @@ class IndexWriter:
         if not begun.is_planned or begun.under_way:
             return
         del self._begun[number]
-        numbers, planned = self._numbers_of(number), 0
-        own, found = self._own(numbers), list[Line]()
+        numbers = self._numbers_of(number)
+        own = self._own(numbers)
         others = (range(numbers.start, own.start), range(own.stop, numbers.stop))
-        for view in chain.from_iterable(self.plan.views(x.start, x.stop) for x in others if x):
+        for view in chain.from_iterable(self._views(x, begun) for x in others if x):
             begun.lines[view.first] = lines_of(view)
             begun.doubtful.add(view.first)
-        for first, lines in sorted(begun.lines.items()):
-            planned += len(lines)
-            there = [self._as_it_is(line, first in begun.doubtful) for line in lines]
-            found += [line for line in there if line is not None]
+        planned, found = sum(map(len, begun.lines.values())), self._lines_there(begun)
         part, content = part_of(self._digest, number, found, planned, self._kinds)
         place = self.store.folder / INDEX / part.name
         with disk_sentences(place.parent, durable.FOLDER_BYTES):
@@ -134,12 +135,77 @@ class IndexWriter:
             return None
         return line._replace(name=record.name)
 
+    def _views(self, numbers: range, part: _Begun) -> Iterator[PlannedView]:
+        """The samples with these numbers, by their light; their shards are noted."""
+        size = self.plan.shard_samples
+        if not size:
+            yield from self.plan.views(numbers.start, numbers.stop)
+            return
+        for number in range(numbers.start // size, -(-numbers.stop // size)):
+            part.blocks[number], views = self.plan.block(number)
+            keys = {line.number: line.key for view in views for line in lines_of(view)}
+            self.store.shards.rescue(part.blocks[number], keys)
+            for view in views:
+                yield from within(view, numbers)
+
+    def _lines_there(self, begun: _Begun) -> list[Line]:
+        """The lines of all samples that are there."""
+        if self.plan.shard_samples:
+            places: dict[int, InShard] = {}
+            for block in begun.blocks.values():
+                places |= self._places(block)
+            planned = chain.from_iterable(lines for _, lines in sorted(begun.lines.items()))
+            return _placed(planned, places)
+        found = list[Line]()
+        for first, lines in sorted(begun.lines.items()):
+            there = [self._as_it_is(line, first in begun.doubtful) for line in lines]
+            found += [line for line in there if line is not None]
+        return found
+
+    def _places(self, block: Block) -> dict[int, InShard]:
+        """Where the samples of a block are, by their number; its pieces are joined before."""
+        shard = self.store.shards.join(block)
+        if shard is None:
+            return {}
+        found = dict[int, InShard]()
+        for group in self.store.shards.groups(shard):
+            start, end = group.start, group.end
+            own = start if "view.json" in group.files else None
+            found[group.number] = InShard(shard.name, start, end - start, own)
+        return found
+
     def _remove_replaced(self, parts: Sequence[Part]) -> None:
         """Remove those of these parts that are of another plan, or have fewer samples than another one."""
         kept = parts_of(self._digest, parts).values()
         for part in {*parts} - {*kept}:
             with suppress(OSError):
                 durable.remove_folder(self.store.folder / INDEX / part.name)
+
+
+def within(view: PlannedView, numbers: range) -> Iterator[PlannedView]:
+    """The samples of a task that have these numbers, as one task, or none."""
+    first = max(view.first, numbers.start)
+    samples = view.samples[first - view.first : max(numbers.stop - view.first, 0)]
+    if len(samples) == len(view.samples):
+        yield view
+    elif samples:
+        leads = view.leads and first == view.first
+        yield replace(view, samples=samples, first=first, whole=False, leads=leads)
+
+
+def _placed(lines: Iterable[Line], places: Mapping[int, InShard]) -> list[Line]:
+    """The lines of the samples that have a place, with it.
+
+    places : by number; only those samples have a view_offset that have the files of a view.
+    """
+    found, leading, view_offset = list[Line](), ("", ""), None
+    for line in lines:
+        if (place := places.get(line.number)) is None:
+            continue
+        if place.view_offset is not None or leading != (place.shard, line.view):
+            leading, view_offset = (place.shard, line.view), place.view_offset
+        found.append(line._replace(place=place._replace(view_offset=view_offset)))
+    return found
 
 
 def lines_of(view: PlannedView) -> list[Line]:

@@ -16,7 +16,7 @@ from ..camera.dual_pixels import has_several_readouts
 from ..core import Exposure
 from ..core.options import complete
 from ..core.versions import versions
-from ..files import png, texts, tiff
+from ..files import png, tiff
 from ..files.readout_pages import READOUTS
 from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
@@ -37,7 +37,8 @@ from ..sensor.kept_maps import RECENT_BYTES, KeptMaps
 from ..sensor.metering import Metering, electrons_of
 from ..sensor.options import ExposeOptions
 from .configured import PlannedSample
-from .keys import Config, Facts, identity, key_of, made_by, seed_of
+from .keys import Config, Facts, key_of, made_by, seed_of
+from .places import Files, place_of
 from .planned import PlannedView
 from .previews import PICTURE, stops_taken
 from .store import Store
@@ -59,16 +60,17 @@ def make_view(
 
     told : called with what is done now.
     """
-    missing = [sample for sample in view.samples if not store.exists(sample.entry)]
-    alone = bool(view.outputs) and not store.exists(view.entry)
-    if missing or alone:
+    with place_of(store, view) as place:
+        missing = place.missing()
+        if not missing and not place.lacks_view():
+            return
         told("rendering")
         rendered = rendered_light(view)
-        if alone:
-            store.commit(view.entry, rendered.write)
+        if view.outputs:
+            place.add_view(rendered.files_of_view)
         for sample in missing:
             told("exposing")
-            store.commit(sample.entry, partial(rendered.expose, sample))
+            place.add(sample, partial(rendered.files_of, sample))
             yield sample
 
 
@@ -133,8 +135,8 @@ class Rendered:
         """Depth, position, normals, … of the same pixels."""
         return self.prepared.aovs()
 
-    def write(self, folder: Path) -> None:
-        """The files that all samples of the view share."""
+    def files_of_view(self, folder: Path) -> Files:
+        """The files that all samples of the view share; those that are written to a path are in the folder."""
         if "aovs" in self.view.outputs:
             exr.write_aovs_exr(folder / "aovs.exr", self.aovs)
         if "irradiance" in self.view.outputs:
@@ -145,9 +147,7 @@ class Rendered:
             "config": self.view.config,
             "light": self.light_facts,
         }
-        texts.write_json(
-            folder / "view.json", {**facts, "versions": {**versions(), **made_by()}}
-        )
+        return {"view.json": {**facts, "versions": {**versions(), **made_by()}}}
 
     @cached_property
     def light_facts(self) -> Facts:
@@ -161,11 +161,10 @@ class Rendered:
             median = None
         return {**statistics, "relative_error_median": median}
 
-    def expose(self, sample: PlannedSample, folder: Path) -> None:
-        """The files of one sample."""
-        config, outputs = sample.config, sample.config["outputs"]
+    def expose(self, sample: PlannedSample) -> tuple[Frames, np.ndarray]:
+        """The frames of one sample, and its mean photoelectrons [e-]."""
+        config, timed = sample.config, is_timed(self.view)
         camera = self._camera_of(config)
-        timed = is_timed(self.view)
         asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
         light = self.light
         if "lights" in config:
@@ -176,29 +175,35 @@ class Rendered:
                 exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k
             )
             photons, camera, exposure, _ = collected(light, camera, longer, config["serial"])
-        seed, serial = seed_of(identity(config)), config["serial"]
+        seed, serial = seed_of(sample.pixels), config["serial"]
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
         chip = id(config["camera"]), config["gain"], serial
         prepared = exposure_of_photons(photons, camera, exposure, options)
         frames = Frames.exposed(self._maps.lend(prepared, chip))
         self._maps.drop()
-        electrons = electrons_of(photons, camera, exposure).astype(np.float32)
+        return frames, electrons_of(photons, camera, exposure).astype(np.float32)
+
+    def files_of(self, sample: PlannedSample, folder: Path) -> Files:
+        """The files of one sample; those that are written to a path are in the folder."""
+        config, outputs = sample.config, sample.config["outputs"]
+        frames, electrons = self.expose(sample)
+        files: Files = {}
         for name in outputs:
-            self._write(folder, name, frames, electrons)
+            files |= _files_of_output(folder, name, frames, electrons)
         if "preview" in outputs:  # as bright as without the stops that were taken away
             picture = preview_of(frames, gain=stops_taken(config["exposure"]["ev"]))
-            png.write_png(folder / PICTURE, picture)
-        facts = {
+            files[PICTURE] = png.png(picture)
+        files["sample.json"] = {
             "key": sample.key,
             "values": sample.values,
-            "camera": camera.name,
-            "seeds": {"seed": seed, "serial": serial},
+            "camera": frames.camera.name,
+            "seeds": {"seed": seed_of(sample.pixels), "serial": config["serial"]},
             "image": image_facts(frames),
             "readouts": readout_facts(frames),
-            "system_gain_dn_per_e": camera.system_gain_dn_per_e,
+            "system_gain_dn_per_e": frames.camera.system_gain_dn_per_e,
             "digital_quantiles_dn": _quantiles(frames.digital),
             "electrons_quantiles_e": _quantiles(electrons),
-            "electrons_error_of": self._error_of(camera),
+            "electrons_error_of": self._error_of(frames.camera),
             "config": config,
             "view": {
                 "key": self.view.key,
@@ -208,7 +213,7 @@ class Rendered:
             "light": self.light_facts,
             "versions": {**versions(), **made_by()},
         }
-        texts.write_json(folder / "sample.json", facts)
+        return files
 
     def _camera_of(self, config: Config) -> Camera:
         """The camera of a sample; samples of the view that have the same share its table."""
@@ -229,29 +234,32 @@ class Rendered:
             return "this camera"
         return "a detector that is flat over the band"
 
-    def _write(self, folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> None:
-        if output == "raw":
-            tiff.write_tiff(folder / "frame.tiff", frames.digital, image_facts(frames))
-        elif output == "readouts" and has_several_readouts(frames.camera):
-            write_readouts(folder / READOUTS, frames, image_facts(frames)["cfa_pattern"])
-        elif output == "companded" and frames.companded is not None:
-            tiff.write_tiff(folder / "companded.tiff", frames.companded)
-        elif output == "dng":
-            for number, name in enumerate(dng_names(frames)):
-                write_dng(folder / name, frames, number)
-        elif output == "clean":
-            tiff.write_tiff(folder / "clean.tiff", frames.clean)
-        elif output == "variance":
-            tiff.write_tiff(folder / "temporal_variance.tiff", frames.temporal_variance)
-        elif output == "electrons":
-            source = frames.light.source
-            assert isinstance(source, CollectedLight)
-            relative = source.light.relative_error
-            error = np.where(electrons > 0, relative * electrons, 0).astype(np.float32)
-            tiff.write_tiff(folder / "electrons.tiff", electrons)
-            tiff.write_tiff(folder / "electrons_error.tiff", error)
-        elif output == "noise_budget":
-            texts.write_json(folder / "noise_budget.json", budget(frames))
+
+def _files_of_output(folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> Files:
+    """The files of one output of a sample, by name; DNGs and read-outs are written into the folder."""
+    if output == "raw":
+        return {"frame.tiff": tiff.tiff_bytes(frames.digital, image_facts(frames))}
+    if output == "readouts" and has_several_readouts(frames.camera):
+        write_readouts(folder / READOUTS, frames, image_facts(frames)["cfa_pattern"])
+    elif output == "companded" and frames.companded is not None:
+        return {"companded.tiff": tiff.tiff_bytes(frames.companded)}
+    elif output == "dng":
+        for number, name in enumerate(dng_names(frames)):
+            write_dng(folder / name, frames, number)
+    elif output == "clean":
+        return {"clean.tiff": tiff.tiff_bytes(frames.clean)}
+    elif output == "variance":
+        return {"temporal_variance.tiff": tiff.tiff_bytes(frames.temporal_variance)}
+    elif output == "electrons":
+        source = frames.light.source
+        assert isinstance(source, CollectedLight)
+        relative = source.light.relative_error
+        error = np.where(electrons > 0, relative * electrons, 0).astype(np.float32)
+        mean, deviation = tiff.tiff_bytes(electrons), tiff.tiff_bytes(error)
+        return {"electrons.tiff": mean, "electrons_error.tiff": deviation}
+    elif output == "noise_budget":
+        return {"noise_budget.json": budget(frames)}
+    return {}
 
 
 def budget(frames: Frames) -> Facts:

@@ -14,11 +14,12 @@ from ..files import durable, texts
 from ..files.appearing import write_drawing
 from .faults import Fault, What, what_is_wrong
 from .index import Index
-from .index_part import NUMBERS, all_parts, parts_of
+from .index_part import all_parts, parts_of
 from .keys import Config, made_by
 from .light import FORMAT
 from .planned import DatasetPlan
 from .record import FILE, INDEX, MOST_BYTES_OF_DATASET, RECORD, sealed, unsealed
+from .shard_size import NUMBERS
 from .sources import Sources, read_sources, source_faults
 
 RESTORE = (
@@ -31,6 +32,7 @@ class Origin(NamedTuple):
 
     name : of the dataset.  file : bytes and SHA-256 of dataset.toml.  made_by : versions.  samples, parts : how many
     samples and parts of the index a complete dataset has.  plan : SHA-256 of what decides the keys of its samples.
+    shard_samples : numbers of samples that are one shard; 0 where each sample is a folder.
     sources : the files that the samples are made from.
     """
 
@@ -40,6 +42,7 @@ class Origin(NamedTuple):
     samples: int
     parts: int
     plan: str
+    shard_samples: int
     sources: Sources
 
     @property
@@ -51,7 +54,8 @@ class Origin(NamedTuple):
 def origin_of(plan: DatasetPlan, file: tuple[int, str] = (0, "")) -> Origin:
     """What the record of a dataset says.  file : bytes and SHA-256 of dataset.toml."""
     counts = plan.samples, -(-plan.numbers // NUMBERS)
-    return Origin(plan.file.name, file, dict(plan.made_by), *counts, plan.digest, plan.sources)
+    form = plan.digest, plan.shard_samples
+    return Origin(plan.file.name, file, dict(plan.made_by), *counts, *form, plan.sources)
 
 
 def is_recorded(plan: DatasetPlan, folder: Path) -> bool:
@@ -91,7 +95,7 @@ def origin_in(folder: Path) -> Origin | None:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     texts = [origin.name, digest, origin.plan, *(x for pair in versions for x in pair if x)]
-    numbers = [size, origin.samples, origin.parts]
+    numbers = [size, origin.samples, origin.parts, origin.shard_samples]
     whole = all(isinstance(text, str) and text.isprintable() for text in texts)
     whole &= all(isinstance(number, int) for number in numbers)
     if whole and (kind, format_number) == ("dataset", FORMAT):

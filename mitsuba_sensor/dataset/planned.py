@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
@@ -22,12 +22,16 @@ from .keys import Config, key_of
 from .names import name_of_view
 from .plan_checks import Pair, PlannedScene, checked_scenes, telling_combinations
 from .record import Entry
+from .shard_size import shard_samples
+from .shards import Block
 from .sources import Source, sources_of
 from .splits import AS_DRAWN
 from .sweep import Combination, Light, SceneSweep
 
 MOST_OF_VIEW = 1000
 """Samples of a view that are one task: a view with more is begun by several, which render the same light."""
+NO_PIXELS = {"description", "licence", "store"}
+"""Of a dataset file, what decides neither which samples there are nor their order."""
 Thing = TypeVar("Thing")
 
 
@@ -39,6 +43,8 @@ class PlannedView:
     samples : in the order of the dataset.
     scene_file : where the scene is on this machine.  lead : configuration of the first of all samples of the light.
     first : number of the first sample.  whole : whether they are all samples of the light.
+    block : of the shard that has them; None where each has a folder.  leads : whether the first of them has the files
+    of the view there.
     """
 
     name: str
@@ -51,6 +57,8 @@ class PlannedView:
     lead: Config
     first: int
     whole: bool
+    block: Block | None = None
+    leads: bool = False
 
     @property
     def entry(self) -> Entry:
@@ -90,6 +98,11 @@ class DatasetPlan(ConfiguredSamples):
         """The samples of each scene, checked."""
         return checked_scenes(self)
 
+    @cached_property
+    def shard_samples(self) -> int:
+        """Numbers of samples that are one shard; 0 where each sample is a folder."""
+        return shard_samples(self.file.store.shard_samples, self.samples)
+
     @property
     def numbers(self) -> int:
         """How many numbers the samples take. Where splits leave combinations out, some numbers have no sample."""
@@ -98,7 +111,7 @@ class DatasetPlan(ConfiguredSamples):
     @cached_property
     def digest(self) -> str:
         """SHA-256 that is another one for other keys of samples, or another order of them."""
-        file = self.file.model_dump_json(exclude={"description", "licence"}, warnings=False)
+        file = self.file.model_dump_json(exclude=NO_PIXELS, warnings=False)
         keys = (self.first_sample(one).key for one in telling_combinations(self))
         return hashlib.sha256("\n".join([file, *keys]).encode()).hexdigest()
 
@@ -122,6 +135,20 @@ class DatasetPlan(ConfiguredSamples):
                 view, number = self._view(scene, number, end)
                 if view is not None:
                     yield view
+
+    def block(self, number: int) -> tuple[Block, list[PlannedView]]:
+        """The samples of a shard, by their light."""
+        first, digest, planned = number * self.shard_samples, hashlib.sha256(), 0
+        views = [*self.views(first, first + self.shard_samples)]
+        for view in views:
+            for place, sample in enumerate(view.samples, view.first):
+                digest.update(f"{place} {sample.key} {sample.name}\n".encode())
+            planned += len(view.samples)
+        block, before, led = Block(number, digest.hexdigest()[:12], planned), "", []
+        for view in views:
+            led.append(replace(view, block=block, leads=view.key != before))
+            before = view.key
+        return block, led
 
     def first_views(self, scene: PlannedScene, lights: Iterable[int]) -> Iterator[PlannedView]:
         """The first sample of some lights of a scene, by the numbers of the lights."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..camera.camera_file import camera_from
 from ..files.png import read_png
 from ..output.preview import preview
+from .entry_files import require_file
 
 if TYPE_CHECKING:
     from .reader import Sample
@@ -23,10 +24,10 @@ def preview_of_sample(sample: Sample) -> NDArray[np.uint8]:
     Without a file white is that of daylight, as nothing stored says what the light of the scene is. Raises InputError
     where there is neither a picture nor a raw frame.
     """
-    path = sample.folder / PICTURE
-    if path.exists():
-        return read_png(path)
-    sample.existing(sample.folder / "frame.tiff", "preview")
+    if sample.files.has(PICTURE):
+        with sample.files.opened(PICTURE) as path:
+            return read_png(path)
+    require_file(sample.files, "frame.tiff", "preview")
     config, image = sample.facts["config"], sample.facts["image"]
     camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])
     gain = stops_taken(config["exposure"]["ev"])

@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,16 @@ from ..files.raw_files import read_raw
 from ..files.readout_pages import READOUTS, read_readouts
 from ..files.texts import read_json
 from ..output.exr import read_aovs_exr
+from .entry_files import CHANGED, EntryFiles, FolderFiles, ShardFiles, require_file
 from .index_part import Line
 from .keys import Config, Facts
 from .origin import index_of
 from .previews import preview_of_sample
 from .store import Store
 
-CHANGED = "`mitsuba-sensor dataset verify` finds what is missing or was changed"
+if TYPE_CHECKING:
+    from ..render.motion.aovs import Aovs
+
 IMAGES = {
     "raw": "frame.tiff",
     "companded": "companded.tiff",
@@ -41,8 +44,8 @@ NO_ARRAYS = {
     "noise_budget": "sample.noise_budget",
     "readouts": "sample.readouts",
     "aovs": "sample.read(name), by the name of one of them, e.g. 'depth_m',",
-    "irradiance": 'ms.read_irradiance(sample.view_folder / "irradiance.exr")',
-    "dng": 'the file sample.folder / "frame.dng"',
+    "irradiance": 'ms.read_irradiance of the file sample.view_files.opened("irradiance.exr")',
+    "dng": 'the file sample.files.content("frame.dng")',
 }
 """Outputs that are not read as arrays, and what has them."""
 AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
@@ -52,37 +55,52 @@ AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 class Sample:
     """One sample.
 
-    key : hash of its configuration.  split : train, test, …, or an empty text.  values : what varies in the dataset.
-    folder, view_folder : where its files are, and those that all samples of its view share.
+    key : the hash of its configuration.  split : train, test, …, or an empty text.  values : what varies in the
+    dataset.  files, view_files : its files, and those that all samples of its view share:
+    ``files.content("frame.png")`` are the bytes of one, and ``with files.opened("frame.png") as path:`` gives it a
+    path.  view_key : of its view.
     """
 
     key: str
     split: str
     values: Config
-    folder: Path
-    view_folder: Path
+    files: EntryFiles
+    view_files: EntryFiles
+    view_key: str = ""
 
     @cached_property
     def facts(self) -> Facts:
         """sample.json: configuration, camera, seeds, black and white level, quantiles. Raises InputError."""
-        return read_json(self.folder / "sample.json", CHANGED)
+        return self._facts(self.files, "sample.json")
 
     @cached_property
     def view(self) -> Facts:
         """view.json: what the files of the view were made of. Raises InputError where it has none."""
-        return read_json(self.view_folder / "view.json", CHANGED)
+        return self._facts(self.view_files, "view.json")
 
     @cached_property
     def noise_budget(self) -> Facts:
         """noise_budget.json: what each noise source contributes [DN]. Raises InputError where it has none."""
-        path = self.existing(self.folder / "noise_budget.json", "noise_budget")
-        return read_json(path, CHANGED)
+        require_file(self.files, "noise_budget.json", "noise_budget")
+        return self._facts(self.files, "noise_budget.json")
 
     @cached_property
     def readouts(self) -> dict[str, NDArray[np.unsignedinteger]]:
         """Frames of every read-out by its name, (N, H, W) [DN], with their ``combined`` code and, of a camera that
         compands, their ``companded`` one. Raises InputError where it has none."""
-        return read_readouts(self.existing(self.folder / READOUTS, "readouts"))
+        require_file(self.files, READOUTS, "readouts")
+        with self.files.opened(READOUTS) as path:
+            return read_readouts(path)
+
+    @property
+    def folder(self) -> Path:
+        """The folder of its files. Raises InputError where they are in a shard."""
+        return self.files.folder
+
+    @property
+    def view_folder(self) -> Path:
+        """The folder of the files of its view. Raises InputError where they are in a shard."""
+        return self.view_files.folder
 
     def read(self, name: str) -> NDArray[Any]:
         """An array of the sample. Raises InputError where it has none of this name.
@@ -93,9 +111,7 @@ class Sample:
             uint8, of the file or developed from the raw frame; or an AOV, see docs/clean-frames-and-aovs.md.
         """
         if name in AOVS:
-            return np.asarray(
-                getattr(read_aovs_exr(self.existing(self.view_folder / "aovs.exr", name)), name)
-            )
+            return np.asarray(getattr(self.aovs(name), name))
         if name == "preview":
             return preview_of_sample(self)
         if name in NO_ARRAYS:
@@ -105,16 +121,20 @@ class Sample:
             raise InputError(
                 f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}"
             )
-        pages = read_raw(self.existing(self.folder / IMAGES[name], name)).frames
+        require_file(self.files, IMAGES[name], name)
+        with self.files.opened(IMAGES[name]) as path:
+            pages = read_raw(path).frames
         return pages if name in PAGES else pages[0]
 
-    def existing(self, path: Path, name: str) -> Path:
-        """The path of a file that ``name`` needs. Raises InputError where it is not there."""
-        if not path.exists():
-            raise InputError(
-                f"there is no {path}; name what {name} needs in the outputs of the dataset, and make it again."
-            )
-        return path
+    def aovs(self, name: str = "aovs") -> Aovs:
+        """All AOVs of its view.  name : what is needed of them. Raises InputError where it has none."""
+        require_file(self.view_files, "aovs.exr", name)
+        with self.view_files.opened("aovs.exr") as path:
+            return read_aovs_exr(path)
+
+    def _facts(self, files: EntryFiles, name: str) -> Facts:
+        with files.opened(name) as path:
+            return read_json(path, CHANGED)
 
 
 @tells_of_names
@@ -180,5 +200,17 @@ class Dataset(Sequence[Sample]):
 
 def sample_of(store: Store, line: Line) -> Sample:
     """The sample of a line of the index."""
-    places = store.folder_of("samples", line.name), store.folder_of("views", line.view_name)
-    return Sample(line.key, line.split, line.values, *places)
+    return Sample(line.key, line.split, line.values, *files_of(store, line), line.view)
+
+
+def files_of(store: Store, line: Line) -> tuple[EntryFiles, EntryFiles]:
+    """The files of a sample, and those of its view."""
+    place = line.place
+    if place is None:
+        folders = (
+            store.folder_of("samples", line.name),
+            store.folder_of("views", line.view_name),
+        )
+        return FolderFiles(folders[0]), FolderFiles(folders[1])
+    path = store.shards.folder / place.shard
+    return ShardFiles(path, place.offset, line.key), ShardFiles(path, place.view_offset, None)

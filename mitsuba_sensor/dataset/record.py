@@ -16,12 +16,12 @@ from .names import is_name_of_entry
 
 Kind: TypeAlias = Literal["samples", "views"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-FILE, INDEX, RECORD = "dataset.toml", "index", "record.json"
-"""What a folder of a dataset has beside its entries; INDEX is a folder, and each entry has a record too."""
+FILE, INDEX, SHARDS, RECORD = "dataset.toml", "index", "shards", "record.json"
+"""What a folder of a dataset has beside its entries; INDEX and SHARDS are folders, and each entry has a record too."""
 FOR_PEOPLE = TABLE, CARD, SHEET = "samples.csv", "README.md", "contact_sheet.png"
 """For people: made from the index whenever it changes, part of nothing that is verified."""
 QUARANTINE = "quarantine"
-OF_FOLDER = {FILE, RECORD, INDEX, QUARANTINE, *KINDS, *FOR_PEOPLE}
+OF_FOLDER = {FILE, RECORD, INDEX, SHARDS, QUARANTINE, *KINDS, *FOR_PEOPLE}
 """All that a run puts into the folder of a dataset."""
 UNFINISHED = (SCRATCH, *(f".{name}." for name in (FILE, RECORD, *FOR_PEOPLE)))
 """Beginnings of the names of scratch folders, and of pages until they are whole (files/appearing.py)."""

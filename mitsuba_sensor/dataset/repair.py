@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 from ..core import InputError
 from ..files import durable
 from ..files.appearing import refuse_empty
 from .faults import Fault
-from .index_part import NUMBERS, Line, OpenPart, Part, all_parts, parts_of
+from .index_part import Line, OpenPart, Part, all_parts, parts_of
 from .index_writer import lines_of
 from .origin import Origin, origin_faults, origin_in, origin_of
 from .planned import DatasetPlan
 from .record import FILE, INDEX, KINDS, RECORD, Entry, Kind, Record
+from .shard_size import NUMBERS
+from .shards import Shards, shard_called
 from .store import Store
 
 Show = Callable[[int, int], object]
+Named: TypeAlias = tuple[Kind | Literal["shards"], str]
+"""Kind and name of an entry or shard."""
+Held: TypeAlias = tuple[Kind | Literal["shards"], str, str]
+"""The same and the key of the entry; a shard has none."""
 
 
 def verify(
@@ -57,13 +64,18 @@ def _index_faults(
     for name in durable.names_of(store.folder / INDEX):
         if name not in own and not name.startswith("."):
             yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
-    for entry in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
-        if fault := unrecorded.pop((entry.kind, entry.name), None):
-            yield fault
-        record = store.record(entry.kind, entry.name)
-        is_another = record is not None and record.key != entry.key
-        if is_another or not store.folder_of(entry.kind, entry.name).exists():
-            yield Fault(entry.kind, entry.name, "", "missing")
+    shards = {shard.name for shard in store.shards.all()}
+    for kind, name, key in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
+        if kind == "shards":
+            there = name in shards
+        else:
+            if fault := unrecorded.pop((kind, name), None):
+                yield fault
+            record = store.record(kind, name)
+            is_another = record is not None and record.key != key
+            there = not is_another and store.folder_of(kind, name).exists()
+        if not there:
+            yield Fault(kind, name, "", "missing")
     for part in changed:
         yield Fault("dataset", "", f"{INDEX}/{part.name}", "changed")
     if len(parts) == origin.parts and not changed:
@@ -83,25 +95,31 @@ def _sound_lines(folder: Path, parts: Iterable[Part], changed: list[Part]) -> It
             yield from lines
 
 
-def _entries_of(lines: Iterable[Line]) -> Iterator[Entry]:
-    """Samples, and views that have files; a view once, as its samples follow one another."""
-    view = ""
+def _entries_of(lines: Iterable[Line]) -> Iterator[Held]:
+    """Samples, and views that have files, or shards; a view or shard once, as its samples follow one another."""
+    view = shard = ""
     for line in lines:
-        yield Entry("samples", line.name, line.key)
-        if line.view_files and line.view != view:
-            yield Entry("views", line.view_name, line.view)
-        view = line.view
+        if line.place is None:
+            yield "samples", line.name, line.key
+            if line.view_files and line.view != view:
+                yield "views", line.view_name, line.view
+            view = line.view
+        elif line.place.shard != shard:
+            shard = line.place.shard
+            yield "shards", shard, ""
 
 
-def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
+def discard(folder: Path, faults: Sequence[Fault]) -> list[Named]:
     """Remove the entries that have a fault; kinds and names of all that have one. Files that belong to no entry stay,
     and so does a folder without a record, or with that of another entry: it may be anybody's, and a run replaces it
     where it needs its place.
 
+
     Parts of the index that have one, or name such an entry, are removed before: a run looks for what they name. Notes
-    of quarantine that have one are removed too, so that their views are tried again.
+    of quarantine that have one are removed too, so that their views are tried again. Of a shard a run keeps the samples
+    that are as they were written.
     """
-    store, broken, own = store_of(folder), set[tuple[Kind, str]](), set[tuple[Kind, str]]()
+    store, broken, own = store_of(folder), set[Named](), set[Named]()
     for fault in faults:
         if fault.kind == "quarantine" and fault.name:
             store.release(fault.name)
@@ -114,15 +132,18 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
             durable.remove_folder(folder / INDEX / part.name)
             durable.sync_folder(folder / INDEX)
     for kind, name in sorted(own):
-        store.discard(kind, name)
+        if kind != "shards":
+            store.discard(kind, name)
+        elif shard := shard_called(name):
+            store.shards.spoil(shard)
     return sorted(broken)
 
 
-def _is_sound(folder: Path, part: Part, broken: Set[tuple[Kind, str]]) -> bool:
+def _is_sound(folder: Path, part: Part, broken: Set[Named]) -> bool:
     """Whether a part of the index is as it was written, and names no broken entry."""
     try:
         entries = _entries_of(OpenPart(folder, part).lines())
-        return broken.isdisjoint((entry.kind, entry.name) for entry in entries)
+        return broken.isdisjoint((kind, name) for kind, name, _ in entries)
     except InputError:
         return False
 
@@ -140,17 +161,45 @@ class Holdings(NamedTuple):
 
 
 def holdings(store: Store, plan: DatasetPlan) -> Holdings:
-    """By the index, and by the records of the store: no file of a sample is read."""
+    """By the index, and by the records of the store or the names of shards: no file of a sample is read."""
+    if plan.shard_samples:
+        return _holdings_in_shards(store.shards, plan)
     there = size = 0
-    for entry in _entries_of(_planned_lines(store.folder, plan)):
-        if record := store.find(entry):
-            there += entry.kind == "samples"
+    for kind, name, key in _entries_of(_planned_lines(store.folder, plan)):
+        if kind != "shards" and (record := store.find(Entry(kind, name, key))):
+            there += kind == "samples"
             size += _bytes_of(record)
     others, others_bytes = -there, -size
     for record in chain(store.scan("samples"), store.scan("views")):
         others += record.kind == "samples"
         others_bytes += _bytes_of(record)
     return Holdings(plan.samples, there, size, others, others_bytes)
+
+
+def _holdings_in_shards(shards: Shards, plan: DatasetPlan) -> Holdings:
+    """The same of a dataset in shards; those that no plan needs any more are the others."""
+    own, there, in_pieces = set[str](), 0, 0
+    parts, size = (
+        parts_of(origin_of(plan).digest, all_parts(shards.dataset)),
+        plan.shard_samples,
+    )
+    for number in range(-(-plan.numbers // NUMBERS)):
+        part = parts.get(number)
+        if part is not None and part.is_whole:
+            own |= {name for _, name, _ in _entries_of(OpenPart(shards.dataset, part).lines())}
+            there += part.rows
+            continue
+        end = min((number + 1) * NUMBERS, plan.numbers)
+        for block_number in range(number * NUMBERS // size, -(-end // size)):
+            block, _ = plan.block(block_number)
+            own |= {shard.name for shard in shards.of(block)}
+            there += min(len(shards.numbers(block)), block.planned)
+            in_pieces += shards.bytes_of_pieces(block)
+    found, held = shards.all(), Counter[bool]()
+    for shard in found:
+        held[shard.name in own] += (shards.folder / shard.name).stat().st_size
+    others = sum(shard.rows for shard in found if shard.name not in own)
+    return Holdings(plan.samples, there, held[True] + in_pieces, others, held[False])
 
 
 def _planned_lines(folder: Path, plan: DatasetPlan) -> Iterator[Line]:

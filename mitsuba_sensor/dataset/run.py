@@ -20,6 +20,7 @@ from .index_writer import IndexWriter
 from .options import RunOptions
 from .origin import is_recorded, write_origin
 from .overview import write_overview
+from .places import place_of
 from .planned import DatasetPlan, PlannedView, load_plan
 from .same_origin import check_same
 from .scene_checks import check_scenes
@@ -208,7 +209,7 @@ def _missing(
     for view in writer.tasks():
         samples, log = missing_samples(view, store), log_path(store, view.key)
         progress.there += len(view.samples) - samples
-        missing = samples or (view.outputs and not store.exists(view.entry))
+        missing = samples or place_of(store, view).lacks_view()
         begun = view.key in logs and is_begun(log)
         if not missing:  # the process that made it may have been killed before it tidied up
             if view.key in logs and not begun:
@@ -224,6 +225,7 @@ def _missing(
             later.append(view)
         else:
             yield view
+    store.shards.forget()
     for view in later:
         if missing_of(view, store):
             yield view
@@ -232,14 +234,13 @@ def _missing(
 
 
 def missing_of(view: PlannedView, store: Store) -> int:
-    """How many entries of a view are missing."""
-    alone = bool(view.outputs) and not store.exists(view.entry)
-    return alone + missing_samples(view, store)
+    """How much of a view is missing: samples, and their shared files."""
+    return place_of(store, view).lacks_view() + missing_samples(view, store)
 
 
 def missing_samples(view: PlannedView, store: Store) -> int:
     """How many samples of a view are missing."""
-    return sum(not store.exists(sample.entry) for sample in view.samples)
+    return len(place_of(store, view).missing())
 
 
 def numbers_of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> range:

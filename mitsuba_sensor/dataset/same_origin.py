@@ -40,6 +40,7 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
         )
     if origin is not None:
         require_same_versions(origin.made_by, folder)
+        _require_same_form(plan, origin, folder)
         _require_same_sources(plan, origin, store)
 
 
@@ -80,6 +81,17 @@ def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
     return plan
 
 
+def _require_same_form(plan: DatasetPlan, origin: Origin, folder: Path) -> None:
+    """Raise InputError where the samples of a run would be kept otherwise than those that are there."""
+    before = origin.shard_samples
+    if before != plan.shard_samples:
+        raise InputError(
+            f"{folder} keeps samples with shard_samples = {before}, and this file asks for {plan.shard_samples}, for "
+            f"{plan.samples} samples; write `store = {{ shard_samples = {before} }}` at the top of the file, or give a "
+            "new folder."
+        )
+
+
 def _require_same_sources(plan: DatasetPlan, origin: Origin, store: Store) -> None:
     """Raise InputError where samples of a run would be made from other files than samples that are there.
 
@@ -97,7 +109,7 @@ def _is_used(changed: list[str], plan: DatasetPlan, origin: Origin, store: Store
     """Whether there are samples that were made from these files, by the index, where that has all."""
     parts = parts_of(origin.digest, all_parts(store.folder))
     if len(parts) < origin.parts:
-        return next(store.names("samples"), None) is not None
+        return bool(store.shards.all()) or next(store.names("samples"), None) is not None
     index = Index(store.folder, parts.values())
     there = {f"{kind} {name}" for kind in ("scene", "camera") for name in index.counts(kind)}
     return not there.isdisjoint(uses_of(plan, changed))

@@ -5,15 +5,14 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TypeAlias
 
 from ..files.durable import remove_folder
-from ..files.texts import read_json, text_of_file, write_page
+from ..files.texts import text_of_file, write_page
 from .index_part import Line
 from .keys import Config
-from .reader import CHANGED
-from .record import TABLE
+from .reader import sample_of
+from .record import SHARDS, TABLE
 from .store import Store
 from .values import text_of
 
@@ -59,13 +58,16 @@ def known_of_table(store: Store) -> dict[str, dict[str, str]]:
 
 def _row(store: Store, line: Line, known: Known) -> dict[str, str]:
     """Column → text of one sample."""
-    folder = store.folder_of("samples", line.name)
+    if line.place is None:
+        place = store.folder_of("samples", line.name).relative_to(store.folder).as_posix()
+    else:
+        place = f"{SHARDS}/{line.place.shard}"
     return {
         "key": line.key,
-        "folder": folder.relative_to(store.folder).as_posix(),
+        "folder": place,
         "split": line.split,
         **_cells(line.values),
-        **(known.get(line.key) or _of_sample(folder)),
+        **(known.get(line.key) or _of_sample(sample_of(store, line).facts)),
     }
 
 
@@ -82,9 +84,8 @@ def _cells(values: Config) -> dict[str, str]:
     return cells
 
 
-def _of_sample(folder: Path) -> dict[str, str]:
+def _of_sample(facts: Config) -> dict[str, str]:
     """Column → text, of sample.json."""
-    facts = read_json(folder / "sample.json", CHANGED)
     values = (
         facts["image"]["exposure_s"],
         facts["system_gain_dn_per_e"],

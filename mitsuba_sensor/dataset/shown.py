@@ -10,6 +10,7 @@ import numpy as np
 from ..camera.camera_file import camera_from
 from ..camera.figures import figures_if_any
 from ..core import InputError
+from .entry_files import MADE_AGAIN
 from .index import opened
 from .keys import Facts
 from .names import PARTS
@@ -57,22 +58,26 @@ def _places(dataset: Dataset, column: str, beginning: str) -> list[int]:
 
 def facts_shown(dataset: Dataset, number: int, sample: Sample) -> Facts:
     """What is said of a sample, ready for JSON. Raises InputError for one that is not as it was written."""
-    facts, folder = sample.facts, sample.folder
-    picture = folder / PICTURE
-    files = sorted(path for path in folder.iterdir() if path.name != RECORD)
+    facts, files = sample.facts, sample.files
+    record = files.record()
+    if record is None:
+        raise InputError(f"{files.place(RECORD)} is not as it was written; {MADE_AGAIN}.")
+    picture = None
+    if files.has(PICTURE):
+        picture = files.place(PICTURE)
     return {
         "number": number,
         "samples": len(dataset),
         "key": sample.key,
         "split": sample.split,
-        "folder": str(folder),
+        "folder": files.place("").rstrip("/"),
         "settings": dict(sample.values),
         "image": facts["image"],
         "noise": _noise(sample),
         "digital_quantiles_dn": facts["digital_quantiles_dn"],
         "electrons_quantiles_e": facts["electrons_quantiles_e"],
-        "files": {path.name: path.stat().st_size for path in files},
-        "picture": str(picture) if picture.exists() else None,
+        "files": {name: size for name, (size, _) in sorted(record.files.items())},
+        "picture": picture,
     }
 
 
@@ -89,7 +94,7 @@ def _noise(sample: Sample) -> Facts:
     if figures is not None:
         found["temporal_dark_noise_e"] = figures.temporal_dark_noise_e
         found["saturation_e"] = figures.saturation_e
-    if (sample.folder / VARIANCE).exists():
+    if sample.files.has(VARIANCE):
         noise_dn = float(np.median(np.sqrt(sample.read("variance"))))
         signal_dn = float(np.median(sample.read("raw"))) - facts["image"]["black_level_dn"]
         found |= {"temporal_noise_dn": noise_dn, "snr": signal_dn / noise_dn}

@@ -10,7 +10,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -21,6 +20,7 @@ from ..files import durable
 from ..files.disk_errors import disk_sentences, is_full, names_in
 from ..stopping import undone_if_stopped, whole_step
 from . import faults
+from .entry_files import record_in_folder
 from .faults import Fault
 from .keys import Config, Facts
 from .names import is_name_of_entry, with_piece
@@ -36,11 +36,11 @@ from .record import (
     Kind,
     Record,
     is_name,
-    record_of,
     sealed,
     text_of,
     unsealed,
 )
+from .shards import Shards, is_stem
 
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
@@ -55,6 +55,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
+        self.shards = Shards(self.folder)
         self._flushed: set[Path] = set()
 
     def folder_of(self, kind: Kind, name: str) -> Path:
@@ -154,7 +155,7 @@ class Store:
     def record(self, kind: Kind, name: str) -> Record | None:
         """The record in the folder of this name, whatever its key, if it is valid and all files are there with their
         sizes; contents are not read."""
-        return _quick(os.fspath(self.folder_of(kind, name)), kind, name)
+        return self._of_place(os.fspath(self.folder_of(kind, name)), kind, name)
 
     def find(self, entry: Entry) -> Record | None:
         """The record of an entry, whose folder may have a piece of its key at the end; as :meth:`record`."""
@@ -181,8 +182,14 @@ class Store:
         """Records of all entries that exist, sorted by name; at least 10 000 a second from a warm cache."""
         top = os.path.join(self.folder, kind)
         for name in self.names(kind):
-            if record := _quick(f"{top}/{name}", kind, name):
+            if record := self._of_place(f"{top}/{name}", kind, name):
                 yield record
+
+    def _of_place(self, folder: str, kind: Kind, name: str) -> Record | None:
+        record = record_in_folder(folder)
+        if record is not None and (record.kind, record.name) == (kind, name):
+            return record
+        return None
 
     def verify(self, kind: Kind, name: str) -> list[Fault]:
         """Every difference between an entry and its record, all contents read; none if it is as it was written."""
@@ -195,7 +202,8 @@ class Store:
 
         progress : called after each entry with the number of those that are done, and of all.
         """
-        total, done = sum(1 for kind in KINDS for _ in self.names(kind)), 0
+        shards, done = self.shards.all(), 0
+        total = len(shards) + sum(1 for kind in KINDS for _ in self.names(kind))
         for kind in KINDS:
             yield from faults.strays(self.folder, kind)
             for name in self.names(kind):
@@ -203,6 +211,12 @@ class Store:
                 done += 1
                 if progress is not None:
                     progress(done, total)
+        yield from faults.strays_of_shards(self.shards.folder)
+        for shard in shards:
+            yield from faults.of_shard(self.shards.folder, shard)
+            done += 1
+            if progress is not None:
+                progress(done, total)
         for key in self._keys_of_notes():
             if self._note(key) is None:
                 yield Fault("quarantine", key, f"{key}.json", "changed")
@@ -250,7 +264,9 @@ class Store:
                 path for x in durable.names_of(place) for path in _paths_in(place / x)
             ):
                 found += [x for x in _paths_in(pose) if x.name.startswith(durable.SCRATCH)]
-        for place in (self.folder / QUARANTINE, self.folder / INDEX):
+        shards = self.shards.folder
+        pieces = [place for place in _paths_in(shards) if is_stem(place.name)]
+        for place in (self.folder / QUARANTINE, self.folder / INDEX, shards, *pieces):
             found += [path for path in _paths_in(place) if path.name.startswith(".")]
         return found
 
@@ -321,22 +337,3 @@ def _written(scratch: Path) -> list[str]:
             f"an entry has plain files only, none hidden and none called {RECORD}; it got {wrong}."
         )
     return [name for name, _ in found]
-
-
-def _quick(folder: str, kind: Kind, name: str) -> Record | None:
-    """The record in a folder if it is of this place, and the files have their sizes."""
-    try:
-        record = record_of(durable.read_small(f"{folder}/{RECORD}", MOST_BYTES))
-        if (
-            record is None
-            or (record.kind, record.name) != (kind, name)
-            or not stat.S_ISDIR(os.lstat(folder).st_mode)
-        ):
-            return None
-        for file, (size, _) in record.files.items():
-            there = os.lstat(f"{folder}/{file}")
-            if there.st_size != size or not stat.S_ISREG(there.st_mode):
-                return None
-    except OSError:
-        return None
-    return record

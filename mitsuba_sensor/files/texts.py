@@ -107,6 +107,21 @@ def to_json(report: Any) -> str:
     )
 
 
+def short_json(report: Any) -> str:
+    """The same without indents, which takes a quarter of the time."""
+    try:
+        text = json.dumps(report, ensure_ascii=False, allow_nan=False, default=_plain_value)
+    except ValueError:  # NaN or infinity
+        text = json.dumps(plain_values(report), ensure_ascii=False, allow_nan=False)
+    return printable_json(text)
+
+
+def _plain_value(value: object) -> Any:
+    if isinstance(value, np.generic | np.ndarray | Path):
+        return plain_values(value)
+    raise TypeError(f"{type(value).__name__} is no value of JSON")
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises OSError, UnicodeDecodeError or TOMLDecodeError."""
     require_small(path, "the file")

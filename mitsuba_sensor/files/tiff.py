@@ -6,7 +6,7 @@ import io
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
@@ -53,6 +53,23 @@ def write_tiff(
     facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
         green and blue filters in the tags of TIFF/EP and DNG too.
     """
+    content_tags = _checked_tags(frames, facts)
+    with appearing(Path(path), frames.nbytes) as temporary:
+        write_pages(temporary, frames, *content_tags)
+
+
+def tiff_bytes(frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
+    """The bytes of the file that :func:`write_tiff` writes. Raises InputError."""
+    text, tags = _checked_tags(frames, facts)
+    content = io.BytesIO()
+    _write_to(content, frames, text, tags)
+    return content.getvalue()
+
+
+def _checked_tags(
+    frames: np.ndarray, facts: Mapping[str, Any]
+) -> tuple[bytes | None, list[TiffTag]]:
+    """The description and the tags of a TIFF. Raises InputError for frames that it cannot hold."""
     refuse_masked("frames", frames)
     refuse_path("frames", frames, "the path is the first argument: write_tiff(path, frames)")
     if (
@@ -71,11 +88,8 @@ def write_tiff(
     if not frames.size:
         raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
     if facts:
-        tags, text = _raw_tags(facts), to_json(dict(facts)).encode()
-    else:
-        tags, text = [], None
-    with appearing(Path(path), frames.nbytes) as temporary:
-        write_pages(temporary, frames, text, tags)
+        return to_json(dict(facts)).encode(), _raw_tags(facts)
+    return None, []
 
 
 def write_pages(
@@ -86,13 +100,17 @@ def write_pages(
     Every byte passes through Python: NumPy's own way into a file (tofile) does not say when the disk has no place for
     the last ones.
     """
+    with io.BufferedWriter(_NoTofile(path, "wb")) as file:
+        _write_to(file, frames, text, tags)
+
+
+def _write_to(
+    file: BinaryIO, frames: np.ndarray, text: bytes | None, tags: Sequence[TiffTag]
+) -> None:
     import tifffile
 
     large = frames.nbytes > LARGEST_TIFF
-    with (
-        io.BufferedWriter(_NoTofile(path, "wb")) as file,
-        tifffile.TiffWriter(file, bigtiff=large, byteorder="<") as tiff,
-    ):
+    with tifffile.TiffWriter(file, bigtiff=large, byteorder="<") as tiff:
         for page in frames.reshape(-1, *frames.shape[-2:]):
             tiff.write(
                 page,

@@ -15,7 +15,7 @@ from helpers.datasets import SCENES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset import make_dataset, overview, samples_table
+from mitsuba_sensor.dataset import make_dataset, overview, reader
 from mitsuba_sensor.dataset.exports import summary
 from mitsuba_sensor.dataset.exports.job import facts_of
 from mitsuba_sensor.dataset.exports.sheet import caption, names_that_vary, sheet_rows
@@ -204,7 +204,7 @@ def test_the_table_of_a_run_that_goes_on_reads_new_samples_only(
         read.append(found["key"])
         return found
 
-    monkeypatch.setattr(samples_table, "read_json", noted)
+    monkeypatch.setattr(reader, "read_json", noted)
     run(plan, out, shard=(2, 2))
     new = {one.key for one in ms.Dataset(out)} - before
     assert sorted(read) == sorted(new) and before

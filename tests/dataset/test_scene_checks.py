@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.dataset.entry_files import FolderFiles
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.forecast import counts_of
 from mitsuba_sensor.dataset.planned import DatasetPlan
@@ -76,7 +77,7 @@ def test_the_render_table_says_why_it_has_no_such_field(name: str, why: str) -> 
 
 def test_every_output_is_read_or_says_what_has_it(tmp_path: Path) -> None:
     (tmp_path / "noise_budget.json").write_text('{"sources": [{"source": "shot noise"}]}')
-    sample = Sample("k", "", {}, tmp_path, tmp_path)
+    sample = Sample("k", "", {}, FolderFiles(tmp_path), FolderFiles(tmp_path))
     assert sample.noise_budget == {"sources": [{"source": "shot noise"}]}
     for name, where in NO_ARRAYS.items():
         with pytest.raises(ms.InputError) as raised:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...files.texts import write_page
 from ...files.whole_folder import inside
-from ...output.exr import read_aovs_exr
-from .job import Job, checked, facts_of
+from ..entry_files import checked, require_file
+from .job import Job, facts_of
 
 HOW = """from pycocotools.coco import COCO
 
@@ -149,13 +148,13 @@ def compressed(counts: Sequence[int]) -> str:
 def write_coco(job: Job) -> str:
     """Write images/KEY.png and annotations/instances_SPLIT.json. Returns how to read."""
     found: dict[str, list[CocoImage]] = {}
-    view, instances = Path(), list[Instance]()
+    view, instances = "", list[Instance]()
     for sample in job.samples:
-        if sample.view_folder != view:  # samples of one view follow one another
-            aovs = read_aovs_exr(
-                checked(sample.existing(sample.view_folder / "aovs.exr", "shape_index"))
-            )
-            view, instances = sample.view_folder, instances_of(aovs.shape_index, aovs.shapes)
+        if sample.view_key != view:  # samples of one view follow one another
+            require_file(sample.view_files, "aovs.exr", "shape_index")
+            checked(sample.view_files, "aovs.exr")
+            aovs = sample.aovs()
+            view, instances = sample.view_key, instances_of(aovs.shape_index, aovs.shapes)
         name = job.place_picture(sample, f"images/{sample.key}")
         about = facts_of(sample)["image"]
         levels = {level: about[level] for level in LEVELS}

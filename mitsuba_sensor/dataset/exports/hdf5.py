@@ -5,8 +5,9 @@ from __future__ import annotations
 from ...files.hdf5 import Hdf5Writer, hdf5_writer
 from ...files.whole_folder import inside
 from ...output.exr import read_irradiance_exr
+from ..entry_files import checked, require_file
 from ..reader import IMAGES, Sample
-from .job import IRRADIANCE, Job, checked, checked_array, facts_of, facts_text_of
+from .job import IRRADIANCE, Job, checked_array, facts_of, facts_text_of
 
 HOW = """import h5py
 
@@ -67,8 +68,11 @@ def _add(job: Job, file: Hdf5Writer, sample: Sample, views: set[str]) -> None:
 
 def add_light(file: Hdf5Writer, place: str, sample: Sample) -> None:
     """The spectral irradiance of a view, and its wavelengths."""
-    path = sample.existing(sample.view_folder / f"{IRRADIANCE}.exr", IRRADIANCE)
-    light = read_irradiance_exr(checked(path))
+    file_name = f"{IRRADIANCE}.exr"
+    require_file(sample.view_files, file_name, IRRADIANCE)
+    checked(sample.view_files, file_name)
+    with sample.view_files.opened(file_name) as path:
+        light = read_irradiance_exr(path)
     unit = "W m-2 nm-1"
     if light.filters:
         unit = "W m-2"

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
 from ...core import InputError
-from ...files import durable
+from ...core.small_files import json_value
+from ...files.appearing import write_drawing
 from ...files.png import write_png
-from ...files.texts import text_of_file
 from ...files.tiff import write_tiff
-from ...files.whole_folder import copy_into, inside
+from ...files.whole_folder import inside
 from ...optics.calibration import calibration_of
+from ..entry_files import checked, require_file
 from ..file import DatasetFile
 from ..keys import Facts, canonical
 from ..previews import PICTURE
-from ..reader import AOVS, CHANGED, IMAGES, Sample
-from ..record import MOST_BYTES, RECORD, record_of
+from ..reader import AOVS, IMAGES, Sample
 from .poses import PosedImage, rigid_pose
 
 IRRADIANCE = "irradiance"
@@ -112,24 +110,24 @@ class Job:
             return _place_raw(self.folder, sample, stem)
         self._require(sample, "preview", PICTURE, "raw")
         name = f"{stem}.png"
-        copy_into(self.folder, name, checked(sample.folder / PICTURE))
+        write_drawing(inside(self.folder, name), checked(sample.files, PICTURE))
         return PurePath(name).name
 
     def _require(self, sample: Sample, output: str, file: str, other: str) -> None:
         """Raise InputError where a sample has no such picture.  other : output that has pictures, too."""
-        if (sample.folder / file).exists():
+        if sample.files.has(file):
             return
         remedy = f"add {output} to the outputs of the dataset, and make it again"
         if other in self.file.outputs:
             remedy = f"take --images {other}, or {remedy}"
-        raise InputError(f"there is no {sample.folder / file}; {remedy}.")
+        raise InputError(f"there is no {sample.files.place(file)}; {remedy}.")
 
 
 def _has(sample: Sample, name: str) -> bool:
     """Whether a sample, or its view, has the file of an image or of the irradiance."""
     if name == IRRADIANCE:
-        return (sample.view_folder / f"{IRRADIANCE}.exr").exists()
-    return (sample.folder / IMAGES[name]).exists()
+        return sample.view_files.has(f"{IRRADIANCE}.exr")
+    return sample.files.has(IMAGES[name])
 
 
 def _place_raw(folder: Path, sample: Sample, stem: str) -> str:
@@ -144,43 +142,29 @@ def _place_raw(folder: Path, sample: Sample, stem: str) -> str:
     return place.name
 
 
-def checked(path: Path) -> Path:
-    """A file of a sample or view, if its content is still that of the record beside it. Raises InputError."""
-    with suppress(OSError):
-        found = record_of(durable.read_small(os.fspath(path.with_name(RECORD)), MOST_BYTES))
-        if found and path.parent.as_posix().endswith(f"/{found.name}"):
-            said = found.files.get(path.name)
-        else:
-            said = None
-        if said and not path.is_symlink() and durable.size_and_hash(path) == said:
-            return path
-    raise InputError(
-        f"{path} is not as it was written; `mitsuba-sensor dataset repair` makes it again."
-    )
-
-
 def facts_of(sample: Sample) -> Facts:
     """sample.json, which a sample in a list would keep: that of a million of them is too much. Raises InputError."""
-    checked(sample.folder / "sample.json")
-    found = replace(sample).facts
+    found: Facts = json_value(checked(sample.files, "sample.json").decode())
     if missing := [name for name in NEEDED if not isinstance(found.get(name), dict)]:
         raise InputError(
-            f"sample.json in {sample.folder} has no {missing[0]}: another version made it; make it again."
+            f"{sample.files.place('sample.json')} has no {missing[0]}: another version made it; make it again."
         )
     return found
 
 
 def facts_text_of(sample: Sample) -> str:
     """The text of sample.json. Raises InputError."""
-    return text_of_file(checked(sample.folder / "sample.json"), CHANGED)
+    return checked(sample.files, "sample.json").decode()
 
 
 def checked_array(sample: Sample, name: str) -> NDArray[Any]:
     """An array of a sample whose file is as it was written. Raises InputError."""
     if name in AOVS:
-        checked(sample.existing(sample.view_folder / "aovs.exr", name))
+        require_file(sample.view_files, "aovs.exr", name)
+        checked(sample.view_files, "aovs.exr")
     elif file := {**IMAGES, "preview": PICTURE}.get(name):
-        checked(sample.existing(sample.folder / file, name))
+        require_file(sample.files, file, name)
+        checked(sample.files, file)
     return sample.read(name)
 
 
@@ -218,7 +202,7 @@ def posed(sample: Sample, facts: Facts) -> PosedImage:
     light, pitch_um = facts["light"], facts["config"]["camera"]["pixel"]["pitch_x_um"]
     if light.get("camera_to_world") is None:
         raise InputError(
-            f"{sample.folder} has no pose; the dataset was made by an older version: make it again."
+            f"{sample.files.place('sample.json')} has no pose; the dataset was made by an older version: make it again."
         )
     calibration = calibration_of(light["intrinsics"], pitch_um)
     return PosedImage(sample.key, calibration, rigid_pose(light["camera_to_world"]))

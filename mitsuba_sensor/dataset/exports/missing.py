@@ -8,10 +8,11 @@ from itertools import islice
 from pathlib import Path
 
 from ...core import InputError
-from ..index_part import NUMBERS, OpenPart, all_parts, parts_of
+from ..index_part import OpenPart, all_parts, parts_of
 from ..origin import require_origin
 from ..reader import Dataset
 from ..same_origin import plan_of
+from ..shard_size import NUMBERS
 
 MOST_NAMED = 3
 """Keys in the sentence."""

@@ -74,9 +74,9 @@ def write_nerfstudio(job: Job) -> str:
 
 def _depth(job: Job, world: str, sample: Sample) -> str:
     """Write the depth of a view [mm] once, 0 where nothing is or it is too far; empty where there is none."""
-    if not (sample.view_folder / "aovs.exr").exists():
+    if not sample.view_files.has("aovs.exr"):
         return ""
-    name = f"depth/{sample.view_folder.name}.png"
+    name = f"depth/{sample.view_key}.png"
     place = inside(job.folder, f"{world}/{name}")
     if not place.exists():
         depth_mm = np.rint(checked_array(sample, "depth_m") * MM_PER_M)

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import PurePath
 
 from ...core import InputError
-from ...files import durable
 from ...files.parquet import Kind, Row
 from ...files.parquet_shards import ParquetShards
 from ...files.tar_shards import npy
 from ...files.whole_folder import inside
+from ..entry_files import checked, require_file
 from ..index_part import FIXED, cell_of, kinds_of
 from ..previews import PICTURE
 from ..reader import IMAGES, Sample
-from .job import Job, checked, checked_array, facts_text_of
+from .job import Job, checked_array, facts_text_of
 
 HOW = """import numpy as np
 from datasets import load_dataset
@@ -68,9 +69,12 @@ def _row(sample: Sample, kinds: dict[str, Kind]) -> tuple[Row, int]:
     for name, kind in kinds.items():
         if kind == "image":
             file = PICTURE if name == PREVIEW else IMAGES[name]
-            path = checked(sample.existing(sample.folder / file, name))
-            content = durable.read_plain(path)
-            row[name] = {"bytes": content, "path": f"{sample.key}.{name}{path.suffix}"}
+            require_file(sample.files, file, name)
+            content = checked(sample.files, file)
+            row[name] = {
+                "bytes": content,
+                "path": f"{sample.key}.{name}{PurePath(file).suffix}",
+            }
             size += len(content)
         elif kind == "bytes":
             row[name] = npy(checked_array(sample, name))

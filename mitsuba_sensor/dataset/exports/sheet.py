@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from ...files.png import png as png_of
 from ...output.contact_sheet import Captioned, SheetRow
+from ..entry_files import checked
 from ..index_part import Line
 from ..keys import Config
 from ..planned import evenly_chosen
@@ -14,7 +14,7 @@ from ..previews import PICTURE, preview_of_sample
 from ..reader import IMAGES, Sample, sample_of
 from ..store import Store
 from ..values import text_of
-from .job import checked, facts_of
+from .job import facts_of
 
 MOST_ROWS, MOST_COLUMNS = 8, 10
 MOST_LOOKED_AT = 2000  # of all samples, for their scenes, views and what varies
@@ -57,14 +57,13 @@ def _pictures(store: Store, lines: Sequence[Line], varied: Sequence[str]) -> lis
     return pictures
 
 
-def _picture(sample: Sample) -> Path | bytes | None:
+def _picture(sample: Sample) -> bytes | None:
     """The PNG of a preview. Raises InputError where what it is made of is not as it was written."""
-    stored, raw = sample.folder / PICTURE, sample.folder / IMAGES["raw"]
-    if stored.exists():
-        return checked(stored)
-    if not raw.exists():
+    if sample.files.has(PICTURE):
+        return checked(sample.files, PICTURE)
+    if not sample.files.has(IMAGES["raw"]):
         return None
-    checked(raw)
+    checked(sample.files, IMAGES["raw"])
     return png_of(preview_of_sample(sample))
 
 

@@ -15,12 +15,13 @@ from ...camera.camera_file import camera_from
 from ...camera.figures import figures_if_any
 from ...core import InputError
 from ...files import durable
+from ..entry_files import MADE_AGAIN, EntryFiles
 from ..file import DatasetFile
 from ..index_part import Line
 from ..keys import Facts, key_of
 from ..planned import evenly_chosen
 from ..reader import IMAGES, sample_of
-from ..record import FILE, RECORD, Kind, Record, text_of
+from ..record import FILE, RECORD, text_of
 from ..store import Store
 from .card import CameraNumbers, CardFacts
 from .job import facts_of
@@ -107,13 +108,16 @@ def summary(
     Raises InputError for a sample that is not as it was written.
     """
     store, read, digest = Store(folder), _Read(), hashlib.sha256()
-    chosen = evenly_chosen(lines, most or len(lines))
+    chosen, views = evenly_chosen(lines, most or len(lines)), dict[str, EntryFiles]()
     for line in chosen:
-        _add(read, line, facts_of(sample_of(store, line)))
-        _add_record(read, store, ("samples", line.name), digest)
+        sample = sample_of(store, line)
+        _add(read, line, facts_of(sample))
+        _add_record(read, sample.files, digest)
+        if line.place is None and line.view_files:  # in a shard they are a sample's
+            views[line.view] = sample.view_files
         step()
-    for name in dict.fromkeys(line.view_name for line in chosen if line.view_files):
-        _add_record(read, store, ("views", name), digest)
+    for files in views.values():
+        _add_record(read, files, digest)
     hashes = {f"`{FILE}`": durable.sha256_of(folder / FILE)}
     if most is None:
         records = f"every `{RECORD}` in the order of the samples, then of the renders"
@@ -227,15 +231,12 @@ def _dark_and_full_e(camera: Camera) -> tuple[float | None, float | None]:
     return figures.temporal_dark_noise_e, figures.saturation_e
 
 
-def _add_record(read: _Read, store: Store, entry: tuple[Kind, str], digest: Any) -> None:
+def _add_record(read: _Read, files: EntryFiles, digest: Any) -> None:
     """Bytes of an entry, and its record, which has the hashes of its files."""
-    found: Record | None = store.record(*entry)
-    if found is None:
-        raise InputError(
-            f"{store.folder_of(*entry)} is not as it was written; `mitsuba-sensor dataset repair` makes it again."
-        )
-    read.bytes += sum(size for size, _ in found.files.values())
-    digest.update(text_of(found))
+    if (record := files.record()) is None:
+        raise InputError(f"{files.place(RECORD)} is not as it was written; {MADE_AGAIN}.")
+    read.bytes += sum(size for size, _ in record.files.values())
+    digest.update(text_of(record))
 
 
 def _numbers(name: str, gain: str, group: _Group) -> CameraNumbers:

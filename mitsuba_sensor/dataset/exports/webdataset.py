@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...files.tar_shards import TarShards, npy
+from ..entry_files import checked
 from ..previews import PICTURE
 from ..reader import Sample
-from .job import Job, checked, checked_array
+from .job import Job, checked_array
 
 HOW = """import webdataset as wds
 
@@ -39,9 +40,8 @@ def files_of(sample: Sample, arrays: Sequence[str]) -> dict[str, bytes | Path]:
     found: dict[str, bytes | Path] = {
         f"{name}.npy": npy(checked_array(sample, name)) for name in arrays
     }
-    picture = sample.folder / PICTURE
-    if picture.exists():
-        pictures = {"png": checked(picture)}
+    if sample.files.has(PICTURE):
+        pictures = {"png": checked(sample.files, PICTURE)}
     else:
         pictures = {}
-    return {**found, "json": checked(sample.folder / "sample.json"), **pictures}
+    return {**found, "json": checked(sample.files, "sample.json"), **pictures}
