@@ -114,7 +114,6 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[Named]:
     and so does a folder without a record, or with that of another entry: it may be anybody's, and a run replaces it
     where it needs its place.
 
-
     Parts of the index that have one, or name such an entry, are removed before: a run looks for what they name. Notes
     of quarantine that have one are removed too, so that their views are tried again. Of a shard a run keeps the samples
     that are as they were written.
@@ -123,7 +122,7 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[Named]:
     for fault in faults:
         if fault.kind == "quarantine" and fault.name:
             store.release(fault.name)
-        elif fault.name and fault.kind in ("samples", "views"):
+        elif fault.name and fault.kind in ("samples", "views", "shards"):
             broken.add((fault.kind, fault.name))
             if fault.file != RECORD or fault.what not in ("missing", "of another entry"):
                 own.add((fault.kind, fault.name))

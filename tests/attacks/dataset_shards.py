@@ -61,6 +61,11 @@ FAILING = {"ENOSPC": ("mkdir", "write", "fsync", "rename"), "EIO": ("write", "fs
 WRITES = ("mkdir", "openat", "write", "fsync", "rename", "unlink", "rmdir", "unlinkat")
 
 
+def names_of(told: set[Entry]) -> set[str]:
+    """Of the samples that a program has told of."""
+    return {name for _, name, *_ in told}
+
+
 def content(key: str) -> bytes:
     """Of the only large file of a sample, decided by its key."""
     return Random(key).randbytes(1500)
@@ -79,6 +84,7 @@ class Ground:
         self.out, self.template = top / "out", top / "template"
         self.problems: list[str] = []
         self.keys = [sample.key for view in self.plan.views() for sample in view.samples]
+        self.names = [sample.name for view in self.plan.views() for sample in view.samples]
         self.wanted = self.keys
         right = top / "right"
         self.work(right)
@@ -110,7 +116,7 @@ class Ground:
             assert view.block is not None
             if any(shard.is_whole for shard in Store(folder).shards.of(view.block)):
                 for sample in view.samples:
-                    told(("samples", sample.key))
+                    told(sample.entry)
             writer.ended(view.first, True)
         writer.index()
 
@@ -140,8 +146,8 @@ class Ground:
         for block in range(-(-len(self.keys) // OF_SHARD)):
             numbers = Store(self.out).shards.numbers(self.plan.block(block)[0])
             own = range(block * OF_SHARD, min((block + 1) * OF_SHARD, len(self.keys)))
-            there |= {self.keys[number] for number in own if number in numbers}
-        found += [f"lost: {key}" for _, key in told if key not in there]
+            there |= {self.names[number] for number in own if number in numbers}
+        found += [f"lost: {name}" for name in names_of(told) if name not in there]
         try:
             for sample in Dataset(self.out):
                 if sample.files.content("a.bin") != content(sample.key):

@@ -21,6 +21,7 @@ from mitsuba_sensor import InputError
 from mitsuba_sensor.core import DiskFull
 from mitsuba_sensor.dataset import make_dataset, pieces, places
 from mitsuba_sensor.dataset.exports.export import export
+from mitsuba_sensor.dataset.faults import Fault
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.index_writer import IndexWriter
 from mitsuba_sensor.dataset.origin import write_origin
@@ -78,6 +79,10 @@ def make(store: Store, view: PlannedView, lost: frozenset[int]) -> int:
 def files_of(key: str, folder: Path) -> Files:
     (folder / "a.bin").write_bytes(random.Random(key).randbytes(900))
     return {"sample.json": {"key": key}}
+
+
+def faults_in(folder: Path) -> list[Fault]:
+    return [*verify(folder, roots=[SCENES])]
 
 
 def shards(folder: Path) -> dict[str, bytes]:
@@ -159,7 +164,7 @@ def test_workers_and_parts_of_a_run_make_the_same_shards(
         run(plan, tmp_path / "parts", shard=(number, 3), progress=False)
     assert shards(tmp_path / "parts") == shards(both[1])
     assert run(plan, tmp_path / "parts", workers=0, progress=False).made == 0
-    assert not [*verify(tmp_path / "parts")]
+    assert not faults_in(tmp_path / "parts")
 
 
 @pytest.fixture
@@ -182,11 +187,11 @@ def test_every_flipped_bit_is_found_and_one_sample_at_most_is_made_again(
         place = turn if turn < 10 else chance.randrange(len(content))
         content[place] ^= 1 << chance.randrange(8)
         (folder / "shards" / name).write_bytes(content)
-        faults = [*verify(folder)]
+        faults = faults_in(folder)
         assert {(fault.kind, fault.name) for fault in faults} == {("shards", name)}
         discard(folder, faults)
         assert stand_in(folder, plan) <= 1
-        assert shards(folder) == right and not [*verify(folder)]
+        assert shards(folder) == right and not faults_in(folder)
 
 
 def test_a_shard_that_is_lost_or_replaced_is_made_again(made: tuple[DatasetPlan, Path]) -> None:
@@ -198,7 +203,7 @@ def test_a_shard_that_is_lost_or_replaced_is_made_again(made: tuple[DatasetPlan,
     three.unlink()
     three.mkdir()
     (folder / "shards" / "notes.txt").write_text("mine")
-    faults = [*verify(folder)]
+    faults = faults_in(folder)
     told = {(fault.name or fault.file, fault.what) for fault in faults}
     assert told >= {
         (one.name, "missing"),
@@ -209,7 +214,7 @@ def test_a_shard_that_is_lost_or_replaced_is_made_again(made: tuple[DatasetPlan,
     discard(folder, faults)
     assert stand_in(folder, plan) == 15
     (folder / "shards" / "notes.txt").unlink()
-    assert shards(folder) == right and not [*verify(folder)]
+    assert shards(folder) == right and not faults_in(folder)
 
 
 def test_a_sample_of_another_key_is_not_kept(made: tuple[DatasetPlan, Path]) -> None:
@@ -229,7 +234,7 @@ def test_a_sample_of_another_key_is_not_kept(made: tuple[DatasetPlan, Path]) -> 
     )
     changed = content[: of_two[0].start] + forged + content[of_two[-1].end :]
     (folder / "shards" / name).write_bytes(changed)
-    discard(folder, [*verify(folder)])
+    discard(folder, faults_in(folder))
     assert stand_in(folder, plan) == 1 and shards(folder) == right
 
 
@@ -242,7 +247,7 @@ def test_samples_that_could_not_be_made_leave_a_shard_of_the_rest_that_is_comple
     counts = [name.split("-")[2:5] for name in shards(folder)]
     assert counts == [[n, "of", "5"] for n in ("5", "4", "4", "5")]
     found = ms.Dataset(folder)
-    assert len(found) == 18 and not [*verify(folder)]
+    assert len(found) == 18 and not faults_in(folder)
     assert found[7].view["key"] == found[7].view_key
     with pytest.raises(InputError, match=r"there is no .*: view\.json"):
         found[9].view  # noqa: B018, of sample 11
@@ -303,7 +308,7 @@ def test_a_full_disk_keeps_the_samples_before_it_and_names_place_and_bytes(
         stand_in(folder, plan)
     monkeypatch.setattr(pieces, "write_all", write_all)
     made = stand_in(folder, plan)
-    assert 0 < made < 10 and not [*verify(folder)] and len(ms.Dataset(folder)) == 10
+    assert 0 < made < 10 and not faults_in(folder) and len(ms.Dataset(folder)) == 10
 
 
 def test_small_datasets_have_folders_and_large_ones_shards() -> None:
