@@ -36,6 +36,9 @@ class EntryFiles(Protocol):
     def has(self, name: str) -> bool:
         """Whether there is a file of this name."""
 
+    def sizes(self) -> dict[str, int]:
+        """Bytes of each file but the record. Raises InputError."""
+
     def content(self, name: str) -> bytes:
         """All bytes of a file. Raises InputError."""
 
@@ -59,6 +62,11 @@ class FolderFiles:
     def has(self, name: str) -> bool:
         """Whether there is a file of this name."""
         return (self.folder / name).exists()
+
+    def sizes(self) -> dict[str, int]:
+        """Bytes of each file but the record."""
+        names = (name for name in durable.names_of(self.folder) if name != RECORD)
+        return {name: (self.folder / name).stat().st_size for name in names}
 
     def content(self, name: str) -> bytes:
         """All bytes of a file. Raises InputError."""
@@ -120,7 +128,7 @@ class ShardFiles:
     def _group(self) -> Group:
         if self.offset is None:
             return Group(0, {})
-        with _sentences(self.path), self.path.open("rb") as file:
+        with _sentences(self.path), durable.open_to_read(self.path) as file:
             group = group_at(file, self.offset)
         if group is None:
             raise InputError(f"{self.place(RECORD)} is not as it was written; {MADE_AGAIN}.")
@@ -130,12 +138,17 @@ class ShardFiles:
         """Whether there is a file of this name."""
         return name in self._group.files
 
+    def sizes(self) -> dict[str, int]:
+        """Bytes of each file but the record. Raises InputError."""
+        members = sorted(self._group.files.items())
+        return {name: member.size for name, member in members if name != RECORD}
+
     def content(self, name: str) -> bytes:
         """All bytes of a file. Raises InputError."""
         member = self._group.files.get(name)
         if member is None:
             raise InputError(f"there is no {self.place(name)}; {CHANGED}.")
-        with _sentences(self.path), self.path.open("rb") as file:
+        with _sentences(self.path), durable.open_to_read(self.path) as file:
             return content_of(file, member)
 
     @contextmanager
@@ -143,7 +156,7 @@ class ShardFiles:
         """The path of a copy of a file."""
         with tempfile.TemporaryDirectory(prefix="mitsuba-sensor-") as folder:
             path = Path(folder) / name
-            path.write_bytes(self.content(name))
+            durable.write_copy(path, self.content(name))
             yield path
 
     def record(self) -> Record | None:

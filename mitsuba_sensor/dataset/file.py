@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 import pydantic
-from pydantic import Field, PlainValidator, model_validator
+from pydantic import AfterValidator, Field, PlainValidator, model_validator
 
 from ..camera.datasheet_errors import sentence
 from ..core import InputError, nearest
@@ -21,7 +21,7 @@ from ..render.motion.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
 from ..stages.datasheet import FileTable, optional
 from .keys import Config
-from .shard_size import StoreTable
+from .shard_size import MOST_FOLDERS, NUMBERS, USUAL
 from .values import SAME, check_field, check_value, plain_value, value_or_list
 
 LARGEST_BYTES = 2**22  # of a dataset file
@@ -260,6 +260,27 @@ class Splits(FileTable):
                 f'block is {self.block}, of poses, and by names none; give by = ["scene", "view"]'
             )
         return self
+
+
+def _whole_fraction(samples: int) -> int:
+    if samples and NUMBERS % samples:
+        raise ValueError(
+            f"is {samples}; it must be 0, for a folder for each sample, or divide {NUMBERS}, e.g. {USUAL}"
+        )
+    return samples
+
+
+class StoreTable(FileTable):
+    """How the samples are kept on the disk."""
+
+    shard_samples: (
+        Annotated[int, Field(ge=0, le=NUMBERS, strict=True), AfterValidator(_whole_fraction)]
+        | None
+    ) = optional(
+        f"samples of each shard, a tar file; 0 for a folder for each sample; by default folders up to {MOST_FOLDERS} "
+        f"samples, else shards of {USUAL}",
+        USUAL,
+    )
 
 
 class DatasetFile(FileTable):

@@ -98,19 +98,19 @@ class PieceWriter:
 
     def _begin(self, number: int) -> None:
         for _ in range(TRIES):
-            self.place.mkdir(parents=True, exist_ok=True)
+            durable.make_place(self.place)
             self._scratch = durable.scratch_name(self.place)
             with (
                 suppress(FileNotFoundError),
                 whole_step,
             ):  # another program removes the folder, empty
-                self._file = self._stack.enter_context(self._scratch.open("xb", buffering=0))
+                self._file = self._stack.enter_context(durable.begin_file(self._scratch))
                 self._stack.enter_context(undone_if_stopped(self._remove))
                 break
         self._first = number
 
     def _remove(self) -> None:
-        self._scratch.unlink(missing_ok=True)
+        durable.remove_file(self._scratch)
 
     def close(self) -> None:
         """Let the piece appear. It is not flushed: who joins pieces looks at each again."""

@@ -155,8 +155,8 @@ class ShardPlace:
             files[name] = content
         for name, _ in durable.plain_files(self._scratch):
             path = self._scratch / name
-            files[name] = path.read_bytes()
-            path.unlink()
+            files[name] = durable.read_plain(path)
+            durable.remove_file(path)
         return files
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from ..files import durable
 from ..files.tar_members import Member, content_of, found_members, members
 from .record import MOST_BYTES, RECORD, Record, record_of
 
@@ -98,6 +99,6 @@ def sound_members(
 
 def damaged_samples(path: Path) -> list[str]:
     """Numbers of the samples in a shard that are not as they were written, as its members are called."""
-    with path.open("rb") as file:
+    with durable.open_to_read(path) as file:
         groups = groups_in(found_members(path))
         return [f"{group.number:010d}" for group in groups if not sound_members(file, group)]

@@ -140,7 +140,7 @@ class Shards:
     def groups(self, shard: Shard) -> list[Group]:
         """Where the samples of a shard are. Raises InputError."""
         path = self.folder / shard.name
-        with disk_sentences(path), path.open("rb") as file:
+        with disk_sentences(path), durable.open_to_read(path) as file:
             return [*groups_in(members(file))]
 
     def writer(self, block: Block) -> PieceWriter:
@@ -201,11 +201,11 @@ class Shards:
         size, digest = sum(end - start for _, start, end in slices) + len(END), hashlib.sha256()
 
         def remove() -> None:
-            scratch.unlink(missing_ok=True)
+            durable.remove_file(scratch)
 
         with undone_if_stopped(remove):
             try:
-                with scratch.open("xb", buffering=0) as file:
+                with durable.begin_file(scratch) as file:
                     for content in _contents(slices):
                         digest.update(content)
                         with disk_sentences(self.folder / block.stem, size):
@@ -237,7 +237,11 @@ class Shards:
                 self.spoil(shard)
         place = self.folder / block.stem
         for path in self._unsound(block):
-            with suppress(OSError), path.open("rb") as file, self.writer(block) as writer:
+            with (
+                suppress(OSError),
+                durable.open_to_read(path) as file,
+                self.writer(block) as writer,
+            ):
                 for group in groups_in(found_members(path)):
                     contents = sound_members(file, group, keys.get(group.number, ""))
                     if contents is not None:
@@ -259,7 +263,7 @@ class Shards:
             if path.is_symlink() or not path.is_file():
                 durable.remove_folder(path)
                 return
-            place.mkdir(exist_ok=True)
+            durable.make_place(place)
             os.replace(path, place / Piece(0, 0, shard.digest).name)
             durable.sync_folder(self.folder)
 
@@ -275,7 +279,7 @@ def _slices(sources: Iterable[Path]) -> list[tuple[Path, int, int]]:
     """Where each sample is, by number: file, start and end. Of one that is there twice the first is taken."""
     found = dict[int, tuple[Path, int, int]]()
     for path in sources:
-        with path.open("rb") as file:
+        with durable.open_to_read(path) as file:
             for group in groups_in(members(file)):
                 found.setdefault(group.number, (path, group.start, group.end))
     return [found[number] for number in sorted(found)]
@@ -284,7 +288,7 @@ def _slices(sources: Iterable[Path]) -> list[tuple[Path, int, int]]:
 def _contents(slices: Iterable[tuple[Path, int, int]]) -> Iterator[bytes]:
     """The bytes of a tar file of these slices."""
     for path, of_file in groupby(slices, key=itemgetter(0)):
-        with path.open("rb") as file:
+        with durable.open_to_read(path) as file:
             for _, start, end in of_file:
                 file.seek(start)
                 while start < end:

@@ -10,13 +10,11 @@ import numpy as np
 from ..camera.camera_file import camera_from
 from ..camera.figures import figures_if_any
 from ..core import InputError
-from .entry_files import MADE_AGAIN
 from .index import opened
 from .keys import Facts
 from .names import PARTS
 from .previews import PICTURE
 from .reader import Dataset, Sample
-from .record import RECORD
 
 FEWEST_DIGITS = 4
 """Of a key, that are looked for."""
@@ -59,9 +57,6 @@ def _places(dataset: Dataset, column: str, beginning: str) -> list[int]:
 def facts_shown(dataset: Dataset, number: int, sample: Sample) -> Facts:
     """What is said of a sample, ready for JSON. Raises InputError for one that is not as it was written."""
     facts, files = sample.facts, sample.files
-    record = files.record()
-    if record is None:
-        raise InputError(f"{files.place(RECORD)} is not as it was written; {MADE_AGAIN}.")
     picture = None
     if files.has(PICTURE):
         picture = files.place(PICTURE)
@@ -76,7 +71,7 @@ def facts_shown(dataset: Dataset, number: int, sample: Sample) -> Facts:
         "noise": _noise(sample),
         "digital_quantiles_dn": facts["digital_quantiles_dn"],
         "electrons_quantiles_e": facts["electrons_quantiles_e"],
-        "files": {name: size for name, (size, _) in sorted(record.files.items())},
+        "files": files.sizes(),
         "picture": picture,
     }
 

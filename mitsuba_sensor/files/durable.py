@@ -13,7 +13,9 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
+from typing import BinaryIO
 
 from ..core import InputError
 from .appearing import appearing
@@ -52,6 +54,31 @@ def make_folder(folder: Path, above: Path) -> None:
 def make_new(folder: Path) -> None:
     """Make a folder that is not there yet."""
     folder.mkdir()
+
+
+def make_place(folder: Path) -> None:
+    """Make a folder and its parents, whose names are flushed later."""
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def begin_file(path: Path) -> FileIO:
+    """A file that is not there yet, without a buffer."""
+    return path.open("xb", buffering=0)
+
+
+def open_to_read(path: Path) -> BinaryIO:
+    """A file that is read by places."""
+    return path.open("rb")
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file; that there is none is no error."""
+    path.unlink(missing_ok=True)
+
+
+def write_copy(path: Path, content: bytes) -> None:
+    """A file for a short time."""
+    path.write_bytes(content)
 
 
 def sync_folder(folder: Path) -> None:

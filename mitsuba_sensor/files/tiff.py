@@ -16,7 +16,8 @@ from ..core.checks import refuse_path
 from .appearing import appearing
 from .texts import to_json
 
-NOTHING: Mapping[str, Any] = {}
+Facts: TypeAlias = Mapping[str, Any]
+NOTHING: Facts = {}
 
 
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
@@ -40,7 +41,7 @@ PAGE_NAME = 285
 
 @tells_of_names
 def write_tiff(
-    path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[str, Any] = NOTHING
+    path: str | os.PathLike[str], frames: np.ndarray, facts: Facts = NOTHING
 ) -> None:
     """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
 
@@ -58,7 +59,7 @@ def write_tiff(
         write_pages(temporary, frames, *content_tags)
 
 
-def tiff_bytes(frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
+def tiff_bytes(frames: np.ndarray, facts: Facts = NOTHING) -> bytes:
     """The bytes of the file that :func:`write_tiff` writes. Raises InputError."""
     text, tags = _checked_tags(frames, facts)
     content = io.BytesIO()
@@ -66,9 +67,7 @@ def tiff_bytes(frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
     return content.getvalue()
 
 
-def _checked_tags(
-    frames: np.ndarray, facts: Mapping[str, Any]
-) -> tuple[bytes | None, list[TiffTag]]:
+def _checked_tags(frames: np.ndarray, facts: Facts) -> tuple[bytes | None, list[TiffTag]]:
     """The description and the tags of a TIFF. Raises InputError for frames that it cannot hold."""
     refuse_masked("frames", frames)
     refuse_path("frames", frames, "the path is the first argument: write_tiff(path, frames)")
@@ -174,7 +173,7 @@ class _NoTofile(io.FileIO):
         raise io.UnsupportedOperation
 
 
-def _raw_tags(facts: Mapping[str, Any]) -> list[TiffTag]:
+def _raw_tags(facts: Facts) -> list[TiffTag]:
     """(code, type, count, value, first page only) of BlackLevel, WhiteLevel, CFARepeatPatternDim and CFAPattern."""
     tags: list[TiffTag] = [
         (50714, TIFF_LONG, 1, round(facts["black_level_dn"]), False),
