@@ -1,4 +1,4 @@
-"""Commands of dataset: plan, run, show, status, verify, repair and export."""
+"""Commands of dataset: plan, run, show, status, verify, repair, push and export."""
 
 from __future__ import annotations
 
@@ -94,6 +94,13 @@ OpensPicture = Annotated[
         "--open",
         help="Open its picture with the program of this desktop.",
         rich_help_panel=arguments.OUTPUT,
+    ),
+]
+StoreAddress = Annotated[
+    str,
+    typer.Argument(
+        metavar="ADDRESS",
+        help="Where it is put: s3://BUCKET/NAME, or another address that fsspec knows.",
     ),
 ]
 ExportFormat = Annotated[
@@ -305,6 +312,30 @@ def export_command(
     found = {**exported._asdict(), "format": format, "folder": out_dir}
     said = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there says how to read them"
     show(found if as_json else "\n".join([said, *exported.remarks]), as_json)
+
+
+@dataset.command(
+    "push",
+    cls=Command,
+    epilog="Example: mitsuba-sensor dataset push pairs/ s3://bucket/pairs",
+)
+def push_command(
+    folder: DatasetFolder, address: StoreAddress, as_json: arguments.Json = False
+) -> None:
+    """Put a dataset of shards into an object store, S3 for example; only what is not there yet is uploaded.
+
+    A dataset may still grow: push it again. ms.Dataset("s3://bucket/pairs") reads what is there, at any time. How you
+    are known to a store is set as for its own programs, for S3 by AWS_PROFILE or AWS_ACCESS_KEY_ID.
+    """
+    from ..dataset.push import push
+
+    with steps_bar(err) as now:
+        found = push(Path(folder), address, lambda done, total: now(done, total, "uploaded"))
+    said = (
+        f"{address}: {found.files} shards and parts of the index uploaded, {found.bytes / 1e6:.3g} MB; {found.there} "
+        "were there already"
+    )
+    show(asdict(found) if as_json else said, as_json)
 
 
 def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:

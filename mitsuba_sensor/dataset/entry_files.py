@@ -11,10 +11,11 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 from ..core import InputError
 from ..files import durable
+from ..files.objects import ByteRange, Place, opened
 from ..files.tar_members import content_of
 from .record import MOST_BYTES, RECORD, Record, record_of
 from .shard_members import Group, group_at
@@ -105,13 +106,14 @@ def record_in_folder(folder: str) -> Record | None:
 class ShardFiles:
     """Files of one sample in a shard.
 
-    path : of the shard.  offset : where the sample starts; None where there are no files.  key : of the sample; None
-    for any.
+    path : of the shard, or its object in a store.  offset : where the sample starts; None where there are no files.
+    key : of the sample; None for any.  size : its bytes, where they are known: an object is asked for all at once.
     """
 
-    path: Path
+    path: Place
     offset: int | None
     key: str | None
+    size: int | None = None
 
     def place(self, name: str) -> str:
         """The shard, and where the sample starts in it."""
@@ -124,11 +126,23 @@ class ShardFiles:
             f"this sample is in the shard {self.path} and has no folder; files.content(name) are the bytes of a file."
         )
 
+    def _opened(self) -> BinaryIO:
+        if self._range is None:
+            return opened(self.path)
+        return ByteRange(self._range, self.offset or 0)
+
+    @cached_property
+    def _range(self) -> bytes | None:
+        """The bytes of the sample, of an object."""
+        if isinstance(self.path, Path) or self.offset is None or self.size is None:
+            return None
+        return self.path.read(self.offset, self.offset + self.size)
+
     @cached_property
     def _group(self) -> Group:
         if self.offset is None:
             return Group(0, {})
-        with _sentences(self.path), durable.open_to_read(self.path) as file:
+        with _sentences(self.path), self._opened() as file:
             group = group_at(file, self.offset)
         if group is None:
             raise InputError(f"{self.place(RECORD)} is not as it was written; {MADE_AGAIN}.")
@@ -148,7 +162,7 @@ class ShardFiles:
         member = self._group.files.get(name)
         if member is None:
             raise InputError(f"there is no {self.place(name)}; {CHANGED}.")
-        with _sentences(self.path), durable.open_to_read(self.path) as file:
+        with _sentences(self.path), self._opened() as file:
             return content_of(file, member)
 
     @contextmanager
@@ -190,7 +204,7 @@ def checked(files: EntryFiles, name: str) -> bytes:
 
 
 @contextmanager
-def _sentences(path: Path) -> Iterator[None]:
+def _sentences(path: Place) -> Iterator[None]:
     """Turn what cannot be read into one sentence."""
     try:
         yield

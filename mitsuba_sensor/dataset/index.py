@@ -9,13 +9,13 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import accumulate, compress
-from pathlib import Path
 from typing import TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, nearest
+from ..files.objects import Place
 from .index_part import Line, OpenPart, Part
 
 MOST_KEPT = 8
@@ -35,7 +35,7 @@ class Index(Sequence[Line]):
     Raises InputError for a part that was changed, when it is read.
     """
 
-    def __init__(self, folder: Path, parts: Iterable[Part], asked: Asked = ()) -> None:
+    def __init__(self, folder: Place, parts: Iterable[Part], asked: Asked = ()) -> None:
         self.folder, self.parts, self.asked = folder, list(parts), asked
         self._kept: dict[int, NDArray[np.int64]] = {}
         counts = [part.rows for part in self.parts]
@@ -108,7 +108,7 @@ class Index(Sequence[Line]):
         return self._kept[part.number]
 
 
-def _rows_with(folder: Path, part: Part, asked: Asked) -> NDArray[np.int64]:
+def _rows_with(folder: Place, part: Part, asked: Asked) -> NDArray[np.int64]:
     chosen = np.ones(part.rows, bool)
     for name, value in asked:
         here = np.zeros(part.rows, bool)

@@ -9,14 +9,13 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
-from ..files import durable
+from ..files.objects import Place, bytes_of, names_in
 from ..files.parquet import Kind, ParquetRows, parquet_bytes
 from .file import DatasetFile, Value
 from .keys import Config, Facts
@@ -127,9 +126,9 @@ def part_called(name: str) -> Part | None:
     return None
 
 
-def all_parts(folder: Path) -> list[Part]:
-    """All parts in a dataset folder, of whatever origin."""
-    parts = (part_called(name) for name in durable.names_of(folder / INDEX))
+def all_parts(folder: Place) -> list[Part]:
+    """All parts of a dataset, of whatever origin."""
+    parts = (part_called(name) for name in names_in(folder / INDEX))
     return [part for part in parts if part is not None]
 
 
@@ -213,10 +212,10 @@ def cell_of(name: str, value: Value, kinds: Mapping[str, Kind]) -> tuple[str, Va
 class OpenPart:
     """What is in a part, which is as it was written. Raises InputError."""
 
-    def __init__(self, folder: Path, part: Part) -> None:
+    def __init__(self, folder: Place, part: Part) -> None:
         self.path, self.part = folder / INDEX / part.name, part
         try:
-            content = durable.read_plain(self.path)
+            content = bytes_of(self.path)
         except OSError as error:
             raise InputError(
                 f"{self.path} cannot be read: {error.strerror}; if the dataset has changed since it was opened, open "

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from ..core import InputError
 from ..files import durable, texts
 from ..files.appearing import write_drawing
+from ..files.objects import Objects, Place, names_in, small_bytes_of
 from .faults import Fault, What, what_is_wrong
 from .index import Index
 from .index_part import all_parts, parts_of
@@ -82,10 +83,10 @@ def write_origin(plan: DatasetPlan, folder: Path) -> bool:
     return before is not None and before.file != written
 
 
-def origin_in(folder: Path) -> Origin | None:
+def origin_in(folder: Place) -> Origin | None:
     """What a folder was made from; None where its record is missing or was changed."""
     try:
-        content = durable.read_small(os.fspath(folder / RECORD), MOST_BYTES_OF_DATASET)
+        content = small_bytes_of(folder / RECORD, MOST_BYTES_OF_DATASET)
         said = json.loads(unsealed(content) or "{}")
         kind, format_number = said.pop("kind"), said.pop("format")
         read = {"file": tuple(said["file"]), "sources": read_sources(said["sources"])}
@@ -103,7 +104,7 @@ def origin_in(folder: Path) -> Origin | None:
     return None
 
 
-def require_record(folder: Path) -> Origin:
+def require_record(folder: Place) -> Origin:
     """What a folder was made from. Raises InputError where its record is missing or was changed."""
     origin = origin_in(folder)
     if origin is None:
@@ -149,12 +150,13 @@ def _faults_of_sources(origin: Origin, roots: Sequence[Path]) -> Iterator[Fault]
     yield from source_faults(origin.sources, roots, same_package)
 
 
-def index_of(folder: Path) -> Index:
-    """The index of a dataset folder. Raises InputError where there is none, or its record was changed."""
-    if not durable.names_of(folder / INDEX):
-        raise InputError(
-            f"{folder} is no dataset that has complete samples; make it with `mitsuba-sensor dataset run`."
-        )
+def index_of(folder: Place) -> Index:
+    """The index of a dataset. Raises InputError where there is none, or its record was changed."""
+    if not names_in(folder / INDEX):
+        remedy = "make it with `mitsuba-sensor dataset run`"
+        if isinstance(folder, Objects):
+            remedy = "put one there with `mitsuba-sensor dataset push`"
+        raise InputError(f"{folder} is no dataset that has complete samples; {remedy}.")
     return Index(folder, parts_of(require_record(folder).digest, all_parts(folder)).values())
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..core import InputError, nearest
 from ..core.argument_names import tells_of_names
 from ..core.checks import require_path
+from ..files.objects import Objects, Place, is_address
 from ..files.raw_files import read_raw
 from ..files.readout_pages import READOUTS, read_readouts
 from ..files.texts import read_json
@@ -25,6 +26,7 @@ from .index_part import Line
 from .keys import Config, Facts
 from .origin import index_of
 from .previews import preview_of_sample
+from .record import SHARDS
 from .store import Store
 
 if TYPE_CHECKING:
@@ -146,13 +148,20 @@ class Dataset(Sequence[Sample]):
         for sample in ms.Dataset("pairs/", split="train"):
             noisy, clean = sample.read("raw")[0], sample.read("clean")
 
-    folder : as ``mitsuba-sensor dataset run`` made it.  split : only those of this split.
+    folder : as ``mitsuba-sensor dataset run`` made it, or an address like ``s3://bucket/pairs`` to which
+        ``mitsuba-sensor dataset push`` has put it.  split : only those of this split.
     Raises InputError where there is no dataset, or no such split.
     """
 
     def __init__(self, folder: str | os.PathLike[str], split: str | None = None) -> None:
-        self.folder = require_path("folder", folder, "pairs/")
-        self.lines, self._store = index_of(self.folder), Store(self.folder)
+        self.folder: Place
+        self._store: Store | Objects
+        if is_address(folder):
+            self.folder = self._store = Objects(str(folder))
+        else:
+            self.folder = require_path("folder", folder, "pairs/")
+            self._store = Store(self.folder)
+        self.lines = index_of(self.folder)
         if split is not None:
             self.lines = self.lines.where("split", split)
 
@@ -198,19 +207,26 @@ class Dataset(Sequence[Sample]):
         return chosen
 
 
-def sample_of(store: Store, line: Line) -> Sample:
+def sample_of(store: Store | Objects, line: Line) -> Sample:
     """The sample of a line of the index."""
     return Sample(line.key, line.split, line.values, *files_of(store, line), line.view)
 
 
-def files_of(store: Store, line: Line) -> tuple[EntryFiles, EntryFiles]:
+def files_of(store: Store | Objects, line: Line) -> tuple[EntryFiles, EntryFiles]:
     """The files of a sample, and those of its view."""
     place = line.place
-    if place is None:
-        folders = (
-            store.folder_of("samples", line.name),
-            store.folder_of("views", line.view_name),
-        )
-        return FolderFiles(folders[0]), FolderFiles(folders[1])
-    path = store.shards.folder / place.shard
-    return ShardFiles(path, place.offset, line.key), ShardFiles(path, place.view_offset, None)
+    if isinstance(store, Objects):
+        if place is None:
+            raise InputError(
+                f"{store} is not as `mitsuba-sensor dataset push` wrote it; push it again."
+            )
+        path: Place = store / SHARDS / place.shard
+    elif place is None:
+        of_view = store.folder_of("views", line.view_name)
+        return FolderFiles(store.folder_of("samples", line.name)), FolderFiles(of_view)
+    else:
+        path = store.shards.folder / place.shard
+    of_sample = ShardFiles(path, place.offset, line.key, place.bytes)
+    if place.view_offset == place.offset:
+        return of_sample, of_sample
+    return of_sample, ShardFiles(path, place.view_offset, None)

@@ -7,6 +7,7 @@ file; :func:`output_folder` does the same for a set of files. What the disk refu
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,6 +18,9 @@ from pathlib import Path
 from ..core import InputError
 from ..stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
+
+_OF_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/")
+"""Beginning of an address like s3://bucket, of whose slashes a path keeps one."""
 
 
 def _refuse_file_name(folder: Path, names: Sequence[str]) -> None:
@@ -88,9 +92,17 @@ def write_drawing(path: Path, content: bytes) -> None:
 
 
 def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:
-    """Raise InputError for an empty path, which would be the current folder. name : of the option."""
+    """Raise InputError for an empty path, which would be the current folder, and for an address.
+
+    name : of the option.
+    """
     if not os.fspath(path):
         raise InputError(f"{name} is empty; {remedy}.")
+    if _OF_ADDRESS.match(str(path)):
+        raise InputError(
+            f"{name} is {path}, an address of an object store, which only `mitsuba-sensor dataset push` and ms.Dataset "
+            f"take; {remedy}."
+        )
 
 
 def require_folder(path: Path | str) -> None:

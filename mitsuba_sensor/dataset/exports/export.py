@@ -103,6 +103,10 @@ def export(
         raise InputError(
             f"{dataset.folder} has no samples; make them with `mitsuba-sensor dataset run`."
         )
+    if not isinstance(dataset.folder, Path):
+        raise InputError(
+            f"{dataset.folder} is in an object store; an export reads a folder of this machine: copy it first."
+        )
     if Path(out).absolute().is_relative_to(dataset.folder.absolute()):
         raise InputError(f"{out} is in the dataset itself; give a folder elsewhere.")
     missing = missing_samples(dataset.folder)
@@ -121,7 +125,7 @@ def export(
         if missing:
             job.remarks.append(missing)
         how = WRITERS[format](job)
-        _write_card(job, dataset, how)
+        _write_card(job, dataset.folder, dataset.lines, how)
     return Exported(len(dataset) - len(job.left_out), job.remarks)
 
 
@@ -138,12 +142,11 @@ def _options_of(format: str, given: ExportOptions) -> Facts:
     return chosen
 
 
-def _write_card(job: Job, dataset: Dataset, how: str) -> None:
-    """README.md of the samples that the export has.  how : code that reads it."""
-    lines: Sequence[Line] = dataset.lines
+def _write_card(job: Job, folder: Path, lines: Sequence[Line], how: str) -> None:
+    """README.md of the samples that the export has.  folder : of the dataset.  how : code that reads the export."""
     if job.left_out:
         lines = [line for line in lines if line.key not in job.left_out]
-    known = summary(dataset.folder, lines, job.file, job.step)
+    known = summary(folder, lines, job.file, job.step)
     for _ in job.left_out:
         job.step()
     notes = [*known.notes, *(f"{remark[0].upper()}{remark[1:]}." for remark in job.remarks)]
