@@ -1,6 +1,6 @@
 """How often the 95 % intervals of the laboratory hold what random cameras were made with, by kind of camera.
 
-    python benchmarks/lab_coverage.py [--cameras 400] [--kinds linear curved few coarse lines hot] [--json]
+    python benchmarks/lab_coverage.py [--cameras 400] [--first 0] [--kinds linear curved few coarse lines hot] [--json]
 
 Every camera is another chip of 48 × 56 pixels: 16 dark frames, 13 flat fields of 2 frames, one of 16 at half
 saturation.
@@ -186,18 +186,20 @@ class Coverage:
             self.errors.append(value / true - 1)
 
 
-def measured_samples(kind: str, count: int) -> Iterator[tuple[Sample, dict[str, object]]]:
+def measured_samples(
+    kind: str, count: int, first: int = 0
+) -> Iterator[tuple[Sample, dict[str, object]]]:
     """Every camera with its figures."""
-    for number in range(count):
+    for number in range(first, first + count):
         sample = random_sample(kind, number)
         (measured,) = measure_bench(sample.bench())
         yield sample, measured.figures
 
 
-def coverage(kind: str, count: int) -> dict[str, Coverage]:
+def coverage(kind: str, count: int, first: int = 0) -> dict[str, Coverage]:
     """Coverage of every figure over cameras of one kind."""
     found: dict[str, Coverage] = {}
-    for sample, figures in measured_samples(kind, count):
+    for sample, figures in measured_samples(kind, count, first):
         for symbol, true in sample.true.items():
             figure = figures[symbol]
             found.setdefault(symbol, Coverage()).add(
@@ -226,6 +228,7 @@ def main() -> None:
     """Print a table for each kind."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cameras", type=int, default=400)
+    parser.add_argument("--first", type=int, default=0, help="number of the first camera")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
@@ -233,7 +236,7 @@ def main() -> None:
         "ignore", ms.SensorWarning
     )  # flat fields above saturation are asked for
     for kind in asked.kinds:
-        found = coverage(kind, asked.cameras)
+        found = coverage(kind, asked.cameras, asked.first)
         if asked.json:
             print(json.dumps({kind: {name: vars(one) for name, one in found.items()}}))
         else:
