@@ -64,6 +64,7 @@ class Case:
         light = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
         tables: dict[str, Any] = {
             "name": "workers",
+            "store": {"shard_samples": 0},  # what the stand-in writes are no shards
             "render": {"width": 16, "spp": 16},
             "outputs": ["raw"],
             "scenes": [{"name": "flat", "file": "flat_field"}],
