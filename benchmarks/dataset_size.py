@@ -8,6 +8,7 @@ The overhead of a sample is all processor time of its task but for the render an
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import multiprocessing
@@ -238,6 +239,7 @@ def measured(function: Callable[..., str], *arguments: object) -> str:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print("tiny samples  arrays [ms]  overhead [ms]  read raw [ms]  inodes of 10^6")
     for form in FORMS:
         print(measured(measure_tiny, form))
