@@ -134,7 +134,11 @@ def damage(
             for one in told - broken
             if one.kind == kind and one.name not in there
         ]
-    return found + [f"stray: {fault}" for fault in store.verify_all() if not fault.name]
+    return found + [
+        f"stray: {fault}"
+        for fault in store.verify_all()
+        if not fault.name and fault.what != "unfinished"
+    ]
 
 
 def difference(store: Store, right: dict[str, bytes]) -> list[str]:

@@ -225,7 +225,7 @@ def divisors(engine: Engine) -> Rows:
             got = refusal("precision is 'float32', which holds", exposed)
         yield Row("frames", f"{field} = {smallest:g}", expected, got)
         tiny = partial(table1().replace, **{field: 5e-324})
-        got = refusal(f"{field} is 5e-324; it must be greater", tiny)
+        got = refusal(f"{field} is 5e-324; it must be at least", tiny)
         yield Row("datasheet", f"{field} = 5e-324", "one sentence with value and range", got)
 
 
