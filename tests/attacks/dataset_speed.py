@@ -58,8 +58,8 @@ def tiny_entries(folder: Path, count: int) -> None:
         name = f"scene/view_{number % 256:04d}/{key}"
         place = store.folder_of("samples", name)
         place.mkdir(parents=True)
-        for name in files:
-            (place / name).write_bytes(content)
+        for file in files:
+            (place / file).write_bytes(content)
         (place / RECORD).write_bytes(text_of(Record("samples", name, key, files)))
 
 
