@@ -106,6 +106,7 @@ def _fields(
         part = {"weight": weight, "family": "uniform", "low": low, "high": low * 3, "unit": "e"}
         fields["dark_current.components"] = [part]
     fields["adc.bits"] = int(chance.choice([6, 8, 10, 12, 14, 16]))
+    fields["adc.black_level_dn"] = None  # that of the camera may lie above these codes
     if chance.random() < 0.4:
         fields["adc.black_level_dn"] = float(
             chance.integers(0, 1 + 2 ** fields["adc.bits"] // 8)
