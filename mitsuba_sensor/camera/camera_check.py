@@ -225,7 +225,9 @@ def _table(data: Any, path: Loc) -> Any:
         if isinstance(data, dict):
             data = data.setdefault(part, {})
         else:
-            data = data[part]
+            data = data[
+                int(part)
+            ]  # of a list, counted from 0; a path that was split has it as text
     return data
 
 

@@ -287,7 +287,10 @@ def repair_command(
     cls=Command,
     epilog="Example: mitsuba-sensor dataset export webdataset pairs/ -o shards/",
 )
-@options.flags(ExportOptions)
+@options.flags(
+    ExportOptions,
+    first=("out_dir", "as_json", "split", "arrays", "images", "incomplete", "force"),
+)
 def export_command(
     format: ExportFormat,
     folder: DatasetFolder,

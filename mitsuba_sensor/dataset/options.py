@@ -14,7 +14,7 @@ EXPORT_FORMATS = {
     "coco": "pictures and instance masks",
     "nerfstudio": "pictures, poses and depth as transforms.json",
     "colmap": "pictures and poses as a text model",
-    "kitti": "sequences with times, poses and calibrations, as the odometry benchmark has them",
+    "kitti": "sequences with times, poses and calibrations",
     "euroc": "the same as EuRoC's mav0 folders",
     "opencv": "calibrations and poses as FileStorage",
     "ros": "calibrations as camera_info",
@@ -117,7 +117,7 @@ class ExportOptions(TypedDict, total=False):
         list[str] | None,
         Option(
             "An array of each sample in parquet, webdataset and hdf5: raw, clean, variance, electrons, depth_m, … "
-            "Repeatable. Default: raw, clean and variance, as far as there are any; in hdf5 all images that there are.",
+            "Repeatable. Default: raw, clean and variance; in hdf5 all images.",
             flag="--array",
             metavar="NAME",
             panel=EXPORT,
@@ -138,8 +138,7 @@ class ExportOptions(TypedDict, total=False):
         Literal["preview", "raw"] | None,
         Option(
             "Pictures of coco, nerfstudio, colmap, kitti and euroc: the preview, or the digital numbers of the first "
-            "raw frame, PNG of 16 bits (TIFF of 32 bits where it has more). Default: raw for kitti and euroc, preview "
-            "for the others.",
+            "raw frame. Default: raw for kitti and euroc.",
             panel=EXPORT,
         ),
     ]

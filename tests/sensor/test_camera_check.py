@@ -259,6 +259,16 @@ def test_a_file_whose_lines_cannot_be_told_apart_has_one_error(
         ms.check_camera(tmp_path / "none.toml")
 
 
+def test_a_misspelt_key_of_a_gain_setting_is_named_with_its_place_in_the_list(
+    tmp_path: Path,
+) -> None:
+    text = ms.load_camera("sony_a7s2").to_toml()
+    first, second, third = text.split("[[gains]]", 2)
+    wrong = third.replace("gain_dn_per_e =", "gain_dnper_e =", 1)
+    (found,) = checked("[[gains]]".join((first, second, wrong)), tmp_path)
+    assert found.level == "error" and "gains.1.gain_dn_per_e" in str(found)
+
+
 def test_an_unknown_key_that_looks_like_no_other_is_named_alone(tmp_path: Path) -> None:
     (one,) = checked(TABLE1.replace("[adc]", "[adc]\nqwfp = 3"), tmp_path)
     assert (
