@@ -34,6 +34,8 @@ def random_camera(chance: np.random.Generator) -> ms.Camera:
         "source_follower.vv_nonlinearity": float(chance.choice([1.0, 1.0 + 1e-9, 1.05])),
         "adc.bits": int(chance.choice([8, 12, 14])),
     }
+    if changes["adc.bits"] == 8:
+        changes["adc.black_level_dn"] = None  # that of the camera may lie above 255
     camera = ms.load_camera(name)
     if camera.sensor.technology == "ccd":
         changes = {field: value for field, value in changes.items() if field not in CMOS_ONLY}
