@@ -35,6 +35,16 @@ def _changed(path: Path, content: bytes) -> None:
     path.write_bytes(content)
 
 
+def put_something_else(path: Path, chance: random.Random) -> None:
+    """Delete a file, or put a folder or a link in its place."""
+    path.unlink()
+    what = chance.randrange(3)
+    if what == 1:
+        path.mkdir()
+    elif what == 2:
+        os.symlink("/dev/null", path)
+
+
 def flip(store: Store, wanted: list[Entry], chance: random.Random) -> Named:
     """One bit of any file, records included."""
     entry = chance.choice(wanted)
@@ -77,12 +87,7 @@ def missing(store: Store, wanted: list[Entry], chance: random.Random) -> Named:
     """A file is deleted, or a folder or a link stands in its place."""
     entry = chance.choice(wanted)
     path = _a_file(store, entry, chance, least=0)
-    path.unlink()
-    what = chance.randrange(3)
-    if what == 1:
-        path.mkdir()
-    elif what == 2:
-        os.symlink("/dev/null", path)
+    put_something_else(path, chance)
     return {entry[:2]}
 
 

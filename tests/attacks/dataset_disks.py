@@ -40,9 +40,7 @@ def mounted(place: Path, *arguments: str) -> Iterator[None]:
         _run("umount", str(place))
 
 
-def small_disks(
-    tries: int, ground_of: Callable[..., Any], check: Callable[..., None], top: Path
-) -> dict[str, Any]:
+def small_disks(tries: int, ground_of: Callable[..., Any], top: Path) -> dict[str, Any]:
     """Disks in memory of every number of blocks and of files up to one that is large enough."""
     ground, done, stopped = ground_of(top / "disk", 3), 0, 0
     template, ground.out = ground.template, top / "disk" / "mounted" / "out"
@@ -60,7 +58,7 @@ def small_disks(
                 code, told, said = Program(ground.again()).wait()
                 done, stopped = done + 1, stopped + (code != 0)
                 ground.check(f"{option} {number}", told)
-                check(ground, f"{option} {number}", (code, said))
+                ground.check_full(f"{option} {number}", (code, said))
                 _run("mount", "-o", f"remount,size={2**30},nr_inodes=100000", str(place))
                 ground.resume(f"{option} {number}")
             if code == 0:

@@ -23,8 +23,9 @@ from random import Random
 from typing import Any
 
 import dataset_calls as calls
+import dataset_ground
 from dataset_attacks import Attack, run_attacks
-from dataset_entries import ALL_FILES_S, FULL, Program, Told, summary
+from dataset_entries import ALL_FILES_S, Program, Told, summary
 
 from mitsuba_sensor.core import InputError
 from mitsuba_sensor.dataset import index_part, index_writer, origin, repair
@@ -46,20 +47,18 @@ TABLES = {
     "cameras": [{"camera": "konnik_table1"}],
     "grid": {"repetition": [*range(SAMPLES)]},
 }
-IGNORED = {"exit", "exit_group", "rt_sigreturn", "futex"}
-"""Calls that do not return, and those of which there is any number."""
 FAILING = {"ENOSPC": ("mkdir", "write", "fsync", "rename"), "EIO": ("write", "fsync")}
 
 
-class Ground:
+class Ground(dataset_ground.Ground):
     """A dataset whose samples are all there, and of its index one part with a sample less than there is now."""
 
     def __init__(self, top: Path) -> None:
+        super().__init__(top)
         for module in (index_part, index_writer, origin, repair):
             module.NUMBERS = NUMBERS
         self.plan = DatasetPlan(read_dataset(TABLES), [Path()], "text")
-        self.out, self.template, right = top / "out", top / "template", top / "right"
-        self.problems: list[str] = []
+        right = top / "right"
         for folder in (self.template, right):
             write_origin(self.plan, folder)
         *others, last = (sample.entry for view in self.plan.views() for sample in view.samples)
@@ -77,13 +76,13 @@ class Ground:
             writer.ended(view.first, False)
         writer.index()
 
-    def start(self) -> Callable[[Told], object]:
+    def start(self, seed: int = 0) -> Callable[[Told], object]:
         """Begin anew; returns the job of a run."""
         shutil.rmtree(self.out, ignore_errors=True)
         shutil.copytree(self.template, self.out)
         return lambda told: self.follow(Store(self.out))
 
-    def check(self, where: str) -> None:
+    def check(self, where: str, told: set[Entry]) -> None:
         """Each part that is there is whole, and names nothing that is not there."""
         for part in all_parts(self.out):
             try:
@@ -125,7 +124,7 @@ def kills(tries: int, seed: int, top: Path) -> dict[str, Any]:
         if code not in (0, -9):
             raise SystemExit(said)
         done += code == -9
-        ground.check(f"kill {done}")
+        ground.check(f"kill {done}", set())
         ground.resume(f"kill {done}")
     return summary(done, ground.problems)
 
@@ -134,16 +133,7 @@ def each_call(tries: int, seed: int, top: Path) -> dict[str, Any]:
     """SIGKILL at every system call.  tries : of each name at most."""
     if not calls.possible():
         return {"skipped": "needs strace, as root"}
-    ground, done = Ground(top), 0
-    known = calls.calls_of(ground.start(), top / "log")
-    chosen = {name: min(count, tries) for name, count in known.items() if name not in IGNORED}
-    for where, (code, _, said) in calls.each_call(chosen, "signal=KILL", ground.start):
-        if code not in (0, -9):
-            raise SystemExit(said)
-        done += code == -9
-        ground.check(where)
-        ground.resume(where)
-    return summary(done, ground.problems, kinds_of_calls=len(chosen))
+    return Ground(top).kill_each_call(tries, seed, top / "log")
 
 
 def full(tries: int, seed: int, top: Path) -> dict[str, Any]:
@@ -152,19 +142,9 @@ def full(tries: int, seed: int, top: Path) -> dict[str, Any]:
         return {"skipped": "needs strace, as root"}
     found = {}
     for error, names in FAILING.items():
-        ground, done = Ground(top / error), 0
+        ground = Ground(top / error)
         shutil.rmtree(ground.template / INDEX)  # so that it is made, too
-        known = calls.calls_of(ground.start(), top / error / "log")
-        chosen = {name: min(known.get(name, 0), tries) for name in names}
-        for where, (code, _, said) in calls.each_call(chosen, f"error={error}", ground.start):
-            done += 1
-            ground.check(where)
-            right = {"ENOSPC": code == FULL, "EIO": "InputError" in said}[error]
-            if not (code == 0 or right):
-                ground.problems.append(f"{where}: ended with {code}, {said}")
-            ground.problems += [f"{where}: left {path}" for path in ground.out.rglob(".*")]
-            ground.resume(where)
-        found[error] = summary(done, ground.problems)
+        found[error] = ground.fail_each_call(error, names, tries, seed, top / error / "log")
     return found
 
 
@@ -185,7 +165,7 @@ def shards(tries: int, seed: int, top: Path) -> dict[str, Any]:
             programs[1].kill()
         codes = [program.wait()[0] for program in programs]
         killed += -9 in codes
-        ground.check(f"round {number}")
+        ground.check(f"round {number}", set())
         if -9 in codes:
             for half in halves:
                 _make_half(ground, half, 0.0, lambda entry: None)

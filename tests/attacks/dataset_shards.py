@@ -17,7 +17,6 @@ and is lost or wrong, or a folder that after resuming is not that of an undistur
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 import time
 from collections.abc import Callable
@@ -28,8 +27,10 @@ from typing import Any
 
 import dataset_calls as calls
 import dataset_disks as disks
+import dataset_ground
 from dataset_attacks import Attack, run_attacks
-from dataset_entries import ALL_FILES_S, FULL, Entry, Program, Told, summary, tree
+from dataset_damage import put_something_else
+from dataset_entries import ALL_FILES_S, Entry, Program, Told, summary, tree
 
 from mitsuba_sensor.core import InputError
 from mitsuba_sensor.dataset import index_part, index_writer, origin, places, repair
@@ -55,8 +56,6 @@ TABLES = {
     "grid": {"repetition": [*range(7)], "parameters.radiance": [1e-5, 2e-5]},
 }
 """Two lights of seven samples: three shards, of which the second has samples of both."""
-IGNORED = {"exit", "exit_group", "rt_sigreturn", "futex"}
-"""Calls that do not return, and those of which there is any number."""
 FAILING = {"ENOSPC": ("mkdir", "write", "fsync", "rename"), "EIO": ("write", "fsync")}
 WRITES = ("mkdir", "openat", "write", "fsync", "rename", "unlink", "rmdir", "unlinkat")
 
@@ -71,18 +70,17 @@ def content(key: str) -> bytes:
     return Random(key).randbytes(1500)
 
 
-class Ground:
+class Ground(dataset_ground.Ground):
     """A dataset of which one shard is whole, one has a torn piece and one was changed.
 
     count, broken : of the other ground (dataset_store.py), whose attacks this one is given to; passed by.
     """
 
     def __init__(self, top: Path, count: int = 0, broken: int = 0) -> None:
+        super().__init__(top)
         for module in (index_part, index_writer, origin, repair):
             module.NUMBERS = NUMBERS
         self.plan = DatasetPlan(read_dataset(TABLES), [Path()], "text")
-        self.out, self.template = top / "out", top / "template"
-        self.problems: list[str] = []
         self.keys = [sample.key for view in self.plan.views() for sample in view.samples]
         self.names = [sample.name for view in self.plan.views() for sample in view.samples]
         self.wanted = self.keys
@@ -221,16 +219,7 @@ def each_call(tries: int, seed: int, top: Path) -> dict[str, Any]:
     """SIGKILL at every system call.  tries : of each name at most."""
     if not calls.possible():
         return {"skipped": "needs strace, as root"}
-    ground, done = Ground(top), 0
-    known = calls.calls_of(ground.start(), top / "log")
-    chosen = {name: min(count, tries) for name, count in known.items() if name not in IGNORED}
-    for where, (code, told, said) in calls.each_call(chosen, "signal=KILL", ground.start):
-        if code not in (0, -9):
-            raise SystemExit(said)
-        done += code == -9
-        ground.check(where, told)
-        ground.resume(where)
-    return summary(done, ground.problems, kinds_of_calls=len(chosen))
+    return Ground(top).kill_each_call(tries, seed, top / "log")
 
 
 def writers(tries: int, seed: int, top: Path) -> dict[str, Any]:
@@ -266,17 +255,8 @@ def full(tries: int, seed: int, top: Path) -> dict[str, Any]:
         return {"skipped": "needs strace, as root"}
     found = {}
     for error, names in FAILING.items():
-        ground, done = Ground(top / error), 0
-        known = calls.calls_of(ground.start(seed), top / error / "log")
-        chosen = {name: min(known.get(name, 0), tries) for name in names}
-        for where, (code, told, said) in calls.each_call(
-            chosen, f"error={error}", partial(ground.start, seed)
-        ):
-            done += 1
-            ground.check(where, told)
-            check_full(ground, where, (code, said), error != "EIO")
-            ground.resume(where)
-        found[error] = summary(done, ground.problems)
+        ground = Ground(top / error)
+        found[error] = ground.fail_each_call(error, names, tries, seed, top / error / "log")
     return found
 
 
@@ -284,20 +264,7 @@ def small_disks(tries: int, seed: int, top: Path) -> dict[str, Any]:
     """Disks of every size.  tries : of disk sizes at most."""
     if not calls.possible():
         return {"skipped": "needs mount, as root"}
-    return disks.small_disks(tries, Ground, check_full, top)
-
-
-def check_full(
-    ground: Ground, where: str, ended: tuple[int, str], expects_full: bool = True
-) -> None:
-    """A clean stop: path and bytes named, nothing unfinished left."""
-    code, said = ended
-    named = said.startswith("full: ") and str(ground.out) in said and said.split()[-1].isdigit()
-    if code == FULL and not named:
-        ground.problems.append(f"{where}: the sentence was {said}")
-    if code not in (0, FULL) and (expects_full or "InputError" not in said):
-        ground.problems.append(f"{where}: ended with {code}, {said.splitlines()[-1]}")
-    ground.problems += [f"{where}: left {path}" for path in ground.out.rglob(".*")]
+    return disks.small_disks(tries, Ground, top)
 
 
 def power(tries: int, seed: int, top: Path) -> dict[str, Any]:
@@ -386,12 +353,7 @@ def two_shards(folder: Path, chance: Random) -> tuple[set[str], int]:
 def gone(folder: Path, chance: Random) -> tuple[set[str], int]:
     """A shard is removed, or something else stands there."""
     path = chance.choice(sorted(folder.iterdir()))
-    path.unlink()
-    what = chance.randrange(3)
-    if what == 1:
-        path.mkdir()
-    elif what == 2:
-        os.symlink("/dev/null", path)
+    put_something_else(path, chance)
     return {path.name}, OF_SHARD
 
 

@@ -19,19 +19,18 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import dataset_calls as calls
 import dataset_disks as disks
+import dataset_ground
 import dataset_speed as speed
 from dataset_attacks import Attack, run_attacks
 from dataset_damage import CORRUPTIONS, Named
 from dataset_entries import (
     ALL_FILES_S,
-    FULL,
     Program,
     Told,
     break_some,
@@ -47,7 +46,6 @@ from dataset_entries import (
 from mitsuba_sensor.dataset.record import Entry
 from mitsuba_sensor.dataset.store import Store
 
-IGNORED = {"exit", "exit_group", "rt_sigreturn"}  # calls that do not return
 WRITES = (
     "mkdir",
     "openat",
@@ -71,14 +69,13 @@ LONGEST_S = 0.5
 """That a program works before it is killed; a busy machine would take longer for all entries."""
 
 
-class Ground:
+class Ground(dataset_ground.Ground):
     """A folder for a dataset with some entries broken, the right contents, and what is checked after each attack."""
 
     def __init__(self, top: Path, count: int, broken: int = 3) -> None:
-        self.wanted, self.out, self.top = entries(count), top / "out", top
+        super().__init__(top)
+        self.wanted = entries(count)
         self.right, self.broken = expected(self.wanted), set(self.wanted[:broken])
-        self.problems: list[str] = []
-        self.template = top / "template"
         break_some(fresh(self.template), self.wanted[:broken])
 
     def start(self, seed: int = 0) -> Callable[[Told], object]:
@@ -94,6 +91,12 @@ class Ground:
         """The job of a run on a copy in another folder."""
         store = fresh(folder, self.template)
         return lambda told: work(store, self.wanted, 0, told)
+
+    def check_full(self, where: str, ended: tuple[int, str], expects_full: bool = True) -> None:
+        """A clean stop, and what ended well is right."""
+        if ended[0] == 0 and (found := difference(Store(self.out), self.right)):
+            self.problems.append(f"{where}: said nothing, and {found[0]}")
+        super().check_full(where, ended, expects_full)
 
     def check(self, where: str, told: set[Entry]) -> None:
         """After a kill: nothing torn, lost or stray."""
@@ -142,18 +145,7 @@ def each_call(tries: int, seed: int, top: Path) -> dict[str, Any]:
     """SIGKILL at every system call of a run of two entries, one of them broken.  tries : of each name at most."""
     if not calls.possible():
         return {"skipped": "needs strace, as root"}
-    ground, done = Ground(top, 2, broken=1), 0
-    known = calls.calls_of(ground.start(seed), top / "log")
-    chosen = {name: min(count, tries) for name, count in known.items() if name not in IGNORED}
-    for where, (code, told, said) in calls.each_call(
-        chosen, "signal=KILL", lambda: ground.start(seed)
-    ):
-        if code not in (0, -9):
-            raise SystemExit(said)
-        done += code == -9
-        ground.check(where, told)
-        ground.resume(where)
-    return summary(done, ground.problems, kinds_of_calls=len(chosen))
+    return Ground(top, 2, broken=1).kill_each_call(tries, seed, top / "log")
 
 
 def writers(tries: int, seed: int, top: Path) -> dict[str, Any]:
@@ -189,33 +181,9 @@ def full(tries: int, seed: int, top: Path) -> dict[str, Any]:
         return {"skipped": "needs strace, as root"}
     found = {}
     for error, names in FAILING.items():
-        ground, done = Ground(top / error, 2, broken=1), 0
-        known = calls.calls_of(ground.start(seed), top / error / "log")
-        chosen = {name: min(known[name], tries) for name in names}
-        for where, (code, told, said) in calls.each_call(
-            chosen, f"error={error}", partial(ground.start, seed)
-        ):
-            done += 1
-            ground.check(where, told)
-            check_full(ground, where, (code, said), expects_full=error != "EIO")
-            ground.resume(where)
-        found[error] = summary(done, ground.problems)
-    return found | {"disks": disks.small_disks(tries, Ground, check_full, top)}
-
-
-def check_full(
-    ground: Ground, where: str, ended: tuple[int, str], expects_full: bool = True
-) -> None:
-    """A clean stop: path and bytes named, nothing unfinished left."""
-    code, said = ended
-    if code == 0 and (found := difference(Store(ground.out), ground.right)):
-        ground.problems.append(f"{where}: said nothing, and {found[0]}")
-    named = said.startswith("full: ") and str(ground.out) in said and said.split()[-1].isdigit()
-    if code == FULL and not named:
-        ground.problems.append(f"{where}: the sentence was {said}")
-    if code not in (0, FULL) and (expects_full or "InputError" not in said):
-        ground.problems.append(f"{where}: ended with {code}, {said.splitlines()[-1]}")
-    ground.problems += [f"{where}: left {path}" for path in ground.out.rglob(".*")]
+        ground = Ground(top / error, 2, broken=1)
+        found[error] = ground.fail_each_call(error, names, tries, seed, top / error / "log")
+    return found | {"disks": disks.small_disks(tries, Ground, top)}
 
 
 def power(tries: int, seed: int, top: Path) -> dict[str, Any]:

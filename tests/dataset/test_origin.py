@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.datasets import SCENES, write_index
+from helpers.datasets import SCENES, here, write_index
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
@@ -31,6 +31,7 @@ scenes = [{ name = "flat", file = "mine/flat.xml" }]
 cameras = [{ camera = "konnik_table1" }]
 grid = { exposure_s = [0.1], serial = [1, 2] }
 """
+__all__ = ["here"]
 Cli = Callable[..., Any]
 
 
@@ -54,14 +55,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(SCENES / "flat_field.xml", folder / "mine" / "flat.xml")
     assert run(load_plan(folder / "tiny.toml"), folder / "out", workers=0).made == 2
     return folder
-
-
-@pytest.fixture
-def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of it all, which is the current folder."""
-    copy = Path(shutil.copytree(made, tmp_path / "copy"))
-    monkeypatch.chdir(copy)
-    return copy
 
 
 def damaged(content: bytes, chance: random.Random) -> bytes:

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.datasets import SCENES
+from helpers.datasets import SCENES, here
 from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.record import FILE, INDEX
 
+__all__ = ["here"]
 Cli = Callable[..., Any]
 TEXT = """
 name = "small"
@@ -54,13 +55,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(SCENES / "flat_field.xml", folder)
     assert ms.dataset.make_dataset(folder / "small.toml", folder / "out", workers=0).made == 2
     return folder
-
-
-@pytest.fixture
-def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    copy = Path(shutil.copytree(made, tmp_path / "copy"))
-    monkeypatch.chdir(copy)
-    return copy
 
 
 RUN = ("run", "small.toml", "-o", "out")

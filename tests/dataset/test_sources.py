@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.datasets import follow, whole
+from helpers.datasets import follow, here, whole
 from helpers.marks import one_in
 
 from mitsuba_sensor import InputError
@@ -26,6 +26,7 @@ from mitsuba_sensor.dataset.same_origin import check_same, plan_of
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files import durable
 
+__all__ = ["here"]
 Cli = Callable[..., Any]
 TEXT = """
 name = "cards"
@@ -83,14 +84,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "cards.toml").write_text(TEXT)
     make(load_plan(folder / "cards.toml"), folder / "out")
     return folder
-
-
-@pytest.fixture
-def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of it all, which is the current folder."""
-    copy = Path(shutil.copytree(made, tmp_path / "copy"))
-    monkeypatch.chdir(copy)
-    return copy
 
 
 def make(plan: DatasetPlan, folder: Path) -> None:

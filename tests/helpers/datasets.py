@@ -1,5 +1,6 @@
 """Small datasets for tests."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,14 @@ def write_index(
     (folder / INDEX / old.name).unlink()
     part, content = part_of(old.origin, 0, lines, len(lines), known)
     (folder / INDEX / part.name).write_bytes(content)
+
+
+@pytest.fixture
+def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the folder in which a module has ``made`` a dataset, which is the current folder."""
+    copy = Path(shutil.copytree(made, tmp_path / "copy"))
+    monkeypatch.chdir(copy)
+    return copy
 
 
 def make_parts_small(monkeypatch: pytest.MonkeyPatch, numbers: int) -> None:
