@@ -287,3 +287,5 @@ def test_in_a_terminal_frames_light_and_photons_are_one_line_each() -> None:
         assert re.fullmatch(r"<\w+: .{5,250}>", repr(one)), repr(one)
     assert "of bayer_2mp at 0.01 s" in repr(found) and " × 16, " in repr(found.light)
     assert repr(ms.Photons(np.ones((2, 3)))) == "<Photons: 2 × 3>"
+    assert repr(ms.Photons([1.0, 2.0])) == "<Photons: 2>"  # a list, which expose takes too
+    assert repr(ms.Photons(3.0)) == "<Photons: for every pixel>"

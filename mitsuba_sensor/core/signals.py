@@ -70,13 +70,13 @@ class Photons:
 
     def __repr__(self) -> str:
         """``<Photons: 64 × 64 × 3>``, or electrons where they are detected."""
-        size = " × ".join(map(str, self.shape))
+        size = " × ".join(map(str, self.shape)) or "for every pixel"
         return f"<{type(self).__name__}: {size}{', as photoelectrons behind each filter' * self.detected}>"
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Of ``mean``."""
-        return self.mean.shape
+        return np.shape(self.mean)
 
     @property
     def total(self) -> NumpyArray:

@@ -7,6 +7,7 @@ multiply its spectrum, and the picture that a camera without noise sees is known
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +16,15 @@ import scipy
 from ...camera.camera import Camera
 from ...core.types import Float64Array
 from ...lab.frames.bench import Bench
-from .chart import Lights
-from .lamps import bands_of_lamps, even_photons, photons_of_shapes, rendered_nm
+from ..datasheet import Said
+from .chart import Lights, Theory
+from .lamps import (
+    bands_of_lamps,
+    even_photons,
+    photons_of_shapes,
+    rendered_nm,
+    transfers_of_filters,
+)
 from .light import ChartScene
 from .scene_text import bitmap_lamp, telecentric_scene
 from .setting import Setting, chart_shape, take
@@ -97,6 +105,22 @@ def take_bitmap(
         flats.append(take(setting, even, bands, counts[1], f"{name} flat"))
     dark = take(setting, 0 * photons, bands, counts[2], f"{name} dark")
     return Bench((), (dark,), tuple(flats), (scene,))
+
+
+def theory_of_bitmap(
+    camera: Camera,
+    layout: Layout,
+    figures: Callable[[Transfer, Layout, tuple[int, int]], dict[str, Said]],
+) -> Theory:
+    """What an instrument finds in a picture without noise, by colour filter.
+
+    figures : of a transfer, behind one place of the mosaic.
+    """
+    places = first_places(camera)
+    return {
+        name: figures(transfer, layout, places[name])
+        for name, transfer in transfers_of_filters(camera).items()
+    }
 
 
 def shown(bitmap: Float64Array, dense: int) -> Float64Array:

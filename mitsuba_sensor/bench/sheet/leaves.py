@@ -21,14 +21,13 @@ from ...lab.measure.image_quality.dead_leaves import SECTIONS, dead_leaves
 from ..datasheet import Said
 from .bitmap import (
     Layout,
-    first_places,
     picture_of_bitmap,
     scenes_of_bitmap,
     shown,
     take_bitmap,
+    theory_of_bitmap,
 )
 from .chart import Lights, Measured, Taken, Theory
-from .lamps import transfers_of_filters
 from .light import ChartScene
 from .modulation import draw_modulation, figures, said_of, without_black
 from .setting import Setting
@@ -77,12 +76,8 @@ class LeavesChart(NamedTuple):
 
     def theory(self, setting: Setting, lights: Lights) -> Theory:
         """What the same instrument finds in the closed form of the picture."""
-        camera = setting.camera
-        layout, places = Layout.of(camera, SIDE_PX), first_places(camera)
-        return {
-            name: _figures_of_theory(transfer, layout, places[name])
-            for name, transfer in transfers_of_filters(camera).items()
-        }
+        layout = Layout.of(setting.camera, SIDE_PX)
+        return theory_of_bitmap(setting.camera, layout, _figures_of_theory)
 
     def draw_theory(self, said: Mapping[str, Said], ax: Axes) -> None:
         """The modulation of theory at the frequencies of the sheet."""
