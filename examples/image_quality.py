@@ -31,12 +31,20 @@ def sharp_edge(rows: int, columns: int) -> np.ndarray:
     return np.asarray(right.reshape(rows, 16, columns, 16).mean(axis=(1, 3)))
 
 
-def taken(electrons: np.ndarray, camera: ms.Camera, frames: int = 1) -> np.ndarray:
+def taken(
+    electrons: np.ndarray, camera: ms.Camera, frames: int = 1, seed: int = 0
+) -> np.ndarray:
     """Frames of so many photoelectrons, (N, H, W), without the black level."""
     light, no_light = (ms.Photons(level, detected=True) for level in (electrons, 0 * electrons))
-    codes = ms.expose(light, camera, EXPOSURE, frames=frames).digital
+    codes = ms.expose(light, camera, EXPOSURE, frames=frames, seed=seed).digital
     dark = ms.expose(no_light, camera, EXPOSURE, frames=16, seed=2)
     return np.asarray(codes - dark.digital.mean())
+
+
+def channels(mosaic: np.ndarray) -> np.ndarray:
+    """Red, green and blue of the tiles of a Bayer camera, (H, W, 3)."""
+    green = (mosaic[0::2, 1::2] + mosaic[1::2, 0::2]) / 2
+    return np.stack([mosaic[0::2, 0::2], green, mosaic[1::2, 1::2]], axis=2)
 
 
 def draw_edge(axes: Axes) -> None:
@@ -80,9 +88,7 @@ def draw_colours(axes: Axes) -> None:
     no_light = ms.Photons(0 * scene, wavelengths_nm=nm)
     dark = ms.expose(no_light, camera, EXPOSURE, frames=16, seed=2)
     picture = frames.digital.mean(axis=0) - dark.digital.mean()
-    green = (picture[0::2, 1::2] + picture[1::2, 0::2]) / 2
-    planes = np.stack([picture[0::2, 0::2], green, picture[1::2, 1::2]], axis=2)
-    chart = ms.lab.colour_chart(planes, [(0, 16 * k, 16, 16) for k in range(24)])
+    chart = ms.lab.colour_chart(channels(picture), [(0, 16 * k, 16, 16) for k in range(24)])
     chart.plot(axes)
 
 
@@ -146,16 +152,15 @@ def draw_leaves(axes: Axes) -> None:
 
 
 def draw_flat_field(axes: Axes) -> None:
-    """Light that falls off towards the corners, of three channels whose microlenses are made for other angles."""
-    y, x = (np.mgrid[:128, :192] + 0.5) / [[[64]], [[96]]] - 1
-    falls = (0.15, 0.13, 0.17)
-    camera = ms.load_camera("sony_imx174")
-    channels = [20_000 / (1 + fall * (x**2 + y**2)) ** 2 for fall in falls]
-    planes = np.stack([taken(light, camera, 4).mean(axis=0) for light in channels], axis=2)
-    measured = ms.lab.flat_field(planes)
+    """Light that falls off towards the corners, most behind the blue filter and least behind the green ones."""
+    y, x = (np.mgrid[:256, :384] + 0.5) / [[[128]], [[192]]] - 1
+    falls = np.tile([[0.15, 0.13], [0.13, 0.17]], (128, 192))
+    light = 10_000 / (1 + falls * (x**2 + y**2)) ** 2
+    frames = taken(light, ms.load_camera("bayer_2mp"), 16)
+    measured = ms.lab.flat_field(channels(frames.mean(axis=0)))
     measured.plot(axes)
     height = np.linspace(0, 1, 101)
-    axes.plot(height, 100 / (1 + 0.3 * height**2) ** 2, "k--", label="theory, channel 0")
+    axes.plot(height, 100 / (1 + 0.3 * height**2) ** 2, "k--", label="theory, channel 0: red")
     print(*measured.quantities, sep="\n")
 
 
@@ -164,7 +169,10 @@ def draw_flicker(axes: Axes) -> None:
     rng = np.random.default_rng(1)
     led = 4000.0 * (rng.random(60) < 0.4)
     camera = ms.load_camera("sony_imx174")
-    frames = [taken(np.full((16, 16), 1000 + light), camera)[0] for light in led]
+    frames = [
+        taken(np.full((16, 16), 1000 + light), camera, seed=10 + number)[0]
+        for number, light in enumerate(led)
+    ]
     off_dn = taken(np.full((16, 16), 1000.0), camera, 16).mean()
     measured = ms.lab.flicker(np.array(frames), off=off_dn)
     measured.plot(axes)
@@ -179,7 +187,7 @@ PICTURES = {
     "image-quality-edge": ("slanted edge, bayer_2mp", draw_edge),
     "image-quality-star": ("Siemens star, sony_imx174", draw_star),
     "image-quality-leaves": ("dead leaves, sony_imx174", draw_leaves),
-    "image-quality-flat-field": ("flat field, sony_imx174", draw_flat_field),
+    "image-quality-flat-field": ("flat field, bayer_2mp", draw_flat_field),
     "image-quality-flicker": ("pulsed lamp, sony_imx174", draw_flicker),
 }
 
