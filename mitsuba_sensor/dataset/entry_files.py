@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import stat
 import tempfile
@@ -43,6 +44,9 @@ class EntryFiles(Protocol):
     def content(self, name: str) -> bytes:
         """All bytes of a file. Raises InputError."""
 
+    def readable(self, name: str) -> Path | BinaryIO:
+        """What a library can read a file from: its path, or its bytes where it has none. Raises InputError."""
+
     def opened(self, name: str) -> AbstractContextManager[Path]:
         """The path of a file, for the time of a block. Raises InputError."""
 
@@ -73,6 +77,10 @@ class FolderFiles:
         """All bytes of a file. Raises InputError."""
         with _sentences(self.folder / name):
             return durable.read_plain(self.folder / name)
+
+    def readable(self, name: str) -> Path:
+        """The path of a file."""
+        return self.folder / name
 
     @contextmanager
     def opened(self, name: str) -> Iterator[Path]:
@@ -164,6 +172,10 @@ class ShardFiles:
             raise InputError(f"there is no {self.place(name)}; {CHANGED}.")
         with _sentences(self.path), self._opened() as file:
             return content_of(file, member)
+
+    def readable(self, name: str) -> BinaryIO:
+        """The bytes of a file. Raises InputError."""
+        return io.BytesIO(self.content(name))
 
     @contextmanager
     def opened(self, name: str) -> Iterator[Path]:

@@ -25,8 +25,7 @@ def preview_of_sample(sample: Sample) -> NDArray[np.uint8]:
     where there is neither a picture nor a raw frame.
     """
     if sample.files.has(PICTURE):
-        with sample.files.opened(PICTURE) as path:
-            return read_png(path)
+        return read_png(sample.files.readable(PICTURE), sample.files.place(PICTURE))
     require_file(sample.files, "frame.tiff", "preview")
     config, image = sample.facts["config"], sample.facts["image"]
     camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])

@@ -17,9 +17,9 @@ from ..core import InputError, nearest
 from ..core.argument_names import tells_of_names
 from ..core.checks import require_path
 from ..files.objects import Objects, Place, is_address
-from ..files.raw_files import read_raw
+from ..files.raw_files import read_raw_tiff
 from ..files.readout_pages import READOUTS, read_readouts
-from ..files.texts import read_json
+from ..files.texts import json_object
 from ..output.exr import read_aovs_exr
 from .entry_files import CHANGED, EntryFiles, FolderFiles, ShardFiles, require_file
 from .index_part import Line
@@ -124,8 +124,8 @@ class Sample:
                 f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}"
             )
         require_file(self.files, IMAGES[name], name)
-        with self.files.opened(IMAGES[name]) as path:
-            pages = read_raw(path).frames
+        file = IMAGES[name]
+        pages = read_raw_tiff(self.files.readable(file), self.files.place(file)).frames
         return pages if name in PAGES else pages[0]
 
     def aovs(self, name: str = "aovs") -> Aovs:
@@ -135,8 +135,7 @@ class Sample:
             return read_aovs_exr(path)
 
     def _facts(self, files: EntryFiles, name: str) -> Facts:
-        with files.opened(name) as path:
-            return read_json(path, CHANGED)
+        return json_object(files.content(name), files.place(name), CHANGED)
 
 
 @tells_of_names

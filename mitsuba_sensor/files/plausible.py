@@ -14,9 +14,14 @@ MOST_RATIO = (
 
 def require_plausible(path: Path, unpacked_bytes: int) -> None:
     """Raise InputError where the pixels that a header announces cannot be in the file."""
-    stored = path.stat().st_size
-    if unpacked_bytes > max(ALWAYS_BYTES, MOST_RATIO * stored):
+    require_plausible_ratio(str(path), path.stat().st_size, unpacked_bytes)
+
+
+def require_plausible_ratio(place: str, stored_bytes: int, unpacked_bytes: int) -> None:
+    """Raise InputError where they cannot be in so many bytes.  place : what has them, for the message."""
+    if unpacked_bytes > max(ALWAYS_BYTES, MOST_RATIO * stored_bytes):
         raise InputError(
-            f"{path} has {stored} bytes and says that {unpacked_bytes} come out of them, {MOST_RATIO} times as many at "
-            "most are read; it is damaged, or made to fill the memory: write it again, uncompressed if it is right."
+            f"{place} has {stored_bytes} bytes and says that {unpacked_bytes} come out of them, {MOST_RATIO} times "
+            "as many at most are read; it is damaged, or made to fill the memory: write it again, uncompressed if it "
+            "is right."
         )

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -60,17 +60,17 @@ def _wrapped(
     return lines
 
 
-def read_png(path: Path) -> np.ndarray:
-    """The pixels of a PNG, (H, W) or (H, W, 3). Raises InputError."""
+def read_png(file: Path | BinaryIO, place: str) -> np.ndarray:
+    """The pixels of a PNG, (H, W) or (H, W, 3). Raises InputError.  place : of the file, for the message."""
     from PIL import Image
 
     try:
-        with Image.open(path, formats=["PNG"]) as picture:
+        with Image.open(file, formats=["PNG"]) as picture:
             return np.asarray(picture)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         why = " ".join(str(error).split()).rstrip(".") or "it is cut short"
         raise InputError(
-            f"{path} is no picture that can be read: {why}; make it again."
+            f"{place} is no picture that can be read: {why}; make it again."
         ) from None
 
 

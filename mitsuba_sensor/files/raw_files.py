@@ -10,8 +10,9 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from ..core import InputError
 from ..core.small_files import json_value
 from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
-from .plausible import require_plausible
+from .plausible import require_plausible, require_plausible_ratio
 
 TIFF, PICTURES, ARRAYS, FITS = (
     (".tif", ".tiff"),
@@ -79,8 +80,18 @@ def read_raw(path: str | os.PathLike[str]) -> RawFile:
         raise InputError(
             f"{file} is of a format that is not read; give one of {', '.join(RAW_FORMATS)}."
         )
+    return _checked(str(file), partial(reader, file))
+
+
+def read_raw_tiff(file: Path | BinaryIO, place: str) -> RawFile:
+    """The frames of a TIFF, which may be bytes in memory. Raises InputError.  place : of it, for the message."""
+    return _checked(place, partial(_tiff_of, file, place))
+
+
+def _checked(file: str, read: Callable[[], RawFile]) -> RawFile:
+    """What is read, if it is raw frames. Raises InputError.  file : for the message."""
     try:
-        found = reader(file)
+        found = read()
     except (InputError, MemoryError):
         raise
     except Exception as error:  # foreign readers raise errors of every kind for broken files
@@ -113,6 +124,10 @@ def _pages(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _tiff(file: Path) -> RawFile:
+    return _tiff_of(file, str(file))
+
+
+def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
     import tifffile
 
     with tifffile.TiffFile(file) as opened:
@@ -120,11 +135,10 @@ def _tiff(file: Path) -> RawFile:
         tags = {tag.name: tag.value for tag in first.tags}
         if first.samplesperpixel != 1:
             raise InputError(
-                f"{file} has {first.samplesperpixel} values per pixel; raw frames have one."
+                f"{place} has {first.samplesperpixel} values per pixel; raw frames have one."
             )
-        require_plausible(
-            file, sum(math.prod(one.shape) * one.dtype.itemsize for one in opened.series[:1])
-        )
+        unpacked = sum(math.prod(one.shape) * one.dtype.itemsize for one in opened.series[:1])
+        require_plausible_ratio(place, opened.filehandle.size, unpacked)
         frames = _pages(opened.asarray())
     facts = _own_facts(tags.get("ImageDescription"))
     names: Mapping[int, str] = dict(enumerate("RGBCMYW"))

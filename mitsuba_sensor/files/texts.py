@@ -39,12 +39,17 @@ def text_of_file(
 
 def read_json(path: Path, remedy: str) -> Facts:
     """The object in a JSON file. Raises InputError with the remedy."""
+    return json_object(text_of_file(path, remedy), str(path), remedy)
+
+
+def json_object(text: str | bytes, place: str, remedy: str) -> Facts:
+    """The object in a JSON text. Raises InputError with the remedy.  place : of the text, for the message."""
     try:
-        found = json_value(text_of_file(path, remedy))
+        found = json_value(text)
     except ValueError:
         found = None
     if not isinstance(found, dict):
-        raise InputError(f"{path} holds no JSON object; {remedy}.")
+        raise InputError(f"{place} holds no JSON object; {remedy}.")
     return found
 
 

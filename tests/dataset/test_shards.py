@@ -20,6 +20,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
 from mitsuba_sensor.core import DiskFull
 from mitsuba_sensor.dataset import make_dataset, pieces, places
+from mitsuba_sensor.dataset.entry_files import ShardFiles
 from mitsuba_sensor.dataset.exports.export import export
 from mitsuba_sensor.dataset.faults import Fault
 from mitsuba_sensor.dataset.file import read_dataset
@@ -30,7 +31,9 @@ from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedView, load_plan
 from mitsuba_sensor.dataset.repair import discard, holdings, verify
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.files import durable
 from mitsuba_sensor.files.tar_members import END, found_members, member_bytes, members
+from mitsuba_sensor.files.tiff import tiff_bytes
 
 TEXT = """
 name = "small"
@@ -215,6 +218,23 @@ def test_a_shard_that_is_lost_or_replaced_is_made_again(made: tuple[DatasetPlan,
     assert stand_in(folder, plan) == 15
     (folder / "shards" / "notes.txt").unlink()
     assert shards(folder) == right and not faults_in(folder)
+
+
+def test_a_sample_of_a_shard_is_read_without_a_copy_and_damage_names_its_place(
+    made: tuple[DatasetPlan, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(durable, "write_copy", None)
+    sample = ms.Dataset(made[1])[0]
+    assert sample.facts == {"key": sample.key}
+    frames = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
+    content = tiff_bytes(frames)
+    monkeypatch.setattr(ShardFiles, "has", lambda self, name: True)
+    monkeypatch.setattr(ShardFiles, "content", lambda self, name: content)
+    np.testing.assert_array_equal(sample.read("raw"), frames)
+    for name, file in (("raw", "frame.tiff"), ("preview", "frame.png")):
+        content = b"no picture"
+        with pytest.raises(InputError, match=rf"\.tar \(sample at byte 0\): {file} "):
+            sample.read(name)
 
 
 def test_a_sample_of_another_key_is_not_kept(made: tuple[DatasetPlan, Path]) -> None:
