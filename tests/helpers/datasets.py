@@ -16,8 +16,10 @@ from mitsuba_sensor.dataset.planned import DatasetPlan
 from mitsuba_sensor.dataset.record import FILE, INDEX
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files.parquet import Kind
+from mitsuba_sensor.files.shipped_scenes import scenes_folder
 
-SCENES = Path(__file__).parents[2] / "scenes"
+SCENES = scenes_folder()
+"""Of the package: a scene of a checkout beside an installed package would be the user's own."""
 TABLES: dict[str, Any] = {
     "name": "small",
     "render": {"spp": 16, "width": 16},

@@ -435,7 +435,7 @@ def test_two_sheets_are_compared_figure_by_figure(tmp_path: Path, tiny_file: str
         (("--frames", "nowhere"), "is no folder"),
         (("--frames", "."), "no folder of a chart"),
         (("--frames", ".", "--gains", "all"), "leave one of them out"),
-        (("--compare", "bayer_2mp", "nothing.json"), "holds no JSON object"),
+        (("--compare", "bayer_2mp", "nothing.json"), "nothing.json cannot be read"),
         (("bayer_2mp", "--compare", "a", "b"), "--compare A B"),
     ],
 )
