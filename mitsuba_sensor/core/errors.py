@@ -95,6 +95,18 @@ def require(name: str, value: float, low: float, high: float, remedy: str) -> fl
     return number
 
 
+def require_count(name: str, value: int, low: int, high: int, example: int) -> int:
+    """``value`` if it is a whole number in [low, high], else InputError."""
+    remedy = f"a whole number, e.g. {example}"
+    require(name, value, low, high, remedy)
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise InputError(
+            f"{name} is {value!r}; it must be a whole number {span(low, high)} (e.g. {example})."
+        ) from None
+
+
 def require_seed(name: str, value: int) -> int:
     """Return ``value`` if it is a whole number that fits the 64-bit key of the random number generator."""
     try:

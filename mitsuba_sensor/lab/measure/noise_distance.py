@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core import InputError, numbers, require, require_seed
+from ...core import InputError, numbers
 from ...core.argument_names import tells_of_names
+from ...core.errors import require_count
 from ...core.types import Float64Array
 from ..quantity import Quantity
 from ..statistics.noncentral import noncentrality_interval
@@ -39,8 +40,7 @@ def noise_divergence(real: ArrayLike, model: ArrayLike, *, bins: int = 64) -> Qu
             raise InputError(
                 f"{name} has {values.size} values; pass 100 finite values or more."
             )
-    require("bins", bins, 4, 10_000, "a whole number, e.g. 64")
-    count = require_seed("bins", bins)
+    count = require_count("bins", bins, 4, 10_000, 64)
     counts = [np.array(part, float) for part in _histograms(samples, count)]
     above, below = (part / part.sum() for part in counts)
     logs = np.log(above / below)

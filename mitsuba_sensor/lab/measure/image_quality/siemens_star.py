@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....core import InputError, require, require_seed
+from ....core import InputError, require
 from ....core.argument_names import tells_of_names
+from ....core.errors import require_count
 from ....core.types import Float64Array
 from ...quantity import TWO_SIDED, Quantity
 from ...statistics.noncentral import noncentrality_interval
@@ -115,8 +116,7 @@ def siemens_star(
     Raises InputError for pictures that show no such star.
     """
     pixels = flat_fielded(picture_of(picture), flat)
-    require("cycles", cycles, 8, 1000, "a whole number, e.g. 144")
-    count = require_seed("cycles", cycles)
+    count = require_count("cycles", cycles, 8, 1000, 144)
     contrast = require("contrast", contrast, 0.01, 1.0, "1 for a chart from black to white")
     sample_px = require(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
