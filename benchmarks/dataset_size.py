@@ -29,17 +29,17 @@ from typing import Any
 import numpy as np
 
 from mitsuba_sensor import Dataset
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index_part import InShard, Line, kinds_of, part_of
-from mitsuba_sensor.dataset.index_writer import IndexWriter
-from mitsuba_sensor.dataset.make import rendered_light
-from mitsuba_sensor.dataset.names import name_of_sample
-from mitsuba_sensor.dataset.origin import index_of, origin_of, write_origin
-from mitsuba_sensor.dataset.places import place_of
-from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
-from mitsuba_sensor.dataset.record import CARD, INDEX
-from mitsuba_sensor.dataset.shard_size import NUMBERS
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index.origin import index_of, origin_of, write_origin
+from mitsuba_sensor.dataset.index.part import InShard, Line, kinds_of, part_of
+from mitsuba_sensor.dataset.index.writer import IndexWriter
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, load_plan
+from mitsuba_sensor.dataset.run.make import rendered_light
+from mitsuba_sensor.dataset.run.places import place_of
+from mitsuba_sensor.dataset.store.names import name_of_sample
+from mitsuba_sensor.dataset.store.record import CARD, INDEX
+from mitsuba_sensor.dataset.store.shard_size import NUMBERS
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files.parquet import parquet_bytes
 
 SAMPLES = 10**7

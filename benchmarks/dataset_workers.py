@@ -27,14 +27,14 @@ from unittest import mock
 import psutil
 
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset import run as run_module
-from mitsuba_sensor.dataset.configured import PlannedSample
-from mitsuba_sensor.dataset.engine import outcomes
-from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.overview import Overview
-from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedView
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.plan.configured import PlannedSample
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, PlannedView
+from mitsuba_sensor.dataset.run import run as run_module
+from mitsuba_sensor.dataset.run.engine import outcomes
+from mitsuba_sensor.dataset.run.overview import Overview
+from mitsuba_sensor.dataset.store.store import Store
 
 FORECAST_WORKERS = 1000
 FORECAST_SAMPLES = (1, 20, 1000)

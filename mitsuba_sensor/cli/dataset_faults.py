@@ -8,9 +8,9 @@ from rich.console import Group as Lines
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..dataset.faults import Fault
-from ..dataset.origin import RESTORE
-from ..dataset.record import INDEX
+from ..dataset.index.origin import RESTORE
+from ..dataset.store.faults import Fault
+from ..dataset.store.record import INDEX
 from .tables import FittedTable
 
 MOST_SHOWN = 50

@@ -24,9 +24,9 @@ from .tables import FittedTable, rough
 from .values import Flag
 
 if TYPE_CHECKING:
-    from ..dataset.forecast import Counts, Forecast
-    from ..dataset.planned import DatasetPlan
-    from ..dataset.run import RunProgress
+    from ..dataset.plan.planned import DatasetPlan
+    from ..dataset.run.forecast import Counts, Forecast
+    from ..dataset.run.run import RunProgress
 
 READ_FIRST = {
     "contact_sheet.png": "some of the frames, to look at",
@@ -133,8 +133,8 @@ def run_command(
     made is put into DIR/quarantine with its log, and the rest is made. README.md in DIR says what is there and how to
     read it, contact_sheet.png shows some of the frames.
     """
-    from ..dataset.planned import load_plan
-    from ..dataset.run import run
+    from ..dataset.plan.planned import load_plan
+    from ..dataset.run.run import run
 
     plan = load_plan(file, flags.pop("roots") or ["."])
     with samples_bar(err) as progress:
@@ -161,9 +161,9 @@ def plan_command(
     Values, cameras and files of every sample are checked; a scene is loaded for its short render on this machine, of
     which time and bytes are.
     """
-    from ..dataset.engine import usual_workers
-    from ..dataset.forecast import counts_of, forecast
-    from ..dataset.planned import load_plan
+    from ..dataset.plan.planned import load_plan
+    from ..dataset.run.engine import usual_workers
+    from ..dataset.run.forecast import counts_of, forecast
 
     plan = load_plan(file, flags["roots"] or ["."])
     if count_only:
@@ -186,8 +186,8 @@ def show_command(
     as_json: arguments.Json = False,
 ) -> None:
     """Say what one sample is: its settings, signal and noise, its files, and where its picture is."""
-    from ..dataset.reader import Dataset
-    from ..dataset.shown import facts_shown, sample_called
+    from ..dataset.read.reader import Dataset
+    from ..dataset.read.shown import facts_shown, sample_called
     from ..files.png import write_png
     from .sample_sheet import sample_sheet
 
@@ -211,8 +211,8 @@ def status_command(
     folder: DatasetFolder, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
     """Say how much of a dataset is there, and what could not be made. Reads records, no pictures."""
-    from ..dataset.repair import holdings, store_of
-    from ..dataset.same_origin import plan_of
+    from ..dataset.index.repair import holdings, store_of
+    from ..dataset.index.same_origin import plan_of
 
     store, plan = store_of(Path(folder)), plan_of(Path(folder), flags["roots"])
     held = holdings(store, plan)
@@ -238,7 +238,7 @@ def verify_command(
 
     The files that it was made from are compared, too, where they are here.
     """
-    from ..dataset.repair import verify
+    from ..dataset.index.repair import verify
     from .dataset_faults import fault_sheet
 
     with steps_bar(err) as now:
@@ -257,9 +257,9 @@ def repair_command(
     folder: DatasetFolder, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
     """Make again what `dataset verify` finds, and what is missing; everything else stays as it is."""
-    from ..dataset.repair import discard, store_of, verify
-    from ..dataset.run import run
-    from ..dataset.same_origin import plan_of, require_same_versions
+    from ..dataset.index.repair import discard, store_of, verify
+    from ..dataset.index.same_origin import plan_of, require_same_versions
+    from ..dataset.run.run import run
 
     place = Path(folder)
     store_of(place)
@@ -330,7 +330,7 @@ def push_command(
     A dataset may still grow: push it again. ms.Dataset("s3://bucket/pairs") reads what is there, at any time. How you
     are known to a store is set as for its own programs, for S3 by AWS_PROFILE or AWS_ACCESS_KEY_ID.
     """
-    from ..dataset.push import push
+    from ..dataset.index.push import push
 
     with steps_bar(err) as now:
         found = push(Path(folder), address, lambda done, total: now(done, total, "uploaded"))

@@ -24,7 +24,7 @@ from .lines import WORKING, CommandLines
 from .tables import number
 
 if TYPE_CHECKING:
-    from ..dataset.run import RunProgress, Show
+    from ..dataset.run.run import RunProgress, Show
     from ..render.passes.stop_criterion import RenderProgress
     from ..study.kit import Forecast
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..dataset.keys import Facts
+from ..dataset.store.keys import Facts
 from .tables import number
 from .terminal import fact
 

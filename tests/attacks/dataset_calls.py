@@ -16,7 +16,7 @@ from pathlib import Path
 
 from dataset_entries import Program, Told
 
-from mitsuba_sensor.dataset.record import Entry
+from mitsuba_sensor.dataset.store.record import Entry
 
 READY_S, TRIES = 5.0, 5
 CALL = re.compile(r"^(\d+) +(\w+)\(")

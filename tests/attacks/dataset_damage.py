@@ -9,8 +9,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from mitsuba_sensor.dataset.record import RECORD, Entry, Kind, Record, record_of, text_of
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.store.record import RECORD, Entry, Kind, Record, record_of, text_of
+from mitsuba_sensor.dataset.store.store import Store
 
 Named = set[tuple[Kind, str]]
 """Kinds and names of entries; no name is that of a stray."""

@@ -20,8 +20,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.dataset.record import RECORD, Entry, Kind
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.store.record import RECORD, Entry, Kind
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files import texts, tiff
 from mitsuba_sensor.files.appearing import write_drawing
 

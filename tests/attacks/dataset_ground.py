@@ -9,7 +9,7 @@ from typing import Any
 import dataset_calls as calls
 from dataset_entries import FULL, Told, summary
 
-from mitsuba_sensor.dataset.record import Entry
+from mitsuba_sensor.dataset.store.record import Entry
 
 IGNORED = {"exit", "exit_group", "rt_sigreturn", "futex"}
 """Calls that do not return, and those of which there is any number."""

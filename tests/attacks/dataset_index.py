@@ -28,15 +28,17 @@ from dataset_attacks import Attack, run_attacks
 from dataset_entries import ALL_FILES_S, Program, Told, summary
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.dataset import index_part, index_writer, origin, repair
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index_part import OpenPart, all_parts
-from mitsuba_sensor.dataset.index_writer import IndexWriter
-from mitsuba_sensor.dataset.origin import write_origin
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.record import INDEX, Entry
-from mitsuba_sensor.dataset.repair import verify
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index import origin, repair
+from mitsuba_sensor.dataset.index import part as index_part
+from mitsuba_sensor.dataset.index import writer as index_writer
+from mitsuba_sensor.dataset.index.origin import write_origin
+from mitsuba_sensor.dataset.index.part import OpenPart, all_parts
+from mitsuba_sensor.dataset.index.repair import verify
+from mitsuba_sensor.dataset.index.writer import IndexWriter
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.store.record import INDEX, Entry
+from mitsuba_sensor.dataset.store.store import Store
 
 NUMBERS, SAMPLES = 7, 20
 """Of a part, and of the dataset."""

@@ -33,16 +33,19 @@ from dataset_damage import put_something_else
 from dataset_entries import ALL_FILES_S, Entry, Program, Told, summary, tree
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.dataset import index_part, index_writer, origin, places, repair
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index_writer import IndexWriter
-from mitsuba_sensor.dataset.origin import write_origin
-from mitsuba_sensor.dataset.places import Files, place_of
-from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedView
-from mitsuba_sensor.dataset.reader import Dataset
-from mitsuba_sensor.dataset.record import RECORD, SHARDS, record_of, text_of
-from mitsuba_sensor.dataset.repair import discard, verify
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index import origin, repair
+from mitsuba_sensor.dataset.index import part as index_part
+from mitsuba_sensor.dataset.index import writer as index_writer
+from mitsuba_sensor.dataset.index.origin import write_origin
+from mitsuba_sensor.dataset.index.repair import discard, verify
+from mitsuba_sensor.dataset.index.writer import IndexWriter
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, PlannedView
+from mitsuba_sensor.dataset.read.reader import Dataset
+from mitsuba_sensor.dataset.run import places
+from mitsuba_sensor.dataset.run.places import Files, place_of
+from mitsuba_sensor.dataset.store.record import RECORD, SHARDS, record_of, text_of
+from mitsuba_sensor.dataset.store.store import Store
 
 NUMBERS, OF_SHARD = 10, 5
 """Of a part of the index, and of a shard."""

@@ -12,8 +12,8 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from mitsuba_sensor.dataset.record import RECORD, Entry, Record, text_of
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.store.record import RECORD, Entry, Record, text_of
+from mitsuba_sensor.dataset.store.store import Store
 
 FILES = 8
 COMMITS = 60

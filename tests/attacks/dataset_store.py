@@ -43,8 +43,8 @@ from dataset_entries import (
     work,
 )
 
-from mitsuba_sensor.dataset.record import Entry
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.store.record import Entry
+from mitsuba_sensor.dataset.store.store import Store
 
 WRITES = (
     "mkdir",

@@ -17,15 +17,16 @@ from helpers.waiting import wait_until
 
 from mitsuba_sensor import InputError, __version__
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset import cluster, keys
-from mitsuba_sensor.dataset.cluster import ClusterWorkers, cluster_workers
-from mitsuba_sensor.dataset.engine import outcomes
-from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.dataset.task import TaskLimits
-from mitsuba_sensor.dataset.workers import local_workers
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.run import cluster
+from mitsuba_sensor.dataset.run.cluster import ClusterWorkers, cluster_workers
+from mitsuba_sensor.dataset.run.engine import outcomes
+from mitsuba_sensor.dataset.run.task import TaskLimits
+from mitsuba_sensor.dataset.run.workers import local_workers
+from mitsuba_sensor.dataset.store import keys
+from mitsuba_sensor.dataset.store.store import Store
 
 LIGHT = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
 WAITED_S = 1.0

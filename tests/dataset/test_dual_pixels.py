@@ -10,11 +10,11 @@ import pytest
 from helpers.datasets import SCENES
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.cameras import of_light
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.forecast import counts_of
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.cameras import of_light
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.run.forecast import counts_of
+from mitsuba_sensor.dataset.run.run import run
 
 FILE = """
 name = "halves"

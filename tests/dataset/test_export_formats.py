@@ -30,7 +30,7 @@ from mitsuba_sensor.dataset.exports.job import PosedSample
 from mitsuba_sensor.dataset.exports.kitti import projections
 from mitsuba_sensor.dataset.exports.poses import TO_OPENCV, PosedImage, camera_to_world
 from mitsuba_sensor.dataset.exports.sequences import ImageSequence, SequenceCamera, sequences
-from mitsuba_sensor.dataset.planned import load_plan
+from mitsuba_sensor.dataset.plan.planned import load_plan
 from mitsuba_sensor.files.parquet_shards import ParquetShards
 from mitsuba_sensor.optics.calibration import Calibration
 from mitsuba_sensor.output.exr import read_irradiance_exr

@@ -32,11 +32,11 @@ from mitsuba_sensor.dataset.exports.card import CameraNumbers, CardFacts, card_t
 from mitsuba_sensor.dataset.exports.export import WRITERS, export
 from mitsuba_sensor.dataset.exports.job import worlds
 from mitsuba_sensor.dataset.exports.torch_dataset import TorchDataset
+from mitsuba_sensor.dataset.index.origin import index_of
 from mitsuba_sensor.dataset.options import EXPORT_FORMATS
-from mitsuba_sensor.dataset.origin import index_of
-from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.record import Record, text_of
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.store.record import Record, text_of
 from mitsuba_sensor.files.durable import size_and_hash
 from mitsuba_sensor.files.whole_folder import LISTING
 from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet

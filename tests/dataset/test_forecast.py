@@ -7,10 +7,10 @@ from pathlib import Path
 
 from helpers.datasets import SCENES, TABLES
 
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.forecast import counts_of, forecast
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.run.forecast import counts_of, forecast
+from mitsuba_sensor.dataset.run.run import run
 
 
 def test_counts_and_bytes_are_those_of_the_run(tmp_path: Path) -> None:

@@ -16,15 +16,15 @@ from helpers.datasets import SCENES, TABLES, commit, follow, make_parts_small, p
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset import index_part
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index import Index
-from mitsuba_sensor.dataset.index_part import Line, all_parts, kinds_of, part_of, parts_of
-from mitsuba_sensor.dataset.index_writer import IndexWriter, lines_of
-from mitsuba_sensor.dataset.origin import index_of, origin_of, write_origin
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.record import Entry
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index import part as index_part
+from mitsuba_sensor.dataset.index.index import Index
+from mitsuba_sensor.dataset.index.origin import index_of, origin_of, write_origin
+from mitsuba_sensor.dataset.index.part import Line, all_parts, kinds_of, part_of, parts_of
+from mitsuba_sensor.dataset.index.writer import IndexWriter, lines_of
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.store.record import Entry
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files import durable
 
 ROWS = 7

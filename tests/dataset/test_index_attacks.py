@@ -12,11 +12,11 @@ import pytest
 from helpers.datasets import commit, follow, make_parts_small, plan_of, whole
 
 from mitsuba_sensor.core import DiskFull, InputError
-from mitsuba_sensor.dataset.index_writer import lines_of
-from mitsuba_sensor.dataset.origin import write_origin
-from mitsuba_sensor.dataset.record import INDEX
-from mitsuba_sensor.dataset.repair import discard, verify
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index.origin import write_origin
+from mitsuba_sensor.dataset.index.repair import discard, verify
+from mitsuba_sensor.dataset.index.writer import lines_of
+from mitsuba_sensor.dataset.store.record import INDEX
+from mitsuba_sensor.dataset.store.store import Store
 
 PLAN = plan_of(grid={"repetition": [*range(20)]})
 

@@ -12,9 +12,9 @@ from helpers.datasets import SCENES, TABLES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera_file import camera_from
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.files.raw_files import read_raw
 
 EVERYTHING = [

@@ -11,10 +11,15 @@ import pytest
 from helpers.datasets import TABLES, plan_of
 
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset.configured import PlannedSample
-from mitsuba_sensor.dataset.names import LONGEST, is_name_of_entry, name_of_sample, with_piece
-from mitsuba_sensor.dataset.record import Entry
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.plan.configured import PlannedSample
+from mitsuba_sensor.dataset.store.names import (
+    LONGEST,
+    is_name_of_entry,
+    name_of_sample,
+    with_piece,
+)
+from mitsuba_sensor.dataset.store.record import Entry
+from mitsuba_sensor.dataset.store.store import Store
 
 KEY, OTHER = "ab" * 12, "cd" * 12
 

@@ -15,12 +15,12 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset import keys
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index_part import kinds_of
-from mitsuba_sensor.dataset.origin import index_of
-from mitsuba_sensor.dataset.record import FILE, INDEX, RECORD, sealed, unsealed
-from mitsuba_sensor.dataset.repair import verify
+from mitsuba_sensor.dataset.index.origin import index_of
+from mitsuba_sensor.dataset.index.part import kinds_of
+from mitsuba_sensor.dataset.index.repair import verify
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.store import keys
+from mitsuba_sensor.dataset.store.record import FILE, INDEX, RECORD, sealed, unsealed
 
 TEXT = """
 name = "tiny"
@@ -46,8 +46,8 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a dataset file, its scene, and the dataset in out/, as `dataset run` made it there."""
-    from mitsuba_sensor.dataset.planned import load_plan
-    from mitsuba_sensor.dataset.run import run
+    from mitsuba_sensor.dataset.plan.planned import load_plan
+    from mitsuba_sensor.dataset.run.run import run
 
     folder = tmp_path_factory.mktemp("made")
     (folder / "tiny.toml").write_text(TEXT, "utf-8")

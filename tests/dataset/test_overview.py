@@ -15,21 +15,23 @@ from helpers.datasets import SCENES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset import make_dataset, overview, reader
+from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.exports import summary
 from mitsuba_sensor.dataset.exports.job import facts_of
 from mitsuba_sensor.dataset.exports.sheet import caption, names_that_vary, sheet_rows
-from mitsuba_sensor.dataset.forecast import forecast
-from mitsuba_sensor.dataset.index_part import Line
-from mitsuba_sensor.dataset.keys import Facts
-from mitsuba_sensor.dataset.origin import index_of
-from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
-from mitsuba_sensor.dataset.reader import Sample
-from mitsuba_sensor.dataset.record import FOR_PEOPLE
-from mitsuba_sensor.dataset.repair import holdings, verify
-from mitsuba_sensor.dataset.run import run
-from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.files.texts import read_json
+from mitsuba_sensor.dataset.index.origin import index_of
+from mitsuba_sensor.dataset.index.part import Line
+from mitsuba_sensor.dataset.index.repair import holdings, verify
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, load_plan
+from mitsuba_sensor.dataset.read import reader
+from mitsuba_sensor.dataset.read.reader import Sample
+from mitsuba_sensor.dataset.run import overview
+from mitsuba_sensor.dataset.run.forecast import forecast
+from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.store.keys import Facts
+from mitsuba_sensor.dataset.store.record import FOR_PEOPLE
+from mitsuba_sensor.dataset.store.store import Store
+from mitsuba_sensor.files.texts import json_object
 from mitsuba_sensor.optics.spectra import inverse_srgb_curve, srgb_curve
 from mitsuba_sensor.output.contact_sheet import GAP, MOST_LETTERS, brightened, text_picture
 
@@ -199,12 +201,12 @@ def test_the_table_of_a_run_that_goes_on_reads_new_samples_only(
     before = {row["key"] for row in rows_of(out)}
     read = list[str]()
 
-    def noted(path: Path, remedy: str) -> Facts:
-        found = read_json(path, remedy)
+    def noted(text: str | bytes, place: str, remedy: str) -> Facts:
+        found = json_object(text, place, remedy)
         read.append(found["key"])
         return found
 
-    monkeypatch.setattr(reader, "read_json", noted)
+    monkeypatch.setattr(reader, "json_object", noted)
     run(plan, out, shard=(2, 2))
     new = {one.key for one in ms.Dataset(out)} - before
     assert sorted(read) == sorted(new) and before

@@ -14,10 +14,10 @@ from helpers.marks import exhaustive
 
 from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset import make_dataset
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.forecast import counts_of
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.run.forecast import counts_of
+from mitsuba_sensor.dataset.run.run import run
 
 Cli = Callable[..., Any]
 Place = tuple[str | int, ...]

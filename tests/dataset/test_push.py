@@ -15,9 +15,9 @@ from mitsuba_sensor import InputError
 from mitsuba_sensor.cli.app import app
 from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.exports.export import export
-from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.push import push
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.index.push import push
+from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.files.objects import Objects
 
 SAMPLES, SHARDS = 12, 3

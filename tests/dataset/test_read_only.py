@@ -15,7 +15,7 @@ from helpers.datasets import SCENES, here
 from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.record import FILE, INDEX
+from mitsuba_sensor.dataset.store.record import FILE, INDEX
 
 __all__ = ["here"]
 Cli = Callable[..., Any]

@@ -14,9 +14,9 @@ from helpers.datasets import SCENES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.exports.export import export
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.run.run import run
 
 SPLIT = "omnivision_split_pixel"
 TEXT = f"""name = "hdr"

@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli
-from mitsuba_sensor.dataset.record import INDEX
-from mitsuba_sensor.dataset.repair import discard, verify
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index.repair import discard, verify
+from mitsuba_sensor.dataset.store.record import INDEX
+from mitsuba_sensor.dataset.store.store import Store
 
 TEXT = """
 name = "small"

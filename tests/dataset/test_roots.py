@@ -9,7 +9,7 @@ from helpers.scenes import SKY, scene_text
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.dataset.planned import load_plan
+from mitsuba_sensor.dataset.plan.planned import load_plan
 
 FILE = """name = "test"
 seed = 1

@@ -24,13 +24,14 @@ from helpers.waiting import wait_until
 
 from mitsuba_sensor import InputError
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset import engine, keys, task
-from mitsuba_sensor.dataset.engine import outcomes
-from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
-from mitsuba_sensor.dataset.run import run
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, load_plan
+from mitsuba_sensor.dataset.run import engine, task
+from mitsuba_sensor.dataset.run.engine import outcomes
+from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.store import keys
+from mitsuba_sensor.dataset.store.store import Store
 
 FLAT = (SCENES / "flat_field.xml").read_text(encoding="utf-8")
 FILE = """
@@ -259,10 +260,10 @@ sys.path[:] = {sys.path!r}
 from pathlib import Path
 from helpers.makers import make_and_kill
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset.engine import outcomes
+from mitsuba_sensor.dataset.run.engine import outcomes
 from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.store.store import Store
 asked = complete(RunOptions, {{"workers": 1}})
 views = load_plan({str(tmp_path / "four.toml")!r}).views()
 list(outcomes(Store(Path({str(tmp_path / "out")!r})), views, asked, lambda what, done: None, make_and_kill))

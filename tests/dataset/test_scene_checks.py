@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.entry_files import FolderFiles
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.forecast import counts_of
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.reader import NO_ARRAYS, Sample
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.read.reader import NO_ARRAYS, Sample
+from mitsuba_sensor.dataset.run.forecast import counts_of
+from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.store.entry_files import FolderFiles
 
 FILE: dict[str, Any] = {
     "name": "checked",

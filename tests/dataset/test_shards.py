@@ -19,18 +19,20 @@ from helpers.datasets import SCENES, TABLES, make_parts_small
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.dataset import make_dataset, pieces, places
-from mitsuba_sensor.dataset.entry_files import ShardFiles
+from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.exports.export import export
-from mitsuba_sensor.dataset.faults import Fault
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index_writer import IndexWriter
-from mitsuba_sensor.dataset.origin import write_origin
-from mitsuba_sensor.dataset.places import Files, place_of
-from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedView, load_plan
-from mitsuba_sensor.dataset.repair import discard, holdings, verify
-from mitsuba_sensor.dataset.run import run
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index.origin import write_origin
+from mitsuba_sensor.dataset.index.repair import discard, holdings, verify
+from mitsuba_sensor.dataset.index.writer import IndexWriter
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, PlannedView, load_plan
+from mitsuba_sensor.dataset.run import places
+from mitsuba_sensor.dataset.run.places import Files, place_of
+from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.store import pieces
+from mitsuba_sensor.dataset.store.entry_files import ShardFiles
+from mitsuba_sensor.dataset.store.faults import Fault
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files import durable
 from mitsuba_sensor.files.tar_members import END, found_members, member_bytes, members
 from mitsuba_sensor.files.tiff import tiff_bytes

@@ -18,7 +18,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor import cli
 from mitsuba_sensor.cli.tables import number
 from mitsuba_sensor.dataset import make_dataset
-from mitsuba_sensor.dataset.shown import sample_called
+from mitsuba_sensor.dataset.read.shown import sample_called
 
 TEXT = """
 name = "shown"
@@ -69,7 +69,7 @@ def test_what_is_no_sample_is_a_sentence(made: Path, said: str) -> None:
 def test_a_key_that_begins_as_several_do_is_a_sentence(
     made: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mitsuba_sensor.dataset.shown.FEWEST_DIGITS", 0)
+    monkeypatch.setattr("mitsuba_sensor.dataset.read.shown.FEWEST_DIGITS", 0)
     code, text = shown(str(made), "")
     assert code == 2 and "6 samples have keys that begin with ''" in text
 

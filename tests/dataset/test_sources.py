@@ -16,14 +16,14 @@ from helpers.marks import one_in
 from mitsuba_sensor import InputError
 from mitsuba_sensor.camera.lens_file import BUILT_IN
 from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.dataset import keys
-from mitsuba_sensor.dataset.faults import Fault
-from mitsuba_sensor.dataset.origin import origin_in, write_origin
-from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
-from mitsuba_sensor.dataset.record import FILE, INDEX, RECORD, sealed, unsealed
-from mitsuba_sensor.dataset.repair import discard, verify
-from mitsuba_sensor.dataset.same_origin import check_same, plan_of
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index.origin import origin_in, write_origin
+from mitsuba_sensor.dataset.index.repair import discard, verify
+from mitsuba_sensor.dataset.index.same_origin import check_same, plan_of
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, load_plan
+from mitsuba_sensor.dataset.store import keys
+from mitsuba_sensor.dataset.store.faults import Fault
+from mitsuba_sensor.dataset.store.record import FILE, INDEX, RECORD, sealed, unsealed
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files import durable
 
 __all__ = ["here"]

@@ -9,8 +9,8 @@ import pytest
 from helpers.datasets import SCENES, TABLES
 
 from mitsuba_sensor import InputError
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
 
 
 def sets_of(plan: DatasetPlan) -> dict[str, tuple[set[Any], set[Any]]]:

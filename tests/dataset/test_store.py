@@ -16,8 +16,8 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.dataset.record import Entry, Record, record_of, text_of
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.store.record import Entry, Record, record_of, text_of
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files import durable, tiff
 
 KEY, OTHER = "ab" * 12, "ab" + "cd" * 11

@@ -10,11 +10,11 @@ import pytest
 import scipy.stats
 from helpers.datasets import SCENES, TABLES
 
-from mitsuba_sensor.dataset.configured import PlannedSample
-from mitsuba_sensor.dataset.file import Distribution, read_dataset
-from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedView
-from mitsuba_sensor.dataset.run import numbers_of_shard
-from mitsuba_sensor.dataset.sweep import Poses, drawn, share_of
+from mitsuba_sensor.dataset.plan.configured import PlannedSample
+from mitsuba_sensor.dataset.plan.file import Distribution, read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, PlannedView
+from mitsuba_sensor.dataset.plan.sweep import Poses, drawn, share_of
+from mitsuba_sensor.dataset.run.run import numbers_of_shard
 
 POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
 

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.cli.completion import scenes_and_files
-from mitsuba_sensor.dataset.planned import load_plan
+from mitsuba_sensor.dataset.plan.planned import load_plan
 from mitsuba_sensor.files.scene_copies import copy_scene
 from mitsuba_sensor.files.scene_references import scene_references
 from mitsuba_sensor.files.shipped_scenes import (

@@ -7,14 +7,16 @@ from typing import Any
 
 import pytest
 
-from mitsuba_sensor.dataset import index_part, index_writer, origin, repair
-from mitsuba_sensor.dataset.configured import PlannedSample
-from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.index_part import Line, all_parts, kinds_of, part_of
-from mitsuba_sensor.dataset.index_writer import IndexWriter
-from mitsuba_sensor.dataset.planned import DatasetPlan
-from mitsuba_sensor.dataset.record import FILE, INDEX
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.index import origin, repair
+from mitsuba_sensor.dataset.index import part as index_part
+from mitsuba_sensor.dataset.index import writer as index_writer
+from mitsuba_sensor.dataset.index.part import Line, all_parts, kinds_of, part_of
+from mitsuba_sensor.dataset.index.writer import IndexWriter
+from mitsuba_sensor.dataset.plan.configured import PlannedSample
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.store.record import FILE, INDEX
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files.parquet import Kind
 from mitsuba_sensor.files.shipped_scenes import scenes_folder
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.run.run import run
 
 SCENE = """<scene version="3.0.0"><default name="height" value="0"/><integrator type="direct"/>
 <sensor type="{sensor}">{fov}<film type="hdrfilm"><integer name="width" value="20"/>

@@ -11,9 +11,9 @@ from contextlib import suppress
 import psutil
 
 from helpers.waiting import wait_until
-from mitsuba_sensor.dataset.configured import PlannedSample
-from mitsuba_sensor.dataset.planned import PlannedView
-from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.plan.configured import PlannedSample
+from mitsuba_sensor.dataset.plan.planned import PlannedView
+from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.stopping import whole_step
 
 

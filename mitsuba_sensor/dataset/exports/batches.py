@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
-from ..reader import Sample
+from ..read.reader import Sample
 
 
 def batches(

@@ -9,7 +9,7 @@ from pathlib import Path
 from ...files.png import write_png
 from ...files.texts import write_page
 from ...output.contact_sheet import SheetRow, contact_sheet
-from ..record import CARD, SHEET
+from ..store.record import CARD, SHEET
 
 DIFFERS = (
     "Where two numbers stand, axes of the dataset set fields of the camera, and samples differ: "

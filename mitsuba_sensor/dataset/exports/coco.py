@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...files.texts import write_page
 from ...files.whole_folder import inside
-from ..entry_files import checked, require_file
+from ..store.entry_files import checked, require_file
 from .job import Job, facts_of
 
 HOW = """from pycocotools.coco import COCO

@@ -11,12 +11,12 @@ from typing import NamedTuple, Unpack
 from ...core import InputError, nearest
 from ...core.options import complete, documents
 from ...files.whole_folder import appearing_folder
-from ..file import read_dataset
-from ..index_part import Line
-from ..keys import Facts
+from ..index.part import Line
 from ..options import ExportOptions
-from ..reader import Dataset
-from ..record import FILE
+from ..plan.file import read_dataset
+from ..read.reader import Dataset
+from ..store.keys import Facts
+from ..store.record import FILE
 from .card import write_card
 from .coco import write_coco
 from .colmap import write_colmap

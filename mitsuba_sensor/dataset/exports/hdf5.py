@@ -5,8 +5,8 @@ from __future__ import annotations
 from ...files.hdf5 import Hdf5Writer, hdf5_writer
 from ...files.whole_folder import inside
 from ...output.exr import read_irradiance_exr
-from ..entry_files import checked, require_file
-from ..reader import IMAGES, Sample
+from ..read.reader import IMAGES, Sample
+from ..store.entry_files import checked, require_file
 from .job import IRRADIANCE, Job, checked_array, facts_of, facts_text_of
 
 HOW = """import h5py

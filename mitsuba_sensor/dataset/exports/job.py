@@ -16,11 +16,11 @@ from ...files.png import write_png
 from ...files.tiff import write_tiff
 from ...files.whole_folder import inside
 from ...optics.calibration import calibration_of
-from ..entry_files import checked, require_file
-from ..file import DatasetFile
-from ..keys import Facts, canonical
-from ..previews import PICTURE
-from ..reader import AOVS, IMAGES, Sample
+from ..plan.file import DatasetFile
+from ..read.previews import PICTURE
+from ..read.reader import AOVS, IMAGES, Sample
+from ..store.entry_files import checked, require_file
+from ..store.keys import Facts, canonical
 from .poses import PosedImage, rigid_pose
 
 IRRADIANCE = "irradiance"

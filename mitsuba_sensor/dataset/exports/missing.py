@@ -8,11 +8,11 @@ from itertools import islice
 from pathlib import Path
 
 from ...core import InputError
-from ..index_part import OpenPart, all_parts, parts_of
-from ..origin import require_origin
-from ..reader import Dataset
-from ..same_origin import plan_of
-from ..shard_size import NUMBERS
+from ..index.origin import require_origin
+from ..index.part import OpenPart, all_parts, parts_of
+from ..index.same_origin import plan_of
+from ..read.reader import Dataset
+from ..store.shard_size import NUMBERS
 
 MOST_NAMED = 3
 """Keys in the sentence."""

@@ -18,7 +18,7 @@ from ...files.png import write_png
 from ...files.texts import write_json
 from ...files.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
-from ..reader import Sample
+from ..read.reader import Sample
 from .job import Job, checked_array
 from .poses import TO_OPENGL, PosedImage, camera_to_world
 

@@ -15,10 +15,10 @@ from ...files.parquet import Kind, Row
 from ...files.parquet_shards import ParquetShards
 from ...files.tar_shards import npy
 from ...files.whole_folder import inside
-from ..entry_files import checked, require_file
-from ..index_part import FIXED, cell_of, kinds_of
-from ..previews import PICTURE
-from ..reader import IMAGES, Sample
+from ..index.part import FIXED, cell_of, kinds_of
+from ..read.previews import PICTURE
+from ..read.reader import IMAGES, Sample
+from ..store.entry_files import checked, require_file
 from .job import Job, checked_array, facts_text_of
 
 HOW = """import numpy as np

@@ -14,9 +14,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ...core import Float64Array
-from ..keys import Config, Facts, canonical
-from ..reader import Sample
-from ..sweep import Poses
+from ..plan.sweep import Poses
+from ..read.reader import Sample
+from ..store.keys import Config, Facts, canonical
 from .job import Job, PosedSample
 from .poses import TO_OPENCV, camera_to_world
 

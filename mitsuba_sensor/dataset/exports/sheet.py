@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 from ...files.png import png as png_of
 from ...output.contact_sheet import Captioned, SheetRow
-from ..entry_files import checked
-from ..index_part import Line
-from ..keys import Config
-from ..planned import evenly_chosen
-from ..previews import PICTURE, preview_of_sample
-from ..reader import IMAGES, Sample, sample_of
-from ..store import Store
-from ..values import text_of
+from ..index.part import Line
+from ..plan.planned import evenly_chosen
+from ..plan.values import text_of
+from ..read.previews import PICTURE, preview_of_sample
+from ..read.reader import IMAGES, Sample, sample_of
+from ..store.entry_files import checked
+from ..store.keys import Config
+from ..store.store import Store
 from .job import facts_of
 
 MOST_ROWS, MOST_COLUMNS = 8, 10

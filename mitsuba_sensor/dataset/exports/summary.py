@@ -15,14 +15,14 @@ from ...camera.camera_file import camera_from
 from ...camera.figures import figures_if_any
 from ...core import InputError
 from ...files import durable
-from ..entry_files import MADE_AGAIN, EntryFiles
-from ..file import DatasetFile
-from ..index_part import Line
-from ..keys import Facts, key_of
-from ..planned import evenly_chosen
-from ..reader import IMAGES, sample_of
-from ..record import FILE, RECORD, text_of
-from ..store import Store
+from ..index.part import Line
+from ..plan.file import DatasetFile
+from ..plan.planned import evenly_chosen
+from ..read.reader import IMAGES, sample_of
+from ..store.entry_files import MADE_AGAIN, EntryFiles
+from ..store.keys import Facts, key_of
+from ..store.record import FILE, RECORD, text_of
+from ..store.store import Store
 from .card import CameraNumbers, CardFacts
 from .job import facts_of
 from .sheet import sheet_rows

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...files.tar_shards import TarShards, npy
-from ..entry_files import checked
-from ..previews import PICTURE
-from ..reader import Sample
+from ..read.previews import PICTURE
+from ..read.reader import Sample
+from ..store.entry_files import checked
 from .job import Job, checked_array
 
 HOW = """import webdataset as wds

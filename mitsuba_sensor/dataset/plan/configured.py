@@ -1,0 +1,124 @@
+"""What decides the pixels of a sample: its configuration, and its key, the hash of that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from ...camera.exposure_times import later_exposures
+from ...core import Exposure
+from ..store.keys import Config, Facts, identity, key_of, made_by
+from ..store.names import name_of_sample
+from ..store.record import Entry
+from .cameras import Cameras, VariedCamera, check_outputs
+from .file import DatasetFile
+from .light import FORMAT, Lights, exposure_asked
+from .splits import SplitOf
+from .sweep import Combination, SceneSweep, of_kind
+
+OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
+
+
+@dataclass(frozen=True)
+class PlannedSample:
+    """One sample.
+
+    name : of its folder.  key : hash of its configuration.  pixels : hash of what decides its pixels, whatever its
+    files.  config : what decides them.  values : what varies, for people.
+    """
+
+    name: str
+    key: str
+    pixels: str
+    config: Config
+    values: Config
+    split: str
+
+    @property
+    def entry(self) -> Entry:
+        """What it is in the store."""
+        return Entry("samples", self.name, self.key)
+
+
+@dataclass(frozen=True, eq=False)
+class ConfiguredSamples:
+    """Configurations and keys of the samples of a dataset file.  Raises InputError.
+
+    roots, text, made_by : as of a plan (planned.py).
+    """
+
+    file: DatasetFile
+    roots: Sequence[Path]
+    text: str = ""
+    made_by: Config = field(default_factory=made_by)
+
+    @cached_property
+    def lights(self) -> Lights:
+        """What the scenes of the file are rendered from."""
+        return Lights(self.file, self.roots)
+
+    @cached_property
+    def cameras(self) -> Cameras:
+        """The cameras of the file."""
+        cameras = Cameras(self.file.cameras, self.roots)
+        check_outputs(self.file.outputs, cameras.as_given)
+        return cameras
+
+    @cached_property
+    def sweeps(self) -> list[SceneSweep]:
+        """What varies in each scene."""
+        later = any(later_exposures(one, Exposure(1.0)) for one in self.cameras.as_given)
+        later |= any(name.startswith("camera.readouts") for name in self.file.varied)
+        return [SceneSweep(self.file, scene, later) for scene in range(len(self.file.scenes))]
+
+    @cached_property
+    def splits(self) -> SplitOf:
+        """Which split a scene belongs to."""
+        self.lights  # noqa: B018, says first what is wrong with the files of scenes
+        return SplitOf(self.file, self.cameras.models, self.sweeps)
+
+    def first_sample(self, one: Combination) -> PlannedSample:
+        """A sample with the first of its serial numbers, whatever its split."""
+        serial = int(one.values.get("serial", 1))
+        camera = self.cameras.of(one)
+        return self.sample(one, camera, self.light_key(one, camera)[1], serial, "")
+
+    def light_key(self, one: Combination, camera: VariedCamera) -> tuple[Facts, str]:
+        """What decides the light of a sample, and the hash of it."""
+        light = self.lights.described(one, camera, exposure_asked(one.values))
+        return light, key_of(light)
+
+    def sample(
+        self, one: Combination, camera: VariedCamera, light_key: str, serial: int, split: str
+    ) -> PlannedSample:
+        """A sample, and its key.  light_key : of its light."""
+        values = {**one.values, "serial": serial}
+        config = {
+            "format": FORMAT,
+            "view": light_key,
+            "camera": camera.datasheet,
+            "gain": camera.gain,
+            "exposure": exposure_asked(values),
+            "serial": serial,
+            "frames": values.get("frames", 1),
+            "repetition": values.get("repetition", 0),
+            "draw": one.draw,
+            "dataset_seed": self.file.seed,
+        }
+        if lights := of_kind("lights", one.values):
+            config["lights"] = lights
+        outputs = [name for name in self.file.outputs if name not in OF_VIEW]
+        pixels = identity(config, camera.key)
+        own = key_of({"sample": pixels, "outputs": outputs, "made_by": self.made_by})
+        said = {
+            "scene": self.file.scenes[one.scene].name,
+            "camera": self.cameras.name(one.camera),
+            **values,
+        }
+        if one.pose is not None:
+            said |= {"view": one.view, "pose": one.pose.model_dump()}
+        entry = self.file.cameras[one.camera]
+        name = name_of_sample(said, entry.name or entry.camera, one.draw, own)
+        return PlannedSample(name, own, pixels, {**config, "outputs": outputs}, said, split)

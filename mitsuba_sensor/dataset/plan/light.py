@@ -1,0 +1,149 @@
+"""What decides the light of a sample: scene, pose, options of the render, and what the camera has to do with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+from ...camera.exposure_times import later_exposures
+from ...core import Exposure, InputError
+from ...core.options import used
+from ...files.scene_references import files_digest, scene_references
+from ...files.shipped_scenes import (
+    MOTION,
+    NAME,
+    SCENE,
+    names_of_scenes,
+    scenes_folder,
+    shipped_file,
+)
+from ...render.motion.motion import Motion, read_motion
+from ...render.options import RenderOptions
+from ..store.keys import Config, Facts
+from .cameras import VariedCamera, of_light
+from .file import OF_SCENE, DatasetFile, SceneEntry
+from .roots import find_below
+from .sweep import Combination, of_kind
+from .values import text_of
+
+FORMAT = 4  # of a dataset and of its configurations; another one is another key
+SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
+SPP = 128  # of a render that is told nothing of them
+PASSED_BY = ("gain",)  # options of a render that are none of its light
+MOST_DIGESTS = 4096
+
+
+class Lights:
+    """Describes the light of samples.  roots : folders below which files may be read. Raises InputError."""
+
+    def __init__(self, file: DatasetFile, roots: Sequence[Path]) -> None:
+        self.file, self.roots = file, roots
+        self.places = [self._place(scene) for scene in file.scenes]
+        self._motion_files = [self._motion_file(scene) for scene in file.scenes]
+        self._motions = [self._motion(number) for number in range(len(file.scenes))]
+        self._lenses = dict[str, Facts]()
+        self._references = lru_cache(MOST_DIGESTS)(self._references_of)
+        self._digest = lru_cache(MOST_DIGESTS)(self._digest_of)
+
+    @cached_property
+    def options(self) -> Facts:
+        """Options of every render that decide its light."""
+        render = dict(self.file.render)
+        if render.keys().isdisjoint(SAMPLES):
+            render["spp"] = SPP
+        return {
+            k: v
+            for k, v in used(RenderOptions, render).items()
+            if k not in (*OF_SCENE, *PASSED_BY) and (k, v) != ("start_s", 0.0)
+        }
+
+    def described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
+        """All that decides the light of a sample, ready for JSON."""
+        entry, parameters = self.file.scenes[one.scene], self._parameters(one)
+        motion, options = self._motions[one.scene], self.options
+        light: Facts = {
+            "format": FORMAT,
+            "scene": self._digest(one.scene, tuple(parameters.items())),
+            "parameters": parameters,
+            "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
+            "look_at": None if one.pose is None else one.pose.model_dump(),
+            "render": options,
+            "lens": self._lens_of(camera),
+            "dataset_seed": self.file.seed,
+        }
+        for name in ("scene_unit", "integrator", "ignore_polarization"):
+            light[name] = getattr(entry, name)
+        of_camera = exposure["time_s"] in ("auto", None)  # metered
+        of_camera |= bool(later_exposures(camera.camera, Exposure(1.0)))
+        if motion != Motion():
+            light |= {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
+        if options["noise_ratio"] or (motion != Motion() and of_camera):
+            noisy = {"camera": camera.datasheet, "gain": camera.gain}
+            light |= {**noisy, "exposure": dict(exposure)}
+        return light
+
+    def files(self, one: Combination) -> Iterator[tuple[Path, str]]:
+        """All files that the light of a sample is rendered from but for the camera's, and what each is of."""
+        scene = self.file.scenes[one.scene].name
+        for path in self._references(one.scene, tuple(self._parameters(one).items())):
+            yield path, f"scene {scene}"
+        if (motion := self._motion_files[one.scene]) is not None:
+            yield motion, f"scene {scene}"
+
+    def _parameters(self, one: Combination) -> dict[str, str]:
+        """Values of the <default> names of a scene."""
+        fixed = self.file.scenes[one.scene].parameters
+        values = {**fixed, **of_kind("parameters", one.values)}
+        return {name: text_of(value) for name, value in values.items()}
+
+    def _lens_of(self, camera: VariedCamera) -> Facts:
+        """What of a camera decides the light."""
+        if camera.key not in self._lenses:
+            if len(self._lenses) > MOST_DIGESTS:
+                self._lenses.clear()
+            cube = self.options["spectral"] == "cube"
+            self._lenses[camera.key] = of_light(camera.camera, cube)
+        return self._lenses[camera.key]
+
+    def _digest_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> str:
+        return files_digest(self._references(scene, parameters), self._roots_of(scene))
+
+    def _references_of(
+        self, scene: int, parameters: tuple[tuple[str, str], ...]
+    ) -> Sequence[Path]:
+        return scene_references(self.places[scene], dict(parameters), self._roots_of(scene))
+
+    def _roots_of(self, scene: int) -> Sequence[Path]:
+        if shipped_file(self.file.scenes[scene].file, SCENE, self.roots):
+            return [scenes_folder(), *self.roots]
+        return self.roots
+
+    def _place(self, entry: SceneEntry) -> Path:
+        try:
+            return self._find(entry.file, SCENE, f"the file of scene {entry.name}")
+        except InputError as error:
+            if not NAME.fullmatch(entry.file):
+                raise
+            also = f"or give {names_of_scenes(entry.file)}"
+            raise InputError(f"{str(error).removesuffix('.')}; {also}") from None
+
+    def _motion_file(self, entry: SceneEntry) -> Path | None:
+        if isinstance(entry.motion, str):
+            return self._find(entry.motion, MOTION, f"the motion of scene {entry.name}")
+        return None
+
+    def _motion(self, scene: int) -> Motion:
+        return read_motion(self._motion_files[scene] or self.file.scenes[scene].motion)
+
+    def _find(self, name: str, end: str, what: str) -> Path:
+        """A file below the roots, else one that ships with the package."""
+        return shipped_file(name, end, self.roots) or find_below(name, self.roots, what)
+
+
+def exposure_asked(values: Config) -> Facts:
+    """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None."""
+    time_s, stops, kelvin = (
+        values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k")
+    )
+    return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}

@@ -1,0 +1,300 @@
+"""What varies from sample to sample: every combination, rows, random draws and poses, each found by its number."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
+from typing import NamedTuple, overload
+
+import numpy as np
+import scipy
+
+from ...core import InputError
+from ...render.motion.motion import KeyPose
+from ..store.keys import Config, Facts
+from .file import DatasetFile, Distribution, SceneEntry, Value, View
+
+Values = Config
+OF_LIGHT = ("f_number", "focus_m")
+OF_CAMERA = tuple(
+    f"camera.{part}" for part in ("lens.", "sensor.", "pixel.pitch", "quantum_efficiency.")
+)
+OF_LIGHT_PREFIXES = ("parameters.", "traverse.", *OF_CAMERA)
+EXPOSED = ("exposure_s", "exposure_ev", "temperature_k")
+"""What decides the light, too, where something moves."""
+METERED = ("gain", "camera.")
+"""What decides it as well where the exposure is metered, or a noise ratio is asked for."""
+MOST_SORTED = 10**6
+"""Draws that are sorted by their light."""
+DIGITS = 6  # of a random number, so that it can be typed
+
+
+class Combination(NamedTuple):
+    """What one sample is made of.
+
+    scene, camera : numbers of the entries of the dataset file.  view : number of the pose in the scene, from 0.
+    pose : of the camera; None is that of the scene file.
+    values : name of what varies → its value.  draw : number of the random draw, −1 where there is none.
+    """
+
+    scene: int
+    camera: int
+    view: int
+    pose: View | None
+    values: Values
+    draw: int
+
+
+class Poses(Sequence[View | None]):
+    """The poses of the camera in a scene; None is that of the scene file.  Those of a path are found by number."""
+
+    def __init__(self, scene: SceneEntry) -> None:
+        self.path, self.given = scene.path, scene.views or (None,)
+
+    def __len__(self) -> int:
+        if self.path is None:
+            return len(self.given)
+        return self.path.views
+
+    @overload
+    def __getitem__(self, number: int) -> View | None: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[View | None]: ...
+
+    def __getitem__(self, number: int | slice) -> View | list[View | None] | None:
+        if isinstance(number, slice):
+            return [self[one] for one in range(*number.indices(len(self)))]
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        if self.path is None:
+            return self.given[number]
+        origin, target, up = (tuple(map(float, one)) for one in self.vectors([number])[0])
+        return View(origin_m=origin, target_m=target, up=up)
+
+    def times_s(self, numbers: Sequence[int]) -> np.ndarray:
+        """When the camera is at these poses of the path [s], (N,)."""
+        assert self.path is not None
+        first, last = self.path.keys[0], self.path.keys[-1]
+        steps = self.path.views - (not _is_loop(first, last))
+        period_s = (last.time_s - first.time_s) / max(steps, 1)
+        return np.asarray(first.time_s + np.asarray(numbers) * period_s)
+
+    def vectors(self, numbers: Sequence[int]) -> np.ndarray:
+        """Origin, target and up of these poses of the path, (N, 3, 3)."""
+        assert self.path is not None
+        keys, times = self.path.keys, [key.time_s for key in self.path.keys]
+        at = self.times_s(numbers)
+        found = np.empty((len(numbers), 3, 3))
+        for row, name in enumerate(("origin_m", "target_m", "up")):
+            points = np.array([getattr(key, name) for key in keys], dtype=float)
+            for axis in range(3):
+                found[:, row, axis] = np.interp(at, times, points[:, axis])
+        return np.round(found, DIGITS) + 0.0  # no −0
+
+
+def _is_loop(first: KeyPose, last: KeyPose) -> bool:
+    """Whether a path ends with the pose that it begins with, which is made once."""
+    return (first.origin_m, first.target_m, first.up) == (last.origin_m, last.target_m, last.up)
+
+
+class Light(NamedTuple):
+    """What the samples of one light have in common.  view, pose : as of a combination.  values : of the grid.
+    draws : numbers of the random draws."""
+
+    view: int
+    pose: View | None
+    values: Values
+    draws: Sequence[int]
+
+
+class SceneSweep:
+    """What the samples of one scene are made of, by number: a light, a row and a camera, and what the light is exposed
+    with.
+
+    file : the dataset.  scene : number of its entry.  later : whether a camera has exposures one after the other, so
+    that all that changes it changes the light of what moves.  Serial numbers are for splits to deal out (splits.py).
+    """
+
+    def __init__(self, file: DatasetFile, scene: int, later: bool) -> None:
+        self.file, self.scene, self.entry = file, scene, file.scenes[scene]
+        self.poses = Poses(self.entry)
+        also = names_of_timed_light(file, self.entry, later)
+        grid = {name: values for name, values in file.grid.items() if name != "serial"}
+        self.of_light = {name: x for name, x in grid.items() if changes_light(name, also)}
+        self.of_exposure = {name: x for name, x in grid.items() if name not in self.of_light}
+        self.rows: Sequence[Values] = file.list or ({},)
+        self.draws = LightDraws(file, self.entry.name, also)
+        self.lights = len(self.poses) * cells(self.of_light) * len(self.draws)
+        self.most_exposures = cells(self.of_exposure) * self.draws.largest
+
+    def light(self, number: int) -> Light:
+        """The light of this number."""
+        number, draw = divmod(number, len(self.draws))
+        view, cell = divmod(number, cells(self.of_light))
+        values = values_of_cell(self.of_light, cell)
+        return Light(view, self.poses[view], values, self.draws.of(draw))
+
+    def exposures(self, light: Light) -> int:
+        """How many samples a light has of each row, camera and serial number."""
+        return len(light.draws) * cells(self.of_exposure)
+
+    def combination(self, light: Light, row: int, camera: int, exposure: int) -> Combination:
+        """What one sample is made of, but for its serial number.  exposure : number among those of the light."""
+        place, cell = divmod(exposure, cells(self.of_exposure))
+        draw = int(light.draws[place])
+        values = {
+            **light.values,
+            **self.rows[row],
+            **values_of_cell(self.of_exposure, cell),
+            **drawn_values(self.file, self.entry.name, draw),
+        }
+        if self.file.random is None:
+            draw = -1
+        return Combination(self.scene, camera, light.view, light.pose, values, draw)
+
+
+class LightDraws:
+    """The random draws of a scene, those of one light together: all, where they do not change the light; each alone,
+    where a law of what does is continuous; else by its choices.
+
+    largest : how many at most are together.  also : see :func:`changes_light`.  Raises InputError for too many.
+    """
+
+    def __init__(self, file: DatasetFile, scene: str, also: Sequence[str]) -> None:
+        laws = file.random.values if file.random else {}
+        self.all = file.random.draws if file.random else 1
+        of_light = {name: law for name, law in laws.items() if changes_light(name, also)}
+        self.alone = any(
+            law.choice is None and law.integer is None for law in of_light.values()
+        )
+        self.largest, self._bounds = self.all, [0, self.all]
+        self._order: Sequence[int] = range(self.all)
+        if self.alone:
+            self.largest = 1
+        elif of_light:
+            self._sort(file.seed, scene, of_light)
+
+    def __len__(self) -> int:
+        return self.all if self.alone else len(self._bounds) - 1
+
+    def of(self, number: int) -> Sequence[int]:
+        """The draws of a light."""
+        if self.alone:
+            return range(number, number + 1)
+        return self._order[self._bounds[number] : self._bounds[number + 1]]
+
+    def _sort(self, seed: int, scene: str, of_light: Mapping[str, Distribution]) -> None:
+        if self.all > MOST_SORTED:
+            raise InputError(
+                f"random.draws is {self.all}; at most {MOST_SORTED} where choices or whole numbers change the light: "
+                "put them into [grid]."
+            )
+        together: dict[object, list[int]] = {}
+        for draw in range(self.all):
+            values = (drawn(x, share_of(seed, scene, n, draw)) for n, x in of_light.items())
+            together.setdefault(tuple(values), []).append(draw)
+        groups = list(together.values())
+        self.largest = max(map(len, groups))
+        self._bounds = list(accumulate(map(len, groups), initial=0))
+        self._order = [draw for group in groups for draw in group]
+
+
+def names_of_timed_light(file: DatasetFile, entry: SceneEntry, later: bool) -> tuple[str, ...]:
+    """Beginnings of the names that change the light of a scene beside the usual ones, because time does."""
+    if not is_timed(file, entry):
+        return ()
+    times, drawn_names = (
+        [*possible_values(file, "exposure_s")],
+        file.random and file.random.values,
+    )
+    given = "exposure_s" in file.grid or "exposure_s" in (drawn_names or ())
+    given = given or (bool(file.list) and all("exposure_s" in row for row in file.list))
+    if later or "noise_ratio" in file.render or "auto" in times or not given:
+        return EXPOSED + METERED
+    return EXPOSED
+
+
+def is_timed(file: DatasetFile, entry: SceneEntry) -> bool:
+    """Whether the exposure decides the light."""
+    return entry.motion is not None or "noise_ratio" in file.render
+
+
+def possible_values(file: DatasetFile, name: str) -> Iterator[Value]:
+    """The values of something that varies which stand in the file."""
+    yield from file.grid.get(name, ())
+    yield from (row[name] for row in file.list if name in row)
+    if file.random and name in file.random.values:
+        yield from ends(file.random.values[name], file.random.draws)
+
+
+def cells(grid: Mapping[str, Sequence[Value]]) -> int:
+    """How many combinations there are of the values of a grid."""
+    return math.prod(len(values) for values in grid.values())
+
+
+def values_of_cell(grid: Mapping[str, Sequence[Value]], number: int) -> Facts:
+    """The combination of this number; those of the last name change fastest."""
+    found: Facts = {}
+    for name in reversed([*grid]):
+        number, place = divmod(number, len(grid[name]))
+        found[name] = grid[name][place]
+    return {name: found[name] for name in grid}
+
+
+def changes_light(name: str, also: Iterable[str] = ()) -> bool:
+    """Whether the light must be rendered anew where this varies.  also : beginnings of other names that do."""
+    return name in OF_LIGHT or name.startswith((*OF_LIGHT_PREFIXES, *also))
+
+
+def of_kind(kind: str, values: Values) -> Facts:
+    """Values of ``kind.NAME`` by NAME."""
+    return {
+        name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")
+    }
+
+
+def drawn_values(file: DatasetFile, scene: str, draw: int) -> Facts:
+    """The values of a random draw: a function of seed, scene, name and number."""
+    if file.random is None:
+        return {}
+    laws = file.random.values.items()
+    return {name: drawn(law, share_of(file.seed, scene, name, draw)) for name, law in laws}
+
+
+def drawn(distribution: Distribution, share: float) -> Value:
+    """The value below which this share of the distribution lies, with six digits.  share : 0 … 1, both left out."""
+    if distribution.choice is not None:
+        return distribution.choice[int(share * len(distribution.choice))]
+    if distribution.integer is not None:
+        first, last = distribution.integer
+        return first + int(share * (last - first + 1))
+    if distribution.normal is not None:
+        mean, sigma = distribution.normal
+        return _rounded(mean + sigma * float(scipy.special.ndtri(share)))
+    low, high = distribution.uniform or map(math.log, distribution.log_uniform or ())
+    value = low + share * (high - low)
+    return _rounded(value if distribution.uniform else math.exp(value))
+
+
+def ends(distribution: Distribution, draws: int) -> Sequence[Value]:
+    """Every choice, or the smallest and the largest value; of a normal distribution those that one of 1000 datasets of
+    so many draws goes beyond."""
+    if distribution.choice is not None:
+        return distribution.choice
+    rare = 1e-15
+    if distribution.normal is not None:
+        rare = 0.5e-3 / draws
+    return drawn(distribution, rare), drawn(distribution, 1 - rare)
+
+
+def share_of(*names: object) -> float:
+    """A number evenly over 0 … 1, both left out, that belongs to these names: of BLAKE2, so the same for ever."""
+    digest = hashlib.blake2b("/".join(map(str, names)).encode(), digest_size=8).digest()
+    return ((int.from_bytes(digest, "little") >> 11) + 0.5) / 2**53
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

@@ -1,0 +1,1 @@
+"""Samples for those who use them: opened, shown, drawn and listed."""

@@ -1,0 +1,1 @@
+"""Samples are made: counted beforehand, in this process, in workers of this machine or of a cluster."""
