@@ -1,4 +1,4 @@
-"""Rules of the tests: none reads a clock, and every module has tests that are not exhaustive.
+"""Rules of the tests: none reads a clock, none makes a dataset of a scene of the checkout, every module has quick ones.
 
 On a busy machine a test that reads a clock fails. Forecasts run on a test's own clock; speeds belong to benchmarks.
 """
@@ -6,6 +6,7 @@ On a busy machine a test that reads a clock fails. Forecasts run on a test's own
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -111,3 +112,33 @@ def test_every_module_has_quick_tests() -> None:
         if all("pytest.mark.exhaustive" in names for names in marks) and tests:
             without.append(path.relative_to(TESTS).as_posix())
     assert not without, without
+
+
+OF_CHECKOUT = re.compile(
+    r"""\bfile["']?\s*[=:]\s*["'](\./|\.\./)*scenes/|helpers\.scenes import .*\bSCENES\b|ROOT / ["']scenes"""
+)
+"""How a test would name a scene of the checkout for a dataset."""
+
+
+def test_datasets_of_tests_are_of_scenes_of_the_package() -> None:
+    """Where the package is installed, a scene of the checkout is another file, with another name in the record."""
+    paths = [*TESTS.glob("dataset/*.py"), *TESTS.glob("helpers/*datasets.py")]
+    paths += TESTS.glob("attacks/dataset_*.py")
+    assert len(paths) > 30
+    named = [path.name for path in paths if OF_CHECKOUT.search(path.read_text("utf-8"))]
+    assert not named, named
+
+
+def test_a_scene_of_the_checkout_is_found_however_it_is_named() -> None:
+    for line in (
+        'scenes = [{ name = "flat", file = "scenes/flat_field.xml" }]',
+        """tables["scenes"] = [{"name": "flat", "file": "scenes/flat_field.xml"}]""",
+        "from helpers.scenes import SCENES",
+        'shutil.copy(ROOT / "scenes" / "flat_field.xml", folder)',
+    ):
+        assert OF_CHECKOUT.search(line), line
+    for line in (
+        'scenes = [{ name = "flat", file = "flat_field" }]',
+        "from helpers.scenes import SKY, scene_text",
+    ):
+        assert not OF_CHECKOUT.search(line), line

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +25,26 @@ OF_OTHERS |= {"--force-reinstall", "--help", "--version"}
 """Options of other programs, and those of every command."""
 
 
-def sentences() -> Iterator[tuple[str, str]]:
+@cache
+def sentences() -> dict[str, str]:
     """Each text of the package that names an option, and where it stands; docstrings left out."""
+    found = {}
     for path in sorted(Path(mitsuba_sensor.__file__).parent.rglob("*.py")):
-        tree = ast.parse(path.read_text("utf-8"))
-        documents = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
-            text = node.value if isinstance(node, ast.Constant) else None
-            if isinstance(text, str) and id(node) not in documents and OPTION.search(text):
-                yield text, f"{path.name}:{node.lineno}"
+        source = path.read_text("utf-8")
+        if OPTION.search(source):
+            for text, line in texts_of(ast.parse(source)):
+                found[text] = f"{path.name}:{line}"
+    return found
 
 
-SENTENCES = dict(sentences())
+def texts_of(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """Texts that name an option, with their lines."""
+    nodes = list(ast.walk(tree))
+    documents = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        text = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and id(node) not in documents and OPTION.search(text):
+            yield text, node.lineno
 
 
 def named(sentence: str) -> set[str]:
@@ -52,8 +61,8 @@ def context_of(name: str) -> Any:
 
 def test_every_option_of_a_sentence_is_one_of_some_command() -> None:
     known = set().union(*map(options_of, COMMANDS.values()))
-    assert len(SENTENCES) > 60
-    unknown = {where: named(text) - known for text, where in SENTENCES.items()}
+    assert len(sentences()) > 60
+    unknown = {where: named(text) - known for text, where in sentences().items()}
     assert not {where: names for where, names in unknown.items() if names}
 
 
@@ -70,7 +79,7 @@ def test_no_sentence_names_an_option_and_a_word_as_its_value_outside_of_backtick
     """The words that options take: choices, and NAME=VALUE."""
     words = {"auto", "path", "scalar_spectral", "konnik2014", "float64", "numpy", "electrons"}
     wrong = {}
-    for text, where in SENTENCES.items():
+    for text, where in sentences().items():
         for option, value in re.findall(r"(--[a-z-]+) ([\w=*,]+)", CODE.sub("", text)):
             takes_a_word = value in words or "=*" in value or "=lamp" in value
             if takes_a_word and not text.startswith("--"):
@@ -82,7 +91,7 @@ def test_no_sentence_names_an_option_and_a_word_as_its_value_outside_of_backtick
 def test_every_command_names_its_own_options_only(name: str) -> None:
     """Whatever sentence of the package it says."""
     context = context_of(name)
-    for sentence in SENTENCES:
+    for sentence in sentences():
         said = said_by(context, sentence)
         assert named(said) <= options_of(COMMANDS[name]), said
         assert said_by(context, said) == said

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.datasets import SCENES
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -22,7 +21,7 @@ TEXT = """
 name = "small"
 outputs = ["raw", "clean", "aovs"]
 render = { width = 16, spp = 16 }
-scenes = [{ name = "flat", file = "scenes/flat_field.xml" }]
+scenes = [{ name = "flat", file = "flat_field" }]
 cameras = [{ camera = "bayer_2mp" }]
 grid = { exposure_s = [0.01, 0.1], serial = [1, 2] }
 """
@@ -53,8 +52,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         str(folder / "out"),
         "--workers",
         "0",
-        "--root",
-        str(SCENES.parent),
     )
     assert (code, said["made"]) == (0, 4)
     return folder / "out"

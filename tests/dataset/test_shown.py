@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
-from helpers.datasets import SCENES
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -24,7 +23,7 @@ TEXT = """
 name = "shown"
 outputs = ["raw", "variance", "preview"]
 render = { width = 24, spp = 16 }
-scenes = [{ name = "flat", file = "scenes/flat_field.xml" }]
+scenes = [{ name = "flat", file = "flat_field" }]
 cameras = [{ camera = "konnik_table1" }]
 grid = { exposure_s = [0.05], exposure_ev = [0, -2], serial = [1, 2, 3] }
 splits = { shares = { all = 1.0 } }
@@ -47,7 +46,7 @@ def facts_of(*arguments: str) -> dict[str, Any]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("shown")
     (folder / "shown.toml").write_text(TEXT)
-    make_dataset(folder / "shown.toml", folder / "out", roots=[SCENES.parent], workers=0)
+    make_dataset(folder / "shown.toml", folder / "out", workers=0)
     return folder / "out"
 
 
