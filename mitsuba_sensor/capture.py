@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack, cast
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Unpack, cast
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .capture_options import CaptureOptions, check_asked_files
-from .core import Exposure, InputError, Photons, tells_of_names, warn_of
+from .core import Exposure, Photons, tells_of_names, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, used
 from .exposed import (
@@ -35,12 +35,11 @@ from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
 from .render.motion.aovs import Aovs
-from .render.motion.motion import read_motion
 from .render.passes.render_notes import notes_after_render
 from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput
-from .render.scene.scene_sensors import sensor_taken
+from .render.scene.scene_sensors import refuse_one_place, sensor_taken
 from .render.scene.scene_settings import ParsedScene, parse_sensors
 from .render.variants import restores_variant
 from .sensor.frame_times import FrameTimes
@@ -173,29 +172,12 @@ def capture_sensors(
     views: Mapping[str, SensorView], options: CaptureOptions, progress: Progress | None
 ) -> Capture:
     """A capture of each sensor of a scene, by name, one after the other and of the same instant. Raises InputError."""
-    check_sensors(views, options)
+    refuse_one_place(views, options["look_at"], options["motion"])
     captures = dict[str, Capture]()
     for name, view in views.items():
         asked: CaptureOptions = {**options, "sensor": name}
         captures[name] = _captured(Request(*view, asked, progress))
     return replace(next(iter(captures.values())), sensors=captures)
-
-
-def check_sensors(names: Collection[str], options: CaptureOptions) -> None:
-    """Raise InputError for poses in the world that would put all sensors of a scene into one place."""
-    if len(names) < 2:
-        return
-    camera = read_motion(options["motion"]).camera
-    in_world = camera is not None and any(key.pose is not None for key in camera.keys)
-    for what, given, remedy in (
-        ("look_at", options["look_at"] is not None, "move them in the scene file"),
-        ("the motion", in_world, "give its keys move_m and turn_deg"),
-    ):
-        if given:
-            raise InputError(
-                f"{what} has a pose of the camera in the world, where all {len(names)} sensors would be in one "
-                f"place; {remedy}, or take one sensor ({', '.join(names)})."
-            )
 
 
 def _is_light(source: Scene | Light) -> bool:

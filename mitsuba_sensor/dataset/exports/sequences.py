@@ -1,7 +1,7 @@
 """Sequences of a dataset: the poses of a scene in the order of time, seen by all cameras at the same settings.
 
-A dataset renders the first sensor of a scene; its cameras are at one place. What is written here holds for rigs, too:
-the place of each camera beside the first one comes from their poses.
+A camera of a sequence is an entry of the dataset file at a sensor of the scene. The place of each beside the first one
+comes from their poses.
 """
 
 from __future__ import annotations
@@ -14,32 +14,39 @@ from typing import TypeAlias
 import numpy as np
 
 from ...core import Float64Array
-from ..plan.sweep import Poses
 from ..read.reader import Sample
 from ..store.keys import Config, Facts, canonical
 from .job import Job, PosedSample
 from .poses import TO_OPENCV, camera_to_world
 
-OF_FRAME = ("view", "pose", "camera")
+OF_FRAME = ("view", "time_s", "pose", "camera", "sensor")
 """Values that differ within a sequence."""
 DECIMALS = 12
 """Of the place of a camera beside the first one: cameras at one place are not 1e-17 m apart."""
 Group: TypeAlias = dict[str, dict[int, PosedSample]]
 """Camera → number of the view → sample."""
 PERIOD_S = 0.1
-"""Between frames of a scene without a path, whose poses have no time: that of KITTI's cameras."""
+"""Between frames of a scene whose views have no times: that of KITTI's cameras."""
+MOST_MOVED = 1e-5
+"""Of a rigid rig: how much a camera may move beside the first one [m, rad]."""
 
 
 @dataclass(frozen=True)
 class SequenceCamera:
-    """One camera of a sequence.  name : of its entry in the dataset file.  frames : one for each time."""
+    """One camera of a sequence.  name : of its entry in the dataset file, and of its sensor.  frames : one for each
+    time."""
 
     name: str
     frames: Sequence[PosedSample]
 
     @property
+    def poses(self) -> list[Float64Array]:
+        """4 × 4 of each frame, from this camera to the world; right, down, forward [m]."""
+        return [camera_to_world(frame.image.pose, TO_OPENCV) for frame in self.frames]
+
+    @property
     def to_world(self) -> Float64Array:
-        """4 × 4, from this camera to the world, when the first frame is taken; right, down, forward [m]."""
+        """The first of these."""
         return camera_to_world(self.frames[0].image.pose, TO_OPENCV)
 
 
@@ -60,8 +67,7 @@ class ImageSequence:
     @property
     def poses(self) -> list[Float64Array]:
         """4 × 4 of each frame, first camera (right, down, forward) to world [m]."""
-        frames = self.cameras[0].frames
-        return [camera_to_world(frame.image.pose, TO_OPENCV) for frame in frames]
+        return self.cameras[0].poses
 
     def beside_first(self, camera: SequenceCamera) -> Float64Array:
         """4 × 4, from a camera to the first one."""
@@ -69,7 +75,8 @@ class ImageSequence:
         return np.asarray(np.round(move, DECIMALS) + 0.0)  # no −0
 
     def facts(self) -> Facts:
-        """What no file of other programs holds: values, and key and split of each frame of each camera."""
+        """What no file of other programs holds: values, and key, split and time of each frame of each
+        camera."""
         return {
             "scene": self.scene,
             "values": dict(self.values),
@@ -84,8 +91,11 @@ class ImageSequence:
         }
 
 
-def _about(sample: Sample) -> dict[str, str]:
-    return {"key": sample.key, "split": sample.split}
+def _about(sample: Sample) -> Facts:
+    about: Facts = {"key": sample.key, "split": sample.split}
+    if "time_s" in sample.values:
+        about["time_s"] = sample.values["time_s"]
+    return about
 
 
 def sequences(job: Job) -> list[ImageSequence]:
@@ -97,9 +107,24 @@ def sequences(job: Job) -> list[ImageSequence]:
             cameras, views = _at_common_views(job, group)
             first = cameras[0].frames[0].sample
             values = {name: x for name, x in first.values.items() if name not in OF_FRAME}
-            times_s = _times_s(job, str(first.values.get("scene")), views)
-            found.append(ImageSequence(len(found), world, values, times_s, cameras))
+            times_s = _times_s(job, cameras[0], views)
+            for rig in _rigid_rigs(job, world, cameras):
+                found.append(ImageSequence(len(found), world, values, times_s, rig))
     return found
+
+
+def _rigid_rigs(
+    job: Job, world: str, cameras: Sequence[SequenceCamera]
+) -> list[Sequence[SequenceCamera]]:
+    """The cameras together where they keep their places beside the first one; else each alone."""
+    first, *others = (np.array(camera.poses) for camera in cameras)
+    for poses in others:
+        beside_first = np.linalg.inv(first) @ poses
+        if np.abs(beside_first - beside_first[0]).max() > MOST_MOVED:
+            remark = f"cameras of {world} do not keep their places beside each other: each has a sequence of its own"
+            job.remarks.extend({remark}.difference(job.remarks))
+            return [[camera] for camera in cameras]
+    return [cameras]
 
 
 def _groups(samples: Iterable[PosedSample]) -> Iterator[Group]:
@@ -109,12 +134,17 @@ def _groups(samples: Iterable[PosedSample]) -> Iterator[Group]:
     for posed in samples:
         values = posed.sample.values
         settings = canonical({name: x for name, x in values.items() if name not in OF_FRAME})
-        camera, view, number = str(values.get("camera")), values.get("view", 0), 0
+        camera, view, number = _camera_name(values), values.get("view", 0), 0
         while view in groups.get((settings, number), {}).get(camera, {}):
             number += 1
         group = groups.setdefault((settings, number), {})
         group.setdefault(camera, {})[view] = posed
     yield from groups.values()
+
+
+def _camera_name(values: Config) -> str:
+    """``konnik_table1``, or ``konnik_table1 left`` where the sensor has a name."""
+    return f"{values.get('camera')} {values.get('sensor', '')}".rstrip()
 
 
 def _with_common_views(group: Group) -> list[Group]:
@@ -142,13 +172,13 @@ def _at_common_views(job: Job, group: Group) -> tuple[list[SequenceCamera], list
     return [SequenceCamera(*named) for named in frames_of.items()], views
 
 
-def _times_s(job: Job, scene: str, views: Sequence[int]) -> Float64Array:
-    """Times of these views of a scene [s]: from the first key of its path on, or evenly spaced."""
-    for entry in job.file.scenes:
-        if entry.name == scene and entry.path is not None:
-            return np.asarray(Poses(entry).times_s(views) - entry.path.keys[0].time_s)
+def _times_s(job: Job, camera: SequenceCamera, views: Sequence[int]) -> Float64Array:
+    """Times of these views [s], from the first one on: those of the samples, or evenly spaced."""
+    times_s = [frame.sample.values.get("time_s") for frame in camera.frames]
+    if None not in times_s:
+        return np.asarray(np.array(times_s) - times_s[0])
     if len(views) > 1:
-        remark = f"scene {scene} has no path, whose keys have times: its frames are {PERIOD_S:g} s apart"
-        if remark not in job.remarks:
-            job.remarks.append(remark)
+        scene = camera.frames[0].sample.values.get("scene")
+        remark = f"views of scene {scene} have no times: its frames are {PERIOD_S:g} s apart"
+        job.remarks.extend({remark}.difference(job.remarks))
     return np.asarray(views) * PERIOD_S

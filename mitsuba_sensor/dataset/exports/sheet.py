@@ -19,7 +19,7 @@ from .job import facts_of
 MOST_ROWS, MOST_COLUMNS = 8, 10
 MOST_LOOKED_AT = 2000  # of all samples, for their scenes, views and what varies
 MOST_LINES = 3  # of the caption of a picture
-OF_ROW = ("scene", "view", "pose")
+OF_ROW = ("scene", "view", "time_s", "pose")
 OF_EXPOSURE = ("exposure_s", "exposure_ev")
 
 

@@ -65,7 +65,7 @@ class _Split:
     frames: int = 0
     renders: int = 0
     scenes: set[str] = field(default_factory=set)
-    chips: set[tuple[str, object]] = field(default_factory=set)
+    chips: set[tuple[object, ...]] = field(default_factory=set)
 
     def counts(self) -> tuple[int | str, ...]:
         """Samples, scenes, renders and chips."""
@@ -170,7 +170,8 @@ def _counted(lines: Iterable[Line], models: Mapping[str, str]) -> dict[str, _Spl
         split.scenes.add(str(values.get("scene")))
         if len(split.chips) < MOST_CHIPS:
             camera = values.get("camera", "")
-            split.chips.add((models.get(camera, camera), values.get("serial")))
+            chip = models.get(camera, camera), values.get("serial"), values.get("sensor")
+            split.chips.add(chip)
         view = line.view
     return found
 

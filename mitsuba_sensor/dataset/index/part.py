@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...files.objects import Place, bytes_of, names_in
 from ...files.parquet import Kind, ParquetRows, parquet_bytes
-from ..plan.file import DatasetFile, Value
+from ..plan.file import DatasetFile
+from ..plan.scene_entry import Value
 from ..plan.sweep import possible_values
 from ..store.keys import Config, Facts
 from ..store.names import is_name_of_entry, name_of_view
@@ -162,6 +163,10 @@ def kinds_of(file: DatasetFile, in_shards: bool = False) -> dict[str, Kind]:
             kinds[name] = "number"
     if any(scene.views or scene.path for scene in file.scenes):
         kinds |= {"view": "integer", "pose": "pose"}
+    if any(scene.has_times for scene in file.scenes):
+        kinds["time_s"] = "number"
+    if any(scene.sensors is not None for scene in file.scenes):
+        kinds["sensor"] = "text"
     return kinds
 
 

@@ -16,8 +16,10 @@ from ...core import Exposure, InputError
 from ..store.keys import Config, canonical
 from .cameras import VariedCamera
 from .configured import ConfiguredSamples
-from .file import DatasetFile, Distribution, Value
+from .file import DatasetFile, Distribution
+from .scene_entry import Value
 from .sweep import (
+    SENSOR,
     Combination,
     Poses,
     SceneSweep,
@@ -30,7 +32,7 @@ from .values import SAME, check_value, text_of
 
 MOST_CAMERAS = 2000
 """Combinations of values that change a camera, of which a camera is made for a check: evenly chosen where more are."""
-POSES_AT_ONCE, POSE_BYTES = 4096, 72
+POSES_AT_ONCE, POSE_BYTES = 4096, 80
 SMALLEST_SINE = 1e-9
 """Of the angle between up and where a camera looks, as of a motion's key."""
 Pair = tuple[int, int]
@@ -112,7 +114,7 @@ def _values_of(file: DatasetFile, row: Config, name: str) -> Sequence[Value]:
 
 def _check_path(sweep: SceneSweep) -> None:
     """Raise InputError where a camera on a path is at its target, or looks along its up direction."""
-    if sweep.poses.path is None:
+    if sweep.poses.path is None or not sweep.poses.path.has_poses:
         return
     for numbers in _some_at_once(len(sweep.poses)):
         vectors = sweep.poses.vectors(numbers)
@@ -234,12 +236,22 @@ def _refuse_equal_rows(plan: ConfiguredSamples) -> None:
     for sweep in plan.sweeps:
         for pair in first_pairs(plan):
             one = first_combination(sweep, *pair)
-            sample = plan.first_sample(one._replace(pose=None, values={**one.values, **alike}))
-            others = known.setdefault(sample.key, [])
-            for other in others:
-                if other is sweep or _share_poses(sweep.poses, other.poses):
-                    _refuse(sample.values)
-            others.append(sweep)
+            for other_sensor in _with_each_sensor(sweep, one._replace(pose=None)):
+                values = {**other_sensor.values, **alike}
+                sample = plan.first_sample(other_sensor._replace(values=values))
+                others = known.setdefault(sample.key, [])
+                for other in others:
+                    if other is sweep or _share_poses(sweep.poses, other.poses):
+                        _refuse(sample.values)
+                others.append(sweep)
+
+
+def _with_each_sensor(sweep: SceneSweep, one: Combination) -> Iterator[Combination]:
+    """The combination with each of the sensors that are named; itself where none is."""
+    if SENSOR not in sweep.of_light:
+        yield one
+    for sensor in sweep.of_light.get(SENSOR, ()):
+        yield one._replace(values={**one.values, SENSOR: sensor})
 
 
 def _refuse_equal_poses(sweep: SceneSweep) -> None:
@@ -256,24 +268,22 @@ def _share_poses(one: Poses, other: Poses) -> bool:
 
 
 def _codes_of(poses: Poses) -> np.ndarray:
-    """A number of 64 bits for each pose: equal for equal ones."""
-    if poses.path is None:
-        views = [view and [view.origin_m, view.target_m, view.up] for view in poses.given]
-        return np.concatenate([_codes(np.array([view or np.zeros((3, 3))])) for view in views])
-    return np.concatenate([_codes(poses.vectors(x)) for x in _some_at_once(len(poses))])
+    """A number of 64 bits for each view: equal for those with equal pose and time."""
+    return np.concatenate([_codes(poses, numbers) for numbers in _some_at_once(len(poses))])
 
 
-def _codes(vectors: np.ndarray) -> np.ndarray:
-    """The same of poses (N, 3, 3)."""
-    data = (vectors + 0.0).astype(float).tobytes()
-    poses = (data[start : start + POSE_BYTES] for start in range(0, len(data), POSE_BYTES))
-    digests = [hashlib.blake2b(pose, digest_size=8).digest() for pose in poses]
+def _codes(poses: Poses, numbers: Sequence[int]) -> np.ndarray:
+    """The same of some of the views."""
+    vectors = poses.vectors(numbers).reshape(len(numbers), -1)
+    data = np.column_stack([poses.times_s(numbers), vectors]).tobytes()
+    views = (data[start : start + POSE_BYTES] for start in range(0, len(data), POSE_BYTES))
+    digests = [hashlib.blake2b(view, digest_size=8).digest() for view in views]
     return np.frombuffer(b"".join(digests), np.uint64)
 
 
 def _refuse(values: Config) -> None:
     said = ", ".join(f"{name} {value}" for name, value in values.items() if name != "pose")
     raise InputError(
-        f"two scenes, poses, cameras, rows or values are the same ({said}); leave one of them out, or vary repetition "
-        "for another sample of the same settings."
+        f"two scenes, poses, cameras, rows or values are the same ({said}); leave one of them out, give views "
+        "another time_s, or vary repetition for another sample of the same settings."
     )

@@ -16,7 +16,7 @@ from .cameras import Cameras, VariedCamera, check_outputs
 from .file import DatasetFile
 from .light import FORMAT, Lights, exposure_asked
 from .splits import SplitOf
-from .sweep import Combination, SceneSweep, of_kind
+from .sweep import SENSOR, Combination, SceneSweep, of_kind
 
 OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
 
@@ -71,12 +71,14 @@ class ConfiguredSamples:
         """What varies in each scene."""
         later = any(later_exposures(one, Exposure(1.0)) for one in self.cameras.as_given)
         later |= any(name.startswith("camera.readouts") for name in self.file.varied)
-        return [SceneSweep(self.file, scene, later) for scene in range(len(self.file.scenes))]
+        return [
+            SceneSweep(self.file, scene, later, self.lights.sensors(scene))
+            for scene in range(len(self.file.scenes))
+        ]
 
     @cached_property
     def splits(self) -> SplitOf:
         """Which split a scene belongs to."""
-        self.lights  # noqa: B018, says first what is wrong with the files of scenes
         return SplitOf(self.file, self.cameras.models, self.sweeps)
 
     def first_sample(self, one: Combination) -> PlannedSample:
@@ -95,13 +97,17 @@ class ConfiguredSamples:
     ) -> PlannedSample:
         """A sample, and its key.  light_key : of its light."""
         values = {**one.values, "serial": serial}
+        if SENSOR in values:
+            chip = self.lights.rig(one).chip(serial, values[SENSOR])
+        else:
+            chip = serial
         config = {
             "format": FORMAT,
             "view": light_key,
             "camera": camera.datasheet,
             "gain": camera.gain,
             "exposure": exposure_asked(values),
-            "serial": serial,
+            "serial": chip,
             "frames": values.get("frames", 1),
             "repetition": values.get("repetition", 0),
             "draw": one.draw,
@@ -118,7 +124,9 @@ class ConfiguredSamples:
             **values,
         }
         if one.pose is not None:
-            said |= {"view": one.view, "pose": one.pose.model_dump()}
+            times = {"time_s": one.pose.time_s, "pose": one.pose.pose}
+            said |= {"view": one.view}
+            said |= {name: value for name, value in times.items() if value is not None}
         entry = self.file.cameras[one.camera]
         name = name_of_sample(said, entry.name or entry.camera, one.draw, own)
         return PlannedSample(name, own, pixels, {**config, "outputs": outputs}, said, split)

@@ -10,19 +10,20 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 import pydantic
-from pydantic import AfterValidator, Field, PlainValidator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from ...camera.datasheet_errors import sentence
 from ...core import InputError, nearest
 from ...core.options import complete, declared
 from ...files import texts
 from ...files.appearing import refuse_empty
-from ...render.motion.motion import KeyPose, Number, Vector, read_motion
+from ...render.motion.motion import Number
 from ...render.options import RenderOptions
 from ...stages.datasheet import FileTable, optional
 from ..store.keys import Config
 from ..store.shard_size import MOST_FOLDERS, NUMBERS, USUAL
-from .values import SAME, check_field, check_value, plain_value, value_or_list
+from .scene_entry import Name, SceneEntry, Value
+from .values import SAME, check_field, check_value
 
 LARGEST_BYTES = 2**22  # of a dataset file
 MOST_SAMPLES = 10**9
@@ -51,6 +52,8 @@ OF_SCENE = (
     "look_at",
 )
 NOT_RENDER = dict.fromkeys(OF_SCENE, "belongs to the tables of [[scenes]]") | {
+    "sensor": "is sensors in the tables of [[scenes]]",
+    "look_at": "is views or path in the tables of [[scenes]]",
     "max_seconds": "would make other samples on another machine; max_spp limits the samples",
     "repeatable": "is always true of a dataset",
     "raw_light": "is for light that is kept; the outputs of the dataset say what is kept",
@@ -58,95 +61,8 @@ NOT_RENDER = dict.fromkeys(OF_SCENE, "belongs to the tables of [[scenes]]") | {
     "gain": "is varied: gain in [grid], [[list]] or [random]",
 }
 """What a [render] table does not have, and why."""
-Plain = Annotated[bool | float | int | str, PlainValidator(plain_value)]
-Value = Annotated[bool | float | int | str | tuple[float, ...], PlainValidator(value_or_list)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**63, strict=True)]
 Share = Annotated[float, Field(gt=0, le=1, strict=True)]
-
-
-class CameraPath(FileTable):
-    """Poses on a path through keys, evenly spaced from the first to the last one; positions and targets are
-    interpolated linearly. Where the last key is the first pose again, the path is a loop: that pose is made once."""
-
-    views: Annotated[int, Field(ge=1, le=10**6, strict=True)] = Field(
-        description="how many poses", examples=[12]
-    )
-    keys: Annotated[tuple[KeyPose, ...], Field(min_length=2)] = Field(
-        description="tables with time_s, origin_m and target_m",
-        examples=[[{"time_s": 0, "origin_m": [0, 1, 4], "target_m": [0, 1, 0]}]],
-    )
-
-    @model_validator(mode="after")
-    def _look_at(self) -> Self:
-        for key in self.keys:
-            if key.origin_m is None or key.target_m is None:
-                raise ValueError(
-                    "keys of a path need origin_m and target_m, e.g. origin_m = [0, 1, 4]"
-                )
-        times = [key.time_s for key in self.keys]
-        if sorted(set(times)) != times:
-            raise ValueError("keys must have increasing time_s")
-        return self
-
-
-class View(FileTable):
-    """A pose of the camera."""
-
-    origin_m: Vector = Field(description="position of the camera [m]", examples=[[0, 1, 4]])
-    target_m: Vector = Field(description="a point that it looks at [m]", examples=[[0, 1, 0]])
-    up: Vector = Field(
-        (0.0, 1.0, 0.0), description="direction that is up in the image", examples=[[0, 1, 0]]
-    )
-
-    @model_validator(mode="after")
-    def _is_a_pose(self) -> Self:
-        KeyPose(time_s=0, origin_m=self.origin_m, target_m=self.target_m, up=self.up)
-        return self
-
-
-class SceneEntry(FileTable):
-    """A scene, with values that are the same in all its samples."""
-
-    name: Name = Field(description="how the scene is called", examples=["cornell"])
-    file: str = Field(
-        description="a Mitsuba 3 scene file, or a name from `scenes list`",
-        examples=["cornell_box"],
-        min_length=1,
-    )
-    parameters: dict[str, Plain] = Field(
-        {}, description="values of its <default> names", examples=[{"width": 128}]
-    )
-    traverse: dict[str, Value] = Field(
-        {},
-        description="values by mi.traverse names",
-        examples=[{"lamp.emitter.radiance.value": 2.0}],
-    )
-    scene_unit: str | Number | None = optional(
-        "what a length of 1 in it is: m, mm, … or metres", "mm"
-    )
-    integrator: str | None = optional("integrator in place of its own", "path")
-    ignore_polarization: Annotated[bool, Field(strict=True)] = optional(
-        "render polarisers unpolarised", True, False
-    )
-    motion: str | dict[str, Any] | None = optional(
-        "what moves: a motion file or its tables", "motion.toml"
-    )
-    views: tuple[View, ...] = Field(
-        (), description="poses of the camera", examples=[[{"origin_m": [0, 1, 4]}]]
-    )
-    path: CameraPath | None = optional("poses on a path", {"views": 12, "keys": []})
-
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.views and self.path:
-            raise ValueError("has views and a path; give one of them")
-        if isinstance(self.motion, dict):
-            try:
-                read_motion(self.motion)
-            except InputError as error:
-                raise ValueError(str(error).removesuffix(".")) from None
-        return self
 
 
 class CameraEntry(FileTable):
@@ -360,6 +276,12 @@ class DatasetFile(FileTable):
                 raise ValueError(
                     f"[render] has {name!r}, which {why}; the fields of [render] are {', '.join(known)}"
                 )
+        timed = [scene.name for scene in self.scenes if scene.has_times]
+        if "start_s" in self.render and timed:
+            raise ValueError(
+                f"[render] has start_s, and the views of scene {timed[0]} have times of their own; leave start_s out, "
+                "and add it to these"
+            )
         try:
             complete(RenderOptions, self.render)
         except InputError as error:

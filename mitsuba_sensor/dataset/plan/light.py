@@ -22,9 +22,11 @@ from ...render.motion.motion import Motion, read_motion
 from ...render.options import RenderOptions
 from ..store.keys import Config, Facts
 from .cameras import VariedCamera, of_light
-from .file import OF_SCENE, DatasetFile, SceneEntry
+from .file import OF_SCENE, DatasetFile
+from .rig import Rig, rig_of
 from .roots import find_below
-from .sweep import Combination, of_kind
+from .scene_entry import SceneEntry
+from .sweep import SENSOR, Combination, of_kind
 from .values import text_of
 
 FORMAT = 4  # of a dataset and of its configurations; another one is another key
@@ -45,6 +47,7 @@ class Lights:
         self._lenses = dict[str, Facts]()
         self._references = lru_cache(MOST_DIGESTS)(self._references_of)
         self._digest = lru_cache(MOST_DIGESTS)(self._digest_of)
+        self._rigs = lru_cache(MOST_DIGESTS)(self._rig_of)
 
     @cached_property
     def options(self) -> Facts:
@@ -58,6 +61,18 @@ class Lights:
             if k not in (*OF_SCENE, *PASSED_BY) and (k, v) != ("start_s", 0.0)
         }
 
+    def sensors(self, scene: int) -> Sequence[str]:
+        """Names of the sensors of a scene that take pictures; none where it is the first one alone."""
+        entry = self.file.scenes[scene]
+        if entry.sensors is None:
+            return ()
+        parameters = {name: text_of(value) for name, value in entry.parameters.items()}
+        return self._rigs(scene, tuple(parameters.items())).names
+
+    def rig(self, one: Combination) -> Rig:
+        """The sensors of the scene of a sample that has one by name."""
+        return self._rigs(one.scene, tuple(self._parameters(one).items()))
+
     def described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
         """All that decides the light of a sample, ready for JSON."""
         entry, parameters = self.file.scenes[one.scene], self._parameters(one)
@@ -67,13 +82,19 @@ class Lights:
             "scene": self._digest(one.scene, tuple(parameters.items())),
             "parameters": parameters,
             "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
-            "look_at": None if one.pose is None else one.pose.model_dump(),
+            "look_at": None if one.pose is None else one.pose.pose,
             "render": options,
             "lens": self._lens_of(camera),
             "dataset_seed": self.file.seed,
         }
         for name in ("scene_unit", "integrator", "ignore_polarization"):
             light[name] = getattr(entry, name)
+        if one.pose is not None and one.pose.time_s is not None:
+            light["start_s"] = one.pose.time_s
+        if (sensor := one.values.get(SENSOR)) is not None:
+            light[SENSOR] = sensor
+            if light["look_at"] is not None:
+                light["look_at"] = self.rig(one).pose_of(sensor, light["look_at"])
         of_camera = exposure["time_s"] in ("auto", None)  # metered
         of_camera |= bool(later_exposures(camera.camera, Exposure(1.0)))
         if motion != Motion():
@@ -105,6 +126,10 @@ class Lights:
             cube = self.options["spectral"] == "cube"
             self._lenses[camera.key] = of_light(camera.camera, cube)
         return self._lenses[camera.key]
+
+    def _rig_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> Rig:
+        entry, motion = self.file.scenes[scene], self._motions[scene]
+        return rig_of(entry, self.places[scene], dict(parameters), motion)
 
     def _digest_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> str:
         return files_digest(self._references(scene, parameters), self._roots_of(scene))

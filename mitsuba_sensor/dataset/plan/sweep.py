@@ -14,10 +14,13 @@ import scipy
 from ...core import InputError
 from ...render.motion.motion import KeyPose
 from ..store.keys import Config, Facts
-from .file import DatasetFile, Distribution, SceneEntry, Value, View
+from .file import DatasetFile, Distribution
+from .scene_entry import SceneEntry, Value, View
 
 Values = Config
-OF_LIGHT = ("f_number", "focus_m")
+SENSOR = "sensor"
+"""Name of the sensor of a scene file, among the values of a sample."""
+OF_LIGHT = ("f_number", "focus_m", SENSOR)
 OF_CAMERA = tuple(
     f"camera.{part}" for part in ("lens.", "sensor.", "pixel.pitch", "quantum_efficiency.")
 )
@@ -29,13 +32,16 @@ METERED = ("gain", "camera.")
 MOST_SORTED = 10**6
 """Draws that are sorted by their light."""
 DIGITS = 6  # of a random number, so that it can be typed
+TIME_DIGITS = 9
+"""Of a time on a path [s]: nanoseconds."""
+VECTORS = ("origin_m", "target_m", "up")
 
 
 class Combination(NamedTuple):
     """What one sample is made of.
 
     scene, camera : numbers of the entries of the dataset file.  view : number of the pose in the scene, from 0.
-    pose : of the camera; None is that of the scene file.
+    pose : of the camera, and when it has it; None is that of the scene file.
     values : name of what varies → its value.  draw : number of the random draw, −1 where there is none.
     """
 
@@ -71,33 +77,49 @@ class Poses(Sequence[View | None]):
             raise IndexError(number)
         if self.path is None:
             return self.given[number]
+        time_s = float(self.times_s([number])[0])
+        if not self.path.has_poses:
+            return View(time_s=time_s)
         origin, target, up = (tuple(map(float, one)) for one in self.vectors([number])[0])
-        return View(origin_m=origin, target_m=target, up=up)
+        return View(origin_m=origin, target_m=target, up=up, time_s=time_s)
 
     def times_s(self, numbers: Sequence[int]) -> np.ndarray:
-        """When the camera is at these poses of the path [s], (N,)."""
-        assert self.path is not None
+        """When the frames of these views begin [s], (N,); NaN where nothing says it."""
+        if self.path is None:
+            views = (self.given[number] for number in numbers)
+            given = [view.time_s if view else None for view in views]
+            return np.array(given, float)
         first, last = self.path.keys[0], self.path.keys[-1]
         steps = self.path.views - (not _is_loop(first, last))
         period_s = (last.time_s - first.time_s) / max(steps, 1)
-        return np.asarray(first.time_s + np.asarray(numbers) * period_s)
+        times_s = first.time_s + np.asarray(numbers) * period_s
+        return np.asarray(np.round(times_s, TIME_DIGITS)) + 0.0  # no −0
 
     def vectors(self, numbers: Sequence[int]) -> np.ndarray:
-        """Origin, target and up of these poses of the path, (N, 3, 3)."""
-        assert self.path is not None
-        keys, times = self.path.keys, [key.time_s for key in self.path.keys]
-        at = self.times_s(numbers)
-        found = np.empty((len(numbers), 3, 3))
-        for row, name in enumerate(("origin_m", "target_m", "up")):
+        """Origin, target and up of these views, (N, 3, 3); NaN where they are those of the scene file."""
+        found = np.full((len(numbers), 3, 3), np.nan)
+        if self.path is None:
+            for row, view in enumerate(self.given[number] for number in numbers):
+                if view is not None and view.pose is not None:
+                    found[row] = [view.pose[name] for name in VECTORS]
+            return found + 0.0
+        if not self.path.has_poses:
+            return found
+        keys, times_s = self.path.keys, [key.time_s for key in self.path.keys]
+        for row, name in enumerate(VECTORS):
             points = np.array([getattr(key, name) for key in keys], dtype=float)
             for axis in range(3):
-                found[:, row, axis] = np.interp(at, times, points[:, axis])
-        return np.round(found, DIGITS) + 0.0  # no −0
+                found[:, row, axis] = np.interp(self.times_s(numbers), times_s, points[:, axis])
+        return np.round(found, DIGITS) + 0.0
 
 
 def _is_loop(first: KeyPose, last: KeyPose) -> bool:
     """Whether a path ends with the pose that it begins with, which is made once."""
-    return (first.origin_m, first.target_m, first.up) == (last.origin_m, last.target_m, last.up)
+    return first.origin_m is not None and (first.origin_m, first.target_m, first.up) == (
+        last.origin_m,
+        last.target_m,
+        last.up,
+    )
 
 
 class Light(NamedTuple):
@@ -115,14 +137,19 @@ class SceneSweep:
     with.
 
     file : the dataset.  scene : number of its entry.  later : whether a camera has exposures one after the other, so
-    that all that changes it changes the light of what moves.  Serial numbers are for splits to deal out (splits.py).
+    that all that changes it changes the light of what moves.  sensors : that take pictures, by name; none where it is
+    the first one alone.  Serial numbers are for splits to deal out (splits.py).
     """
 
-    def __init__(self, file: DatasetFile, scene: int, later: bool) -> None:
+    def __init__(
+        self, file: DatasetFile, scene: int, later: bool, sensors: Sequence[str] = ()
+    ) -> None:
         self.file, self.scene, self.entry = file, scene, file.scenes[scene]
         self.poses = Poses(self.entry)
         also = names_of_timed_light(file, self.entry, later)
         grid = {name: values for name, values in file.grid.items() if name != "serial"}
+        if sensors:
+            grid = {SENSOR: sensors, **grid}
         self.of_light = {name: x for name, x in grid.items() if changes_light(name, also)}
         self.of_exposure = {name: x for name, x in grid.items() if name not in self.of_light}
         self.rows: Sequence[Values] = file.list or ({},)

@@ -161,6 +161,11 @@ class Rendered:
             median = None
         return {**statistics, "relative_error_median": median}
 
+    @cached_property
+    def start_s(self) -> float:
+        """When the frames begin [s], for what moves and lamps that flicker."""
+        return scene_options(self.view).get("start_s", 0.0)
+
     def expose(self, sample: PlannedSample) -> tuple[Frames, np.ndarray]:
         """The frames of one sample, and its mean photoelectrons [e-]."""
         config, timed = sample.config, is_timed(self.view)
@@ -169,12 +174,13 @@ class Rendered:
         light = self.light
         if "lights" in config:
             light = light.with_lights(config["lights"])
-        photons, camera, exposure, _ = collected(light, camera, asked, config["serial"])
+        expose = partial(collected, serial=config["serial"], start_s=self.start_s)
+        photons, camera, exposure, _ = expose(light, camera, asked)
         if config["exposure"]["ev"] and not timed:
             longer = Exposure(
                 exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k
             )
-            photons, camera, exposure, _ = collected(light, camera, longer, config["serial"])
+            photons, camera, exposure, _ = expose(light, camera, longer)
         seed, serial = seed_of(sample.pixels), config["serial"]
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
         chip = id(config["camera"]), config["gain"], serial
@@ -304,8 +310,11 @@ def scene_options(view: PlannedView) -> RenderOptions:
         "integrator",
         "ignore_polarization",
         "motion",
+        "sensor",
     )
     of_scene = {name: config.get(name) for name in names}
+    if "start_s" in config:
+        of_scene["start_s"] = config["start_s"]
     of_scene["traverse"] = of_scene["traverse"] or None
     variant = fastest_variant("llvm").name  # whatever is set: CUDA adds in any order
     return {**config["render"], **of_scene, "repeatable": True, "variant": variant}  # type: ignore[typeddict-item]

@@ -60,7 +60,7 @@ def _asked(view: PlannedView) -> str:
     width = view.config["render"]["width"]
     parameters = view.config["parameters"]
     scene = {"file": view.scene_file, "integrator": view.config["integrator"]}
-    scene |= {"unit": view.config["scene_unit"]}
+    scene |= {"unit": view.config["scene_unit"], "sensor": view.config.get("sensor")}
     asked = {"parameters": parameters, "width": width, "sensors": sensors, **halves}
     return canonical({**scene, **asked})
 

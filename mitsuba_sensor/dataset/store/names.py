@@ -16,11 +16,14 @@ PIECE = 12
 """Digits of a key, at the end of a name that needs them."""
 LONGEST = 120
 """Characters of the settings in a name; file systems have 255 for a folder, with all that is added."""
-FIRST, LAST = ("exposure_s", "exposure_ev"), ("frames", "repetition", "draw", "serial")
+FIRST, LAST = (
+    ("sensor", "exposure_s", "exposure_ev"),
+    ("frames", "repetition", "draw", "serial"),
+)
 """Settings that stand before and behind all others, which are in alphabetical order."""
 NEUTRAL = {"exposure_ev": 0, "frames": 1, "repetition": 0}
 """Settings that are left out where they have the value of a sample for which nothing is said."""
-NOT_SETTINGS = ("scene", "camera", "view", "pose")
+NOT_SETTINGS = ("scene", "camera", "view", "time_s", "pose")
 _PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,=+-]{0,199}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.+-]|\.$")
 _FIRST_UNSAFE = re.compile(r"^[.+-]")

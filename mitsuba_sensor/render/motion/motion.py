@@ -130,11 +130,11 @@ class KeyPose(FileTable):
                 [*(axis / np.linalg.norm(axis) for axis in axes), origin]
             )
         turn = matrix[:3, :3]
-        rigid = (
+        is_rigid = (
             np.allclose(turn @ turn.T, np.eye(3), atol=ROTATION_TOLERANCE)
             and np.linalg.det(turn) > 0
         )
-        if not rigid or matrix[3, 3] != 1:
+        if not is_rigid or matrix[3, 3] != 1:
             raise ValueError(
                 "to_world is not a rotation and a translation; remove scale, shear and mirroring"
             )
@@ -148,10 +148,7 @@ class KeyPose(FileTable):
             return np.array(self.move_m), scipy.spatial.transform.Rotation.from_rotvec(
                 _rotation_vector(self.turn_deg, self.axis, "turn_deg")
             )
-        rigid = start.copy()  # without scale or mirroring (an orthographic zoom)
-        rigid[:3, :3] /= np.linalg.norm(start[:3, :3], axis=0)
-        rigid[:3, 0] *= np.sign(np.linalg.det(start[:3, :3]))
-        whole = self.pose @ np.linalg.inv(rigid)
+        whole = self.pose @ np.linalg.inv(rigid(start))
         turn = scipy.spatial.transform.Rotation.from_matrix(whole[:3, :3])
         return whole[:3, 3] + turn.as_matrix() @ pivot - pivot, turn
 
@@ -282,6 +279,14 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
     if motion == Motion():
         raise InputError(f"{where} moves nothing; give it a table [camera] or [objects.ID].")
     return motion
+
+
+def rigid(to_world: Float64Array) -> Float64Array:
+    """A pose, 4 × 4, without scale and mirroring, which an orthographic zoom has."""
+    pose = to_world.copy()
+    pose[:3, :3] /= np.linalg.norm(to_world[:3, :3], axis=0)
+    pose[:3, 0] *= np.sign(np.linalg.det(to_world[:3, :3]))
+    return pose
 
 
 def _rotation_vector(

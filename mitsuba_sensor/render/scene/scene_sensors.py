@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Collection, Mapping
 from dataclasses import replace
+from typing import Any
 
-from ...core import InputError, nearest
+import numpy as np
+
+from ...core import Float64Array, InputError, nearest
 from ...files.sensor_names import ALL_SENSORS, sensor_name
+from ..motion.motion import Motion, read_motion, rigid
 from .scene_file import ChosenSensor, SceneFile
 
 
@@ -46,3 +52,39 @@ def with_sensor(scene: SceneFile, asked: str | None) -> SceneFile:
     raise InputError(
         f"scene {scene.name!r} has no sensor {asked!r}; it has {known}.{nearest(asked, sensors)}"
     )
+
+
+def pose_in_file_m(scene: SceneFile, unit_m: float) -> Float64Array:
+    """4 × 4 from the sensor to the world, as its file has it, without scale and mirroring; lengths in metres.
+
+    unit_m : metres per scene unit.
+    """
+    sensor, pose = scene.sensor().props, np.eye(4)
+    if "to_world" in sensor:
+        pose = rigid(np.array(sensor["to_world"].matrix, dtype=float).reshape(4, 4))
+    pose[:3, 3] *= unit_m
+    return pose
+
+
+def refuse_one_place(
+    names: Collection[str],
+    look_at: object,
+    motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
+) -> None:
+    """Raise InputError for poses in the world that would put all sensors of a scene into one place.
+
+    names : of the sensors.  look_at, motion : options of the render.
+    """
+    if len(names) < 2:
+        return
+    camera = read_motion(motion).camera
+    in_world = camera is not None and any(key.pose is not None for key in camera.keys)
+    for what, given, remedy in (
+        ("look_at", look_at is not None, "move them in the scene file"),
+        ("the motion", in_world, "give its keys move_m and turn_deg"),
+    ):
+        if given:
+            raise InputError(
+                f"{what} has a pose of the camera in the world, where all {len(names)} sensors would be in one "
+                f"place; {remedy}, or take one sensor ({', '.join(names)})."
+            )
