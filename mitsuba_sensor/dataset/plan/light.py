@@ -61,7 +61,7 @@ class Lights:
             if k not in (*OF_SCENE, *PASSED_BY) and (k, v) != ("start_s", 0.0)
         }
 
-    def sensors(self, scene: int) -> Sequence[str]:
+    def sensors(self, scene: int) -> tuple[str, ...]:
         """Names of the sensors of a scene that take pictures; none where it is the first one alone."""
         entry = self.file.scenes[scene]
         if entry.sensors is None:

@@ -142,7 +142,7 @@ class SceneSweep:
     """
 
     def __init__(
-        self, file: DatasetFile, scene: int, later: bool, sensors: Sequence[str] = ()
+        self, file: DatasetFile, scene: int, later: bool, sensors: tuple[str, ...] = ()
     ) -> None:
         self.file, self.scene, self.entry = file, scene, file.scenes[scene]
         self.poses = Poses(self.entry)
