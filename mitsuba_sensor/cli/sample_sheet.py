@@ -11,7 +11,7 @@ from .terminal import fact
 
 
 def sample_sheet(facts: Facts, said_of_picture: str) -> RenderableType:
-    """A line for each thing that is known.  facts : of :func:`dataset.shown.facts_shown`."""
+    """A line for each thing that is known.  facts : of :func:`dataset.read.shown.facts_shown`."""
     split = ""
     if facts["split"]:
         split = f", split {facts['split']}"
