@@ -137,6 +137,7 @@ def test_frames_and_angles_that_show_no_polarisation_are_refused() -> None:
             polarization(stack, angles, **options)
 
 
+@pytest.mark.exhaustive
 def test_polanalyser_reads_the_frames_alike() -> None:
     """Its Stokes parameters of the four pictures behind each polariser, which it takes out of the mosaic."""
     polanalyser = pytest.importorskip("polanalyser")

@@ -68,6 +68,7 @@ def test_shares_are_those_of_a_gaussian_averaged_over_two_pixels(
     np.testing.assert_allclose(found, found[::-1, ::-1], atol=1e-12)
 
 
+@pytest.mark.exhaustive
 def test_galsim_has_the_same_shares() -> None:
     """A Gaussian convolved with two pixels, within 1e-6."""
     galsim = pytest.importorskip("galsim")

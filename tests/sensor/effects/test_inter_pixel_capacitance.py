@@ -76,6 +76,7 @@ def test_one_bright_pixel_shows_the_kernel(precision: str) -> None:
     np.testing.assert_allclose(shown, expected, rtol=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_galsim_couples_the_same_image_the_same_way() -> None:
     """Its kernel is of correlation and ours symmetric. At the edges it takes light from nowhere."""
     galsim = pytest.importorskip("galsim")
