@@ -13,7 +13,7 @@ from helpers.marks import one_in
 import mitsuba_sensor as ms
 
 
-@pytest.mark.parametrize("name", one_in(4, ms.list_cameras()))
+@pytest.mark.parametrize("name", one_in(9, ms.list_cameras()))
 def test_a_new_file_is_the_camera_that_it_is_like(
     name: str, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:

@@ -181,7 +181,7 @@ def texts_without_blanks(text: str) -> set[str]:
     return {piece for piece in text.split() if "─" not in piece}
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("width", one_in(2, [60, 80, 120]))
 @pytest.mark.parametrize("camera", one_in(6, ms.list_cameras()))
 def test_no_name_and_no_text_of_a_camera_is_split(camera: str, width: int) -> None:
     """Whatever stands between two blanks at this width does so in a table with all the width there is.

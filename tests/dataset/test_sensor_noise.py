@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.spectra import srgb_curve
@@ -93,7 +94,7 @@ def test_mean_and_variance_are_those_of_theory_and_of_photon_transfer() -> None:
     assert noise(flat).variance_dn2.mean() == pytest.approx(variance, rel=2e-3)
 
 
-@pytest.mark.parametrize("values", ["linear", "srgb", "electrons"])
+@pytest.mark.parametrize("values", [exhaustive("linear"), "srgb", "electrons"])
 def test_a_developed_image_has_the_values_that_came_in(values: str) -> None:
     """A flat image, 60 frames: to 5 standard errors of its mean (and of the curve's bend, 0.002)."""
     scale = 2000.0 if values == "electrons" else 1.0

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from helpers.small_cameras import SmallCamera
 from lab_coverage import coverage
 
@@ -41,7 +42,7 @@ def curved(bend: float, noise_e: float = 0.0) -> SmallCamera:
 
 
 @pytest.mark.parametrize("bend", [-0.3, -0.1, 0.3])
-@pytest.mark.parametrize("levels", [6, 8, 10])
+@pytest.mark.parametrize("levels", one_in(3, [6, 8, 10]))
 def test_few_levels_show_a_strong_curve(bend: float, levels: int) -> None:
     """Of a line, K would be up to 17 % off."""
     measured = measure(curved(bend), levels)
@@ -62,7 +63,7 @@ def test_dark_noise_may_arise_before_the_curve(noise_e: float) -> None:
     assert fitted.covers(0.3) and fitted.value == pytest.approx(measured["K"].value, rel=0.03)
 
 
-@pytest.mark.parametrize("levels", [4, 5, 8, 12])
+@pytest.mark.parametrize("levels", one_in(2, [4, 5, 8, 12]))
 def test_light_that_is_not_what_is_stated_is_no_curve(levels: int) -> None:
     """Photons that are off by 1 %: of four benches none is curved, K holds, and a note says what levels do not tell."""
     measured = [measure(SmallCamera(), levels, 0.01, seed) for seed in range(4)]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy
-from helpers.marks import exhaustive
+from helpers.marks import exhaustive, one_in
 from helpers.small_cameras import SmallCamera
 from matplotlib.figure import Figure
 
@@ -297,7 +297,7 @@ def test_a_camera_of_this_package_is_measured_as_it_is() -> None:
     )
 
 
-@pytest.mark.parametrize("bend", [-0.04, 0.0, 0.005, 0.04])
+@pytest.mark.parametrize("bend", one_in(2, [-0.04, 0.0, 0.005, 0.04]))
 def test_k_of_a_curved_response_is_that_of_small_signals_and_that_of_the_fit(
     bend: float,
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 
@@ -63,7 +64,7 @@ SITES = {
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (506, 1020)], ids=str)
-@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("option", one_in(3, OPTIONS))
 def test_a_sensor_is_its_maps_whatever_the_serial(
     option: str, origin: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

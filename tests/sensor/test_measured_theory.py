@@ -158,7 +158,7 @@ def test_a_noise_budget_has_what_the_coupling_takes_away() -> None:
     assert found["ipc"] / shot == pytest.approx(0.848 - 1.0, abs=0.005)
 
 
-@pytest.mark.parametrize("engine", ["float64", "numpy", exhaustive("drjit")])
+@pytest.mark.parametrize("engine", [exhaustive("float64"), "numpy", exhaustive("drjit")])
 def test_no_byte_of_coupled_pixels_depends_on_strips_engines_and_streams(
     engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

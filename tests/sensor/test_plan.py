@@ -46,7 +46,7 @@ def averages(plan: ms.Plan, out: list[ms.Stage], level_e: float) -> Averages:
 
 
 @pytest.mark.parametrize("name", EACH_KIND)
-@pytest.mark.parametrize("light", [0.0, 1e3, 1e5])
+@pytest.mark.parametrize("light", one_in(2, [0.0, 1e3, 1e5]))
 def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
     name: str, light: float
 ) -> None:

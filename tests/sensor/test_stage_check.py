@@ -130,7 +130,7 @@ def test_a_stage_that_begins_anew_in_every_window_is_found() -> None:
 
 
 @pytest.mark.parametrize(
-    "number", one_in(8, range(1, len(ms.load_camera("bayer_2mp").stages) - 1))
+    "number", one_in(16, range(1, len(ms.load_camera("bayer_2mp").stages) - 1))
 )
 def test_every_stage_of_a_camera_behind_which_are_electrons_or_volts_passes(
     number: int,

@@ -48,7 +48,7 @@ def test_quick_themes_hold_on_every_engine(theme: Theme, engine: package.Engine)
 
 @pytest.mark.parametrize(
     "theme",
-    one_in(8, [one for one in THEMES if ENGINES[0] in one.engines and one.name not in QUICK]),
+    one_in(16, [one for one in THEMES if ENGINES[0] in one.engines and one.name not in QUICK]),
     ids=lambda theme: theme.name,
 )
 def test_every_stage_has_its_theory_at_extremes(theme: Theme) -> None:
