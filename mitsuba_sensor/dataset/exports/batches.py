@@ -22,8 +22,8 @@ def batches(
 ) -> Iterator[dict[str, NDArray[Any]]]:
     """Yield batches by name, (B, …) with the shapes of :meth:`Sample.read`; the last one may be smaller.
 
-    samples : a :class:`dataset.read.reader.Dataset`.  seed, epoch : of the order, which is another one in every epoch; None
-        is the order of the samples.
+    samples : a :class:`dataset.read.reader.Dataset`.  seed, epoch : of the order, which is another one in every epoch;
+        None is the order of the samples.
     Raises InputError where the arrays of a batch differ in shape.
     """
     order = np.arange(len(samples))
