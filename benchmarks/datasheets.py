@@ -42,7 +42,7 @@ class Datasheet:
     @property
     def saturation_e(self) -> float:
         """Full well, or the electrons with which the converter ends."""
-        highest = 2**self.bits - 1
+        highest = (1 << self.bits) - 1
         return min(self.full_well_e, (highest - self.black_level_dn) / self.gain_dn_per_e)
 
 

@@ -30,6 +30,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.measurement import measure_bench
+from mitsuba_sensor.lab.quantity import Quantity
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 KINDS = ("linear", "curved", "coarse", "lines", "hot", "few")
@@ -54,7 +55,7 @@ class Sample:
     def photons_at_end(self) -> float:
         """Photons per pixel that fill the well or reach the largest code."""
         camera, gain = self.camera, gain_dn_per_e(self.camera)
-        codes_e = (2**camera.adc.bits - 1 - camera.adc.black_level_dn) / gain
+        codes_e = ((1 << camera.adc.bits) - 1 - camera.adc.black_level_dn) / gain
         return min(camera.pixel.full_well_e, codes_e) / self.true["η"]
 
     def stack(self, photons: float, frames: int, seed: int) -> Stack:
@@ -72,7 +73,7 @@ class Sample:
             rng = np.random.default_rng([self.number, 7])
             hot = rng.choice(codes[0].size, max(1, round(HOT_SHARE * codes[0].size)), False)
             codes.reshape(frames, -1)[:, hot] += rng.integers(500, 3500, len(hot))
-        top = 2**self.camera.adc.bits - 1
+        top = (1 << self.camera.adc.bits) - 1
         return Stack(
             np.minimum(codes, top).astype(np.uint16),
             EXPOSURE.time_s,
@@ -188,7 +189,7 @@ class Coverage:
 
 def measured_samples(
     kind: str, count: int, first: int = 0
-) -> Iterator[tuple[Sample, dict[str, object]]]:
+) -> Iterator[tuple[Sample, dict[str, Quantity]]]:
     """Every camera with its figures."""
     for number in range(first, first + count):
         sample = random_sample(kind, number)
