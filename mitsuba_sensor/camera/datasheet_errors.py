@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 
 from ..core import InputError, closest
 from ..core.argument_names import Names, told
-from ..core.errors import span
+from ..core.errors import shown, span
 from ..core.number_text import number_hint
 from ..stages.usual_range import Usual
 from .field_terms import MEANT, did_you_mean, key_of_term
@@ -106,7 +106,7 @@ def _of_table(one: ErrorDetails) -> bool:
 
 def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str:
     """One error without the name of the file."""
-    path, what, value = _dotted(loc), one["type"], repr(one["input"])
+    path, what, value = _dotted(loc), one["type"], shown(one["input"])
     field, names = _field(loc, model)
     if what == "extra_forbidden":
         known = [

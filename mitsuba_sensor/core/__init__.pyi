@@ -2,6 +2,7 @@
 
 from .argument_names import tells_of_names as tells_of_names
 from .checks import check_types as check_types
+from .checks import finite_numbers as finite_numbers
 from .checks import first_given as first_given
 from .checks import numbers as numbers
 from .checks import refuse_masked as refuse_masked

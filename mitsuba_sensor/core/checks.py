@@ -15,6 +15,8 @@ LIGHT_FILE = "read the file first, an irradiance.exr by ms.read_irradiance"
 PICTURE_FILE = "read the picture first, e.g. np.asarray(PIL.Image.open(path))"
 OTHER_KINDS = {"b": "of bool, as a mask or a picture has it", "c": "complex"}
 """What arrays are that are no arrays of real numbers, by NumPy's kind of dtype."""
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Of the largest value of measured numbers: squares of their squares are neither 0 nor infinite."""
 
 
 def check_types(camera: object, exposure: object, optional: bool = False) -> None:
@@ -88,6 +90,25 @@ def numbers(name: str, values: object, remedy: str) -> Float64Array:
         kind = OTHER_KINDS.get(array.dtype.kind, "not numeric")
         raise InputError(f"{name} is {kind}; pass {remedy}.")
     return np.asarray(array, dtype=np.float64)
+
+
+def finite_numbers(name: str, values: object, remedy: str) -> Float64Array:
+    """``values`` as float64, as :func:`numbers` has them; InputError for NaN and for what is too large or too small.
+
+    remedy : what to pass.
+    """
+    array = numbers(name, values, remedy)
+    if wrong := int(np.count_nonzero(~np.isfinite(array))):
+        raise InputError(
+            f"{name} is NaN or infinite in {wrong} place(s); pass finite {remedy}."
+        )
+    largest = float(np.abs(array).max(initial=0.0))
+    if largest and not SMALLEST <= largest <= LARGEST:
+        raise InputError(
+            f"{name} has values up to {largest:.3g}; pass {remedy}, in a unit in which the largest is from "
+            f"{SMALLEST:g} to {LARGEST:g}."
+        )
+    return array
 
 
 def require_path(name: str, path: object, example: str) -> Path:

@@ -88,10 +88,10 @@ def require(name: str, value: float, low: float, high: float, remedy: str) -> fl
         hint = number_hint(name, value)
         more = hint and f"; {hint}"
         raise InputError(
-            f"{name} is {value!r}; it must be a number ({remedy}{more})."
+            f"{name} is {shown(value)}; it must be a number ({remedy}{more})."
         ) from None
     if math.isnan(number) or not low <= number <= high:
-        raise InputError(f"{name} is {value!r}; it must be {span(low, high)} ({remedy}).")
+        raise InputError(f"{name} is {shown(value)}; it must be {span(low, high)} ({remedy}).")
     return number
 
 
@@ -103,7 +103,7 @@ def require_count(name: str, value: int, low: int, high: int, example: int) -> i
         return operator.index(value)
     except TypeError:
         raise InputError(
-            f"{name} is {value!r}; it must be a whole number {span(low, high)} (e.g. {example})."
+            f"{name} is {shown(value)}; it must be a whole number {span(low, high)} (e.g. {example})."
         ) from None
 
 
@@ -118,7 +118,7 @@ def require_seed(name: str, value: int) -> int:
         number = -1
     if not 0 <= number < 2**64:
         raise InputError(
-            f"{name} is {value!r}; it must be a whole number from 0 to 2^64 - 1 (e.g. 1)."
+            f"{name} is {shown(value)}; it must be a whole number from 0 to 2^64 - 1 (e.g. 1)."
         )
     return number
 

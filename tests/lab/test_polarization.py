@@ -130,7 +130,7 @@ def test_frames_and_angles_that_show_no_polarisation_are_refused() -> None:
             {"variance_dn2": 1.0, "extinction_ratio": 1.0},
             "extinction ratio above 1",
         ),
-        ([0, 45, 90], {"variance_dn2": 1.0}, "rows of finite angles"),
+        ([0, 45, 90], {"variance_dn2": 1.0}, "pass rows of angles"),
         (np.tile(ANGLES_DEG, (4, 4)), {"variance_dn2": 1.0}, "pass larger frames"),
     ):
         with pytest.raises(ms.InputError, match=said):
@@ -180,7 +180,7 @@ def test_what_is_no_stack_is_refused() -> None:
         ((5, 4), 64.0, r"5 × 4 pixels.*frames\[:, :4, :4\]"),
         ((4, 7), 64.0, r"4 × 7 pixels.*frames\[:, :4, :6\]"),
         ((4, 4), None, "black_dn"),
-        ((4, 4), math.nan, "finite number"),
+        ((4, 4), math.nan, "black_dn is NaN"),
         ((4, 4), np.zeros(3), r"black_dn has shape \(3,\)"),
     ],
 )

@@ -99,10 +99,16 @@ def test_the_largest_deviation_has_an_interval_that_holds() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"exposure_lxs": np.append(STEPS[1:], math.nan)}, "exposure_lxs has the value nan"),
-        ({"exposure_lxs": np.append(STEPS[1:], -1.0)}, "exposure_lxs has the value -1"),
-        ({"black_dn": math.nan}, "black_dn has the value nan"),
-        ({"saturation_dn": math.inf}, "saturation_dn has the value inf"),
+        (
+            {"exposure_lxs": np.append(STEPS[1:], math.nan)},
+            "exposure_lxs is NaN or infinite in 1 place",
+        ),
+        (
+            {"exposure_lxs": np.append(STEPS[1:], -1.0)},
+            "values from -1; pass exposures in lx s of 0 or more",
+        ),
+        ({"black_dn": math.nan}, "black_dn is NaN or infinite"),
+        ({"saturation_dn": math.inf}, "saturation_dn is inf; it must be from 0"),
     ],
 )
 def test_values_that_are_no_numbers_are_named(changes: dict[str, Any], said: str) -> None:
@@ -144,7 +150,7 @@ def test_the_chart_draws_itself() -> None:
     [
         (np.ones((1, 40, 640)), REGIONS, STEPS, "two frames"),
         (np.ones((2, 40, 600)), REGIONS, STEPS, "inside pictures"),
-        (np.ones((2, 40, 640)), REGIONS, STEPS[1:], "one of 0 or more"),
+        (np.ones((2, 40, 640)), REGIONS, STEPS[1:], "of 0 or more, one for each"),
         (np.ones((2, 40, 640)), [(0, 0, 2, 2)] * 16, STEPS, "pixels or more"),
         (np.full((2, 40, 640), 4095), REGIONS, STEPS, "not clipped"),
     ],

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import InputError, refuse_masked, require
+from ...core import InputError, finite_numbers, refuse_masked, require
 from ...core.argument_names import tells_of_names
+from ...core.errors import require_count
 from ...core.exposure import LONGEST_S
 from ...core.types import Float64Array
 from .clipping import Clipping
 
+MOST_BITS = 32
 STRIP_VALUES = 2**17
 """Values that are float64 at once: 1 MiB, which the caches of a processor hold, whatever the size of the stack."""
 
@@ -55,7 +57,6 @@ class Stack:
     def __post_init__(self) -> None:
         frames = self.frames
         refuse_masked("frames", frames)
-        refuse_masked("photons", self.photons)
         are_numbers = isinstance(frames, np.ndarray) and frames.dtype.kind in "uif"
         if not are_numbers or frames.ndim != 3 or not frames.size:
             kind, shape = (
@@ -73,6 +74,19 @@ class Stack:
         require(
             f"{self.source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01"
         )
+        if self.photons is not None:
+            self._check_photons()
+        if self.bits is not None:
+            require_count(f"{self.source}: bits", self.bits, 1, MOST_BITS, 12)
+
+    def _check_photons(self) -> None:
+        """Raises InputError for photons that are no number of 0 or more, or one for each pixel."""
+        wanted = "photons per pixel of 0 or more, a number or (rows, columns)"
+        photons = finite_numbers(f"{self.source}: photons", self.photons, wanted)
+        if photons.shape not in ((), self.shape) or photons.min() < 0:
+            raise InputError(
+                f"{self.source}: photons has shape {photons.shape} and values from {photons.min():g}; pass {wanted}."
+            )
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -87,7 +87,10 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
 
 
 def _mean_products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:
-    """Mean products over the temporal variance: (lags, H) of each row over lags, (2, N) of neighbours in each frame."""
+    """Mean products over the temporal variance: (lags, H) of each row over lags, (2, N) of neighbours in each frame.
+
+    NaN where the frames are all alike.
+    """
     frames = len(stack)
     drift = (stack.frame_means - stack.frame_means.mean())[:, None, None]
     by_lag, by_side = np.zeros((lags, stack.shape[0])), np.zeros((2, frames))
@@ -104,6 +107,8 @@ def _mean_products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]
             below = np.concatenate((last_row, rest), axis=1)
         by_side[1] += np.einsum("nij,nij->n", below[:, 1:], below[:, :-1])
         last_row = rest[:, -1:].copy()
+    if not power:
+        return np.full_like(by_lag, np.nan), np.full_like(by_side, np.nan)
     variance = power / (frames - 1) / stack.mean.size
     height, width = stack.shape
     pairs = np.array([[height * (width - 1)], [width * (height - 1)]], float)

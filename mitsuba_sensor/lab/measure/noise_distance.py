@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core import InputError, numbers
+from ...core import InputError, finite_numbers
 from ...core.argument_names import tells_of_names
 from ...core.errors import require_count
 from ...core.types import Float64Array
@@ -32,14 +32,12 @@ def noise_divergence(real: ArrayLike, model: ArrayLike, *, bins: int = 64) -> Qu
     Chance makes two histograms of one law differ by (bins − 1) / 2 · (1/n + 1/m); this is taken off.
     Raises InputError for fewer than 100 values.
     """
-    samples = [
-        numbers(n, v, "values of noise").ravel() for n, v in (("real", real), ("model", model))
-    ]
-    for name, values in zip(("real", "model"), samples, strict=True):
-        if values.size < 100 or not np.isfinite(values).all():
-            raise InputError(
-                f"{name} has {values.size} values; pass 100 finite values or more."
-            )
+    samples = []
+    for name, noise in (("real", real), ("model", model)):
+        values = finite_numbers(name, noise, "values of noise, 100 or more").ravel()
+        if values.size < 100:
+            raise InputError(f"{name} has {values.size} values; pass 100 or more.")
+        samples.append(values)
     count = require_count("bins", bins, 4, 10_000, 64)
     counts = [np.array(part, float) for part in _histograms(samples, count)]
     above, below = (part / part.sum() for part in counts)

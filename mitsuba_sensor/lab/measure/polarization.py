@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core import InputError, numbers, require
+from ...core import InputError, finite_numbers, require
 from ...core.types import Float64Array
 from ..frames.stack import Stack
 from ..quantity import Quantity, normal_interval
@@ -30,6 +30,8 @@ SECTION = "Stokes parameters of a polariser mosaic"
 UNKNOWN_DEG = 180 / math.sqrt(12)
 """Standard deviation of an angle of which nothing is known: even over 180°."""
 TINY = np.finfo(float).tiny
+MOST_ERRORS = 40.0
+"""Standard errors of DoLP above which it has no bias that a float64 holds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,7 @@ def polarization(
         raise InputError(
             f"stack is a {type(stack).__name__}; pass ms.lab.Stack(frames.digital, time_s, bits=12)."
         )
-    tile = numbers(
+    tile = finite_numbers(
         "angles_deg", angles_deg, "angles of the polarisers, e.g. [[90, 45], [135, 0]]"
     )
     ratio = require("extinction_ratio", extinction_ratio, 1.0, 1e9, "τ_max/τ_min, e.g. 300")
@@ -144,9 +146,9 @@ def polarization(
 
 def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
     """The matrix (3, pixels) that makes Stokes parameters of the pixels of a tile. Raises InputError."""
-    if tile.ndim != 2 or not np.isfinite(tile).all():
+    if tile.ndim != 2:
         raise InputError(
-            f"angles_deg has shape {tile.shape}; pass rows of finite angles of a tile, e.g. [[90, 45], [135, 0]]."
+            f"angles_deg has shape {tile.shape}; pass rows of angles of a tile, e.g. [[90, 45], [135, 0]]."
         )
     double = 2 * np.radians(tile.ravel())
     design = np.stack(
@@ -162,13 +164,13 @@ def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
 
 def _black(stack: Stack, black_dn: ArrayLike) -> Float64Array:
     """The level without light, a number or (H, W) [DN]. Raises InputError."""
-    level = numbers(
+    level = finite_numbers(
         "black_dn", black_dn, "the code of darkness in DN, e.g. 64, or a map (H, W)"
     )
-    if level.shape not in ((), stack.shape) or not np.isfinite(level).all():
+    if level.shape not in ((), stack.shape):
         raise InputError(
-            f"black_dn has shape {level.shape}; it must be a finite number or a map {stack.shape}, e.g. the mean of "
-            "dark frames."
+            f"black_dn has shape {level.shape}; it must be a number or a map {stack.shape}, e.g. the mean of dark "
+            "frames."
         )
     return level
 
@@ -197,6 +199,8 @@ def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64A
 def _unclipped(stack: Stack, saturation_dn: float | None) -> Float64Array:
     """Mean of each pixel; NaN where it is saturated in any frame: by default at the largest code, if that is known."""
     lowest_dn = saturation_dn
+    if lowest_dn is not None:
+        lowest_dn = require("saturation_dn", lowest_dn, 0.0, 1e12, "a code in DN, e.g. 4000")
     if lowest_dn is None and stack.bits is not None:
         lowest_dn = 2**stack.bits - 1
     if lowest_dn is None:
@@ -208,7 +212,12 @@ def _unclipped(stack: Stack, saturation_dn: float | None) -> Float64Array:
 def _variance_of_mean(stack: Stack, variance_dn2: ArrayLike | None) -> Float64Array:
     """Variance of the mean of each pixel, (H, W) [DN²]. Raises InputError."""
     if variance_dn2 is not None:
-        given = numbers("variance_dn2", variance_dn2, "variances of a frame in DN², e.g. 25.0")
+        wanted = f"variances of a frame in DN², e.g. 25.0, or a map {stack.shape}"
+        given = finite_numbers("variance_dn2", variance_dn2, wanted)
+        if given.shape not in ((), stack.shape) or given.min() < 0:
+            raise InputError(
+                f"variance_dn2 has shape {given.shape} and values from {given.min():g}; pass {wanted}."
+            )
         return np.broadcast_to(given, stack.shape) / len(stack)
     if len(stack) < 2:
         raise InputError(
@@ -234,7 +243,8 @@ def _degree_and_angle(stokes: _Stokes) -> _Maps:
         np.sqrt(np.einsum("...i,...ij,...j->...", side, stokes.covariance, side)) / lit
         for side in (along, across)
     ]
-    bias = errors[1] ** 2 * -np.expm1(-((dolp / np.maximum(errors[1], TINY)) ** 2))
+    over_error = np.minimum(dolp / np.maximum(errors[1], TINY), MOST_ERRORS)
+    bias = errors[1] ** 2 * -np.expm1(-(over_error**2))
     without_bias = np.maximum(dolp - bias / np.maximum(2 * dolp, TINY), 0.0)
     angle_error = np.degrees(errors[1] / np.maximum(2 * dolp, TINY))
     angle = np.where(np.isnan(lit), np.nan, np.degrees(double) / 2 % 180)

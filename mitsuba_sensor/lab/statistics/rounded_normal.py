@@ -64,7 +64,8 @@ def rounded_normal(frames: NDArray[Any], last_code: int | None = None) -> Rounde
     left_out, codes = 1 - float(narrow.mean()), codes[:, narrow]
     if not codes.size:
         return RoundedNormal(math.nan, math.nan, math.nan, False, left_out)
-    free = codes.mean(axis=0) >= FROM_THE_END_DN
+    signed = codes.min() < 0  # the range does not end at 0
+    free = signed | (codes.mean(axis=0) >= FROM_THE_END_DN)
     if free.mean() > 0.2:
         likelihood = _Likelihood(codes[:, free], clipped=False)
     else:

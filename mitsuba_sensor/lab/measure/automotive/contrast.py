@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....core import InputError, numbers, require
+from ....core import InputError, finite_numbers, require
 from ....core.argument_names import tells_of_names
+from ....core.errors import shown
 from ....core.types import Float64Array
 from ...quantity import Quantity, normal_interval
 from .shares import share_quantiles
@@ -78,8 +79,8 @@ def contrast_detection(
     tolerance : bounds are contrast·(1 ± tolerance).
     Raises InputError for patches of fewer than 16 pixels and contrasts that there are not.
     """
-    if kind not in KINDS:
-        raise InputError(f"kind is {kind!r}; it must be one of {', '.join(KINDS)}.")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise InputError(f"kind is {shown(kind)}; it must be one of {', '.join(KINDS)}.")
     largest = {"weber": 1e6, "michelson": 1.0}[kind]
     contrast = require("contrast", contrast, 1e-6, largest, "of the scene, e.g. 0.5")
     tolerance = require("tolerance", tolerance, 1e-6, 1.0, "a share of the contrast, e.g. 0.5")
@@ -106,15 +107,14 @@ def _ratio(michelson: float) -> float:
 
 def _pixels(name: str, values: ArrayLike) -> Float64Array:
     """(frames, pixels) of a patch."""
-    patch = numbers(name, values, "values of a patch (rows, columns)")
+    wanted = (
+        f"values (rows, columns) or (frames, rows, columns) of {FEWEST_PIXELS} pixels or more"
+    )
+    patch = finite_numbers(name, values, wanted)
     if patch.ndim == 2:
         patch = patch[None]
-    small = patch.ndim != 3 or not len(patch) or patch[0].size < FEWEST_PIXELS
-    if small or not np.isfinite(patch).all():
-        raise InputError(
-            f"{name} has shape {patch.shape}; pass finite values (rows, columns) or (frames, rows, columns) of "
-            f"{FEWEST_PIXELS} pixels or more."
-        )
+    if patch.ndim != 3 or not len(patch) or patch[0].size < FEWEST_PIXELS:
+        raise InputError(f"{name} has shape {patch.shape}; pass {wanted}.")
     return patch.reshape(len(patch), -1)
 
 

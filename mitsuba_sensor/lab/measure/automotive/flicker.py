@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....core import InputError, numbers, require
+from ....core import InputError, finite_numbers, require
 from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...quantity import TWO_SIDED, Quantity, no_value
@@ -76,13 +76,10 @@ def flicker(
     tolerance : share of the mean within which a frame counts as mitigated.
     Raises InputError for fewer than 4 frames or 16 pixels, and for regions that are not brighter than black.
     """
-    pixels = numbers("frames", frames, "values (frames, rows, columns)")
-    small = pixels.ndim != 3 or len(pixels) < FEWEST_FRAMES or pixels[0].size < FEWEST_PIXELS
-    if small or not np.isfinite(pixels).all():
-        raise InputError(
-            f"frames has shape {pixels.shape}; pass finite values of {FEWEST_FRAMES} frames or more and "
-            f"{FEWEST_PIXELS} pixels or more (frames, rows, columns)."
-        )
+    wanted = f"{FEWEST_FRAMES} frames or more of {FEWEST_PIXELS} pixels or more (frames, rows, columns)"
+    pixels = finite_numbers("frames", frames, wanted)
+    if pixels.ndim != 3 or len(pixels) < FEWEST_FRAMES or pixels[0].size < FEWEST_PIXELS:
+        raise InputError(f"frames has shape {pixels.shape}; pass {wanted}.")
     threshold = require("threshold", threshold, 0.0, 1e6, "a contrast, e.g. 0.1")
     tolerance = require("tolerance", tolerance, 0.0, 1.0, "a share of the mean, e.g. 0.1")
     rows = pixels.reshape(len(pixels), -1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,14 +11,19 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ....core import InputError, numbers
+from ....core import InputError, finite_numbers
 from ....core.argument_names import tells_of_names
 from ....core.errors import shown
 from ....core.types import Float64Array
 from ....optics import spectra
 from ....optics.colour_difference import delta_e_2000
 from ...quantity import LEVEL, Quantity, normal_interval
-from ..image_quality.patches import Region, slices_of, variance_about_plane
+from ..image_quality.patches import (
+    Region,
+    require_regions,
+    slices_of,
+    variance_about_plane,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,19 +117,18 @@ def colour_chart(
     """
     if reference_xyz is None:
         reference_xyz = spectra.color_checker_xyz()
-    reference = numbers("reference_xyz", reference_xyz, "XYZ of each patch, (P, 3)")
-    pixels = numbers("planes", planes, "values (rows, columns, channels)")
-    if pixels.ndim != 3 or pixels.shape[2] < 3 or not np.isfinite(pixels).all():
-        raise InputError(
-            f"planes has shape {pixels.shape}; pass finite values (rows, columns, channels), three channels or more."
-        )
-    least = pixels.shape[2] + 1
+    reference = finite_numbers("reference_xyz", reference_xyz, "XYZ of each patch, (P, 3)")
+    wanted = "values (rows, columns, channels), three channels or more"
+    pixels = finite_numbers("planes", planes, wanted)
+    if pixels.ndim != 3 or pixels.shape[2] < 3:
+        raise InputError(f"planes has shape {pixels.shape}; pass {wanted}.")
+    regions, least = require_regions(regions), pixels.shape[2] + 1
     if reference.shape != (len(regions), 3) or len(regions) < least:
         raise InputError(
             f"reference_xyz has shape {reference.shape} for {len(regions)} patches; pass (P, 3) of {least} or more."
         )
-    if not (np.isfinite(reference) & (reference > 0)).all():
-        raise InputError("reference_xyz must be finite and above 0 in every patch.")
+    if not (reference > 0).all():
+        raise InputError("reference_xyz must be above 0 in every patch.")
     patches = _measure(pixels, regions)
     fit = _fit_matrix(patches.values, reference)
     reference_lab = spectra.lab(reference)
@@ -154,14 +159,15 @@ def _fit_matrix(values: Float64Array, reference: Float64Array) -> _Fit:
     target = spectra.lab(reference)
     channels = values.shape[1]
     weight = 1 / np.sqrt(reference[:, 1:2])
-    start = np.linalg.lstsq(values * weight, reference * weight, rcond=None)[0].T
+    brightest = values.max()
+    shares = values / brightest
+    start = np.linalg.lstsq(shares * weight, reference * weight, rcond=None)[0].T
 
     def residual(flat: Float64Array) -> Float64Array:
-        return np.asarray((spectra.lab(values @ flat.reshape(3, channels).T) - target).ravel())
+        return np.asarray((spectra.lab(shares @ flat.reshape(3, channels).T) - target).ravel())
 
-    scale = np.abs(start).max()
-    solution = scipy.optimize.least_squares(residual, start.ravel(), x_scale=scale, xtol=1e-12)
-    matrix = solution.x.reshape(3, channels)
+    solution = scipy.optimize.least_squares(residual, start.ravel(), xtol=1e-12, ftol=1e-12)
+    matrix = solution.x.reshape(3, channels) / brightest
     slopes = _lab_slopes(values @ matrix.T)
     count = len(values)
     by_matrix = np.einsum("plk,pc->plkc", slopes, values).reshape(3 * count, -1)
@@ -221,23 +227,28 @@ def _balance(
     patches: _Patches, greys: Sequence[int], white_balance: ArrayLike | None
 ) -> tuple[Quantity, ...]:
     """How far the sum of each channel over the greys is from that of the second, after balancing [%]."""
-    if not len(greys):
+    count = len(patches.values)
+    try:
+        numbers = [operator.index(grey) for grey in greys]
+    except TypeError:  # no whole numbers
+        numbers = [-1]
+    if not numbers:
         return ()
-    if not set(greys) <= set(range(len(patches.values))) or len(greys) < 2:
+    if not set(numbers) <= set(range(count)) or len(set(numbers)) < 2:
         raise InputError(
-            f"greys is {shown(greys)}; pass numbers of two patches or more, from 0 to {len(patches.values) - 1}, or ()."
+            f"greys is {shown(greys)}; pass numbers of two patches or more, from 0 to {count - 1}, or ()."
         )
-    first, rest = greys[0], list(greys[1:])
+    first, rest = numbers[0], numbers[1:]
     factors = patches.values[first, 1] / patches.values[first]
     shared = np.square(patches.errors[first] / patches.values[first])
     if white_balance is not None:
-        factors = numbers("white_balance", white_balance, "a factor for each channel")
+        factors = finite_numbers("white_balance", white_balance, "a factor for each channel")
         if factors.shape != patches.values.shape[1:] or not (factors > 0).all():
             raise InputError(
                 f"white_balance has shape {factors.shape}; pass a factor above 0 for each of "
                 f"{patches.values.shape[1]} channels."
             )
-        rest, shared = list(greys), np.zeros_like(factors)
+        rest, shared = numbers, np.zeros_like(factors)
     total = patches.values[rest].sum(axis=0)
     relative = np.square(patches.errors[rest]).sum(axis=0) / total**2 + shared
     quantities = []

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ....core import InputError, numbers, require
+from ....core import InputError, finite_numbers, require
 from ....core.argument_names import tells_of_names
 from ....core.checks import require_pair
 from ....core.types import Float64Array
@@ -181,16 +181,12 @@ def _pair(
     name: str, points: ArrayLike, other_name: str, others: ArrayLike
 ) -> tuple[Float64Array, Float64Array]:
     """Two arrays (N, 2) of the same points."""
-    pair = (
-        numbers(name, points, "x and y (N, 2)"),
-        numbers(other_name, others, "x and y (N, 2)"),
-    )
+    wanted = f"x and y (N, 2) of {FEWEST_POINTS} points or more"
+    pair = finite_numbers(name, points, wanted), finite_numbers(other_name, others, wanted)
     for title, array in zip((name, other_name), pair, strict=True):
         alike = array.shape == pair[0].shape and array.ndim == 2 and array.shape[1:] == (2,)
-        if not alike or len(array) < FEWEST_POINTS or not np.isfinite(array).all():
-            raise InputError(
-                f"{title} has shape {array.shape}; pass finite x and y (N, 2) of {FEWEST_POINTS} points or more."
-            )
+        if not alike or len(array) < FEWEST_POINTS:
+            raise InputError(f"{title} has shape {array.shape}; pass {wanted}.")
         if np.linalg.matrix_rank(array - array.mean(axis=0)) < 2:
             raise InputError(
                 f"{title} has all points on a line; pass points from all over the picture."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....core import InputError, numbers
+from ....core import InputError, finite_numbers
 from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...quantity import Quantity, student_interval
@@ -78,14 +78,12 @@ def flat_field(planes: ArrayLike) -> FlatField:
         mean of some frames.
     Raises InputError for pictures of fewer than 16 × 16 pixels and those that are dark in the centre.
     """
-    pixels = numbers("planes", planes, "values (rows, columns) or (rows, columns, channels)")
+    wanted = f"values (rows, columns) or (rows, columns, channels) of {SMALLEST} × {SMALLEST} pixels or more"
+    pixels = finite_numbers("planes", planes, wanted)
     if pixels.ndim == 2:
         pixels = pixels[..., None]
-    if pixels.ndim != 3 or min(pixels.shape[:2]) < SMALLEST or not np.isfinite(pixels).all():
-        raise InputError(
-            f"planes has shape {pixels.shape}; pass finite values (rows, columns) or (rows, columns, channels) of "
-            f"{SMALLEST} × {SMALLEST} pixels or more."
-        )
+    if pixels.ndim != 3 or min(pixels.shape[:2]) < SMALLEST or not pixels.shape[2]:
+        raise InputError(f"planes has shape {pixels.shape}; pass {wanted}.")
     fields = [_fit_field(plane) for plane in np.moveaxis(pixels, 2, 0)]
     if not min(field.values.min() for field in fields) > 0:
         raise InputError(

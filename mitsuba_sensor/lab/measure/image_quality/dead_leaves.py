@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ....core import InputError, numbers, require
+from ....core import InputError, finite_numbers, require
 from ....core.argument_names import tells_of_names
+from ....core.errors import shown
 from ....core.types import Float64Array
 from ...quantity import Quantity, student_interval
 from .modulation import Modulation
@@ -84,16 +85,14 @@ def dead_leaves(
     sample_px : distance of neighbouring values, 2 for one plane of a Bayer mosaic.
     Raises InputError for pictures of another size than the chart, and for those that are too small.
     """
-    stack = numbers("frames", frames, "values (rows, columns) or (frames, rows, columns)")
-    if stack.ndim == 2:
-        stack = stack[None]
-    if stack.ndim != 3:
-        raise InputError(
-            f"frames has shape {stack.shape}; pass (rows, columns) or (frames, rows, columns)."
-        )
-    pictures = np.array([picture_of(picture) for picture in stack])
-    if method not in SECTIONS:
-        raise InputError(f"method is {method!r}; it must be one of {', '.join(SECTIONS)}.")
+    wanted = "values (rows, columns) or (frames, rows, columns)"
+    pictures = finite_numbers("frames", frames, wanted)
+    if pictures.ndim == 2:
+        pictures = pictures[None]
+    if pictures.ndim != 3 or not pictures.size:
+        raise InputError(f"frames has shape {pictures.shape}; pass {wanted}.")
+    if not isinstance(method, str) or method not in SECTIONS:
+        raise InputError(f"method is {shown(method)}; it must be one of {', '.join(SECTIONS)}.")
     if method == "power" and len(pictures) < 2:
         raise InputError(
             'one frame shows no noise apart from the texture; pass two frames or more, or method="cross".'
@@ -101,7 +100,7 @@ def dead_leaves(
     sample_px = require(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
     )
-    reference = picture_of(chart)
+    reference = picture_of(chart, "chart")
     size = _tile_size(pictures.shape[1:], reference.shape)
     if not (pictures.mean() > 0 and np.ptp(reference) > 0 and reference.mean() > 0):
         raise InputError("frames or chart show no texture; pass brightness above 0.")

@@ -61,6 +61,15 @@ def _cut(stack: Stack, region: Region) -> Float64Array:
     return stack.frames[:, rows, columns].astype(np.float64)
 
 
+def require_regions(regions: Sequence[Region]) -> Sequence[Region]:
+    """The patches, if they are a sequence of any length. Raises InputError."""
+    if isinstance(regions, str) or not isinstance(regions, Sequence | np.ndarray):
+        raise InputError(
+            f"regions is {shown(regions)}; pass (first row, first column, rows, columns) of each patch."
+        )
+    return regions
+
+
 def slices_of(region: Region, shape: tuple[int, ...]) -> tuple[slice, slice]:
     """Rows and columns of a patch in a picture of this shape. Raises InputError where it is outside or too small."""
     height, width = shape[:2]

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....core import InputError, numbers
+from ....core import InputError, finite_numbers, require
 from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...frames.stack import Stack
 from ...quantity import LEVEL, Quantity, no_value, normal_interval
-from .patches import Patches, Region, measure_patches
+from .patches import Patches, Region, measure_patches, require_regions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +26,8 @@ SATURATION_CONSTANT, NOISE_CONSTANT = 78.0, 10.0
 SPEED_RATIOS = (40, 10)
 """Signal-to-noise ratios of the two noise-based speeds."""
 SATURATION, NOISE = "ISO 12232 saturation", "ISO 12232 noise"
+LARGEST_DN = 1e12
+"""Saturation signal that may be given, far above any code."""
 COARSE_DN2 = 0.25
 """Temporal variance below which rounding is no noise."""
 
@@ -157,17 +159,19 @@ def step_chart(
     saturation_dn : signal that is saturated, above black; by default that of the largest code.
     Raises InputError for one frame, a mosaic, fewer than 4 patches that are not clipped, and patches outside.
     """
-    exposures = numbers("exposure_lxs", exposure_lxs, "one exposure in lx s for each patch")
-    if exposures.shape != (len(regions),):
+    regions = require_regions(regions)
+    wanted = "exposures in lx s of 0 or more, one for each patch"
+    exposures = finite_numbers("exposure_lxs", exposure_lxs, wanted)
+    if exposures.shape != (len(regions),) or exposures.min(initial=0.0) < 0:
         raise InputError(
-            f"exposure_lxs has shape {exposures.shape} for {len(regions)} patches; pass one of 0 or more for each."
+            f"exposure_lxs has shape {exposures.shape} for {len(regions)} patches and values from "
+            f"{exposures.min(initial=0.0):g}; pass {wanted}."
         )
-    _require_finite("exposure_lxs", exposures, 0.0, "lx s, 0 or more")
-    black = numbers("black_dn", black_dn, "DN, the mean of dark frames")
-    _require_finite("black_dn", black, -math.inf, "DN, the mean of dark frames")
+    black = finite_numbers("black_dn", black_dn, "DN, the mean of dark frames")
     if saturation_dn is not None:
-        saturation = numbers("saturation_dn", saturation_dn, "DN above black, e.g. 4000")
-        _require_finite("saturation_dn", saturation, 0.0, "DN above black, e.g. 4000")
+        saturation_dn = require(
+            "saturation_dn", saturation_dn, 0.0, LARGEST_DN, "DN above black, e.g. 4000"
+        )
     if black.shape not in ((), stack.shape):
         raise InputError(
             f"black_dn has shape {black.shape}; pass a number, or a map of the frames' shape {stack.shape}."
@@ -188,15 +192,6 @@ def step_chart(
     return _figures(exposures, patches, exposures[usable], part, largest)
 
 
-def _require_finite(name: str, values: Float64Array, least: float, wanted: str) -> None:
-    """Raises InputError for the first value that is not finite, or less than allowed."""
-    wrong = values[~(np.isfinite(values) & (values >= least))]
-    if wrong.size:
-        raise InputError(
-            f"{name} has the value {wrong.flat[0]:g}; pass finite numbers, {wanted}."
-        )
-
-
 def _figures(
     exposures: Float64Array,
     patches: Patches,
@@ -208,6 +203,11 @@ def _figures(
     weight = 1 / np.square(part.mean_error)
     information = float((weight * usable**2).sum())
     slope = float((weight * usable * part.mean).sum()) / information
+    if not slope > 0:
+        raise InputError(
+            f"the signal above black changes by {slope:.3g} DN per lx s; pass patches that become brighter with their "
+            "exposure, and the black level of the same frames."
+        )
     error = 1 / math.sqrt(information)
     response = Quantity(
         "s", "response", *normal_interval(slope, error), "DN/(lx s)", "ISO 14524"
