@@ -204,7 +204,7 @@ def measure_tiny(form: str) -> str:
         write_origin(plan, out)
         writer = IndexWriter(plan, Store(out), range(plan.numbers))
         (view,) = writer.tasks()
-        rendered, scratch = rendered_light(view), Path(folder)
+        rendered, scratch = rendered_light(writer.store, view), Path(folder)
         rendered.files_of(view.samples[0], scratch)
         parquet_bytes({"a": [1]}, {"a": "integer"}, {})  # what is loaded once
         arrays_s, began = 0.0, time.process_time()

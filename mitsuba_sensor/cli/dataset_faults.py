@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from rich.console import Group as Lines
 from rich.console import RenderableType
 from rich.text import Text
 
 from ..dataset.index.origin import RESTORE
+from ..dataset.index.repair import verify
+from ..dataset.index.verify_objects import verify_objects
 from ..dataset.store.faults import Fault
 from ..dataset.store.record import INDEX
+from ..files.objects import Objects, is_address
 from .tables import FittedTable
 
 MOST_SHOWN = 50
@@ -18,6 +22,18 @@ MOST_SHOWN = 50
 MOST_NAMED = 3
 """Files in a sentence."""
 Chosen = Callable[[Fault], bool]
+
+
+def faults_of(
+    folder: str, show: Callable[[int, int], object], roots: Sequence[str] | None
+) -> list[Fault]:
+    """What is not as it was written of a dataset in a folder, or in an object store.
+
+    show : called with how much is verified, of how much.  Raises InputError.
+    """
+    if is_address(folder):
+        return [*verify_objects(Objects(folder), show, roots)]
+    return [*verify(Path(folder), show, roots)]
 
 
 def fault_sheet(folder: str, faults: Sequence[Fault]) -> RenderableType:
@@ -31,7 +47,10 @@ def fault_sheet(folder: str, faults: Sequence[Fault]) -> RenderableType:
         lines.append(_table(listed[:MOST_SHOWN]))
     if len(listed) > MOST_SHOWN:
         lines.append(Text(f"and {len(listed) - MOST_SHOWN} more (--json lists all)"))
-    for is_of_kind, sentence in _REMEDIES:
+    remedies = _REMEDIES
+    if is_address(folder):
+        remedies = ((_is_made_again, _PUSHED_AGAIN), *_REMEDIES[1:])
+    for is_of_kind, sentence in remedies:
         files = [fault.file for fault in faults if is_of_kind(fault)]
         if files:
             named = ", ".join(files[:MOST_NAMED])
@@ -65,6 +84,10 @@ def _says_what_it_is(fault: Fault) -> bool:
     return fault.kind == "dataset" and fault.is_damage and "/" not in fault.file
 
 
+_PUSHED_AGAIN = (
+    "Remove these objects from the store, where they are there, and put them there again: `mitsuba-sensor dataset push "
+    "DIR {folder}`, which passes over what has the right name and size."
+)
 _REMEDIES: tuple[tuple[Chosen, str], ...] = (
     (_is_made_again, "`mitsuba-sensor dataset repair {folder}` makes them again."),
     (

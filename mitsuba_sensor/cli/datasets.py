@@ -236,13 +236,13 @@ def verify_command(
 ) -> None:
     """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not.
 
-    The files that it was made from are compared, too, where they are here.
+    The files that it was made from are compared, too, where they are here. DIR may be the address of a dataset that
+    `dataset push` has put into an object store.
     """
-    from ..dataset.index.repair import verify
-    from .dataset_faults import fault_sheet
+    from .dataset_faults import fault_sheet, faults_of
 
     with steps_bar(err) as now:
-        faults = list(verify(Path(folder), _verified(now), flags["roots"]))
+        faults = faults_of(folder, _verified(now), flags["roots"])
     show(
         [fault._asdict() for fault in faults] if as_json else fault_sheet(folder, faults),
         as_json,

@@ -37,7 +37,7 @@ def logged(path: Path, capture: bool) -> Iterator[int]:
     capture : what is printed on stderr goes there too, also what libraries print.
     Raises DiskFull and InputError.
     """
-    begun = b"%s%s %d %d\n" % (BEGUN, socket.gethostname().encode(), os.getpid(), time.time())
+    begun = begun_by_this()
     with ExitStack() as stack:
         with disk_sentences(path, len(begun)):
             log = stack.enter_context(_opened(path))
@@ -47,6 +47,11 @@ def logged(path: Path, capture: bool) -> Iterator[int]:
         if capture:
             stack.enter_context(_stderr_to(log.fileno()))
         yield log.fileno()
+
+
+def begun_by_this() -> bytes:
+    """A line that says which process begins, and when."""
+    return b"%s%s %d %d\n" % (BEGUN, socket.gethostname().encode(), os.getpid(), time.time())
 
 
 def _opened(path: Path) -> FileIO:

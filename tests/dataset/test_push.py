@@ -16,6 +16,7 @@ from mitsuba_sensor.cli.app import app
 from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.exports.export import export
 from mitsuba_sensor.dataset.index.push import push
+from mitsuba_sensor.dataset.index.verify_objects import verify_objects
 from mitsuba_sensor.dataset.plan.planned import load_plan
 from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.files.objects import Objects
@@ -204,3 +205,73 @@ def test_the_command_says_what_it_uploaded(folder: Path) -> None:
     done = CliRunner().invoke(app, ["dataset", "push", str(folder), address])
     assert done.exit_code == 0, done.output
     assert "4 shards and parts of the index uploaded" in " ".join(done.output.split())
+
+
+def without_objects(place: Objects, name: str) -> None:
+    """Remove an object, as only its owner does."""
+    from fsspec.core import url_to_fs
+
+    store, path = url_to_fs(str(place / name))
+    store.rm(path)
+
+
+def put_text(place: Objects, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "content").write_bytes(content)
+    place.put(tmp_path / "content")
+
+
+def verified(address: str) -> list[tuple[str, str, str, str]]:
+    return [tuple(fault) for fault in verify_objects(Objects(address))]  # type: ignore[misc]
+
+
+def test_what_was_changed_in_the_store_is_named(
+    folder: Path, tmp_path: Path, address: str
+) -> None:
+    """One bit of each object, each object removed, and objects that nobody pushed: each is found, and nothing else."""
+    push(folder, address)
+    place = Objects(address)
+    assert not verified(address)
+    (part,) = (path.name for path in (folder / "index").iterdir())
+    shards = sorted(path.name for path in (folder / "shards").iterdir())
+    of_name = {f"shards/{name}": ("shards", name, "") for name in shards}
+    of_name |= {name: ("dataset", "", name) for name in ("record.json", "dataset.toml")}
+    of_name[f"index/{part}"] = "dataset", "", f"index/{part}"
+    for name, fault in of_name.items():
+        content = bytearray((folder / name).read_bytes())
+        content[len(content) // 2] ^= 1
+        put_text(place / name, bytes(content), tmp_path)
+        found = verified(address)
+        assert (*fault, "changed") in found and len(found) <= 2
+        without_objects(place, name)
+        named = fault
+        if name.startswith("index/"):
+            named = "dataset", "", "index/000000"
+        assert verified(address) == [(*named, "missing")]
+        (place / name).put(folder / name)
+        assert not verified(address)
+    put_text(place / "shards/notes.txt", b"mine", tmp_path)
+    put_text(place / "index/notes.txt", b"mine", tmp_path)
+    assert verified(address) == [
+        ("shards", "", "notes.txt", "stray"),
+        ("dataset", "", "index/notes.txt", "stray"),
+    ]
+
+
+def test_a_store_without_a_dataset_is_one_sentence() -> None:
+    with pytest.raises(InputError, match="is no dataset that was pushed; put one there"):
+        verified(f"memory://{secrets.token_hex(4)}")
+
+
+def test_the_command_verifies_a_store_and_says_how_to_mend_it(
+    folder: Path, tmp_path: Path
+) -> None:
+    address = f"memory://{secrets.token_hex(4)}"
+    push(folder, address)
+    done = CliRunner().invoke(app, ["dataset", "verify", address])
+    assert done.exit_code == 0 and "every file is as it was written" in done.output
+    name = next((folder / "shards").iterdir()).name
+    put_text(Objects(address) / "shards" / name, b"changed", tmp_path)
+    done = CliRunner().invoke(app, ["dataset", "verify", address])
+    said = " ".join(done.output.split())
+    assert done.exit_code == 1 and f"dataset push DIR {address}" in said
+    assert "dataset repair" not in said

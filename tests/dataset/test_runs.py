@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import multiprocessing
 import os
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
+from helpers.clusters import cluster
 from helpers.datasets import SCENES
 from helpers.makers import listening, make_large, make_slowly, make_text
 from helpers.waiting import wait_until
@@ -91,42 +90,13 @@ def test_processes_shards_and_a_cluster_make_the_same_bytes(
         assert contents(tmp_path / folder) == expected
 
 
-@contextmanager
-def cluster(folder: Path) -> Iterator[tuple[str, int]]:
-    """A Dask scheduler and one worker, as their user begins them: address and number of the scheduler's process."""
-    file, processes = folder / "scheduler.json", list[subprocess.Popen[bytes]]()
-    quiet: Any = {
-        "stderr": subprocess.DEVNULL,
-        "env": {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    }
-    scheduler, worker = (
-        ["dask_scheduler", "--host", "127.0.0.1", "--port", "0"],
-        ["dask_worker", "--nthreads", "1"],
-    )
-    with ExitStack() as stack:
-        for name, *more in (scheduler, worker):
-            command = [
-                sys.executable,
-                "-m",
-                f"distributed.cli.{name}",
-                *more,
-                "--scheduler-file",
-                str(file),
-            ]
-            processes.append(subprocess.Popen([*command, "--no-dashboard"], **quiet))
-            stack.callback(processes[-1].wait)
-            stack.callback(processes[-1].kill)
-        wait_until(lambda: file.exists() and file.read_text().endswith("}"))
-        yield json.loads(file.read_text())["address"], processes[0].pid
-
-
 class Deadly:
     """A view that ends the process that it comes to."""
 
     first = 0
 
     @property
-    def key(self) -> str:
+    def task_key(self) -> str:
         if multiprocessing.parent_process() is not None:
             os.kill(os.getpid(), signal.SIGKILL)
         return "0" * 24
@@ -203,8 +173,10 @@ def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_
     """Killed after the first sample; the worker of the cluster, which sees the same folder, makes what it has begun."""
     (tmp_path / "out").mkdir()
     remarks = list[str]()
-    with cluster(tmp_path) as (address, pid):
-        (tmp_path / "out" / "scheduler").write_text(str(pid))
+    with cluster(tmp_path) as dask:
+        dask.begin_worker()
+        address = dask.address
+        (tmp_path / "out" / "scheduler").write_text(str(dask.processes[0].pid))
         asked = complete(RunOptions, {"workers": 0, "scheduler": address})
         views = list(plan.views())
         store = Store(tmp_path / "out")

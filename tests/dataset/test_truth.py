@@ -16,8 +16,8 @@ from mitsuba_sensor.dataset.plan.configured import PlannedSample
 from mitsuba_sensor.dataset.plan.file import read_dataset
 from mitsuba_sensor.dataset.plan.planned import DatasetPlan
 from mitsuba_sensor.dataset.run.forecast import counts_of
-from mitsuba_sensor.dataset.run.make import camera_of
 from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.run.view_render import camera_of
 from mitsuba_sensor.dataset.store.keys import key_of, seed_of
 from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.render.variants import fastest_variant

@@ -5,15 +5,22 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import psutil
 
 from helpers.waiting import wait_until
 from mitsuba_sensor.dataset.plan.configured import PlannedSample
-from mitsuba_sensor.dataset.plan.planned import PlannedView
+from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, PlannedView
+from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.run.task import usual_make
+from mitsuba_sensor.dataset.run.view_render import ViewRender
 from mitsuba_sensor.dataset.store.store import Store
+from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.stopping import whole_step
 
 
@@ -124,3 +131,39 @@ def write_text(
     for sample in view.samples:
         store.commit(sample.entry, lambda folder: (folder / "a.txt").write_text("a"))
         yield sample
+
+
+def make_and_log_renders(
+    store: Store, view: PlannedView, told: Callable[[str], object]
+) -> Iterator[PlannedSample]:
+    """The samples, and a line for each render in a file beside their folder."""
+    log_renders(store.folder.parent / "renders")
+    return usual_make(store, view, told)
+
+
+def log_renders(path: Path, waits: bool = False) -> None:
+    """From now on each render of this process appends its number to a file.
+
+    waits : the first render of all then waits to be killed.
+    """
+    own = ViewRender.light
+
+    def light(self: ViewRender) -> Irradiance:
+        is_first = not path.exists()
+        with path.open("a") as log:
+            log.write(f"{os.getpid()}\n")
+        if waits and is_first:
+            signal.pause()
+        return own(self)
+
+    if own.__module__ != __name__:
+        ViewRender.light = light  # type: ignore[method-assign]
+
+
+def run_and_log_renders(
+    tables: Mapping[str, Any], roots: Path, folder: Path, shard: tuple[int, int]
+) -> None:
+    """A part of a run; the first render of all waits to be killed."""
+    log_renders(folder.parent / "renders", waits=True)
+    plan = DatasetPlan(read_dataset(tables), [roots], "text")
+    run(plan, folder, workers=0, shard=shard, progress=False)

@@ -137,10 +137,10 @@ def origin_faults(folder: Path, roots: Sequence[Path]) -> Iterator[Fault]:
     elif what := what_is_wrong(folder / FILE, *origin.file):
         yield Fault("dataset", "", FILE, what)
     if origin is not None:
-        yield from _faults_of_sources(origin, [folder, *roots])
+        yield from faults_of_sources(origin, [folder, *roots])
 
 
-def _faults_of_sources(origin: Origin, roots: Sequence[Path]) -> Iterator[Fault]:
+def faults_of_sources(origin: Origin, roots: Sequence[Path]) -> Iterator[Fault]:
     """Which files and libraries here are others than those that a dataset was made from and by."""
     now = made_by()
     for name, version in origin.made_by.items():

@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple, TypeAlias
 from ...core import InputError
 from ...files import durable
 from ...files.appearing import refuse_empty
+from ...files.objects import Place
 from ..plan.planned import DatasetPlan
 from ..store.faults import Fault
 from ..store.record import FILE, INDEX, KINDS, RECORD, Entry, Kind, Record
@@ -65,7 +66,7 @@ def _index_faults(
         if name not in own and not name.startswith("."):
             yield Fault("dataset", "", f"{INDEX}/{name}", "stray")
     shards = {shard.name for shard in store.shards.all()}
-    for kind, name, key in _entries_of(_sound_lines(store.folder, parts.values(), changed)):
+    for kind, name, key in entries_of(sound_lines(store.folder, parts.values(), changed)):
         if kind == "shards":
             there = name in shards
         else:
@@ -84,7 +85,7 @@ def _index_faults(
         unrecorded.clear()
 
 
-def _sound_lines(folder: Path, parts: Iterable[Part], changed: list[Part]) -> Iterator[Line]:
+def sound_lines(folder: Place, parts: Iterable[Part], changed: list[Part]) -> Iterator[Line]:
     """The lines of all parts that are as they were written; the others are added to ``changed``."""
     for part in parts:
         try:
@@ -95,7 +96,7 @@ def _sound_lines(folder: Path, parts: Iterable[Part], changed: list[Part]) -> It
             yield from lines
 
 
-def _entries_of(lines: Iterable[Line]) -> Iterator[Held]:
+def entries_of(lines: Iterable[Line]) -> Iterator[Held]:
     """Samples, and views that have files, or shards; a view or shard once, as its samples follow one another."""
     view = shard = ""
     for line in lines:
@@ -122,7 +123,7 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[Named]:
     for fault in faults:
         if fault.kind == "quarantine" and fault.name:
             store.release(fault.name)
-        elif fault.name and fault.kind in ("samples", "views", "shards"):
+        elif fault.name and fault.kind in ("samples", "views", "lights", "shards"):
             broken.add((fault.kind, fault.name))
             if fault.file != RECORD or fault.what not in ("missing", "of another entry"):
                 own.add((fault.kind, fault.name))
@@ -141,7 +142,7 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[Named]:
 def _is_sound(folder: Path, part: Part, broken: Set[Named]) -> bool:
     """Whether a part of the index is as it was written, and names no broken entry."""
     try:
-        entries = _entries_of(OpenPart(folder, part).lines())
+        entries = entries_of(OpenPart(folder, part).lines())
         return broken.isdisjoint((kind, name) for kind, name, _ in entries)
     except InputError:
         return False
@@ -164,7 +165,7 @@ def holdings(store: Store, plan: DatasetPlan) -> Holdings:
     if plan.shard_samples:
         return _holdings_in_shards(store.shards, plan)
     there = size = 0
-    for kind, name, key in _entries_of(_planned_lines(store.folder, plan)):
+    for kind, name, key in entries_of(_planned_lines(store.folder, plan)):
         if kind != "shards" and (record := store.find(Entry(kind, name, key))):
             there += kind == "samples"
             size += _bytes_of(record)
@@ -185,7 +186,7 @@ def _holdings_in_shards(shards: Shards, plan: DatasetPlan) -> Holdings:
     for number in range(-(-plan.numbers // NUMBERS)):
         part = parts.get(number)
         if part is not None and part.is_whole:
-            own |= {name for _, name, _ in _entries_of(OpenPart(shards.dataset, part).lines())}
+            own |= {name for _, name, _ in entries_of(OpenPart(shards.dataset, part).lines())}
             there += part.rows
             continue
         end = min((number + 1) * NUMBERS, plan.numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -24,14 +25,16 @@ class _Begun:
     """A part while it is made.
 
     lines : number of the first sample of a task → what the index says of its samples.  under_way : tasks that have not
-    ended.  doubtful : those of which something may be missing.  blocks : its shards.  is_planned : whether all its
-    tasks are known.
+    ended.  doubtful : those of which something may be missing.  blocks : its shards.  lights : key of a view that
+    several tasks have samples of → where its light is stored, and the numbers of its samples.  is_planned : whether all
+    its tasks are known.
     """
 
     lines: dict[int, list[Line]] = field(default_factory=dict)
     under_way: set[int] = field(default_factory=set)
     doubtful: set[int] = field(default_factory=set)
     blocks: dict[int, Block] = field(default_factory=dict)
+    lights: dict[str, tuple[Entry, range]] = field(default_factory=dict)
     is_planned: bool = False
 
 
@@ -72,6 +75,8 @@ class IndexWriter:
             for view in self._views(own, part):
                 part.lines[view.first] = lines_of(view)
                 part.under_way.add(view.first)
+                if not view.is_whole and view.key not in part.lights:
+                    part.lights[view.key] = view.light_entry, view.light_numbers
                 yield view
             part.is_planned = True
             self._write_if_ended(number)
@@ -124,6 +129,21 @@ class IndexWriter:
         durable.write_lasting(place, content)
         parts = all_parts(self.store.folder)
         self._remove_replaced([other for other in parts if other.number == number])
+        self._remove_lights(number, begun.lights, found)
+
+    def _remove_lights(
+        self, number: int, lights: Mapping[str, tuple[Entry, range]], found: Sequence[Line]
+    ) -> None:
+        """Remove the stored lights of which the index has all samples.  found : lines of the part that was written."""
+        parts = parts_of(self._digest, all_parts(self.store.folder))
+        whole = {other for other, part in parts.items() if part.is_whole}
+        there = Counter(line.view for line in found)
+        for view_key, (entry, numbers) in lights.items():
+            of_part = self._numbers_of(number)
+            own = len(range(max(numbers.start, of_part.start), min(numbers.stop, of_part.stop)))
+            others = {*range(numbers.start // NUMBERS, -(-numbers.stop // NUMBERS))} - {number}
+            if there[view_key] == own and others <= whole:
+                self.store.remove_lights([entry.name])
 
     def _as_it_is(self, line: Line, is_doubtful: bool) -> Line | None:
         """The line with the folder in which its sample is; None where something of it is missing."""
@@ -190,7 +210,7 @@ def within(view: PlannedView, numbers: range) -> Iterator[PlannedView]:
         yield view
     elif samples:
         leads = view.leads and first == view.first
-        yield replace(view, samples=samples, first=first, whole=False, leads=leads)
+        yield replace(view, samples=samples, first=first, leads=leads)
 
 
 def _placed(lines: Iterable[Line], places: Mapping[int, InShard]) -> list[Line]:

@@ -14,7 +14,7 @@ from ...camera.lens_file import list_lenses
 from ...camera.shipped import SHIPPED, list_cameras
 from ...core import InputError, nearest
 from ...files.scene_references import camera_references, check_below
-from ..store.keys import Config, Facts, canonical, key_of
+from ..store.keys import Config, Facts, key_of
 from .file import CameraEntry
 from .roots import find_below
 from .sweep import Combination, of_kind
@@ -59,7 +59,7 @@ class Cameras:
         """The camera with all that varies in it; that it has the gain setting is checked. Raises InputError."""
         varied = _varied(one)
         gain = one.values.get("gain")
-        known = canonical({"entry": one.camera, "varied": varied, "gain": gain})
+        known = repr((one.camera, gain, varied))
         if known not in self._varied:
             changes = self._with_places(varied, "the camera")
             camera = with_fields_of(self.as_given[one.camera], changes, SET_BY_DATASET)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...camera.exposure_times import later_exposures
 from ...core import Exposure
-from ..store.keys import Config, Facts, identity, key_of, made_by
+from ..store.keys import Config, Facts, canonical, identity, key_of, key_of_text, made_by
 from ..store.names import name_of_sample
 from ..store.record import Entry
 from .cameras import Cameras, VariedCamera, check_outputs
@@ -92,6 +92,13 @@ class ConfiguredSamples:
         light = self.lights.described(one, camera, exposure_asked(one.values))
         return light, key_of(light)
 
+    @cached_property
+    def _text_before_pixels(self) -> str:
+        """The text of which a sample's key is the hash, up to the key of its pixels, which is the last in it."""
+        outputs = [name for name in self.file.outputs if name not in OF_VIEW]
+        text = canonical({"made_by": self.made_by, "outputs": outputs, "sample": ""})
+        return text.removesuffix('"}')
+
     def sample(
         self, one: Combination, camera: VariedCamera, light_key: str, serial: int, split: str
     ) -> PlannedSample:
@@ -117,7 +124,7 @@ class ConfiguredSamples:
             config["lights"] = lights
         outputs = [name for name in self.file.outputs if name not in OF_VIEW]
         pixels = identity(config, camera.key)
-        own = key_of({"sample": pixels, "outputs": outputs, "made_by": self.made_by})
+        own = key_of_text(self._text_before_pixels + pixels + '"}')
         said = {
             "scene": self.file.scenes[one.scene].name,
             "camera": self.cameras.name(one.camera),

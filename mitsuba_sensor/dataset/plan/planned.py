@@ -29,7 +29,7 @@ from .splits import AS_DRAWN
 from .sweep import Combination, Light, SceneSweep
 
 MOST_OF_VIEW = 1000
-"""Samples of a view that are one task: a view with more is begun by several, which render the same light."""
+"""Samples of a view that are one task: a view with more is made by several, from one light."""
 NO_PIXELS = {"description", "licence", "store"}
 """Of a dataset file, what decides neither which samples there are nor their order."""
 Thing = TypeVar("Thing")
@@ -42,7 +42,7 @@ class PlannedView:
     name : of its folder.  key : hash of what decides its light, config, and of its outputs.
     samples : in the order of the dataset.
     scene_file : where the scene is on this machine.  lead : configuration of the first of all samples of the light.
-    first : number of the first sample.  whole : whether they are all samples of the light.
+    first : number of the first sample.  light_numbers : of all samples of the light.
     block : of the shard that has them; None where each has a folder.  leads : whether the first of them has the files
     of the view there.
     """
@@ -56,7 +56,7 @@ class PlannedView:
     samples: tuple[PlannedSample, ...]
     lead: Config
     first: int
-    whole: bool
+    light_numbers: range
     block: Block | None = None
     leads: bool = False
 
@@ -64,6 +64,27 @@ class PlannedView:
     def entry(self) -> Entry:
         """What it is in the store."""
         return Entry("views", self.name, self.key)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it has all samples of its light."""
+        return len(self.samples) == len(self.light_numbers)
+
+    @property
+    def task_key(self) -> str:
+        """The key of these samples of the light."""
+        if self.is_whole:
+            return self.key
+        return key_of({"view": self.key, "first": self.first, "samples": len(self.samples)})
+
+    @property
+    def light_entry(self) -> Entry:
+        """What its light is in the store, where several tasks need it.
+
+        Another order of cameras in the dataset file has another lead, for which the same view is rendered otherwise.
+        """
+        key = key_of({"view": self.key, "lead": self.lead})
+        return Entry("lights", f"{self.name.rpartition('/')[0]}/{key}", key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +199,11 @@ class DatasetPlan(ConfiguredSamples):
         outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
         own = key_of({"view": key, "outputs": outputs, "made_by": self.made_by})
         where = self.file.scenes[one.scene].name, str(self.lights.places[one.scene])
-        whole = len(chosen) == exposed.count
+        light_numbers = range(start, start + exposed.count)
         lead, *rest = samples
         name = name_of_view(lead.values, own)
         return PlannedView(
-            name, own, config, outputs, *where, tuple(rest), lead.config, number, whole
+            name, own, config, outputs, *where, tuple(rest), lead.config, number, light_numbers
         ), stop
 
     def _sample_of(self, exposed: _Exposed, place: int, light_key: str) -> PlannedSample:

@@ -120,7 +120,8 @@ def forecast(
 def cost_of(view: PlannedView) -> Cost:
     """Measured on this machine: a short render, or a whole one where the time of exposure decides it, and some samples,
     of which the first one compiles."""
-    from .make import Rendered, is_timed
+    from .make import Rendered
+    from .view_render import is_timed
 
     spp = view.config["render"]["spp"]
     short = replace(

@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...camera.camera import Camera
-from ...camera.camera_file import camera_from
 from ...camera.dual_pixels import has_several_readouts
 from ...core import Exposure
-from ...core.options import complete
 from ...core.versions import versions
 from ...files import png, tiff
 from ...files.readout_pages import READOUTS
 from ...output import exr
-from ...output.dng import check_dng, dng_names, write_dng
+from ...output.dng import dng_names, write_dng
 from ...output.frame_files import image_facts, preview_of
 from ...output.frames import Frames
 from ...output.readout_files import readout_facts, write_readouts
-from ...render.light.illuminant import illuminant_of
 from ...render.light.irradiance import Irradiance
 from ...render.light.light_source import CollectedLight
 from ...render.light.photons import collected
 from ...render.motion.aovs import Aovs
-from ...render.options import RenderOptions
-from ...render.passes.prepared import METERING_SPP, PreparedRender, prepare
-from ...render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ...render.variants import fastest_variant, use
 from ...sensor.expose import exposure_of_photons
 from ...sensor.kept_maps import RECENT_BYTES, KeptMaps
@@ -39,9 +32,11 @@ from ...sensor.options import ExposeOptions
 from ..plan.configured import PlannedSample
 from ..plan.planned import PlannedView
 from ..read.previews import PICTURE, stops_taken
-from ..store.keys import Config, Facts, key_of, made_by, seed_of
+from ..store.keys import Config, Facts, made_by, seed_of
 from ..store.store import Store
+from .lights import shared_light, stored_light
 from .places import Files, place_of
+from .view_render import ViewRender, camera_of, exposure_of, is_timed, without_times
 
 QUANTILES = (0.0, 0.01, 0.5, 0.99, 1.0)
 _KEPT: dict[str, Rendered] = {}
@@ -64,8 +59,7 @@ def make_view(
         missing = place.missing()
         if not missing and not place.lacks_view():
             return
-        told("rendering")
-        rendered = rendered_light(view)
+        rendered = rendered_light(store, view, told)
         if view.outputs:
             place.add_view(rendered.files_of_view)
         for sample in missing:
@@ -74,66 +68,54 @@ def make_view(
             yield sample
 
 
-def rendered_light(view: PlannedView) -> Rendered:
-    """The light of a view. Where several tasks have its samples, it is kept for the next one. Raises InputError."""
-    if view.whole:
-        return Rendered.of(view)
-    if view.key not in _KEPT:
-        _KEPT.clear()
-        _KEPT[view.key] = Rendered.of(view)
-    return _KEPT[view.key]
+def rendered_light(
+    store: Store, view: PlannedView, told: Callable[[str], object] = lambda key: None
+) -> Rendered:
+    """The light of a view. Where several tasks have its samples, one renders it for all. Raises InputError.
+
+    told : called with what is done now.
+    """
+    entry = view.light_entry
+    if entry.key in _KEPT:
+        return _KEPT[entry.key]
+    render = ViewRender(view)
+    if view.is_whole:
+        told("rendering")
+        light = stored_light(store, entry) or without_times(render.light())
+        return Rendered(view, light, render)
+    _KEPT.clear()
+    light = shared_light(store, entry, told, lambda: without_times(render.light()))
+    _KEPT[entry.key] = Rendered(view, light, render)
+    return _KEPT[entry.key]
 
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
     """The light of a view, ready to be exposed.
 
-    settings : what the scene file says of camera and exposure.  seconds_per_sample : of the render, in every pixel.
+    render : by which it came about, here or in another process.  seconds_per_sample : of it in every pixel; 0 where it
+    was another process.
     """
 
     view: PlannedView
-    prepared: PreparedRender
     light: Irradiance
-    settings: SceneSettings
-    seconds_per_sample: float
+    render: ViewRender
+    seconds_per_sample: float = 0.0
     _maps: KeptMaps = field(default_factory=partial(KeptMaps, RECENT_BYTES))
     _cameras: dict[tuple[int, str | None], Camera] = field(default_factory=dict)
 
     @classmethod
     def of(cls, view: PlannedView) -> Rendered:
         """Render it, for the camera of its first sample. Raises InputError."""
-        config, options, lead = view.config, scene_options(view), view.lead
-        parsed = parse(view.scene_file, options)
-        camera = camera_of(lead)
-        if config["render"]["spectral"] == "cube":
-            camera = flat_camera(camera)
-        asked, stops = exposure_of(parsed.settings, lead), lead["exposure"]["ev"]
-        if is_timed(view):
-            asked = _timed(parsed, camera, asked, stops, options)
-        seed = seed_of(key_of(config))
-        prepared = prepare(parsed, camera, asked, **options)
-        if any("dng" in sample.config["outputs"] for sample in view.samples):
-            columns, rows = prepared.scene.view.crop_size
-            check_dng(camera_of(lead), (rows, columns))
-        light = prepared.render(seed, prepared.stop_criterion(complete(RenderOptions, options)))
-        if (
-            config["render"]["spectral"] == "cube" and light.rendered_for is not None
-        ):  # for cameras with filters too
-            known = replace(
-                light.rendered_for,
-                illuminant=illuminant_of(prepared.at_rest, camera.band_nm[1]),
-            )
-            light = replace(light, rendered_for=known)
-        still = replace(
-            light.statistics, seconds=0.0, seconds_per_sample=0.0
-        )  # a file has no times: it is repeatable
+        render = ViewRender(view)
+        light = render.light()
         rate = light.statistics.seconds_per_sample
-        return cls(view, prepared, replace(light, statistics=still), parsed.settings, rate)
+        return cls(view, without_times(light), render, rate)
 
     @cached_property
     def aovs(self) -> Aovs:
         """Depth, position, normals, … of the same pixels."""
-        return self.prepared.aovs()
+        return self.render.prepared.aovs()
 
     def files_of_view(self, folder: Path) -> Files:
         """The files that all samples of the view share; those that are written to a path are in the folder."""
@@ -164,13 +146,22 @@ class Rendered:
     @cached_property
     def start_s(self) -> float:
         """When the frames begin [s], for what moves and lamps that flicker."""
-        return scene_options(self.view).get("start_s", 0.0)
+        return self.render.options.get("start_s", 0.0)
+
+    @property
+    def exposure(self) -> Exposure:
+        """That the light was rendered for."""
+        if self.light.rendered_for is None:
+            return self.render.prepared.exposure
+        return self.light.rendered_for.exposure
 
     def expose(self, sample: PlannedSample) -> tuple[Frames, np.ndarray]:
         """The frames of one sample, and its mean photoelectrons [e-]."""
         config, timed = sample.config, is_timed(self.view)
         camera = self._camera_of(config)
-        asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
+        asked: Exposure | Metering = self.exposure
+        if not timed:
+            asked = exposure_of(self.render.settings, config)
         light = self.light
         if "lights" in config:
             light = light.with_lights(config["lights"])
@@ -279,82 +270,6 @@ def budget(frames: Frames) -> Facts:
             for one in frames.noise_budget().entries
         ]
     }
-
-
-def camera_of(config: Config) -> Camera:
-    """The camera of a sample at its gain: as a dataset names it, whatever fields the scene sets."""
-    return camera_from(config["camera"], "of the sample").at_gain(config["gain"])
-
-
-def exposure_of(settings: SceneSettings, config: Config) -> Exposure | Metering:
-    """The exposure that a sample asks for, without its stops: else the scene file's, else metered."""
-    time_s, kelvin = config["exposure"]["time_s"], config["exposure"]["temperature_k"]
-    if time_s is None:
-        asked = settings.exposure
-        if kelvin is None:
-            return asked
-        return replace(asked, temperature_k=kelvin)
-    if time_s == "auto":
-        return settings.metering(kelvin)
-    return Exposure(time_s, settings.metering(kelvin).temperature_k)
-
-
-def scene_options(view: PlannedView) -> RenderOptions:
-    """The options of the render."""
-    config = view.config
-    names = (
-        "parameters",
-        "traverse",
-        "look_at",
-        "scene_unit",
-        "integrator",
-        "ignore_polarization",
-        "motion",
-        "sensor",
-    )
-    of_scene = {name: config.get(name) for name in names}
-    if "start_s" in config:
-        of_scene["start_s"] = config["start_s"]
-    of_scene["traverse"] = of_scene["traverse"] or None
-    variant = fastest_variant("llvm").name  # whatever is set: CUDA adds in any order
-    return {**config["render"], **of_scene, "repeatable": True, "variant": variant}  # type: ignore[typeddict-item]
-
-
-def is_timed(view: PlannedView) -> bool:
-    """Whether the exposure time decides the light: where something moves, or a noise ratio is asked for."""
-    return "motion" in view.config or bool(view.config["render"]["noise_ratio"])
-
-
-def flat_camera(camera: Camera) -> Camera:
-    """One that detects every photon of the band: light rendered for it is for all cameras of the band."""
-    low, high = camera.band_nm
-    flat = {"curves": {"mono": [1.0, 1.0]}, "wavelengths_nm": [low, high], "tile": None}
-    return camera.replace(
-        **{f"quantum_efficiency.{name}": value for name, value in flat.items()}
-    )
-
-
-def _timed(
-    parsed: ParsedScene,
-    camera: Camera,
-    asked: Exposure | Metering,
-    stops: float,
-    options: RenderOptions,
-) -> Exposure:
-    """The exposure with its stops, metered by a short render at rest if need be."""
-    known = asked
-    if isinstance(asked, Metering):
-        still: Any = {
-            **options,
-            "motion": None,
-            "subframes": None,
-            "noise_ratio": None,
-            "max_spp": None,
-            "spp": METERING_SPP,
-        }
-        known = prepare(parsed, camera, asked, **still).metered_first().exposure
-    assert isinstance(known, Exposure)
-    return Exposure(known.time_s * 2.0**stops, known.temperature_k)
 
 
 def _quantiles(values: np.ndarray) -> list[float]:

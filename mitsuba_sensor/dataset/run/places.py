@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Protocol, Self, TypeAlias
 
 from ...files import durable, texts
+from ...files.disk_errors import disk_sentences
 from ...stopping import undone_if_stopped
 from ..plan.configured import PlannedSample
 from ..plan.planned import PlannedView
@@ -98,7 +99,8 @@ class ShardPlace:
         self._closes_s = 0.0
 
     def __enter__(self) -> Self:
-        folder = tempfile.mkdtemp(prefix="mitsuba-sensor-")
+        with disk_sentences(Path(tempfile.gettempdir()), durable.FOLDER_BYTES):
+            folder = tempfile.mkdtemp(prefix="mitsuba-sensor-")
         self._stack.enter_context(undone_if_stopped(partial(shutil.rmtree, folder)))
         self._stack.callback(shutil.rmtree, folder, ignore_errors=True)
         self._stack.enter_context(self._writer)

@@ -187,7 +187,10 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
         count(0, one.samples)
         show(progress)
     store.remove_empty_quarantine()
-    overview = write_overview(plan, store, writer.index())
+    index = writer.index()
+    if len(index) == plan.samples:  # a run that was killed may have left some
+        store.remove_lights(store.names("lights"))
+    overview = write_overview(plan, store, index)
     progress.render_noise = overview.render_noise
     if overview.failed:
         progress.remarks.append(overview.failed)
@@ -207,12 +210,12 @@ def _missing(
     store, later = writer.store, list[PlannedView]()
     logs = {path.stem for path in log_path(store, "*").parent.glob("*.log")}
     for view in writer.tasks():
-        samples, log = missing_samples(view, store), log_path(store, view.key)
+        samples, log = missing_samples(view, store), log_path(store, view.task_key)
         progress.there += len(view.samples) - samples
         missing = samples or place_of(store, view).lacks_view()
-        begun = view.key in logs and is_begun(log)
+        begun = log.stem in logs and is_begun(log)
         if not missing:  # the process that made it may have been killed before it tidied up
-            if view.key in logs and not begun:
+            if log.stem in logs and not begun:
                 forget(log)
             if view.key in known:
                 store.release(view.key)

@@ -21,7 +21,7 @@ from ...render.variants import restores_variant
 from ..plan.planned import DatasetPlan, PlannedView, evenly_chosen
 from ..plan.sweep import possible_values
 from ..store.keys import canonical
-from .make import camera_of, scene_options
+from .view_render import camera_of, scene_options
 
 MOST_CHECKED = 200
 """Views that are looked at, evenly chosen of each scene; of a dataset with more the others are checked by the run."""

@@ -43,9 +43,9 @@ class Outcome:
     full: Full | None = None
 
 
-def log_path(store: Store, key: str) -> Path:
-    """Where the log of a view is while it is made."""
-    return store.folder / "quarantine" / f"{key}.log"
+def log_path(store: Store, task_key: str) -> Path:
+    """Where the log of a task is while it is made."""
+    return store.folder / "quarantine" / f"{task_key}.log"
 
 
 def usual_make(
@@ -89,7 +89,7 @@ def run_task(
 ) -> Outcome:
     """Make what is missing of a view; whatever goes wrong becomes an outcome."""
     store, started, made = Store(Path(folder)), time.monotonic(), 0
-    path, task = log_path(store, view.key), (view.key, view.first)
+    path, task = log_path(store, view.task_key), (view.key, view.first)
     timed = _Timed(limits.timeout_s, told)
     try:
         samples = limits.make(store, view, timed.begin)
@@ -116,7 +116,7 @@ def run_task(
 
 def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> Full | None:
     """Note that a view cannot be made, with its log; later runs leave it out. Returns what the disk does not take."""
-    path = log_path(store, view.key)
+    path = log_path(store, view.task_key)
     values = view.samples[0].values
     about = {
         "view": view.key,
@@ -143,13 +143,13 @@ def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> Full
 def note_death_of(store: Store, view: PlannedView) -> int:
     """Note that the process that made a view has died; how many have so far, of those that had begun it."""
     with whole_step:  # not if this process is being stopped, and the other one with it
-        note_death(log_path(store, view.key))
+        note_death(log_path(store, view.task_key))
     return deaths_of(store, view)
 
 
 def deaths_of(store: Store, view: PlannedView) -> int:
     """How many processes have died of a view."""
-    return fatal_tries(log_path(store, view.key))
+    return fatal_tries(log_path(store, view.task_key))
 
 
 def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
@@ -157,7 +157,7 @@ def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
     tries = deaths_of(store, view)
     if tries < MOST_TRIES:
         return None
-    said = last_said(log_path(store, view.key))
+    said = last_said(log_path(store, view.task_key))
     reason = said or "nothing was printed: a signal, or too little memory"
     why = f"its process died {tries} times ({reason}); its log is in quarantine/{view.key}.json"
     full = quarantine(store, view, why)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 
 PARTS = 3
 """Folders of a name."""
@@ -24,6 +25,8 @@ FIRST, LAST = (
 NEUTRAL = {"exposure_ev": 0, "frames": 1, "repetition": 0}
 """Settings that are left out where they have the value of a sample for which nothing is said."""
 NOT_SETTINGS = ("scene", "camera", "view", "time_s", "pose")
+MOST_TEXTS = 10_000
+"""Of settings, whose form in a name is known: the same few stand in all names of a dataset."""
 _PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,=+-]{0,199}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.+-]|\.$")
 _FIRST_UNSAFE = re.compile(r"^[.+-]")
@@ -57,10 +60,16 @@ def name_of_sample(values: Mapping[str, object], camera: str, draw: int, key: st
         if settings[name] != NEUTRAL.get(name):
             text = text_of_setting(settings[name])
             whole += f",{name}={text}"
-            safe += f",{_UNSAFE.sub('_', name)}={_UNSAFE.sub('_', text)}"
+            safe += f",{_without_unsafe(name)}={_without_unsafe(text)}"
     if safe != whole or len(safe) > LONGEST:
         safe = with_piece(safe[:LONGEST], key)
     return f"{_pose_of(values)}/{safe}"
+
+
+@lru_cache(MOST_TEXTS)
+def _without_unsafe(text: str) -> str:
+    """A name or a value of a setting, as a folder may have it."""
+    return _UNSAFE.sub("_", text)
 
 
 def name_of_view(values: Mapping[str, object], key: str) -> str:

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 from ...files.durable import SCRATCH
 from .names import is_name_of_entry
 
-Kind: TypeAlias = Literal["samples", "views"]
+Kind: TypeAlias = Literal["samples", "views", "lights"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 FILE, INDEX, SHARDS, RECORD = "dataset.toml", "index", "shards", "record.json"
 """What a folder of a dataset has beside its entries; INDEX and SHARDS are folders, and each entry has a record too."""
@@ -37,8 +37,8 @@ _END_BYTES = len(_END.format("0" * 64))
 
 
 class Entry(NamedTuple):
-    """A sample or a view.  name : of its folder.  key : hash of its configuration, by which it is told from others of
-    that name, which earlier texts of a dataset file had."""
+    """A sample, the files of a view, or the light of one that several tasks need.  name : of its folder.  key : hash of
+    its configuration, by which it is told from others of that name, which earlier texts of a dataset file had."""
 
     kind: Kind
     name: str

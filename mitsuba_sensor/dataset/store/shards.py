@@ -220,10 +220,11 @@ class Shards:
 
     def _publish(self, path: Path, shard: Shard) -> None:
         final = self.folder / shard.name
-        with disk_sentences(final), whole_step:
-            os.replace(path, final)
-        durable.make_folder(self.folder, self.dataset.parent)
-        durable.sync_folder(self.folder)
+        with disk_sentences(final, durable.FOLDER_BYTES):
+            with whole_step:
+                os.replace(path, final)
+            durable.make_folder(self.folder, self.dataset.parent)
+            durable.sync_folder(self.folder)
 
     def _remove(self, paths: Iterable[Path]) -> None:
         for path in paths:

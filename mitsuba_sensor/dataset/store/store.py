@@ -10,9 +10,10 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from ...core import DiskFull, InputError
@@ -23,7 +24,7 @@ from . import faults
 from .entry_files import record_in_folder
 from .faults import Fault
 from .keys import Config, Facts
-from .names import is_name_of_entry, with_piece
+from .names import PARTS, is_name_of_entry, with_piece
 from .record import (
     INDEX,
     KEY,
@@ -51,7 +52,7 @@ TRIES = 10
 
 
 class Store:
-    """Entries of a dataset by kind (samples, views), name of the folder, and key, which is 24 hexadecimal digits."""
+    """Entries of a dataset by kind (samples, views, lights), name of the folder, and key, which is 24 hex digits."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
@@ -229,6 +230,15 @@ class Store:
         """Remove an entry, broken or not: in one step it is no entry any more."""
         final = self.folder_of(kind, name)
         self._move_away_and_remove(final)
+
+    def remove_lights(self, names: Iterable[str]) -> None:
+        """Remove stored lights, which no task needs any more, and the folders that are empty then."""
+        for name in names:
+            with suppress(InputError):  # of a dataset that is read-only
+                self.discard("lights", name)
+            for place in islice(self.folder_of("lights", name).parents, PARTS):
+                with suppress(OSError):
+                    place.rmdir()
 
     def _move_away_and_remove(self, place: Path) -> None:
         away = durable.scratch_name(place.parent)
