@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
 import threading
 from collections import defaultdict
 from collections.abc import Iterator
@@ -12,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.clusters import cluster as dask_processes
 from helpers.makers import dies_loading, load_slowly, make_counted, write_text
 from helpers.waiting import wait_until
 
@@ -19,16 +25,27 @@ from mitsuba_sensor import InputError, __version__
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.dataset.options import RunOptions
 from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan
+from mitsuba_sensor.dataset.plan.planned import DatasetPlan, load_plan
 from mitsuba_sensor.dataset.run import cluster
 from mitsuba_sensor.dataset.run.cluster import ClusterWorkers, cluster_workers
 from mitsuba_sensor.dataset.run.engine import outcomes
+from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.dataset.run.task import TaskLimits
 from mitsuba_sensor.dataset.run.workers import local_workers
 from mitsuba_sensor.dataset.store import keys
 from mitsuba_sensor.dataset.store.store import Store
 
 LIGHT = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
+FILE = """
+name = "eight"
+render = { width = 16, spp = 16 }
+outputs = ["raw"]
+scenes = [{ name = "flat", file = "flat_field" }]
+cameras = [{ camera = "konnik_table1" }]
+random = { draws = 8, values = { "parameters.radiance" = { log_uniform = [1e-5, 1e-3] } } }
+"""
+ANOTHER_VERSION = "import mitsuba_sensor\nmitsuba_sensor.__version__ = '9.9.9'\n"
+"""A sitecustomize.py."""
 WAITED_S = 1.0
 """For a worker that begins late: far longer than a view takes here."""
 
@@ -197,3 +214,70 @@ def test_a_process_has_its_next_view_while_this_one_is_busy(tmp_path: Path) -> N
         wait_until(lambda: store.exists(views[1].samples[0].entry))
         second, _ = processes.next_ended()
     assert (first.first, second.first) == (0, 1)
+
+
+def begun(folder: Path, address: str) -> subprocess.Popen[str]:
+    """The command, begun."""
+    (folder / "eight.toml").write_text(FILE)
+    command = [
+        sys.executable,
+        "-m",
+        "mitsuba_sensor",
+        "dataset",
+        "run",
+        str(folder / "eight.toml"),
+    ]
+    options = ["-o", str(folder / "out"), "--scheduler", address, "--json"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        [*command, *options], stdout=pipe, stderr=pipe, text=True, env=environment
+    )
+
+
+def samples_in(folder: Path) -> dict[str, bytes]:
+    place = folder / "samples"
+    return {str(path.relative_to(place)): path.read_bytes() for path in place.rglob("*.*")}
+
+
+@pytest.mark.exhaustive
+def test_a_worker_that_comes_late_makes_samples_and_a_scheduler_that_is_killed_loses_nothing(
+    tmp_path: Path,
+) -> None:
+    """The run waits for the worker, and the scheduler is killed at its first sample. One sentence says so; the rest is
+    made here, with the bytes of a run without a cluster, and the next run has nothing to do."""
+    with dask_processes(tmp_path) as dask:
+        command = begun(tmp_path, dask.address)
+        wait_until(lambda: (tmp_path / "out" / "record.json").exists())
+        dask.begin_worker()
+        wait_until(lambda: any((tmp_path / "out").glob("samples/*/*/*/record.json")))
+        os.kill(dask.processes[0].pid, signal.SIGKILL)
+        said, errors = command.communicate()
+    assert command.returncode == 0, errors
+    found = json.loads(said)
+    assert (found["made"], found["there"], found["failed"]) == (8, 0, [])
+    (remark,) = (one for one in found["remarks"] if "scheduler" in one)
+    assert (
+        remark
+        == f"the Dask scheduler at {dask.address} was gone; this machine alone has made the rest."
+    )
+    plan = load_plan(tmp_path / "eight.toml")
+    run(plan, tmp_path / "alone", workers=0)
+    assert samples_in(tmp_path / "out") == samples_in(tmp_path / "alone")
+    assert run(plan, tmp_path / "out", workers=0).made == 0
+
+
+@pytest.mark.exhaustive
+def test_a_worker_of_another_version_ends_the_command_with_one_sentence(tmp_path: Path) -> None:
+    """Exit code 2; no sample is made."""
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "sitecustomize.py").write_text(ANOTHER_VERSION)
+    path = os.pathsep.join([str(tmp_path / "other"), *sys.path])
+    with dask_processes(tmp_path) as dask:
+        dask.begin_worker({"PYTHONPATH": path})
+        command = begun(tmp_path, dask.address)
+        said, errors = command.communicate()
+    sentence = " ".join(errors.split())
+    assert (command.returncode, said) == (2, "")
+    assert f"has mitsuba-sensor 9.9.9, and this run has {__version__}; give them" in sentence
+    assert not (tmp_path / "out" / "samples").exists()
