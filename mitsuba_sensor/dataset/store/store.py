@@ -61,11 +61,15 @@ class Store:
 
     def folder_of(self, kind: Kind, name: str) -> Path:
         """Where an entry of this name is, or will be: samples/scene/view_0000/…"""
+        return Path(self._place_of(kind, name))
+
+    def _place_of(self, kind: Kind, name: str) -> str:
+        """The same as a text, of which a run makes two for each sample."""
         if kind not in KINDS or not is_name_of_entry(name):
             raise ValueError(
                 f"{kind} {name!r} is no entry; kinds are {', '.join(KINDS)}, a name is scene/pose/settings."
             )
-        return self.folder / kind / name
+        return os.path.join(self.folder, kind, name)
 
     def commit(self, entry: Entry, write: Callable[[Path], object]) -> Record:
         """Make an entry of the files that ``write`` puts into the folder that it is given, all of them or none.
@@ -156,7 +160,7 @@ class Store:
     def record(self, kind: Kind, name: str) -> Record | None:
         """The record in the folder of this name, whatever its key, if it is valid and all files are there with their
         sizes; contents are not read."""
-        return self._of_place(os.fspath(self.folder_of(kind, name)), kind, name)
+        return self._of_place(self._place_of(kind, name), kind, name)
 
     def find(self, entry: Entry) -> Record | None:
         """The record of an entry, whose folder may have a piece of its key at the end; as :meth:`record`."""
