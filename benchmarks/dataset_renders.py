@@ -43,7 +43,7 @@ def light(self):
 
 ViewRender.light = light
 """
-"""A sitecustomize.py: each process of the command writes a line for each of its renders."""
+"""What each process of the command runs first: it writes a line for each of its renders."""
 ONE, TWO_WORKERS, PARTS = (
     [["--workers", "0"]],
     [["--workers", "2"]],

@@ -45,7 +45,7 @@ cameras = [{ camera = "konnik_table1" }]
 random = { draws = 8, values = { "parameters.radiance" = { log_uniform = [1e-5, 1e-3] } } }
 """
 ANOTHER_VERSION = "import mitsuba_sensor\nmitsuba_sensor.__version__ = '9.9.9'\n"
-"""A sitecustomize.py."""
+"""What the worker runs first."""
 WAITED_S = 1.0
 """For a worker that begins late: far longer than a view takes here."""
 

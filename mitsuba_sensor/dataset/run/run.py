@@ -174,7 +174,8 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
         show(progress)
 
     left_out = {} if chosen["retry"] else known
-    views = _missing(writer, progress, known, left_out)
+    asked = dict[int, int]()
+    views = _missing(writer, progress, known, left_out, asked)
     for one in outcomes(store, views, chosen, told, remark=progress.remarks.append):
         if one.full is not None:
             path, size, why = one.full
@@ -184,7 +185,11 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
         elif one.view in known:
             store.release(one.view)
         writer.ended(one.first, not one.failed)
-        count(0, one.samples)
+        missing = asked.pop(one.first, 0)
+        if one.failed:
+            count(0, one.samples)
+        else:  # a worker whose scheduler has died may have made some without a word
+            count(0, missing)
         show(progress)
     store.remove_empty_quarantine()
     index = writer.index()
@@ -201,11 +206,16 @@ _Failed: TypeAlias = Mapping[str, Mapping[str, object]]
 
 
 def _missing(
-    writer: IndexWriter, progress: RunProgress, known: _Failed, left_out: _Failed
+    writer: IndexWriter,
+    progress: RunProgress,
+    known: _Failed,
+    left_out: _Failed,
+    asked: dict[int, int],
 ) -> Iterator[PlannedView]:
     """Tasks of which something is missing; those that another run has begun come last.
 
     known, left_out : key → facts of the views that are in quarantine, and of those that are not tried again.
+    asked : gets how many samples of each task are missing, by the number of its first one.
     """
     store, later = writer.store, list[PlannedView]()
     logs = {path.stem for path in log_path(store, "*").parent.glob("*.log")}
@@ -227,10 +237,12 @@ def _missing(
         elif begun:
             later.append(view)
         else:
+            asked[view.first] = samples
             yield view
     store.shards.forget()
     for view in later:
         if missing_of(view, store):
+            asked[view.first] = missing_samples(view, store)
             yield view
         else:
             writer.ended(view.first, True)
