@@ -237,7 +237,8 @@ def begun(folder: Path, address: str) -> subprocess.Popen[str]:
 
 def samples_in(folder: Path) -> dict[str, bytes]:
     place = folder / "samples"
-    return {str(path.relative_to(place)): path.read_bytes() for path in place.rglob("*.*")}
+    paths = [path for path in place.rglob("*") if path.is_file()]
+    return {str(path.relative_to(place)): path.read_bytes() for path in paths}
 
 
 @pytest.mark.exhaustive

@@ -27,7 +27,7 @@ from ...render.motion.aovs import Aovs
 from ...render.variants import fastest_variant, use
 from ...sensor.expose import exposure_of_photons
 from ...sensor.kept_maps import RECENT_BYTES, KeptMaps
-from ...sensor.metering import Metering, electrons_of
+from ...sensor.metering import electrons_of
 from ...sensor.options import ExposeOptions
 from ..plan.configured import PlannedSample
 from ..plan.planned import PlannedView
@@ -159,9 +159,9 @@ class Rendered:
         """The frames of one sample, and its mean photoelectrons [e-]."""
         config, timed = sample.config, is_timed(self.view)
         camera = self._camera_of(config)
-        asked: Exposure | Metering = self.exposure
-        if not timed:
-            asked = exposure_of(self.render.settings, config)
+        asked = exposure_of(self.render.settings, config)
+        if timed:
+            asked = self.exposure
         light = self.light
         if "lights" in config:
             light = light.with_lights(config["lights"])
