@@ -250,7 +250,7 @@ def test_a_sample_of_ten_million_is_found_by_its_number(name: str) -> None:
 def test_samples_of_a_view_with_many_are_several_tasks_of_one_light() -> None:
     views = planned(grid={"repetition": [*range(2500)]})
     assert [len(view.samples) for view in views] == [1000, 1000, 500]
-    assert len({view.key for view in views}) == 1 and not any(view.whole for view in views)
+    assert len({view.key for view in views}) == 1 and not any(view.is_whole for view in views)
     assert all(view.lead == views[0].samples[0].config for view in views)
 
 
