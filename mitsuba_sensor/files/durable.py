@@ -179,7 +179,7 @@ def write_lasting(path: Path, content: bytes) -> None:
     with appearing(path, len(content)) as temporary, names_in(path, temporary):
         temporary.write_bytes(content)
         flush(temporary, len(content), hashlib.sha256(content).hexdigest())
-    with disk_sentences(path):
+    with disk_sentences(path, FOLDER_BYTES):
         sync_folder(path.parent)
 
 
