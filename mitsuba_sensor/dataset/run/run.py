@@ -188,7 +188,7 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
         missing = asked.pop(one.first, 0)
         if one.failed:
             count(0, one.samples)
-        else:  # a worker whose scheduler has died may have made some without a word
+        else:  # a worker whose scheduler has died may have made some and not said so
             count(0, missing)
         show(progress)
     store.remove_empty_quarantine()
