@@ -25,7 +25,7 @@ FIRST = "mitsuba-sensor render scenes/first_frame.xml -o out/"
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
 SMALL_ELSEWHERE = {"train_a_denoiser"}
 """Examples that take minutes, which tests/dataset/test_training.py runs with less, and that need more packages."""
-QUICK = {"own_noise_source", "photons_from_an_array"}
+QUICK = {"photons_from_an_array"}
 RUN = [path for path in PROGRAMS if path.stem not in SMALL_ELSEWHERE]
 TOLD = [exhaustive(path) if path.stem in SMALL_ELSEWHERE else path for path in PROGRAMS]
 EXAMPLES = [path if path.stem in QUICK else exhaustive(path) for path in RUN]

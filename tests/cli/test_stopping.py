@@ -58,7 +58,7 @@ def stop(child: subprocess.Popen[str], number: signal.Signals) -> tuple[int, str
     [
         (signal.SIGINT, 130, None),
         exhaustive(signal.SIGINT, 130, "scalar_spectral"),
-        (signal.SIGTERM, 143, "scalar_spectral"),
+        exhaustive(signal.SIGTERM, 143, "scalar_spectral"),
         exhaustive(signal.SIGTERM, 143, None),
     ],
 )

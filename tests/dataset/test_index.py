@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.datasets import SCENES, TABLES, commit, follow, make_parts_small, plan_of, whole
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
@@ -146,7 +147,7 @@ def test_what_is_lost_is_in_no_part_and_found_by_the_next_run(
     assert len(all_parts(tmp_path)) == 3, "parts with fewer samples are gone"
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", one_in(2, range(4)))
 def test_shards_in_any_order_write_the_parts_of_one_run(
     small_parts: None, tmp_path: Path, seed: int
 ) -> None:
@@ -302,7 +303,7 @@ def test_a_split_that_no_sample_has_is_a_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process to kill")
-@pytest.mark.parametrize("step", range(7))
+@pytest.mark.parametrize("step", one_in(3, range(7)))
 def test_a_run_that_is_killed_while_it_writes_parts_is_resumed_to_the_same(
     small_parts: None, tmp_path: Path, step: int
 ) -> None:

@@ -159,12 +159,14 @@ def test_exports_of_both_forms_are_equal(
     assert found[0] == found[1]
 
 
-def test_workers_and_parts_of_a_run_make_the_same_shards(
-    both: tuple[Path, Path], tmp_path: Path
-) -> None:
-    plan = load_plan(both[1] / "dataset.toml")
-    run(plan, tmp_path / "two", workers=2, progress=False)
+@pytest.mark.exhaustive
+def test_workers_make_the_same_shards(both: tuple[Path, Path], tmp_path: Path) -> None:
+    run(load_plan(both[1] / "dataset.toml"), tmp_path / "two", workers=2, progress=False)
     assert shards(tmp_path / "two") == shards(both[1])
+
+
+def test_parts_of_a_run_make_the_same_shards(both: tuple[Path, Path], tmp_path: Path) -> None:
+    plan = load_plan(both[1] / "dataset.toml")
     for number in (3, 1, 2, 2):
         run(plan, tmp_path / "parts", shard=(number, 3), progress=False)
     assert shards(tmp_path / "parts") == shards(both[1])

@@ -156,6 +156,7 @@ def test_the_light_of_a_mosaic_saturates_every_filter_and_each_is_measured_apart
         assert figures["K"].value == pytest.approx(0.125, rel=0.05), name
 
 
+@pytest.mark.exhaustive
 def test_frames_on_disk_give_the_figures_of_the_same_frames_in_memory(
     small: Bench, tmp_path: Path
 ) -> None:

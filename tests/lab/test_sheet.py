@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -154,11 +155,11 @@ def test_a_file_of_light_that_is_broken_is_rendered_again() -> None:
 @pytest.mark.parametrize(
     "fields",
     [
-        {"readout.ipc_coupling": 0.03},
+        exhaustive({"readout.ipc_coupling": 0.03}),
         {"quantum_efficiency.crosstalk": [[0, 0.03, 0], [0.03, 0.88, 0.03], [0, 0.03, 0]]},
-        {"pixel.fill_factor": 0.25, "pixel.aperture": "square"},
-        pytest.param(DIFFUSION, marks=pytest.mark.exhaustive),
-        pytest.param(GLARE, marks=pytest.mark.exhaustive),
+        exhaustive({"pixel.fill_factor": 0.25, "pixel.aperture": "square"}),
+        exhaustive(DIFFUSION),
+        exhaustive(GLARE),
     ],
 )
 def test_charge_and_light_that_spread_have_the_modulation_of_theory(
@@ -372,9 +373,14 @@ def written_frames(folder: Path, bench: Bench) -> None:
     (folder / "bench.toml").write_text("\n".join(lines), encoding="utf-8")
 
 
-def test_frames_on_disk_give_the_figures_of_the_same_camera(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "names", [("edge_columns", "steps"), exhaustive(("star", "leaves", "grey", "led"))]
+)
+def test_frames_on_disk_give_the_figures_of_the_same_camera(
+    tmp_path: Path, names: tuple[str, ...]
+) -> None:
     """Charts of a simulated camera, written and read as those of a real one."""
-    at, names = setting(SMALL), ("edge_columns", "star", "leaves", "steps", "grey", "led")
+    at = setting(SMALL)
     for one in chosen_charts(names):
         name = one.name.replace("columns", "middle")
         taken = one.take(at, [light_of(scene, SMALL) for scene in one.scenes(SMALL)])
@@ -388,7 +394,9 @@ def test_frames_on_disk_give_the_figures_of_the_same_camera(tmp_path: Path) -> N
     result = run("--frames", str(tmp_path / "frames"), "-o", str(tmp_path / "out"), "--json")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)["rows"]
-    assert {row["chart"] for row in found} == {"edge_middle", *names[1:]}
+    assert {row["chart"] for row in found} == {
+        name.replace("columns", "middle") for name in names
+    }
     assert not any(row["mark"] for row in found)
     simulated = {
         (row.chart.replace("edge_columns", "edge_middle"), row.quantity.symbol): row

@@ -71,7 +71,7 @@ def test_light_that_a_lens_spreads_is_no_uneven_light(f_number: float) -> None:
 
 
 @pytest.mark.parametrize("row", [0, 1])
-@pytest.mark.parametrize("column", [0, 1])
+@pytest.mark.parametrize("column", one_in(2, [0, 1]))
 def test_each_plane_of_a_mosaic_has_the_same_modulation(row: int, column: int) -> None:
     """Every second pixel of every second row: the frequency stays that of the sensor, up to its Nyquist frequency."""
     picture = charts.slanted_edge((200, 160), 5)[row::2, column::2]
@@ -91,7 +91,7 @@ def test_a_lens_that_distorts_needs_an_edge_that_is_a_polynomial() -> None:
     assert curve.at_nyquist.value == pytest.approx(2 / math.pi, abs=0.01)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
+@pytest.mark.parametrize("share", one_in(3, [0.3, 0.5, 0.9]))
 def test_the_frequency_of_a_share_is_where_the_curve_has_it(share: float) -> None:
     curve = slanted_edge(charts.slanted_edge(SHAPE, 5)).modulation
     found = curve.falls_to(share)

@@ -322,6 +322,7 @@ def test_a_bench_without_dark_or_flat_frames_is_refused(bench: Bench, kind: str)
         fit(replace(bench, biases=(), **{kind: ()}))
 
 
+@pytest.mark.exhaustive
 def test_two_frames_give_wider_intervals(bench: Bench, trips: ModuleType) -> None:
     """8 figures of 95 %; none misses by more than half an interval again."""
     few, many = (

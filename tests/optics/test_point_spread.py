@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import scipy
+from helpers.marks import one_in
 
 from mitsuba_sensor.optics.point_spread import (
     NODES,
@@ -65,7 +66,7 @@ def test_mtf_of_a_clear_pupil_is_the_textbook_form() -> None:
     np.testing.assert_allclose(diffraction_mtf(-s), closed, atol=1e-12)
 
 
-@pytest.mark.parametrize("obstruction", OBSTRUCTIONS)
+@pytest.mark.parametrize("obstruction", one_in(2, OBSTRUCTIONS))
 def test_what_is_drawn_has_the_mtf_of_the_pupil(obstruction: float) -> None:
     """Mean of J₀(2sx) over all shares of the energy, the far tail in closed steps: within 6e-4 of the overlap."""
     tables = point_spread_tables(obstruction)

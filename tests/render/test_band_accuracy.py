@@ -132,7 +132,7 @@ def test_the_film_has_the_integral_at_any_bandwidth(
         np.testing.assert_allclose(film * photons, expected_e(camera, SPECTRA[name]), rtol=1e-4)
 
 
-@pytest.mark.parametrize("width_nm", one_in(3, [5.0, 10.0, 20.0, 50.0, 330.0]))
+@pytest.mark.parametrize("width_nm", one_in(3, [50.0, 10.0, 20.0, 330.0, 5.0]))
 def test_electrons_are_the_integral_at_any_bandwidth(tmp_path: Path, width_nm: float) -> None:
     """A rendered flat field behind a coloured lens: each filter's mean to 0.1 %."""
     light, view = rendered(flat_field(tmp_path, SPECTRA["sloped"]), COLOURED, width_nm, 4096)
@@ -140,7 +140,7 @@ def test_electrons_are_the_integral_at_any_bandwidth(tmp_path: Path, width_nm: f
     np.testing.assert_allclose(found, expected_e(COLOURED, SPECTRA["sloped"]), rtol=1e-3)
 
 
-@pytest.mark.parametrize("width_nm", one_in(2, [5.0, 10.0, 20.0, 50.0]))
+@pytest.mark.parametrize("width_nm", one_in(4, [5.0, 10.0, 20.0, 50.0]))
 def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None:
     """24 patches before a colour camera, each channel's mean over the patches to 0.1 % (measured: 0.023 %); with QE at
     the centre of 50 nm bands R was 15 % too dark. Single patches are as noisy as their pixels."""

@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import scipy
+from helpers.marks import exhaustive
 from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 from helpers.slanted_edge import FREQUENCIES, edge_picture, frequency_response
 
@@ -134,7 +135,9 @@ def test_the_window_of_the_estimator_cuts_off_the_far_tail_only() -> None:
     np.testing.assert_allclose(expected_response(4.0, 550.0), product, rtol=0.012)
 
 
-@pytest.mark.parametrize(("aperture", "response"), [("square", 0.900), ("full", 0.637)])
+@pytest.mark.parametrize(
+    ("aperture", "response"), [("square", 0.900), exhaustive("full", 0.637)]
+)
 def test_a_square_of_a_quarter_of_the_pixel_has_0_9_at_nyquist(
     tmp_path: Path, aperture: str, response: float
 ) -> None:
@@ -415,7 +418,8 @@ def test_without_names_noise_and_the_lens_field_switches_diffraction_off() -> No
 
 
 @pytest.mark.parametrize(
-    ("scene", "options"), [("flat_field", {}), ("rolling_fan", {"motion": "rolling_fan"})]
+    ("scene", "options"),
+    [("flat_field", {}), exhaustive("rolling_fan", {"motion": "rolling_fan"})],
 )
 def test_a_repeatable_render_has_the_same_bytes_with_displaced_rays(
     scene: str, options: dict[str, str]

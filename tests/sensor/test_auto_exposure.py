@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.light_sum import sum_of_groups
@@ -60,7 +61,7 @@ def test_without_delay_the_error_shrinks_by_one_minus_damping(lamps: ms.Irradian
     np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.7, atol=0.02)
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("delay", one_in(2, [0, 1, 3]))
 def test_a_light_that_doubles_is_followed_after_the_delay(
     delay: int, lamps: ms.Irradiance
 ) -> None:

@@ -70,7 +70,7 @@ def loaded(text: str, folder: Path) -> ms.Camera:
     return ms.load_camera(path)
 
 
-@pytest.mark.parametrize("name", one_in(4, CAMERAS))
+@pytest.mark.parametrize("name", one_in(9, CAMERAS))
 def test_the_file_of_a_camera_loads_as_an_equal_camera(name: str, tmp_path: Path) -> None:
     """And its text again is the same."""
     text = CAMERAS[name].to_toml()

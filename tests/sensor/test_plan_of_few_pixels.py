@@ -83,7 +83,7 @@ def test_shot_noise_of_few_pixels_of_one_filter_is_seen(few_green: ms.Camera) ->
     assert planned == pytest.approx(whole, rel=0.01)
 
 
-@pytest.mark.parametrize("black_level_dn", [2.0, 2.3, 2.5])
+@pytest.mark.parametrize("black_level_dn", one_in(3, [2.0, 2.3, 2.5]))
 def test_pixel_offsets_that_dither_the_offsets_of_columns_are_kept(
     black_level_dn: float,
 ) -> None:

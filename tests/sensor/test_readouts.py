@@ -360,6 +360,7 @@ def test_read_noise_in_electrons_takes_the_place_of_that_in_volts() -> None:
     assert camera.at_readout("high").source_follower.read_noise_e is None
 
 
+@pytest.mark.exhaustive
 def test_readouts_that_couple_neighbours_are_measured() -> None:
     camera = dual_gain(**{"readout.ipc_coupling": 0.02})
     light = ms.Photons(np.tile(np.linspace(10, 3_000, 60), (50, 1)), detected=True)

@@ -14,6 +14,7 @@ from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.effects.radiation_hits import RadiationHits
+from mitsuba_sensor.theory import stage_check
 
 TABLE1 = ms.load_camera("konnik_table1")
 
@@ -84,6 +85,12 @@ class Amplifier(ms.Stage):
         return replace(m, mean=2.0 * m.mean)
 
 
+@pytest.fixture
+def fewest_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A large mistake is found wherever it is looked for."""
+    monkeypatch.setattr(stage_check, "PLACES_OF_EACH_SHAPE", 1)
+
+
 @pytest.mark.parametrize("stage", [GlowWithMoments(), exhaustive(GlowOfEveryPixel())])
 def test_an_amp_glow_whose_moments_are_those_of_its_window_passes(
     stage: GlowWithMoments,
@@ -105,12 +112,14 @@ def test_three_percent_of_a_temporal_variance_are_found(draw: str) -> None:
         ms.check_stage(Hum(draw, stated=1.03), camera=TABLE1, after="reset_noise")
 
 
+@pytest.mark.usefixtures("fewest_places")
 def test_moments_of_another_place_are_told_with_place_and_numbers() -> None:
     said = r"rows \d+-\d+, columns \d+-\d+ of konnik_table1 with a \w+ signal, moments says that the \w+"
     with pytest.raises(ms.InputError, match=f"GlowOfTheOrigin: at {said}"):
         ms.check_stage(GlowOfTheOrigin(), camera=TABLE1, after="dark_current")
 
 
+@pytest.mark.usefixtures("fewest_places")
 def test_noise_that_enters_and_is_not_amplified_in_moments_is_found() -> None:
     with pytest.raises(
         ms.InputError,
@@ -119,6 +128,7 @@ def test_noise_that_enters_and_is_not_amplified_in_moments_is_found() -> None:
         ms.check_stage(Amplifier(), camera=TABLE1, after="reset_noise")
 
 
+@pytest.mark.usefixtures("fewest_places")
 def test_moments_that_are_no_numbers_are_told() -> None:
     with pytest.raises(ms.InputError, match="moments says that the mean is nan e-,"):
         ms.check_stage(GlowOfNoNumber(), camera=TABLE1, after="dark_current")

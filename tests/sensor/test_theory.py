@@ -182,7 +182,7 @@ PLACES: dict[str, ms.Camera] = {
 }
 
 
-@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize("name", one_in(3, PLACES))
 def test_effects_that_depend_on_the_place_have_the_moments_of_their_frames(name: str) -> None:
     """128 × 128 pixels in 3000 e-, 24 serials of 4 frames: four standard errors of both sides, one run in 5000."""
     camera, shape = PLACES[name], (128, 128)
@@ -474,7 +474,9 @@ def test_pixels_that_a_law_cuts_to_zero_are_not_smeared() -> None:
 
 @pytest.mark.parametrize(
     ("bits", "gain", "read_e", "dsnu_e"),
-    [(8, 20.0, 0.1, 0.0), (16, 20.0, 0.1, 1.0), (12, 0.1, 10.0, 300.0)],
+    one_in(
+        3, [(8, 20.0, 0.1, 0.0), (16, 20.0, 0.1, 1.0), (12, 0.1, 10.0, 300.0)], several=True
+    ),
 )
 def test_without_shot_noise_the_knee_of_the_converter_is_as_sharp_as_the_noise(
     bits: int, gain: float, read_e: float, dsnu_e: float
