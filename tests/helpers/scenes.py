@@ -10,6 +10,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from helpers import ROOT
+from helpers.marks import exhaustive
 from mitsuba_sensor.render.scene.parse_scene import parse_scene
 from mitsuba_sensor.render.scene.scene_settings import SceneSettings, settings_of
 from mitsuba_sensor.render.variants import choose_variant
@@ -73,3 +74,7 @@ def skip_unless_usable(variant: str) -> str:
 
 
 both_variants = pytest.mark.parametrize("variant", ["scalar_spectral", "llvm_ad_spectral"])
+scalar_first = pytest.mark.parametrize(
+    "variant", ["scalar_spectral", exhaustive("llvm_ad_spectral")]
+)
+"""Of what variants share; the quick tests have the scalar one, which compiles no kernels."""

@@ -18,6 +18,7 @@ from helpers.scenes import (
     SCENES,
     SKY,
     both_variants,
+    scalar_first,
     scene_text,
     skip_unless_usable,
     write_scene,
@@ -125,7 +126,7 @@ def test_albedo_is_the_diffuse_reflectance_in_three_bands_and_none_of_metal(
     assert aovs.shapes[2] == "sphere 2"
 
 
-@both_variants
+@scalar_first
 def test_nothing_is_infinitely_far_and_has_no_shape(tmp_path: Path, variant: str) -> None:
     aovs = aovs_of(tmp_path, BALL, variant=variant)
     ball, _ = ball_and_wall(np.zeros(3), tangents(*centres()))
@@ -227,7 +228,7 @@ def test_flow_of_a_moving_object_is_its_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(aovs.flow_px[..., 0], 0, atol=1e-3)
 
 
-@both_variants
+@scalar_first
 def test_normals_of_a_mesh_turn_with_it(tmp_path: Path, variant: str) -> None:
     """A cube turned by 30° about the vertical before the row opens: its faces look 30° and 60° beside the axis."""
     cube = '<shape type="cube" id="it"><transform name="to_world"><translate z="5"/></transform></shape>'
@@ -326,7 +327,7 @@ def test_all_rows_of_a_rolling_shutter_run_the_kernels_of_the_first(tmp_path: Pa
     assert len(hashes) == ROWS + 1 and hashes[1] and set().union(*hashes[2:]) <= hashes[1]
 
 
-@both_variants
+@scalar_first
 def test_a_crop_is_that_part_of_the_full_picture(tmp_path: Path, variant: str) -> None:
     window = {"width": 9, "height": 6, "offset_x": 13, "offset_y": 5}
     crop = "".join(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import BENCHMARKS
-from helpers.marks import exhaustive, one_in
+from helpers.marks import one_in
 from helpers.scenes import skip_unless_usable
 
 import mitsuba_sensor as ms
@@ -89,7 +89,7 @@ FILMS = [
 ]
 
 
-@pytest.mark.parametrize("case", one_in(2, FILMS))
+@pytest.mark.parametrize("case", one_in(4, FILMS))
 def test_the_digital_numbers_are_those_of_a_capture(case: tuple[str, str]) -> None:
     """Of bands, channels, Bayer tiles and crops: the sampled codes have the random numbers of ``expose``, so that most
     agree in a light of 2000 samples; and the expected ones are the mean of frames, within 5 standard errors and the 2 %
@@ -109,7 +109,7 @@ def test_the_digital_numbers_are_those_of_a_capture(case: tuple[str, str]) -> No
     assert (np.abs(expected - codes.mean(axis=0)) <= 5 * noise + 0.02 * expected).all()
 
 
-@pytest.mark.parametrize("integrator", one_in(3, INTEGRATORS))
+@pytest.mark.parametrize("integrator", one_in(5, INTEGRATORS))
 def test_the_derivative_by_an_albedo_and_by_an_emitter_are_central_differences(
     integrator: str,
 ) -> None:
@@ -141,7 +141,7 @@ NUMBERS = {
 }
 
 
-@pytest.mark.parametrize("name", one_in(3, list(NUMBERS)))
+@pytest.mark.parametrize("name", one_in(6, list(NUMBERS)))
 def test_the_derivative_by_a_number_of_camera_and_exposure_is_a_central_difference(
     name: str,
 ) -> None:
@@ -184,7 +184,8 @@ end_header
 """
 
 
-@pytest.mark.parametrize("integrator", ["direct_projective", exhaustive("prb_projective")])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("integrator", ["direct_projective", "prb_projective"])
 def test_the_derivative_by_the_position_of_vertices_is_a_central_difference(
     tmp_path: Path, integrator: str
 ) -> None:
@@ -222,7 +223,8 @@ LENS = """<float name="f_number" value="1"/><float name="focus_distance_m" value
 <sampler type="multijitter"/>"""
 
 
-@pytest.mark.parametrize("name", ["focus_distance", exhaustive("aperture_radius")])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", ["focus_distance", "aperture_radius"])
 def test_the_derivative_by_a_thin_lens_is_a_central_difference(
     tmp_path: Path, name: str
 ) -> None:

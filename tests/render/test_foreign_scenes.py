@@ -15,7 +15,7 @@ from helpers.scenes import (
     BALL,
     PERSPECTIVE,
     SKY,
-    both_variants,
+    scalar_first,
     scene_text,
     skip_unless_usable,
     write_scene,
@@ -51,7 +51,7 @@ def render_frames(folder: Path, text: str, spp: int = 64, **options: Any) -> np.
     return scene.render(1, spp, (0, 8)).astype(float) / BANDS.bandwidths_nm
 
 
-@both_variants
+@scalar_first
 def test_an_rgb_film_with_a_gaussian_filter_renders_as_spectral_bands(
     tmp_path: Path, variant: str
 ) -> None:
@@ -67,7 +67,7 @@ def test_an_rgb_film_with_a_gaussian_filter_renders_as_spectral_bands(
     assert (light > 0).all() and light[4, 6, 2] > 3 * light[4, 6, 0]
 
 
-@both_variants
+@scalar_first
 def test_an_even_environment_map_is_an_even_sky(tmp_path: Path, variant: str) -> None:
     """A picture of 0.5 everywhere shines as <rgb value="0.5"> does, in every band (both good to 1 %, 64 samples)."""
     mi = ready(variant)
@@ -79,7 +79,7 @@ def test_an_even_environment_map_is_an_even_sky(tmp_path: Path, variant: str) ->
     np.testing.assert_allclose(mapped, even, rtol=0.02)
 
 
-@both_variants
+@scalar_first
 def test_textures_colour_the_wall(tmp_path: Path, variant: str) -> None:
     """A wall under a sky of radiance 1 is as bright as its reflectance: 0.2 in the left half, 0.6 in the right."""
     mi = ready(variant)
@@ -93,7 +93,7 @@ def test_textures_colour_the_wall(tmp_path: Path, variant: str) -> None:
     np.testing.assert_allclose(halves, (0.2, 0.6), rtol=0.02)
 
 
-@both_variants
+@scalar_first
 def test_a_scene_in_millimetres_gives_the_light_of_the_same_scene_in_metres(
     tmp_path: Path, variant: str
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import BALL, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import BALL, scalar_first, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.ply_colours import largest_colour
@@ -290,7 +290,7 @@ def mesh(
     return f'<shape type="ply"><string name="filename" value="square.ply"/>{bsdf}</shape>'
 
 
-@both_variants
+@scalar_first
 def test_an_attribute_that_the_mesh_does_not_have_is_refused(
     tmp_path: Path, variant: str
 ) -> None:
@@ -375,7 +375,7 @@ NAMED = '<string name="material" value="Cr"/>'
 
 
 @pytest.mark.exhaustive
-@both_variants
+@scalar_first
 def test_a_metal_continues_as_its_table_held_by_hand(variant: str) -> None:
     """Bit for bit, though the table by hand goes on to 1100 nm and the other one to the end of the camera."""
     use(choose_variant(skip_unless_usable(variant)))
@@ -433,7 +433,7 @@ def test_own_indices_that_end_are_told_as_what_they_are(tmp_path: Path) -> None:
     assert eta.level == k.level == "wrong" and "reflects everything or is NaN" in eta.what
 
 
-@both_variants
+@scalar_first
 def test_spectra_of_a_loaded_scene_are_looked_at(tmp_path: Path, variant: str) -> None:
     """By its parameters: a metal that is not continued, a lamp of D65, a reflectance of 1.3; and none of them where
     the camera sees nothing of it."""
@@ -492,7 +492,7 @@ def test_lint_says_what_share_of_a_flat_spectrum_is_beyond(tmp_path: Path) -> No
     assert f"the mono pixels detect {share:.1%} of a flat spectrum beyond" in finding.what
 
 
-@both_variants
+@scalar_first
 def test_nan_in_an_environment_map_makes_a_render_unreliable(
     tmp_path: Path, variant: str
 ) -> None:

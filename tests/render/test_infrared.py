@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import (
+    both_variants,
+    scalar_first,
+    scene_text,
+    skip_unless_usable,
+    write_scene,
+)
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.infrared.materials import materials
@@ -78,7 +84,7 @@ def reflectance(text: str, nm: float = 850.0, **options: Any) -> float:
     return 0.5 * radiance(text, nm, **options) / radiance(scene(GREY), nm, **alike)
 
 
-@both_variants
+@scalar_first
 def test_leaf_green_is_held_at_its_value_at_700_nm_or_is_that_of_the_table(
     tmp_path: Path, variant: str
 ) -> None:
@@ -286,7 +292,7 @@ def black_body(variant: str, **options: Any) -> ms.Irradiance:
     return ms.render(text, SWIR, EXPOSURE, variant=variant, denoise=False, **options)
 
 
-@both_variants
+@scalar_first
 def test_a_black_body_at_1550_nm_is_plancks(variant: str) -> None:
     """A sky of 1500 K, seen through a lens of f/4 focused at infinity: E = π·B·T/(4·N²). 256 strata of 10 nm."""
     skip_unless_usable(variant)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.lens_oracle import AXIAL_IRRADIANCE, DOUBLE_GAUSS, irradiance
-from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import SKY, scalar_first, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
@@ -189,7 +189,7 @@ def test_scalar_says_that_it_is_slow(tmp_path: Path) -> None:
     assert not any("an llvm variant" in note for note in load(tmp_path, camera(3.0)).notes)
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize("lens", [{}, {"prescription": None, "distortion": [-0.2, 0, 0, 0, 0]}])
 def test_a_sensor_that_is_moved_takes_its_lens_along(
     tmp_path: Path, variant: str, lens: dict[str, Any]

@@ -19,6 +19,7 @@ from helpers.scenes import (
     SCENES,
     SKY,
     both_variants,
+    scalar_first,
     scene_text,
     skip_unless_usable,
     write_scene,
@@ -182,7 +183,7 @@ def test_a_crop_sees_the_rows_of_the_full_frame_at_their_own_times(tmp_path: Pat
     )
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize("camera", [GLOBAL, ROLLING], ids=["global", "rolling"])
 def test_motion_through_even_light_changes_nothing(
     tmp_path: Path, camera: Any, variant: str
@@ -390,7 +391,7 @@ def distance_m(scene: Scene) -> float:
     return float(np.ravel(hit.t)[0])
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_shape_moves_turns_and_comes_back(
     tmp_path: Path, kind: str, variant: str
@@ -426,7 +427,7 @@ end_header
 """
 
 
-@both_variants
+@scalar_first
 def test_a_mesh_without_normals_moves(tmp_path: Path, variant: str) -> None:
     """Its array of normals is there, and empty."""
     (tmp_path / "triangle.ply").write_text(TRIANGLE, encoding="utf-8")
@@ -442,7 +443,7 @@ def test_a_mesh_without_normals_moves(tmp_path: Path, variant: str) -> None:
     assert distance_m(scene) == pytest.approx(4, abs=1e-6)
 
 
-@both_variants
+@scalar_first
 def test_a_spot_light_moves_turns_and_comes_back(tmp_path: Path, variant: str) -> None:
     """The patch that it lights goes where it goes: out of the picture, and half a turn takes the light away from it."""
     spot = '<emitter type="spot" id="beam"><transform name="to_world"><translate z="1"/></transform></emitter>'

@@ -19,6 +19,7 @@ from helpers.scenes import (
     SKY,
     both_variants,
     read_settings,
+    scalar_first,
     scene_text,
     skip_unless_usable,
     write_scene,
@@ -73,7 +74,7 @@ def ready(variant: str) -> Any:
     return use(choose_variant(skip_unless_usable(variant)))
 
 
-@both_variants
+@scalar_first
 def test_plain_mitsuba_renders_the_two_elements_as_its_own_objects(
     tmp_path: Path, variant: str
 ) -> None:
@@ -89,7 +90,7 @@ def test_plain_mitsuba_renders_the_two_elements_as_its_own_objects(
     np.testing.assert_allclose(image.mean(axis=(0, 1)), 2e-4 * 10, rtol=0.08)
 
 
-@both_variants
+@scalar_first
 def test_a_camera_without_focus_is_a_perspective_of_the_focal_length(
     tmp_path: Path, variant: str
 ) -> None:
@@ -103,7 +104,7 @@ def test_a_camera_without_focus_is_a_perspective_of_the_focal_length(
     np.testing.assert_array_equal(ours.render(1, 16, (0, 8)), hand.render(1, 16, (0, 8)))
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize(
     ("unit", "metres"), one_in(3, [("m", 1.0), ("mm", 1e-3), ("2.5", 2.5)], several=True)
 )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.scenes import BALL, SKY, both_variants, skip_unless_usable
+from helpers.scenes import BALL, SKY, both_variants, scalar_first, skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -103,7 +103,7 @@ def frame(mi: Any, text: str, **options: Any) -> Any:
     return np.array(mi.render(mi.load_string(text), spp=16, seed=3, **options))
 
 
-@both_variants
+@scalar_first
 def test_any_sensor_of_a_scene_has_a_raw_frame(variant: str) -> None:
     """By its number, and as an object: that of a scene in which it is the only one."""
     mi = ready(variant)
@@ -116,7 +116,7 @@ def test_any_sensor_of_a_scene_has_a_raw_frame(variant: str) -> None:
     assert (frame(mi, seen_by(*TWO)) != alone).any()
 
 
-@both_variants
+@scalar_first
 def test_the_raw_frames_of_a_batch_are_side_by_side(variant: str) -> None:
     """The first is that of its sensor alone; the second shows the ball elsewhere, with temporal noise of its own."""
     mi = ready(variant)
@@ -137,7 +137,7 @@ def test_the_raw_frames_of_a_batch_are_side_by_side(variant: str) -> None:
     assert "batch of sensors has a crop" in f"{error.value} {error.value.__cause__}"
 
 
-@both_variants
+@scalar_first
 def test_aov_around_raw_frame_adds_its_channels_to_the_frame(variant: str) -> None:
     """The frame is that of raw_frame alone, and the film keeps it; the channels are those of plain Mitsuba around path
     with another film, bit for bit where all first rays are drawn before anything else (in scalar variants they are

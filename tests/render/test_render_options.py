@@ -14,7 +14,7 @@ from helpers.scenes import (
     PERSPECTIVE,
     SCENES,
     SKY,
-    both_variants,
+    scalar_first,
     scene_text,
     skip_unless_usable,
     write_scene,
@@ -88,7 +88,7 @@ def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> No
         assert found.aperture_f_number == pytest.approx(2.8, rel=1e-3)
 
 
-@both_variants
+@scalar_first
 def test_parallel_rays_have_aovs(tmp_path: Path, variant: str) -> None:
     """A wall before an orthographic sensor: one depth and one normal everywhere."""
     sensor = PERSPECTIVE.replace("perspective", "orthographic").replace(

@@ -14,7 +14,7 @@ from helpers.scenes import (
     PERSPECTIVE,
     SCENES,
     SKY,
-    both_variants,
+    scalar_first,
     scene_text,
     skip_unless_usable,
     write_scene,
@@ -41,7 +41,7 @@ ONE_BAND: dict[str, Any] = {"spp": 16, "wavelength_nm": 550, "denoise": False}
 Cli = Callable[..., Any]
 
 
-@both_variants
+@scalar_first
 def test_a_parameter_that_is_set_is_the_one_that_the_file_could_have(
     tmp_path: Path, variant: str
 ) -> None:
@@ -62,7 +62,7 @@ def test_a_parameter_that_is_set_is_the_one_that_the_file_could_have(
     assert len({*digests, found.statistics.scene_sha256}) == 3
 
 
-@both_variants
+@scalar_first
 def test_transforms_and_points_are_set_by_their_numbers(tmp_path: Path, variant: str) -> None:
     """A wall 4 m away is moved to 6 m, given as 16 numbers or as four rows of four."""
     spot = '<emitter type="point" id="bulb"><point name="position" value="0, 0, 1"/></emitter>'
@@ -141,7 +141,7 @@ def test_a_loaded_scene_is_changed_by_its_owner(tmp_path: Path) -> None:
             ms.render(loaded, TABLE1, EXPOSURE, **options, **ONE_BAND)
 
 
-@both_variants
+@scalar_first
 def test_the_pose_is_that_of_lookat_in_the_file_in_metres(tmp_path: Path, variant: str) -> None:
     """AOVs of the same pose in the file and as an option; a scene in centimetres."""
     lookat = '<transform name="to_world"><lookat origin="{}" target="{}" up="{}"/></transform>'
@@ -296,7 +296,7 @@ def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) 
 @pytest.mark.parametrize(
     "options",
     [
-        {"spp": 100, "width": 33, "spectral": "channels", "denoise": False},
+        exhaustive({"spp": 100, "width": 33, "spectral": "channels", "denoise": False}),
         {"spp": 500, "width": 21, "bandwidth_nm": 50, "denoise": True},
         exhaustive(
             {"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable
+from helpers.scenes import BALL, SCENES, SKY, scalar_first, scene_text, skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.plugins import plugin_hook
@@ -39,7 +39,7 @@ def room(mi: Any) -> dict[str, Any]:
     return scene  # type: ignore[no-any-return]
 
 
-@both_variants
+@scalar_first
 def test_path_text_and_loaded_scene_of_one_file_are_the_same_picture(variant: str) -> None:
     """Bit for bit; two digests: a loaded scene says nothing of its file."""
     mi = ready(variant)
@@ -54,7 +54,7 @@ def test_path_text_and_loaded_scene_of_one_file_are_the_same_picture(variant: st
     np.testing.assert_array_equal(built.standard_error, path.standard_error)
 
 
-@both_variants
+@scalar_first
 def test_a_dict_and_what_mitsuba_loads_of_it_are_the_same_picture(variant: str) -> None:
     mi = ready(variant)
     given = ms.render(room(mi), CAMERA, EXPOSURE, **OPTIONS)
