@@ -37,6 +37,7 @@ from mitsuba_sensor.output.exr import read_irradiance_exr
 from mitsuba_sensor.render.motion.motion import KeyPose
 
 Floats = NDArray[np.float64]
+EXPORTS_PAGE = Path(__file__).parents[2] / "docs/dataset-exports.md"
 MOST_PX, MOST_M = 0.002, 2e-6
 """Of a surface point beside its pixel, and beside where depth and pose have it: positions are float32."""
 
@@ -77,6 +78,59 @@ def test_hugging_face_reads_the_bits_of_every_frame(
             assert json.loads(row["sample_json"]) == sample.facts
             if "pose" in sample.values:
                 assert row["pose"] == json.loads(json.dumps(sample.values["pose"]))
+
+
+IN_SHARDS = """name = "mixed"
+outputs = ["raw", "clean", "companded"]
+render = { width = 8, spp = 2, denoise = false }
+scenes = [{ name = "Kiste", file = "perspective.xml" }]
+cameras = [{ camera = "konnik_table1" }, { camera = "sony_imx490" }]
+grid = { exposure_s = ["auto", 0.05], repetition = [0, 1] }
+store = { shard_samples = 4 }
+"""
+
+
+@pytest.fixture(scope="module")
+def in_shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made_dataset(tmp_path_factory.mktemp("shards"), IN_SHARDS)
+
+
+@pytest.mark.exhaustive
+def test_hugging_face_reads_the_shards_of_a_dataset_whose_samples_differ(
+    in_shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As docs/dataset-exports.md says: without features it does not."""
+    library = pytest.importorskip("datasets")
+    monkeypatch.setattr(library.config, "HF_HUB_OFFLINE", True)
+    samples = ms.Dataset(in_shards)
+    files = sorted(map(str, (in_shards / "shards").glob("*.tar")))
+    code = re.search(r"```\n(from datasets.*?)```", EXPORTS_PAGE.read_text("utf-8"), re.S)
+    assert code is not None and len(files) == 2
+    text = code[1].replace('"pairs/shards/*.tar"', f'{files}, cache_dir="{tmp_path}/cache"')
+    names: dict[str, Any] = {}
+    exec(text.replace('"frame.png"', '"companded.tiff"'), names)
+    assert len(names["rows"]) == len(samples) == 8
+    for row, sample in zip(names["rows"], samples, strict=True):
+        np.testing.assert_array_equal(np.array(row["frame.tiff"]), sample.read("raw")[0])
+        np.testing.assert_array_equal(np.array(row["clean.tiff"]), sample.read("clean"))
+        for name in ("key", "values", "seeds", "image"):
+            assert row["sample.json"][name] == sample.facts[name]
+        assert (row["companded.tiff"] is None) == (sample.values["camera"] == "konnik_table1")
+    arrow = pytest.importorskip("pyarrow")
+    with pytest.raises(arrow.ArrowTypeError, match=r"exposure_s has incompatible types"):
+        library.load_dataset(
+            "webdataset", data_files=files, split="train", cache_dir=f"{tmp_path}/again"
+        )
+
+
+@pytest.mark.exhaustive
+def test_shards_are_webdatasets_unless_others_are_asked_for(
+    in_shards: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(ms.InputError, match=r"give its readers .*made/shards/\*\.tar; --array"):
+        export(in_shards, "webdataset", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    assert export(in_shards, "webdataset", tmp_path / "out", arrays=["raw"]).samples == 8
 
 
 def test_parquet_shards_are_bounded_and_keep_the_order(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from .opencv import write_opencv
 from .parquet import write_parquet
 from .ros import write_ros
 from .summary import summary
-from .webdataset import write_shards
+from .webdataset import refuse_own_shards, write_shards
 
 
 class Exported(NamedTuple):
@@ -107,6 +107,8 @@ def export(
         raise InputError(
             f"{dataset.folder} is in an object store; an export reads a folder of this machine: copy it first."
         )
+    if format == "webdataset":
+        refuse_own_shards(dataset, options)
     if Path(out).absolute().is_relative_to(dataset.folder.absolute()):
         raise InputError(f"{out} is in the dataset itself; give a folder elsewhere.")
     missing = missing_samples(dataset.folder)

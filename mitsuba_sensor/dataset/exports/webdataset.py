@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...core import InputError
 from ...files.tar_shards import TarShards, npy
+from ..options import ExportOptions
 from ..read.previews import PICTURE
-from ..read.reader import Sample
+from ..read.reader import Dataset, Sample
 from ..store.entry_files import checked
+from ..store.record import SHARDS
 from .job import Job, checked_array
 
 HOW = """import webdataset as wds
@@ -17,6 +20,20 @@ samples = wds.WebDataset("{shards}", shardshuffle=False).decode()
 for sample in samples:
     print(sample["__key__"], {names}, sample["json"]["values"])
 """
+OF_OTHER_SHARDS = ("split", "arrays", "shard_mb")
+"""Options that ask for other shards than a dataset in shards has."""
+
+
+def refuse_own_shards(dataset: Dataset, options: ExportOptions) -> None:
+    """Raise InputError for a dataset whose own shards are WebDataset's already, unless options ask for others, or it
+    has splits, which are to be apart."""
+    asks = any(options.get(name) is not None for name in OF_OTHER_SHARDS)
+    if asks or dataset.splits != [""] or dataset.lines[0].place is None:
+        return
+    raise InputError(
+        f"{dataset.folder} is in shards, which are in WebDataset's layout: give its readers "
+        f"{dataset.folder}/{SHARDS}/*.tar; --array raw or --shard-mb 500 write others."
+    )
 
 
 def write_shards(job: Job) -> str:
