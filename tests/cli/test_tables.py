@@ -260,14 +260,14 @@ def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(
             progress(RenderProgress(1, 10, seconds=20.0, seconds_left=80.0, frame=5))
             all_s = 80 + frames_left * 100
             assert (
-                f"about {all_s} s left" if all_s <= 90 else f"about {all_s / 60:.0f} min left"
+                f"about {all_s} s left" if all_s <= 90 else f"about {all_s / 60:.1f} min left"
             ) in drawn(bar)
             now[0] += 40
             left_s = all_s - 40
             assert (
                 f"about {left_s} s left"
                 if left_s <= 90
-                else f"about {left_s / 60:.0f} min left"
+                else f"about {left_s / 60:.1f} min left"
             ) in drawn(bar)
             assert f"{100 * 40 / all_s:.0f} %" in drawn(bar)
 

@@ -66,6 +66,15 @@ def test_a_line_is_written_every_ten_seconds_and_none_before(clock: Clock) -> No
     assert said[0] == "loading the scene: 10 s so far"
 
 
+def test_no_two_lines_of_an_hour_are_the_same(clock: Clock) -> None:
+    said: list[str] = []
+    lines = ProgressLines(said.append, "rendering", clock)
+    for _ in range(360):
+        clock.now += 10
+        lines.tick()
+    assert len({*said}) == len(said) == 360
+
+
 def test_a_line_says_what_is_done_the_share_and_the_time_left(clock: Clock) -> None:
     said: list[str] = []
     lines = ProgressLines(said.append, "loading the scene", clock)
@@ -250,7 +259,7 @@ def test_every_command_says_how_far_it_is_where_no_terminal_is(
             samples(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
             said = line()
             assert said.startswith("25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %")
-            assert said.endswith("about 2 min left")
+            assert said.endswith("about 2.3 min left")
         assert line().startswith("working")
     assert CommandLines.running is None
 
@@ -262,7 +271,7 @@ def test_a_dataset_that_is_made_in_python_says_how_far_it_is(
         clock.now += 10
         tell(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
         assert written == [
-            "dataset run: 25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 10 s so far, about 2 min left"
+            "dataset run: 25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 10 s so far, about 2.5 min left"
         ]
     with shown_run(False) as tell:
         clock.now += 10
