@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+://.+")
 READ_AHEAD = 2**20
 """Bytes that are asked for at once where it is not known how many are read."""
+PACKAGES = "`pip install 'mitsuba-sensor[s3]'` is for S3, other stores need the package that is named here."
 LOCAL = "file", "local"
 """Protocols of files of this machine, which fsspec writes in their place, byte by byte."""
 
@@ -102,11 +103,19 @@ class Objects:
             from fsspec.core import url_to_fs
 
             yield url_to_fs(self.address)
-        except Exception as error:  # each store has errors of its own
-            said = " ".join(str(error).split()) or type(error).__name__
+        except ImportError as error:
             raise InputError(
-                f"{self.address} cannot {what}: {said}; check the address and how you are known there."
+                f"{self.address} cannot {what}: {_told(error)}; {PACKAGES}"
             ) from error
+        except Exception as error:  # each store has errors of its own
+            raise InputError(
+                f"{self.address} cannot {what}: {_told(error)}; check the address and how you are known there."
+            ) from error
+
+
+def _told(error: Exception) -> str:
+    """What an error says, on one line."""
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
 
 
 def _put_here(file: Path, place: Path) -> None:

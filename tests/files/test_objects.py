@@ -115,3 +115,15 @@ def test_addresses_are_told_from_paths() -> None:
         os.sep,
     ):
         assert not is_address(path)
+
+
+def test_a_store_whose_package_is_not_there_is_a_sentence_with_the_way_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def url_to_fs(address: str) -> None:
+        raise ImportError("Install s3fs to access S3")
+
+    monkeypatch.setattr("fsspec.core.url_to_fs", url_to_fs)
+    with pytest.raises(InputError, match="Install s3fs to access S3") as raised:
+        Objects("s3://bucket/pairs").sizes()
+    assert "`pip install 'mitsuba-sensor[s3]'`" in str(raised.value)
