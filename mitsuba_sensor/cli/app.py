@@ -77,6 +77,7 @@ OTHERWISE = {
     "exposure": "write --exposure-s, in seconds",
     "temperature": "write --temperature-k, in kelvin",
     "output": "write -o",
+    "help-all": "--help shows all options of this command",
 }
 """Options that people expect, and what to write."""
 
@@ -189,7 +190,7 @@ def show(what: object, as_json: bool) -> None:
     elif isinstance(what, str):
         typer.echo(printable(what, keep="\n\t"))
     else:
-        out.print(what, highlight=False)
+        out.print(what, highlight=False, crop=False)
 
 
 def show_remarks(as_json: bool, remarks: Iterable[str]) -> None:

@@ -7,7 +7,7 @@ from rich.text import Text
 
 from ..dataset.store.keys import Facts
 from .tables import number
-from .terminal import fact
+from .terminal import fact, path_fact
 
 
 def sample_sheet(facts: Facts, said_of_picture: str) -> RenderableType:
@@ -22,13 +22,13 @@ def sample_sheet(facts: Facts, said_of_picture: str) -> RenderableType:
     files = [f"{name} ({size / 1e3:.3g} kB)" for name, size in facts["files"].items()]
     lines = [
         Text(head, style="bold"),
-        fact("folder", facts["folder"]),
+        path_fact("folder", facts["folder"]),
         fact("settings", ", ".join(settings)),
         fact("image", _image(facts["image"])),
         fact("signal", _signal(facts)),
         fact("noise", _noise(facts["noise"])),
         fact("files", ", ".join(files)),
-        fact("picture", said_of_picture),
+        path_fact("picture", said_of_picture),
     ]
     return Group(*lines)
 

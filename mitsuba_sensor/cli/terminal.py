@@ -337,3 +337,10 @@ def pictures_of(report: Report) -> Iterator[Text]:
 def fact(name: str, text: str) -> Text:
     """A line: what it is about, and what is said of it."""
     return Text.assemble((f"{name}: ", "bold"), said_here(text))
+
+
+def path_fact(name: str, path: str) -> Text:
+    """A line with a path, which is not broken, so that it can be copied and searched for."""
+    line = fact(name, path)
+    line.no_wrap, line.overflow = True, "ignore"
+    return line

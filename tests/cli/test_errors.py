@@ -45,6 +45,10 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         ("expose", "LIGHT", "-o", "OUT", "--spp", "10"),
         "`render` has it",
     ),
+    "all options of a command that has few": (
+        ("cameras", "new", "--help-all"),
+        "--help shows all options of this command",
+    ),
     "height": (("render", "SCENE", "-o", "OUT", "--height", "9"), "--width alone"),
     "light in place of a scene": (("render", "LIGHT", "-o", "OUT"), "`mitsuba-sensor expose`"),
     "scene in place of light": (

@@ -73,6 +73,16 @@ def test_a_key_that_begins_as_several_do_is_a_sentence(
     assert code == 2 and "6 samples have keys that begin with ''" in text
 
 
+def test_paths_are_whole_lines_in_a_narrow_terminal(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    lines = CliRunner().invoke(cli.app, ["dataset", "show", str(made), "4"]).stdout.splitlines()
+    sample = ms.Dataset(made)[4]
+    assert f"folder: {sample.folder}" in lines
+    assert f"picture: {sample.folder / 'frame.png'}" in lines
+
+
 def test_the_numbers_are_those_of_the_sample(made: Path) -> None:
     found, sample = facts_of(str(made), "4"), ms.Dataset(made)[4]
     camera = ms.load_camera("konnik_table1")
@@ -94,11 +104,35 @@ def test_a_picture_that_is_not_stored_is_written_on_request(made: Path, tmp_path
     stored = ms.Dataset(made)[4].read("preview")
     (ms.Dataset(copy)[4].folder / "frame.png").unlink()
     place = tmp_path / "four.png"
-    assert "none is stored; --picture FILE.png writes one" in shown(str(copy), "4")[1]
+    assert (
+        "picture: in no file of its own; --picture FILE.png writes one"
+        in shown(str(copy), "4")[1]
+    )
     assert shown(str(copy), "4", "--open")[0] == 2
     assert facts_of(str(copy), "4", "--picture", str(place))["picture"] == str(place)
     with Image.open(place) as picture:
         np.testing.assert_array_equal(np.asarray(picture), stored)
+
+
+def test_of_a_sample_in_a_shard_the_shard_is_named_and_its_picture_is_written_on_request(
+    tmp_path: Path,
+) -> None:
+    file, place = tmp_path / "shown.toml", tmp_path / "four.png"
+    file.write_text("store = { shard_samples = 3 }" + TEXT)
+    make_dataset(file, tmp_path / "out", roots=[SCENES.parent], workers=0)
+    sample, found = ms.Dataset(tmp_path / "out")[4], facts_of(str(tmp_path / "out"), "4")
+    assert found["folder"].startswith(f"{tmp_path / 'out' / 'shards'}/000001-")
+    assert found["folder"].endswith(")") and found["picture"] is None
+    with pytest.raises(
+        ms.InputError, match=r"there is no .*\.tar: aovs\.exr; name what depth_m"
+    ):
+        sample.read("depth_m")
+    assert found["files"]["frame.png"] == len(sample.files.content("frame.png"))
+    code, text = shown(str(tmp_path / "out"), "4", "--open")
+    assert code == 2 and "--picture FILE.png writes one" in text
+    facts_of(str(tmp_path / "out"), "4", "--picture", str(place))
+    with Image.open(place) as picture:
+        np.testing.assert_array_equal(np.asarray(picture), sample.read("preview"))
 
 
 def test_a_picture_is_opened_and_its_path_said_where_nothing_can(

@@ -11,6 +11,7 @@ from ...camera.camera_file import camera_from
 from ...camera.figures import figures_if_any
 from ...core import InputError
 from ..index.index import opened
+from ..store.entry_files import EntryFiles, FolderFiles
 from ..store.keys import Facts
 from ..store.names import PARTS
 from .previews import PICTURE
@@ -57,23 +58,27 @@ def _places(dataset: Dataset, column: str, beginning: str) -> list[int]:
 def facts_shown(dataset: Dataset, number: int, sample: Sample) -> Facts:
     """What is said of a sample, ready for JSON. Raises InputError for one that is not as it was written."""
     facts, files = sample.facts, sample.files
-    picture = None
-    if files.has(PICTURE):
-        picture = files.place(PICTURE)
     return {
         "number": number,
         "samples": len(dataset),
         "key": sample.key,
         "split": sample.split,
-        "folder": files.place("").rstrip("/"),
+        "folder": files.place("").rstrip("/: "),
         "settings": dict(sample.values),
         "image": facts["image"],
         "noise": _noise(sample),
         "digital_quantiles_dn": facts["digital_quantiles_dn"],
         "electrons_quantiles_e": facts["electrons_quantiles_e"],
         "files": files.sizes(),
-        "picture": picture,
+        "picture": _picture_path(files),
     }
+
+
+def _picture_path(files: EntryFiles) -> str | None:
+    """The path of the stored picture; None where none is stored, or in a shard."""
+    if isinstance(files, FolderFiles) and files.has(PICTURE):
+        return files.place(PICTURE)
+    return None
 
 
 def _noise(sample: Sample) -> Facts:

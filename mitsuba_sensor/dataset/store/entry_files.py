@@ -125,6 +125,8 @@ class ShardFiles:
 
     def place(self, name: str) -> str:
         """The shard, and where the sample starts in it."""
+        if self.offset is None:
+            return f"{self.path}: {name}"
         return f"{self.path} (sample at byte {self.offset}): {name}"
 
     @property
