@@ -272,7 +272,7 @@ def test_the_card_says_what_is_in_the_dataset(made: Path, tmp_path: Path) -> Non
     )
     assert f"| bytes of the dataset | {total:,} |".replace(",", " ") in text
     raw = [one.read("raw") for one in samples if one.values["camera"] == "bayer_2mp"]
-    lowest, highest = (f"{x:.5g}" for x in (np.min(raw), np.max(raw)))
+    lowest, highest = (f"{x:,}".replace(",", " ") for x in (np.min(raw), np.max(raw)))
     row = next(
         line
         for line in text.splitlines()
@@ -295,6 +295,13 @@ def test_a_card_without_pictures_or_numbers_has_no_empty_parts() -> None:
         and "| – |" in text
         and "ask who made it" in text
     )
+
+
+def test_numbers_of_a_card_have_their_thousands_apart_and_no_exponent() -> None:
+    values = [154_620.3, 4095.0, 1234.56, 999.5, 0.125]
+    numbers = CameraNumbers("camera", "–", 1, {"": [None] * 5}, values, values)
+    text = card_text(CardFacts("name", "", "", {"samples": 1}, [numbers], {}))
+    assert "| 154 620 | 4 095 | 1 234.6 | 999.5 | 0.125 |" in text and "e+" not in text
 
 
 def test_batches_are_every_sample_once_in_an_order_of_each_epoch(made: Path) -> None:

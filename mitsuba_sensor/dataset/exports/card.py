@@ -147,11 +147,13 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -
 
 
 def _cell(value: str | float | None) -> str:
-    """Numbers to five digits; text without what would end the cell."""
+    """Numbers to five digits or whole, thousands apart; text without what would end the cell."""
     if value is None:
         return "–"
     if isinstance(value, str):
         return " ".join(value.split()).replace("|", "\\|")
-    if isinstance(value, int):
-        return f"{value:,}".replace(",", " ")
+    if isinstance(value, int) or 1e4 <= abs(value) < 1e9:
+        return f"{value:,.0f}".replace(",", " ")
+    if 1e3 <= abs(value) < 1e4:
+        return f"{value:,.1f}".replace(",", " ").removesuffix(".0")
     return f"{value:.5g}"
