@@ -49,7 +49,7 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
             f"no camera has {' '.join(search or ())!r} in name or description; `cameras list` has all of them."
         )
     known = [ms.load_camera(name) for name in names]
-    table = FittedTable(("camera", "technology", "pixels", "gains or read-outs", "what it is"))
+    table = FittedTable(("camera", "type", "pixels", "gains or read-outs", "what it is"))
     for one in known:
         size = f"{one.sensor.columns} × {one.sensor.rows}"
         gains = _gain_range(one)
@@ -57,6 +57,7 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
     found = list[dict[str, object]]()
     for one in known:
         facts: dict[str, object] = {"name": one.name, "description": one.description}
+        facts |= one.sensor.model_dump(include={"technology", "columns", "rows"})
         facts["gains"] = [setting.label for setting in one.gains]
         facts["readouts"] = [readout.name for readout in one.readouts]
         found.append(facts)

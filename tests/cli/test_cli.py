@@ -377,9 +377,12 @@ def test_cameras_list_and_show_tell_where_every_number_comes_from(
         shown = json.loads(cli("cameras", "show", name, "--json").stdout)
         assert shown["name"] == name and shown["sources"]
         assert "adc.bits" in cli("cameras", "show", name).stdout
-    assert [
-        one["name"] for one in json.loads(cli("cameras", "list", "--json").stdout)
-    ] == ms.list_cameras()
+    listed = json.loads(cli("cameras", "list", "--json").stdout)
+    assert [one["name"] for one in listed] == ms.list_cameras()
+    for one in listed:
+        sensor = ms.load_camera(one["name"]).sensor
+        size = one["technology"], one["columns"], one["rows"]
+        assert size == (sensor.technology, sensor.columns, sensor.rows)
 
 
 def test_the_lenses_that_come_along_are_listed_with_their_source(
