@@ -36,7 +36,8 @@ def unused_note(names: Iterable[str], of_scene: Camera, given: Camera) -> list[s
     if not unused:
         return []
     return [
-        f"not used of the scene: {', '.join(unused)}; {given.name} was named, and a named camera is as its file says"
+        f"not used of the scene: {', '.join(unused)}; the camera {given.name} was named, and a named camera is as its "
+        "file says"
     ]
 
 

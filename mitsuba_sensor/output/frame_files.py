@@ -132,9 +132,17 @@ def write_frames(
     factor = metadata["summary"]["brightened"]
     if factor > 1:
         shown = developed(first, camera, matrix, factor, origin)
-        caption = f"{factor} x brighter than exposed ({math.log2(factor):.0f} stops)"
-        png.write_png(folder / BRIGHTENED, png.captioned(shown, caption), image)
+        png.write_png(
+            folder / BRIGHTENED, png.captioned(shown, brightened_caption(factor)), image
+        )
     texts.write_json(folder / "frame.json", metadata)
+
+
+def brightened_caption(factor: int) -> str:
+    """What stands below a picture that is shown brighter.  factor : a power of two."""
+    stops = round(math.log2(factor))
+    unit = "stop" if stops == 1 else "stops"
+    return f"{factor} x brighter than exposed ({stops} {unit})"
 
 
 def frames_html(frames: Frames) -> str:

@@ -14,6 +14,7 @@ from mitsuba_sensor.camera.colour_matrix import colour_matrix
 from mitsuba_sensor.camera.figures import saturation_dn
 from mitsuba_sensor.optics.spectra import srgb_curve
 from mitsuba_sensor.output.demosaic import bilinear, demosaic, demosaic_bayer
+from mitsuba_sensor.output.frame_files import brightened_caption
 from mitsuba_sensor.output.preview import preview
 from mitsuba_sensor.stages.chain import black_level_dn
 from mitsuba_sensor.stages.gains import full_scale_v
@@ -202,3 +203,8 @@ def test_a_full_well_below_the_highest_code_has_no_colour_either() -> None:
     assert 0.75 < raw[0, 0] / 2**camera.adc.bits < 0.85
     shown = preview(raw, camera).astype(int)
     assert np.ptp(shown, axis=-1).max() == 0
+
+
+def test_a_caption_says_one_stop_and_several_stops() -> None:
+    assert brightened_caption(2) == "2 x brighter than exposed (1 stop)"
+    assert brightened_caption(16) == "16 x brighter than exposed (4 stops)"
