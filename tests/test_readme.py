@@ -151,6 +151,11 @@ def test_the_readme_is_read_in_a_few_minutes() -> None:
     assert len(README.splitlines()) <= 90
 
 
+@pytest.mark.parametrize("page", ["datasets", "many-machines", "training", "sheet", "lab"])
+def test_the_readme_leads_to_the_pages_of_data_and_laboratory(page: str) -> None:
+    assert f"(docs/{page}.md)" in README
+
+
 def test_the_readme_says_what_the_commands_cost() -> None:
     """Size of the download and of what it becomes, seconds and minutes, number of processors."""
     for said in (
