@@ -40,14 +40,14 @@ COUNTED = ("scene", "renders", "samples")
 MEASURED = ("render [s]", "sample [s]", "sample [MB]", "render noise")
 """Headings of a plan; the second ones where a short render was made."""
 NOT_DENOISED = (
-    "Renders are not denoised: what a denoiser leaves is alike in neighbouring pixels, which training could learn. "
-    "`denoise = true` in `[render]` of the dataset file denoises them."
+    "Renders are not denoised unless `[render]` has `denoise = true`: what a denoiser leaves is alike in neighbouring "
+    "pixels, which training could learn."
 )
 
 dataset = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    help="Raw frames by the thousand, with the same frames without noise, depth and normals, from one TOML file.\n\n"
+    help="Raw frames by the thousand, each with its clean frame, depth and normals, from one TOML file.\n\n"
     "A run that was stopped, killed or out of disk goes on when the same command is given again. Exit code 1: some "
     "samples could not be made, or are not as they were written; 3: the disk is full.",
 )
@@ -158,8 +158,8 @@ def plan_command(
 ) -> None:
     """Say how many renders and samples a dataset has, and what disk and time it will take. Writes nothing.
 
-    Values, cameras and files of every sample are checked; a scene is loaded for its short render on this machine, of
-    which time and bytes are.
+    Values, cameras and files of every sample are checked; a short render of each scene on this machine tells the time
+    and the bytes.
     """
     from ..dataset.plan.planned import load_plan
     from ..dataset.run.engine import usual_workers
@@ -198,8 +198,8 @@ def show_command(
         write_png(Path(picture), found.read("preview"))
         facts["picture"] = picture
     if opens and facts["picture"] is None:
-        raise InputError(f"the picture of this sample is not stored; {WRITE_ONE}.")
-    said = facts["picture"] or f"none is stored; {WRITE_ONE}"
+        raise InputError(f"this sample has no picture in a file of its own; {WRITE_ONE}.")
+    said = facts["picture"] or f"in no file of its own; {WRITE_ONE}"
     show(facts if as_json else sample_sheet(facts, said), as_json)
     if opens and typer.launch(facts["picture"]) != 0:
         err.print(f"no program here shows pictures; the picture is {facts['picture']}")
@@ -309,7 +309,7 @@ def export_command(
             folder,
             format,
             out_dir,
-            progress=lambda done, total: now(done, total, "exported"),
+            progress=lambda done, total: now(done, total, "steps of the export"),
             **flags,
         )
     found = {**exported._asdict(), "format": format, "folder": out_dir}
@@ -327,16 +327,16 @@ def push_command(
 ) -> None:
     """Put a dataset of shards into an object store, S3 for example; only what is not there yet is uploaded.
 
-    A dataset may still grow: push it again. ms.Dataset("s3://bucket/pairs") reads what is there, at any time. How you
-    are known to a store is set as for its own programs, for S3 by AWS_PROFILE or AWS_ACCESS_KEY_ID.
+    Of a dataset that is not complete yet: push it again later. ms.Dataset("s3://bucket/pairs") reads what is there.
+    How you are known to a store is set as for its own programs, for S3 by AWS_PROFILE or AWS_ACCESS_KEY_ID.
     """
     from ..dataset.index.push import push
 
     with steps_bar(err) as now:
         found = push(Path(folder), address, lambda done, total: now(done, total, "uploaded"))
     said = (
-        f"{address}: {found.files} shards and parts of the index uploaded, {found.bytes / 1e6:.3g} MB; {found.there} "
-        "were there already"
+        f"{address}: {found.files} shards and parts of the index uploaded, {found.there} were there already; "
+        f"with record and pages {found.bytes / 1e6:.3g} MB uploaded"
     )
     show(asdict(found) if as_json else said, as_json)
 

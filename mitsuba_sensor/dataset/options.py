@@ -77,7 +77,7 @@ class RunOptions(TypedDict, total=False):
     shard: Annotated[
         tuple[int, int] | None,
         Option(
-            "Make the i-th of n parts only: n machines without an engine make all of it.",
+            "Make the i-th of n equal parts only, in this process: n machines then need no scheduler.",
             check=checked_shard,
             metavar="i/n",
             panel=ENGINE,

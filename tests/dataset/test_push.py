@@ -180,10 +180,13 @@ def test_a_changed_shard_is_not_uploaded(folder: Path, tmp_path: Path) -> None:
     assert (Objects(address) / "shards").sizes() == {}
 
 
-def test_another_dataset_is_not_mixed_into_one_that_is_there(
-    folder: Path, tmp_path: Path, address: str
+@pytest.mark.parametrize(
+    "was, becomes", [('"pushed"', '"other"'), ("[0.01, 0.1]", "[0.01, 0.1, 1.0]")]
+)
+def test_another_dataset_or_file_that_has_grown_is_not_mixed_into_one_that_is_there(
+    folder: Path, tmp_path: Path, address: str, was: str, becomes: str
 ) -> None:
-    (tmp_path / "other.toml").write_text(FILE.replace('"pushed"', '"other"'))
+    (tmp_path / "other.toml").write_text(FILE.replace(was, becomes))
     plan = load_plan(tmp_path / "other.toml")
     run(plan, tmp_path / "other", workers=0, shard=(1, 12), progress=False)
     push(folder, address)
