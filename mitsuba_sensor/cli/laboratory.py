@@ -111,7 +111,7 @@ def characterize(**flags: Flag) -> None:
         made = _of_files(flags, asked)
     else:
         made = _of_simulation(flags, asked)
-    with output_folder(folder, (PAGE, REPORT)) as scratch:
+    with steps_bar(err, "drawing the page"), output_folder(folder, (PAGE, REPORT)) as scratch:
         texts.write_page(scratch / PAGE, html(made))
         texts.write_json(scratch / REPORT, made.to_dict())
     show(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
 from astropy.io import fits
+from matplotlib.figure import Figure
 from PIL import Image, TiffImagePlugin
 
 import mitsuba_sensor as ms
@@ -246,3 +248,51 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
         ms.InputError, match=r"z.jpg is of a format that is not read; give one of .tif"
     ):
         read_raw(tmp_path / "z.jpg")
+
+
+def flat_fields(folder: Path, names: list[str]) -> None:
+    """Bias, dark and flat fields of equal exposure, each level of light in files called by one of the names."""
+    rng = np.random.default_rng(7)
+    for name, electrons in (
+        ("bias/a", 0),
+        ("dark/a", 0),
+        *zip(names, (1e3, 2e3, 4e3), strict=True),
+    ):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        for number in range(2):
+            frame = np.rint(
+                100 + 0.1 * rng.poisson(electrons, (64, 64)) + rng.normal(0, 2, (64, 64))
+            )
+            header = fits.Header({"EXPTIME": 0.1})
+            fits.writeto(folder / f"{name}_{number}.fits", frame.astype(np.uint16), header)
+
+
+def test_folders_of_flat_fields_of_equal_exposure_are_levels_of_light(tmp_path: Path) -> None:
+    flat_fields(tmp_path, ["flat_1/a", "flat_2/a", "flat_3/a"])
+    bench = read_bench(tmp_path)
+    means = sorted(float(flat.frames.mean()) for flat in bench.flats)
+    assert means == pytest.approx([200, 300, 500], abs=1)
+    assert [len(flat.frames) for flat in bench.flats] == [2, 2, 2]
+
+
+def test_levels_of_light_in_one_folder_are_told_apart_by_the_user(tmp_path: Path) -> None:
+    flat_fields(tmp_path, ["flat/1", "flat/2", "flat/3"])
+    with pytest.raises(
+        ms.InputError, match=r"6 frames .* means from 200 to 500 DN.*folder of its own"
+    ):
+        read_bench(tmp_path)
+
+
+def test_pictures_of_flat_fields_that_show_nothing_are_drawn_all_the_same() -> None:
+    """One level: no K, so that the signal-to-noise ratio has no number above 0 on its logarithmic axes."""
+    frames = ms.expose(np.full((40, 48), 5000.0), "konnik_table1", frames=4).digital
+    dark = ms.expose(np.zeros((40, 48)), "konnik_table1", frames=4, seed=2).digital
+    stack = ms.lab.Stack
+    (measured,) = ms.lab.measure_bench(
+        ms.lab.Bench(darks=(stack(dark, 0.1),), flats=(stack(frames, 0.1),))
+    )
+    assert np.isnan(measured.figures["K"].value)
+    for draw in measured.drawings.values():
+        figure = Figure()
+        draw(figure.subplots())
+        figure.savefig(BytesIO())

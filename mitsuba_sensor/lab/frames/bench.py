@@ -15,7 +15,7 @@ A manifest says so in a few lines, in ``bench.toml`` beside the files::
 
 Without one, the kind is that with which the name of the file or of its folder begins, or that of a FITS header;
 exposure and gain are those of the metadata; files of equal kind, size, exposure, gain and temperature (within 1 K) are
-one stack.
+one stack, flat fields and scenes those of one folder.
 """
 
 from __future__ import annotations
@@ -52,6 +52,10 @@ from .stack import Stack
 
 SAME_TEMPERATURE_K = 1.0
 """Temperatures of metadata that differ by no more are taken as one: dark current differs by a tenth or less."""
+MOST_DRIFT = 1.5
+"""Mean of the brightest frame of a flat field over that of the darkest one, from which on the light is not one."""
+SEEN = 64
+"""Rows and columns, at most, that tell whether frames have the same light."""
 SHORT_S = 1e-5
 """Longest exposure of a bench [s] below which its unit is likely to be another."""
 
@@ -297,7 +301,7 @@ def _known_kind(raw: RawFile) -> Kind | None:
 def _stacks(
     frame_files: list[_FrameFile], facts: Mapping[str, Any]
 ) -> Iterator[tuple[Kind, Stack]]:
-    """One stack of each group of the manifest; without a manifest, one of equal kind, size and settings.
+    """One stack of each group of the manifest; without a manifest, one of equal group, size and settings.
 
     The list of files is emptied, so that each file's frames are let go when they are joined to a stack.
     """
@@ -306,10 +310,13 @@ def _stacks(
         file = frame_files.pop(0)
         key: object = file.group.where
         if not facts:
-            key = file.kind, file.raw.frames.shape[1:], file.settings
+            key = file.kind, file.group.where, file.raw.frames.shape[1:], file.settings
         together.setdefault(key, []).append(file)
     for alike in together.values():
-        yield alike[0].kind, _stack(alike, facts)
+        kind, stack = alike[0].kind, _stack(alike, facts)
+        if kind == "flat":
+            _require_equal_light(stack)
+        yield kind, stack
 
 
 def _stack(files: list[_FrameFile], facts: Mapping[str, Any]) -> Stack:
@@ -327,6 +334,19 @@ def _stack(files: list[_FrameFile], facts: Mapping[str, Any]) -> Stack:
     if len(files) > 1:
         source = f"{first.file} … {last.file.name}"
     return Stack(_join(files), exposure_s, photons, temperature_k, gain, bits, tile, source)
+
+
+def _require_equal_light(flat: Stack) -> None:
+    """Raises InputError where frames of a flat field have different light, by some pixels of every part of them."""
+    _, rows, columns = flat.frames.shape
+    some = flat.frames[:, :: -(-rows // SEEN), :: -(-columns // SEEN)]
+    means = some.mean(axis=(1, 2), dtype=float)
+    if means.max() > MOST_DRIFT * means.min():
+        raise InputError(
+            f"{flat.source}: the {len(means)} frames of this flat field have means from {means.min():.4g} to "
+            f"{means.max():.4g} DN, of several levels of light; put each level into a folder of its own (flat_1/, "
+            f"flat_2/, …), or {WAY_OUT}, with a [[stack]] for each level."
+        )
 
 
 def _require_alike(first: _FrameFile, other: _FrameFile) -> None:

@@ -16,6 +16,8 @@ from ...files.texts import read_toml
 
 Kind: TypeAlias = Literal["bias", "dark", "flat", "scene"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+OF_LIGHT = "flat", "scene"
+"""Kinds of which frames of equal settings may have other light."""
 MANIFEST = "bench.toml"
 OWN_RAW, OWN_METADATA = "frame.tiff", ("frame.json", "sample.json")
 Check: TypeAlias = tuple[Callable[[Any], bool], str]
@@ -139,18 +141,25 @@ def groups(facts: Mapping[str, Any], manifest: Path) -> list[Group]:
 def groups_of_names(folder: Path) -> list[Group]:
     """The files of each kind that a file's name or that of its folder says, None where neither says one.
 
-    Beside a frame.json or sample.json of this package frame.tiff is the only raw file.
+    Bias and dark frames of all folders are one group; each folder of flat fields or of a scene is one of its own,
+    because the light of another may be another. Beside a frame.json or sample.json of this package frame.tiff is the
+    only raw file.
     """
     files = sorted(filter(_is_raw_frame, folder.rglob("*")))
     if not files:
         raise InputError(
             f"{folder} holds no raw frames ({', '.join(RAW_FORMATS)}); give a folder that does."
         )
-    files_of_kind: dict[Kind | None, list[Path]] = {}
+    groups: dict[tuple[Kind | None, Path], list[Path]] = {}
     for file in files:
-        kind = _kind_by_name(Path(folder.resolve().name) / file.relative_to(folder))
-        files_of_kind.setdefault(kind, []).append(file)
-    return [Group(str(folder), alike, kind, {}) for kind, alike in files_of_kind.items()]
+        kind, place = _kind_by_name(Path(folder.resolve().name) / file.relative_to(folder))
+        if kind not in OF_LIGHT:
+            place = Path()
+        groups.setdefault((kind, place), []).append(file)
+    return [
+        Group(str(folder.parent / place), alike, kind, {})
+        for (kind, place), alike in groups.items()
+    ]
 
 
 def _is_raw_frame(path: Path) -> bool:
@@ -160,10 +169,12 @@ def _is_raw_frame(path: Path) -> bool:
     return path.name == OWN_RAW or not any(path.with_name(x).exists() for x in OWN_METADATA)
 
 
-def _kind_by_name(path: Path) -> Kind | None:
-    """The kind with which the name of a file begins, or that of the nearest folder around it."""
-    for name in reversed(path.parts):
+def _kind_by_name(path: Path) -> tuple[Kind | None, Path]:
+    """The kind with which the name of a file begins, or that of the nearest folder around it; and this folder."""
+    for named in (path, *path.parents):
         for kind in KINDS:
-            if name.lower().startswith(kind):
-                return kind
-    return None
+            if named.name.lower().startswith(kind):
+                if named == path:
+                    return kind, path.parent
+                return kind, named
+    return None, Path()

@@ -47,7 +47,7 @@ OF_SMALL_SIGNALS = (
     "takes the curve as a line"
 )
 TOO_FEW = (
-    "{} levels of known light below 90 % of the largest mean cannot tell whether the response is curved; "
+    "levels of known light below 90 % of the largest mean: {}, which cannot tell whether the response is curved; "
     "take 3 or more"
 )
 UNDECIDED = "{} levels do not tell a curve of {:.2g} % from light that is not what is stated; the interval holds both"

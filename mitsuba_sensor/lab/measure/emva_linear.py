@@ -15,6 +15,7 @@ from ..frames.stack import Stack
 from ..quantity import Quantity, unknown
 from .curved_response import Curve, curvature, small_signals, straighten
 from .dark_noise import DarkNoise, dark_noise
+from .log_axes import set_log_axes
 from .photon_transfer import PhotonTransfer
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
 from .saturation import NO_PHOTONS, Saturation, find_peak, saturation
@@ -154,7 +155,7 @@ class SignalToNoise:
             quanta = "photons"
         axes.set(xlabel=f"{quanta} per pixel", ylabel="SNR")
         if log:
-            axes.set(xscale="log", yscale="log")
+            set_log_axes(axes)
 
 
 def signal_to_noise(

@@ -22,6 +22,7 @@ from ..frames.stack import Stack
 from ..frames.temporal import Maps, temporal
 from ..quantity import Quantity, hidden_by_clipping, no_value, unknown
 from ..statistics.line_fits import line_through_origin
+from .log_axes import set_log_axes
 from .saturation import Peak, find_peak, peak
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ class PhotonTransfer:
             axes.plot(ends, self.gain.value * ends, color="black", linewidth=1, label="slope K")
         axes.set(xlabel="mean − dark mean [DN]", ylabel="variance − dark variance [DN²]")
         if log:
-            axes.set(xscale="log", yscale="log")
+            set_log_axes(axes)
 
 
 def photon_transfer(measured: Series) -> PhotonTransfer:

@@ -14,6 +14,7 @@ from ..frames.clipping import note_left_out
 from ..frames.series import Series
 from ..quantity import Quantity, hidden_by_clipping, no_value, quotient, unknown
 from ..statistics.line_fits import line_through_origin
+from .log_axes import set_log_axes
 from .saturation import Peak, find_peak
 from .stray_levels import note_stray, stray_levels
 
@@ -82,7 +83,7 @@ class Radiometric:
             axes.plot(shown, slope * shown, color="black", linewidth=1, label="slope R")
         axes.set(xlabel=self.light_label, ylabel="signal, noise [DN]")
         if log:
-            axes.set(xscale="log", yscale="log")
+            set_log_axes(axes)
 
     def plot_deviation(self, axes: Axes) -> None:
         """Relative deviation from the line of the linearity error."""

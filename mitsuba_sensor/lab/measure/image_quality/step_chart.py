@@ -16,6 +16,7 @@ from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...frames.stack import Stack
 from ...quantity import LEVEL, Quantity, no_value, normal_interval
+from ..log_axes import set_log_axes
 from .patches import Patches, Region, measure_patches, require_regions
 
 if TYPE_CHECKING:
@@ -80,8 +81,9 @@ class StepChart:
         lit = (self.exposure_lxs > 0) & (self.patches.mean > 0)
         exposures = self.exposure_lxs[lit]
         temporal = self.patches.mean[lit] / np.sqrt(self.patches.temporal[lit])
-        ax.loglog(exposures, self.snr[lit], "o", label="total noise")
-        ax.loglog(exposures, temporal, "s", label="temporal noise")
+        ax.plot(exposures, self.snr[lit], "o", label="total noise")
+        ax.plot(exposures, temporal, "s", label="temporal noise")
+        set_log_axes(ax)
         for ratio in SPEED_RATIOS:
             ax.axhline(ratio, color="0.6", lw=1, ls=":")
         ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal-to-noise ratio")
