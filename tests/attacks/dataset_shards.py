@@ -158,7 +158,7 @@ class Ground(dataset_ground.Ground):
                 ):
                     found.append(f"wrong view: {sample.key}")
         except InputError as error:
-            if "no dataset that has complete samples" not in str(error):
+            if "has no index yet" not in str(error):
                 found.append(str(error))
         self.problems += [f"{where}: {found[0]}"] if found else []
 

@@ -292,8 +292,10 @@ def test_a_dataset_that_changed_since_it_was_opened_says_so(tmp_path: Path) -> N
     shutil.rmtree(tmp_path / "index")
     with pytest.raises(InputError, match="open it again"):
         samples[0]
-    with pytest.raises(InputError, match="no dataset that has complete samples"):
+    with pytest.raises(InputError, match=r"has no index yet.*dataset run` goes on"):
         ms.Dataset(tmp_path)
+    with pytest.raises(InputError, match="no dataset that has complete samples"):
+        ms.Dataset(tmp_path / "empty")
 
 
 def test_a_split_that_no_sample_has_is_a_sentence(tmp_path: Path) -> None:

@@ -153,11 +153,21 @@ def faults_of_sources(origin: Origin, roots: Sequence[Path]) -> Iterator[Fault]:
 def index_of(folder: Place) -> Index:
     """The index of a dataset. Raises InputError where there is none, or its record was changed."""
     if not names_in(folder / INDEX):
-        remedy = "make it with `mitsuba-sensor dataset run`"
-        if isinstance(folder, Objects):
-            remedy = "put one there with `mitsuba-sensor dataset push`"
-        raise InputError(f"{folder} is no dataset that has complete samples; {remedy}.")
+        raise InputError(_about_no_index(folder))
     return Index(folder, parts_of(require_record(folder).digest, all_parts(folder)).values())
+
+
+def _about_no_index(folder: Place) -> str:
+    """Why a place that has no index is not read, and the way out."""
+    if isinstance(folder, Path) and origin_in(folder) is not None:
+        return (
+            f"{folder} has no index yet, by which samples are read: a run writes it at its end, of large datasets for "
+            f"each {NUMBERS} samples; `mitsuba-sensor dataset run` goes on."
+        )
+    remedy = "make it with `mitsuba-sensor dataset run`"
+    if isinstance(folder, Objects):
+        remedy = "put one there with `mitsuba-sensor dataset push`"
+    return f"{folder} is no dataset that has complete samples; {remedy}."
 
 
 def _missing_or_changed(path: Path) -> What:
