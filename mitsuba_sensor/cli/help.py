@@ -90,6 +90,8 @@ class Command(TyperCommand):
             names = (f"'{one.metavar}'", f"'{one.opts[0]}'")
             if said.startswith("Missing") and any(x in said for x in names) and one.help:
                 short, example = _in_short(one), EXAMPLES.get(one.metavar, "")
+                if "-o" in example and "-o" not in one.opts:
+                    example = ""
                 return f"{short[0].lower()}{short[1:]}{example}"
         extra = re.search(r"extra argument(?:\(s\)|s)? \(([^\s)]+)", said)
         if extra is None or extra[1] not in typed:

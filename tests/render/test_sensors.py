@@ -155,7 +155,9 @@ def test_sensors_share_instants_motion_and_light_groups() -> None:
 
 
 def test_sentences_name_the_sensors() -> None:
-    with pytest.raises(ms.InputError, match=r"no sensor 'lefft'; it has left, right. Did you"):
+    with pytest.raises(
+        ms.InputError, match=r"no sensor 'lefft'; its sensors are left, right. Did you"
+    ):
         ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor="lefft")
     with pytest.raises(
         ms.InputError, match=r"for frames of a scene .*; give one of left, right"

@@ -271,7 +271,9 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
             raise InputError(f"{where} is not valid TOML: {error}.") from None
         except (OSError, UnicodeDecodeError) as error:
             why = getattr(error, "strerror", None) or "it is not text"
-            raise InputError(f"{where} cannot be read: {why}.") from None
+            raise InputError(
+                f"{where} cannot be read: {why}; give the path of a motion file, or rolling_fan, which ships."
+            ) from None
     try:
         motion = Motion.model_validate(data)
     except ValidationError as error:

@@ -50,7 +50,7 @@ def with_sensor(scene: SceneFile, asked: str | None) -> SceneFile:
             f"{known}."
         )
     raise InputError(
-        f"scene {scene.name!r} has no sensor {asked!r}; it has {known}.{nearest(asked, sensors)}"
+        f"scene {scene.name!r} has no sensor {asked!r}; its sensors are {known}.{nearest(asked, sensors)}"
     )
 
 
