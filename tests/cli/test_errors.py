@@ -56,7 +56,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         "`mitsuba-sensor render SCENE",
     ),
     "no folder": (("render", "SCENE"), "folder for the results, e.g. -o out/"),
-    "no frames": (("fit", "-o", "OUT.toml"), "or its bench.toml; see"),
+    "no folder of frames": (("fit", "-o", "OUT.toml"), "or its bench.toml; see"),
     "no scene": (("render", "-o", "OUT"), "e.g. scenes/first_frame.xml"),
     "percent": (("render", "SCENE", "-o", "OUT", "--noise-ratio", "3 %"), "'3 %' is 0.03"),
     "frames in words": (
