@@ -76,10 +76,10 @@ def read_irradiance(
         is_own = OWN in header
         names = [channel.name for channel in header["channels"]]
     if is_own:
-        if unit is not None or wavelength_nm is not None:
-            what = "unit= and wavelength_nm= (--unit, --wavelength-nm)"
+        if any(given is not None for given in (unit, wavelength_nm, fov_deg)):
+            what = "unit=, wavelength_nm= and fov_deg= (--unit, --wavelength-nm, --fov-deg)"
             raise InputError(
-                f"{file} is an irradiance.exr, whose unit and wavelengths are known; leave out {what}."
+                f"{file} is an irradiance.exr, whose unit, wavelengths and lens are known; leave out {what}."
             )
         return read_irradiance_exr(file)
     if unit not in UNITS:

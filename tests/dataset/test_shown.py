@@ -119,7 +119,7 @@ def test_of_a_sample_in_a_shard_the_shard_is_named_and_its_picture_is_written_on
 ) -> None:
     file, place = tmp_path / "shown.toml", tmp_path / "four.png"
     file.write_text("store = { shard_samples = 2 }" + TEXT)
-    make_dataset(file, tmp_path / "out", roots=[SCENES.parent], workers=0)
+    make_dataset(file, tmp_path / "out", workers=0)
     sample, found = ms.Dataset(tmp_path / "out")[4], facts_of(str(tmp_path / "out"), "4")
     assert found["folder"].startswith(f"{tmp_path / 'out' / 'shards'}/000002-")
     assert found["folder"].endswith(")") and found["picture"] is None

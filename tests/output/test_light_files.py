@@ -172,9 +172,10 @@ def test_negative_and_nan_become_zero_and_are_counted(tmp_path: Path) -> None:
 
 def test_our_own_file_needs_no_unit_and_refuses_one(light_file: Path, light: Any) -> None:
     np.testing.assert_array_equal(ms.read_irradiance(light_file).data, light.data)
-    for asked in ({"unit": "w_per_m2_nm"}, {"wavelength_nm": 550}):
+    for asked in ({"unit": "w_per_m2_nm"}, {"wavelength_nm": 550}, {"fov_deg": 40}):
         with pytest.raises(
-            ms.InputError, match=r"is an irradiance\.exr, whose unit and wavelengths are known"
+            ms.InputError,
+            match=r"is an irradiance\.exr, whose unit, wavelengths and lens are known",
         ):
             ms.read_irradiance(light_file, **asked)  # type: ignore[arg-type]
 
