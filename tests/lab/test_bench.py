@@ -290,7 +290,7 @@ def test_pictures_of_flat_fields_that_show_nothing_are_drawn_all_the_same() -> N
     dark = ms.expose(np.zeros((40, 48)), camera, exposure, frames=4, seed=2).digital
     stack = ms.lab.Stack
     (measured,) = ms.lab.measure_bench(
-        ms.lab.Bench(darks=(stack(dark, 0.1),), flats=(stack(frames, 0.1),))
+        ms.lab.Bench((), (stack(dark, 0.1),), (stack(frames, 0.1),))
     )
     assert np.isnan(measured.figures["K"].value)
     for draw in measured.drawings.values():

@@ -22,7 +22,7 @@ from mitsuba_sensor.bench.sheet.light import ChartScene, fingerprint, light_of
 from mitsuba_sensor.bench.sheet.modulation import figures
 from mitsuba_sensor.bench.sheet.page import mean_of_tiles, sheet_study
 from mitsuba_sensor.bench.sheet.setting import Setting, settings_of
-from mitsuba_sensor.bench.sheet.sheet import Row, rows_of, simulated_sheet
+from mitsuba_sensor.bench.sheet.sheet import ChartPart, Row, rows_of, simulated_sheet
 from mitsuba_sensor.bench.sheet.steps import StepsChart
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
@@ -423,6 +423,24 @@ def test_two_sheets_are_compared_figure_by_figure(tmp_path: Path, tiny_file: str
         rows
     ) + 1
     assert "Image quality of a and b" in (tmp_path / "c" / "comparison.html").read_text("utf-8")
+
+
+def test_a_headline_says_whether_all_or_some_of_a_chart_was_not_measured() -> None:
+    row = Row("star", "", "", None, ms.lab.Quantity("MTF50", "", 0.3, 0.2, 0.4, "1/pixel", ""))
+    parts = [
+        ChartPart("emva", "EMVA 1288", "its only setting", [], refused=["no dark frames"]),
+        ChartPart(
+            "star", "Star", "its only setting", [row], refused=["no ring is in the frame"]
+        ),
+    ]
+    assert sheet_study("camera", parts).missing == ("emva", "some figures of star")
+
+
+def test_a_misspelt_folder_of_a_chart_is_named(tmp_path: Path) -> None:
+    for name in ("emva", "egde", "notes"):
+        (tmp_path / name).mkdir()
+    result = run("--frames", str(tmp_path))
+    assert result.exit_code == 2 and "Did you mean 'edge'?" in result.output.replace("\n", " ")
 
 
 @pytest.mark.parametrize(

@@ -146,12 +146,17 @@ def _section(parts: Sequence[ChartPart], limit: float) -> Section:
         *pictures,
     )
     failed = tuple(dict.fromkeys(f"{name} {row.quantity.symbol}" for row in bad))
-    return Section(tuple(findings), not bad, content, failed=failed, missing=_missing(parts))
+    return Section(
+        tuple(findings), not bad, content, failed=failed, missing=_missing(parts, rows)
+    )
 
 
-def _missing(parts: Sequence[ChartPart]) -> tuple[str, ...]:
-    """The chart, where an instrument refused."""
-    return tuple(dict.fromkeys(part.name for part in parts if part.refused))
+def _missing(parts: Sequence[ChartPart], rows: Sequence[Row]) -> tuple[str, ...]:
+    """The chart, or that some of it, where an instrument refused."""
+    charts = dict.fromkeys(part.name for part in parts if part.refused)
+    if rows:
+        return tuple(f"some figures of {chart}" for chart in charts)
+    return tuple(charts)
 
 
 def _told(row: Row) -> str:

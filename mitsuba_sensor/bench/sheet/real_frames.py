@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 
 from ...camera.camera import Camera
-from ...core import InputError
+from ...core import InputError, nearest
 from ...files.texts import Facts, read_toml
 from ...lab.frames.bench import read_bench
 from .chart import Chart, Taken, Theory
@@ -29,16 +30,25 @@ def chart_folders(path: Path) -> dict[Path, Chart]:
     of_kind: dict[str, Chart] = {}
     for chart in CHARTS:
         of_kind.setdefault(chart.kind, chart)
+    begin = f"their names begin with {', '.join(of_kind)}; see docs/sheet.md."
     found = {}
     for folder in sorted(one for one in path.iterdir() if one.is_dir()):
-        for kind, chart in of_kind.items():
-            if folder.name.startswith(kind):
-                found[folder] = chart
+        chart = _chart_of(folder, of_kind)
+        if chart is not None:
+            found[folder] = chart
+        elif meant := nearest(folder.name, of_kind):
+            raise InputError(f"{folder} is no folder of a chart; {begin}{meant}")
     if not found:
-        raise InputError(
-            f"{path} has no folder of a chart; their names begin with {', '.join(of_kind)}; see docs/sheet.md."
-        )
+        raise InputError(f"{path} has no folder of a chart; {begin}")
     return found
+
+
+def _chart_of(folder: Path, of_kind: Mapping[str, Chart]) -> Chart | None:
+    """The chart whose kind the name of a folder begins with."""
+    for kind, chart in of_kind.items():
+        if folder.name.startswith(kind):
+            return chart
+    return None
 
 
 def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[ChartPart]:
