@@ -174,8 +174,8 @@ def hidden_by_clipping(like: Quantity, note: str) -> Quantity:
 
 def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     """above / below, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
-    different_notes = dict.fromkeys((like.note, above.note, below.note))
-    notes = "; ".join(filter(None, different_notes))
+    sentences = [part for one in (like, above, below) for part in one.note.split("; ")]
+    notes = "; ".join(filter(None, dict.fromkeys(sentences)))
     if not (above.value > 0 and below.low > 0):
         nothing = unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
         return replace(nothing, clipped=above.clipped or below.clipped)

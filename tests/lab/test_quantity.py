@@ -7,7 +7,7 @@ import pytest
 
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_current import dark_current
-from mitsuba_sensor.lab.quantity import Quantity, normal_interval
+from mitsuba_sensor.lab.quantity import Quantity, normal_interval, quotient
 from mitsuba_sensor.pages.page import Section, study_of
 
 
@@ -29,6 +29,18 @@ def test_quotients_of_any_sign_hold_the_true_one(true: float) -> None:
         below = Quantity("b", "", *normal_interval(1 + 0.1 * rng.normal(), 0.1), "", "")
         covered += above.divided(below, "").covers(true)
     assert covered / 4000 == pytest.approx(0.95, abs=0.017)
+
+
+def test_a_sentence_that_two_quantities_share_stands_once_in_the_note_of_their_quotient() -> (
+    None
+):
+    limit = "the variance does not fall: a lower limit"
+    above = Quantity(
+        "µ_e.sat", "", 3e4, 2.9e4, 3.1e4, "e-", "", f"{limit}; points may be curved"
+    )
+    below = Quantity("σ_d", "", 7.0, 6.9, 7.1, "e-", "", "points may be curved")
+    like = Quantity("DR", "", 1.0, 1.0, 1.0, "1", "", limit)
+    assert quotient(above, below, like).note == f"{limit}; points may be curved"
 
 
 def test_a_black_level_that_falls_with_the_exposure_time_is_said() -> None:
