@@ -61,3 +61,11 @@ def test_the_command_tells_before_it_renders(
     done = cli("render", scene_file, "-o", tmp_path / "out", *options)
     assert done.exit_code == 2
     assert done.stderr.index("if 25 is in °C, write 298.15") < done.stderr.index("error:")
+
+
+def test_the_sheet_tells_before_it_renders(tmp_path: Path, cli: Callable[..., Any]) -> None:
+    """It is refused after it, for its gain setting."""
+    options = ("--temperatures", "25", "--gains", "none", "-o", tmp_path / "out")
+    done = cli("sheet", "konnik_table1", *options)
+    assert done.exit_code == 2
+    assert done.stderr.index("if 25 is in °C, write 298.15") < done.stderr.index("error:")

@@ -61,9 +61,14 @@ def camera_and_exposure(
     """The named camera as it is, else the scene's own, else the default one behind the scene's lens; the exposure
     likewise the one asked for, else the scene's, else how it is metered."""
     exposure = _exposure(flags, settings)
-    for note in temperature_note(exposure.temperature_k):  # before a long render
-        err.print(f"note: {note}", highlight=False, soft_wrap=True)
+    tell_of_temperature(exposure.temperature_k)
     return _camera(flags, settings), exposure
+
+
+def tell_of_temperature(temperature_k: float) -> None:
+    """Print a note on an unusual temperature, before a long render."""
+    for note in temperature_note(temperature_k):
+        err.print(f"note: {note}", highlight=False, soft_wrap=True)
 
 
 def _camera(flags: Flags, settings: SceneSettings) -> ms.Camera:

@@ -237,6 +237,7 @@ def _names(text: str | None) -> list[str]:
 def _kelvins(text: str | None) -> list[float]:
     """Temperatures that commas separate."""
     from ..core import require
+    from .inputs import tell_of_temperature
 
     kelvins = []
     for name in _names(text) or [str(options.DEFAULT_TEMPERATURE_K)]:
@@ -247,6 +248,7 @@ def _kelvins(text: str | None) -> list[float]:
                 f"--temperatures has {name!r}; write numbers of kelvin, e.g. 278.15,298.15."
             ) from None
         kelvins.append(require("--temperatures", kelvin, 1.0, 1000.0, "kelvin, e.g. 298.15"))
+        tell_of_temperature(kelvin)
     if len(set(kelvins)) < len(kelvins):
         raise InputError(f"--temperatures {text} has one twice; write each once.")
     return kelvins
