@@ -33,9 +33,9 @@ def chart_folders(path: Path) -> dict[Path, Chart]:
     begin = f"their names begin with {', '.join(of_kind)}; see docs/sheet.md."
     found = {}
     for folder in sorted(one for one in path.iterdir() if one.is_dir()):
-        chart = _chart_of(folder, of_kind)
-        if chart is not None:
-            found[folder] = chart
+        measures = _chart_of(folder, of_kind)
+        if measures is not None:
+            found[folder] = measures
         elif meant := nearest(folder.name, of_kind):
             raise InputError(f"{folder} is no folder of a chart; {begin}{meant}")
     if not found:
