@@ -381,13 +381,13 @@ def edited(folder: Path, chance: Random) -> tuple[set[str], int]:
 
 CORRUPTIONS = (one_bit, a_tail, more, zeros, two_shards, gone, stray, edited)
 ATTACKS: dict[str, tuple[Attack, int]] = {
-    "kills": (kills, 300),
+    "kills": (kills, 230),
     "calls": (each_call, 10_000),
-    "writers": (writers, 100),
+    "writers": (writers, 30),
     "full": (full, 10_000),
     "disks": (small_disks, 10_000),
     "power": (power, 10_000),
-    "corruptions": (corruptions, 1000),
+    "corruptions": (corruptions, 480),
 }
 """Name → attack, and how often it is tried if nothing is said."""
 

@@ -233,7 +233,7 @@ def restore(store: Store, whole: Path, spoilt: Named) -> None:
 ATTACKS: dict[str, tuple[Attack, int]] = {
     "kills": (kills, 1000),
     "calls": (each_call, 10_000),
-    "writers": (writers, 200),
+    "writers": (writers, 1000),
     "full": (full, 10_000),
     "power": (power, 10_000),
     "corruptions": (corruptions, 10_000),

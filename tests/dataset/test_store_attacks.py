@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from typing import Any
 
 import pytest
-from helpers import ATTACKS
+from helpers import ATTACKS, ROOT
 
 
 def attack(name: str, tries: int, script: str = "dataset_store.py") -> dict[str, Any]:
@@ -27,6 +28,23 @@ def attack(name: str, tries: int, script: str = "dataset_store.py") -> dict[str,
     if "skipped" in found:
         pytest.skip(found["skipped"])
     return found
+
+
+@pytest.mark.parametrize("script", ["dataset_store.py", "dataset_shards.py"])
+def test_the_page_says_how_often_the_attacks_are_tried(script: str) -> None:
+    """As many as the script tries if nothing is said."""
+    page = (ROOT / "docs/datasets.md").read_text("utf-8")
+    said = " ".join(page[page.index(f"attacks/{script}") :].split("\n\n")[0].split())
+    tries = dict(
+        re.findall(r'"(\w+)": \(\w+, ([\d_]+)\)', (ATTACKS / script).read_text("utf-8"))
+    )
+    for name, words in (
+        ("kills", "SIGKILLs at random moments"),
+        ("writers", "rounds of two to four"),
+        ("corruptions", "random corruptions"),
+    ):
+        counted = re.search(rf"(\d+(?: 000)?) {words}", said)
+        assert counted and int(counted[1].replace(" ", "")) == int(tries[name]), name
 
 
 def test_a_writer_that_is_killed_at_any_moment_leaves_whole_entries_that_a_resumed_run_completes() -> (
