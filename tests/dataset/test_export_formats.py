@@ -133,6 +133,16 @@ def test_shards_are_webdatasets_unless_others_are_asked_for(
     assert export(in_shards, "webdataset", tmp_path / "out", arrays=["raw"]).samples == 8
 
 
+@pytest.mark.exhaustive
+def test_codes_of_more_than_16_bits_are_no_pictures_of_kitti(
+    in_shards: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(ms.InputError, match=r"sony_imx490 have more than 16 bits.*or euroc"):
+        export(in_shards, "kitti", tmp_path / "out")
+    export(in_shards, "euroc", tmp_path / "euroc")
+    assert len([*(tmp_path / "euroc").glob("*/mav0/cam*/data/*.tiff")]) == 4
+
+
 def test_parquet_shards_are_bounded_and_keep_the_order(tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     sizes = [300, 300, 300, 5000, 10, *[1] * 250]

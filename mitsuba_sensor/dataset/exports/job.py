@@ -74,7 +74,10 @@ class Job:
         for sample in samples:
             self.left_out.add(sample.key)
             self.step()
-        self.remarks.append(f"left out are {len(samples)} samples of {what}: {why}")
+        count = f"left out are {len(samples)} samples"
+        if len(samples) == 1:
+            count = "left out is one sample"
+        self.remarks.append(f"{count} of {what}: {why}")
 
     def arrays_of(self, sample: Sample, usual: Sequence[str] = USUAL) -> Sequence[str]:
         """Names of the arrays of a sample that the options ask for; by default those of ``usual`` that it has.

@@ -12,10 +12,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core import Float64Array
+from ...core import Float64Array, InputError
 from ...files.texts import write_json, write_page
 from ...files.whole_folder import inside
 from ...optics.calibration import Calibration
+from ..read.reader import Sample
 from .job import Job
 from .sequences import ImageSequence, SequenceCamera, sequences
 
@@ -35,7 +36,7 @@ def write_kitti(job: Job) -> str:
         name = f"{sequence.number:02d}"
         for number, camera in enumerate(sequence.cameras):
             for frame, (sample, _) in enumerate(camera.frames):
-                job.place_picture(sample, f"sequences/{name}/image_{number}/{frame:06d}")
+                _place_png(job, sample, f"sequences/{name}/image_{number}/{frame:06d}")
                 job.step()
         poses = sequence.poses
         start = np.linalg.inv(poses[0])
@@ -50,6 +51,15 @@ def write_kitti(job: Job) -> str:
         about[name] = sequence.facts()
     write_json(inside(job.folder, "sequences.json"), about)
     return HOW
+
+
+def _place_png(job: Job, sample: Sample, stem: str) -> None:
+    """Write the picture of a sample. Raises InputError for one that is no PNG, which readers do not find."""
+    if not job.place_picture(sample, stem).endswith(".png"):
+        raise InputError(
+            f"raw frames of {sample.values.get('camera')} have more than 16 bits, and readers of KITTI look for PNGs; "
+            "take --images preview, or euroc, which has TIFFs of them."
+        )
 
 
 def projections(sequence: ImageSequence) -> Iterable[str]:
