@@ -15,6 +15,7 @@ from helpers.datasets import SCENES, TABLES
 from helpers.makers import make_and_log_renders, run_and_log_renders
 from helpers.waiting import wait_until
 
+from mitsuba_sensor.core import InputError
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.dataset.index.origin import write_origin
 from mitsuba_sensor.dataset.index.repair import discard, verify
@@ -22,7 +23,7 @@ from mitsuba_sensor.dataset.index.writer import IndexWriter
 from mitsuba_sensor.dataset.options import RunOptions
 from mitsuba_sensor.dataset.plan.file import read_dataset
 from mitsuba_sensor.dataset.plan.planned import DatasetPlan
-from mitsuba_sensor.dataset.run import make
+from mitsuba_sensor.dataset.run import lights, make
 from mitsuba_sensor.dataset.run.engine import outcomes
 from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.dataset.run.view_render import ViewRender
@@ -169,6 +170,22 @@ def test_a_stored_light_that_was_changed_is_named_and_rendered_again(
     light.write_bytes(content)
     discard(folder, [fault._replace(file="0.exr") for fault in faults])
     assert not light.exists()
+
+
+def test_a_light_that_cannot_be_read_holds_nobody_up(
+    tmp_path: Path, renders: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each task renders then."""
+
+    def fail(path: Path) -> None:
+        raise InputError("it cannot be read")
+
+    monkeypatch.setattr(lights, "read_irradiance_exr", fail)
+    plan = planned(outputs=["raw"], grid=FIXED)
+    for number in (1, 2):
+        make._KEPT.clear()
+        assert run(plan, tmp_path / "out", workers=0, shard=(number, 2)).made == 2
+    assert len(renders) == 2 and not (tmp_path / "out" / "lights").exists()
 
 
 def test_another_order_of_cameras_is_another_light() -> None:

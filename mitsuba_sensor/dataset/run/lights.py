@@ -36,10 +36,12 @@ def shared_light(
         if (light := stored_light(store, entry)) is not None:
             return light
         with claimed(claim) as is_ours:
-            if is_ours and not store.exists(entry):  # it may have come between
-                told("rendering")
-                light = render()
-                store.commit(entry, partial(_write, light))
+            if is_ours:
+                light = stored_light(store, entry)  # it may have come between
+                if light is None:
+                    told("rendering")
+                    light = render()
+                    store.commit(entry, partial(_write, light))
                 return light
         wait_for_claim(
             claim, lambda: store.exists(entry), lambda: told("waiting for another's render")
@@ -48,15 +50,14 @@ def shared_light(
 
 def stored_light(store: Store, entry: Entry) -> Irradiance | None:
     """The light that is stored, with the bits that were rendered; None where there is none. One that is not as it was
-    written is removed."""
+    written, or cannot be read, is removed."""
     record = store.find(entry)
     if record is None:
         return None
-    if store.verify(entry.kind, record.name):
-        store.discard(entry.kind, record.name)
-        return None
-    with suppress(InputError, OSError):  # another program removes it
-        return _read(store.folder_of(entry.kind, record.name))
+    if not store.verify(entry.kind, record.name):
+        with suppress(InputError, OSError):
+            return _read(store.folder_of(entry.kind, record.name))
+    store.discard(entry.kind, record.name)
     return None
 
 
