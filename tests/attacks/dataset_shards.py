@@ -382,11 +382,11 @@ def edited(folder: Path, chance: Random) -> tuple[set[str], int]:
 CORRUPTIONS = (one_bit, a_tail, more, zeros, two_shards, gone, stray, edited)
 ATTACKS: dict[str, tuple[Attack, int]] = {
     "kills": (kills, 230),
-    "calls": (each_call, 10_000),
+    "calls": (each_call, 20),
     "writers": (writers, 30),
-    "full": (full, 10_000),
+    "full": (full, 8),
     "disks": (small_disks, 10_000),
-    "power": (power, 10_000),
+    "power": (power, 12),
     "corruptions": (corruptions, 480),
 }
 """Name → attack, and how often it is tried if nothing is said."""
