@@ -11,8 +11,9 @@ import secrets
 import shutil
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+from functools import lru_cache
 from io import FileIO
 from pathlib import Path
 from typing import BinaryIO
@@ -119,16 +120,22 @@ def flush_folder(folder: Path, files: Mapping[str, tuple[int, str]]) -> None:
     files : name → (bytes, SHA-256).
     Raises DiskFull, and InputError if what is read is not what was written.
     """
-    with ThreadPoolExecutor(
-        AT_ONCE
-    ) as pool:  # a disk that flushes eight at once takes as long as for one
-        jobs = [
-            pool.submit(flush, folder / name, size, digest)
-            for name, (size, digest) in files.items()
-        ]
-        pool.submit(sync_folder, folder).result()
+    pool, jobs = _flushers(os.getpid()), list[Future[None]]()
+    try:
+        for name, (size, digest) in files.items():
+            jobs.append(pool.submit(flush, folder / name, size, digest))
+        jobs.append(pool.submit(sync_folder, folder))
         for job in jobs:
             job.result()
+    finally:
+        wait(jobs)  # also after an error, or a signal: nobody writes there when this has ended
+
+
+@lru_cache(1)
+def _flushers(process: int) -> ThreadPoolExecutor:
+    """Threads that flush files: a disk that flushes eight at once takes as long as for one. They are started once for
+    each process, as one that is forked has none, which takes half as long as for every folder anew."""
+    return ThreadPoolExecutor(AT_ONCE, thread_name_prefix=f"flush-{process}")
 
 
 def flush(path: Path, size: int, digest: str) -> None:
@@ -168,6 +175,14 @@ def read_small(path: str, most: int) -> bytes:
 def read_plain(path: Path) -> bytes:
     """Content of a file, which is no link and no pipe. Raises OSError."""
     with open(os.open(path, READ_SMALL), "rb", buffering=0) as file:
+        return file.read()
+
+
+def read_end(path: Path, most: int) -> bytes:
+    """The last bytes of a file, which is no link and no pipe, at most so many. Raises OSError."""
+    with open(os.open(path, READ_SMALL), "rb", buffering=0) as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - most, 0))
         return file.read()
 
 

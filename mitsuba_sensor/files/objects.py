@@ -74,7 +74,7 @@ class Objects:
         return dict(sorted(sizes.items()))
 
     def read(self, start: int = 0, end: int | None = None) -> bytes:
-        """The bytes of an object from ``start`` to before ``end``. Raises InputError."""
+        """The bytes of an object from ``start`` to before ``end``; from −n the last n. Raises InputError."""
         with self._reached("be read") as (store, path):
             content: bytes = store.cat_file(path, start=start or None, end=end)
         return content
@@ -156,6 +156,16 @@ def bytes_of(place: Place) -> bytes:
     if isinstance(place, Objects):
         return place.read()
     return durable.read_plain(place)
+
+
+def end_of(place: Place, most: int) -> bytes:
+    """The last bytes of a file or an object, at most so many.
+
+    Raises OSError for a file, and InputError for an object.
+    """
+    if isinstance(place, Objects):
+        return place.read(-most)
+    return durable.read_end(place, most)
 
 
 def small_bytes_of(place: Place, most: int) -> bytes:

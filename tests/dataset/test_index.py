@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import random
 import shutil
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,9 +16,11 @@ import numpy as np
 import pytest
 from helpers.datasets import SCENES, TABLES, commit, follow, make_parts_small, plan_of, whole
 from helpers.marks import one_in
+from helpers.stores import address, s3_server
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset.index import index
 from mitsuba_sensor.dataset.index import part as index_part
 from mitsuba_sensor.dataset.index.index import Index
 from mitsuba_sensor.dataset.index.origin import index_of, origin_of, write_origin
@@ -27,7 +31,10 @@ from mitsuba_sensor.dataset.plan.planned import DatasetPlan
 from mitsuba_sensor.dataset.store.record import Entry
 from mitsuba_sensor.dataset.store.store import Store
 from mitsuba_sensor.files import durable
+from mitsuba_sensor.files.objects import Objects
+from mitsuba_sensor.files.parquet import END_BYTES, ParquetRows, about_at_end, parquet_bytes
 
+__all__ = ["address", "s3_server"]
 ROWS = 7
 """Of a part, in these tests."""
 SEVERAL: dict[str, Any] = {
@@ -284,6 +291,124 @@ def test_any_line_is_found_by_its_place_also_of_a_split_and_in_another_process(
     assert repr(samples).startswith(f"<Dataset: 6000 samples (test {6000 - len(kept)}, train ")
     with pytest.raises(IndexError):
         samples[6000]
+
+
+def test_a_split_is_opened_by_the_ends_of_the_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No part is read whole before one of its samples is asked for."""
+    stand_in(tmp_path, 3, 2000)
+
+    def refuse(path: Path) -> bytes:
+        raise AssertionError(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(index_part, "bytes_of", refuse)
+        train = ms.Dataset(tmp_path, split="train")
+        assert len(train) == sum(
+            1 for p in range(3) for k in range(2000) if (p * 10_000 + k) % 3
+        )
+        assert ms.Dataset(tmp_path).splits == ["test", "train"]
+    assert int(train[-1].key, 16) == 21_998
+
+
+def test_a_split_in_a_store_of_objects_is_opened_by_the_ends_of_the_parts(
+    tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One request for each part, of 64 kB at most."""
+    stand_in(tmp_path / "here", 2, 5000)
+    place, lengths, read = Objects(address), list[int](), Objects.read
+    for path in (tmp_path / "here").rglob("*.*"):
+        (place / path.relative_to(tmp_path / "here").as_posix()).put(path)
+
+    def counted(self: Objects, start: int = 0, end: int | None = None) -> bytes:
+        content = read(self, start, end)
+        if self.address.endswith(".parquet"):
+            lengths.append(len(content))
+        return content
+
+    monkeypatch.setattr(Objects, "read", counted)
+    train, expected = ms.Dataset(address, split="train"), ms.Dataset(tmp_path / "here", "train")
+    assert lengths == [END_BYTES] * 2
+    places = np.random.default_rng(1).integers(-len(train), len(train), 20).tolist()
+    assert [train.lines[k] for k in places] == [expected.lines[k] for k in places]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_bit_flipped_in_a_part_is_a_sentence_or_changes_nothing_that_is_read(
+    tmp_path: Path, seed: int
+) -> None:
+    """The ends are read without the rest, by which a hash would tell. 150 bits: every fourth in the texts, which hold
+    the numbers of samples of each split. No sample has another place unless the part says that it was changed."""
+    stand_in(tmp_path, 3, 20)
+    expected = [sample.key for sample in ms.Dataset(tmp_path, split="train")]
+    path, chance = sorted((tmp_path / "index").iterdir())[1], random.Random(seed)
+    last = range(len(expected) - 13, len(expected))  # of the next part
+    content = path.read_bytes()
+    texts = content.index(b"train", -3000)
+    for k in range(150):
+        place = texts + chance.randrange(-20, 60)
+        if k % 4:
+            place = len(content) - 1 - chance.randrange(2000)
+        spoilt = bytearray(content)
+        spoilt[place] ^= 1 << chance.randrange(8)
+        path.write_bytes(spoilt)
+        with pytest.raises(InputError, match="was changed"):
+            train = ms.Dataset(tmp_path, split="train")
+            assert [train[place].key for place in last] == [expected[place] for place in last]
+            assert [sample.key for sample in train] == expected
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"\xff" * 12, b"\xff" * 10**5])
+def test_other_bytes_in_the_place_of_a_part_are_a_sentence(
+    tmp_path: Path, content: bytes
+) -> None:
+    stand_in(tmp_path, 2, 3)
+    sorted((tmp_path / "index").iterdir())[1].write_bytes(content)
+    with pytest.raises(InputError, match="was changed"):
+        ms.Dataset(tmp_path, split="train")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes")
+def test_a_pipe_or_a_folder_in_the_place_of_a_part_is_a_sentence(tmp_path: Path) -> None:
+    """Nobody waits for somebody who writes into the pipe."""
+    stand_in(tmp_path, 2, 3)
+    path = sorted((tmp_path / "index").iterdir())[1]
+    for put in (os.mkfifo, os.mkdir):
+        (path.rmdir if path.is_dir() else path.unlink)()
+        put(path)
+        with pytest.raises(InputError, match="cannot be read"):
+            ms.Dataset(tmp_path, split="train")
+
+
+def test_a_footer_longer_than_what_is_read_at_first_is_read_whole() -> None:
+    kinds: dict[str, Any] = {f"column {k}": "integer" for k in range(600)}
+    content = parquet_bytes({name: [*range(2500)] for name in kinds}, kinds, {"a": "b"})
+    asked = list[int]()
+
+    def read_end(most: int) -> bytes:
+        asked.append(most)
+        return content[-most:]
+
+    assert about_at_end(read_end) == (2500, {"a": "b"})
+    assert asked[0] == END_BYTES < asked[1] < len(content)
+
+
+def test_parts_that_are_read_at_random_are_let_go_at_once(tmp_path: Path) -> None:
+    """Without the garbage collector, which runs too seldom for buffers of which it does not know the sizes."""
+    stand_in(tmp_path, 12, 3)
+    samples, kept = ms.Dataset(tmp_path), weakref.WeakSet[ParquetRows]()
+    gc.collect()
+    gc.disable()
+    try:
+        for k in range(0, 36, 3):
+            samples[k]
+            kept.add(index.opened(tmp_path, samples.lines.parts[k // 3]).rows)
+            assert len(kept) <= index.MOST_KEPT
+    finally:
+        gc.enable()
+    assert len(kept) == index.MOST_KEPT
 
 
 def test_a_dataset_that_changed_since_it_was_opened_says_so(tmp_path: Path) -> None:

@@ -7,9 +7,11 @@ import hashlib
 import json
 import os
 import pickle
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,6 +166,43 @@ def test_a_file_that_reads_back_changed_is_no_entry(
     ):
         store.commit(SAMPLE, writer())
     assert not store.exists(SAMPLE) and not list(store.folder.rglob(".unfinished*"))
+
+
+def test_all_files_of_an_entry_are_flushed_before_an_error_of_one_is_said(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody writes into the folder any more when it is removed."""
+    ended, flush = list[str](), durable.flush
+
+    def flush_some(path: Path, *facts: Any) -> None:
+        if path.name == "a":
+            raise OSError(errno.EIO, "broken")
+        time.sleep(0.2)
+        flush(path, *facts)
+        ended.append(path.name)
+
+    monkeypatch.setattr(durable, "flush", flush_some)
+    with pytest.raises((OSError, ms.InputError), match="broken"):
+        store.commit(
+            Entry("samples", "a/view_0000/b", "0" * 24),
+            lambda folder: [(folder / name).write_bytes(b"x") for name in "abc"],
+        )
+    assert sorted(ended) == ["b", "c", "record.json"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_process_that_was_forked_flushes_with_threads_of_its_own(store: Store) -> None:
+    def commit(key: str) -> None:
+        entry = Entry("samples", f"a/view_0000/{key[:4]}", key)
+        store.commit(entry, lambda folder: (folder / "a").write_bytes(b"x"))
+
+    commit("0" * 24)
+    if (child := os.fork()) == 0:
+        signal.alarm(60)  # threads of the parent would never flush
+        commit("1" * 24)
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    assert store.find(Entry("samples", "a/view_0000/1111", "1" * 24))
 
 
 def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(

@@ -6,6 +6,7 @@ import hashlib
 import math
 import operator
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import accumulate, compress
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...core import InputError, nearest
 from ...files.objects import Place
-from .part import Line, OpenPart, Part
+from .part import Line, OpenPart, Part, splits_of
 
 MOST_KEPT = 8
 """Parts of which rows are kept in memory."""
@@ -38,10 +39,7 @@ class Index(Sequence[Line]):
     def __init__(self, folder: Place, parts: Iterable[Part], asked: Asked = ()) -> None:
         self.folder, self.parts, self.asked = folder, list(parts), asked
         self._kept: dict[int, NDArray[np.int64]] = {}
-        counts = [part.rows for part in self.parts]
-        if asked:
-            counts = [len(self._chosen(part)) for part in self.parts]
-        self._ends = list(accumulate(counts, initial=0))
+        self._ends = list(accumulate(map(self._count, self.parts), initial=0))
 
     def __len__(self) -> int:
         return self._ends[-1]
@@ -88,16 +86,35 @@ class Index(Sequence[Line]):
 
     def counts(self, name: str, most: float = math.inf) -> dict[str, int]:
         """Each value of a name → how many lines have it.  most : values after which no more parts are read."""
-        found: dict[str, int] = {}
+        found = Counter[str]()
         for part in self.parts:
-            for values, numbers in opened(self.folder, part).values(name):
-                chosen = numbers[self._chosen(part)]
-                each = np.bincount(chosen[chosen >= 0], minlength=len(values)).tolist()
-                for value, count in zip(values, each, strict=True):
-                    found[str(value)] = found.get(str(value), 0) + count
+            found += Counter(self._counts_in(part, name))
             if len(found) > most:
                 break
-        return {value: count for value, count in found.items() if count}
+        return dict(found)
+
+    def _counts_in(self, part: Part, name: str) -> dict[str, int]:
+        """The same of one part."""
+        if name == "split" and not self.asked:
+            return splits_of(self.folder, part)
+        found = dict[str, int]()
+        for values, numbers in opened(self.folder, part).values(name):
+            chosen = numbers[self._chosen(part)]
+            each = np.bincount(chosen[chosen >= 0], minlength=len(values)).tolist()
+            for value, count in zip(values, each, strict=True):
+                found[str(value)] = found.get(str(value), 0) + count
+        return found
+
+    def _count(self, part: Part) -> int:
+        """How many lines of a part have what is asked for."""
+        match self.asked:
+            case ():
+                return part.rows
+            case (("split", split),):
+                splits = splits_of(self.folder, part)
+                return sum(count for own, count in splits.items() if is_equal(own, split))
+            case _:
+                return len(self._chosen(part))
 
     def _chosen(self, part: Part) -> NDArray[np.int64]:
         """Numbers of the rows of a part that have what is asked for."""

@@ -7,22 +7,26 @@ It is whole where it has all: then it was written after the last of its samples 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
-from ...files.objects import Place, bytes_of, names_in
-from ...files.parquet import Kind, ParquetRows, parquet_bytes
+from ...files.objects import Place, bytes_of, end_of, names_in
+from ...files.parquet import Kind, ParquetRows, about_at_end, parquet_bytes
 from ..plan.file import DatasetFile
 from ..plan.scene_entry import Value
 from ..plan.sweep import possible_values
 from ..store.keys import Config, Facts
 from ..store.names import is_name_of_entry, name_of_view
-from ..store.record import INDEX, KEY
+from ..store.record import INDEX, KEY, sealed, unsealed
 from ..store.shard_size import NUMBERS
 from ..store.shards import shard_called
 
@@ -48,6 +52,8 @@ SEEDS = ("serial", "repetition")
 ORIGIN_DIGITS = 12
 """Of its SHA-256, in the name of a part."""
 _NAME = re.compile(r"([0-9a-f]{12})-(\d{6,9})-(\d{1,5})-of-(\d{1,5})-([0-9a-f]{64})\.parquet")
+SPLITS = "splits"
+"""Name of the text of a part that says how many samples of each split it has, with a hash of its own."""
 REMEDY = "`mitsuba-sensor dataset repair` writes it again"
 
 
@@ -111,7 +117,7 @@ class Part(NamedTuple):
 
     @property
     def about(self) -> dict[str, str]:
-        """What its content says of itself, as its name does."""
+        """What its content says of itself beside the splits, as its name does."""
         return {"origin": self.origin, "part": str(self.number), "planned": str(self.planned)}
 
 
@@ -199,7 +205,8 @@ def part_of(
             column, cell = cell_of(name, value, kinds)
             columns[column][row] = cell
     part = Part(origin[:ORIGIN_DIGITS], number, len(lines), planned, "")
-    content = parquet_bytes(columns, kinds, part.about)
+    splits = sealed(json.dumps(Counter(line.split for line in lines))).decode()
+    content = parquet_bytes(columns, kinds, {**part.about, SPLITS: splits})
     return part._replace(digest=hashlib.sha256(content).hexdigest()), content
 
 
@@ -214,31 +221,59 @@ def cell_of(name: str, value: Value, kinds: Mapping[str, Kind]) -> tuple[str, Va
     return column, value
 
 
+def splits_of(folder: Place, part: Part) -> dict[str, int]:
+    """How many samples of each split a part has; only the end of its file is read. Raises InputError."""
+    path = folder / INDEX / part.name
+    with _as_written(path):
+        return _splits_said(part, *about_at_end(partial(end_of, path)))
+
+
+def _splits_said(part: Part, rows: int, about: Mapping[str, str]) -> dict[str, int]:
+    """The samples of each split, as a file says. Raises ValueError where that is not the one of this part."""
+    splits = about.get(SPLITS, "")
+    if (rows, about) != (part.rows, {**part.about, SPLITS: splits}):
+        raise ValueError
+    counts: dict[str, int] = json.loads(unsealed(splits.encode()) or "")
+    return counts
+
+
+@contextmanager
+def _as_written(path: Place) -> Iterator[None]:
+    """A part that cannot be read, or is not as it was written, becomes a sentence."""
+    try:
+        yield
+    except InputError:
+        raise
+    except ValueError:
+        raise _was_changed(path) from None
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read: {error.strerror}; if the dataset has changed since it was opened, open it again, "
+            f"else {REMEDY}."
+        ) from None
+
+
+def _was_changed(path: Place) -> InputError:
+    return InputError(f"{path} was changed; {REMEDY}.")
+
+
 class OpenPart:
     """What is in a part, which is as it was written. Raises InputError."""
 
     def __init__(self, folder: Place, part: Part) -> None:
         self.path, self.part = folder / INDEX / part.name, part
-        try:
+        with _as_written(self.path):
             content = bytes_of(self.path)
-        except OSError as error:
-            raise InputError(
-                f"{self.path} cannot be read: {error.strerror}; if the dataset has changed since it was opened, open "
-                f"it again, else {REMEDY}."
-            ) from None
-        if hashlib.sha256(content).hexdigest() != part.digest:
-            raise self._was_changed()
-        try:
+            if hashlib.sha256(content).hexdigest() != part.digest:
+                raise ValueError
             self.rows = ParquetRows(content)
-        except (ValueError, OSError):
-            raise self._was_changed() from None
+            _splits_said(part, self.rows.rows, self.rows.about)
         self._beside = {*FIXED}
         if "shard" in self.rows.types:
             self._beside |= {*OF_PLACE}
-        types = [*self.rows.types.values()][: len(FIXED)]
-        said = self.rows.rows, self.rows.about, [*self.rows.types][: len(FIXED)]
-        if types != [*TYPES] or said != (part.rows, part.about, [*FIXED]):
-            raise self._was_changed()
+        named = [*self.rows.types.items()][: len(FIXED)]
+        if named != [*zip(FIXED, TYPES, strict=True)]:
+            raise _was_changed(self.path)
 
     def line(self, number: int) -> Line:
         """The line in this row."""
@@ -249,7 +284,7 @@ class OpenPart:
         before = -1
         for line in map(self._line_of, self.rows.all_rows()):
             if line.number <= before:
-                raise self._was_changed()
+                raise _was_changed(self.path)
             before = line.number
             yield line
 
@@ -272,7 +307,7 @@ class OpenPart:
         known = None not in (number, key, name, split, view, view_files)
         known = known and bool(KEY.fullmatch(key) and KEY.fullmatch(view))
         if not (known and is_name_of_entry(name) and start <= number < start + NUMBERS):
-            raise self._was_changed()
+            raise _was_changed(self.path)
         place = self._place_of(row)
         values = {_name_of(column): x for column, x in row.items() if x is not None}
         return Line(number, key, name, split, view, view_files, values, place)
@@ -287,11 +322,8 @@ class OpenPart:
             or place.offset is None
             or place.bytes is None
         ):
-            raise self._was_changed()
+            raise _was_changed(self.path)
         return place
-
-    def _was_changed(self) -> InputError:
-        return InputError(f"{self.path} was changed; {REMEDY}.")
 
 
 def _name_of(column: str) -> str:

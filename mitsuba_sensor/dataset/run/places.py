@@ -166,5 +166,5 @@ def _write_all(write: Write, folder: Path) -> None:
     """Write what a writer returns into the folder."""
     for name, content in write(folder).items():
         if not isinstance(content, bytes):
-            content = f"{texts.to_json(content)}\n".encode()
+            content = texts.json_lines(content).encode()
         durable.write_new(folder / name, content)
