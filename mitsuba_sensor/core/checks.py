@@ -8,7 +8,7 @@ import numpy as np
 
 from .errors import InputError, require_seed, shown
 from .exposure import Exposure
-from .types import Float64Array
+from .types import Float64Array, NumpyArray
 
 Value = TypeVar("Value")
 LIGHT_FILE = "read the file first, an irradiance.exr by ms.read_irradiance"
@@ -93,22 +93,24 @@ def numbers(name: str, values: object, remedy: str) -> Float64Array:
 
 
 def finite_numbers(name: str, values: object, remedy: str) -> Float64Array:
-    """``values`` as float64, as :func:`numbers` has them; InputError for NaN and for what is too large or too small.
-
-    remedy : what to pass.
-    """
+    """``values`` as float64, as :func:`numbers` and :func:`require_finite` have them.  remedy : what to pass."""
     array = numbers(name, values, remedy)
-    if wrong := int(np.count_nonzero(~np.isfinite(array))):
+    require_finite(name, array, remedy)
+    return array
+
+
+def require_finite(name: str, array: NumpyArray, remedy: str) -> None:
+    """Raise InputError for NaN and infinity in an array, and where all of it is too small or any too large."""
+    if wrong := array.size - int(np.count_nonzero(np.isfinite(array))):
         raise InputError(
             f"{name} is NaN or infinite in {wrong} place(s); pass finite {remedy}."
         )
-    largest = float(np.abs(array).max(initial=0.0))
+    largest = max(float(array.max(initial=0.0)), -float(array.min(initial=0.0)))
     if largest and not SMALLEST <= largest <= LARGEST:
         raise InputError(
             f"{name} has values up to {largest:.3g}; pass {remedy}, in a unit in which the largest is from "
             f"{SMALLEST:g} to {LARGEST:g}."
         )
-    return array
 
 
 def require_path(name: str, path: object, example: str) -> Path:

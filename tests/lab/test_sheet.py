@@ -21,6 +21,7 @@ from mitsuba_sensor.bench.sheet.led import DUTY, lit_periods
 from mitsuba_sensor.bench.sheet.light import ChartScene, fingerprint, light_of
 from mitsuba_sensor.bench.sheet.modulation import figures
 from mitsuba_sensor.bench.sheet.page import mean_of_tiles, sheet_study
+from mitsuba_sensor.bench.sheet.real_frames import sheet_of_frames
 from mitsuba_sensor.bench.sheet.setting import Setting, settings_of
 from mitsuba_sensor.bench.sheet.sheet import ChartPart, Row, rows_of, simulated_sheet
 from mitsuba_sensor.bench.sheet.steps import StepsChart
@@ -481,7 +482,13 @@ def test_what_cannot_be_is_refused_in_a_sentence_and_nothing_is_written(
         ("star", ("", "cycles = 2.5", "cycles = true", 'cycles = 72\ncontrast = "high"')),
         (
             "leaves",
-            ("", "chart = 3", 'chart = "bench.toml"', 'chart = "0.npy"\nmethod = "best"'),
+            (
+                "",
+                "chart = 3",
+                'chart = "bench.toml"',
+                'chart = "0.npy"\nmethod = "best"',
+                "method = []",
+            ),
         ),
     ],
 )
@@ -496,3 +503,28 @@ def test_what_is_known_of_the_chart_of_a_real_camera_is_asked_for(
         result = run("--frames", str(tmp_path / "in"), "-o", str(tmp_path / "out"))
         assert result.exit_code == 2 and ".toml" in result.output, result.output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("chart", "facts"),
+    [
+        ("edge", ""),
+        ("grey", ""),
+        ("led", ""),
+        ("star", "cycles = 24"),
+        ("steps", "patches = [[0, 0, 8, 8]]\nexposure_lxs = [1.0]"),
+        ("leaves", 'chart = "chart.npy"'),
+    ],
+)
+def test_dark_frames_of_another_size_are_refused(
+    chart: str, facts: str, tmp_path: Path
+) -> None:
+    scene, dark = (
+        Stack(np.full((2, rows, 64), 100, np.uint16), 0.1, bits=12) for rows in (64, 16)
+    )
+    folder = tmp_path / chart
+    written_frames(folder, Bench((), (dark,), (), (scene,)))
+    np.save(folder / "chart.npy", np.ones((64, 64)))
+    (folder / "chart.toml").write_text(facts)
+    (part,) = sheet_of_frames(tmp_path, None, lambda *told: None)
+    assert not part.rows and "take dark frames of the same size" in part.refused[0]

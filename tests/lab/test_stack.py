@@ -65,7 +65,7 @@ def test_each_place_of_a_mosaic_is_a_stack_of_its_own_pixels() -> None:
         (np.zeros((3, 4)), 0.1, "frames are float64 of shape (3, 4); pass numbers of shape"),
         (np.zeros((0, 4, 4)), 0.1, "shape (0, 4, 4)"),
         (np.zeros((2, 2, 2), bool), 0.1, "frames are bool"),
-        (np.full((1, 1, 2), np.nan), 0.1, "2 values are NaN or infinite"),
+        (np.full((1, 1, 2), np.nan), 0.1, "frames is NaN or infinite in 2 place"),
         (np.zeros((1, 1, 1)), -1, "exposure_s is -1; it must be from 0 to"),
         (np.zeros((1, 1, 1)), np.nan, "exposure_s is nan"),
         ([[[1]]], 0.1, "frames are list"),

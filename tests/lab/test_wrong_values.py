@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.correlation import correlation
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
@@ -151,3 +152,15 @@ def test_codes_below_zero_are_not_clipped_at_zero() -> None:
 def test_facts_of_a_stack_that_are_none_are_refused(facts: dict[str, Any], said: str) -> None:
     with pytest.raises(ms.InputError, match=said):
         Stack(np.ones((2, 4, 4)), 0.01, **facts)
+
+
+def test_a_bench_of_frames_of_zeros_has_no_figure_but_notes() -> None:
+    """Levels of 2 frames and one of 8, all 0, which are neither signal nor noise."""
+    flats = tuple(
+        Stack(np.zeros((count, 8, 8), np.uint16), 0.01, photons, bits=8)
+        for count, photons in ((2, 100.0), (2, 200.0), (2, 400.0), (8, 300.0))
+    )
+    dark = Stack(np.zeros((8, 8, 8), np.uint16), 0.01, 0, bits=8)
+    (measured,) = ms.lab.measure_bench(Bench((), (dark,), flats))
+    for figure in measured.figures.values():
+        assert math.isnan(figure.value) and figure.note

@@ -16,9 +16,9 @@ from ...core.types import Float64Array
 from ...lab.frames.bench import Bench
 from ...lab.measure.colour_and_geometry.colour_chart import colour_chart
 from ..datasheet import Said
+from .black import without_black
 from .chart import Lights, Measured, Taken, Theory
 from .light import ChartLight, ChartScene
-from .modulation import without_black
 from .patches import Patches, PatchGrid, patches_of, scaled_to_saturation
 from .setting import Setting, levels_of_filters
 from .transfer import coupling_of

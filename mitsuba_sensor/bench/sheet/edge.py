@@ -19,10 +19,11 @@ from ...core.types import Float64Array
 from ...lab.frames.bench import Bench
 from ...lab.measure.image_quality.slanted_edge import slanted_edge
 from ..datasheet import Said
+from .black import without_black
 from .chart import Lights, Measured, Taken, Theory
 from .lamps import bands_of_lamps, photons_of_shapes, rendered_nm, transfers_of_filters
 from .light import ChartScene
-from .modulation import draw_modulation, figures, flat_of, said_of, without_black
+from .modulation import draw_modulation, figures, flat_of, said_of
 from .scene_text import emitter_rectangle, telecentric_scene
 from .setting import Setting, chart_shape, take
 from .transfer import Transfer

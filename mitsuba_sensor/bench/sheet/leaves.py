@@ -27,9 +27,10 @@ from .bitmap import (
     take_bitmap,
     theory_of_bitmap,
 )
+from .black import frames_and_black
 from .chart import Lights, Measured, Taken, Theory
 from .light import ChartScene
-from .modulation import draw_modulation, figures, said_of, without_black
+from .modulation import draw_modulation, figures, said_of
 from .setting import Setting
 from .transfer import Transfer
 
@@ -164,9 +165,8 @@ def _measure_plane(
 ) -> Measured:
     """The instrument on the pixels behind one filter; what it refuses is said.  sample_px : their distance."""
     try:
-        black = without_black(bench.scenes, bench) - bench.scenes[0].mean
-        frames = bench.scenes[0].frames + black
-        found = dead_leaves(frames, chart, method=method, sample_px=sample_px)
+        stack, black = frames_and_black(bench.scenes, bench)
+        found = dead_leaves(stack.frames - black, chart, method=method, sample_px=sample_px)
     except InputError as error:
         return Measured(name, (), refused=(str(error),))
     return Measured(name, figures(found.modulation), {"Modulation transfer": found.plot})
@@ -177,8 +177,8 @@ def _facts_of_leaves(facts: Facts) -> tuple[Float64Array, str]:
     chart, method = facts.get("chart"), facts.get("method", "cross")
     if isinstance(chart, Path):
         chart = np.asarray(read_raw(chart).frames[0], np.float64)
-    if isinstance(chart, np.ndarray) and method in SECTIONS:
-        return chart, str(method)
+    if isinstance(chart, np.ndarray) and isinstance(method, str) and method in SECTIONS:
+        return chart, method
     raise InputError(
         'chart.toml of dead leaves has chart = "../leaves.npy", a file of the brightness of the chart on the pixels of '
         f"the frames or on points k times as dense, and method, one of {', '.join(SECTIONS)}, "

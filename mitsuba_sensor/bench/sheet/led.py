@@ -21,6 +21,7 @@ from ...lab.measure.automotive.flicker import flicker
 from ...optics.shutter import shutter_of
 from ...optics.waveform import pwm
 from ..datasheet import SIGMAS, Said
+from .black import frames_and_black
 from .chart import Lights, Measured, Taken, Theory
 from .lamps import bands_of_lamps, photons_of_shapes
 from .light import ChartScene
@@ -136,12 +137,8 @@ def _tile(camera: Camera) -> tuple[int, int]:
 def _measure(name: str, bench: Bench) -> Measured:
     """The instrument on the pixels behind one filter; what it refuses is said."""
     try:
-        if not bench.scenes or not bench.darks:
-            raise InputError(
-                f"{len(bench.scenes)} stacks of the lamp and {len(bench.darks)} of dark frames; take both, with names "
-                "that begin with scene and dark."
-            )
-        found = flicker(bench.scenes[0].frames - bench.darks[0].mean, tolerance=TOLERANCE)
+        lamp, black = frames_and_black(bench.scenes, bench)
+        found = flicker(lamp.frames - black, tolerance=TOLERANCE)
     except InputError as error:
         return Measured(name, (), refused=(str(error),))
     return Measured(name, (found.modulation, found.mitigation), {"Flicker": found.plot})

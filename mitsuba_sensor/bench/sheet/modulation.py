@@ -3,34 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ...core import InputError
 from ...core.types import Float64Array
 from ...lab.frames.bench import Bench
-from ...lab.frames.stack import Stack
 from ...lab.measure.image_quality.modulation import Modulation
 from ...lab.quantity import Quantity
 from ..datasheet import Said
+from .black import without_black
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FREQUENCIES = 0.125, 0.25, 0.5
 """At which the modulation is on the sheet [cycles per pixel]."""
-
-
-def without_black(stacks: Sequence[Stack], bench: Bench) -> Float64Array:
-    """Mean of the first of these stacks less that of the dark frames. Raises InputError where either is missing."""
-    if not stacks or not bench.darks:
-        raise InputError(
-            f"{len(stacks)} pictures of the chart and {len(bench.darks)} stacks of dark frames; take both, with names "
-            "that begin with scene and dark."
-        )
-    return np.asarray(stacks[0].mean - bench.darks[0].mean)
 
 
 def flat_of(bench: Bench) -> Float64Array | None:

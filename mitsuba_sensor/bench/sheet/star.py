@@ -25,9 +25,10 @@ from .bitmap import (
     take_bitmap,
     theory_of_bitmap,
 )
+from .black import without_black
 from .chart import Lights, Measured, Taken, Theory
 from .light import ChartScene
-from .modulation import draw_modulation, figures, flat_of, said_of, without_black
+from .modulation import draw_modulation, figures, flat_of, said_of
 from .setting import Setting
 from .transfer import Transfer
 

@@ -24,6 +24,7 @@ from ...lab.measure.image_quality.step_chart import (
 from ...optics.spectra import luminous
 from ...stages.stage import converter_of
 from ..datasheet import Said, expected
+from .black import frames_and_black
 from .chart import Lights, Measured, Taken, Theory
 from .light import ChartLight, ChartScene
 from .patches import Patches, PatchGrid, patches_of, scaled_to_saturation
@@ -111,17 +112,9 @@ class StepsChart(NamedTuple):
 def measure_plane(name: str, bench: Bench, patches: Patches, step: tuple[int, int]) -> Measured:
     """The instrument on the pixels behind one filter.  step : distance of these, down and across."""
     try:
-        if not bench.scenes or not bench.darks:
-            raise InputError(
-                f"{len(bench.scenes)} pictures of the chart and {len(bench.darks)} stacks of dark frames; take both, "
-                "with names that begin with scene and dark."
-            )
-        chart = step_chart(
-            bench.scenes[0],
-            patches.behind_one_filter(step),
-            patches.exposures_lxs,
-            black_dn=bench.darks[0].mean,
-        )
+        frames, black = frames_and_black(bench.scenes, bench)
+        regions = patches.behind_one_filter(step)
+        chart = step_chart(frames, regions, patches.exposures_lxs, black_dn=black)
     except InputError as error:
         return Measured(name, (), refused=(str(error),))
     drawings = {"Response (OECF)": chart.plot, "Signal-to-noise ratio": chart.plot_snr}

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...core import InputError, finite_numbers, refuse_masked, require
 from ...core.argument_names import tells_of_names
+from ...core.checks import require_finite
 from ...core.errors import require_count
 from ...core.exposure import LONGEST_S
 from ...core.types import Float64Array
@@ -66,11 +67,8 @@ class Stack:
             raise InputError(
                 f"{self.source}: frames are {kind} of shape {shape}; pass numbers of shape (frames, rows, columns)."
             )
-        if frames.dtype.kind == "f" and not np.isfinite(frames).all():
-            count = int(frames.size - np.isfinite(frames).sum())
-            raise InputError(
-                f"{self.source}: {count} values are NaN or infinite; pass finite digital numbers."
-            )
+        if frames.dtype.kind == "f":
+            require_finite(f"{self.source}: frames", frames, "digital numbers")
         require(
             f"{self.source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01"
         )

@@ -119,7 +119,8 @@ def _note_spatial_stacks(
         if isinstance(flat.photons, int | float) and measured.photons_known and flat.photons:
             signal = float(flat.frame_means.mean() - measured.darks[0].mean)
             expected = float(np.interp(flat.photons, measured.light, measured.signal))
-            text += f", {100 * (signal / expected - 1):+.2g} % off these"
+            if expected:
+                text += f", {100 * (signal / expected - 1):+.2g} % off these"
         texts.append(f"{flat.source} ({text})")
     if not texts:
         return []
