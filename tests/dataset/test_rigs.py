@@ -284,7 +284,10 @@ def test_sensors_are_named_by_id_or_number_and_listed_in_the_order_given(
             {"sensors": ["left", "0"]},
             r"scene 'pair' of the dataset: sensors names 'left' twice",
         ),
-        ({"sensors": "lefft"}, r"no sensor 'lefft'; it has left, right\. Did you mean 'left'"),
+        (
+            {"sensors": "lefft"},
+            r"no sensor 'lefft'; its sensors are left, right\. Did you mean 'left'",
+        ),
         ({"sensors": []}, r"sensors is empty; give names, all, or leave it out"),
         (
             {
