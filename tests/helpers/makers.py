@@ -16,11 +16,8 @@ from helpers.waiting import wait_until
 from mitsuba_sensor.dataset.plan.configured import PlannedSample
 from mitsuba_sensor.dataset.plan.file import read_dataset
 from mitsuba_sensor.dataset.plan.planned import DatasetPlan, PlannedView
-from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.dataset.run.task import usual_make
-from mitsuba_sensor.dataset.run.view_render import ViewRender
 from mitsuba_sensor.dataset.store.store import Store
-from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.stopping import whole_step
 
 
@@ -146,9 +143,11 @@ def log_renders(path: Path, waits: bool = False) -> None:
 
     waits : the first render of all then waits to be killed.
     """
+    from mitsuba_sensor.dataset.run.view_render import ViewRender  # not in all processes: it is slow
+
     own = ViewRender.light
 
-    def light(self: ViewRender) -> Irradiance:
+    def light(self: Any) -> Any:
         is_first = not path.exists()
         with path.open("a") as log:
             log.write(f"{os.getpid()}\n")
@@ -164,6 +163,8 @@ def run_and_log_renders(
     tables: Mapping[str, Any], roots: Path, folder: Path, shard: tuple[int, int]
 ) -> None:
     """A part of a run; the first render of all waits to be killed."""
+    from mitsuba_sensor.dataset.run.run import run
+
     log_renders(folder.parent / "renders", waits=True)
     plan = DatasetPlan(read_dataset(tables), [roots], "text")
     run(plan, folder, workers=0, shard=shard, progress=False)
