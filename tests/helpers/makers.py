@@ -143,7 +143,7 @@ def log_renders(path: Path, waits: bool = False) -> None:
 
     waits : the first render of all then waits to be killed.
     """
-    from mitsuba_sensor.dataset.run.view_render import ViewRender  # not in all processes: it is slow
+    from mitsuba_sensor.dataset.run.view_render import ViewRender  # slow
 
     own = ViewRender.light
 
