@@ -63,6 +63,11 @@ CASES: dict[str, dict[str, Any]] = {
         "cameras": [{"camera": "sony_imx174", "set": {"sensor.dual_pixel": True}}],
         "grid": FIXED,
     },
+    "polarisers": {
+        "scenes": [{"name": "table", "file": "polarisation.xml"}],
+        "cameras": [{"camera": "sony_imx250mzr"}],
+        "grid": FIXED,
+    },
 }
 
 

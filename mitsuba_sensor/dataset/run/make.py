@@ -115,7 +115,7 @@ class Rendered:
     @cached_property
     def aovs(self) -> Aovs:
         """Depth, position, normals, … of the same pixels."""
-        return self.render.prepared.aovs()
+        return self.render.aovs()
 
     def files_of_view(self, folder: Path) -> Files:
         """The files that all samples of the view share; those that are written to a path are in the folder."""

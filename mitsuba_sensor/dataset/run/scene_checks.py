@@ -16,12 +16,11 @@ from ...render.passes.stop_criterion import check_options
 from ...render.scene.film_and_view import film_area
 from ...render.scene.half_pupil import check_halves
 from ...render.scene.light_groups import AskedGroups, LightGroup, parts_of_light
-from ...render.scene.scene_settings import parse
 from ...render.variants import restores_variant
 from ..plan.planned import DatasetPlan, PlannedView, evenly_chosen
 from ..plan.sweep import possible_values
 from ..store.keys import canonical
-from .view_render import camera_of, scene_options
+from .view_render import camera_of, parsed_scene, scene_options
 
 MOST_CHECKED = 200
 """Views that are looked at, evenly chosen of each scene; of a dataset with more the others are checked by the run."""
@@ -92,7 +91,7 @@ def check_scene(plan: DatasetPlan, view: PlannedView, is_loaded: bool) -> None:
         options = scene_options(view)
         chosen = complete(RenderOptions, options)
         check_options(chosen)
-        parsed = parse(view.scene_file, options)
+        parsed = parsed_scene(view, options)
         parsed.settings.metres(options["scene_unit"])
         camera = camera_of(view.lead)  # all that share a light have a sensor of this size
         shape, origin = film_area(parsed.file, camera, options["width"])

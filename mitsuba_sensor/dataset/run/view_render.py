@@ -13,10 +13,11 @@ from ...core.options import complete
 from ...output.dng import check_dng
 from ...render.light.illuminant import illuminant_of
 from ...render.light.irradiance import Irradiance
+from ...render.motion.aovs import Aovs
 from ...render.options import RenderOptions
 from ...render.passes.prepared import METERING_SPP, PreparedRender, prepare
 from ...render.scene.scene_settings import ParsedScene, SceneSettings, parse
-from ...render.variants import fastest_variant
+from ...render.variants import fastest_variant, use
 from ...sensor.metering import Metering
 from ..plan.planned import PlannedView
 from ..store.keys import Config, key_of, seed_of
@@ -30,7 +31,7 @@ class ViewRender:
 
     def __init__(self, view: PlannedView) -> None:
         self.view, self.options = view, scene_options(view)
-        self._parsed = parse(view.scene_file, self.options)
+        self._parsed = parsed_scene(view, self.options)
 
     @property
     def settings(self) -> SceneSettings:
@@ -52,11 +53,18 @@ class ViewRender:
     @cached_property
     def prepared(self) -> PreparedRender:
         """The scene, loaded."""
+        use(self._parsed.variant)
         lead = self.view.lead
         asked, stops = exposure_of(self.settings, lead), lead["exposure"]["ev"]
         if is_timed(self.view):
             asked = _timed(self._parsed, self.camera, asked, stops, self.options)
         return prepare(self._parsed, self.camera, asked, **self.options)
+
+    def aovs(self) -> Aovs:
+        """Depth, position, normals, …, traced now."""
+        prepared = self.prepared
+        use(self._parsed.variant)  # a view of another camera may have been rendered between
+        return prepared.aovs()
 
     def light(self) -> Irradiance:
         """The light, rendered now."""
@@ -116,8 +124,13 @@ def scene_options(view: PlannedView) -> RenderOptions:
     if "start_s" in config:
         of_scene["start_s"] = config["start_s"]
     of_scene["traverse"] = of_scene["traverse"] or None
-    variant = fastest_variant("llvm").name  # whatever is set: CUDA adds in any order
-    return {**config["render"], **of_scene, "repeatable": True, "variant": variant}  # type: ignore[typeddict-item]
+    return {**config["render"], **of_scene, "repeatable": True}  # type: ignore[typeddict-item]
+
+
+def parsed_scene(view: PlannedView, options: RenderOptions) -> ParsedScene:
+    """The scene of a view, for whose camera the variant is set. Raises InputError."""
+    use(fastest_variant("llvm"))  # whatever is set: CUDA adds in any order
+    return parse(view.scene_file, options).in_variant_for(camera_of(view.lead))
 
 
 def is_timed(view: PlannedView) -> bool:
