@@ -263,7 +263,9 @@ def test_a_text_none_in_the_film_unsets_a_field_of_its_camera(tmp_path: Path) ->
     )
     assert settings.camera.source_follower.read_noise_e == 3
     (note,) = settings.unused_note(ms.load_camera("bayer_2mp"))
-    assert note.startswith("not used of the scene: source_follower.read_noise_e; bayer_2mp was")
+    assert note.startswith(
+        "not used of the scene: source_follower.read_noise_e; the camera bayer_2mp"
+    )
 
 
 def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:

@@ -277,8 +277,8 @@ def test_a_study_says_how_long_it_takes_and_again_where_that_was_too_short() -> 
         tell(Forecast(20.0, 250.0, "third", "frames", 200.0))
         tell(Forecast(300.0, 320.0, "fourth", "moments", 310.0))
     assert console.file.getvalue().splitlines() == [  # type: ignore[attr-defined]
-        "this takes about 3 min, 2 min of it for frames",
-        "this takes about 5 min, 5 min of it for moments",
+        "this takes about 3.3 min, 2.5 min of it for frames",
+        "this takes about 5.3 min, 5.2 min of it for moments",
     ]
 
 
