@@ -94,7 +94,7 @@ def test_a_number_that_no_float_holds_is_one_sentence(tmp_path: Path) -> None:
     text = (
         (SHIPPED / "bayer_2mp.toml").read_text("utf-8").replace("cv = 0.4", f"cv = {'9' * 400}")
     )
-    with pytest.raises(ms.InputError, match="dark_current.cv is a whole number of 1329 bits"):
+    with pytest.raises(ms.InputError, match=r"dark_current.cv is a whole number of 1329 bits"):
         ms.load_camera(text)
 
 
