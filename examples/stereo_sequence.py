@@ -1,6 +1,6 @@
 """A stereo sequence for visual odometry: two cameras drive through a street at night while a car comes towards them.
 
-    python examples/stereo_sequence.py stereo/ --picture docs/images/stereo_sequence.png
+    python examples/stereo_sequence.py out/stereo --picture docs/images/stereo_sequence.png
 
 This copies the scene night_crossing, gives it a second sensor 0.3 m to the right of the first one, makes a dataset of
 frames 0.2 s apart, and writes it as KITTI and EuRoC. The picture has a row for each camera.
@@ -59,7 +59,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folder", type=Path, help="new, for scene, dataset and exports")
+    parser.add_argument(
+        "folder",
+        type=Path,
+        nargs="?",
+        default=Path("out/stereo"),
+        help="new, for scene, dataset and exports (default out/stereo)",
+    )
     parser.add_argument("--width", type=int, default=192, help="pixels (default 192)")
     parser.add_argument("--spp", type=int, default=64, help="samples of a pixel (default 64)")
     parser.add_argument(
