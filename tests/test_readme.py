@@ -23,6 +23,8 @@ from PIL import Image
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "mitsuba-sensor render scenes/first_frame.xml -o out/"
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
+SMALL = {"stereo_sequence": ["stereo_sequence", "--width", "48", "--spp", "4", "--views", "2"]}
+"""Arguments of an example that takes minutes without them."""
 SMALL_ELSEWHERE = {"train_a_denoiser"}
 """Examples that take minutes, which tests/dataset/test_training.py runs with less, and that need more packages."""
 QUICK = {"photons_from_an_array"}
@@ -192,7 +194,7 @@ def test_the_examples_run(example: Path, checkout: Checkout) -> None:
     """An example that reads a file gets the light of the first picture, and a folder to write to."""
     folder = checkout.folder / example.stem
     folder.mkdir()
-    arguments = []
+    arguments = SMALL.get(example.stem, [])
     if "irradiance_file" in example.read_text(encoding="utf-8"):
         arguments = ["out/irradiance.exr", folder.name]
         if FIRST not in checkout.ran:
