@@ -399,7 +399,7 @@ def test_settings_that_differ_are_sequences_of_their_own() -> None:
         {"scene": "a", "gain": 2},
     ]
     (remark,) = work.remarks
-    assert "scene a have no times" in remark and "0.1 s apart" in remark
+    assert "scene a have no times of their own" in remark and "0.1 s apart" in remark
 
 
 ORTHOGRAPHIC = """name = "worlds"

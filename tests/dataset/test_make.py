@@ -12,22 +12,13 @@ from helpers.datasets import SCENES, TABLES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera_file import camera_from
-from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.plan.file import OUTPUTS, read_dataset
 from mitsuba_sensor.dataset.plan.planned import DatasetPlan
 from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.files.raw_files import read_raw
 
-EVERYTHING = [
-    "raw",
-    "dng",
-    "clean",
-    "electrons",
-    "variance",
-    "noise_budget",
-    "preview",
-    "aovs",
-    "irradiance",
-]
+EVERYTHING = [name for name in OUTPUTS if name not in ("readouts", "companded")]
+"""That a camera of one read-out has, linear."""
 CORNELL = {"name": "cornell", "file": "cornell_box.xml"}
 
 

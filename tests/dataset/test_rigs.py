@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -314,6 +315,26 @@ def test_what_no_rig_and_no_time_can_be_is_refused(
 ) -> None:
     with pytest.raises(ms.InputError, match=sentence):
         _ = plan_of(tmp_path, **scene).scenes
+
+
+@pytest.mark.parametrize(
+    ("times_s", "order", "apart_s"), [((3, 1, 2), (1, 2, 0), 1.0), ((1, 1, 2), (0, 1, 2), 0.1)]
+)
+def test_frames_are_in_the_order_of_time_and_none_is_lost_where_two_have_the_same(
+    times_s: Sequence[float], order: Sequence[int], apart_s: float, tmp_path: Path
+) -> None:
+    views = [
+        {"time_s": time_s, "origin_m": [number, 0, 3], "target_m": [number, 0, 0]}
+        for number, time_s in enumerate(times_s)
+    ]
+    found = made(tmp_path, {"outputs": ["raw"]}, views=views)
+    export(found, "kitti", tmp_path / "kitti")
+    times = np.loadtxt(tmp_path / "kitti/sequences/00/times.txt")
+    np.testing.assert_allclose(times, np.arange(3) * apart_s)
+    moved_m = np.loadtxt(tmp_path / "kitti/poses/00.txt")[:, 3]
+    np.testing.assert_allclose(moved_m, np.subtract(order, order[0]), atol=1e-6)
+    assert len(export(found, "euroc", tmp_path / "euroc").remarks) == (apart_s == 0.1)
+    assert len([*(tmp_path / "euroc").rglob("data/*.png")]) == 3
 
 
 def test_a_pose_again_at_another_time_is_another_view(tmp_path: Path) -> None:

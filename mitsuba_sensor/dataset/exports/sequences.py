@@ -160,8 +160,12 @@ def _common_views(group: Group) -> list[int]:
 
 
 def _at_common_views(job: Job, group: Group) -> tuple[list[SequenceCamera], list[int]]:
-    """The cameras of a group with their frames at the views that all have, and the numbers of these views."""
+    """The cameras of a group with their frames at the views that all have, and the numbers of these views: in the order
+    of time, else of their numbers."""
     views = _common_views(group)
+    first = next(iter(group.values()))
+    if times_s := _own_times_s([first[view] for view in views]):
+        views = [view for _, view in sorted(zip(times_s, views, strict=True))]
     rest = list[Sample]()
     for frames in group.values():
         rest += [frames[view].sample for view in frames.keys() - views]
@@ -174,11 +178,18 @@ def _at_common_views(job: Job, group: Group) -> tuple[list[SequenceCamera], list
 
 def _times_s(job: Job, camera: SequenceCamera, views: Sequence[int]) -> Float64Array:
     """Times of these views [s], from the first one on: those of the samples, or evenly spaced."""
-    times_s = [frame.sample.values.get("time_s") for frame in camera.frames]
-    if None not in times_s:
+    if times_s := _own_times_s(camera.frames):
         return np.asarray(np.array(times_s) - times_s[0])
     if len(views) > 1:
         scene = camera.frames[0].sample.values.get("scene")
-        remark = f"views of scene {scene} have no times: its frames are {PERIOD_S:g} s apart"
+        remark = f"views of scene {scene} have no times of their own: its frames are {PERIOD_S:g} s apart"
         job.remarks.extend({remark}.difference(job.remarks))
     return np.asarray(views) * PERIOD_S
+
+
+def _own_times_s(frames: Iterable[PosedSample]) -> list[float]:
+    """Time of each frame [s]; none where one has none, or two have the same."""
+    times_s = [frame.sample.values.get("time_s") for frame in frames]
+    if None in times_s or len({*times_s}) < len(times_s):
+        return []
+    return times_s
