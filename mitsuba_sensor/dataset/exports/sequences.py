@@ -189,7 +189,8 @@ def _times_s(job: Job, camera: SequenceCamera, views: Sequence[int]) -> Float64A
 
 def _own_times_s(frames: Iterable[PosedSample]) -> list[float]:
     """Time of each frame [s]; none where one has none, or two have the same."""
-    times_s = [frame.sample.values.get("time_s") for frame in frames]
-    if None in times_s or len({*times_s}) < len(times_s):
+    frames = list(frames)
+    times_s = [x.sample.values["time_s"] for x in frames if "time_s" in x.sample.values]
+    if len({*times_s}) < len(frames):
         return []
     return times_s
