@@ -29,6 +29,7 @@ from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.image_quality.slanted_edge import slanted_edge
+from mitsuba_sensor.render.variants import fastest_variant, use, variant_restored
 
 TINY = ms.load_camera("sony_imx174").replace(
     **{"sensor.rows": 64, "sensor.columns": 64, "readout.dsnu_col": 1e-4, "lens.f_number": 4.0}
@@ -55,13 +56,15 @@ SHIPPED_SAMPLES = edge.SAMPLES
 def own_cache(
     monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[None]:
-    """One folder of kept light for all tests, and few samples."""
+    """One folder of kept light for all tests, few samples, and one variant: the numbers of a seed are those of it."""
     folder = tmp_path_factory.getbasetemp() / "kept"
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
     monkeypatch.setattr(edge, "SAMPLES", 64)
     monkeypatch.setattr(steps, "SAMPLES", 16)
     monkeypatch.setattr(bitmap, "SAMPLES", 16)
-    yield
+    with variant_restored():
+        use(fastest_variant("llvm"))
+        yield
 
 
 def run(*arguments: str) -> Any:

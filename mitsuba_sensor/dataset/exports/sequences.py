@@ -187,9 +187,8 @@ def _times_s(job: Job, camera: SequenceCamera, views: Sequence[int]) -> Float64A
     return np.asarray(views) * PERIOD_S
 
 
-def _own_times_s(frames: Iterable[PosedSample]) -> list[float]:
+def _own_times_s(frames: Sequence[PosedSample]) -> list[float]:
     """Time of each frame [s]; none where one has none, or two have the same."""
-    frames = list(frames)
     times_s = [x.sample.values["time_s"] for x in frames if "time_s" in x.sample.values]
     if len({*times_s}) < len(frames):
         return []
