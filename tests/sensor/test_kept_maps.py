@@ -53,9 +53,6 @@ def test_calls_in_random_order_have_the_bytes_of_a_stream_which_keeps_nothing(
         }
         if engine == "numpy" and rng.random() < 0.3:
             options["precision"] = "float64"
-        if camera is TABLE_1 and rng.random() < 0.2:
-            options |= {"engine": "auto", "chain": "konnik2014"}
-            options.pop("precision", None)
         exposure = ms.Exposure(0.01 * rng.integers(1, 4), 280 + 20 * rng.integers(2))
         frames = ms.expose(photons, camera, exposure, **options)
         (streamed,) = ms.stream(photons, camera, exposure, **options)
