@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Unpack, cast
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .capture_options import CaptureOptions, check_asked_files
-from .core import Exposure, Photons, tells_of_names, warn_of
+from .core import Exposure, Photons, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, used
 from .exposed import (
@@ -47,7 +47,6 @@ from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .timed_frames import TimedFrame, series_facts, write_video
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Capture:
     """Frames of a camera, and what they were made from.

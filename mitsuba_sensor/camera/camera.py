@@ -18,7 +18,6 @@ from pydantic import (
 )
 
 from ..core import Doubt, Exposure, InputError, nearest, refuse_masked
-from ..core.argument_names import tells_of_names
 from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.combined_readouts import CombinedReadouts
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
@@ -100,7 +99,6 @@ def _known_field(name: str) -> str:
     return name
 
 
-@tells_of_names
 class Camera(FileTable):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again.
 

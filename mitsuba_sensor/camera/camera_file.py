@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, TypeAlias, overload
 import numpy as np
 
 from ..core import InputError, nearest
-from ..core.argument_names import tells_of_names
 from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
 from .shipped import SHIPPED, list_cameras
@@ -47,7 +46,6 @@ def _shipped_camera(name: str) -> Camera:
     return load_camera(name)
 
 
-@tells_of_names
 def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:
     """A shipped camera by name (``konnik_table1``), any camera file by path (``my.toml``), or a camera that is no file.
 

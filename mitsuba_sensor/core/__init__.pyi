@@ -1,6 +1,5 @@
 """The names that the stages are computed with, and the modules that they are loaded from when they are first used."""
 
-from .argument_names import tells_of_names as tells_of_names
 from .checks import check_types as check_types
 from .checks import finite_numbers as finite_numbers
 from .checks import first_given as first_given

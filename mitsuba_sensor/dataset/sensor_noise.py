@@ -16,7 +16,6 @@ from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
 from ..camera.figures import saturation_e
 from ..core import Doubt, Exposure, InputError, Photons, check_types, warn_of
-from ..core.argument_names import tells_of_names
 from ..core.errors import shown
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
@@ -89,7 +88,6 @@ class NoisyImage:
         return as_given(np.stack(arrays) if self._batch else arrays[0], self._like)
 
 
-@tells_of_names
 class SensorNoise:
     """What a camera makes of an image: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
 

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Float64Array, InputError, nearest, require
-from ..core.argument_names import tells_of_names
 from ..core.csv_rows import rows_of
 from ..files.texts import text_of_file
 
@@ -128,7 +127,6 @@ def _checked_share(name: str, value: float) -> float:
     return require(name, value, -1e6, 1e6, "in periods, e.g. 0.25")
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class pwm(_Cycles):
     """Pulse-width modulation: w = 1/duty during the first ``duty`` of every period, and 0 after that.
@@ -156,7 +154,6 @@ class pwm(_Cycles):
         return np.asarray((whole * self.duty + rest) / (self.duty * self.frequency_hz))
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class sine(_Cycles):
     """w = 1 + depth·sin(2π(f·t + phase)).
@@ -181,7 +178,6 @@ class sine(_Cycles):
         return -self.depth * cosine / (2 * np.pi * self.frequency_hz)
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class mains(_Cycles):
     """A lamp on rectified mains: w = (π/2)·|sin(2πft)|, which repeats at twice the frequency of the mains.
@@ -203,7 +199,6 @@ class mains(_Cycles):
         return ((1 - np.cos(np.pi * share)) / 2 - share) / (2 * self.frequency_hz)
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class table(Waveform):
     """A measured waveform: a CSV of time [s] and value, straight between its rows, which repeats behind the last row.

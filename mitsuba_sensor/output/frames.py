@@ -15,7 +15,6 @@ from ..camera.dual_pixels import has_several_readouts
 from ..camera.figures import refuse_readouts
 from ..camera.readouts import unknown_readout
 from ..core import InputError
-from ..core.argument_names import tells_of_names
 from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
@@ -43,7 +42,6 @@ class FramesOfReadouts(dict[str, "Frames"]):
         raise unknown_readout(self.camera, name, self)
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Frames(RawFrames):
     """Raw frames of one camera, which know what is expected of them and can be saved.

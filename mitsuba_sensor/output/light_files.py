@@ -15,7 +15,6 @@ import numpy as np
 from ..camera.camera import Camera
 from ..camera.camera_file import load_camera
 from ..core import Float64Array, InputError, nearest, require
-from ..core.argument_names import tells_of_names
 from ..core.checks import require_path
 from ..core.units import LIGHT_SPEED_M_PER_S
 from ..files.openexr import whole_exr
@@ -51,7 +50,6 @@ PREFIXES |= {"": 0, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
 ONE_NM = 1.0  # width of the band in which the light of one wavelength is
 
 
-@tells_of_names
 def read_irradiance(
     path: str | os.PathLike[str],
     unit: str | None = None,

@@ -20,7 +20,6 @@ from ..camera.camera import Camera
 from ..camera.exposure_times import longest_exposure_s
 from ..camera.figures import saturation_e
 from ..core import Exposure, InputError, nearest, require
-from ..core.argument_names import tells_of_names
 from ..optics.shutter import shutter_of
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of
@@ -30,7 +29,6 @@ DARKEST = 1e-6
 EXAMPLE = "target 0.18, damping 0.5, delay 2"
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class AutoExposure:
     """A controller of exposure time and gain, from frame to frame.

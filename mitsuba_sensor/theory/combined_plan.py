@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from ..camera.camera import Camera
 from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
-from ..core.argument_names import tells_of_names
 from ..sensor.checks import as_photons
 from ..sensor.detection import Detected, detect
 from ..sensor.map_checks import checked_maps
@@ -22,7 +21,6 @@ from ..stages.usual_range import warn_of_temperature
 from .plan import Plan, plan_for
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class CombinedPlan:
     """The plans of all read-outs of a camera. ``print(plan.explain())``; ``expose(..., plan=plan)``.
@@ -100,7 +98,6 @@ class CombinedPlan:
         }
 
 
-@tells_of_names
 def plan(
     camera: AnyCamera,
     exposure: Exposure,

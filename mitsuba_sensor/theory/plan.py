@@ -19,7 +19,6 @@ from ..core import (
     Photons,
     SensorWindow,
 )
-from ..core.argument_names import tells_of_names
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..sensor.detection import Detected
 from ..sensor.precision import Float32, float32_effect
@@ -50,7 +49,6 @@ NO_LAW = "has no theory (no `moments`); always kept"
 COUPLED = "has no theory (it couples neighbours); always kept"
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class Plan:
     """The stages of an exposure with their effects. ``print(plan.explain())``; ``expose(..., plan=plan)``.

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import InputError
-from ...core.argument_names import tells_of_names
 from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
 from ..frames.bench import Bench, read_bench
@@ -49,7 +48,6 @@ SHARE, FEWEST = 0.25, 8
 """Share of the frames of a stack that are held out, and of how many at least: 2 stay out and 6 in."""
 
 
-@tells_of_names
 @dataclass(eq=False)
 class Twin:
     """Fitted from the frames of one camera.
@@ -218,7 +216,6 @@ def _show_tile(tile: tuple[tuple[str, ...], ...]) -> str:
     return " / ".join("".join(row) for row in tile)
 
 
-@tells_of_names
 def fit(frames: str | os.PathLike[str] | Bench, *, progress: bool | None = None) -> Twin:
     """The twin of the camera that took these bias, dark and flat frames.
 

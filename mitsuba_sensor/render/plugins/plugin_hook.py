@@ -13,8 +13,6 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
 
-from ...core.argument_names import tells_of_names
-
 
 def watch() -> None:
     """Register the plugins in Mitsuba now if it is imported, else when it is."""
@@ -77,7 +75,6 @@ def _register(_before: str | None, _now: str | None) -> None:
     mi.register_sensor("camera", sensor)
 
 
-@tells_of_names
 def register_plugins() -> None:
     """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
 
