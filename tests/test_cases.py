@@ -11,6 +11,8 @@ from collections.abc import Callable
 import pytest
 from helpers import DATA
 
+import mitsuba_sensor as ms
+
 CASES = DATA / "cases"
 Check = Callable[[], None]
 CHECKS: dict[str, Check] = {}
@@ -19,7 +21,7 @@ CHECKS: dict[str, Check] = {}
 PENDING = {
     *("01", "02", "03", "04", "05", "07", "09", "11", "12", "13"),
     *("2026-11-29_01", "2026-11-29_03", "2026-11-29_04", "2026-11-29_05", "2026-11-29_06"),
-    *("2026-11-29_08", "2026-11-29_09", "2026-11-29_10", "2026-11-29_11", "2026-11-29_12"),
+    *("2026-11-29_08", "2026-11-29_09"),
     *("2026-11-29_14", "2026-11-29_16"),
 }
 """Cases that have no row yet."""
@@ -33,6 +35,37 @@ def case(name: str) -> Callable[[Check], Check]:
         return check
 
     return enter
+
+
+def means_of(name: str) -> tuple[tuple[int, ...], list[float]]:
+    """Shape, and mean codes of R, G and B, of a frame of 10 ms of the light of another program."""
+    camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.01)
+    light = ms.read_irradiance(CASES / name, unit="radiance_rgb", camera=camera)
+    frame = ms.expose(ms.collect(light, camera, exposure), camera, exposure).digital[0]
+    return frame.shape, [float(frame[y::2, x::2].mean()) for y, x in ((0, 0), (0, 1), (1, 1))]
+
+
+GREY_MEANS = pytest.approx([319.55, 556.46, 343.66], abs=1.0)
+"""Means of the same picture without layers, parts and overscan."""
+
+
+@case("2026-11-29_10")
+def exr_display_window() -> None:
+    shape, means = means_of("2026-11-29_10_exr_display_window/overscan.exr")
+    assert shape == (16, 24) and means == GREY_MEANS
+
+
+@case("2026-11-29_11")
+def exr_chromaticities() -> None:
+    folder = "2026-11-29_11_exr_chromaticities"
+    assert means_of(f"{folder}/ap1_red.exr")[1] == pytest.approx([449.5, 114.2, 46.0], abs=0.1)
+    assert means_of(f"{folder}/srgb_red.exr")[1] == pytest.approx([286.5, 127.6, 56.0], abs=0.1)
+
+
+@case("2026-11-29_12")
+def exr_layers() -> None:
+    for name in ("blender_multilayer", "multipart_depth_first"):
+        assert means_of(f"2026-11-29_12_exr_layers/{name}.exr")[1] == GREY_MEANS
 
 
 def names_of_inputs() -> set[str]:

@@ -33,6 +33,9 @@ XYZ_TO_SRGB: Float64Array = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
 )
 """IEC 61966-2-1, rounded there."""
+LEAST_TRIANGLE = 1e-3  # twice the area between the chromaticities of primaries; sRGB has 0.22
+SRGB_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *D65_XY)
+"""x and y of red, green, blue and white: ITU-R BT.709, IEC 61966-2-1."""
 
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
@@ -132,6 +135,30 @@ def lab(xyz: Float64Array) -> Float64Array:
 def xyz_to_srgb() -> Float64Array:
     """(3, 3) from XYZ to linear sRGB (IEC 61966-2-1)."""
     return XYZ_TO_SRGB
+
+
+def rgb_to_srgb(chromaticities: tuple[float, ...]) -> Float64Array:
+    """(3, 3) from linear RGB of other primaries to linear sRGB, its white adapted by Bradford.
+
+    chromaticities : x and y of red, green, blue and white. Raises ValueError for what spans no colours.
+    """
+    from_rgb, white = _rgb_to_xyz(chromaticities)
+    from_srgb, daylight = _rgb_to_xyz(SRGB_CHROMATICITIES)
+    return np.asarray(np.linalg.inv(from_srgb) @ bradford(white, daylight) @ from_rgb)
+
+
+def _rgb_to_xyz(chromaticities: tuple[float, ...]) -> tuple[Float64Array, Float64Array]:
+    """(3, 3) from linear RGB to XYZ, and XYZ of its white."""
+    *primaries, (x, y) = np.reshape(np.array(chromaticities, float), (4, 2)).tolist()
+    if not np.isfinite(chromaticities).all():
+        raise ValueError(f"chromaticities are {chromaticities}")
+    columns = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
+    if y > 0 and abs(np.linalg.det(columns)) > LEAST_TRIANGLE:
+        white = _white_xyz((x, y))
+        amounts = np.linalg.solve(columns, white)
+        if (amounts > 0).all():
+            return columns * amounts, white
+    raise ValueError(f"chromaticities are {chromaticities}")
 
 
 @cache
