@@ -19,7 +19,7 @@ CHECKS: dict[str, Check] = {}
 """Name of a case, the beginning of its file's or folder's name → what must hold."""
 
 PENDING = {
-    *("01", "02", "03", "04", "05", "07", "09", "11", "12", "13"),
+    *("01", "02", "03", "04", "05", "07", "09", "11", "12"),
     *("2026-11-29_01", "2026-11-29_03", "2026-11-29_04", "2026-11-29_05", "2026-11-29_06"),
     *("2026-11-29_08", "2026-11-29_09"),
     *("2026-11-29_14", "2026-11-29_16"),
@@ -35,6 +35,20 @@ def case(name: str) -> Callable[[Check], Check]:
         return check
 
     return enter
+
+
+@case("13")
+def units_of_quantum_efficiency() -> None:
+    table1 = ms.load_camera("konnik_table1")
+    for name, said in (
+        (
+            "percent",
+            "the largest quantum efficiency is 0.6 percent; if these are fractions, call",
+        ),
+        ("um", "goes from 400 to 700 um, .* usual; if it is in nm, call it wavelength_nm"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            table1.replace(**{"quantum_efficiency.file": str(CASES / f"13_qe_{name}.csv")})
 
 
 def means_of(name: str) -> tuple[tuple[int, ...], list[float]]:
