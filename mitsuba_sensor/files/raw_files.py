@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -47,6 +48,11 @@ CAMERA_RAW = (
 RAW_FORMATS = (*TIFF, *PICTURES, *ARRAYS, *FITS, *CAMERA_RAW)
 LONGEST_LABEL = 100  # characters of a gain setting
 NO_TILE: tuple[tuple[str, ...], ...] = ()
+LOSSLESS_JPEG = 7  # compression of a TIFF
+OF_RAW = (32803, 34892)  # photometric interpretation: colour filter array, linear raw
+LONGEST_JPEG_HEADER = 2**16
+JPEG_FRAMES = range(0xC0, 0xC4)
+HUFFMAN_TABLES, START_OF_SCAN = 0xC4, 0xDA
 EXTRA = "pip install 'mitsuba-sensor[raw]'"
 
 
@@ -137,9 +143,16 @@ def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
             raise InputError(
                 f"{place} has {first.samplesperpixel} values per pixel; raw frames have one."
             )
-        unpacked = sum(math.prod(one.shape) * one.dtype.itemsize for one in opened.series[:1])
+        _require_all_pages(place, opened)
+        size, kind = opened.series[0].shape[-2:], opened.series[0].dtype
+        series = [one for one in opened.series if (one.shape[-2:], one.dtype) == (size, kind)]
+        unpacked = sum(math.prod(one.shape) * one.dtype.itemsize for one in series)
         require_plausible_ratio(place, opened.filehandle.size, unpacked)
-        frames = _pages(opened.asarray())
+        for page in (page for one in series for page in one.pages):
+            _require_segments(place, page)
+        frames = _pages(series[0].asarray())
+        if len(series) > 1:  # pages that were written one by one
+            frames = np.concatenate([frames, *(_pages(one.asarray()) for one in series[1:])])
     facts = _own_facts(tags.get("ImageDescription"))
     names: Mapping[int, str] = dict(enumerate("RGBCMYW"))
     pattern, size = tags.get("CFAPattern"), tags.get("CFARepeatPatternDim")
@@ -159,6 +172,23 @@ def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
         _bits(facts.get("white_level_dn")),
         tile,
     )
+
+
+def _require_all_pages(place: str, opened: Any) -> None:
+    """Raise InputError where the chain of pages leads beyond the end of the file."""
+    pages, end = len(opened.pages), opened.pages.next_page_offset
+    opened.filehandle.seek(end)
+    if any(opened.filehandle.read(opened.tiff.offsetsize)):
+        raise InputError(f"{place} is cut short after {pages} page(s); copy it again.")
+
+
+def _require_segments(place: str, page: Any) -> None:
+    """Raise InputError for strips and tiles that are not in the file, which the reader takes for 0."""
+    lengths = [] if page is None or page.is_contiguous else page.databytecounts
+    if page is None or 0 in (*page.dataoffsets, *lengths):
+        raise InputError(
+            f"{place} lacks pixels: some of its strips or tiles are empty; leave it out, or copy it again."
+        )
 
 
 def _own_facts(description: object) -> dict[str, Any]:
@@ -291,6 +321,7 @@ def _kelvin(celsius: object) -> float | None:
 def _camera_raw(file: Path) -> RawFile:
     with _needed("rawpy", file):
         import rawpy
+    _require_jpegs(file)
     with rawpy.imread(os.fspath(file)) as raw:
         require_plausible(file, raw.sizes.raw_width * raw.sizes.raw_height * 2)
         image = raw.raw_image_visible
@@ -309,6 +340,54 @@ def _camera_raw(file: Path) -> RawFile:
             bits=_bits(raw.white_level),
             tile=tile,
         )
+
+
+def _require_jpegs(file: Path) -> None:
+    """Raise InputError where a lossless JPEG of a DNG lacks pixels of its tile, or of the picture: LibRaw reads one
+    strip and leaves memory as it was where it decodes nothing."""
+    import tifffile
+
+    try:
+        opened = tifffile.TiffFile(file)
+    except tifffile.TiffFileError:  # another raw format
+        return
+    with opened:
+        pages = [one for page in opened.pages for one in (page, *(page.pages or ()))]
+        for page in pages:
+            if page.compression != LOSSLESS_JPEG or page.photometric not in OF_RAW:
+                continue
+            rows, columns = page.imagelength, page.imagewidth
+            height, width = rows, columns
+            if page.is_tiled:
+                height, width = page.tilelength, page.tilewidth
+            corners = product(range(0, rows, height), range(0, columns, width))
+            for number, (top, left) in enumerate(corners):
+                pixels = min(height, rows - top) * min(width, columns - left)
+                start = b""
+                if number < len(page.dataoffsets):
+                    opened.filehandle.seek(page.dataoffsets[number])
+                    start = opened.filehandle.read(LONGEST_JPEG_HEADER)
+                if _jpeg_samples(start) < pixels * page.samplesperpixel:
+                    raise InputError(
+                        f"{file} has no whole picture at row {top}, column {left}, where a lossless JPEG of {pixels} "
+                        "pixels belongs; copy it again, or convert it with Adobe's DNG converter."
+                    )
+
+
+def _jpeg_samples(start: bytes) -> int:
+    """How many samples a JPEG has that begins so; 0 without frame, Huffman tables or a scan (ITU-T T.81, B.1.1)."""
+    samples, has_tables, place = 0, False, 2
+    while start[:2] == b"\xff\xd8" and start[place : place + 1] == b"\xff":
+        marker, segment = start[place + 1], start[place + 2 : place + 10]
+        if marker == START_OF_SCAN and has_tables:
+            return samples
+        if marker in JPEG_FRAMES and len(segment) == 8:
+            samples = (
+                (segment[3] << 8 | segment[4]) * (segment[5] << 8 | segment[6]) * segment[7]
+            )
+        has_tables |= marker == HUFFMAN_TABLES
+        place += 2 + int.from_bytes(segment[:2], "big")
+    return 0
 
 
 def require_plausible_picture(path: Path) -> None:
@@ -371,9 +450,7 @@ def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
         with tifffile.TiffFile(path) as opened:
             first: Any = opened.pages[0]
             pages = [first, *(first.pages or ())]
-            raw = next(
-                (page for page in pages if page.photometric in (32803, 34892)), first
-            )  # CFA, linear raw
+            raw = next((page for page in pages if page.photometric in OF_RAW), first)
             tags = {tag.name: _plain(tag) for page in (first, raw) for tag in page.tags}
     except Exception as error:  # tifffile raises errors of every kind for broken files
         why = str(error).split("\n")[0] or type(error).__name__

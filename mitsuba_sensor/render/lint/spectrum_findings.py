@@ -33,6 +33,7 @@ FRACTIONS: tuple[str, ...] = ("reflectance", "diffuse_reflectance", "specular_re
 FRACTIONS += ("specular_transmittance", "base_color", "albedo")
 """Properties of materials and media that are the share of the light that comes back."""
 PERCENT, COUNTS = 100.0, 255.0
+LONGEST_UM = 20.0  # end of a table that is more likely in µm than in nm
 LEAST_PERCENT = (
     2.0  # the largest value of a fraction that is more likely a mistake than a percentage
 )
@@ -78,7 +79,8 @@ def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
     incomplete: dict[tuple[str, Range, str], list[MitsubaObject]] = {}
     for node, name, data_nm in chain(lights, spectra.materials):
         if not band.is_inside(data_nm):
-            incomplete.setdefault((name, data_nm, _more_data(node, band)), []).append(node)
+            key = (name, data_nm, _more_data(node, data_nm, band))
+            incomplete.setdefault(key, []).append(node)
     for (name, data_nm, remedy), nodes in incomplete.items():
         label = name if name == "light" else repr(name)
         where = f"outside {data_nm[0]:g} to {data_nm[1]:g} nm"
@@ -96,8 +98,10 @@ def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
             yield Finding("black", lines_of(scene, nodes), what, remedy, data_nm)
 
 
-def _more_data(node: MitsubaObject, band: Band) -> str:
+def _more_data(node: MitsubaObject, data_nm: Range, band: Band) -> str:
     """What to do about a spectrum that ends."""
+    if data_nm[1] < LONGEST_UM:
+        return "if its wavelengths are in µm, multiply them by 1000: Mitsuba reads nm"
     if (kind := node.props.plugin_name()) in SKIES:
         return f"{kind!r} has no more data: add another light from {band.low_nm:g} to {band.high_nm:g} nm"
     return f"give it pairs of wavelength and value from {band.low_nm:g} to {band.high_nm:g} nm"
