@@ -155,7 +155,7 @@ def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[
 class Extremes(NamedTuple):
     """The smallest and largest finite value of a spectrum in the bands.
 
-    not_finite : how many values are NaN or infinite.
+    not_finite, negative : how many values are NaN or infinite, and how many below 0.
     is_clamped : whether Mitsuba takes 0 or 1 for what is outside.
     """
 
@@ -164,6 +164,7 @@ class Extremes(NamedTuple):
     least: float
     largest: float
     not_finite: int
+    negative: int
     is_clamped: bool
 
 
@@ -171,15 +172,15 @@ def _extremes(
     nodes: Iterable[MitsubaObject], spectra: SceneSpectra, band: Band
 ) -> Iterator[Extremes]:
     for node in nodes:
-        for name in node.props:
-            for numbers in spectra.numbers(node.props[name]):
-                if isinstance(numbers, Picture):
-                    values, is_clamped = numbers.values, numbers.values.shape[1] > 1
-                else:
-                    values, is_clamped = numbers.between(band.low_nm, band.high_nm), False
-                finite = values[np.isfinite(values)]
-                ends = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)))
-                yield Extremes(node, name, *ends, values.size - finite.size, is_clamped)
+        for name, numbers in spectra.numbers_of_node(node):
+            if isinstance(numbers, Picture):
+                values, is_clamped = numbers.values, numbers.values.shape[1] > 1
+            else:
+                values, is_clamped = numbers.between(band.low_nm, band.high_nm), False
+            finite = values[np.isfinite(values)]
+            ends = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)))
+            counts = (values.size - finite.size, int((finite < 0).sum()))
+            yield Extremes(node, name, *ends, *counts, is_clamped)
 
 
 def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
@@ -203,7 +204,9 @@ def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
         [values for values in (*fractions, *strengths) if values.least < 0]
     ):
         least = min(values.least for values in same)
-        what = f"{name!r} in {places(len(same))} is as small as {least:g}: no light is negative"
+        count = sum(values.negative for values in same)
+        few = f"{count} value(s) below 0, as small as {least:g}"
+        what = f"{name!r} in {places(len(same))} has {few}: no light is negative"
         yield Finding("wrong", _lines(scene, same), what, "give values of 0 and more")
     for name, same in _by_name(
         [values for values in (*surfaces, *lights) if values.not_finite]
