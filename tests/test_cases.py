@@ -5,13 +5,20 @@ tests/data/cases has the inputs; README.md there and README in each folder tell 
 
 from __future__ import annotations
 
+import contextlib
+import math
 import re
+import runpy
+import tempfile
 from collections.abc import Callable
 
 import pytest
 from helpers import DATA
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.bench.figures_page import characterized
+from mitsuba_sensor.lab.frames.bench import read_bench
+from mitsuba_sensor.lab.measure.measurement import measure_bench
 
 CASES = DATA / "cases"
 Check = Callable[[], None]
@@ -19,7 +26,7 @@ CHECKS: dict[str, Check] = {}
 """Name of a case, the beginning of its file's or folder's name → what must hold."""
 
 PENDING = {
-    *("01", "02", "03", "04", "05", "07", "09", "11", "12"),
+    *("01", "02", "03", "04", "05", "07", "09", "11"),
     *("2026-11-29_01", "2026-11-29_03", "2026-11-29_04", "2026-11-29_05", "2026-11-29_06"),
     *("2026-11-29_08", "2026-11-29_09"),
     *("2026-11-29_14", "2026-11-29_16"),
@@ -35,6 +42,24 @@ def case(name: str) -> Callable[[Check], Check]:
         return check
 
     return enter
+
+
+@case("12")
+def darks_that_are_clipped() -> None:
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        runpy.run_path(str(CASES / "12_dark_clip.py"))
+        (found,) = measure_bench(read_bench("bench12"))
+    for symbol in (
+        *("K", "η", "R", "LE", "σ_d", "DR", "µ_e.min", "σ_row", "ρ_1"),
+        *("DSNU1288", "PRNU1288", "hot", "RTS"),
+    ):
+        figure = found.figures[symbol]
+        assert math.isnan(figure.value) and figure.clipped, symbol
+        assert "of the values are 0: the black level is too low" in figure.note, symbol
+    assert {"σ_d", "dark current", "dark signal"} <= set(found.hidden)
+    page = characterized("a camera", [found], {})
+    assert not page.passed
+    assert any("at the lowest or highest code: K, η" in text for text in page.findings)
 
 
 @case("13")

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..core import Float32Array, Float64Array
+from ..core import Float32Array, Float64Array, require
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)
@@ -36,6 +36,36 @@ XYZ_TO_SRGB: Float64Array = np.array(
 LEAST_TRIANGLE = 1e-3  # twice the area between the chromaticities of primaries; sRGB has 0.22
 SRGB_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *D65_XY)
 """x and y of red, green, blue and white: ITU-R BT.709, IEC 61966-2-1."""
+
+SILICON_NM = tuple(float(nm) for nm in range(400, 1001, 50))
+ABSORPTION_PER_UM = (
+    *(9.52, 2.55, 1.11, 0.639, 0.414, 0.281, 0.190),
+    *(0.130, 0.0850, 0.0535, 0.0306, 0.0157, 0.00640),
+)
+"""Of silicon at 300 K: Green & Keevers 1995, Progress in Photovoltaics 3, 189."""
+OTHER_SENSOR = (
+    "525 nm; for another kind of sensor give quantum_efficiency.curves in a camera file"
+)
+DEAD_UM, DEPTH_UM = 0.05, 5.0
+"""Depth where electrons are lost, and to which they are collected, in a usual front-illuminated sensor."""
+
+
+def silicon_qe(value: float, at_nm: float) -> tuple[list[float], list[float]]:
+    """Wavelengths [nm] and quantum efficiencies, 1 at most, of a typical silicon sensor that has ``value`` at one.
+
+    Raises InputError for a wavelength beyond the table.
+    """
+    low_nm, high_nm = SILICON_NM[0], SILICON_NM[-1]
+    at_nm = require(
+        "the wavelength of the quantum efficiency", at_nm, low_nm, high_nm, OTHER_SENSOR
+    )
+    absorption = np.array(ABSORPTION_PER_UM)
+    shape = np.exp(-absorption * DEAD_UM) * -np.expm1(-absorption * DEPTH_UM)
+    wavelengths_nm = sorted({*SILICON_NM, at_nm})
+    curve = value * np.interp(wavelengths_nm, SILICON_NM, shape)
+    curve = np.minimum(curve / np.interp(at_nm, SILICON_NM, shape), 1.0).round(4)
+    curve[wavelengths_nm.index(at_nm)] = value
+    return wavelengths_nm, curve.tolist()
 
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
