@@ -280,11 +280,8 @@ class Camera(FileTable):
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
         added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
         extra = {"added_stages": added, "notes": list(self.notes)}
-        return {
-            **self.model_dump(),
-            "sources": dict(self.sources),
-            **{name: x for name, x in extra.items() if x},
-        }
+        given = {name: x for name, x in extra.items() if x}
+        return {**self.model_dump(), "sources": dict(self.sources), **given}
 
     def to_toml(self) -> str:
         """The text of a camera file that loads again to an equal camera, with every key that there is explained.

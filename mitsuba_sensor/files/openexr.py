@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core import InputError
 from .appearing import appearing
@@ -150,7 +151,8 @@ def whole_exr(
                     images[name] = np.empty((0, 0), np.float32)
                     if pixels:
                         image = part.channels[channel.name].pixels
-                        images[name] = _displayed(image, part.header, f"{path}: {name}")
+                        windows = part.header["dataWindow"], part.header["displayWindow"]
+                        images[name] = _displayed(image, *windows, f"{path}: {name}")
     except InputError:
         raise
     except (RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
@@ -165,18 +167,18 @@ def whole_exr(
         ) from error
 
 
-def _displayed(image: np.ndarray, header: Mapping[str, Any], name: str) -> np.ndarray:
-    """The part of an image of the data window that lies in the display window, which is black elsewhere.
+def _displayed(image: np.ndarray, data: ArrayLike, shown: ArrayLike, name: str) -> np.ndarray:
+    """The part of an image of the data window that lies in the one that is shown, which is black elsewhere.
 
     name : for what is said. Raises InputError for deep and subsampled channels, and where nothing is in the window.
     """
-    left, top, columns, rows = _window(header["dataWindow"])
+    left, top, columns, rows = _window(data)
     if image.dtype.kind not in "fu" or image.shape != (rows, columns):
         raise InputError(
             f"{name} has no single value per pixel (deep, or subsampled as luminance and chroma are); flatten it and "
             "write R, G and B of full size."
         )
-    left_shown, top_shown, width, height = _window(header["displayWindow"])
+    left_shown, top_shown, width, height = _window(shown)
     if (left, top, columns, rows) == (left_shown, top_shown, width, height):
         return image
     left, top = left - left_shown, top - top_shown
@@ -185,14 +187,14 @@ def _displayed(image: np.ndarray, header: Mapping[str, Any], name: str) -> np.nd
         raise InputError(
             f"{name} has no pixel in the display window, which is the picture; correct the windows in its header."
         )
-    shown, left, top = np.zeros((height, width), image.dtype), max(left, 0), max(top, 0)
-    shown[top : top + seen.shape[0], left : left + seen.shape[1]] = seen
-    return shown
+    picture, left, top = np.zeros((height, width), image.dtype), max(left, 0), max(top, 0)
+    picture[top : top + seen.shape[0], left : left + seen.shape[1]] = seen
+    return picture
 
 
-def _window(corners: Any) -> tuple[int, int, int, int]:
+def _window(corners: ArrayLike) -> tuple[int, int, int, int]:
     """Left column, top row, columns and rows of a window of a header."""
-    (left, top), (right, bottom) = (tuple(map(int, corner)) for corner in corners)
+    left, top, right, bottom = np.reshape(corners, 4).tolist()
     return left, top, max(right - left + 1, 0), max(bottom - top + 1, 0)
 
 

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,6 +22,7 @@ from ..core.small_files import json_value
 from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
 from .plausible import require_plausible, require_plausible_ratio
+from .tiff_checks import OF_RAW, require_all_pages, require_jpegs, require_segments
 
 TIFF, PICTURES, ARRAYS, FITS = (
     (".tif", ".tiff"),
@@ -48,11 +48,6 @@ CAMERA_RAW = (
 RAW_FORMATS = (*TIFF, *PICTURES, *ARRAYS, *FITS, *CAMERA_RAW)
 LONGEST_LABEL = 100  # characters of a gain setting
 NO_TILE: tuple[tuple[str, ...], ...] = ()
-LOSSLESS_JPEG = 7  # compression of a TIFF
-OF_RAW = (32803, 34892)  # photometric interpretation: colour filter array, linear raw
-LONGEST_JPEG_HEADER = 2**16
-JPEG_FRAMES = range(0xC0, 0xC4)
-HUFFMAN_TABLES, START_OF_SCAN = 0xC4, 0xDA
 EXTRA = "pip install 'mitsuba-sensor[raw]'"
 
 
@@ -143,13 +138,13 @@ def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
             raise InputError(
                 f"{place} has {first.samplesperpixel} values per pixel; raw frames have one."
             )
-        _require_all_pages(place, opened)
-        size, kind = opened.series[0].shape[-2:], opened.series[0].dtype
-        series = [one for one in opened.series if (one.shape[-2:], one.dtype) == (size, kind)]
+        require_all_pages(place, opened)
+        kind = opened.series[0].shape[-2:], opened.series[0].dtype
+        series = [one for one in opened.series if (one.shape[-2:], one.dtype) == kind]
         unpacked = sum(math.prod(one.shape) * one.dtype.itemsize for one in series)
         require_plausible_ratio(place, opened.filehandle.size, unpacked)
         for page in (page for one in series for page in one.pages):
-            _require_segments(place, page)
+            require_segments(place, page)
         frames = _pages(series[0].asarray())
         if len(series) > 1:  # pages that were written one by one
             frames = np.concatenate([frames, *(_pages(one.asarray()) for one in series[1:])])
@@ -172,23 +167,6 @@ def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
         _bits(facts.get("white_level_dn")),
         tile,
     )
-
-
-def _require_all_pages(place: str, opened: Any) -> None:
-    """Raise InputError where the chain of pages leads beyond the end of the file."""
-    pages, end = len(opened.pages), opened.pages.next_page_offset
-    opened.filehandle.seek(end)
-    if any(opened.filehandle.read(opened.tiff.offsetsize)):
-        raise InputError(f"{place} is cut short after {pages} page(s); copy it again.")
-
-
-def _require_segments(place: str, page: Any) -> None:
-    """Raise InputError for strips and tiles that are not in the file, which the reader takes for 0."""
-    lengths = [] if page is None or page.is_contiguous else page.databytecounts
-    if page is None or 0 in (*page.dataoffsets, *lengths):
-        raise InputError(
-            f"{place} lacks pixels: some of its strips or tiles are empty; leave it out, or copy it again."
-        )
 
 
 def _own_facts(description: object) -> dict[str, Any]:
@@ -321,7 +299,7 @@ def _kelvin(celsius: object) -> float | None:
 def _camera_raw(file: Path) -> RawFile:
     with _needed("rawpy", file):
         import rawpy
-    _require_jpegs(file)
+    _require_pixels(file)
     with rawpy.imread(os.fspath(file)) as raw:
         require_plausible(file, raw.sizes.raw_width * raw.sizes.raw_height * 2)
         image = raw.raw_image_visible
@@ -342,52 +320,12 @@ def _camera_raw(file: Path) -> RawFile:
         )
 
 
-def _require_jpegs(file: Path) -> None:
-    """Raise InputError where a lossless JPEG of a DNG lacks pixels of its tile, or of the picture: LibRaw reads one
-    strip and leaves memory as it was where it decodes nothing."""
+def _require_pixels(file: Path) -> None:
+    """Raise InputError for a DNG where pixels are missing without a word of LibRaw."""
     import tifffile
 
-    try:
-        opened = tifffile.TiffFile(file)
-    except tifffile.TiffFileError:  # another raw format
-        return
-    with opened:
-        pages = [one for page in opened.pages for one in (page, *(page.pages or ()))]
-        for page in pages:
-            if page.compression != LOSSLESS_JPEG or page.photometric not in OF_RAW:
-                continue
-            rows, columns = page.imagelength, page.imagewidth
-            height, width = rows, columns
-            if page.is_tiled:
-                height, width = page.tilelength, page.tilewidth
-            corners = product(range(0, rows, height), range(0, columns, width))
-            for number, (top, left) in enumerate(corners):
-                pixels = min(height, rows - top) * min(width, columns - left)
-                start = b""
-                if number < len(page.dataoffsets):
-                    opened.filehandle.seek(page.dataoffsets[number])
-                    start = opened.filehandle.read(LONGEST_JPEG_HEADER)
-                if _jpeg_samples(start) < pixels * page.samplesperpixel:
-                    raise InputError(
-                        f"{file} has no whole picture at row {top}, column {left}, where a lossless JPEG of {pixels} "
-                        "pixels belongs; copy it again, or convert it with Adobe's DNG converter."
-                    )
-
-
-def _jpeg_samples(start: bytes) -> int:
-    """How many samples a JPEG has that begins so; 0 without frame, Huffman tables or a scan (ITU-T T.81, B.1.1)."""
-    samples, has_tables, place = 0, False, 2
-    while start[:2] == b"\xff\xd8" and start[place : place + 1] == b"\xff":
-        marker, segment = start[place + 1], start[place + 2 : place + 10]
-        if marker == START_OF_SCAN and has_tables:
-            return samples
-        if marker in JPEG_FRAMES and len(segment) == 8:
-            samples = (
-                (segment[3] << 8 | segment[4]) * (segment[5] << 8 | segment[6]) * segment[7]
-            )
-        has_tables |= marker == HUFFMAN_TABLES
-        place += 2 + int.from_bytes(segment[:2], "big")
-    return 0
+    with suppress(tifffile.TiffFileError), tifffile.TiffFile(file) as opened:
+        require_jpegs(file, opened)
 
 
 def require_plausible_picture(path: Path) -> None:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -176,7 +176,9 @@ def _chosen(file: Path, layers: dict[str, T], layer: str | None) -> T:
     )
 
 
-def _srgb(file: Path, rgb: np.ndarray, chromaticities: Any) -> tuple[np.ndarray, list[str]]:
+def _srgb(
+    file: Path, rgb: np.ndarray, chromaticities: tuple[float, ...] | None
+) -> tuple[np.ndarray, list[str]]:
     """Linear sRGB of RGB with the primaries of the header, and what was done."""
     if chromaticities is None:
         return rgb, []
