@@ -168,7 +168,7 @@ def expose(
     _refuse_lens(flags, foreign["unit"])
     settings = settings_of(rendered_for(irradiance), flags)
     camera, exposure = camera_and_exposure(flags, settings)
-    light = irradiance
+    light: ms.Irradiance | str = irradiance
     if any(value is not None for value in foreign.values()):
         light = ms.read_irradiance(irradiance, camera=camera, **foreign)
     bar = render_progress(err, {}, "reading the light")
