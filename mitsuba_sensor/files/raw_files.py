@@ -321,7 +321,7 @@ def _camera_raw(file: Path) -> RawFile:
 
 
 def _require_pixels(file: Path) -> None:
-    """Raise InputError for a DNG where pixels are missing without a word of LibRaw."""
+    """Raise InputError for a DNG that lacks pixels although LibRaw reports no error."""
     import tifffile
 
     with suppress(tifffile.TiffFileError), tifffile.TiffFile(file) as opened:
