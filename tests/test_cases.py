@@ -5,11 +5,20 @@ tests/data/cases has the inputs; README.md there and README in each folder tell 
 
 from __future__ import annotations
 
+import contextlib
+import math
 import re
+import runpy
+import tempfile
 from collections.abc import Callable
 
 import pytest
 from helpers import DATA
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.bench.figures_page import characterized
+from mitsuba_sensor.lab.frames.bench import read_bench
+from mitsuba_sensor.lab.measure.measurement import measure_bench
 
 CASES = DATA / "cases"
 Check = Callable[[], None]
@@ -17,9 +26,9 @@ CHECKS: dict[str, Check] = {}
 """Name of a case, the beginning of its file's or folder's name → what must hold."""
 
 PENDING = {
-    *("01", "02", "03", "04", "05", "07", "09", "11", "12", "13"),
+    *("01", "02", "03", "04", "05", "07", "09", "11"),
     *("2026-11-29_01", "2026-11-29_03", "2026-11-29_04", "2026-11-29_05", "2026-11-29_06"),
-    *("2026-11-29_08", "2026-11-29_09", "2026-11-29_10", "2026-11-29_11", "2026-11-29_12"),
+    *("2026-11-29_08", "2026-11-29_09"),
     *("2026-11-29_14", "2026-11-29_16"),
 }
 """Cases that have no row yet."""
@@ -33,6 +42,69 @@ def case(name: str) -> Callable[[Check], Check]:
         return check
 
     return enter
+
+
+@case("12")
+def darks_that_are_clipped() -> None:
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        runpy.run_path(str(CASES / "12_dark_clip.py"))
+        (found,) = measure_bench(read_bench("bench12"))
+    for symbol in (
+        *("K", "η", "R", "LE", "σ_d", "DR", "µ_e.min", "σ_row", "ρ_1"),
+        *("DSNU1288", "PRNU1288", "hot", "RTS"),
+    ):
+        figure = found.figures[symbol]
+        assert math.isnan(figure.value) and figure.clipped, symbol
+        assert "of the values are 0: the black level is too low" in figure.note, symbol
+    assert {"σ_d", "dark current", "dark signal"} <= set(found.hidden)
+    page = characterized("a camera", [found], {})
+    assert not page.passed
+    assert any("at the lowest or highest code: K, η" in text for text in page.findings)
+
+
+@case("13")
+def units_of_quantum_efficiency() -> None:
+    table1 = ms.load_camera("konnik_table1")
+    for name, said in (
+        (
+            "percent",
+            "the largest quantum efficiency is 0.6 percent; if these are fractions, call",
+        ),
+        ("um", "goes from 400 to 700 um, .* usual; if it is in nm, call it wavelength_nm"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            table1.replace(**{"quantum_efficiency.file": str(CASES / f"13_qe_{name}.csv")})
+
+
+def means_of(name: str) -> tuple[tuple[int, ...], list[float]]:
+    """Shape, and mean codes of R, G and B, of a frame of 10 ms of the light of another program."""
+    camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.01)
+    light = ms.read_irradiance(CASES / name, unit="radiance_rgb", camera=camera)
+    frame = ms.expose(ms.collect(light, camera, exposure), camera, exposure).digital[0]
+    return frame.shape, [float(frame[y::2, x::2].mean()) for y, x in ((0, 0), (0, 1), (1, 1))]
+
+
+GREY_MEANS = pytest.approx([319.55, 556.46, 343.66], abs=1.0)
+"""Means of the same picture without layers, parts and overscan."""
+
+
+@case("2026-11-29_10")
+def exr_display_window() -> None:
+    shape, means = means_of("2026-11-29_10_exr_display_window/overscan.exr")
+    assert shape == (16, 24) and means == GREY_MEANS
+
+
+@case("2026-11-29_11")
+def exr_chromaticities() -> None:
+    folder = "2026-11-29_11_exr_chromaticities"
+    assert means_of(f"{folder}/ap1_red.exr")[1] == pytest.approx([449.5, 114.2, 46.0], abs=0.1)
+    assert means_of(f"{folder}/srgb_red.exr")[1] == pytest.approx([286.5, 127.6, 56.0], abs=0.1)
+
+
+@case("2026-11-29_12")
+def exr_layers() -> None:
+    for name in ("blender_multilayer", "multipart_depth_first"):
+        assert means_of(f"2026-11-29_12_exr_layers/{name}.exr")[1] == GREY_MEANS
 
 
 def names_of_inputs() -> set[str]:

@@ -219,6 +219,15 @@ class UnitOptions(TypedDict, total=False):
             example="40",
         ),
     ]
+    layer: Annotated[
+        str | None,
+        Option(
+            "Layer or part of an EXR of several, e.g. ViewLayer.Combined; for one channel, its name. Default: the "
+            "one outside of layers, or the only one that holds such light.",
+            panel="Light of another program",
+            metavar="NAME",
+        ),
+    ]
 
 
 class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
