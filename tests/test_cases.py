@@ -99,7 +99,8 @@ def _far_spheres() -> None:
     near = (folder / "near.xml").read_text(encoding="utf-8")
     for scene, variant in ((near, llvm), (far, "scalar_spectral"), (clipped, llvm)):
         of_spheres, found = reflectances(scene, variant)
-        np.testing.assert_allclose(of_spheres, (0.8, 0.2, 0.6), rtol=0.07)  # neighbours hide sky
+        # Its neighbours hide some of the sky from each sphere.
+        np.testing.assert_allclose(of_spheres, (0.8, 0.2, 0.6), rtol=0.07)
         assert not found
     of_spheres, found = reflectances(far, llvm)
     assert max(of_spheres / (0.8, 0.2, 0.6)) < 0.9 and found
