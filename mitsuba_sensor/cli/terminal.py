@@ -166,6 +166,8 @@ def diagnosis(findings: Report) -> RenderableType:
     yes = {True: Text("yes", style="green"), False: Text("no", style="red")}
     for one in findings["variants"]:
         variants.add_row(one["name"], yes[one["works"]], Text(one["reason"]))
+    python = findings["python"]
+    variants.add_row("mi.render in Python", yes[python["works"]], Text(python["reason"]))
     llvm = FittedTable(("LLVM", "used?", "library", "why"))
     for library in findings["llvm"]:
         version, path = str(library["version"] or "?"), Text(library["path"])

@@ -26,7 +26,7 @@ from ...optics.veiling_glare import glare_sentence, veiling_glare_of
 from ..lint.scene_spectra import MITSUBA_NM
 from ..passes.passes import clean
 from ..passes.statistics import RenderStatistics
-from ..variants import any_spectral_variant, mitsuba, restores_variant, use
+from ..variants import choose_variant, mitsuba, restores_variant, use
 from .bands import BANDWIDTH_NM
 from .irradiance import Irradiance
 from .own_filter import in_band_factor, of_own_filter
@@ -121,7 +121,7 @@ def _electrons_per_radiance(
 @restores_variant
 def _coefficients(colours: NDArray[np.float32]) -> Float64Array:
     """(H, W, 3) of the model, as Mitsuba's textures have them."""
-    mi = use(any_spectral_variant())
+    mi = use(choose_variant())
     settings = {"raw": False, "filter_type": "nearest", "format": "variant"}
     padded = np.pad(
         colours, ((0, 1), (0, 1), (0, 0)), mode="edge"

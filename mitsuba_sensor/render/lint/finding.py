@@ -70,6 +70,6 @@ def lines_of(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
     return f"line{'s' * (len(lines) > 1)} {', '.join(lines)}{more}"
 
 
-def places(count: int) -> str:
+def places(count: int, noun: str = "place") -> str:
     """``1 place``, ``2 places``."""
-    return f"{count} place{'s' * (count > 1)}"
+    return f"{count} {noun}{'s' * (count > 1)}"

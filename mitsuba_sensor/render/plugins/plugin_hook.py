@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from ...core.argument_names import tells_of_names
+from ...core.llvm import guarded_import
 
 
 def watch() -> None:
@@ -44,7 +45,8 @@ class AfterMitsuba:
         load = spec.loader.exec_module
 
         def load_and_register(module: ModuleType) -> None:
-            load(module)
+            with guarded_import():
+                load(module)
             if self in sys.meta_path:
                 sys.meta_path.remove(self)
             register(sys.modules["mitsuba"])  # which has put another module into its place
