@@ -15,6 +15,7 @@ import numpy as np
 
 from ...camera.dual_pixels import PHOTODIODES
 from ...core import Float64Array
+from ..light.brightness import with_brightness
 from ..light.group_notes import notes_of_groups
 from ..light.irradiance import Irradiance
 from ..light.light_sum import sum_of_groups
@@ -91,7 +92,8 @@ def render_light_groups(
     more = _note_of_samples(stop, len(renders), statistics.samples_per_pixel)
     statistics = replace(statistics, notes=(*statistics.notes, *more))
     light = replace(total, statistics=statistics)
-    return with_notes_of_shares(light, whole.camera, whole.at_rest.findings)
+    light = with_notes_of_shares(light, whole.camera, whole.at_rest.findings)
+    return with_brightness(light, whole)
 
 
 def _seed_of(seed: int, group: str) -> int:
