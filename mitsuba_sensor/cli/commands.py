@@ -374,7 +374,7 @@ def doctor(as_json: arguments.Json = False) -> None:
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
-    Exit code: 0 if there is nothing but notes and facts, 1 if something is black or wrong, 2 if the scene cannot be loaded.
+    Exit code: 0 if nothing is black or wrong, 1 if something is, 2 if the scene cannot be loaded.
     """
     from rich.console import Group
     from rich.text import Text

@@ -32,7 +32,7 @@ class Doubt(str):
 
 
 class Caution(str):
-    """A note on how much of the result is not the camera's: too small error bars, render noise, light beyond the data."""
+    """A note on how much of a result is not the camera's: error bars, render noise, light beyond the data."""
 
 
 def by_weight(notes: Iterable[str]) -> list[str]:

@@ -317,7 +317,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     luminance: Annotated[
         float | None,
         Option(
-            "Luminance of the scene in the median pixel [cd/m²]: one factor scales all emitters, and a short render "
+            "Median luminance of the picture [cd/m²]: one factor scales all emitters, and a short render "
             "finds it. A scene in full sunlight has 5000, an office 100. Default: the emitters as the scene has them.",
             low=1e-6,
             high=1e9,

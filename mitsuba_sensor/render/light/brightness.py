@@ -83,7 +83,7 @@ def brightness_sentence(found: Mapping[str, float | None]) -> str:
     if lamp is not None:
         parts.append(f"the brightest lamp has {cd_per_m2(lamp)}")
     if median is not None and illuminance is not None:
-        parts.append(f"the median pixel {cd_per_m2(median)}")
+        parts.append(f"the picture {cd_per_m2(median)}, in the median")
         parts.append(f"the sensor {rounded(illuminance)} lux on average")
     return "; ".join(parts)
 
@@ -109,7 +109,7 @@ def luminous_weights(bands: Bands) -> Float64Array | None:
 def median_luminance(
     light: Irradiance, bands: Bands, view: View, camera: Camera
 ) -> float | None:
-    """Luminance of the scene in the median pixel [cd/m²], from the irradiance on the sensor and the f-number law."""
+    """Median luminance of the picture [cd/m²], from the irradiance on the sensor and the f-number law."""
     weights = luminous_weights(bands)
     if weights is None:
         return None
@@ -122,11 +122,8 @@ def median_luminance(
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         luminance = light.data @ weights / angle_sr
-    return (
-        float(np.median(luminance[np.isfinite(luminance)], axis=None))
-        if luminance.size
-        else 0.0
-    )
+    known = luminance[np.isfinite(luminance)]
+    return float(np.median(known)) if known.size else 0.0
 
 
 def mean_illuminance(light: Irradiance, bands: Bands) -> float | None:
@@ -200,7 +197,7 @@ def scale_to(luminance: float, light: Irradiance) -> float:
         raise InputError(NOT_LUMINOUS)
     if not median > 0:
         raise InputError(
-            f"luminance is {luminance:g} and the median pixel of the picture is black, so no scale reaches it; show "
+            f"luminance is {luminance:g} and the picture is black in the median, so no scale reaches it; show "
             "less of the black background, or change the emitters in the scene."
         )
     return float(f"{luminance / median:.{DIGITS}g}")
@@ -230,9 +227,11 @@ def _notes(
     lamp, median, scale = (
         found[name] for name in ("brightest_lamp_cd_per_m2", "median_cd_per_m2", "light_scale")
     )
-    way_out = "--luminance 500 scales all light to a median of 500 cd/m²"
+    way_out = (
+        "`render --luminance 500` (luminance=500) scales all light to a median of 500 cd/m²"
+    )
     if scale != 1:
-        yield f"all light is scaled by {scale:g}, so that the median pixel has the luminance that was asked for"
+        yield f"all light is scaled by {scale:g}, so that the picture has the median luminance that was asked for"
     row_s = (camera.sensor.row_time_us or 0.0) * 1e-6
     if exposure_s is not None and exposure_s < max(SHORTEST_S, row_s):
         limit = (
@@ -243,6 +242,6 @@ def _notes(
             f"{way_out}"
         )
     if median is not None and median > HIGHEST_PICTURE_CD_PER_M2:
-        yield Caution(f"the median pixel has {cd_per_m2(median)}; {way_out}")
+        yield Caution(f"the picture has {cd_per_m2(median)}, in the median; {way_out}")
     if lamp is not None and lamp > HIGHEST_LAMP_CD_PER_M2:
         yield Caution(f"the brightest lamp has {cd_per_m2(lamp)}; {way_out}")

@@ -75,15 +75,14 @@ def render_light_groups(
     began = time.monotonic() if started is None else started
     pilots = {group.name: _pilot(whole, group, seed) for group in whole.light_groups}
     shares = _shares(whole, pilots)
-    renders, done = dict[str, GroupRender](), 0.0
+    renders = dict[str, GroupRender]()
     for group in whole.light_groups:
         name = group.name
         others = [mean_e for other, (mean_e, _) in pilots.items() if other != name]
         beside_e = np.asarray(sum(others, np.zeros((1, 1))))
-        told = _told(progress, name, began, done, shares[name])
+        told = _told(progress, name, began)
         within = stop.for_share(shares[name])
         renders[name] = _render_group(whole, group, seed, within, told, beside_e)
-        done += shares[name]
     lights = {name: render.light for name, render in renders.items()}
     total = sum_of_groups(lights)
     if not total.data.any():
@@ -140,21 +139,13 @@ def _shares(whole: PreparedRender, pilots: Mapping[str, Electrons]) -> dict[str,
     return {name: share / sum(raised.values()) for name, share in raised.items()}
 
 
-def _told(
-    progress: Progress | None, name: str, began: float, done: float, share: float
-) -> Progress | None:
-    """What a group's render reports to: the time that is left of all groups.
-
-    done, share : of the samples, of the groups before and of this one.
-    """
+def _told(progress: Progress | None, name: str, began: float) -> Progress | None:
+    """What a group's render reports to: its name, and the time that all groups took so far."""
     if progress is None:
         return None
 
     def tell(step: RenderProgress) -> None:
-        whole_s = step.seconds + step.seconds_left
-        left_s = step.seconds_left + whole_s * max(1 - done - share, 0.0) / share
-        seconds = time.monotonic() - began
-        progress(replace(step, light_group=name, seconds=seconds, seconds_left=left_s))
+        progress(replace(step, light_group=name, seconds=time.monotonic() - began))
 
     return tell
 

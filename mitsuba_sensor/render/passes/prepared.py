@@ -62,6 +62,7 @@ from .stop_criterion import (
 from .told import told_progress
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
+BRIGHTNESS_SPP = 64  # of the render that finds the scale of the light
 
 
 @documents(RenderOptions)
@@ -269,11 +270,11 @@ class PreparedRender:
         return replace(self, exposure=exposure, renderer=renderer, metered=True)
 
     def at_luminance(self, luminance: float) -> PreparedRender:
-        """The same with all emitters scaled, so that the median pixel has this luminance [cd/m²]; a short render finds
-        the scale, which all frames of the scene share. Raises InputError."""
-        light = replace(self, denoise=False).render(
-            self.seed(None), stop_criterion_of({"spp": METERING_SPP})
-        )
+        """The same with all emitters scaled, so that the picture has this median luminance [cd/m²]. Raises InputError.
+
+        A short render finds the scale, which all frames share. It is denoised if possible: a noisy median is too low.
+        """
+        light = self.render(self.seed(None), stop_criterion_of({"spp": BRIGHTNESS_SPP}))
         bands = replace(self.bands, light_scale=scale_to(luminance, light))
         renderer = Renderer(self.scene, self.camera, self.exposure, bands, self._kept)
         return replace(self, bands=bands, renderer=renderer)

@@ -53,7 +53,7 @@ def statistics_of(
         firefly_fraction=fireflies,
         negative=renderer.negative,
         non_finite=renderer.non_finite,
-        notes=tuple([*notes, *doubts, *hints]),
+        notes=(*notes, *doubts, *hints),
         facts=tuple(str(one) for one in render.at_rest.findings if one.level == "fact"),
         scene_sha256=render.scene.sha256,
         aperture_f_number=aperture_f_number(render.scene.view, render.camera),

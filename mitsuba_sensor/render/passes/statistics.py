@@ -82,7 +82,7 @@ class RenderStatistics:
         see :meth:`light.irradiance.Irradiance.error_of_sum`. None where it is not known.
     motion : how finely an exposure of moving things was sampled; None where nothing moves.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
-    brightness : brightest_lamp_cd_per_m2 (of area lights), median_cd_per_m2 (scene luminance in the median pixel),
+    brightness : brightest_lamp_cd_per_m2 (of area lights), median_cd_per_m2 (luminance of the picture),
         illuminance_lx (mean of the sensor), each None where it is not known, and light_scale, what all emitters were
         multiplied by; None for light from elsewhere.
     facts : what was replaced in the scene and changes nothing in the frame.

@@ -289,7 +289,7 @@ def _lamp_finding(scene: SceneFile, loaded: Scene) -> Iterator[Finding]:
         "note" if luminance > HIGHEST_LAMP_CD_PER_M2 else "fact",
         lines_of(scene, nodes),
         f"the brightest lamp has {cd_per_m2(luminance)}",
-        "render --luminance 500 scales all light to 500 cd/m² in the median pixel",
+        "`render --luminance 500` scales all light to 500 cd/m² in the median of the picture",
     )
 
 
