@@ -406,5 +406,5 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
         nothing = Text("nothing to say for this camera", style="green")
         show(Group(head, table if findings else nothing), False)
         show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
-    if any(finding.level in ("black", "wrong") for finding in findings):
+    if any(finding.is_serious for finding in findings):
         raise typer.Exit(1)

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -18,7 +17,6 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-from ..core.progress import duration
 from ..stopping import remark_if_stopped, undone_if_stopped
 from .lines import WORKING, CommandLines
 from .tables import number
@@ -26,11 +24,6 @@ from .tables import number
 if TYPE_CHECKING:
     from ..dataset.run.run import RunProgress, Show
     from ..render.passes.stop_criterion import RenderProgress
-    from ..study.kit import Forecast
-
-SAID_AGAIN = (
-    1.5  # a study says again how long it takes where that is so many times what it said before
-)
 
 
 @contextmanager
@@ -64,63 +57,43 @@ def render_progress(
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
+        TextColumn("{task.fields[share]}"),
         TextColumn("{task.fields[ratio]}"),
         TimeElapsedColumn(),
     )
     bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-    with shown_bar(bar, now, ratio="") as task:
+    with shown_bar(bar, now, share="", ratio="") as task:
 
         def show(step: RenderProgress) -> None:
             doing, share = series.standing(step)
             _tell(doing, share)
-            known = share == share  # not NaN
-            bar.tasks[task].total = 1.0 if known else None
+            is_known = share == share  # not NaN
+            bar.tasks[task].total = 1.0 if is_known else None
             ratio = ""
             if step.noise_ratio == step.noise_ratio:
                 ratio = f"render noise {number(step.noise_ratio)} × the sensor's"
-            bar.update(task, completed=share if known else 0.0, description=doing, ratio=ratio)
+            done, percent = (share, f"{share:3.0%}") if is_known else (0.0, "")
+            bar.update(task, completed=done, description=doing, share=percent, ratio=ratio)
 
         yield show
 
 
 @contextmanager
-def seconds_bar(console: Console) -> Iterator[Callable[[Forecast], None]]:
-    """A bar over the seconds that a study is expected to take. Yields what a kit tells its forecasts.
-
-    A line says how long it takes as soon as a step was measured, and again where that was much too short.
-    """
+def share_bar(console: Console) -> Iterator[Callable[[str, float], None]]:
+    """A bar over the work of a study. Yields what a kit tells: the step that begins, and the share that is done."""
     texts = (
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
     bar = Progress(
         BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
     )
-    said_s = 0.0
     with shown_bar(bar) as task:
 
-        def tell(forecast: Forecast) -> None:
-            nonlocal said_s
-            left_s = max(forecast.total_s - forecast.done_s, 0.0)
-            if forecast.done_s and forecast.total_s > SAID_AGAIN * said_s:
-                said_s = forecast.total_s
-                longest = ""
-                if forecast.longest:
-                    longest = f", {duration(forecast.longest_s)} of it for {forecast.longest}"
-                text = f"this takes about {duration(said_s)}{longest}"
-                console.print(text, highlight=False, markup=False)
-            share = 0.0
-            if forecast.total_s:
-                share = forecast.done_s / forecast.total_s
-            _tell(forecast.now, left_s, share)
-            description = f"about {duration(left_s)} left [dim]{escape(forecast.now)}"
-            bar.update(
-                task,
-                completed=forecast.done_s,
-                total=forecast.total_s,
-                description=description,
-            )
+        def tell(now: str, share: float) -> None:
+            _tell(now, share)
+            bar.update(task, completed=share, total=1.0, description=now)
 
         yield tell
 

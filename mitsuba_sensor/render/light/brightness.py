@@ -57,9 +57,8 @@ LAMP = "AreaLight"  # the emitter of Mitsuba that has a luminance, and is no sky
 POINTS = 4  # along each side of a lamp that may have a texture
 VISIBLE_STEPS_NM = np.arange(380.0, 780.0) + 0.5
 NOT_LUMINOUS = (
-    "luminance is given, and the render has none: that takes adjacent bands of at most "
-    f"{WIDEST_NM:g} nm that cover visible light; leave it out, or take a camera that sees 400 to 700 nm, without "
-    "wavelength_nm and without spectral='channels'."
+    f"luminance needs a render of adjacent bands of at most {WIDEST_NM:g} nm that cover visible light; leave it out, "
+    "or take spectral='auto' and a camera that sees 400 to 700 nm, without wavelength_nm."
 )
 
 
@@ -69,7 +68,9 @@ def cd_per_m2(luminance: float) -> str:
         FAMILIAR, key=lambda known: abs(math.log(known[0] / max(luminance, 1e-9)))
     )
     ratio = luminance / value
-    like = f"like {name}" if 1 / ALIKE <= ratio <= ALIKE else f"{ratio:.2g} × {name}"
+    like = (
+        f"like {name}" if 1 / ALIKE <= ratio <= ALIKE else f"{float(f'{ratio:.2g}'):g} × {name}"
+    )
     return f"{rounded(luminance)} cd/m², {like}"
 
 

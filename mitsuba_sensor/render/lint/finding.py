@@ -38,9 +38,14 @@ class Finding:
         return f"{self.what} ({self.where}); {self.remedy}"
 
     @property
+    def is_serious(self) -> bool:
+        """Whether something is black or wrong."""
+        return self.level in ("black", "wrong")
+
+    @property
     def as_note(self) -> str:
         """The sentence among the notes of a render: a doubt where something is black or wrong."""
-        return str(self) if self.level == "note" else Doubt(self)
+        return Doubt(self) if self.is_serious else str(self)
 
     def to_dict(self) -> dict[str, str]:
         """Plain values, ready for JSON."""
