@@ -374,16 +374,16 @@ FILMS = [
     (FILM, "", None),
     (
         FILM.replace('type="box"', 'type="gaussian"'),
-        "note",
+        "fact",
         "filter 'gaussian' is wider than a pixel",
     ),
     (
         FILM.replace('<rfilter type="box"/>', ""),
-        "note",
+        "fact",
         "filter 'gaussian' is wider than a pixel",
     ),
-    (FILM.replace("float32", "float16"), "note", "float16"),
-    (FILM.replace('<string name="component_format" value="float32"/>', ""), "note", "float16"),
+    (FILM.replace("float32", "float16"), "fact", "float16"),
+    (FILM.replace('<string name="component_format" value="float32"/>', ""), "fact", "float16"),
     (
         FILM.replace("</film>", '<integer name="crop_width" value="5"/></film>'),
         "note",
@@ -391,7 +391,7 @@ FILMS = [
     ),
     (
         '<film type="hdrfilm"><rfilter type="box"/></film>',
-        "note",
+        "fact",
         "'hdrfilm' does not keep spectra",
     ),
 ]

@@ -19,7 +19,6 @@ from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import (
     FIRST_LOOK,
     PASS_SPP,
-    StopCriterion,
     stop_criterion_of,
 )
 from mitsuba_sensor.render.scene.scene import Scene
@@ -193,15 +192,6 @@ def test_the_next_look_comes_when_the_noise_should_be_low_enough() -> None:
     assert default.next_look(FIRST_LOOK, math.inf) is None
     assert stop_criterion_of({"spp": 256}).first_look() is None
     assert not stop_criterion_of({}, groups=8).to_sensor_noise  # bands for other cameras, too
-
-
-def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() -> None:
-    budget = StopCriterion(1000, 16, goal=0.01)
-    assert budget.expected(20, 0.05, 10.0, 0.5) == 100
-    assert (
-        StopCriterion(1000, 16, goal=0.01, max_seconds=20).expected(20, 0.05, 10.0, 0.5) == 40
-    )
-    assert StopCriterion(30, 16, goal=0.01).expected(20, 0.05, 10.0, 0.5) == 30
 
 
 @pytest.mark.parametrize(

@@ -190,8 +190,7 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
         store.remove_lights(store.names("lights"))
     overview = write_overview(plan, store, index)
     progress.render_noise = overview.render_noise
-    if overview.failed:
-        progress.remarks.append(overview.failed)
+    progress.remarks += overview.remarks
     return progress
 
 

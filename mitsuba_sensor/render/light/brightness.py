@@ -24,6 +24,7 @@ from ...optics.f_number_law import (
 )
 from ...optics.intrinsics import View
 from ...optics.spectra import LUMENS_PER_WATT, VISIBLE_NM, luminous, photopic
+from ..limits import SHORTEST_METERED_S
 from ..variants import MitsubaObject, mitsuba
 from .bands import Bands
 
@@ -51,7 +52,6 @@ VISIBLE_SHARE = 0.95  # of V(λ) that the bands must cover, so that their sum is
 WIDEST_NM = 50.0  # of bands whose spectrum may be taken as flat: the luminance of daylight is then right to 2 %
 HIGHEST_PICTURE_CD_PER_M2 = 1e5  # sunlit snow has 3e4
 HIGHEST_LAMP_CD_PER_M2 = 1e8  # an arc lamp has as much
-SHORTEST_S = 1e-5  # the electronic shutters of most cameras end here
 DIGITS = 4  # of the scale, so that it can be typed, and is the same where the last bits of a render are not
 LAMP = "AreaLight"  # the emitter of Mitsuba that has a luminance, and is no sky
 POINTS = 4  # along each side of a lamp that may have a texture
@@ -124,7 +124,7 @@ def median_luminance(
     with np.errstate(divide="ignore", invalid="ignore"):
         luminance = light.data @ weights / angle_sr
     known = luminance[np.isfinite(luminance)]
-    return float(np.median(known)) if known.size else 0.0
+    return float(np.median(known)) if known.size else None
 
 
 def mean_illuminance(light: Irradiance, bands: Bands) -> float | None:
@@ -133,7 +133,8 @@ def mean_illuminance(light: Irradiance, bands: Bands) -> float | None:
     if weights is None:
         return None
     illuminance = light.data @ weights
-    return float(illuminance.mean(where=np.isfinite(illuminance)))
+    known = illuminance[np.isfinite(illuminance)]
+    return float(known.mean()) if known.size else None
 
 
 def brightest_lamp(scene: MitsubaObject) -> float | None:
@@ -168,7 +169,8 @@ def brightest_lamp(scene: MitsubaObject) -> float | None:
         seen = np.array(_seen(scene, emitters, u_v, nm)).reshape(4, *lanes.shape[1:])
         radiance = np.moveaxis(seen, 0, -1).reshape(radiance.shape)
     flat = radiance.reshape(-1, VISIBLE_STEPS_NM.size)
-    return max(luminous(VISIBLE_STEPS_NM, spectrum) for spectrum in flat)
+    found = [luminous(VISIBLE_STEPS_NM, spectrum) for spectrum in flat]
+    return max((value for value in found if math.isfinite(value)), default=None)
 
 
 def _seen(
@@ -234,9 +236,11 @@ def _notes(
     if scale != 1:
         yield f"all light is scaled by {scale:g}, so that the picture has the median luminance that was asked for"
     row_s = (camera.sensor.row_time_us or 0.0) * 1e-6
-    if exposure_s is not None and exposure_s < max(SHORTEST_S, row_s):
+    if exposure_s is not None and exposure_s < max(SHORTEST_METERED_S, row_s):
         limit = (
-            f"{SHORTEST_S:g} s" if row_s < SHORTEST_S else f"a row of the sensor, {row_s:g} s"
+            f"{SHORTEST_METERED_S:g} s"
+            if row_s < SHORTEST_METERED_S
+            else f"a row of the sensor, {row_s:g} s"
         )
         yield Caution(
             f"the metered exposure time is {exposure_s:g} s, shorter than {limit}, because the light is so bright; "
