@@ -203,9 +203,9 @@ def _bright_notes(metered_s: float) -> Iterator[str]:
     """Where the light is so bright that a metered exposure is shorter than those of cameras."""
     if metered_s < SHORTEST_METERED_S:
         yield (
-            f"A metered exposure time is {metered_s:g} s, shorter than {SHORTEST_METERED_S:g} s, because the light is so "
-            "bright; multiply the emitters of the scene by the light_scale that `mitsuba-sensor render --luminance 500` writes "
-            "into frame.json."
+            f"A metered exposure time is {metered_s:g} s, shorter than {SHORTEST_METERED_S:g} s, because the light is "
+            "so bright; multiply the emitters of the scene by the light_scale that "
+            "`mitsuba-sensor render --luminance 500` writes into frame.json."
         )
 
 
