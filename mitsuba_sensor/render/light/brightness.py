@@ -58,7 +58,7 @@ POINTS = 4  # along each side of a lamp that may have a texture
 VISIBLE_STEPS_NM = np.arange(380.0, 780.0) + 0.5
 NOT_LUMINOUS = (
     f"luminance needs a render of adjacent bands of at most {WIDEST_NM:g} nm that cover visible light; leave it out, "
-    "or take spectral='auto' and a camera that sees 400 to 700 nm, without wavelength_nm."
+    "or take spectral='cube' and a camera that sees 400 to 700 nm, without wavelength_nm."
 )
 
 
@@ -230,23 +230,20 @@ def _notes(
     lamp, median, scale = (
         found[name] for name in ("brightest_lamp_cd_per_m2", "median_cd_per_m2", "light_scale")
     )
-    way_out = (
-        "`render --luminance 500` (luminance=500) scales all light to a median of 500 cd/m²"
-    )
     if scale != 1:
         yield f"all light is scaled by {scale:g}, so that the picture has the median luminance that was asked for"
-    row_s = (camera.sensor.row_time_us or 0.0) * 1e-6
+    bright, row_s = list[str](), (camera.sensor.row_time_us or 0.0) * 1e-6
     if exposure_s is not None and exposure_s < max(SHORTEST_METERED_S, row_s):
-        limit = (
-            f"{SHORTEST_METERED_S:g} s"
-            if row_s < SHORTEST_METERED_S
-            else f"a row of the sensor, {row_s:g} s"
-        )
-        yield Caution(
-            f"the metered exposure time is {exposure_s:g} s, shorter than {limit}, because the light is so bright; "
-            f"{way_out}"
-        )
+        limit = f"{SHORTEST_METERED_S:g} s"
+        if row_s > SHORTEST_METERED_S:
+            limit = f"a row of the sensor ({row_s:g} s)"
+        bright.append(f"the metered exposure time is {exposure_s:g} s, shorter than {limit}")
     if median is not None and median > HIGHEST_PICTURE_CD_PER_M2:
-        yield Caution(f"the picture has {cd_per_m2(median)}, in the median; {way_out}")
+        bright.append(f"the picture has {cd_per_m2(median)}, in the median")
     if lamp is not None and lamp > HIGHEST_LAMP_CD_PER_M2:
-        yield Caution(f"the brightest lamp has {cd_per_m2(lamp)}; {way_out}")
+        bright.append(f"the brightest lamp has {cd_per_m2(lamp)}")
+    if bright:
+        yield Caution(
+            f"the light is very bright: {', and '.join(bright)}; `render --luminance 500` (luminance=500) scales all "
+            "light to a median of 500 cd/m²"
+        )
