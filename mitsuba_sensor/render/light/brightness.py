@@ -54,8 +54,11 @@ HIGHEST_PICTURE_CD_PER_M2 = 1e5  # sunlit snow has 3e4
 HIGHEST_LAMP_CD_PER_M2 = 1e8  # an arc lamp has as much
 DIGITS = 4  # of the scale, so that it can be typed, and is the same where the last bits of a render are not
 LAMP = "AreaLight"  # the emitter of Mitsuba that has a luminance, and is no sky
-POINTS = 4  # along each side of a lamp that may have a texture
-VISIBLE_STEPS_NM = np.arange(380.0, 780.0) + 0.5
+POINTS, FEW_POINTS = (
+    4,
+    2,
+)  # along each side of a lamp that may have a texture; few in scalar variants
+STEP_NM, WIDE_STEP_NM = 1, 4  # between wavelengths at which a lamp is looked at
 NOT_LUMINOUS = (
     f"luminance needs a render of adjacent bands of at most {WIDEST_NM:g} nm that cover visible light; leave it out, "
     "or take spectral='cube' and a camera that sees 400 to 700 nm, without wavelength_nm."
@@ -68,10 +71,10 @@ def cd_per_m2(luminance: float) -> str:
         FAMILIAR, key=lambda known: abs(math.log(known[0] / max(luminance, 1e-9)))
     )
     ratio = luminance / value
-    like = (
-        f"like {name}" if 1 / ALIKE <= ratio <= ALIKE else f"{float(f'{ratio:.2g}'):g} × {name}"
-    )
-    return f"{rounded(luminance)} cd/m², {like}"
+    like = f"{float(f'{ratio:.2g}'):g} ×"
+    if 1 / ALIKE <= ratio <= ALIKE:
+        like = "like"
+    return f"{rounded(luminance)} cd/m², {like} {name}"
 
 
 def brightness_sentence(found: Mapping[str, float | None]) -> str:
@@ -122,7 +125,7 @@ def median_luminance(
         else solid_angle_sr(view, camera)
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        luminance = light.data @ weights / angle_sr
+        luminance = light.data @ weights.astype(np.float32) / angle_sr  # no copy of the data
     known = luminance[np.isfinite(luminance)]
     return float(np.median(known)) if known.size else None
 
@@ -132,25 +135,28 @@ def mean_illuminance(light: Irradiance, bands: Bands) -> float | None:
     weights = luminous_weights(bands)
     if weights is None:
         return None
-    illuminance = light.data @ weights
+    illuminance = light.data @ weights.astype(np.float32)
     known = illuminance[np.isfinite(illuminance)]
-    return float(known.mean()) if known.size else None
+    return float(known.mean(dtype=np.float64)) if known.size else None
 
 
 def brightest_lamp(scene: MitsubaObject) -> float | None:
     """The highest luminance of the lamps with a surface [cd/m²]; None without one.
 
-    Each is looked at from outside in 4 × 4 of its points, because it may have a texture.
+    Each is looked at from outside in several points, because it may have a texture.
     """
     mi, dr = mitsuba(), drjit()
     lamps = [n for n, one in enumerate(scene.emitters()) if one.class_name() == LAMP]
     if not lamps:
         return None
-    middles = (np.arange(POINTS) + 0.5) / POINTS
+    scalar = mi.variant().startswith("scalar")
+    side, step_nm = (FEW_POINTS, WIDE_STEP_NM) if scalar else (POINTS, STEP_NM)
+    middles = (np.arange(side) + 0.5) / side
     points = np.array(np.meshgrid(middles, middles)).reshape(2, -1).T.tolist()
-    quarters = VISIBLE_STEPS_NM.reshape(-1, 4)
-    radiance = np.empty((len(lamps), len(points), VISIBLE_STEPS_NM.size))
-    if mi.variant().startswith("scalar"):
+    wavelengths_nm = np.arange(380, 780, step_nm) + 0.5
+    quarters = wavelengths_nm.reshape(-1, 4)
+    radiance = np.empty((len(lamps), len(points), wavelengths_nm.size))
+    if scalar:
         for n, lamp in enumerate(lamps):
             for k, point in enumerate(points):
                 seen = [
@@ -168,8 +174,7 @@ def brightest_lamp(scene: MitsubaObject) -> float | None:
         nm = [mi.Float(quarters[band, k].tolist()) for k in range(4)]
         seen = np.array(_seen(scene, emitters, u_v, nm)).reshape(4, *lanes.shape[1:])
         radiance = np.moveaxis(seen, 0, -1).reshape(radiance.shape)
-    flat = radiance.reshape(-1, VISIBLE_STEPS_NM.size)
-    found = [luminous(VISIBLE_STEPS_NM, spectrum) for spectrum in flat]
+    found = [luminous(wavelengths_nm, x) for x in radiance.reshape(-1, wavelengths_nm.size)]
     return max((value for value in found if math.isfinite(value)), default=None)
 
 
@@ -210,7 +215,7 @@ def with_brightness(light: Irradiance, render: PreparedRender) -> Irradiance:
     """The light of a render with its brightness in the statistics, and with notes where that is not of this world."""
     view, lamp = render.scene.view, render.at_rest.brightest_lamp_cd_per_m2
     scale = render.bands.light_scale
-    found = {
+    found: dict[str, float | None] = {
         "brightest_lamp_cd_per_m2": None if lamp is None else lamp * scale,
         "median_cd_per_m2": median_luminance(light, render.bands, view, render.camera),
         "illuminance_lx": mean_illuminance(light, render.bands),
@@ -219,17 +224,15 @@ def with_brightness(light: Irradiance, render: PreparedRender) -> Irradiance:
     statistics = replace(light.statistics, brightness=found)
     metering, camera = statistics.metering, render.camera
     exposure_s = None if metering is None else metering["exposure_s"]
-    notes = _notes(found, exposure_s, camera)
+    notes = _notes(found, scale, exposure_s, camera)
     return replace(light, statistics=replace(statistics, notes=(*statistics.notes, *notes)))
 
 
 def _notes(
-    found: dict[str, float | None], exposure_s: float | None, camera: Camera
+    found: Mapping[str, float | None], scale: float, exposure_s: float | None, camera: Camera
 ) -> Iterator[str]:
     """exposure_s : that was metered."""
-    lamp, median, scale = (
-        found[name] for name in ("brightest_lamp_cd_per_m2", "median_cd_per_m2", "light_scale")
-    )
+    lamp, median = found["brightest_lamp_cd_per_m2"], found["median_cd_per_m2"]
     if scale != 1:
         yield f"all light is scaled by {scale:g}, so that the picture has the median luminance that was asked for"
     bright, row_s = list[str](), (camera.sensor.row_time_us or 0.0) * 1e-6
