@@ -1,4 +1,4 @@
-"""How bright light is to the eye: the brightest lamp and the picture [cd/m²], and the sensor [lx]; one scale for all.
+"""Luminance of the brightest lamp and of the picture, illuminance of the sensor; and one scale for all emitters.
 
 A scene in RGB has no absolute brightness that its author thought of, and Mitsuba takes 1, 1, 1 as 73 000 cd/m².
 """
@@ -153,27 +153,25 @@ def brightest_lamp(scene: MitsubaObject) -> float | None:
     side, step_nm = (FEW_POINTS, WIDE_STEP_NM) if scalar else (POINTS, STEP_NM)
     middles = (np.arange(side) + 0.5) / side
     points = np.array(np.meshgrid(middles, middles)).reshape(2, -1).T.tolist()
-    wavelengths_nm = np.arange(380, 780, step_nm) + 0.5
+    wavelengths_nm: Float64Array = np.arange(380.0, 780.0, step_nm) + 0.5
     quarters = wavelengths_nm.reshape(-1, 4)
-    radiance = np.empty((len(lamps), len(points), wavelengths_nm.size))
+    radiance: Float64Array = np.empty((len(lamps), len(points), wavelengths_nm.size))
     if scalar:
         for n, lamp in enumerate(lamps):
             for k, point in enumerate(points):
-                seen = [
-                    np.ravel(_seen(scene, scene.emitters()[lamp], point, nm))
-                    for nm in quarters.tolist()
-                ]
-                radiance[n, k] = np.concatenate(seen)
+                emitter = scene.emitters()[lamp]
+                four = [np.ravel(_seen(scene, emitter, point, nm)) for nm in quarters.tolist()]
+                radiance[n, k] = np.concatenate(four)
     else:
-        lanes = np.array(
+        grid = np.array(
             np.meshgrid(lamps, range(len(points)), range(len(quarters)), indexing="ij")
         )
-        which, where, band = lanes.reshape(3, -1)
+        which, where, band = grid.reshape(3, -1)
         emitters = dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32(which.tolist()))
         u_v = [mi.Float(np.array(points)[where, axis].tolist()) for axis in (0, 1)]
         nm = [mi.Float(quarters[band, k].tolist()) for k in range(4)]
-        seen = np.array(_seen(scene, emitters, u_v, nm)).reshape(4, *lanes.shape[1:])
-        radiance = np.moveaxis(seen, 0, -1).reshape(radiance.shape)
+        seen = np.array(_seen(scene, emitters, u_v, nm)).reshape(4, *grid.shape[1:])
+        radiance[:] = np.moveaxis(seen, 0, -1).reshape(radiance.shape)
     found = [luminous(wavelengths_nm, x) for x in radiance.reshape(-1, wavelengths_nm.size)]
     return max((value for value in found if math.isfinite(value)), default=None)
 
