@@ -185,7 +185,9 @@ def test_light_that_is_too_bright_is_a_remark_of_the_run_and_in_the_card(
     """A sky of 7.3e9 cd/m² is metered to nanoseconds."""
     write_scene(tmp_path, scene_text(SKY.replace("2e-4", "1e5")))
     text = FILE[: FILE.index("grid")] + '[[scenes]]\nname = "sky"\nfile = "scene.xml"\n'
-    (tmp_path / "views.toml").write_text(text.replace("spp = 4", "spp = 1"), "utf-8")
+    (tmp_path / "views.toml").write_text(
+        text.replace("spp = 4, width = 24", "spp = 1, width = 12"), "utf-8"
+    )
     found = run(load_plan(tmp_path / "views.toml", [tmp_path]), tmp_path / "out", workers=0)
     (remark,) = found.remarks
     assert not found.failed and "metered exposure time is" in remark and "light_scale" in remark
