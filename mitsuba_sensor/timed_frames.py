@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -198,10 +197,7 @@ def told_of(sensor: PreparedExposure, progress: Progress | None) -> PreparedExpo
 
     def tell(done: int) -> None:
         seconds = time.monotonic() - began
-        left_s = seconds / done * (count - done) if done else math.nan
-        progress(
-            RenderProgress(done, count, seconds=seconds, seconds_left=left_s, doing="exposing")
-        )
+        progress(RenderProgress(done, count, seconds=seconds, doing="exposing"))
 
     tell(0)
     return replace(sensor, told=tell)

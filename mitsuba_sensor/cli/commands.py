@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 LEVELS = {
     "black": "bold red",
     "wrong": "bold yellow",
-    "note": "dim",
+    "note": "",
+    "fact": "dim",
 }  # of a finding of lint → its style
 FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
 FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "as_json", "verbose", *FIRST_OF_CAMERA, "frames")
@@ -370,7 +371,7 @@ def doctor(as_json: arguments.Json = False) -> None:
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
-    Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
+    Exit code: 0 if nothing is black or wrong, 1 if something is, 2 if the scene cannot be loaded.
     """
     from rich.console import Group
     from rich.text import Text
@@ -402,5 +403,5 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
         nothing = Text("nothing to say for this camera", style="green")
         show(Group(head, table if findings else nothing), False)
         show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
-    if any(finding.level != "note" for finding in findings):
+    if any(finding.is_serious for finding in findings):
         raise typer.Exit(1)

@@ -323,6 +323,17 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
             example="16",
         ),
     ]
+    luminance: Annotated[
+        float | None,
+        Option(
+            "Median luminance of the picture [cd/m²]: one factor scales all emitters, and a short render "
+            "finds it. A scene in full sunlight has 5000, an office 100. Default: the emitters as the scene has them.",
+            low=1e-6,
+            high=1e9,
+            metavar="CD_M2",
+            example="500",
+        ),
+    ]
     gain: Gain
     denoise: Annotated[
         bool | None,

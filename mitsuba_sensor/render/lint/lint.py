@@ -279,7 +279,7 @@ def _film(scene: SceneFile) -> Iterator[Finding]:
     if kind == "specfilm" and film.props.get("component_format", "float16") == "float16":
         what = "a specfilm stores float16 by default, and values above 65504 overflow"
         yield Finding(
-            "note",
+            "fact",
             where,
             what,
             'float32 taken; write <string name="component_format" value="float32"/>',
@@ -289,13 +289,13 @@ def _film(scene: SceneFile) -> Iterator[Finding]:
         remedy = (
             f"film {kind!r} replaced by the spectral bands of the sensor (specfilm, float32)"
         )
-        yield Finding("note", where, what, remedy)
+        yield Finding("fact", where, what, remedy)
     filters = scene.children(film.props, "ReconstructionFilter") if film else []
     wide = filters[0][1].props.plugin_name() if filters else "gaussian"  # Mitsuba's default
     if kind != FILM and wide != "box":
         what = f"filter {wide!r} is wider than a pixel and correlates the noise of neighbouring pixels"
         yield Finding(
-            "note", where, what, f"filter {wide!r} replaced by 'box', which is one pixel wide"
+            "fact", where, what, f"filter {wide!r} replaced by 'box', which is one pixel wide"
         )
     if film and any(name.startswith("crop") for name in film.props):
         yield Finding(
@@ -310,7 +310,7 @@ def _film(scene: SceneFile) -> Iterator[Finding]:
                 f"sampler {name!r} is noisier",
                 f"sampler {name!r} replaced by {SAMPLER!r}",
             )
-            yield Finding("note", scene.where(sampler), what, remedy)
+            yield Finding("fact", scene.where(sampler), what, remedy)
 
 
 def _sensors(scene: SceneFile) -> Iterator[Finding]:
