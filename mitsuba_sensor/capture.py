@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Unpack, cast
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .capture_options import CaptureOptions, check_asked_files
-from .core import Exposure, Photons, warn_of
+from .core import Exposure, InputError, Photons, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, used
 from .exposed import (
@@ -172,6 +172,11 @@ def capture_sensors(
 ) -> Capture:
     """A capture of each sensor of a scene, by name, one after the other and of the same instant. Raises InputError."""
     refuse_one_place(views, options["look_at"], options["motion"])
+    if options["luminance"] is not None and len(views) > 1:
+        raise InputError(
+            f"luminance is {options['luminance']:g} and {len(views)} sensors ({', '.join(views)}) would each scale the "
+            "light by their own picture; take one sensor, and multiply the emitters in the scene by its light_scale."
+        )
     captures = dict[str, Capture]()
     for name, view in views.items():
         asked: CaptureOptions = {**options, "sensor": name}

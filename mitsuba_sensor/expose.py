@@ -85,9 +85,7 @@ def told_frames(
 
         def told(done: int) -> None:
             if teller is not None:
-                share = done / sensor.count
-                left_s = teller.seconds / share - teller.seconds
-                teller.tell(f"{done} of {sensor.count} frames", left_s, share)
+                teller.tell(f"{done} of {sensor.count} frames", done / sensor.count)
                 teller.tick()
 
         yield replace(sensor, told=told)

@@ -408,12 +408,14 @@ def test_the_public_api_has_at_most_44_names() -> None:
     assert all(hasattr(mitsuba_sensor, name) for name in mitsuba_sensor.__all__)
 
 
-def test_importing_the_package_changes_nothing_but_adds_one_finder() -> None:
-    """The finder registers the plugins when Mitsuba is imported, and takes itself out (docs/plugins.md)."""
+def test_importing_the_package_chooses_llvm_and_adds_one_finder() -> None:
+    """And changes nothing else. The finder registers the plugins when Mitsuba is imported, and takes itself out
+    (docs/plugins.md)."""
     code = (
         "import os, sys; before = dict(os.environ); finders, hooks = list(sys.meta_path), list(sys.path_hooks)\n"
         "import mitsuba_sensor\n"
-        "assert dict(os.environ) == before, 'environment changed'\n"
+        "changed = {name for name, _ in {*os.environ.items()} ^ {*before.items()}}\n"
+        "assert changed <= {'DRJIT_LIBLLVM_PATH'}, f'{changed} changed in the environment'\n"
         "added = [type(finder).__name__ for finder in sys.meta_path if finder not in finders]\n"
         "assert added == ['AfterMitsuba'] and sys.meta_path[1:] == finders, sys.meta_path\n"
         "assert sys.path_hooks == hooks, sys.path_hooks\n"
@@ -481,7 +483,7 @@ TOKENS_MAX = {
     "tests": 569721,
     "theory": 37996,
 }
-"""Tokens of each folder without comments and docstrings. A number may only fall: a rise needs a reason in its commit."""
+"""Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03
 """Fraction that a folder may be below its number before the number has to follow."""
 

@@ -22,7 +22,7 @@ from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.combined_readouts import CombinedReadouts
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from ..stages.gains import gain_dn_per_e
-from ..stages.stage import Chain, Stage
+from ..stages.stage import Chain, Stage, converter_of
 from ..stages.usual_range import warn_of_temperature
 from .camera_toml import camera_file
 from .companding import CompandingSection
@@ -278,11 +278,8 @@ class Camera(FileTable):
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
         added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
         extra = {"added_stages": added, "notes": list(self.notes)}
-        return {
-            **self.model_dump(),
-            "sources": dict(self.sources),
-            **{name: x for name, x in extra.items() if x},
-        }
+        given = {name: x for name, x in extra.items() if x}
+        return {**self.model_dump(), "sources": dict(self.sources), **given}
 
     def to_toml(self) -> str:
         """The text of a camera file that loads again to an equal camera, with every key that there is explained.
@@ -342,6 +339,11 @@ class Camera(FileTable):
     def system_gain_dn_per_e(self) -> float:
         """EMVA 1288's overall system gain K of small signals [DN/e-]."""
         return gain_dn_per_e(self)
+
+    @property
+    def black_level_dn(self) -> float:
+        """Black level of its frames [DN]: adc.black_level_dn, or 4σ of the noise of a zero exposure if not given."""
+        return float(converter_of(self.stages).black_level_dn)
 
     def emva1288(self, exposure: Exposure = SHORT) -> EmvaFigures:
         """EMVA 1288's K, σ_d, saturation, SNR_max and dynamic range, from the datasheet by the theory of the frames.

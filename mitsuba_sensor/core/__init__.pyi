@@ -14,9 +14,11 @@ from .frame import Frame as Frame
 from .moments import Moments as Moments
 from .near_names import closest as closest
 from .near_names import nearest as nearest
+from .notes import Caution as Caution
 from .notes import Doubt as Doubt
 from .notes import SensorWarning as SensorWarning
 from .notes import SourceOfLight as SourceOfLight
+from .notes import by_weight as by_weight
 from .notes import warn_of as warn_of
 from .sensor_window import SensorWindow as SensorWindow
 from .signals import CountedElectrons as CountedElectrons

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..camera.dual_pixels import has_several_readouts
 from ..camera.figures import refuse_readouts
 from ..camera.readouts import unknown_readout
-from ..core import InputError
+from ..core import InputError, by_weight
 from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
@@ -147,7 +147,7 @@ class Frames(RawFrames):
         if self.light.source is not None:
             light_notes = self.light.source.notes
         _, render_notes = self.render_noise
-        return (*light_notes, *self.exposure_notes, *render_notes)
+        return tuple(by_weight([*light_notes, *self.exposure_notes, *render_notes]))
 
     @cached_property
     def render_noise(self) -> tuple[dict[str, float | None], tuple[str, ...]]:

@@ -226,7 +226,8 @@ def prepare_exposure(
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin, camera=camera.name)
     named = whole_chain(camera)  # also maps of what is left out
-    given = checked_maps(chosen["maps"] or {}, named, window, camera)
+    maps = {} if chosen["maps"] is None else chosen["maps"]
+    given = checked_maps(maps, named, window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame, camera.gain or "")
     return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"])

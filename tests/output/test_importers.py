@@ -244,9 +244,10 @@ REPORT = """<results><sensitivity><K><Short>System Gain</Short><Value>0.25</Valu
 
 
 def test_an_emva_report_gives_back_its_own_figures(tmp_path: Path) -> None:
-    """K by the photon transfer of its frames, σ_d and the saturation; QE as it is."""
+    """K by the photon transfer of its frames, σ_d and the saturation; QE as it is, and falling towards 1000 nm."""
     camera = import_camera(written(tmp_path, "r.xml", REPORT))
-    assert camera.qe([550.0])[0, 0] == 0.625 and camera.pixel.full_well_e == 12000
+    qe = camera.qe([camera.quantum_efficiency.reference_nm, 1000.0])[0]
+    assert qe[0] == 0.625 and 0 < qe[1] < 0.05 and camera.pixel.full_well_e == 12000
     assert (camera.pixel.prnu, camera.dark_current.rate_e_per_s) == (0.007, 3.5)
     assert camera.readout.dsnu_col * camera.pixel.full_well_e == pytest.approx(2.4)
     (dark, noise), (bright, variance) = (measured(camera, light_e) for light_e in (0.0, 6000.0))

@@ -206,12 +206,29 @@ def test_values_outside_the_bands_of_the_camera_do_not_count(tmp_path: Path) -> 
     assert serious(tmp_path, SKY, ball(grey("300:0.5, 790:0.5, 800:50"))) == []
 
 
-def test_negative_light_is_wrong(tmp_path: Path) -> None:
-    """A constant; tables with negative values are refused by Mitsuba."""
-    lamp = '<emitter type="constant"><spectrum name="radiance" value="-0.5"/></emitter>'
-    for elements in ((SKY, ball(grey("-0.5"))), (lamp,)):
+def test_negative_light_is_wrong_and_counted(tmp_path: Path) -> None:
+    """A constant, a colour and a sky of 2 × 2 pixels; tables with negative values are refused by Mitsuba."""
+    lamp = '<emitter type="constant">{}</emitter>'
+    sky = picture(tmp_path, "sky.exr", -0.5, 3).replace('name="reflectance"', "")
+    sky = sky.replace("<texture", "<emitter").replace("</texture", "</emitter")
+    scenes = {
+        1: [
+            (SKY, ball(grey("-0.5"))),
+            (lamp.format('<spectrum name="radiance" value="-0.5"/>'),),
+            (lamp.format('<rgb name="radiance" value="-0.5, 1, 2"/>'),),
+        ],
+        12: [(sky.replace('type="bitmap"', 'type="envmap"'),)],
+    }
+    for count, elements in ((n, one) for n, several in scenes.items() for one in several):
         (finding,) = serious(tmp_path, *elements)
-        assert finding.level == "wrong" and "as small as -0.5" in finding.what
+        assert finding.level == "wrong"
+        assert f"has {count} value(s) below 0, as small as -0.5" in finding.what
+
+
+def test_a_table_in_micrometres_is_told(tmp_path: Path) -> None:
+    """Mitsuba reads nm, and finds no light there."""
+    found = serious(tmp_path, SKY, ball(grey("0.3:0.5, 1.1:0.5")))
+    assert any("in µm, multiply them by 1000" in finding.remedy for finding in found)
 
 
 @pytest.mark.parametrize(

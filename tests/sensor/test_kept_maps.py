@@ -74,7 +74,7 @@ def test_memory_stays_below_the_limit_whatever_comes() -> None:
     for size in (40, 60, 80, 100, 200, 60):
         for _ in range(2):
             prepared = ms.Sensor(TABLE_1)._prepared(light(1, (size, size)), EXPOSURE, {})
-            recent.lend(prepared, TABLE_1, "physical").frames()
+            recent.lend(prepared, TABLE_1).frames()
             recent.drop()
             assert recent._maps.bytes <= 100_000
     assert recent._maps.bytes > 0

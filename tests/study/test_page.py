@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
 
-from mitsuba_sensor.cli.progress import seconds_bar
 from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
 from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.pages.drawing import png, svg
@@ -33,7 +32,6 @@ from mitsuba_sensor.pages.page import (
     study_of,
     table,
 )
-from mitsuba_sensor.study.kit import Forecast
 
 TABLE = Table(
     "Series <all>",
@@ -267,19 +265,6 @@ def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:
     marks = tuple("bad" if i == 7 else "good" for i in range(len(rows)))
     said = shown(study(Table("long", ("case", "n"), rows, marks)))  # type: ignore[arg-type]
     assert "case 7" in said and "case 8" not in said and f"{LONGEST} more rows" in said
-
-
-def test_a_study_says_how_long_it_takes_and_again_where_that_was_too_short() -> None:
-    console = Console(file=io.StringIO(), width=100)
-    with seconds_bar(console) as tell:
-        tell(Forecast(0.0, 240.0, "first", "", 0.0))
-        tell(Forecast(10.0, 200.0, "second", "frames", 150.0))
-        tell(Forecast(20.0, 250.0, "third", "frames", 200.0))
-        tell(Forecast(300.0, 320.0, "fourth", "moments", 310.0))
-    assert console.file.getvalue().splitlines() == [  # type: ignore[attr-defined]
-        "this takes about 3.3 min, 2.5 min of it for frames",
-        "this takes about 5.3 min, 5.2 min of it for moments",
-    ]
 
 
 @pytest.mark.parametrize(("width", "columns"), [(200, 12), (40, 3), (14, 1)])

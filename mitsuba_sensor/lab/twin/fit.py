@@ -12,6 +12,7 @@ from typing import Any
 from ...core import InputError
 from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
+from ...optics.spectra import SILICON_NM, silicon_qe
 from ..frames.bench import Bench, read_bench
 from ..frames.notes import merged
 from ..frames.stack import Stack
@@ -140,11 +141,12 @@ class Twin:
     def _quantum_efficiency(self) -> Iterator[Value]:
         """Quantum efficiency of each filter: measured where photons are known, else assumed."""
         values, source = self._efficiencies()
-        yield Value(
-            "quantum_efficiency.wavelengths_nm",
-            list(BAND_NM),
-            "assumed: one quantum efficiency for all light",
-        )
+        band_nm, assumed = list(BAND_NM), "one quantum efficiency for all light"
+        at_nm, curve = self.wavelength_nm, [values.get("", QE)] * 2
+        if not self.base.tile and at_nm and SILICON_NM[0] <= at_nm <= SILICON_NM[-1]:
+            band_nm, curve = silicon_qe(curve[0], at_nm)
+            assumed = f"typical silicon but at {at_nm:g} nm"
+        yield Value("quantum_efficiency.wavelengths_nm", band_nm, f"assumed: {assumed}")
         if self.base.tile:
             curves: dict[str, list[float]] = {}
             for name, value in values.items():
@@ -154,7 +156,7 @@ class Twin:
             tile = [list(row) for row in self.base.tile]
             yield Value("quantum_efficiency.tile", tile, "fit: the mosaic of the frames")
         else:
-            yield Value("quantum_efficiency.value", values[""], source)
+            yield Value("quantum_efficiency.curves", {"mono": curve}, source)
         reference_nm, source = ANY_NM, f"assumed: {ANY_NM:g} nm"
         if self.wavelength_nm:
             reference_nm, source = self.wavelength_nm, "fit: the light of the flat fields"

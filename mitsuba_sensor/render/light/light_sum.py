@@ -98,6 +98,10 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
     raw = None if total.raw is None else replace(total.raw, waveforms=flickering)
     later = {name: with_levels(one, lights) for name, one in light.later.items()}
     known = light.statistics
+    if known.brightness is not None:  # of all lamps as they were rendered
+        unknown = dict.fromkeys(known.brightness, None)
+        scale = {"light_scale": known.brightness["light_scale"]}
+        known = replace(known, brightness=unknown | scale)
     return replace(total, statistics=known, waveforms=flickering, raw=raw, later=later)
 
 

@@ -86,7 +86,7 @@ def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoRe
             "look for NaN in textures and environment maps, and for metals whose eta and k end"
         )
     serious = [
-        f"{finding.what} ({finding.where})" for finding in findings if finding.level != "note"
+        f"{finding.what} ({finding.where})" for finding in findings if finding.is_serious
     ]
     if serious:
         remedy = f"perhaps because {', or because '.join(serious)}; otherwise {remedy}"

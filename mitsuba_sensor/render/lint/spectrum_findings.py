@@ -33,6 +33,7 @@ FRACTIONS: tuple[str, ...] = ("reflectance", "diffuse_reflectance", "specular_re
 FRACTIONS += ("specular_transmittance", "base_color", "albedo")
 """Properties of materials and media that are the share of the light that comes back."""
 PERCENT, COUNTS = 100.0, 255.0
+LONGEST_UM = 20.0  # end of a table that is more likely in µm than in nm
 LEAST_PERCENT = (
     2.0  # the largest value of a fraction that is more likely a mistake than a percentage
 )
@@ -78,7 +79,8 @@ def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
     incomplete: dict[tuple[str, Range, str], list[MitsubaObject]] = {}
     for node, name, data_nm in chain(lights, spectra.materials):
         if not band.is_inside(data_nm):
-            incomplete.setdefault((name, data_nm, _more_data(node, band)), []).append(node)
+            key = (name, data_nm, _more_data(node, data_nm, band))
+            incomplete.setdefault(key, []).append(node)
     for (name, data_nm, remedy), nodes in incomplete.items():
         label = name if name == "light" else repr(name)
         where = f"outside {data_nm[0]:g} to {data_nm[1]:g} nm"
@@ -96,8 +98,10 @@ def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
             yield Finding("black", lines_of(scene, nodes), what, remedy, data_nm)
 
 
-def _more_data(node: MitsubaObject, band: Band) -> str:
+def _more_data(node: MitsubaObject, data_nm: Range, band: Band) -> str:
     """What to do about a spectrum that ends."""
+    if data_nm[1] < LONGEST_UM:
+        return "if its wavelengths are in µm, multiply them by 1000: Mitsuba reads nm"
     if (kind := node.props.plugin_name()) in SKIES:
         return f"{kind!r} has no more data: add another light from {band.low_nm:g} to {band.high_nm:g} nm"
     return f"give it pairs of wavelength and value from {band.low_nm:g} to {band.high_nm:g} nm"
@@ -151,7 +155,7 @@ def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[
 class Extremes(NamedTuple):
     """The smallest and largest finite value of a spectrum in the bands.
 
-    not_finite : how many values are NaN or infinite.
+    not_finite, negative : how many values are NaN or infinite, and how many below 0.
     is_clamped : whether Mitsuba takes 0 or 1 for what is outside.
     """
 
@@ -160,6 +164,7 @@ class Extremes(NamedTuple):
     least: float
     largest: float
     not_finite: int
+    negative: int
     is_clamped: bool
 
 
@@ -167,15 +172,15 @@ def _extremes(
     nodes: Iterable[MitsubaObject], spectra: SceneSpectra, band: Band
 ) -> Iterator[Extremes]:
     for node in nodes:
-        for name in node.props:
-            for numbers in spectra.numbers(node.props[name]):
-                if isinstance(numbers, Picture):
-                    values, is_clamped = numbers.values, numbers.values.shape[1] > 1
-                else:
-                    values, is_clamped = numbers.between(band.low_nm, band.high_nm), False
-                finite = values[np.isfinite(values)]
-                ends = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)))
-                yield Extremes(node, name, *ends, values.size - finite.size, is_clamped)
+        for name, numbers in spectra.numbers_of_node(node):
+            if isinstance(numbers, Picture):
+                values, is_clamped = numbers.values, numbers.values.shape[1] > 1
+            else:
+                values, is_clamped = numbers.between(band.low_nm, band.high_nm), False
+            finite = values[np.isfinite(values)]
+            ends = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)))
+            counts = (values.size - finite.size, int((finite < 0).sum()))
+            yield Extremes(node, name, *ends, *counts, is_clamped)
 
 
 def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
@@ -199,7 +204,9 @@ def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
         [values for values in (*fractions, *strengths) if values.least < 0]
     ):
         least = min(values.least for values in same)
-        what = f"{name!r} in {places(len(same))} is as small as {least:g}: no light is negative"
+        count = sum(values.negative for values in same)
+        few = f"{count} value(s) below 0, as small as {least:g}"
+        what = f"{name!r} in {places(len(same))} has {few}: no light is negative"
         yield Finding("wrong", _lines(scene, same), what, "give values of 0 and more")
     for name, same in _by_name(
         [values for values in (*surfaces, *lights) if values.not_finite]

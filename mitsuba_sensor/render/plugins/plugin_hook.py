@@ -13,6 +13,8 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
 
+from ...core.llvm import guarded_import
+
 
 def watch() -> None:
     """Register the plugins in Mitsuba now if it is imported, else when it is."""
@@ -42,7 +44,8 @@ class AfterMitsuba:
         load = spec.loader.exec_module
 
         def load_and_register(module: ModuleType) -> None:
-            load(module)
+            with guarded_import():
+                load(module)
             if self in sys.meta_path:
                 sys.meta_path.remove(self)
             register(sys.modules["mitsuba"])  # which has put another module into its place

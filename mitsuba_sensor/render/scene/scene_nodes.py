@@ -180,7 +180,9 @@ def _check_dict(tree: Mapping[str, Any], options: Mapping[str, Any]) -> None:
             )
         own, now = _variant_of(value), mitsuba().variant()
         if own not in ("", now):
-            way_out = f"make it in that one, or pass variant={own!r}"
+            way_out = f"call mitsuba.set_variant({now!r}) before you make it"
+            if "_spectral" in own:
+                way_out += f", or pass variant={own!r}"
             raise InputError(
                 f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}."
             )

@@ -87,10 +87,10 @@ class SensorAblation:
 
     def steps(self) -> Iterator[Step]:
         """All measurements."""
-        yield Step("the plan's verdicts", 2.0, self.verdicts, "plan")
+        yield Step("the plan's verdicts", 2.0, self.verdicts)
         for case in self.cameras:
-            yield Step(f"frames: {case}", 1.0, partial(self.moments, case), "frames")
-        yield Step("seconds of frames", 10.0, self.nanoseconds, "seconds of frames")
+            yield Step(f"frames: {case}", 1.0, partial(self.moments, case))
+        yield Step("seconds of frames", 10.0, self.nanoseconds)
 
     def verdicts(self) -> Values:
         """What the plan leaves out, and why."""
