@@ -12,6 +12,8 @@ import pytest
 from helpers import DATA
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.output.importers.import_camera import import_camera
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 CASES = DATA / "cases"
 Check = Callable[[], None]
@@ -20,7 +22,7 @@ CHECKS: dict[str, Check] = {}
 
 PENDING = {
     *("01", "02", "03", "04", "05", "07", "09", "11", "12", "13"),
-    *("2026-11-29_03", "2026-11-29_04", "2026-11-29_05", "2026-11-29_06"),
+    *("2026-11-29_03", "2026-11-29_04"),
     *("2026-11-29_08", "2026-11-29_09", "2026-11-29_10", "2026-11-29_11", "2026-11-29_12"),
     *("2026-11-29_14", "2026-11-29_16"),
 }
@@ -59,6 +61,24 @@ def apertures_of_a_zemax_design() -> None:
     with pytest.raises(ms.InputError, match=r"opens to f/8\.32 at most"):
         light("clap3.zmx", 5.0)
     assert light("clap3.zmx", 8.32) == pytest.approx(0.36 * plain, rel=0.005)
+
+
+@case("2026-11-29_05")
+def tuning_file_with_a_comma_before_a_bracket() -> None:
+    folder = CASES / "2026-11-29_05_libcamera_trailing_comma"
+    for name in ("tuning.json", "without_comma.json"):
+        camera = import_camera(folder / name)
+        assert gain_dn_per_e(camera) == pytest.approx(2.5**2 / 16, rel=1e-5)
+        assert camera.adc.black_level_dn == 200
+        assert "pisp (Raspberry Pi 5)" in camera.description
+
+
+@case("2026-11-29_06")
+def tuning_file_of_a_monochrome_sensor() -> None:
+    camera = import_camera(CASES / "2026-11-29_06_libcamera_mono" / "sensor_mono.json")
+    assert list(camera.quantum_efficiency.curves) == ["mono"]
+    assert "a monochrome sensor" in camera.sources["quantum_efficiency.curves"]
+    assert "bcm2835 (vc4, Raspberry Pi 0 to 4)" in camera.sources["adc.full_scale_v"]
 
 
 def names_of_inputs() -> set[str]:
