@@ -5,7 +5,11 @@ tests/data/cases has the inputs; README.md there and README in each folder tell 
 
 from __future__ import annotations
 
+import math
 import re
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable
 
 import pytest
@@ -24,7 +28,7 @@ PENDING = {
     *("01", "02", "03", "04", "05", "07", "09", "11", "12", "13"),
     *("2026-11-29_03", "2026-11-29_04"),
     *("2026-11-29_08", "2026-11-29_09", "2026-11-29_10", "2026-11-29_11", "2026-11-29_12"),
-    *("2026-11-29_14", "2026-11-29_16"),
+    "2026-11-29_16",
 }
 """Cases that have no row yet."""
 
@@ -79,6 +83,23 @@ def tuning_file_of_a_monochrome_sensor() -> None:
     assert list(camera.quantum_efficiency.curves) == ["mono"]
     assert "a monochrome sensor" in camera.sources["quantum_efficiency.curves"]
     assert "bcm2835 (vc4, Raspberry Pi 0 to 4)" in camera.sources["adc.full_scale_v"]
+
+
+@case("2026-11-29_14")
+def flat_fields_under_light_that_flickers_before_a_rolling_shutter() -> None:
+    """Made with K 0.12 DN/e-, 7 e- of read noise and PRNU of 1 % in the pixels; the figures of rows are refused."""
+    with tempfile.TemporaryDirectory() as folder:
+        make = CASES / "2026-11-29_14_flicker_prnu" / "make.py"
+        subprocess.run([sys.executable, make], cwd=folder, check=True)
+        (measured,) = ms.lab.measure_bench(ms.lab.read_bench(folder))
+    figures = measured.figures
+    for symbol, right in (("K", 0.12), ("PRNU1288_pixel", 1.0), ("σ_d", 7.0)):
+        assert figures[symbol].covers(right)
+        assert figures[symbol].high - figures[symbol].low < 0.04 * right
+    for symbol in ("PRNU1288", "PRNU1288_row", "σ/µ"):
+        assert math.isnan(figures[symbol].value)
+        assert "flickers before a rolling shutter" in figures[symbol].note
+    assert any("flickers before a rolling shutter" in note for note in measured.notes)
 
 
 def names_of_inputs() -> set[str]:
