@@ -147,7 +147,8 @@ def test_light_that_flickers_is_found_and_leaves_the_variance_within_rows_alone(
     period_rows: int, frames: int
 ) -> None:
     """A lamp of 2 % before a rolling shutter, with pixel noise of 3 DN: its variance within 5 standard errors; the size
-    is that of the light's own rows, which rows 4 apart share by cos(8π/period), within 10 %."""
+    is that of the light's own rows, which rows 4 apart share by cos(8π/period), of which the removal of drift takes a
+    third at most, or two thirds where a frame has a tenth of a period."""
     rng = np.random.default_rng(4)
     phase = rng.random((frames, 1, 1)) + np.arange(96)[:, None] / period_rows
     light = 1000 * (1 + 0.02 * np.sin(2 * np.pi * phase)) + np.zeros((96, 64))
@@ -157,4 +158,5 @@ def test_light_that_flickers_is_found_and_leaves_the_variance_within_rows_alone(
     rows = light.mean(axis=2) - light.mean(axis=(0, 2))
     rows -= rows.mean(axis=1, keepdims=True)
     shared = (np.sum(rows**2) / (frames - 1) / 96 * np.cos(8 * np.pi / period_rows)) ** 0.5
-    assert flicker_dn(stack) == pytest.approx(shared, rel=0.1)
+    least = 0.66 if period_rows <= 100 else 0.33
+    assert least * shared < flicker_dn(stack) < 1.1 * shared
