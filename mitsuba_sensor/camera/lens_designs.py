@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from ..core.printable import printable
 from .lens_glasses import GlassNumbers, glass_named
 
 ZEMAX_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0, "M": 1000.0}
@@ -35,7 +36,7 @@ ZEMAX_REFUSED = {
         "SCBD": "tilted or decentred surfaces",
     },
 }
-"""Command that changes light or geometry → what it makes; without effect if all its numbers are 0."""
+"""Command that changes light or geometry → what it makes. OBDC and SCBD have no effect if all their numbers are 0."""
 ZEMAX_HARMLESS = frozenset(
     (
         *("COMM", "HIDE", "MIRR", "SLAB", "POPS", "FIMP", "MEMA", "OEMA", "MAZH", "TCE"),
@@ -54,6 +55,7 @@ CODEV_REFUSED = {
     **dict.fromkeys(("RDY", "CUY", "THI", "GLA"), "numbers outside of the line of S"),
 }
 CODEV_HARMLESS = frozenset(("ASP", "CON", "SPH", "SLB", "CCY", "THC", "GLC", "CIR"))
+MOST_LISTED = 10
 LARGEST = 1e10  # longer radii and distances are infinite
 
 
@@ -135,7 +137,7 @@ def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: lis
     elif key in ("CLAP", "FLAP", "OBSC"):
         _read_zemax_aperture(surface, key, float(values[0]), float(values[1]))
     elif key in ZEMAX_REFUSED:
-        if any(value.strip("+-.0eE") for value in values):
+        if key not in ("OBDC", "SCBD") or any(value.strip("+-.0eE") for value in values):
             surface.refused = f"{ZEMAX_REFUSED[key]} ({key}) are not traced"
     elif key not in ZEMAX_HARMLESS:
         surface.left_out.append(key)
@@ -277,10 +279,16 @@ def _prescription(
         "name": title,
         "source": f"{program} design {file}",
         "surfaces": [_fields(surface, unit_mm, file) for surface in kept],
-        "left_out": "; ".join(
-            f"{what} (surface {', '.join(numbers)})" for what, numbers in left_out.items()
-        ),
+        "left_out": _shown(left_out),
     }
+
+
+def _shown(left_out: dict[str, list[str]]) -> str:
+    """Each command with its surfaces, the first of them where there are many."""
+    texts = [f"{what} (surface {', '.join(where)})" for what, where in left_out.items()]
+    if len(texts) > MOST_LISTED:
+        texts[MOST_LISTED:] = [f"{len(texts) - MOST_LISTED} more commands"]
+    return printable("; ".join(texts))
 
 
 def _without_thickness(surface: DesignSurface) -> DesignSurface:

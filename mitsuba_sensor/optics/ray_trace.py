@@ -110,6 +110,11 @@ def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surf
     return tuple(reversed(surfaces))
 
 
+def unobscured(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
+    """The surfaces without central obscurations: where light would go has nothing to do with them."""
+    return tuple(replace(surface, obscuration=0.0) for surface in surfaces)
+
+
 def surfaces_to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
     """The surfaces from the sensor up to and including the stop."""
     stop = next(number for number, surface in enumerate(surfaces) if surface.stop)

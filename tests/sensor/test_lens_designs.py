@@ -18,6 +18,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera import lens_glasses
 from mitsuba_sensor.camera.lens_datasheet import LensSection
 from mitsuba_sensor.camera.lens_glasses import glass_named
+from mitsuba_sensor.optics.intrinsics import chief_ray_heights
 from mitsuba_sensor.optics.paraxial import cardinal_points
 from mitsuba_sensor.optics.ray_trace import (
     C_NM,
@@ -233,6 +234,23 @@ def test_commands_that_are_not_read_are_listed_in_one_note(tmp_path: Path) -> No
     )
     (note,) = (note for note in camera.notes if note.startswith("lens.prescription"))
     assert "left COAT (surface 2, 3) out of the Zemax design a;" in note
+    many = "".join(f"\n  X{number} 1" for number in range(300))
+    prescription = lens(
+        written(tmp_path, "a.zmx", ZMX.replace("DIAM 9.5", f"DIAM 9.5{many}"))
+    ).prescription
+    assert prescription is not None
+    assert prescription.left_out.endswith("X9 (surface 2, 3); 290 more commands")
+
+
+def test_a_central_obscuration_changes_light_and_no_geometry(tmp_path: Path) -> None:
+    """Chief rays and image heights are those of the open lens, though the disk stops the chief rays themselves."""
+    obscured = ZMX.replace("STOP", "STOP|OBSC 0 2 0".replace("|", "\n  "))
+    texts = {"open.zmx": ZMX, "obscured.zmx": obscured}
+    lenses = [lens(written(tmp_path, name, text)) for name, text in texts.items()]
+    heights = [chief_ray_heights(section, math.inf, 15.0) for section in lenses]
+    np.testing.assert_array_equal(heights[1], heights[0])
+    assert len(heights[0][0]) > 10
+    assert cardinal_points(lenses[0]) == cardinal_points(lenses[1])
 
 
 WRONG: dict[str, tuple[str, str, str]] = {
