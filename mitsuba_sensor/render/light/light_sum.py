@@ -97,8 +97,17 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
     flickering = waveforms_of(lights)
     raw = None if total.raw is None else replace(total.raw, waveforms=flickering)
     later = {name: with_levels(one, lights) for name, one in light.later.items()}
-    known = light.statistics
-    return replace(total, statistics=known, waveforms=flickering, raw=raw, later=later)
+    rendered_for = light.rendered_for
+    if rendered_for is not None and total.rendered_for is not None:
+        rendered_for = replace(rendered_for, illuminant=total.rendered_for.illuminant)
+    return replace(
+        total,
+        statistics=light.statistics,
+        waveforms=flickering,
+        raw=raw,
+        later=later,
+        rendered_for=rendered_for,
+    )
 
 
 def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:
