@@ -58,8 +58,8 @@ class Capture:
         print(captured.frames.digital.mean(), captured.metadata["seeds"])
 
     frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
-    light, photons : irradiance at the focal plane, at the levels of ``lights``, and mean photons per pixel; of the first
-        frame where each has its own.
+    light, photons : irradiance at the focal plane with its ``lights``, mean photons per pixel; of the first frame where
+        each has its own.
     aovs : depth, normals, … of the same pixels, if asked for.
     timed : the frames one by one, where they follow each other in time (``fps``).
     metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.

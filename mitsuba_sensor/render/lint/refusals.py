@@ -9,12 +9,12 @@ from typing import NoReturn
 
 from ...core import InputError
 from ...files.raw_files import require_plausible_picture
-from ..scene.scene_file import POLARISING, SceneFile, as_input_error
-from ..scene.scene_settings import FILM, SENSOR
-from ..variants import is_polarized, mitsuba
+from ..scene.scene_file import IMAGING, POLARISING, SceneFile, as_input_error, why_no_image
+from ..scene.scene_sensors import sensors_of
+from ..scene.scene_settings import FILM
+from ..variants import MitsubaObject, is_polarized, mitsuba
 from .finding import Finding, Range
 
-SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 SCALAR_ONLY = (
     "timed_sunsky",
 )  # Dr.Jit refuses to trace it, and every render of the process after that
@@ -36,11 +36,7 @@ UNSUITABLE = {
 
 def refuse_unsuitable(scene: SceneFile) -> None:
     """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
-    if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
-        many = ", ".join(SENSORS)
-        raise InputError(
-            f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}."
-        )
+    _refuse_sensor(scene, scene.sensor())
     followed = POLARISING if scene.ignore_polarization or is_polarized() else ()
     for node in scene.nodes("Integrator", "BSDF"):
         if (kind := node.props.plugin_name()) in UNSUITABLE and kind not in followed:
@@ -52,6 +48,33 @@ def refuse_unsuitable(scene: SceneFile) -> None:
         if kind in SCALAR_ONLY and not variant.startswith("scalar"):
             why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take `--variant scalar_spectral`"
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
+
+
+def _refuse_sensor(scene: SceneFile, node: MitsubaObject) -> None:
+    """InputError for a sensor that takes no image; for a batch of such sensors, the same as for one of them."""
+    kind = node.props.plugin_name()
+    if kind in IMAGING:
+        return
+    inside = [child.props.plugin_name() for child in _sensors_in(scene, node)]
+    if inside and not {*inside} & {*IMAGING}:
+        kind = inside[0]
+    of_scene = (child for _, child in scene.children(scene.root, "Sensor"))
+    others = [
+        name
+        for name, child in zip(sensors_of(scene), of_scene, strict=True)
+        if child.props.plugin_name() in IMAGING
+    ]
+    way_out = f", or take another sensor of the scene: --sensor {others[0]}" if others else ""
+    raise InputError(
+        f"scene {scene.name!r}, {scene.where(node)}: {why_no_image(kind)}{way_out}."
+    )
+
+
+def _sensors_in(scene: SceneFile, node: MitsubaObject) -> list[MitsubaObject]:
+    """The sensors in a batch, those on shapes in it among them."""
+    shapes = [shape for _, shape in scene.children(node.props, "Shape")]
+    owners = (node, *shapes)
+    return [one for owner in owners for _, one in scene.children(owner.props, "Sensor")]
 
 
 def refuse_missing_files(scene: SceneFile) -> None:

@@ -14,8 +14,8 @@ WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 
 
 def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dict[str, int]:
-    """Width, height and crop of the first sensor's film, by the names of Mitsuba's parameters; scaled so that the image,
-    which is the crop window where there is one, has ``width`` columns."""
+    """Width, height and crop of the first sensor's film, by the names of Mitsuba's parameters; scaled so that the crop
+    window, or the film without one, has ``width`` columns."""
     film, size = scene.film(), {}
     if film is not None:
         if film.props.plugin_name() == FILM and camera is not None:

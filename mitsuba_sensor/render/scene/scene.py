@@ -230,7 +230,8 @@ def _load(
     spectra = (
         () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
     )
-    findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
+    of_shapes = lint_built(scene, world, sensor, integrator, camera)
+    findings = most_serious_first([*findings, *of_shapes, *spectra])
     sharp, view, lens_notes = with_lens(
         sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
