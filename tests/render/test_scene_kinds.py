@@ -317,7 +317,7 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         (mi.load_dict(aov), "the integrator of the scene, AOVIntegrator, adds channels"),
         (
             mi.load_dict(fish),
-            "the sensor of the scene is a RadianceMeter; it must be one of PerspectiveCamera",
+            "'radiancemeter' measures the radiance along one ray and takes no image; replace it by one of perspective",
         ),
         (
             mi.load_dict({**room(mi), "integrator": {"type": "depth"}}),

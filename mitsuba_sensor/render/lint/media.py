@@ -33,16 +33,14 @@ def media_findings(
         remedy = 'refer to it in a shape, <ref name="interior" id="…"/>'
         yield Finding("note", scene.where(node), what, remedy)
     nodes = [node for node in scene.nodes("Medium") if node in used]
-    boundaries = [shape for shape in world.shapes() if shape.is_medium_transition()]
-    if not nodes and not boundaries:
+    if not nodes and not any(shape.is_medium_transition() for shape in world.shapes()):
         return
     classes = {type(integrator).__name__, integrator.class_name()}
     if not classes & {*VOLUMETRIC}:
-        of_scene = [node.props.plugin_name() for node in scene.nodes("Integrator")]
-        kind = of_scene[0] if of_scene else "path"
+        where = lines_of(scene, nodes) if nodes else scene.name
+        kind = next((one.props.plugin_name() for one in scene.nodes("Integrator")), "path")
         if scene.loaded is not None:
             kind = integrator.class_name()
-        where = lines_of(scene, nodes) if nodes else f"shape {boundaries[0].id()!r}"
         what = f"integrator {kind!r} renders no media, and the medium in {places(len(nodes) or 1)} is left out"
         yield Finding("wrong", where, what, TAKE_VOLPATH)
     elif sensor.get_medium() is not None and FROM_VACUUM in classes:

@@ -20,13 +20,11 @@ SCALAR_ONLY = (
 )  # Dr.Jit refuses to trace it, and every render of the process after that
 PICTURES = ("bitmap", "envmap")  # whose file is one
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
-# Plugins that cannot be used, and what to do instead.
+# Plugins that cannot be used, and why.
 UNSUITABLE = {
-    "depth": "computes no radiance; take `--integrator path` (integrator='path')",
-    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra; take `--integrator path` "
-    "(integrator='path')",
-    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take `--integrator path` "
-    "(integrator='path')",
+    "depth": "computes no radiance",
+    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra",
+    "ptracer": "starts its paths at the emitters and cannot write spectral bands",
 } | dict.fromkeys(
     POLARISING,
     "acts on polarised light; take a variant that follows it, e.g. --variant llvm_ad_spectral_polarized, or "
@@ -40,8 +38,12 @@ def refuse_unsuitable(scene: SceneFile) -> None:
     followed = POLARISING if scene.ignore_polarization or is_polarized() else ()
     for node in scene.nodes("Integrator", "BSDF"):
         if (kind := node.props.plugin_name()) in UNSUITABLE and kind not in followed:
+            way_out = ""
+            if kind not in POLARISING:
+                new = "volpath" if scene.nodes("Medium") else "path"
+                way_out = f"; take `--integrator {new}` (integrator={new!r})"
             raise InputError(
-                f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}."
+                f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}{way_out}."
             )
     for node in scene.nodes("Emitter"):
         kind, variant = node.props.plugin_name(), mitsuba().variant()

@@ -140,7 +140,7 @@ class Scene:
             )
         except RuntimeError as error:
             variant = mitsuba().variant()
-            way_out = "`--integrator path`"
+            way_out = "`--integrator path` (volpath if it has media)"
             if not variant.startswith("scalar"):
                 way_out += " or `--variant scalar_spectral`"
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))

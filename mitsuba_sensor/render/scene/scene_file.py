@@ -126,7 +126,9 @@ class SceneFile:
             if self.chosen is None or self.chosen.key == key:
                 return sensor
         on_shapes = sorted({node.props.plugin_name() for node in self.nodes("Sensor")})
-        but = f" but {', '.join(on_shapes)} on a shape, which takes no image" if on_shapes else ""
+        but = (
+            f" but {', '.join(on_shapes)} on a shape, which takes no image" if on_shapes else ""
+        )
         raise InputError(
             f"scene {self.name!r} has no sensor{but}; add one, e.g. {EXAMPLE_SENSOR}."
         )
@@ -281,7 +283,7 @@ def _remedy(message: str, file: Path, values: Mapping[str, str]) -> str:
             "failed to instantiate integrator" in message,
         )
         way_out = (
-            "; take `--integrator path` (integrator='path')"
+            "; take `--integrator path` (integrator='path'), or volpath if the scene has media"
             if of_integrator and remedy.startswith(".")
             else ""
         )
