@@ -138,6 +138,15 @@ def computed_in(variant: Variant, items: Iterator[Item]) -> Iterator[Item]:
         yield item  # type: ignore[misc]
 
 
+def values_of(thing: MitsubaObject) -> Iterator[tuple[str, Any]]:
+    """(name, value) of the parameters of an object of Mitsuba, but for those that it has not set: the colour of hair,
+    where its pigments are, of which Mitsuba's own iterator fails."""
+    parameters = mitsuba().traverse(thing)
+    for name, (value, *_) in parameters.properties.items():
+        if value is not None:
+            yield name, parameters[name]
+
+
 def any_spectral_variant() -> Variant:
     """The variant that is set, if it is a spectral one of :func:`choose_variant`, else the fastest: for what all of
     them compute alike. Sets none."""

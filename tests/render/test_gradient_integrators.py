@@ -29,12 +29,11 @@ def ready(variant: str = "llvm_ad_spectral") -> Any:
     return use(choose_variant(skip_unless_usable(variant)))
 
 
+DEPTH = '<integrator type="{}"><integer name="max_depth" value="3"/></integrator>'
+
+
 def text_of(integrator: str) -> str:
-    return scene_text(
-        SKY,
-        GREY,
-        f'<integrator type="{integrator}"><integer name="max_depth" value="3"/></integrator>',
-    )
+    return scene_text(SKY, GREY, DEPTH.format(integrator))
 
 
 def dict_of(integrator: Any) -> dict[str, Any]:
@@ -145,12 +144,11 @@ def test_in_a_room_its_light_is_that_of_its_primal_integrator(integrator: str) -
         '<spectrum name="radiance" value="1e-3"/></emitter></shape>'
     )
     asked: Any = {"spp": 64, "wavelength_nm": 550, "denoise": False}
-    both = [
-        ms.render(
-            scene_text(room, f'<integrator type="{kind}"/>'), CAMERA, EXPOSURE, seed=n, **asked
-        )
-        for n, kind in enumerate((integrator, PRIMAL[integrator]))
-    ]
+    both = []
+    for seed, kind in enumerate((integrator, PRIMAL[integrator]), 1):
+        element = '<integrator type="direct"/>' if kind == "direct" else DEPTH.format(kind)
+        scene = scene_text(room, element)
+        both.append(ms.render(scene, CAMERA, EXPOSURE, seed=seed, **asked))
     assert_same_light(*both)
 
 

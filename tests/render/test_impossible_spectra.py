@@ -217,10 +217,17 @@ def test_a_picture_with_nan_is_wrong(tmp_path: Path) -> None:
     assert finding.level == "wrong" and "4 values that are not finite" in finding.what
 
 
+VOLPATH = '<integrator type="volpath"/>'
+
+
+def in_cube(medium: str) -> str:
+    place = '<transform name="to_world"><translate z="4"/></transform>'
+    return f'<shape type="cube"><bsdf type="null"/>{place}{medium}</shape>'
+
+
 def test_a_medium_that_returns_more_light_than_it_gets_is_wrong(tmp_path: Path) -> None:
     medium = '<medium name="interior" type="homogeneous"><spectrum name="albedo" value="1.5"/></medium>'
-    cube = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
-    (finding,) = serious(tmp_path, SKY, cube)
+    (finding,) = serious(tmp_path, SKY, in_cube(medium), VOLPATH)
     assert "'albedo' in 1 place is as large as 1.5" in finding.what
 
 
@@ -233,8 +240,7 @@ def test_a_volume_that_returns_more_light_than_it_gets_is_wrong(
     )
     grid = '<volume name="albedo" type="gridvolume"><string name="filename" value="v.vol"/></volume>'
     medium = f'<medium name="interior" type="heterogeneous">{grid}</medium>'
-    cube = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
-    (finding,) = serious(tmp_path, SKY, cube)
+    (finding,) = serious(tmp_path, SKY, in_cube(medium), VOLPATH)
     assert "'albedo' in 1 place is as large as 3" in finding.what
 
 

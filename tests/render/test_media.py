@@ -44,7 +44,7 @@ def told(folder: Path, *elements: str, more: str = "") -> list[Finding]:
 
 
 def test_those_called_volumetric_are_those_in_which_fog_absorbs() -> None:
-    """Plain Mitsuba: 2 units of fog of 0.2 leave exp(−0.4), 1024 paths within 4 standard errors; the others leave all the
+    """Plain Mitsuba: 2 units of fog of 0.2 leave exp(−0.4), 1024 paths within 4 standard errors. The others leave all
     light, or none of it, where they end at the boundary."""
     mi = use(choose_variant(skip_unless_usable("llvm_ad_spectral")))
     fog = {"type": "homogeneous", "sigma_t": {"type": "uniform", "value": 0.2}}

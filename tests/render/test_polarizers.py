@@ -108,8 +108,8 @@ def aolp_deg(light: ms.Irradiance) -> float:
 
 POLARISE = {"conductor", "dielectric", "polarizer", "pplastic", "roughconductor"}
 UNPOLARISED = {"diffuse", "null", "retarder", "circular"}
-"""Materials that leave unpolarised light without linear polarisation, in nature too. With those that lint names these are
-all of Mitsuba 3.9.1, but for those around others and measured ones, which need a file."""
+"""Materials that leave unpolarised light without linear polarisation, in nature too. With those that lint names these
+are all of Mitsuba 3.9.1, except those around others and measured ones, which need a file."""
 OPTIONS = {
     "conductor": {"material": "Au"},
     "principledthin": {"spec_trans": 1.0},
@@ -137,6 +137,24 @@ def test_the_materials_that_depolarise_are_those_that_lint_names() -> None:
         if math.hypot(*total[1:]) < 1e-6 * total[0]:
             unpolarised.add(kind)
     assert unpolarised == {*DEPOLARISING} - {"measured"} | UNPOLARISED
+
+
+def test_materials_that_depolarise_are_named_of_a_loaded_scene() -> None:
+    """Also inside others; and none of those that polarise."""
+    mi = mitsuba()
+    mi.set_variant("scalar_spectral_polarized")
+    kinds = sorted({*DEPOLARISING} - {"measured"})
+    shapes = {
+        kind: {"type": "sphere", "center": [0, 0, -9], "bsdf": {"type": kind}}
+        for kind in (*kinds, *POLARISE)
+    }
+    shapes["plastic"]["bsdf"] = {"type": "twosided", "bsdf": {"type": "plastic"}}
+    film = {"type": "hdrfilm", "width": 4, "height": 4}
+    view = {"sensor": {"type": "perspective", "film": film}, "sky": {"type": "constant"}}
+    loaded = mi.load_dict({"type": "scene", **view, **shapes})
+    notes = ms.render(loaded, MOSAIC, EXPOSURE, **{**FEW, "spp": 1}).notes
+    (note,) = (one for one in notes if "Mitsuba depolarises" in one)
+    assert f"what {', '.join(map(repr, kinds))} reflects" in note
 
 
 @pytest.mark.parametrize(

@@ -115,9 +115,10 @@ def _depolarising(
     nodes = [one for one in scene.nodes("BSDF") if one.props.plugin_name() in DEPOLARISING]
     kinds, where = {one.props.plugin_name() for one in nodes}, lines_of(scene, nodes)
     if scene.loaded is not None:
-        printed = "".join(str(shape.bsdf()) for shape in built.shapes())
-        kinds = {kind for kind, name in DEPOLARISING.items() if f"{name}[" in printed}
-        where = "mi.Scene"
+        owners = (entry[2] for entry in mitsuba().traverse(built).properties.values())
+        classes = {one.class_name() for one in owners if isinstance(one, mitsuba().BSDF)}
+        kinds = {kind for kind, name in DEPOLARISING.items() if name in classes}
+        where = scene.name
     if kinds:
         what = f"Mitsuba depolarises what {', '.join(map(repr, sorted(kinds)))} reflects and transmits"
         remedy = (
@@ -166,12 +167,16 @@ def _short_paths(scene: SceneFile, box: MitsubaObject) -> Iterator[Finding]:
     """An integrator that ends paths which still carry radiance; a flat scene has no longer paths."""
     sides = sorted(float(side) for side in np.ravel(box.extents()))
     for node in scene.nodes("Integrator"):
-        depth = node.props.get("max_depth", 2 if node.props.plugin_name() == "direct" else -1)
+        kind = node.props.plugin_name()
+        usual = 2 if kind.startswith("direct") else 6 if kind.startswith("prb") else -1
+        depth = node.props.get("max_depth", usual)
         if depth >= 0 and ALBEDO**depth > LOSS and sides[0] > FLAT * sides[-1]:
             loss = f"which loses {ALBEDO**depth:.2g} of the radiance in a closed grey scene"
             remedy = "give it a max_depth of 16 or more, or none"
-            if node.props.plugin_name().startswith("direct"):
+            if kind.startswith("direct"):
                 remedy = "take 'path'"
+            elif kind.startswith("prb"):
+                remedy = "give it a max_depth of 16 or more"
             yield Finding(
                 "note",
                 scene.where(node),

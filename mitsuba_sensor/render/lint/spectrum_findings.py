@@ -20,7 +20,7 @@ from ..infrared.rgb_colours import rgb_colours
 from ..infrared.rules import ruled_colours
 from ..scene.scene_edits import UNNAMED
 from ..scene.scene_file import SceneFile
-from ..variants import MitsubaObject, mitsuba
+from ..variants import MitsubaObject, values_of
 from .electron_share import share_of_flat_light
 from .finding import MOST_LINES, Finding, Range, lines_of, places
 from .scene_spectra import MITSUBA_NM, STRENGTHS, SUNS, Picture, SceneSpectra
@@ -285,7 +285,7 @@ def loaded_findings(world: MitsubaObject, band: Band) -> Iterator[Finding]:
 
 def _spectra(world: MitsubaObject) -> Iterator[Parameter]:
     """The parameters of spectra, without those of films and without colours, whose numbers are no values."""
-    for key, value in mitsuba().traverse(world):
+    for key, value in values_of(world):
         parts = key.split(".")
         is_colour = "Color3" in type(value).__name__
         if parts[-1] in (*ENDS, *VALUES) and "film" not in parts and not is_colour:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ...core import InputError
-from ..variants import POLARIZED, MitsubaObject, is_polarized, mitsuba, parser_config
+from ..variants import POLARIZED, MitsubaObject, is_polarized, mitsuba, parser_config, values_of
 from .plugin_id import PluginParameters, parameters_of
 from .plugin_names import (
     OWN_PLUGINS,
@@ -362,6 +362,6 @@ def _digest_of(thing: MitsubaObject) -> str:
 
 
 def _arrays(thing: MitsubaObject) -> Iterator[tuple[str, bytes]]:
-    for name, value in mitsuba().traverse(thing):
+    for name, value in values_of(thing):
         values = getattr(value, "matrix", value)  # of a transform
         yield name, np.ascontiguousarray(np.array(values)).tobytes()
