@@ -138,7 +138,7 @@ def computed_in(variant: Variant, items: Iterator[Item]) -> Iterator[Item]:
         yield item  # type: ignore[misc]
 
 
-def values_of(thing: MitsubaObject) -> Iterator[tuple[str, Any]]:
+def values_of(thing: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
     """(name, value) of the parameters of an object of Mitsuba, but for those that it has not set: the colour of hair,
     where its pigments are, of which Mitsuba's own iterator fails."""
     parameters = mitsuba().traverse(thing)
