@@ -57,7 +57,8 @@ class Capture:
         print(captured.frames.digital.mean(), captured.metadata["seeds"])
 
     frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
-    light, photons : irradiance at the focal plane, mean photons per pixel; of the first frame where each has its own.
+    light, photons : irradiance at the focal plane with its ``lights``, mean photons per pixel; of the first frame where
+        each has its own.
     aovs : depth, normals, … of the same pixels, if asked for.
     timed : the frames one by one, where they follow each other in time (``fps``).
     metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.
@@ -116,7 +117,8 @@ class Capture:
                     write_dng(folder / name, self.frames, number)
         write_video(folder, self.timed, gain)
         if self.rendered and not options["no_irradiance"]:
-            exr.write_irradiance_exr(folder / "irradiance.exr", self.light, options["half"])
+            as_rendered = self.light if options["lights"] is None else self.light.with_lights()
+            exr.write_irradiance_exr(folder / "irradiance.exr", as_rendered, options["half"])
         if self.aovs is not None:
             exr.write_aovs_exr(folder / "aovs.exr", self.aovs)
 

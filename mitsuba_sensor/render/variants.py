@@ -139,6 +139,15 @@ def computed_in(variant: Variant, items: Iterator[Item]) -> Iterator[Item]:
         yield item  # type: ignore[misc]
 
 
+def values_of(thing: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
+    """(name, value) of the parameters of an object of Mitsuba, but for those that it has not set: the colour of hair,
+    where its pigments are, of which Mitsuba's own iterator fails."""
+    parameters = mitsuba().traverse(thing)
+    for name, (value, *_) in parameters.properties.items():
+        if value is not None:
+            yield name, parameters[name]
+
+
 def is_polarized() -> bool:
     """Whether the variant that is set follows the polarisation of light."""
     return str(mitsuba().variant()).endswith(POLARIZED)

@@ -137,14 +137,17 @@ def test_a_blackbody_with_ends_of_its_own_is_not_black(tmp_path: Path) -> None:
 def test_a_coloured_texture_of_a_lamp_is_held_beyond_the_visible(
     tmp_path: Path, texture: str
 ) -> None:
-    """Unlike an rgb lamp it is not multiplied by D65 and does not end: Mitsuba would extrapolate it."""
+    """Unlike an rgb lamp it is not multiplied by D65, which is told to every camera, and does not end: Mitsuba would
+    extrapolate it."""
     mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
     emitter = f'<emitter type="area">{texture}</emitter>'
     lamp = f'<shape type="sphere"><point name="center" value="0, 0, 4"/>{emitter}</shape>'
-    found, brightest = findings(tmp_path, clean(lamp), INFRARED)
-    assert found.level == "note" and "keeps its value at 700 nm" in found.what
-    assert findings(tmp_path, clean(lamp)) == (brightest,) and brightest.level == "fact"
+    held, flat, brightest = findings(tmp_path, clean(lamp), INFRARED)
+    assert held.level == "note" and "keeps its value at 700 nm" in held.what
+    assert flat.level == "note" and "is not multiplied by D65" in flat.what
+    assert brightest.level == "fact"
+    assert findings(tmp_path, clean(lamp)) == (flat, brightest)
 
 
 @pytest.mark.parametrize(("kind", "ends"), [("envmap", "360 to 830"), ("sunsky", "320 to 720")])

@@ -224,6 +224,13 @@ def test_what_a_loaded_scene_cannot_do_is_one_sentence(
         ms.render(mi.load_dict(room(mi)), CAMERA, EXPOSURE, **options)
 
 
+def test_a_parameter_that_a_loaded_material_has_not_set_is_left_out() -> None:
+    """The colour of hair, where its pigments are given: Mitsuba's own iterator ends in a TypeError there."""
+    mi = ready("scalar_spectral")
+    scene = {**room(mi), "ball": {"type": "sphere", "bsdf": {"type": "hair"}}}
+    assert ms.render(mi.load_dict(scene), CAMERA, EXPOSURE, **OPTIONS).data.mean() > 0
+
+
 def test_a_scene_of_another_variant_is_one_sentence() -> None:
     mi = ready("llvm_ad_spectral")
     scene = mi.load_dict(room(mi))
@@ -316,7 +323,7 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         (mi.load_dict(aov), "the integrator of the scene, AOVIntegrator, adds channels"),
         (
             mi.load_dict(fish),
-            "the sensor of the scene is a RadianceMeter; it must be one of PerspectiveCamera",
+            "'radiancemeter' measures the radiance along one ray and takes no image; replace it by one of perspective",
         ),
         (
             mi.load_dict({**room(mi), "integrator": {"type": "depth"}}),

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from ...camera.camera import Camera
 from ...optics.image_record import LARGE_PX, airy_diameter_px
 from ..passes.passes import SAMPLER
+from ..scene.polarizer_rays import polarised_by
 from ..scene.scene_file import POLARISING, SceneFile
 from ..scene.scene_sensors import sensors_of
 from ..scene.scene_settings import FILM
-from ..variants import MitsubaObject, mitsuba
+from ..variants import MitsubaObject, is_polarized, mitsuba
 from .finding import Finding, lines_of, most_serious_first, places
+from .media import media_findings
 from .mesh_attributes import colours_above_one
 from .scene_spectra import SceneSpectra
 from .spectrum_findings import Band, spectrum_findings
@@ -35,6 +37,20 @@ POSITIONAL = (
     "spot",
     "projector",
 )  # emitters whose irradiance depends on a distance in scene units
+ON_SHAPES = ("area", "directionalarea")  # emitters
+DEPOLARISING = {
+    "hair": "Hair",
+    "measured": "Measured",
+    "plastic": "SmoothPlastic",
+    "principled": "Principled",
+    "principledthin": "PrincipledThin",
+    "roughdielectric": "RoughDielectric",
+    "roughplastic": "RoughPlastic",
+    "thindielectric": "ThinDielectric",
+}
+"""Materials with a reflecting surface that Mitsuba 3.9.1 renders without polarisation, and their classes. tests/render/
+test_polarizers.py measures the degree of polarisation of every material at Brewster's angle; measured, which needs a
+file of measurements, is from its source."""
 LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
 FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
 ROUNDING = 1e-5  # of float32 coordinates
@@ -60,7 +76,8 @@ def lint(scene: SceneFile, band: Band, unit_m: float | None) -> tuple[list[Findi
         low < band.high_nm and high > band.low_nm for _, (low, high) in spectra.lights
     )
     others = (
-        check(scene) for check in (_changes, _integrator, _film, _sensors, colours_above_one)
+        check(scene)
+        for check in (_changes, _integrator, _film, _sensors, _lost_lamps, colours_above_one)
     )
     spread = _point_spread(scene, band.camera)
     found = chain(
@@ -69,9 +86,15 @@ def lint(scene: SceneFile, band: Band, unit_m: float | None) -> tuple[list[Findi
     return most_serious_first(found), bool(spectra.lights) and dark
 
 
-def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) -> list[Finding]:
-    """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early; and
-    environment maps that are not finite."""
+def lint_built(
+    scene: SceneFile,
+    built: MitsubaObject,
+    sensor: MitsubaObject,
+    integrator: MitsubaObject,
+    camera: Camera | None,
+) -> list[Finding]:
+    """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early, media
+    that are left out, materials that depolarise; and environment maps that are not finite."""
     box, points, skies = built.bbox(), _points(built), _environments(scene, built)
     shapes = (
         [
@@ -83,7 +106,8 @@ def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) ->
         if box.valid()
         else []
     )
-    return [*skies, *shapes]
+    media = media_findings(scene, built, sensor, integrator)
+    return [*skies, *shapes, *media, *_depolarising(scene, built, camera)]
 
 
 def _environments(scene: SceneFile, built: MitsubaObject) -> Iterator[Finding]:
@@ -97,6 +121,29 @@ def _environments(scene: SceneFile, built: MitsubaObject) -> Iterator[Finding]:
         )
         what = f"the environment map has {bad} values that are not finite, and the light of others is lost too"
         yield Finding("wrong", where, what, "give it finite values")
+
+
+def _depolarising(
+    scene: SceneFile, built: MitsubaObject, camera: Camera | None
+) -> Iterator[Finding]:
+    """Materials whose reflection Mitsuba leaves unpolarised, where the polarisation of light is seen."""
+    polarised = camera is not None and polarised_by(scene, camera) is not None
+    if scene.ignore_polarization or not (polarised or is_polarized()):
+        return
+    nodes = [one for one in scene.nodes("BSDF") if one.props.plugin_name() in DEPOLARISING]
+    kinds, where = {one.props.plugin_name() for one in nodes}, lines_of(scene, nodes)
+    if scene.loaded is not None:
+        owners = (entry[2] for entry in mitsuba().traverse(built).properties.values())
+        classes = {one.class_name() for one in owners if isinstance(one, mitsuba().BSDF)}
+        kinds = {kind for kind, name in DEPOLARISING.items() if name in classes}
+        where = scene.name
+    if kinds:
+        what = f"Mitsuba depolarises what {', '.join(map(repr, sorted(kinds)))} reflects and transmits"
+        remedy = (
+            "take 'pplastic' for plastic and paint, 'dielectric' for glass and water, which keep its "
+            "polarisation"
+        )
+        yield Finding("wrong", where, what, remedy)
 
 
 def _points(built: MitsubaObject) -> Iterator[Finding]:
@@ -188,10 +235,16 @@ def _short_paths(scene: SceneFile, box: MitsubaObject) -> Iterator[Finding]:
     """An integrator that ends paths which still carry radiance; a flat scene has no longer paths."""
     sides = sorted(float(side) for side in np.ravel(box.extents()))
     for node in scene.nodes("Integrator"):
-        depth = node.props.get("max_depth", 2 if node.props.plugin_name() == "direct" else -1)
+        kind = node.props.plugin_name()
+        usual = 2 if kind.startswith("direct") else 6 if kind.startswith("prb") else -1
+        depth = node.props.get("max_depth", usual)
         if depth >= 0 and ALBEDO**depth > LOSS and sides[0] > FLAT * sides[-1]:
             loss = f"which loses {ALBEDO**depth:.2g} of the radiance in a closed grey scene"
-            remedy = "take 'path' with max_depth 16 or more, or without it"
+            remedy = "give it a max_depth of 16 or more, or none"
+            if kind.startswith("direct"):
+                remedy = "take 'path'"
+            elif kind.startswith("prb"):
+                remedy = "give it a max_depth of 16 or more"
             yield Finding(
                 "note",
                 scene.where(node),
@@ -254,6 +307,14 @@ def _integrator(scene: SceneFile) -> Iterator[Finding]:
         if props.get("hide_emitters"):
             what = "hide_emitters makes visible emitters black"
             yield Finding("wrong", where, what, "leave it out: a sensor images lamps and sky")
+
+
+def _lost_lamps(scene: SceneFile) -> Iterator[Finding]:
+    """Emitters that shine from a shape and are in none."""
+    for _, node in scene.children(scene.root, "Emitter"):
+        if (kind := node.props.plugin_name()) in ON_SHAPES:
+            what = f"emitter {kind!r} is in no shape and gives no light"
+            yield Finding("wrong", scene.where(node), what, "put it into the shape that shines")
 
 
 def _point_spread(scene: SceneFile, camera: Camera | None) -> Iterator[Finding]:

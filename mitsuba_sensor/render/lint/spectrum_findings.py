@@ -20,7 +20,7 @@ from ..infrared.rgb_colours import rgb_colours
 from ..infrared.rules import ruled_colours
 from ..scene.scene_edits import UNNAMED
 from ..scene.scene_file import SceneFile
-from ..variants import MitsubaObject, mitsuba
+from ..variants import MitsubaObject, values_of
 from .electron_share import share_of_flat_light
 from .finding import MOST_LINES, Finding, Range, lines_of, places
 from .scene_spectra import MITSUBA_NM, STRENGTHS, SUNS, Picture, SceneSpectra
@@ -70,7 +70,7 @@ class Band(NamedTuple):
 
 def spectrum_findings(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
     """Spectra that end inside the bands, floats that mean D65, and values that cannot be."""
-    checks = (_incomplete, _metals, _colours, _float_lights, _impossible)
+    checks = (_incomplete, _metals, _colours, _textured_lights, _float_lights, _impossible)
     return chain.from_iterable(check(scene, spectra, band) for check in checks)
 
 
@@ -144,6 +144,18 @@ def _colours(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Fi
         )
 
 
+def _textured_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[Finding]:
+    """Lights whose strength is a texture of RGB: Mitsuba multiplies <rgb> and envmap by D65, and these by nothing."""
+    colours = [one for one in rgb_colours(scene) if one.role in STRENGTHS]
+    if nodes := list({id(one.node): one.node for one in colours}.values()):
+        what = (
+            f"a texture as a light in {places(len(nodes))} is not multiplied by D65, as <rgb> is: its white is flat, "
+            f"and it shines beyond {MITSUBA_NM[1]:g} nm"
+        )
+        remedy = "give the light <rgb> or <spectrum> where that matters"
+        yield Finding("note", lines_of(scene, nodes), what, remedy)
+
+
 def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[Finding]:
     """Floats that mean D65 (#1579)."""
     if spectra.float_lights:
@@ -200,6 +212,12 @@ def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
             largest = max(values.largest for values in same)
             what = f"{name!r} in {places(len(same))} is as large as {largest:g}: {effect}"
             yield Finding("wrong", _lines(scene, same), what, remedy_of_fraction(largest))
+    clamped = [v for v in strengths if v.largest > 1 + TOLERANCE and v.is_clamped]
+    for name, same in _by_name(clamped):
+        largest = max(values.largest for values in same)
+        what = f"{name!r} in {places(len(same))} is a picture as large as {largest:g}: Mitsuba takes 1 instead"
+        remedy = f"divide it and all other lights by {largest:g}"
+        yield Finding("wrong", _lines(scene, same), what, remedy)
     for name, same in _by_name(
         [values for values in (*fractions, *strengths) if values.least < 0]
     ):
@@ -274,7 +292,7 @@ def loaded_findings(world: MitsubaObject, band: Band) -> Iterator[Finding]:
 
 def _spectra(world: MitsubaObject) -> Iterator[Parameter]:
     """The parameters of spectra, without those of films and without colours, whose numbers are no values."""
-    for key, value in mitsuba().traverse(world):
+    for key, value in values_of(world):
         parts = key.split(".")
         is_colour = "Color3" in type(value).__name__
         if parts[-1] in (*ENDS, *VALUES) and "film" not in parts and not is_colour:

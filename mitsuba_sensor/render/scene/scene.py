@@ -147,7 +147,7 @@ class Scene:
             )
         except RuntimeError as error:
             variant = mitsuba().variant()
-            way_out = "`--integrator path`"
+            way_out = "`--integrator path` (volpath if it has media)"
             if not variant.startswith("scalar"):
                 way_out += " or `--variant scalar_spectral`"
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
@@ -237,7 +237,8 @@ def _load(
     spectra = (
         () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
     )
-    findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
+    of_shapes = lint_built(scene, world, sensor, integrator, camera)
+    findings = most_serious_first([*findings, *of_shapes, *spectra])
     sharp, view, lens_notes = with_lens(
         sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
