@@ -31,7 +31,6 @@ from simulated import SIMULATORS, Codes, Shot
 from timing import alternate, in_child, ratio, speeds
 
 import mitsuba_sensor as ms
-
 from mitsuba_sensor.core.versions import machine
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_current import dark_current

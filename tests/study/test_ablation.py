@@ -175,7 +175,7 @@ def test_frames_of_almost_no_dark_electron_agree_with_their_law() -> None:
             name: asked.cameras[name] for name in (WHOLE, "dark current", "PRNU", PLAN)
         }
         kit.take(list(asked.steps())[:-1])
-        kit.known["seconds of frames"] = dict.fromkeys(asked.cameras, [1.0, 1.0]), 0.0
+        kit.known["seconds of frames"] = {case: [1.0, 1.0] for case in asked.cameras}, 0.0
         results = of_sensor.SensorResults(asked)
         assert results.agree
         assert results.verdict("dark current") == ("dim", "too few to tell")

@@ -31,8 +31,8 @@ LEAST_DN = 1e-6
 """What no frame shows: differences of laws below are roundings."""
 
 FEWEST_CODES = 10
-"""Standard errors are at least what so many changed codes do to an average. Where about 100 codes or fewer change in all
-frames, their counts follow Poisson's law, the sensors may happen to agree, and the spread between them is no error."""
+"""Changed codes that a standard error is at least worth. If about 100 codes or fewer change in all frames, their count
+follows Poisson's law; sensors then agree by chance, and the spread between them does not tell the error."""
 
 TOO_FEW = "too few to tell"
 
@@ -338,8 +338,8 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
         rows,
         f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the theory "
         f"of every pixel; measured on {ablation.frames} frames of each of {SENSORS} sensors, with the same random "
-        f"numbers; ± is the standard error from sensor to sensor, or that of {FEWEST_CODES} changed codes where it is larger; "
-        f"a row of such errors alone is {TOO_FEW}. Seconds are those of NumPy on "
+        f"numbers; ± is the standard error from sensor to sensor, or that of {FEWEST_CODES} changed codes if that "
+        f"is larger; a row with only such errors is {TOO_FEW}. Seconds are those of NumPy on "
         f"{math.prod(TIMED_SHAPE)} pixels, medians of interleaved runs; the whole chain takes {whole_ns:.4g} ns/pixel.",
     )
 
