@@ -41,7 +41,7 @@ from mitsuba_sensor.pages.page import Plot, line, ringed
 
 Figures = dict[str, float]
 SPATIAL_FRAMES = 32
-TIMED_SHAPE, SMALL = (1000, 1000), (8, 8)
+TIMED_SHAPE, PLOTTED_SHAPE, SMALL = (1000, 1000), (500, 500), (8, 8)
 SHARED_ELECTRONS, FRAMES_A_CALL = 100.0, 8
 OUR_ENGINES = {
     "NumPy float64": {"engine": "numpy", "precision": "float64"},
@@ -218,35 +218,28 @@ def cost(simulators: list[str], sheet: str, turns: int) -> dict[str, dict[str, f
 
 
 class Timed:
-    """A simulator's frames, as many in each call, and their error: a task of ``alternate``.
+    """A simulator's frames, eight in each call: a task of ``alternate``.
 
-    frames_of : (sheet, shot) to frames.  sheet : without spatial noise, which is of the chip and not of the simulator.
+    frames_of : (sheet, shot) to frames.  sheet : without spatial noise, which belongs to the sensor unit.
     """
 
     runs = FRAMES_A_CALL
 
     def __init__(self, frames_of: Callable[[Datasheet, Shot], Codes], sheet: Datasheet) -> None:
         self.frames_of, self.sheet = frames_of, sheet
-        self.moments_dn: list[tuple[float, float]] = []
+        self.calls: list[Codes] = []
 
     def __call__(self) -> None:
-        photons, seed = SHARED_ELECTRONS / self.sheet.qe, 1 + len(self.moments_dn)
-        shot = Shot(photons, 1.0, FRAMES_A_CALL, seed, TIMED_SHAPE)
-        self.latest = self.frames_of(self.sheet, shot)
-
-    def measure(self) -> None:
-        """Take another call's frames, and keep their mean [DN] and temporal variance [DN²]."""
-        self()
-        variance = self.latest.var(axis=0, ddof=1, dtype=np.float64)
-        self.moments_dn.append(
-            (float(self.latest.mean(dtype=np.float64)), float(variance.mean()))
-        )
+        photons, seed = SHARED_ELECTRONS / self.sheet.qe, 1 + len(self.calls)
+        shot = Shot(photons, 1.0, FRAMES_A_CALL, seed, PLOTTED_SHAPE)
+        self.calls.append(self.frames_of(self.sheet, shot))
 
     def error_dn(self) -> float:
-        """The larger difference of mean and temporal σ from their closed forms."""
-        mean_dn, variance_dn2 = np.mean(self.moments_dn, axis=0)
+        """The larger difference of mean and temporal σ from their closed forms, over all calls."""
+        mean_dn = np.mean([frames.mean(dtype=float) for frames in self.calls])
+        variance_dn2 = np.mean([np.var(one, 0, float, ddof=1).mean() for one in self.calls])
         law = shared_law_dn(self.sheet)
-        return max(abs(mean_dn - law[0]), abs(math.sqrt(variance_dn2) - law[1]))
+        return float(max(abs(mean_dn - law[0]), abs(np.sqrt(variance_dn2) - law[1])))
 
 
 def shared_law_dn(sheet: Datasheet) -> tuple[float, float]:
@@ -278,11 +271,8 @@ def work_precision(simulators: list[str], turns: int) -> dict[str, dict[str, flo
         name: Timed(SIMULATORS[name], sheet) for name in simulators if name != "mitsuba_sensor"
     }
     seconds = alternate(tasks, turns)
-    for task in tasks.values():
-        for _ in range(turns):
-            task.measure()
     first = seconds["this package, NumPy float64"]
-    pixels, fastest = math.prod(TIMED_SHAPE), seconds["this package, Dr.Jit float32"]
+    pixels, fastest = math.prod(PLOTTED_SHAPE), seconds["this package, Dr.Jit float32"]
     return {
         name: {
             "ns_per_pixel": 1e9 * float(np.median(seconds[name])) / pixels,
@@ -297,7 +287,7 @@ def work_precision(simulators: list[str], turns: int) -> dict[str, dict[str, flo
 def plot_of(results: dict[str, dict[str, float]], turns: int) -> Plot:
     """Error against run time; the level is what this many frames can tell."""
     sigma_dn = shared_law_dn(SHEETS["industrial CMOS"])[1]
-    error_dn = sigma_dn / math.sqrt(turns * FRAMES_A_CALL * math.prod(TIMED_SHAPE))
+    error_dn = sigma_dn / math.sqrt((turns + 1) * FRAMES_A_CALL * math.prod(PLOTTED_SHAPE))
     lines = [
         line(name, [(one["ns_per_pixel"], max(one["error_dn"], error_dn / 10))], joined=False)
         for name, one in results.items()

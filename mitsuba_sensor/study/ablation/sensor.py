@@ -278,8 +278,8 @@ def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterato
     saves = (
         f"saves {saved.median:.0%} of the sensor's time ({saved.low:.0%} to {saved.high:.0%})"
     )
-    if saved.low <= 0 <= saved.high:
-        saves = f"saves no time beyond the scatter of the measurement ({saved.low:.0%} to {saved.high:.0%})"
+    if saved.low <= 0:  # this plan is no faster, or the machine was busy
+        saves = f"saves no time that could be measured ({saved.low:.0%} to {saved.high:.0%})"
     yield (
         f"The plan at {ablation.tolerance_dn:g} DN leaves out {len(left_out)} of {len(results.verdicts['stages'])} "
         f"stages ({', '.join(left_out) or 'none'}), {saves}, and changes the mean of no pixel, over {SENSORS} chips, "
