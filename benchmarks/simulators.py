@@ -1,7 +1,7 @@
 """Three data sheets through five simulators; what emva1288 and our lab measure in their frames.
 
     pip install '.[peers]' && python benchmarks/simulators.py [--simulators getframes galsim] [--json]
-    python benchmarks/simulators.py --plot docs/images/simulators.png [--turns 5] [--json]
+    python benchmarks/simulators.py --plot docs/images/readme_simulators.png [--turns 5] [--json]
 
 Constant light, 50 exposure times from near darkness to 1.1 times the saturation, two dark and two bright frames of
 each, and 32 of both at half of the saturation for the spatial figures. A cell has the figure of emva1288, then that of
