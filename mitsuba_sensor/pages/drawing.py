@@ -129,7 +129,12 @@ def draw_plot(plot: Plot, axes: Axes) -> float:
         )
     rings = [(line.x[i], line.y[i]) for line in plot.lines for i in line.ringed]
     if rings:
-        ring = {"s": 95, "facecolors": "none", "edgecolors": "black", "zorder": 3}
+        ring: dict[str, Any] = {
+            "s": 95,
+            "facecolors": "none",
+            "edgecolors": "black",
+            "zorder": 3,
+        }
         axes.scatter(*zip(*rings, strict=True), label=RING_LABEL, **ring)
     axes.set(xlabel=plot.x_label, ylabel=plot.y_label)
     if plot.level is not None:
@@ -226,13 +231,12 @@ def _set_log_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
 def _log_ticks(low: float, high: float) -> list[float]:
     """Powers of ten between two positive numbers; where they are fewer than three, round numbers between them too."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    ticks: list[float] = []
-    for multiples in ((1,), (1, 3), (1, 2, 5), range(1, 10)):
+    for multiples in ((1,), (1, 3), (1, 2, 5), tuple(range(1, 10))):
         every = [float(f"{number}e{decade}") for decade in decades for number in multiples]
         ticks = [tick for tick in every if low <= tick <= high]
         if len(ticks) >= LEAST_TICKS:
             return ticks[:: -(-len(ticks) // MOST_TICKS)]
     from matplotlib.ticker import MaxNLocator
 
-    every = MaxNLocator(6, min_n_ticks=LEAST_TICKS + 2).tick_values(low, high)
-    return [tick for tick in every if low <= tick <= high]
+    close = MaxNLocator(6, min_n_ticks=LEAST_TICKS + 2).tick_values(low, high)
+    return [tick for tick in close if low <= tick <= high]
