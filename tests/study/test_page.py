@@ -19,7 +19,7 @@ from rich.console import Console
 
 from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
 from mitsuba_sensor.files.texts import to_json
-from mitsuba_sensor.pages.drawing import png, svg
+from mitsuba_sensor.pages.drawing import RING_LABEL, png, svg
 from mitsuba_sensor.pages.html_page import html, text
 from mitsuba_sensor.pages.page import (
     Bars,
@@ -128,6 +128,28 @@ def test_no_label_lies_on_a_bar(picture: Bars, monkeypatch: pytest.MonkeyPatch) 
     assert not axes.texts
     if legend := axes.get_legend():
         assert legend.get_window_extent().x0 >= axes.get_window_extent().x1
+
+
+@pytest.mark.parametrize("span", [1.001, 1.1, 1.9, 3.0, 9.0, 40.0, 1e3, 1e9, 1e20])
+@pytest.mark.parametrize("low", [1.0, 0.13, 8.7e-5])
+def test_a_logarithmic_axis_has_three_to_nine_labels_that_differ(
+    span: float, low: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
+    points = (low, low * span)
+    png(Plot("y versus x", "x [1]", "y [1]", (Line("one", points, points, ringed=(1,)),)))
+    bars = {"one": points}
+    png(Bars("bars", "x [1]", ("a", "b"), bars, log_x=True), small=True)
+    for figure in seen:
+        figure.canvas.draw()
+    (plot,), (bar,) = (figure.axes for figure in seen)
+    for axis in (plot.xaxis, plot.yaxis, bar.xaxis):
+        start, end = axis.get_view_interval()
+        ticks = zip(axis.get_ticklocs(), axis.get_ticklabels(), strict=True)
+        shown = [label.get_text() for tick, label in ticks if start <= tick <= end]
+        assert 3 <= len(set(shown)) == len(shown) <= 9 and all(shown)
+    assert [one.get_text() for one in plot.get_legend().get_texts()] == [RING_LABEL, "one"]
 
 
 def test_a_page_is_made_for_a_phone() -> None:

@@ -132,7 +132,7 @@ def verdict_grid(answers: dict[str, list[tuple[str, Row]]]) -> Grid:
     names = tuple(engine.name.replace(" ", "\n") for engine in COLUMNS)
     note = "No engine: what is refused before any pixel. Not here: an engine that this machine does not have."
     return Grid(
-        "How many cases have the expected result",
+        "Passed cases versus engine",
         tuple(answers),
         names,
         tuple(marks),
