@@ -21,11 +21,11 @@ from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import RawFrames
 from ..sensor.readouts import exposures_of_readouts
+from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.combined_plan import CombinedPlan
-from ..theory.combined_theory import moments_of_pixels, theory_of
+from ..theory.combined_theory import theory_of
 from ..theory.frame_theory import FrameTheory
 from ..theory.noise_budget import NoiseBudget
-from ..theory.pixel_moments import PixelMoments
 from ..theory.plan import Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
@@ -166,8 +166,8 @@ class Frames(RawFrames):
 
     @cached_property
     def pixel_moments(self) -> PixelMoments:
-        """``clean`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
-        return moments_of_pixels(self.stages, self.detected, self.first)
+        """``clean`` and ``temporal_variance`` with the FPN maps of this serial, and the method that gave them."""
+        return pixel_moments(self.stages, self.detected, self.first)
 
     @property
     def clean(self) -> NDArray[np.float32]:

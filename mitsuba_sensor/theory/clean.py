@@ -1,0 +1,72 @@
+"""What is expected of each pixel of one sensor unit: clean frame and temporal variance.
+
+In closed form for a straight chain (straight.py), by the frames of a lattice for any other (lattice.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Frame
+from ..core.types import Float64Array
+from ..sensor.choices import check_clean
+from ..sensor.detection import Detected
+from ..sensor.run import row_strips_of
+from ..sensor.threads import for_each
+from ..stages.stage import Chain
+from .lattice import FRAMES, lattice_moments
+from .straight import NotStraight, StraightChain, line_of, moments
+
+STRIP = 2**15
+"""Pixels that are computed together: their arrays stay in the cache of a processor."""
+
+
+class PixelMoments(NamedTuple):
+    """Mean [DN] and temporal variance [DN²] of the code of every pixel, (H, W).  method : how they were computed."""
+
+    mean: NDArray[np.float32]
+    temporal: NDArray[np.float32]
+    method: str
+
+
+def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
+    """Mean and temporal variance of the codes of a window, with the FPN maps of its serial number.
+
+    Raises InputError for chain konnik2014, which does not count the electrons that are detected.
+    """
+    if stages[0].domain == "photons":
+        check_clean("konnik2014")
+    try:
+        found, method = _straight(stages, light, frame), "closed form"
+    except NotStraight as reason:
+        found = lattice_moments(stages, light, frame)
+        method = f"{FRAMES} frames of a lattice, because {reason}"
+    mean, variance = (x.astype(np.float32) for x in found)
+    missing = int((~np.isfinite(mean) | ~np.isfinite(variance)).sum())
+    if missing:
+        raise ArithmeticError(f"the expected code of {missing} pixels is not a number")
+    return PixelMoments(mean, variance, method)
+
+
+def _straight(
+    stages: Chain, light: Detected, frame: Frame
+) -> tuple[Float64Array, Float64Array]:
+    """Strip by strip. Raises NotStraight."""
+    StraightChain.of(stages)
+    shape = frame.window.shape
+    found = np.empty((2, *shape))
+
+    def write(rows: slice) -> None:
+        window = frame.window  # whose maps are known where it is one strip
+        if rows != slice(0, shape[0]):
+            window = window.crop_rows(rows)
+        part = replace(frame, window=window, _blocks={})
+        codes = moments(line_of(stages, light.crop_rows(rows).signal, part))
+        found[:, rows] = np.reshape(codes, (2, *part.window.shape))
+
+    for_each(write, row_strips_of(shape, STRIP))
+    return found[0], found[1]
