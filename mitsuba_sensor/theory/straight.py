@@ -29,8 +29,11 @@ HIGHEST_E = 1e30
 FEW_E = 64.0
 """Mean electrons below which counts are summed one by one."""
 
+CLIP_SIGMAS = 3.5
+"""A clip further away than this takes less than 1e-4 of the noise from the mean."""
+
 REACH_SIGMAS = 6.5
-"""A clip or a full well further away than this changes nothing."""
+"""Counts further away than this are left out of sums."""
 
 FEW_REACH_E = 8.0
 """Counts of few electrons reach so much further [e-]."""
@@ -198,8 +201,7 @@ class PixelLine(NamedTuple):
         """Pixels some of whose counts fill the well, and others do not."""
         if not self.counted or np.isinf(self.well_e):
             return np.zeros(self.rate_e.shape, bool)
-        reach = REACH_SIGMAS * np.sqrt(self.rate_e) + FEW_REACH_E
-        return np.abs(self.rate_e - self.well_e) < reach
+        return np.abs(self.rate_e - self.well_e) < CLIP_SIGMAS * np.sqrt(self.rate_e) + FEW_REACH_E
 
     def nodes(self) -> Iterator[tuple[Float64Array, Float64Array, Float64Array]]:
         """Chance, x and σ of normals that add up to the law: one for each count of few electrons, or for each node."""
@@ -260,12 +262,13 @@ def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
 def moments(line: PixelLine) -> tuple[Float64Array, Float64Array]:
     """Mean and variance of the code of every pixel, (P,) each [DN, DN²]."""
     mean, sigma, gain = line.normal
-    reach = REACH_SIGMAS * sigma
+    reach = CLIP_SIGMAS * sigma
     below, above = mean - reach, mean + reach
-    clipped = ((below < 0.5) & (above > -0.5)) | ((below < line.highest - 0.5) & (above > line.highest - 0.5))
+    inside = (below > -0.5) & (above < line.highest + 0.5)
+    at_clip = ~inside & (above > -0.5) & (below < line.highest + 0.5)
     shows = line.counted & (gain > ELECTRON_SHOWS * line.sigma_dn)
-    summed = line.is_near_well | (clipped & shows)
-    phased = ~summed & ~clipped & (line.sigma_dn < LOUD_DN) & (above > 0) & (below < line.highest)
+    summed = line.is_near_well | (at_clip & shows)
+    phased = inside & ~summed & (line.sigma_dn < LOUD_DN)
     normal = ~summed & ~phased
     found = np.empty((2, mean.size))
     found[:, normal] = code_moments(mean[normal], sigma[normal], line.highest)
