@@ -79,7 +79,8 @@ def _integrated(
     c = np.clip(x, 0.0, highest)
     first, second = np.where(s < BROAD * highest, _clipped(x, s, c, highest), 0.0)
     broad = s >= BROAD * highest
-    first[broad], second[broad] = _by_quadrature(x[broad], s[broad], c[broad], highest)
+    if broad.any():
+        first[broad], second[broad] = _by_quadrature(x[broad], s[broad], c[broad], highest)
     for edge, sign in ((0.0, 1.0), (float(highest), -1.0)):
         u = (x - edge) / s
         below, density = scipy.special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)

@@ -169,13 +169,13 @@ class Frames(RawFrames):
         """``clean`` and ``temporal_variance`` with the FPN maps of this serial, and the method that gave them."""
         return pixel_moments(self.stages, self.detected, self.first)
 
-    @property
+    @cached_property
     def clean(self) -> NDArray[np.float32]:
         """Expectation of the raw frame over temporal noise in the light of the first, (H, W) [DN].
 
         Fixed patterns of this serial number are in it. Not rounded. Raises InputError for chain konnik2014.
         """
-        return self.pixel_moments.mean
+        return self.pixel_moments.mean.astype(np.float32)
 
     @property
     def clean_of_each(self) -> NDArray[np.float32]:
@@ -184,10 +184,10 @@ class Frames(RawFrames):
             return self.own_clean
         return np.broadcast_to(self.clean, self.digital.shape)
 
-    @property
+    @cached_property
     def temporal_variance(self) -> NDArray[np.float32]:
         """Variance of every pixel from frame to frame in the light of the first, (H, W) [DN²]."""
-        return self.pixel_moments.temporal
+        return self.pixel_moments.temporal.astype(np.float32)
 
     @cached_property
     def spatial_mean(self) -> NDArray[np.float32]:

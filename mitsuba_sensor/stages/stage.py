@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
-from ..core.code_law import code_moments
+from ..core.old_code_law import code_moments
 from ..core.signals import Filters
 from ..core.types import Float64Array
 from .datasheet import FileTable

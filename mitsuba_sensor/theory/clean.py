@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import Frame
 from ..core.types import Float64Array
@@ -28,8 +27,8 @@ STRIP = 2**15
 class PixelMoments(NamedTuple):
     """Mean [DN] and temporal variance [DN²] of the code of every pixel, (H, W).  method : how they were computed."""
 
-    mean: NDArray[np.float32]
-    temporal: NDArray[np.float32]
+    mean: Float64Array
+    temporal: Float64Array
     method: str
 
 
@@ -45,11 +44,10 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
     except NotStraight as reason:
         found = lattice_moments(stages, light, frame)
         method = f"{FRAMES} frames of a lattice, because {reason}"
-    mean, variance = (x.astype(np.float32) for x in found)
-    missing = int((~np.isfinite(mean) | ~np.isfinite(variance)).sum())
+    missing = int((~np.isfinite(found[0]) | ~np.isfinite(found[1])).sum())
     if missing:
         raise ArithmeticError(f"the expected code of {missing} pixels is not a number")
-    return PixelMoments(mean, variance, method)
+    return PixelMoments(*found, method)
 
 
 def _straight(

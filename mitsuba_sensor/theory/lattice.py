@@ -8,11 +8,13 @@ probabilities, from a random start, and those of different sources in orders tha
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Array, Frame
+from ..core.counter_rng import key_of
 from ..core.types import Float64Array, RandomBits
 from ..sensor.detection import Detected
 from ..sensor.run import FrameRunner, StripWindows, strips_of
@@ -20,9 +22,6 @@ from ..stages.stage import Chain, converter_of
 
 FRAMES = 32
 """K: a mean is right to 0.06 σ in each pixel, a σ to 1 %."""
-
-SEED = 0x1A771CE
-"""Of the random starts, which are not those of any frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +34,11 @@ class LatticeFrame(Frame):
     point: int = 0
     points: int = FRAMES
     orders: dict[tuple[str, int], int] = field(default_factory=dict)
+
+    @cached_property
+    def key(self) -> int:
+        """Key of the random starts: those of no frame, and the same in every exposure and for every seed."""
+        return key_of("lattice", self.window.camera, self.window.serial, self.charge)
 
     def random_bits(self, source: str) -> Array:
         """The bits of the first point, moved on."""
@@ -65,7 +69,7 @@ def lattice_moments(
     first : conditions, place and number of the frame that they are of.  points : a power of 2.
     """
     frame = LatticeFrame(
-        first.exposure, first.window, SEED, first.index, first.gain, charge=first.charge, points=points
+        first.exposure, first.window, index=first.index, gain=first.gain, charge=first.charge, points=points
     )  # fmt: skip
     strips = StripWindows(frame.window, strips_of(stages, frame.window))
     code_type = np.min_scalar_type(converter_of(stages).highest)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.code_law import code_moments
+from ..core.old_code_law import code_moments
 from ..core.rounding import NO_HARMONIC, rounded_poisson
 from ..core.types import Float64Array
 from ..stages.stage import converter_of
