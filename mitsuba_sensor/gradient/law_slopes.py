@@ -16,12 +16,15 @@ from ..core import Array, Electrons, Exposure, Float64Array, Frame, Photons
 from ..core.llvm import drjit
 from ..sensor.detection import Detected
 from ..stages.stage import Chain
-from ..theory.clean import pixel_moments
+from ..theory.clean import is_straight, pixel_moments
 from ..theory.straight import line_of, log_chance
 from .parameters import Parameters
 
-LIGHT_STEP = 0.1
-"""Step of a difference of light, in its shot noise."""
+LIGHT_STEP, LIGHT_STEP_OF_LATTICE = 0.02, 0.3
+"""Step of a difference of light, in its shot noise: the frames of a lattice jump from code to code."""
+
+STEP, STEP_OF_LATTICE = 1e-4, 1e-2
+"""Step of a difference of a number of the camera, relative to its value."""
 
 STILL_DN2 = 1e-9
 """A code that varies by less has no derivative by its noise [DN²]."""
@@ -86,7 +89,8 @@ def chance_of(codes: Float64Array) -> Law:
 def slopes_by_light(law: Law, stages: Chain, light: Electrons, frame: Frame) -> Float64Array:
     """Derivatives by the mean photoelectrons, through three levels of light about them."""
     light_e = np.asarray(light.light, np.float64)
-    step = LIGHT_STEP * np.sqrt(np.maximum(light_e, 1.0))
+    share = LIGHT_STEP if is_straight(stages, light, frame) else LIGHT_STEP_OF_LATTICE
+    step = share * np.sqrt(np.maximum(light_e, 1.0))
     low_e = np.maximum(light_e - step, 0.0)
     low, middle, high = (
         law(stages, replace(light, light=low_e + k * step), frame) for k in range(3)
@@ -113,5 +117,6 @@ def slopes_by_names(
         changed = replace(frame, exposure=exposure, window=replace(frame.window, _maps={}), _blocks={})
         return law(camera.stages, light_of(camera, exposure), changed)
 
-    numbers = Parameters(camera, frame.exposure)
+    is_smooth = is_straight(camera.stages, light_of(camera, frame.exposure), frame)
+    numbers = Parameters(camera, frame.exposure, STEP if is_smooth else STEP_OF_LATTICE)
     return {name: numbers.derivative(name, values, of_light) for name in names}

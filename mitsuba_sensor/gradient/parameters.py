@@ -18,19 +18,17 @@ TIME, TEMPERATURE = "exposure.time_s", "exposure.temperature_k"
 THRESHOLDS = ("dark_current.rts_fraction", "source_follower.rtn_pixel_fraction")
 """Fields that random numbers are compared with: the pixels that they select change in jumps."""
 
-STEP = 1e-3
-"""Step of the differences, relative to the value."""
-
 STEPS = {(1, -1): (0.5, -0.5), (0, 1, 2): (-1.5, 2.0, -0.5), (0, -1, -2): (1.5, -2.0, 0.5)}
 """Steps and their weights: central, or on the side that is in the range of the field."""
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Camera and exposure whose numbers are changed."""
+    """Camera and exposure whose numbers are changed.  step : of a difference, relative to the value."""
 
     camera: Camera
     exposure: Exposure
+    step: float = 1e-4
 
     def value(self, name: str) -> float:
         """The value of a number. Raises InputError for a name that is none."""
@@ -60,7 +58,7 @@ class Parameters:
         Raises InputError for a number that no stage depends on, and where the camera jumps.
         """
         value = self.value(name)
-        step = STEP * (abs(value) or 1.0)
+        step = self.step * (abs(value) or 1.0)
         weights, changed = self._around(name, value, step)
         self._check(name, [camera.stages for camera, _ in changed], of_light)
         parts = (w * function(*each) for w, each in zip(weights, changed, strict=True))
@@ -83,7 +81,7 @@ class Parameters:
         if len({tuple(map(type, stages)) for stages in (self.camera.stages, *chains)}) > 1:
             raise InputError(
                 f"parameters names {name!r}, which is {value:g}, where the chain leaves a stage out; "
-                f"choose a value beside it, e.g. {value + 10 * STEP * (abs(value) or 1.0):g}."
+                f"choose a value beside it, e.g. {value + 1e-3 * (abs(value) or 1.0):g}."
             )
         blacks_dn = {converter_of(stages).black_level_dn for stages in chains}
         if is_default and len(blacks_dn) > 1:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import Frame
+from ..core import Electrons, Frame
 from ..core.types import Float64Array
 from ..sensor.choices import check_clean
 from ..sensor.detection import Detected
@@ -48,6 +48,18 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
     if missing:
         raise ArithmeticError(f"the expected code of {missing} pixels is not a number")
     return PixelMoments(*found, method)
+
+
+def is_straight(stages: Chain, light: Electrons, frame: Frame) -> bool:
+    """Whether the first pixel of a window has its law in closed form."""
+    window = replace(frame.window.crop_rows(slice(0, 1)), shape=(1, 1))
+    given = {name: x[:, :1] for name, x in window.given.items()}
+    alone = replace(frame, window=replace(window, given=given, _maps={}), _blocks={})
+    try:
+        line_of(stages, light.mapped(lambda values: values[:1, :1]), alone)
+    except NotStraight:
+        return False
+    return True
 
 
 def _straight(

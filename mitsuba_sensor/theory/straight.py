@@ -211,16 +211,30 @@ class PixelLine(NamedTuple):
         last = int(most + REACH_SIGMAS * np.sqrt(max(most, 0.0)) + FEW_REACH_E) if few.any() else -1
         kept = np.sqrt(1 - NODE_SIGMA**2)
         many_nodes = NODES.size if not few.all() else 0
+        full = np.zeros(self.rate_e.shape)
         for k in range(max(last + 1, many_nodes)):
             chance = np.exp(k * logarithm - self.rate_e - scipy.special.gammaln(k + 1.0))
             count, sigma = np.full(self.rate_e.shape, float(k)), self.sigma_dn
             if not few.all():
                 z, weight = (NODES[k], NODE_WEIGHTS[k]) if k < NODES.size else (0.0, 0.0)
-                chance = np.where(few, chance, weight)
-                count = np.where(few, count, self.rate_e + kept * z * root + (z * z - 1) / 6)
-                wide = np.where(few | (count > self.well_e), 0.0, NODE_SIGMA * root * self.slope)
-                sigma = np.hypot(sigma, wide)
+                around = self.rate_e + kept * z * root + (z * z - 1) / 6
+                below, held, spread = self._held(around, NODE_SIGMA * root)
+                full += np.where(few, 0.0, weight * (1 - below))
+                chance, count = np.where(few, chance, weight * below), np.where(few, count, held)
+                sigma = np.hypot(sigma, np.where(few, 0.0, spread * self.slope))
             yield chance, self.ideal_dn(count), sigma
+        if full.any():
+            yield full, self.ideal_dn(self.rate_e + self.well_e), self.sigma_dn
+
+    def _held(
+        self, count_e: Float64Array, sigma_e: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Share of a normal count that leaves the well unfilled, mean and σ of that share."""
+        u = np.clip((self.well_e - count_e) / np.maximum(sigma_e, 1e-9), -8.0, 8.0)
+        below = scipy.special.ndtr(u)
+        hazard = np.exp(-0.5 * u * u) / np.sqrt(2 * np.pi) / below
+        spread = sigma_e * np.sqrt(np.maximum(1 - hazard * (u + hazard), 0.0))
+        return below, np.minimum(count_e, self.well_e + 8.0 * sigma_e) - sigma_e * hazard, spread
 
 
 def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
