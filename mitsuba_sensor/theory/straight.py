@@ -223,7 +223,7 @@ class PixelLine(NamedTuple):
                 chance, count = np.where(few, chance, weight * below), np.where(few, count, held)
                 sigma = np.hypot(sigma, np.where(few, 0.0, spread * self.slope))
             yield chance, self.ideal_dn(count), sigma
-        if full.any():
+        if np.isfinite(self.well_e):
             yield full, self.ideal_dn(self.rate_e + self.well_e), self.sigma_dn
 
     def _held(
