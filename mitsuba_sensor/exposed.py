@@ -40,7 +40,7 @@ from .sensor.frame_times import FrameTimes
 from .sensor.metering import Metering
 from .sensor.options import ExposeOptions
 from .theory.combined_theory import check_moments_are_known
-from .theory.planned_exposure import prepare_planned_exposure
+from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, expose_frames, expose_moving
 
 Scene: TypeAlias = SceneInput | ParsedScene

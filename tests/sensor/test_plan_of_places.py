@@ -9,7 +9,7 @@ import pytest
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.theory.plan_effects import Effect
+from mitsuba_sensor.theory.plan_trial import Effect
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
