@@ -34,7 +34,7 @@ SIDE_PX, WINDOWS, MOST_WINDOWS = 64, 16, 24
 """Side of a window [px] at most, and how many windows there are: more of small ones."""
 
 FIRST_SEED = 2**30
-"""Seed of the first frame of each sensor: independent temporal noise, also in frames of the same number."""
+"""Seed of the first sampled frame; each has a seed of its own, so that frames of the same number have other noise."""
 
 FRAMES_APART = 64
 """Different numbers of frames that are sampled at most."""
@@ -219,7 +219,7 @@ class Expectation:
         first = FIRST_SERIAL + 2 * self._sensors[number]
         return [
             [
-                self._frame(number, first + sensor, seed, index)
+                self._frame(number, first + sensor, FIRST_SEED + 2 * number + seed, index)
                 for seed, index in enumerate(indices)
             ]
             for sensor in (0, 1)
@@ -236,8 +236,9 @@ class Expectation:
     def errors_of(
         self, values: Float64Array, weights: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        """Weighted average over the windows of values, (W, …), and its standard error by their spread: about the mean of
-        the same tile, or about a straight line in the light of the windows.
+        """Weighted average over the windows of values, (W, …), and its standard error by their spread.
+
+        The spread is that about the mean of the same tile, or about a straight line in the light of the windows.
         """
         shape = (-1, *(1,) * (values.ndim - 1))
         each, whole = weights.reshape(shape), max(float(weights.sum()), 1e-300)
@@ -356,7 +357,7 @@ class Expectation:
         return replace(
             self.frame,
             window=window,
-            seed=self.frame.seed if seed is None else FIRST_SEED + seed,
+            seed=self.frame.seed if seed is None else seed,
             index=self.frame.index + index,
             _blocks={},
         )

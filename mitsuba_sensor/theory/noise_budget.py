@@ -19,7 +19,7 @@ from ..core import Array, Frame
 from ..core.types import Float64Array
 from ..sensor.run import strips_of
 from ..sensor.threads import for_each
-from ..stages.stage import Stage, converter_of, place_of, sample, total
+from ..stages.stage import Stage, converter_of, place_of, sample
 from .expected import Expectation, as_values, ideal_code, is_clipped, passed_on, signals
 from .notebook import budget_html
 from .report import error_of_root
@@ -33,8 +33,8 @@ ERRORS = 3.0
 REST, TOTAL = "sources together", "total"
 HEADINGS = ("source", "mean [DN]", "temporal σ [DN]", "spatial σ [DN]", "% of total")
 COLUMNS = (
-    "mean: what the source adds to the digital numbers; temporal σ: its noise from frame to frame; spatial σ: its fixed "
-    "pattern, from pixel to pixel, each with its standard error; <: not seen, with the largest σ that it may have; "
+    "mean: what the source adds to the digital numbers; temporal σ: its noise from frame to frame; spatial σ: its "
+    "fixed pattern, from pixel to pixel, each with its standard error; <: not seen, with the largest that it may be; "
     "%: of the variance of the digital numbers"
 )
 OF_REST = f"{REST}: what the sources do not do each by itself, because they change each other"

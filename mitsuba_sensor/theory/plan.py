@@ -1,7 +1,7 @@
 """Plan of an exposure: what leaving out each stage changes in its frames, and which stages it does not need.
 
-The samples of expected.py are taken with and without a stage, by the same random numbers. Beside the windows of the light
-there are two with every level from its darkest to its brightest pixel.
+The samples of expected.py are taken with and without a stage, by the same random numbers. Beside the windows of the
+light there are two with every level from its darkest to its brightest pixel.
 """
 
 from __future__ import annotations
@@ -213,7 +213,8 @@ class CombinedPlan:
 
     def explain(self) -> str:
         """A table for people, read-out by read-out."""
-        head = f"Plans for the read-outs of {self.camera}, whose linear code changes by at most {self.tolerance_dn:g} DN:"
+        tolerance = f"{self.tolerance_dn:g} DN"
+        head = f"Plans for the read-outs of {self.camera}, whose linear code changes by at most {tolerance}:"
         parts = (f"read-out {name}\n{plan.explain()}" for name, plan in self.readouts.items())
         return "\n\n".join([head, *parts])
 
@@ -248,8 +249,8 @@ def plan(
         frames = ms.expose(photons, camera, exposure, plan=plan)
 
     photons, wavelengths_nm, maps : as for :func:`expose`.
-    tolerance_dn : how far the stages left out may together move any sampled pixel before rounding, and the mean of a row
-        or column times the root of its length [DN]; 0 leaves out only what changes no sampled pixel.
+    tolerance_dn : how far the stages left out may together move any sampled pixel before rounding, and the mean of a
+        row or column times the root of its length [DN]; 0 leaves out only what changes no sampled pixel.
     Of a camera with several read-outs: a plan for each, whose tolerance is that of the linear code.
     Raises InputError for a negative tolerance, and for photons and maps that ``expose`` would refuse.
     """

@@ -94,7 +94,7 @@ class Trial:
 
     @cached_property
     def levels(self) -> Expectation:
-        """A window whose light goes from the darkest to the brightest pixel, and measured maps likewise at each level."""
+        """A window with light from the darkest to the brightest pixel, and at each level all values of measured maps."""
         rows, columns = (min(SIDE_PX, side) for side in self.frame.window.shape)
         part = self.light.crop_rows(slice(0, rows))
         light_e = self.light.mean_e
@@ -158,8 +158,8 @@ class Trial:
         ]
 
     def _window(self, number: int, outs: Sequence[Collection[Stage]]) -> Float64Array:
-        """Of one window and each set of stages: squared mean, temporal and spatial variance of the change, variance that
-        lines share times their length, and the share of pixels beyond the tolerance."""
+        """Of one window and each set of stages: squared mean, temporal and spatial variance of the change, variance
+        that lines share times their length, and the share of pixels beyond the tolerance."""
         expectation, place = self._windows[number]
         inside, light = expectation.windows[place].inside, expectation.light_of(place)
         highest, keep = converter_of(self.stages).highest, np.ones((1, 1), bool)
@@ -197,8 +197,8 @@ class Trial:
         return ideal_code(self.stages, sample(rest, behind[first - 1], frame), frame)
 
     def _of_lines(self, d: Float64Array) -> float:
-        """Variance that the pixels of a line share times the length of the line, of rows or columns, from frame to frame
-        or from sensor to sensor: the larger.  d : changes, (2, 2, H, W)."""
+        """Variance that the pixels of a line share times the length of the line, of rows or columns, from frame to
+        frame or from sensor to sensor: the largest.  d : changes, (2, 2, H, W)."""
         height, width = self.frame.window.shape
         temporal = (d[:, 0] - d[:, 1]) / math.sqrt(2)
         spatial = (d[:1].mean(axis=1) - d[1:].mean(axis=1)) / math.sqrt(2)

@@ -78,8 +78,8 @@ def report(camera: Camera, expected: Expectation, observer: FrameObserver) -> di
     """The report of frames, ready for JSON.
 
     ``photons`` (min, median, max per pixel; of electrons where they are ``detected``), ``stages`` (below), ``counts``
-    of clipped and cut pixels of the first frame, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ as
-    expected, averaged over the window (σ total, temporal, spatial; the standard errors of mean, temporal and spatial σ),
+    of clipped and cut pixels of the first frame, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ
+    as expected, averaged over the window (σ total, temporal, spatial; standard errors of mean, temporal and spatial σ),
     and as the same pixels of the frames have them: σ_frame is the rms distance from what is expected of each pixel.
     ``theory`` says by how many pixels. Photons with ``variance_e2`` have ``compensation`` too, and the count
     ``compensated_short``.

@@ -27,7 +27,6 @@ from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
 from mitsuba_sensor.stages.fpn_distributions import Rectified
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
-
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
 
