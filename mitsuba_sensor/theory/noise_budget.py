@@ -144,7 +144,7 @@ class NoiseBudget:
         ):
             mean, temporal, spatial, square = values.tolist()
             temporal, spatial = (0.0 if abs(x) < least_dn2 else x for x in (temporal, spatial))
-            errors = np.where(errors < least_dn2, 0.0, errors)
+            errors = np.where([mean != 0, temporal != 0, spatial != 0, True], errors, 0.0)
             rms = math.sqrt(max(square - mean**2, 0.0))
             for source, share in shares.items():
                 parts = share * mean, math.sqrt(share) * rms, share * temporal, share * spatial

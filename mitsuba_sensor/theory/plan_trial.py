@@ -94,7 +94,7 @@ class Trial:
 
     @cached_property
     def levels(self) -> Expectation:
-        """A window with light from the darkest to the brightest pixel, and at each level all values of measured maps."""
+        """A window with all levels of the light, from dark to bright, and all values of measured maps at each."""
         rows, columns = (min(SIDE_PX, side) for side in self.frame.window.shape)
         part = self.light.crop_rows(slice(0, rows))
         light_e = self.light.mean_e
