@@ -60,7 +60,7 @@ def expose(
     given = camera_of(camera)
     prepared = prepare_light(photons, given, exposure, options)
     asked = _asked_camera(photons, given)
-    lent = RECENT.lend(prepared, asked, options.get("chain") or "physical")
+    lent = RECENT.lend(prepared, asked)
     try:
         with told_frames(lent, "expose", progress) as sensor:
             if series := in_time(sensor, photons, options):

@@ -124,10 +124,6 @@ def render_once(request: Request) -> Exposed:
         started = time.monotonic()
         given = cast(Scene, request.source), request.camera, request.exposure
         render = prepare(*given, undecided=undecided, **rendering)
-        if options["chain"] == "konnik2014" and len(render.bands) != 1:
-            raise InputError(
-                "chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550."
-            )
         render = replace(render, waveforms=waveforms_of(options["lights"] or {}))
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
@@ -188,10 +184,6 @@ def render_each_frame(request: Request) -> Exposed:
     """A render of a scene for every frame; irradiance and metadata are those of the first."""
     options, noise = request.options, request.options["render_noise"]
     assert noise != "shared"
-    if options["chain"] != "physical":
-        raise InputError(
-            f"render_noise is {noise!r}, which is for the physical chain; leave the chain out."
-        )
     if options["light_groups"] is not None or options["lights"] is not None:
         raise InputError(
             f"render_noise is {noise!r} and light_groups are kept for later exposures of one render; leave one of "

@@ -169,7 +169,7 @@ class Frames(RawFrames):
     def clean(self) -> NDArray[np.float32]:
         """Expectation of the raw frame over temporal noise in the light of the first, (H, W) [DN].
 
-        Fixed patterns of this serial number are in it. Not rounded. Raises InputError for chain konnik2014.
+        Fixed patterns of this serial number are in it. Not rounded.
         """
         return self.pixel_moments.mean
 

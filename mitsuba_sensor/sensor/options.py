@@ -19,7 +19,6 @@ SHARE = 0.7  # of saturation that it reaches, where the exposure time is metered
 
 Engine = Literal["auto", "numpy", "drjit", "cuda"]
 Precision = Literal["auto", "float32", "float64"]
-Chain = Literal["physical", "konnik2014"]
 
 
 Gain: TypeAlias = Annotated[
@@ -53,13 +52,6 @@ class MapOptions(TypedDict, total=False):
 class SensorOptions(MapOptions, total=False):
     """How photons become digital numbers: options that the command line has too."""
 
-    chain: Annotated[
-        Chain,
-        Option(
-            "physical, or konnik2014: the paper's released code, for comparison (one band only).",
-            "physical",
-        ),
-    ]
     tolerance_dn: Annotated[
         float | None,
         Option(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..core import Array, Electrons, Frame, Moments
 from ..core.types import Float64Array
-from ..sensor.choices import check_clean, check_law
+from ..sensor.choices import check_law
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
 from ..sensor.threads import for_each
@@ -59,8 +59,7 @@ class State(NamedTuple):
 def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
     """Mean and temporal variance of the codes of a window, for the maps of its serial, strip by strip.
 
-    Raises InputError for chain konnik2014, which does not count the electrons that are detected, and for a chain with
-    a stage that has no law.
+    Raises InputError for a chain with a stage that has no law.
     """
     check_clean_is_known(stages)
     shape = frame.window.shape
@@ -82,8 +81,6 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
 
 def check_clean_is_known(stages: Chain) -> None:
     """Raise InputError for a chain whose clean frame is not known."""
-    if stages[0].domain == "photons":
-        check_clean("konnik2014")
     check_law(stages, "the clean frame and its variance are", "average many frames")
 
 

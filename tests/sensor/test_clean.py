@@ -271,8 +271,3 @@ def test_stages_of_a_user_count_as_they_are_sampled_or_by_their_moments() -> Non
     assert moved.temporal_variance - plain.temporal_variance == pytest.approx(
         1e4 * gain**2, rel=1e-3
     )
-
-
-def test_the_published_chain_has_no_clean_frame() -> None:
-    with pytest.raises(ms.InputError, match=r"konnik2014.*average many frames"):
-        _ = ms.expose(photons_of(TABLE1, 0.1), TABLE1, EXPOSURE, chain="konnik2014").clean

@@ -514,7 +514,6 @@ def test_infinite_light_compensates_nothing_and_needs_no_variance() -> None:
     ("how", "changes", "sentence"),
     [
         ({"frames": 2}, {}, "frames is 2 and photons has variance_e2, .* one frame at a time"),
-        ({"chain": "konnik2014"}, {}, "this chain has no shot noise to count it in"),
         (
             {},
             {"quantum_efficiency.quantum_yield": [2.0, 1.0]},

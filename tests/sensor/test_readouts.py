@@ -266,7 +266,6 @@ def test_what_there_is_of_one_readout_only_is_refused() -> None:
         lambda: ms.plan(camera, SHORT, light, maps={"prnu": np.ones((24, 24))}),
         lambda: ms.fpn_maps(camera, (8, 8)),
         lambda: ms.expose(light, camera, SHORT, keep=["electrons"]),
-        lambda: ms.expose(light, camera, SHORT, chain="konnik2014"),
         lambda: ms.expose(light, camera, SHORT, maps={"prnu": np.ones((24, 24))}),
         lambda: ms.differentiable(light, camera, SHORT, ("photons",)),
         lambda: frames.noise_budget(),

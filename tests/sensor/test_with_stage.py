@@ -257,11 +257,3 @@ def test_a_camera_without_a_wavelength_of_its_own_takes_a_stage_too() -> None:
         len(camera.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages)
         == len(camera.stages) + 1
     )
-
-
-def test_the_published_chain_has_no_place_for_an_added_stage() -> None:
-    """It would be left out silently, while the metadata name it."""
-    with pytest.raises(
-        InputError, match="has an added Banding, for which the published chain has no place"
-    ):
-        ms.expose(np.zeros((4, 4)), camera_with_banding(), DARK, chain="konnik2014")
