@@ -233,7 +233,6 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
         **of_frames,
         "options": used(CaptureOptions, options),
         "series": series_facts(exposed.timed, options),
-        "chain": options["chain"],
         "bands": bands,
         "counts": {
             **of_frames["counts"],

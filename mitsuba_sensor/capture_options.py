@@ -143,10 +143,6 @@ def check_asked_files(options: CaptureOptions) -> None:
         raise InputError(
             "auto_exposure is for frames that follow each other; give --fps (fps=30), or leave it out."
         )
-    if options["clean"]:
-        from .sensor.choices import check_clean
-
-        check_clean(options["chain"])
     if options["half"] and options["no_irradiance"]:
         raise InputError(
             "half is the precision of irradiance.exr, which is not to be written; leave one of both out."

@@ -25,7 +25,7 @@ from .sensor.frame_times import FrameTimes
 from .sensor.kept_maps import RecentMaps
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions
-from .theory.planned_exposure import prepare_planned_exposure
+from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, joined, timed_exposure
 
 RECENT = RecentMaps()
@@ -60,7 +60,7 @@ def expose(
     given = camera_of(camera)
     prepared = prepare_light(photons, given, exposure, options)
     asked = _asked_camera(photons, given)
-    lent = RECENT.lend(prepared, asked, options.get("chain") or "physical")
+    lent = RECENT.lend(prepared, asked)
     try:
         with told_frames(lent, "expose", progress) as sensor:
             if series := in_time(sensor, photons, options):

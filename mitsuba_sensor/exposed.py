@@ -39,8 +39,7 @@ from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
 from .sensor.metering import Metering
 from .sensor.options import ExposeOptions
-from .theory.combined_theory import check_moments_are_known
-from .theory.planned_exposure import prepare_planned_exposure
+from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, expose_frames, expose_moving
 
 Scene: TypeAlias = SceneInput | ParsedScene
@@ -124,10 +123,6 @@ def render_once(request: Request) -> Exposed:
         started = time.monotonic()
         given = cast(Scene, request.source), request.camera, request.exposure
         render = prepare(*given, undecided=undecided, **rendering)
-        if options["chain"] == "konnik2014" and len(render.bands) != 1:
-            raise InputError(
-                "chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550."
-            )
         render = replace(render, waveforms=waveforms_of(options["lights"] or {}))
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
@@ -188,10 +183,6 @@ def render_each_frame(request: Request) -> Exposed:
     """A render of a scene for every frame; irradiance and metadata are those of the first."""
     options, noise = request.options, request.options["render_noise"]
     assert noise != "shared"
-    if options["chain"] != "physical":
-        raise InputError(
-            f"render_noise is {noise!r}, which is for the physical chain; leave the chain out."
-        )
     if options["light_groups"] is not None or options["lights"] is not None:
         raise InputError(
             f"render_noise is {noise!r} and light_groups are kept for later exposures of one render; leave one of "
@@ -246,8 +237,6 @@ def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None
     """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known, and for more of
     them than memory holds."""
     sensor.check_memory(options["frames"])
-    if options["clean"]:
-        check_moments_are_known(sensor.stages)
     if options["dng"]:
         check_dng(sensor.camera, sensor.first.window.shape)
 

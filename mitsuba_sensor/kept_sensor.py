@@ -21,7 +21,7 @@ from .sensor.expose import PreparedExposure
 from .sensor.kept_maps import KeptMaps
 from .sensor.options import ExposeOptions
 
-FIXED = ("serial", "maps", "chain")
+FIXED = ("serial", "maps")
 """Options that belong to the sensor."""
 
 COUNTING = threading.Lock()

@@ -32,7 +32,7 @@ from .sensor.options import ExposeOptions
 from .stages.gains import gain_dn_per_e
 from .stages.image_lag import BEFORE
 from .stages.stage import converter_of
-from .theory.planned_exposure import prepare_planned_exposure
+from .theory.plan import prepare_planned_exposure
 
 REGIONS = 8
 """Along each side of the picture: of their means is the largest flicker modulation index."""

@@ -171,18 +171,6 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"engine": "drjit", "precision": "float64"},
         "compiled engines are float32",
     ),
-    "the published chain in float32": (
-        {"chain": "konnik2014", "precision": "float32"},
-        "float64 only",
-    ),
-    "the published chain of a cube": (
-        {"chain": "konnik2014", "wavelength_nm": None},
-        "has one wavelength",
-    ),
-    "the published chain, compensated": (
-        {"chain": "konnik2014", "render_noise": "compensated"},
-        "physical chain",
-    ),
     "render noise": ({"render_noise": "each"}, "render_noise is 'each'; it must be one of"),
     "subframes of nothing": ({"subframes": 4}, "nothing moves"),
     "a width": ({"width": 17}, "width is 17"),

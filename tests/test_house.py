@@ -9,8 +9,11 @@ import importlib
 import os
 import subprocess
 import sys
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
+
+from helpers import ROOT
 
 import mitsuba_sensor
 from mitsuba_sensor.stages.stage import Stage
@@ -454,6 +457,73 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 # Size and types.
 
 LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
+
+TOKENS_MAX = {
+    ".": 8807,
+    "bench": 26089,
+    "benchmarks": 57562,
+    "camera": 27414,
+    "cli": 30559,
+    "core": 32935,
+    "dataset": 71016,
+    "examples": 18651,
+    "files": 21668,
+    "gradient": 9500,
+    "lab": 90194,
+    "optics": 18416,
+    "output": 23863,
+    "pages": 3307,
+    "render": 96838,
+    "reproduction": 11912,
+    "sensor": 15617,
+    "stages": 35894,
+    "study": 16996,
+    "tests": 569721,
+    "theory": 37996,
+}
+"""Tokens of each folder without comments and docstrings. A number may only fall; a rise has its reason in its commit."""
+TOKENS_SLACK = 0.03
+"""Fraction that a folder may be below its number before the number has to follow."""
+
+LAYOUT = {
+    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT),
+    *(tokenize.ENCODING, tokenize.ENDMARKER),
+}
+
+
+def tokens_of(path: Path) -> int:
+    """Python tokens of a file without comments, docstrings and layout."""
+    documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    in_docstrings: set[int] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, documented) and ast.get_docstring(node, clean=False):
+            in_docstrings.update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+    with path.open("rb") as file:
+        tokens = list(tokenize.tokenize(file.readline))
+    return sum(x.type not in LAYOUT and x.start[0] not in in_docstrings for x in tokens)
+
+
+def tokens_by_folder() -> dict[str, int]:
+    """Tokens of each folder of the package, of its own modules, and of the folders beside it."""
+    found = dict.fromkeys(TOKENS_MAX, 0)
+    for path in MODULES:
+        parts = path.relative_to(PACKAGE).parts
+        found[parts[0] if len(parts) > 1 else "."] += tokens_of(path)
+    for name in ("tests", "benchmarks", "examples", "reproduction"):
+        found[name] = sum(map(tokens_of, (ROOT / name).rglob("*.py")))
+    return found
+
+
+def test_no_folder_grows_and_the_numbers_follow_when_it_shrinks() -> None:
+    sizes = tokens_by_folder()
+    assert sizes.keys() == TOKENS_MAX.keys()
+    grown = {name: size for name, size in sizes.items() if size > TOKENS_MAX[name]}
+    shrunk = {
+        name: size
+        for name, size in sizes.items()
+        if size < (1 - TOKENS_SLACK) * TOKENS_MAX[name]
+    }
+    assert not grown and not shrunk, (grown, shrunk)
 
 
 def test_no_module_has_more_than_420_lines() -> None:

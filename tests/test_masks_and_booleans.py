@@ -129,8 +129,3 @@ def test_photoelectrons_that_mean_nothing_are_refused(
         ms.expose(
             ms.Photons(np.ones((4, 4, layers)), detected=True), BAYER, EXPOSURE, **options
         )
-
-
-def test_the_published_chain_does_not_detect_photoelectrons_again() -> None:
-    with pytest.raises(ms.InputError, match="the published code detects photons itself"):
-        ms.expose(ms.Photons(ONES, detected=True), TABLE1, EXPOSURE, chain="konnik2014")

@@ -21,11 +21,6 @@ from .shipped import SHIPPED, list_cameras
 AnyCamera: TypeAlias = Camera | str | Path
 """A camera, or what :func:`load_camera` takes: the name of one that ships with the package, or a file."""
 
-CHAINS = {
-    "konnik2014": "; it is a chain of stages, for any camera: `--chain konnik2014` (chain='konnik2014')."
-}
-"""What is no camera and may be taken for one: the end of the sentence about it."""
-
 SHORTEST_TEXT, MOST_MEANT = 4, 4
 """Letters of a text that descriptions are searched for, and cameras that are proposed."""
 
@@ -111,7 +106,7 @@ def camera_text(name: str | Path) -> CameraText:
     if path.suffix != ".toml" and not (str(name) and os.path.exists(path)):
         raise InputError(
             f"{str(name)[:200]!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file"
-            f"{CHAINS.get(str(name), '.')}{_meant(str(name))}"
+            f".{_meant(str(name))}"
         )
     try:
         require_small(path, "the camera file")

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from .types import Float64Array
 
@@ -172,11 +171,12 @@ def rounded_poisson(
         np.zeros(mean_dn.shape),
     )
     smallest, fewest_e = (float(np.min(x, initial=np.inf)) for x in (sigma_dn, mean_e))
-    same_slope = (
-        slope.size > 0
-        and float(np.ptp(slope)) * fewest_e**0.5 <= SAME * float(np.max(slope))
+    same_slope = slope.size > 0 and float(np.ptp(slope)) * fewest_e**0.5 <= SAME * float(
+        np.max(slope)
     )
-    for k in range(1, min(int(np.ceil(NO_HARMONICS / max(smallest, 1e-3))), MOST_HARMONICS) + 1):
+    for k in range(
+        1, min(int(np.ceil(NO_HARMONICS / max(smallest, 1e-3))), MOST_HARMONICS) + 1
+    ):
         theta, sign = 2 * np.pi * k, (-1.0) ** k
         if (
             same_slope
@@ -207,7 +207,9 @@ def log_chance_of_code(
     sigma = np.maximum(sigma_dn, LEAST_DN)
     low = np.where(codes <= 0, -np.inf, (codes - 0.5 - mean_dn) / sigma)
     high = np.where(codes >= highest, np.inf, (codes + 0.5 - mean_dn) / sigma)
-    mirrored = low + high > 0  # the difference of two small tails is exact, of two near 1 it is not
+    mirrored = (
+        low + high > 0
+    )  # the difference of two small tails is exact, of two near 1 it is not
     low, high = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
     above, below = scipy.special.log_ndtr(high), scipy.special.log_ndtr(low)
     return np.asarray(above + np.log1p(-np.exp(below - above)))

@@ -37,8 +37,8 @@ from ..sensor.run import begin, choose_backend, row_strips_of
 from ..stages.chain import chain, whole_chain
 from ..stages.stage import Chain, sample
 from ..stages.usual_range import warn_of_temperature
-from .parameters import Parameters
 from .law_slopes import Slopes, mean_and_variance, slopes_by_light, slopes_by_names
+from .parameters import Parameters
 
 PHOTONS = "photons"
 """The name of the mean photons among the parameters."""
@@ -127,7 +127,9 @@ class DifferentiableFrames:
         """Frame ``index``, whose digital numbers are those of ``expose(engine="drjit", first_frame=index)``."""
         check_numbers(1, index, self.first.seed)
         backend = cast(DrJitBackend, self.first.window.backend)
-        codes = sample(self.stages[1:], self._start, replace(self.first, index=index, _blocks={}))
+        codes = sample(
+            self.stages[1:], self._start, replace(self.first, index=index, _blocks={})
+        )
         digital = backend.float(codes)
         backend.dr.enable_grad(digital)
         return DifferentiableFrame(digital, self, backend)
@@ -175,7 +177,10 @@ class DifferentiableFrames:
             signal: Electrons = detect(self.light, camera.stages[0], lit).signal
             return signal
 
-        light, names = self.detected.signal, [name for name in self.parameters if name != PHOTONS]
+        light, names = (
+            self.detected.signal,
+            [name for name in self.parameters if name != PHOTONS],
+        )
         by_light = None
         if PHOTONS in self.parameters:
             by_light = slopes_by_light(mean_and_variance, self.stages, light, frame)
@@ -273,7 +278,9 @@ def differentiable(
     first = Frame(exposure, window, seed, gain=camera.gain or "")
     for name in names:
         if name != PHOTONS:
-            Parameters(camera, exposure).derivative(name, lambda *_: np.zeros(1))  # or it is refused
+            Parameters(camera, exposure).derivative(
+                name, lambda *_: np.zeros(1)
+            )  # or it is refused
     detected = detect(light, stages[0], first)
     first = first.on(DrJitBackend(BACKENDS[chosen["engine"]], differentiable=True))
     return DifferentiableFrames(names, camera, light, stages, first, detected)

@@ -114,7 +114,9 @@ def slopes_by_names(
     """
 
     def values(camera: Camera, exposure: Exposure) -> Float64Array:
-        changed = replace(frame, exposure=exposure, window=replace(frame.window, _maps={}), _blocks={})
+        changed = replace(
+            frame, exposure=exposure, window=replace(frame.window, _maps={}), _blocks={}
+        )
         return law(camera.stages, light_of(camera, exposure), changed)
 
     is_smooth = is_straight(camera.stages, light_of(camera, frame.exposure), frame)

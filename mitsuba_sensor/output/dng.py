@@ -175,8 +175,7 @@ def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
 
     S = F²·K/(white − black) and O = (K²·σ_d² + σ_q²)/(white − black)², with EMVA 1288's overall system gain K of small
     signals, temporal dark noise σ_d and quantisation noise σ_q² = 1/12 DN²; F² is the excess noise of an EMCCD, else 1.
-    Dark current counts as signal: it has shot noise as light has. None for chain konnik2014, and for cameras without
-    shot noise, which have no S.
+    Dark current counts as signal: it has shot noise as light has. None for cameras without shot noise, which have no S.
     """
     camera, figures = frames.camera, figures_if_any(frames.camera)
     shot = any(stage.counts_electrons for stage in camera.stages)

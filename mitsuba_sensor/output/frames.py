@@ -22,14 +22,15 @@ from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import RawFrames
 from ..sensor.readouts import exposures_of_readouts
 from ..theory.clean import PixelMoments, pixel_moments
-from ..theory.combined_plan import CombinedPlan
-from ..theory.combined_theory import theory_of
-from ..theory.frame_theory import FrameTheory
+from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
-from ..theory.plan import Plan
+from ..theory.plan import CombinedPlan, Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
+
+SERIALS = 32
+"""Sensor units whose clean frames are averaged."""
 
 
 class FramesOfReadouts(dict[str, "Frames"]):
@@ -91,9 +92,8 @@ class Frames(RawFrames):
 
     @classmethod
     def exposed_with_report(cls, sensor: PreparedExposure) -> Frames:
-        """All frames of an exposure, with the report of the first made along with it: each frame is computed once."""
-        theory = theory_of(sensor.stages, sensor.detected, sensor.first_on_numpy)
-        observer = FrameObserver(theory)
+        """All frames of an exposure; the clipped pixels of the first are counted while it is computed."""
+        observer = FrameObserver(sensor.stages)
         return cls.of(sensor.frames(observer), observer)
 
     @classmethod
@@ -133,11 +133,9 @@ class Frames(RawFrames):
         return FramesOfReadouts(self.camera.name, found)
 
     @cached_property
-    def theory(self) -> FrameTheory:
-        """Theory of every pixel of these frames."""
-        if self.observer is not None:
-            return self.observer.theory
-        return theory_of(self.stages, self.detected, self.first)
+    def theory(self) -> Expectation:
+        """What is expected of these frames behind every stage, averaged over their pixels."""
+        return Expectation(self.stages, self.detected, self.first, len(self.digital))
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -173,7 +171,7 @@ class Frames(RawFrames):
     def clean(self) -> NDArray[np.float32]:
         """Expectation of the raw frame over temporal noise in the light of the first, (H, W) [DN].
 
-        Fixed patterns of this serial number are in it. Not rounded. Raises InputError for chain konnik2014.
+        Fixed patterns of this serial number are in it. Not rounded.
         """
         return self.pixel_moments.mean.astype(np.float32)
 
@@ -191,21 +189,25 @@ class Frames(RawFrames):
 
     @cached_property
     def spatial_mean(self) -> NDArray[np.float32]:
-        """Expectation over temporal noise and over all cameras of this model, (H, W) [DN]: no fixed pattern."""
-        return self.theory.digital_mean()
+        """Average of the clean frames of the 32 first serial numbers, (H, W) [DN]: hardly any fixed pattern."""
+        windows = (
+            replace(self.first.window, serial=k, _maps={}) for k in range(1, SERIALS + 1)
+        )
+        frames = (replace(self.first, window=window, _blocks={}) for window in windows)
+        cleans = [pixel_moments(self.stages, self.detected, frame).mean for frame in frames]
+        return np.mean(cleans, axis=0, dtype=np.float64).astype(np.float32)
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
-        self._observer.sample(self.first.window.backend)
-        return report(self.camera, self._observer)
+        """Every stage as expected and as it is in these frames, ready for JSON (see report.py)."""
+        return report(self.camera, self.theory, self._observer)
 
     @cached_property
     def _observer(self) -> FrameObserver:
         """Who followed the first frame; it is computed again unless :meth:`exposed_with_report` made it."""
         if self.observer is not None:
             return self.observer
-        observer = FrameObserver(self.theory)
+        observer = FrameObserver(self.stages)
         first = self.first.on(self.backend)
         exposure = PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected)
         exposure.frames(observer)
@@ -236,11 +238,11 @@ class Frames(RawFrames):
         return frames_html(self)
 
     def noise_budget(self) -> NoiseBudget:
-        """What every source contributes to each pixel of the first frame, in DN; the sum is the frame.
+        """How much mean and variance of these frames change without each source, in DN.
 
         Raises InputError for combined read-outs: each has its own, ``frames.readouts["high"].noise_budget()``.
         """
         refuse_readouts(
             self.camera, "a noise budget is that of one read-out", "frames.readouts"
         )
-        return NoiseBudget(self.stages, self.detected, self.first, self.theory)
+        return NoiseBudget(self.theory)

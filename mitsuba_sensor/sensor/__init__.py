@@ -3,5 +3,5 @@
 expose.py prepares an exposure: checks.py and photon_checks.py check what is asked for, choices.py chooses chain and
 precision, detection.py makes photoelectrons of the light. run.py then takes every frame through the stages, strip by
 strip; frames.py is what comes out. metering.py finds an exposure time, fpn_maps.py shows the fixed patterns,
-frame_notes.py says what may surprise. konnik2014/ is the published chain, for comparison.
+frame_notes.py says what may surprise.
 """

@@ -28,7 +28,7 @@ class Detected:
     """Light on a window.
 
     photons : as they were given.
-    signal : mean photoelectrons (:class:`Electrons`, of chain konnik2014 photons) on NumPy, (H, W).
+    signal : mean photoelectrons (:class:`Electrons`) on NumPy, (H, W).
     """
 
     photons: Photons

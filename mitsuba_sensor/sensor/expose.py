@@ -31,7 +31,7 @@ from .checks import (
     check_numbers,
     checked_names,
 )
-from .choices import KEEP, KEPT_BY_PUBLISHED, PlannedChain, chain_of, precision_of
+from .choices import KEEP, PlannedChain, chain_of, precision_of
 from .detection import Detected, checked_and_detected
 from .frame_notes import exposure_notes
 from .frames import RawFrames
@@ -39,7 +39,7 @@ from .map_checks import checked_maps
 from .options import ExposeOptions
 from .photon_checks import check_kept
 from .placement import placed
-from .readout_checks import check_chain_of_dual_pixels, check_options_of_readouts
+from .readout_checks import check_options_of_readouts
 from .run import FrameRunner, Observer, StripWindows, choose_backend, require_kept
 
 Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
@@ -216,22 +216,18 @@ def prepare_exposure(
     camera = camera.at_gain(chosen["gain"])
     if camera.readouts:
         check_options_of_readouts(camera, chosen)
-    check_chain_of_dual_pixels(camera, chosen["chain"])
     seed, serial = first_given(chosen["seed"], 1), first_given(chosen["serial"], 1)
     first_frame, frames = chosen["first_frame"], chosen["frames"]
     check_numbers(frames, first_frame, seed)
     keep = checked_names(chosen["keep"], KEEP)
-    require_kept(keep, KEEP if chosen["chain"] == "physical" else KEPT_BY_PUBLISHED)
-    stages = chain_of(camera, chosen["plan"], chosen["chain"])
-    precision = precision_of(chosen["precision"], camera, chosen["plan"], chosen["chain"])
+    require_kept(keep, KEEP)
+    stages = chain_of(camera, chosen["plan"])
+    precision = precision_of(chosen["precision"], camera, chosen["plan"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin, camera=camera.name)
-    named = (
-        whole_chain(camera) if chosen["chain"] == "physical" else stages
-    )  # also maps of what is left out
-    given = checked_maps(
-        {} if chosen["maps"] is None else chosen["maps"], named, window, camera
-    )
+    named = whole_chain(camera)  # also maps of what is left out
+    maps = {} if chosen["maps"] is None else chosen["maps"]
+    given = checked_maps(maps, named, window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame, camera.gain or "")
     return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"])

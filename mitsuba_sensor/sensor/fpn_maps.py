@@ -50,7 +50,7 @@ def fpn_maps(
     first = checked_origin(origin)
     check_on_sensor("the window of the maps", (height, width), first, camera)
     asked = complete(ExposeOptions, {"precision": precision})["precision"]
-    backend = choose_backend("numpy", precision_of(asked, camera, None, "physical"), 0)
+    backend = choose_backend("numpy", precision_of(asked, camera, None), 0)
     window = SensorWindow(serial, (height, width), first, backend=backend, camera=camera.name)
     found = [stage.fpn_maps(window) for stage in camera.stages]
     return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}

@@ -69,7 +69,7 @@ class RecentMaps:
         self._chips: dict[Hashable, Camera] = {}  # holds the cameras, or another gets their id
         self._lock = threading.Lock()
 
-    def lend(self, prepared: PreparedExposure, camera: Camera, chain: str) -> PreparedExposure:
+    def lend(self, prepared: PreparedExposure, camera: Camera) -> PreparedExposure:
         """The same exposure, with maps of earlier calls where this chip came before.
 
         camera : as it was asked for, whatever its gain setting.
@@ -77,7 +77,7 @@ class RecentMaps:
         window = prepared.first.window
         if camera.added or window.given:
             return prepared
-        chip = id(camera), window.serial, chain
+        chip = id(camera), window.serial
         with self._lock:
             known = self._chips.pop(chip, None) is not None
             self._chips[chip] = camera

@@ -35,9 +35,8 @@ def checked_maps(
         own, dn_per_unit = in_dn.get(name, (name, 1.0))
         if own not in known:
             names = (*known, *in_dn)
-            there = ", ".join(names) or "none: the published chain makes its own"
             raise InputError(
-                f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), names)}"
+                f"maps names {name!r}; this camera's maps are {', '.join(names)}.{nearest(str(name), names)}"
             )
         if name != own and (own in maps or not dn_per_unit):
             why = "readout.dsnu_residual is 0: no offset is left"

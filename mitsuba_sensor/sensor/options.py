@@ -10,8 +10,7 @@ from ..core.options import Option
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..theory.combined_plan import CombinedPlan
-    from ..theory.plan import Plan
+    from ..theory.plan import CombinedPlan, Plan
 
 PERCENTILE = (
     95.0  # of the lit pixels; five of a hundred are brighter, and mostly still below saturation
@@ -20,7 +19,6 @@ SHARE = 0.7  # of saturation that it reaches, where the exposure time is metered
 
 Engine = Literal["auto", "numpy", "drjit", "cuda"]
 Precision = Literal["auto", "float32", "float64"]
-Chain = Literal["physical", "konnik2014"]
 
 
 Gain: TypeAlias = Annotated[
@@ -54,13 +52,6 @@ class MapOptions(TypedDict, total=False):
 class SensorOptions(MapOptions, total=False):
     """How photons become digital numbers: options that the command line has too."""
 
-    chain: Annotated[
-        Chain,
-        Option(
-            "physical, or konnik2014: the paper's released code, for comparison (one band only).",
-            "physical",
-        ),
-    ]
     tolerance_dn: Annotated[
         float | None,
         Option(

@@ -22,10 +22,6 @@ def check_options_of_readouts(camera: Camera, options: ExposeOptions) -> None:
         raise InputError(
             f"keep names {kept[0]!r}, and {of}, each of which has its own; expose one of them, {alone}."
         )
-    if options["chain"] != "physical":
-        raise InputError(
-            f"chain is {options['chain']!r}, which has one read-out, and {of}; take the physical chain, or {alone}."
-        )
     if options["maps"]:
         raise InputError(
             f"maps are of one read-out, and {of}; leave them out, or expose {alone}."
@@ -41,15 +37,6 @@ def check_added_stages(camera: Camera) -> None:
                 f"{camera.name} has several read-outs and an added {type(stage).__name__}, which changes the charge "
                 "that they share; add stages of volts, or take the stage out."
             )
-
-
-def check_chain_of_dual_pixels(camera: Camera, chain: str) -> None:
-    """Raise InputError for dual pixels in another chain than the physical one."""
-    if camera.sensor.dual_pixel and chain != "physical":
-        raise InputError(
-            f"chain is {chain!r}, whose pixels have one photodiode, and {camera.name} has dual pixels; leave the chain "
-            "out, or set sensor.dual_pixel to false."
-        )
 
 
 def check_light_of_readouts(given: Mapping[str, Photons], camera: Camera) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..core import Electrons, Frame
 from ..core.types import Float64Array
-from ..sensor.choices import check_clean
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
 from ..sensor.threads import for_each
@@ -33,12 +32,7 @@ class PixelMoments(NamedTuple):
 
 
 def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
-    """Mean and temporal variance of the codes of a window, with the FPN maps of its serial number.
-
-    Raises InputError for chain konnik2014, which does not count the electrons that are detected.
-    """
-    if stages[0].domain == "photons":
-        check_clean("konnik2014")
+    """Mean and temporal variance of the codes of a window, with the FPN maps of its serial number."""
     try:
         found, method = _straight(stages, light, frame), "closed form"
     except NotStraight as reason:

@@ -51,7 +51,9 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
 @lru_cache(maxsize=8)  # a camera is asked again for every part of a render
 def _input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
     levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * saturation_e(camera)), LEVELS))
-    code_e = 1 / camera.system_gain_dn_per_e  # so that a difference shows where the converter is coarse
+    code_e = (
+        1 / camera.system_gain_dn_per_e
+    )  # so that a difference shows where the converter is coarse
     step = np.maximum(STEP * np.sqrt(np.maximum(levels, 1.0)), 0.5 * code_e)
     frame = Frame(exposure, SensorWindow(0, (PIXELS, LEVELS), camera=camera.name))
 

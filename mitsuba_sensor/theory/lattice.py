@@ -1,8 +1,8 @@
 """Mean and variance of each pixel's code for any chain: a few frames whose random bits are a rank-1 lattice.
 
-K frames of plain random numbers know a mean to σ/√K. Here the K numbers of a source in a pixel lie evenly over all
-probabilities, from a random start, and those of different sources in orders that do not go together (Cranley & Patterson
-1976; Sloan & Joe 1994). The stages' own ``sample`` makes the frames, whatever it does; fixed patterns stay.
+K frames of plain random numbers give a mean with an error of σ/√K. Here the K numbers of a source in a pixel lie evenly
+over all probabilities, from a random start, and those of two sources are in orders that do not go together (Cranley &
+Patterson 1976; Sloan & Joe 1994). The stages' own ``sample`` makes the frames, whatever it does; fixed patterns stay.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ FRAMES = 32
 class LatticeFrame(Frame):
     """One of the frames of a lattice.
 
-    point, points : its number, and how many there are.  orders : by source of noise, how its bits go from point to point.
+    point, points : its number, and how many there are.
+    orders : by source of noise, in which order its bits go from point to point.
     """
 
     point: int = 0

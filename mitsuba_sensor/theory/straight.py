@@ -1,8 +1,8 @@
 """The law of the code of each pixel of a straight chain, in closed form.
 
-A count of Poisson's law meets gains and offsets of its pixel, normal noise, the rounding of the converter and both clips.
-The stages themselves say what these are: they are sampled without temporal noise, and with 1σ of one source after the
-other. A smooth curve counts by its slope and curvature about the mean. Everything else is no straight chain: NotStraight.
+A Poisson count meets the gain and offset of its pixel, normal noise, the rounding of the ADC and both clips. The stages
+are sampled without temporal noise, and with 1σ of each source alone; this gives gain, offset and noise of every pixel. A
+smooth curve enters by its slope and curvature about the mean. Any other chain raises NotStraight.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ LEAST_LOG = -600.0
 """Logarithm of a chance below which that of a normal is taken, which leads an optimiser back from far away."""
 
 
-class NotStraight(Exception):  # noqa: N818  (it is no error: another way computes the same)
+class NotStraight(Exception):
     """Why a chain has no law in closed form."""
 
 
@@ -149,7 +149,9 @@ class StraightChain(NamedTuple):
             well_e = electrons.pop().full_well_e
         counts = [stage.counts_electrons for stage in electrons]
         counted = any(counts)
-        if counted and (not counts[-1] or type(electrons[-1]) not in (ShotNoise, DualPixelShotNoise)):
+        if counted and (
+            not counts[-1] or type(electrons[-1]) not in (ShotNoise, DualPixelShotNoise)
+        ):
             raise NotStraight(f"{electrons[-1].label} changes the count of electrons")  # fmt: skip
         before = tuple(electrons[:-1]) if counted else tuple(electrons)
         return cls(before, counted, well_e, stages[volts:])
@@ -191,9 +193,13 @@ class PixelLine(NamedTuple):
         """Mean and σ of x with its shot noise, and its gain about the mean: far from the well, or behind it."""
         held = self.rate_e < self.well_e
         variance_e2 = np.where(held, self.rate_e, 0.0) if self.counted else 0.0 * self.rate_e
-        gain = self.slope + 2 * self.bend * (np.minimum(self.rate_e, self.well_e) - self.centre_e)
+        gain = self.slope + 2 * self.bend * (
+            np.minimum(self.rate_e, self.well_e) - self.centre_e
+        )
         mean = self.ideal_dn(self.rate_e) + self.bend * variance_e2
-        variance = self.sigma_dn**2 + variance_e2 * (gain**2 + 2 * self.bend * (gain + self.bend * variance_e2))
+        variance = self.sigma_dn**2 + variance_e2 * (
+            gain**2 + 2 * self.bend * (gain + self.bend * variance_e2)
+        )
         return mean, np.sqrt(np.maximum(variance, 0.0)), gain
 
     @property
@@ -201,14 +207,20 @@ class PixelLine(NamedTuple):
         """Pixels some of whose counts fill the well, and others do not."""
         if not self.counted or np.isinf(self.well_e):
             return np.zeros(self.rate_e.shape, bool)
-        return np.abs(self.rate_e - self.well_e) < CLIP_SIGMAS * np.sqrt(self.rate_e) + FEW_REACH_E
+        return (
+            np.abs(self.rate_e - self.well_e) < CLIP_SIGMAS * np.sqrt(self.rate_e) + FEW_REACH_E
+        )
 
     def nodes(self) -> Iterator[tuple[Float64Array, Float64Array, Float64Array]]:
         """Chance, x and σ of normals that add up to the law: one for each count of few electrons, or for each node."""
         few = self.rate_e < FEW_E
         logarithm, root = np.log(np.maximum(self.rate_e, 1e-300)), np.sqrt(self.rate_e)
         most = float(np.max(self.rate_e[few], initial=-1.0))
-        last = int(most + REACH_SIGMAS * np.sqrt(max(most, 0.0)) + FEW_REACH_E) if few.any() else -1
+        last = (
+            int(most + REACH_SIGMAS * np.sqrt(max(most, 0.0)) + FEW_REACH_E)
+            if few.any()
+            else -1
+        )
         kept = np.sqrt(1 - NODE_SIGMA**2)
         many_nodes = NODES.size if not few.all() else 0
         full = np.zeros(self.rate_e.shape)
@@ -220,7 +232,10 @@ class PixelLine(NamedTuple):
                 around = self.rate_e + kept * z * root + (z * z - 1) / 6
                 below, held, spread = self._held(around, NODE_SIGMA * root)
                 full += np.where(few, 0.0, weight * (1 - below))
-                chance, count = np.where(few, chance, weight * below), np.where(few, count, held)
+                chance, count = (
+                    np.where(few, chance, weight * below),
+                    np.where(few, count, held),
+                )
                 sigma = np.hypot(sigma, np.where(few, 0.0, spread * self.slope))
             yield chance, self.ideal_dn(count), sigma
         if np.isfinite(self.well_e):
@@ -234,7 +249,11 @@ class PixelLine(NamedTuple):
         below = scipy.special.ndtr(u)
         hazard = np.exp(-0.5 * u * u) / np.sqrt(2 * np.pi) / below
         spread = sigma_e * np.sqrt(np.maximum(1 - hazard * (u + hazard), 0.0))
-        return below, np.minimum(count_e, self.well_e + 8.0 * sigma_e) - sigma_e * hazard, spread
+        return (
+            below,
+            np.minimum(count_e, self.well_e + 8.0 * sigma_e) - sigma_e * hazard,
+            spread,
+        )
 
 
 def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
@@ -269,7 +288,9 @@ def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
     missed = ideal(centre + far, quiet) - (here + far * (slope + far * bend))
     if max(np.max(np.abs(x) / np.maximum(noise, 0.01)) for x in (missed, moved)) > CURVED:
         raise NotStraight("its response bends within the noise of a pixel")
-    flat = (np.ravel(np.broadcast_to(x, shape)) for x in (centre, here + moved, slope, bend, sigma))
+    flat = (
+        np.ravel(np.broadcast_to(x, shape)) for x in (centre, here + moved, slope, bend, sigma)
+    )
     return PixelLine(rate_e.ravel(), parts.counted, parts.well_e, *flat, converter.highest)
 
 
@@ -288,7 +309,11 @@ def moments(line: PixelLine) -> tuple[Float64Array, Float64Array]:
     found[:, normal] = code_moments(mean[normal], sigma[normal], line.highest)
     if phased.any():
         some = np.flatnonzero(phased)
-        count_e = np.where(line.rate_e < line.well_e, line.rate_e, 0.0)[some] if line.counted else np.zeros(some.size)
+        count_e = (
+            np.where(line.rate_e < line.well_e, line.rate_e, 0.0)[some]
+            if line.counted
+            else np.zeros(some.size)
+        )
         found[:, some] = rounded_poisson(mean[some], line.sigma_dn[some], gain[some], count_e)
     if summed.any():
         found[:, summed] = _summed(line.pixels(summed), mean[summed])

@@ -163,13 +163,9 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         "--exposure-s",
     ),
     "no output folder": (("expose", "LIGHT"), "-o"),
-    "unknown chain": (
-        ("expose", "LIGHT", "-o", "OUT", "--chain", "matlab"),
-        "chain is 'matlab'; it must be one of physical",
-    ),
-    "cube for the published chain": (
-        ("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"),
-        "has one wavelength",
+    "unknown engine": (
+        ("expose", "LIGHT", "-o", "OUT", "--engine", "matlab"),
+        "engine is 'matlab'; it must be one of",
     ),
     "no such patterns": (
         ("expose", "LIGHT", "-o", "OUT", "--fpn-maps", "TMP/none.npz"),

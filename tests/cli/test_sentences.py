@@ -77,7 +77,7 @@ def test_an_option_with_its_value_in_backticks_keeps_both_behind_its_command() -
 
 def test_no_sentence_names_an_option_and_a_word_as_its_value_outside_of_backticks() -> None:
     """The words that options take: choices, and NAME=VALUE."""
-    words = {"auto", "path", "scalar_spectral", "konnik2014", "float64", "numpy", "electrons"}
+    words = {"auto", "path", "scalar_spectral", "float64", "numpy", "electrons"}
     wrong = {}
     for text, where in sentences().items():
         for option, value in re.findall(r"(--[a-z-]+) ([\w=*,]+)", CODE.sub("", text)):

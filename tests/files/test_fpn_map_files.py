@@ -141,7 +141,7 @@ def test_a_frame_of_given_maps_is_the_frame_of_their_sensor(
     raw = {name: (tmp_path / name / "frame.tiff").read_bytes() for name in arguments}
     assert raw["given"] == raw["own"] != raw["other"]
     report = json.loads((tmp_path / "given" / "frame.json").read_text(encoding="utf-8"))
-    assert {"prnu", "dsnu_col_e"} <= set(report["given_maps"]) and report["chain"] == "physical"
+    assert {"prnu", "dsnu_col_e"} <= set(report["given_maps"])
 
 
 def test_a_render_takes_given_patterns_as_well(
@@ -196,21 +196,9 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
     ("arguments", "said"),
     [
         (("--fpn-maps", "PRNV"), "Did you mean 'prnu'"),
-        (
-            ("--fpn-maps", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550),
-            "the published chain makes its own",
-        ),
-        (("--chain", "konnik2014"), "--wavelength-nm 550"),
-        (("--chain", "matlab"), "chain is 'matlab'; it must be one of physical, konnik2014"),
         (("--serial", -1), "serial is -1"),
     ],
-    ids=[
-        "unknown map",
-        "maps for the published chain",
-        "cube for the published chain",
-        "unknown chain",
-        "serial",
-    ],
+    ids=["unknown map", "serial"],
 )
 def test_what_expose_would_refuse_is_refused_before_the_render(
     arguments: Any,

@@ -274,7 +274,6 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"denoise": True},
         "denoise and a render for every frame exclude each other",
     ),
-    "the published chain": ({"chain": "konnik2014"}, "that needs the physical chain"),
     "a quantum yield": ({"camera": YIELDING, "wavelength_nm": 450.0}, "has a quantum_yield"),
     "no frames": ({"frames": 0}, "frames"),
     "a frame before the first": ({"first_frame": -1}, "first_frame"),
@@ -331,13 +330,3 @@ def test_the_command_line_compensates(
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
     assert report["origin"]["render_noise"] == "compensated"
     assert report["origin"]["uncompensated"] < 0.05
-
-
-def test_the_command_line_refuses_to_compensate_the_published_chain(
-    floor: Path, tmp_path: Path, cli: Callable[..., Any]
-) -> None:
-    options = "--exposure-s 0.001 --wavelength-nm 550 --render-noise compensated"
-    options += " --chain konnik2014 --variant scalar_spectral"
-    done = cli("render", floor, "-o", tmp_path / "out", *options.split())
-    assert done.exit_code != 0 and "physical chain" in done.stderr
-    assert not (tmp_path / "out").exists()

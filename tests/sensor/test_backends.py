@@ -285,8 +285,6 @@ def test_auto_compiles_for_much_work_and_not_for_little(
         ({"engine": "nunpy"}, "Did you mean"),
         ({"engine": "drjit", "precision": "float64"}, "take numpy"),
         ({"precision": "double"}, "float32, float64"),
-        ({"engine": "drjit", "chain": "konnik2014"}, "take numpy"),
-        ({"precision": "float32", "chain": "konnik2014"}, "leave the precision out"),
     ],
 )
 def test_an_engine_that_is_not_there_is_one_sentence(

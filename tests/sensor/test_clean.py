@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import scipy
 from helpers.marks import one_in
-
-import mitsuba_sensor as ms
 from mitsuba_sensor.core.rounding import rounded_poisson
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.pixel_codes import PixelCodes
 from mitsuba_sensor.theory.pixel_counts import CountLaws
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 SHAPE, FRAMES, EXPOSURE = (8, 12), 1000, ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
@@ -271,8 +271,3 @@ def test_stages_of_a_user_count_as_they_are_sampled_or_by_their_moments() -> Non
     assert moved.temporal_variance - plain.temporal_variance == pytest.approx(
         1e4 * gain**2, rel=1e-3
     )
-
-
-def test_the_published_chain_has_no_clean_frame() -> None:
-    with pytest.raises(ms.InputError, match=r"konnik2014.*average many frames"):
-        _ = ms.expose(photons_of(TABLE1, 0.1), TABLE1, EXPOSURE, chain="konnik2014").clean

@@ -130,11 +130,6 @@ def test_what_two_photodiodes_do_not_share_is_refused(fields: dict[str, object])
         dual(**fields)
 
 
-def test_the_published_chain_is_refused() -> None:
-    with pytest.raises(ms.InputError, match="has dual pixels; leave the chain out"):
-        ms.expose(np.ones((4, 4)), dual(), EXPOSURE, chain="konnik2014")
-
-
 @pytest.mark.parametrize(
     ("name", "left", "said"),
     [

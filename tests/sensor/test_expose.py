@@ -14,7 +14,7 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.sensor.choices import KEEP, KEPT_BY_PUBLISHED
+from mitsuba_sensor.sensor.choices import KEEP
 from mitsuba_sensor.sensor.expose import prepare_exposure
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.gains import gain_dn_per_e
@@ -347,34 +347,25 @@ def test_a_whole_number_of_numpy_is_that_number(name: str, number: Any) -> None:
     ids=["array", "empty", "endless", "texts"],
 )
 @pytest.mark.parametrize(
-    "name", ["seed", "serial", "frames", "first_frame", "chain", "engine", "precision"]
+    "name", ["seed", "serial", "frames", "first_frame", "engine", "precision"]
 )
 def test_arrays_and_endless_integers_are_refused_in_one_sentence(name: str, value: Any) -> None:
     with pytest.raises(ms.InputError, match=name):
         ms.expose(LIGHT, CAMERA, EXPOSURE, **{name: value})
 
 
-@pytest.mark.parametrize("chain", ["physical", "konnik2014"])
 @pytest.mark.parametrize("frames", [1, 3])
-def test_the_frames_with_their_report_are_the_frames(chain: Any, frames: int) -> None:
+def test_the_frames_with_their_report_are_the_frames(frames: int) -> None:
     """At 0 K there is no dark electron: one 0 for all pixels, and yet an array like every other signal."""
-    keep = KEEP if chain == "physical" else KEPT_BY_PUBLISHED
-    options: Any = {"frames": frames, "keep": keep, "chain": chain, "first_frame": 5}
+    options: Any = {"frames": frames, "keep": KEEP, "first_frame": 5}
     cold = ms.Exposure(0.1, 0.0)
     prepared = prepare_exposure(CAMERA, cold, LIGHT.shape, (0, 0), options).of(
         ms.Photons(LIGHT)
     )
     one, other = ms.Frames.exposed(prepared), ms.Frames.exposed_with_report(prepared)
-    for name in (*keep, "digital"):
+    for name in (*KEEP, "digital"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert getattr(other, name).shape == (frames, *LIGHT.shape)
-
-
-@pytest.mark.parametrize("name", ["photoelectrons", "dark_electrons"])
-def test_a_signal_that_the_published_chain_does_not_have_is_refused(name: str) -> None:
-    """It would come as whatever the memory held."""
-    with pytest.raises(ms.InputError, match=f"keep names '{name}'.*keep 'electrons'"):
-        ms.expose(LIGHT, CAMERA, EXPOSURE, keep=[name], chain="konnik2014")
 
 
 @pytest.mark.parametrize("engine", ["numpy", "drjit"])

@@ -282,14 +282,6 @@ def test_a_setting_that_there_is_not_is_one_sentence(name: str) -> None:
             call(setting)
 
 
-def test_the_published_chain_has_no_gain_settings() -> None:
-    with pytest.raises(
-        ms.InputError,
-        match="converter ends at the full well, and konnik_table1 is at gain '400'",
-    ):
-        ms.expose(np.ones((2, 2)), CAMERA, DARK, gain=400, chain="konnik2014")
-
-
 def test_a_camera_without_a_ladder_says_so() -> None:
     with pytest.raises(
         ms.InputError,

@@ -71,8 +71,3 @@ def test_its_moments_are_those_of_the_last_stage_in_volts() -> None:
         lines.size
     )
     assert found.std() == pytest.approx(expected.sigma / 5e-6, rel=0.05)
-
-
-def test_the_published_chain_has_none() -> None:
-    with pytest.raises(ms.InputError, match="its voltages are those of a node with an offset"):
-        ms.expose(LIGHT, TABLE1, EXPOSURE, chain="konnik2014", keep=NAME)

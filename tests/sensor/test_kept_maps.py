@@ -53,9 +53,6 @@ def test_calls_in_random_order_have_the_bytes_of_a_stream_which_keeps_nothing(
         }
         if engine == "numpy" and rng.random() < 0.3:
             options["precision"] = "float64"
-        if camera is TABLE_1 and rng.random() < 0.2:
-            options |= {"engine": "auto", "chain": "konnik2014"}
-            options.pop("precision", None)
         exposure = ms.Exposure(0.01 * rng.integers(1, 4), 280 + 20 * rng.integers(2))
         frames = ms.expose(photons, camera, exposure, **options)
         (streamed,) = ms.stream(photons, camera, exposure, **options)
@@ -77,7 +74,7 @@ def test_memory_stays_below_the_limit_whatever_comes() -> None:
     for size in (40, 60, 80, 100, 200, 60):
         for _ in range(2):
             prepared = ms.Sensor(TABLE_1)._prepared(light(1, (size, size)), EXPOSURE, {})
-            recent.lend(prepared, TABLE_1, "physical").frames()
+            recent.lend(prepared, TABLE_1).frames()
             recent.drop()
             assert recent._maps.bytes <= 100_000
     assert recent._maps.bytes > 0

@@ -108,10 +108,6 @@ def test_without_tolerance_there_is_no_plan_and_nothing_is_left_out() -> None:
 REFUSED_OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "negative": ({"tolerance_dn": -0.1}, "tolerance_dn is -0.1"),
     "no number": ({"tolerance_dn": "0.1"}, "tolerance_dn is '0.1'"),
-    "the published chain": (
-        {"tolerance_dn": 0.1, "chain": "konnik2014"},
-        "tolerance_dn is 0.1, which is for the physical",
-    ),
     "beside a plan": (
         {"tolerance_dn": 0.1, "plan": True},
         "a plan is given, which has a tolerance of its own",

@@ -69,7 +69,6 @@ CASES: dict[str, tuple[ms.Camera, Any, dict[str, Any]]] = {
     **{name: (TABLE1.replace(**changes), ONE_BAND, {}) for name, changes in OPTIONS.items()},
     "everything at once": (TABLE1.replace(**EVERYTHING), ONE_BAND, {}),
     **{name: (ms.load_camera(name), THREE_BANDS, BANDS) for name in EACH_KIND},
-    "the published chain": (TABLE1, ONE_BAND, {"chain": "konnik2014"}),
 }
 
 
@@ -86,7 +85,7 @@ def signals(
         "first_frame": 5,
         "origin": TILE_EDGE,
     }
-    keep = expose.KEPT_BY_PUBLISHED if "chain" in options else expose.KEEP
+    keep = expose.KEEP
     frames = ms.expose(light, camera, ms.Exposure(0.3), keep=keep, **(asked | options | more))
     return {name: getattr(frames, name).tobytes() for name in (*keep, "digital")}
 

@@ -74,7 +74,8 @@ def test_a_stage_of_ones_own_stands_in_report_plan_noise_budget_and_metadata() -
     names = [line["name"] for line in frames.report["stages"]]
     assert names[names.index("banding") - 1] == "reset noise"
     (entry,) = (one for one in frames.noise_budget().entries if one.source == "banding")
-    assert entry.temporal_dn2 == pytest.approx((20.0 * gain_dn_per_e(camera)) ** 2, rel=1e-9)
+    expected_dn2 = (20.0 * gain_dn_per_e(camera)) ** 2
+    assert abs(entry.temporal_dn2 - expected_dn2) < 4 * entry.errors[1] < 0.5 * expected_dn2
     (effect,) = (
         one
         for one in ms.plan(camera, DARK, np.zeros((8, 8)), 0.01).effects
@@ -256,11 +257,3 @@ def test_a_camera_without_a_wavelength_of_its_own_takes_a_stage_too() -> None:
         len(camera.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages)
         == len(camera.stages) + 1
     )
-
-
-def test_the_published_chain_has_no_place_for_an_added_stage() -> None:
-    """It would be left out silently, while the metadata name it."""
-    with pytest.raises(
-        InputError, match="has an added Banding, for which the published chain has no place"
-    ):
-        ms.expose(np.zeros((4, 4)), camera_with_banding(), DARK, chain="konnik2014")

@@ -244,13 +244,6 @@ def test_what_is_no_noise_source_is_refused(case: str) -> None:
             TABLE1.replace(**{"sensor.without": [name]})
 
 
-def test_the_published_chain_cannot_be_without_a_source() -> None:
-    with pytest.raises(
-        ms.InputError, match="is without prnu, which the published chain always has"
-    ):
-        ms.expose(100.0, TABLE1.without("prnu"), EXPOSURE, chain="konnik2014")
-
-
 def test_derivatives_without_noise_are_the_overall_system_gain_on_average() -> None:
     """Over 4096 levels between two codes far apart: Σ dDN/dphoton·Δ is their distance, ±1 DN."""
     backend_of("drjit")

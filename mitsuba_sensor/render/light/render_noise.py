@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ...sensor.detection import detect
 from ...sensor.frames import RawFrames
 from ...theory.input_noise import input_noise
 from ..limits import MOST_IN_ALL
@@ -34,13 +33,7 @@ def render_noise(light: Irradiance, frames: RawFrames) -> dict[str, float | None
     sensor's noise would reach with all samples that the default allows, roughly, and how much longer it would take;
     None for other renders.
     """
-    detection = frames.camera.stages[0]
-    known = (
-        frames.stages[0] == detection
-    )  # the published chain counts its photoelectrons in another way
-    electrons = (
-        frames.detected if known else detect(frames.light, detection, frames.first)
-    ).mean_e
+    electrons = frames.detected.mean_e
     statistics = light.statistics
     with np.errstate(invalid="ignore"):
         variance_e2 = light.relative_error * electrons

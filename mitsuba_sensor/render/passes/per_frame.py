@@ -122,9 +122,6 @@ class FrameSeries:
             options["frames"], options["first_frame"], first_given(options["seed"], 1)
         )
         prepared = prepare(scene, camera, exposure, usual="channels", **rendering)
-        if compensated and options["chain"] != "physical":
-            end = f"chain {options['chain']!r}; that needs the physical chain"
-            raise InputError(f"render_noise is 'compensated' and {end}.")
         if compensated and prepared.camera.readouts:
             end = "has several read-outs of its shot noise; take render_noise 'per-frame'"
             raise InputError(f"render_noise is 'compensated' and {prepared.camera.name} {end}.")

@@ -11,7 +11,17 @@ from numpy.typing import ArrayLike
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
-from ...core import Array, Exposure, Frame, InputError, SensorWindow, check_types, first_given, numbers, require_seed
+from ...core import (
+    Array,
+    Exposure,
+    Frame,
+    InputError,
+    SensorWindow,
+    check_types,
+    first_given,
+    numbers,
+    require_seed,
+)
 from ...core.llvm import drjit
 from ...core.options import complete, documents
 from ...gradient.attached_pixels import AttachedPixels
@@ -87,7 +97,10 @@ def raw_log_likelihood(
     Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
     """
     chip = _Chip.of(image, camera, exposure, sensor, parameters, options)
-    highest, codes = chip.pixels.highest,  numbers("digital", digital, "the whole numbers of a raw frame (H, W)")
+    highest, codes = (
+        chip.pixels.highest,
+        numbers("digital", digital, "the whole numbers of a raw frame (H, W)"),
+    )
     shape = chip.light.shape
     if (
         codes.shape != shape

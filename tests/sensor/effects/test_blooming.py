@@ -85,7 +85,6 @@ def test_theory_is_measured_and_has_the_mean_of_frames() -> None:
     photons = np.full((128, 96), 200.0)
     photons[60:68] = 4000.0
     frames = ms.expose(photons, CCD, COLD, frames=20)
-    assert frames.theory.origin["measured"]
     expected = frames.theory.averages(frames.stages[-1]).mean
     assert frames.digital.mean() == pytest.approx(expected, rel=3e-3)
     drained = ms.expose(photons, BASE, COLD, frames=20)

@@ -143,8 +143,3 @@ def test_a_knee_has_no_blooming_which_would_take_charge_from_full_pixels() -> No
         ms.InputError, match="set one of them to 0: charge of a well with a knee"
     ):
         WIDE_KNEE.replace(**{"pixel.blooming": 0.5})
-
-
-def test_the_published_chain_has_no_knee_and_says_how_to_take_it_away() -> None:
-    with pytest.raises(ms.InputError, match=r"soft full well.*full_well_knee_e to 0"):
-        ms.expose(np.ones((2, 2)), WIDE_KNEE, ms.Exposure(0.1), chain="konnik2014")

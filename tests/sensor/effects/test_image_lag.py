@@ -232,10 +232,6 @@ def test_light_of_a_frame_before_is_checked_and_for_a_camera_with_lag() -> None:
         ms.expose(after([[-1.0]], [[2.0]]), LAGGING, SHORT)
     with pytest.raises(ms.InputError, match=r"has shape \(2, 2, 1\)"):
         ms.expose(after(np.ones((2, 2)), [[2.0]]), LAGGING, SHORT)
-    with pytest.raises(
-        ms.InputError, match=r"has image lag, .*set quantum_efficiency\.image_lag to 0"
-    ):
-        ms.expose([[1.0]], LAGGING, SHORT, chain="konnik2014")
 
 
 def test_derivatives_by_photons_are_refused_and_by_fields_are_those_of_the_light() -> None:

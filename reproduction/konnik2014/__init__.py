@@ -1,6 +1,6 @@
 """The chain of the released MATLAB code of Konnik & Welsh 2014, for comparison with published results.
 
-    settings = Konnik2014Settings.from_camera(load_camera("konnik_table1"), reset_factor=0.8)
+    settings = Konnik2014Settings(vv_gamma=1.05, adc_gamma=1.04)
     signal = photons
     for stage in chain_of(settings):
         signal = stage.sample(signal, frame)
@@ -10,16 +10,13 @@ Where the paper's formula and the released code differ, this is the code; where 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal
 
-from ...camera.camera import Camera
-from ...core import InputError, require
-from ...core.options import Option, declared, refuse_unknown
-from ...stages.effects.reset_noise import RESET_RESIDUAL
-from ...stages.gains import sense_gain_v_per_e
-from ...stages.stage import Chain, Stage
+from mitsuba_sensor.core import InputError, require
+from mitsuba_sensor.core.options import Option, declared
+from mitsuba_sensor.stages.stage import Chain, Stage
+
 from . import electrons, volts
 from .electrons import FpnName, PublishedFpnDistribution
 
@@ -124,31 +121,6 @@ class Konnik2014Settings:
                 *PARAMETER_RANGES[getattr(self, which)],
             )
 
-    @classmethod
-    def from_camera(cls, camera: Camera, **overrides: Any) -> Self:
-        """Settings from a camera of the physical chain; ``overrides`` are settings by name and take precedence.
-
-        Black level, full scale and CDS gain of the camera are not used: the published chain has none. Raises InputError
-        for what it cannot express (colour filters, a measured dark rate, a gain A_SF) and ``overrides`` does not set.
-        """
-        refuse_unknown(overrides, cls)
-        taken: dict[str, float | str] = {
-            "technology": camera.sensor.technology,
-            "prnu": camera.pixel.prnu,
-            "pixel_area_cm2": camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8,
-            "full_well_e": camera.pixel.full_well_e,
-            "sense_gain_uv_per_e": sense_gain_v_per_e(camera) * 1e6,
-            "reset_factor": RESET_RESIDUAL[camera.readout.reset],
-            "column_fpn_factor": camera.readout.dsnu_col,
-            "adc_bits": camera.adc.bits,
-        }
-
-        def missing(*names: str) -> bool:
-            return not set(names) <= set(overrides)
-
-        taken |= _light_and_dark(camera, missing) | _follower_and_columns(camera, missing)
-        return cls(**(taken | overrides))
-
     @property
     def full_well_v(self) -> float:
         """V_FW, the swing of a full well [V]; 0.165 for Table 1."""
@@ -204,69 +176,3 @@ def chain_of(settings: Konnik2014Settings) -> Chain:
 def _used(*stages: tuple[float, Stage]) -> Chain:
     """The stages whose first number is not 0."""
     return tuple(stage for used, stage in stages if used)
-
-
-def _light_and_dark(camera: Camera, missing: Callable[..., bool]) -> dict[str, float | str]:
-    taken: dict[str, float | str] = {}
-    reference, filters, dark = (
-        camera.quantum_efficiency.reference_nm,
-        len(camera.filter_names),
-        camera.dark_current,
-    )
-    if missing("quantum_efficiency"):
-        if reference is None or filters > 1:
-            raise InputError(
-                f"{camera.name} has {filters} colour filter(s) and quantum_efficiency.reference_nm {reference}; the "
-                "published chain has one QE: pass e.g. quantum_efficiency=0.6."
-            )
-        taken["quantum_efficiency"] = float(camera.qe([reference])[0, 0])
-    if missing("dark_fom_na_per_cm2"):
-        if dark.fom_na_per_cm2 is None:
-            raise InputError(
-                f"{camera.name} gives its dark current as a rate; the published chain has only the figure of merit: "
-                "pass e.g. dark_fom_na_per_cm2=1.0."
-            )
-        taken["dark_fom_na_per_cm2"] = dark.fom_na_per_cm2
-    if missing("dark_fpn", "dark_fpn_factor", "dark_fpn_parameter"):
-        parameters = {"gaussian": 0.0, "lognormal": 0.4}  # of the released code, at every D_N
-        if dark.distribution not in parameters:
-            raise InputError(
-                f"{camera.name} has dark_current.distribution {dark.distribution!r}, which the published chain lacks; "
-                "pass e.g. dark_fpn='lognormal', dark_fpn_factor=0.01, dark_fpn_parameter=0.4."
-            )
-        taken |= {"dark_fpn": dark.distribution, "dark_fpn_factor": dark.cv}
-        taken["dark_fpn_parameter"] = parameters[dark.distribution]
-    return taken
-
-
-def _follower_and_columns(
-    camera: Camera, missing: Callable[..., bool]
-) -> dict[str, float | str]:
-    taken: dict[str, float | str] = {}
-    follower, coupling = camera.source_follower, camera.readout.dsnu_col_coupling
-    if missing("source_follower_e"):
-        if follower.gain != 1:
-            raise InputError(
-                f"{camera.name} has source_follower.gain {follower.gain}; the published chain would multiply the whole "
-                f"node voltage by it (0.9 saturates every pixel), and only 1 is on record: pass source_follower_e=6.09."
-            )
-        published = electrons.PublishedFollowerSpectrum(
-            white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
-            corner_hz=follower.corner_hz,
-            sample_s=follower.cds_sample_s,
-            dominant_s=follower.cds_dominant_s,
-            rtn_step=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv * 1e-6,
-            rtn_s=follower.rtn_s,
-        )
-        given = follower.read_noise_e
-        taken["source_follower_e"] = (
-            published.sigma_e(sense_gain_v_per_e(camera) * 1e6) if given is None else given
-        )
-    if missing("column_fpn", "column_fpn_parameter"):
-        if coupling:
-            raise InputError(
-                f"{camera.name} has readout.dsnu_col_coupling {coupling}, an isotropic process that the published "
-                "chain lacks; pass e.g. column_fpn='ar', column_fpn_parameter=0.5."
-            )
-        taken |= {"column_fpn": "gaussian", "column_fpn_parameter": 0.0}
-    return taken

@@ -17,12 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import DATA, ROOT
-from helpers.marks import one_in
-
-import mitsuba_sensor as ms
-from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
-from mitsuba_sensor.sensor.konnik2014.electrons import (
+from konnik2014 import Konnik2014Settings, chain_of
+from konnik2014.electrons import (
     PublishedDarkMean,
     PublishedDarkSignal,
     PublishedFollowerSpectrum,
@@ -30,12 +26,15 @@ from mitsuba_sensor.sensor.konnik2014.electrons import (
     PublishedWell,
     fpn_map,
 )
-from mitsuba_sensor.sensor.konnik2014.volts import (
+from konnik2014.volts import (
     PublishedAdc,
     PublishedExponentialNode,
     PublishedFollower,
     PublishedResetNoise,
 )
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.cds_noise import CdsNoise
 from mitsuba_sensor.stages.dark_current_models import FigureOfMerit
 from mitsuba_sensor.stages.effects.reset_noise import ResetNoise as SignedResetNoise
@@ -306,132 +305,6 @@ def test_an_error_of_1_percent_is_seen(what: str, changes: dict[str, Any], recor
     assert found[what] > LIMIT
 
 
-def theory(
-    stages: tuple[Any, ...], photons: ms.Photons, frame: ms.Frame
-) -> dict[str, ms.Moments]:
-    """Moments of every intermediate signal under the names of the records."""
-    m, seen = ms.Moments(photons, 0.0, 0.0, frame), {}
-    for stage in stages:
-        if isinstance(stage, PublishedDarkSignal):
-            part = ms.Moments(0.0, 0.0, 0.0, frame)
-            for step in stage.steps:
-                part = step.moments(part)
-                seen |= dict.fromkeys(LEAVES[type(step).__name__], part)
-        m = stage.moments(m)
-        seen |= dict.fromkeys(LEAVES[type(stage).__name__], m)
-    return seen
-
-
-UNSATURATED = [record for record in REFERENCE["full_chain"] if record["level"] < 1]
-"""Where the moments hold: at the full well a normal is clipped twice, which no normal survives."""
-
-
-def test_the_theory_meets_the_records() -> None:
-    """Moments against 2.47 million pixels, before the columns: 592 comparisons without any random number of ours."""
-    frame, n, count, worst = (
-        ms.Frame(EXPOSURE, SensorWindow(1, (1, 1))),
-        RECORD_ROWS * COLUMNS,
-        0,
-        0.0,
-    )
-    for record in UNSATURATED:
-        for what, m in theory(
-            chain_of(settings_of(record)), photons_of(record, (1, 1)), frame
-        ).items():
-            if what in record["stats"] and what not in ("volts_cds", "DN"):
-                mean, std = record["stats"][what]
-                off = abs(float(np.mean(m.mean)) - mean) / (
-                    m.sigma / math.sqrt(n) + ROUNDING * abs(mean) + 1e-12
-                )
-                off_std = abs(m.sigma - std) / (
-                    m.sigma / math.sqrt(2 * n) + ROUNDING * abs(mean) + 1e-12
-                )
-                count, worst = count + 2, max(worst, off, off_std)
-                assert off < LIMIT and off_std < LIMIT, (
-                    record["config"],
-                    record["level"],
-                    what,
-                    off,
-                    off_std,
-                )
-    print(f"\n{count} comparisons of theory and records, largest {worst:.2f} σ")
-    assert count == 592
-
-
-@pytest.mark.parametrize("name", one_in(3, list(FULL)))
-@pytest.mark.parametrize("level", [0.0, 0.5])
-def test_the_theory_is_what_two_frames_show(name: str, level: float) -> None:
-    """Mean, temporal σ and fixed σ of every stage; chance fails one of the 12 cases in about 1 of 100 seeds."""
-    stages, shape = chain_of(SETTINGS[name]), (100, COLUMNS)
-    photons, window = ms.Photons(np.full(shape, level * 55000)), SensorWindow(5, shape)
-    first, second = (
-        trace(stages, photons, ms.Frame(EXPOSURE, window, seed=5, index=i)) for i in (0, 1)
-    )
-    n = first["DN"].size
-    for what, m in theory(stages, photons, ms.Frame(EXPOSURE, window)).items():
-        x, y = first[what], second[what]
-        temporal, fixed_part, total = (
-            float(np.mean(m.temporal)),
-            float(np.mean(m.spatial)),
-            m.sigma**2,
-        )
-        samples = COLUMNS if what in ("volts_cds", "DN") else n
-        slack = 1e-12 + ROUNDING * abs(float(np.mean(m.mean)))
-        stripes = math.sqrt(total / n + fixed_part / samples)
-        assert abs((x + y).mean() / 2 - float(np.mean(m.mean))) < LIMIT * stripes + slack, what
-        assert (
-            abs(np.mean((x - y) ** 2) / 2 - temporal)
-            < LIMIT * temporal * math.sqrt(2 / n) * 1.2 + slack**2
-        ), what
-        covariance = np.mean((x - x.mean()) * (y - y.mean()))
-        error = math.sqrt((total**2 + fixed_part**2) / n + 2 * fixed_part**2 / samples)
-        assert abs(covariance - fixed_part) < LIMIT * error + slack**2, what
-
-
-def test_the_temporal_noise_of_the_records_is_ours_with_the_columns_drawn_anew() -> None:
-    """The released code draws its columns in every frame; ours keep them, so here they count as temporal."""
-    frame, n = ms.Frame(EXPOSURE, SensorWindow(1, (1, 1))), RECORD_ROWS * COLUMNS
-    names = {
-        "light_e": "light_e_prnu",
-        "dark_e": "dark_total",
-        "electrons": "electrons",
-        "volts": "volts_cds",
-    }
-    names |= {"DN": "DN"}
-    for record in UNSATURATED:
-        moments = theory(chain_of(settings_of(record)), photons_of(record, (1, 1)), frame)
-        for theirs, ours in names.items():
-            if record["level"] == 0 and (
-                theirs == "light_e" or (theirs == "DN" and record["sensor"] == "CMOS")
-            ):
-                continue  # no light path; and dark numbers are cut at 0
-            m, columns = moments[ours], 0.0
-            if record["sensor"] == "CMOS" and theirs in ("volts", "DN"):
-                before, after = (
-                    float(np.mean(moments[w].spatial))
-                    for w in ("volts_source_follower", "volts_cds")
-                )
-                columns = after - before
-                if theirs == "DN":
-                    columns *= float(np.mean(m.temporal)) / float(
-                        np.mean(moments["volts_cds"].temporal)
-                    )
-            pixels = float(np.mean(m.temporal))
-            expected = pixels + columns
-            error = math.sqrt(
-                2 * pixels**2 / n + 2 * columns**2 / COLUMNS + 4 * pixels * columns / n
-            )
-            found = record["temporal"][theirs] ** 2
-            slack = (
-                0.01 * expected if theirs == "DN" else 0.0
-            )  # rounding of whole electrons to whole numbers
-            assert abs(found - expected) < LIMIT * error + slack, (
-                record["config"],
-                record["level"],
-                theirs,
-            )
-
-
 def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
     derived, parameters = REFERENCE["derived"], REFERENCE["parameters"]["chosen_not_in_table1"]
     frame = ms.Frame(EXPOSURE, SensorWindow(1, (1, 1)))
@@ -449,52 +322,6 @@ def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
     assert PublishedFollowerSpectrum().sigma_e(5.0) == pytest.approx(
         derived["sigma_SF_e"]["code_10kHz_grid"], rel=1e-14
     )
-
-
-def test_a_published_camera_is_the_advanced_parameter_set() -> None:
-    """konnik_table1 says that true CDS removes the reset noise; the released parameters leave 0.8 of it."""
-    settings = Konnik2014Settings.from_camera(ms.load_camera("konnik_table1"), reset_factor=0.8)
-    assert settings.source_follower_e == pytest.approx(
-        ADVANCED.source_follower_e, rel=1e-8
-    )  # no RTN in the camera
-    assert (
-        replace(settings, pixel_area_cm2=3.249e-7, source_follower_e=ADVANCED.source_follower_e)
-        == ADVANCED
-    )
-    assert settings.pixel_area_cm2 == pytest.approx(3.249e-7, rel=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("changes", "overrides", "message"),
-    [
-        ({"source_follower.gain": 0.9}, {}, "source_follower.gain 0.9"),
-        ({"readout.dsnu_col_coupling": 0.25}, {}, "dsnu_col_coupling 0.25"),
-        ({"quantum_efficiency.reference_nm": None}, {}, "quantum_efficiency=0.6"),
-        (
-            {
-                "dark_current.fom_na_per_cm2": None,
-                "dark_current.rate_e_per_s": 5.0,
-                "dark_current.at_temperature_k": 298.15,
-                "dark_current.doubling_k": 7.0,
-            },
-            {},
-            "dark_fom_na_per_cm2=1.0",
-        ),
-        ({}, {"reset_facto": 1.0}, "Did you mean 'reset_factor'"),
-    ],
-)
-def test_what_the_published_chain_cannot_express_is_refused(
-    changes: dict[str, Any], overrides: dict[str, Any], message: str
-) -> None:
-    camera = ms.load_camera("konnik_table1").replace(**changes)
-    with pytest.raises(ms.InputError, match=message):
-        Konnik2014Settings.from_camera(camera, **overrides)
-
-
-def test_an_override_replaces_what_the_camera_does_not_have() -> None:
-    camera = ms.load_camera("konnik_table1").replace(**{"readout.dsnu_col_coupling": 0.25})
-    settings = Konnik2014Settings.from_camera(camera, column_fpn="ar", column_fpn_parameter=0.5)
-    assert settings.column_fpn == "ar"
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,10 @@ from typing import ClassVar, Literal
 import numpy as np
 import scipy
 
-from ...core import Array, Float64Array, Frame, InputError, Moments, Photons, SensorWindow
-from ...core.backend import normals
-from ...stages.dark_current_models import band_gap_ev
-from ...stages.propagate import propagate
-from ...stages.stage import Chain, Stage, sample
+from mitsuba_sensor.core import Array, Float64Array, Frame, InputError, Photons, SensorWindow
+from mitsuba_sensor.core.backend import normals
+from mitsuba_sensor.stages.dark_current_models import band_gap_ev
+from mitsuba_sensor.stages.stage import Chain, Stage, sample
 
 # CODATA 2006, as in that code; with the value of SI 2019 its dark signal would be 2.4e-5 lower.
 BOLTZMANN_EV_PER_K = 8.617343e-5
@@ -131,20 +130,6 @@ class PublishedFpn(Stage):
             1 + self.factor * fpn_map(frame.window, self.source, self.distribution)
         )
 
-    def moments(self, m: Moments) -> Moments:
-        """Product with an independent gain map."""
-        gain, variance = (
-            1 + self.factor * self.distribution.mean,
-            self.factor**2 * self.distribution.variance,
-        )
-        squared = gain**2 + variance
-        return Moments(
-            m.mean * gain,
-            m.temporal * squared,
-            m.spatial * squared + m.mean**2 * variance,
-            m.frame,
-        )
-
 
 @dataclass(frozen=True)
 class PublishedPhotons(Stage):
@@ -163,13 +148,9 @@ class PublishedPhotons(Stage):
         if bands not in ((), (1,)):
             raise InputError(
                 f"photons has {bands[0]} bands and the published code has one wavelength; "
-                f"pass (H, W) photons, or use the physical chain."
+                f"pass (H, W) photons, or use the physical chain (ms.expose)."
             )
         return np.floor(photons.total + 0.5)
-
-    def moments(self, m: Moments) -> Moments:
-        """The rounded mean; nothing is random yet."""
-        return Moments(self.sample(m.mean, m.frame), 0.0, 0.0, m.frame)
 
 
 @dataclass(frozen=True)
@@ -181,10 +162,6 @@ class PublishedShot(Stage):
     def sample(self, mean: Array, frame: Frame) -> Array:
         """Mean → counts, (H, W)."""
         return frame.poisson(self.stream, mean)
-
-    def moments(self, m: Moments) -> Moments:
-        """The temporal variance is the mean."""
-        return m.add(temporal=m.mean)
 
 
 class PublishedPhotonShot(PublishedShot):
@@ -204,10 +181,6 @@ class PublishedQuantumEfficiency(Stage):
         """Photons → photoelectrons (H, W)."""
         return photons * self.value
 
-    def moments(self, m: Moments) -> Moments:
-        """Scaled by QE."""
-        return m.scale(self.value)
-
 
 class PublishedPrnu(PublishedFpn):
     """The *noisy* count times 1 + factor·z, not clipped at 0 (paper eq. 15).  factor : PRNU, dimensionless."""
@@ -226,10 +199,6 @@ class PublishedDarkMean(Stage):
     def sample(self, dark: Array, frame: Frame) -> Array:
         """``dark`` plus the mean dark electrons of this exposure."""
         return dark + self.mean_e(frame)
-
-    def moments(self, m: Moments) -> Moments:
-        """Adds to the mean."""
-        return m.add(mean=self.mean_e(m.frame))
 
     def mean_e(self, frame: Frame) -> float:
         """Mean dark electrons of a pixel; 0 at 0 K."""
@@ -265,10 +234,6 @@ class PublishedReadNoise(Stage):
     def sample(self, dark: Array, frame: Frame) -> Array:
         """Dark electrons with signed noise, (H, W)."""
         return dark + self.sigma_e * frame.normal("source_follower")
-
-    def moments(self, m: Moments) -> Moments:
-        """Adds σ² to the temporal variance."""
-        return m.add(temporal=self.sigma_e**2)
 
 
 @dataclass(frozen=True)
@@ -314,11 +279,6 @@ class PublishedDarkSignal(Stage):
         """Photoelectrons → photoelectrons and dark electrons together."""
         return electrons + sample(self.steps, 0.0, frame)
 
-    def moments(self, m: Moments) -> Moments:
-        """Sum of two independent signals."""
-        dark = propagate(self.steps, Moments(0.0, 0.0, 0.0, m.frame))
-        return m.add(mean=dark.mean, temporal=dark.temporal, spatial=dark.spatial)
-
 
 @dataclass(frozen=True)
 class PublishedWell(Stage):
@@ -330,10 +290,6 @@ class PublishedWell(Stage):
     def sample(self, electrons: Array, frame: Frame) -> Array:
         """Photoelectrons and dark electrons → a whole number."""
         return np.floor(np.clip(electrons, 0.0, self.full_well_e))
-
-    def moments(self, m: Moments) -> Moments:
-        """floor and clip commute; a signal that is continuous and wider than 1 e- loses ½ and gains 1/12."""
-        return m.add(mean=-0.5, temporal=1 / 12).clip(0.0, math.floor(self.full_well_e))
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Saturated pixels."""

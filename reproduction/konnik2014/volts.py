@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core import Array, Frame, Moments
-from ...stages.stage import Converter, Stage
+from mitsuba_sensor.core import Array, Frame
+from mitsuba_sensor.stages.stage import Converter, Stage
+
 from .electrons import PublishedFpn
 
 ELEMENTARY_CHARGE_C, BOLTZMANN_J_PER_K = (
@@ -63,11 +64,6 @@ class PublishedSenseNode(Stage):
         """Electrons → node voltage (H, W) [V]."""
         return self.reference_v + self.reset(frame) - self.gain_v_per_e * electrons
 
-    def moments(self, m: Moments) -> Moments:
-        """Linear, plus mean and variance of the reset noise."""
-        mean, variance = self.reset.moments(m.frame)
-        return m.scale(-self.gain_v_per_e).add(mean=self.reference_v + mean, temporal=variance)
-
 
 @dataclass(frozen=True)
 class PublishedExponentialNode(Stage):
@@ -81,20 +77,6 @@ class PublishedExponentialNode(Stage):
     def sample(self, electrons: Array, frame: Frame) -> Array:
         """Electrons → node voltage (H, W) [V]."""
         return (self.reference_v + self.reset(frame)) * np.exp(-self.per_e * electrons)
-
-    def moments(self, m: Moments) -> Moments:
-        """Second order in per_e·σ_N, which is below 1e-3, times the independent reference."""
-        scale, (mean, noise) = np.exp(-self.per_e * m.mean), self.reset.moments(m.frame)
-        node, high = (
-            through(m, scale, self.per_e * scale, self.per_e**2 * scale),
-            self.reference_v + mean,
-        )
-        return Moments(
-            high * node.mean,
-            high**2 * node.temporal + noise * scale**2,
-            high**2 * node.spatial,
-            m.frame,
-        )
 
     @property
     def per_e(self) -> float:
@@ -114,15 +96,6 @@ class PublishedFollower(Stage):
     def sample(self, volts: Array, frame: Frame) -> Array:
         """Node voltage → voltage after the source follower (H, W) [V]."""
         return volts * (1 + self.bend * (self.reference_v - volts))
-
-    def moments(self, m: Moments) -> Moments:
-        """A parabola: exact mean, σ to first order."""
-        return through(
-            m,
-            self.sample(m.mean, m.frame),
-            1 + self.bend * (self.reference_v - 2 * m.mean),
-            -2 * self.bend,
-        )
 
     @property
     def bend(self) -> float:
@@ -150,18 +123,6 @@ class PublishedAdc(Converter):
         """Voltage [V] → whole digital numbers (H, W)."""
         return np.clip(np.floor(self._code(self.reference_v - volts) + 0.5), 0.0, self.highest)
 
-    def moments(self, m: Moments) -> Moments:
-        """To second order, then 1/12 DN² for the rounding, clipped at both ends."""
-        swing = self.reference_v - m.mean
-        bend = math.log(self.gamma) / self.full_well_v
-        factor = self.gain_dn_per_v * self.gamma ** (-swing / self.full_well_v)
-        slope, curvature = factor * (1 - bend * swing), factor * bend * (bend * swing - 2)
-        return (
-            through(m, self._code(swing), slope, curvature)
-            .add(temporal=1 / 12)
-            .clip(0.0, self.highest)
-        )
-
     def _code(self, swing: Array) -> Array:
         return self.gain_dn_per_v * swing * self.gamma ** (-swing / self.full_well_v)
 
@@ -169,9 +130,3 @@ class PublishedAdc(Converter):
     def highest(self) -> int:
         """The largest code, 2^bits."""
         return 1 << self.bits
-
-
-def through(m: Moments, value: Array, slope: Array, curvature: Array) -> Moments:
-    """A smooth function with this value, slope and curvature at the mean."""
-    mean = value + 0.5 * curvature * (m.temporal + m.spatial)
-    return Moments(mean, m.temporal * slope**2, m.spatial * slope**2, m.frame)
