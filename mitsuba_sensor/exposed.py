@@ -39,7 +39,6 @@ from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
 from .sensor.metering import Metering
 from .sensor.options import ExposeOptions
-from .theory.combined_theory import check_moments_are_known
 from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, expose_frames, expose_moving
 
@@ -238,8 +237,6 @@ def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None
     """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known, and for more of
     them than memory holds."""
     sensor.check_memory(options["frames"])
-    if options["clean"]:
-        check_moments_are_known(sensor.stages)
     if options["dng"]:
         check_dng(sensor.camera, sensor.first.window.shape)
 

@@ -80,8 +80,7 @@ class NoisyImage:
     def variance_dn2(self) -> Image:
         """Variance of the temporal noise of every pixel of the raw frame, (H, W) or (N, H, W) [DN²].
 
-        Of all chips at this light. That of this chip, whose pixels differ, is ``frames[0].temporal_variance``, and what
-        the frame would be without temporal noise ``frames[0].clean``; both take seconds for a megapixel.
+        What the frame would be without temporal noise is ``frames[0].clean``.
         """
         return self._stacked([one.temporal_variance for one in self.frames])
 

@@ -21,17 +21,15 @@ from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import RawFrames
 from ..sensor.readouts import exposures_of_readouts
-from ..stages.propagate import FIRST_SERIAL
-from ..theory.combined_theory import moments_of_pixels
+from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
-from ..theory.pixel_moments import PixelMoments
 from ..theory.plan import CombinedPlan, Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
 
-UNITS = 32
+SERIALS = 32
 """Sensor units whose clean frames are averaged."""
 
 
@@ -166,16 +164,16 @@ class Frames(RawFrames):
 
     @cached_property
     def pixel_moments(self) -> PixelMoments:
-        """``clean`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
-        return moments_of_pixels(self.stages, self.detected, self.first)
+        """``clean`` and ``temporal_variance`` with the FPN maps of this serial, and the method that gave them."""
+        return pixel_moments(self.stages, self.detected, self.first)
 
-    @property
+    @cached_property
     def clean(self) -> NDArray[np.float32]:
         """Expectation of the raw frame over temporal noise in the light of the first, (H, W) [DN].
 
         Fixed patterns of this serial number are in it. Not rounded.
         """
-        return self.pixel_moments.mean
+        return self.pixel_moments.mean.astype(np.float32)
 
     @property
     def clean_of_each(self) -> NDArray[np.float32]:
@@ -184,23 +182,20 @@ class Frames(RawFrames):
             return self.own_clean
         return np.broadcast_to(self.clean, self.digital.shape)
 
-    @property
+    @cached_property
     def temporal_variance(self) -> NDArray[np.float32]:
         """Variance of every pixel from frame to frame in the light of the first, (H, W) [DN²]."""
-        return self.pixel_moments.temporal
+        return self.pixel_moments.temporal.astype(np.float32)
 
     @cached_property
     def spatial_mean(self) -> NDArray[np.float32]:
-        """Expectation over temporal noise and over sensor units of this camera, (H, W) [DN]: no fixed pattern.
-
-        The average of the clean frames of 32 units, of which 0.18 of the spatial σ is left.
-        """
-        total = np.zeros(self.first.window.shape)
-        for unit in range(UNITS):
-            window = replace(self.first.window, serial=FIRST_SERIAL + unit, _maps={}, _tiles={})
-            frame = replace(self.first, window=window, _blocks={})
-            total += moments_of_pixels(self.stages, self.detected, frame).mean
-        return (total / UNITS).astype(np.float32)
+        """Average of the clean frames of the 32 first serial numbers, (H, W) [DN]: hardly any fixed pattern."""
+        windows = (
+            replace(self.first.window, serial=k, _maps={}) for k in range(1, SERIALS + 1)
+        )
+        frames = (replace(self.first, window=window, _blocks={}) for window in windows)
+        cleans = [pixel_moments(self.stages, self.detected, frame).mean for frame in frames]
+        return np.mean(cleans, axis=0, dtype=np.float64).astype(np.float32)
 
     @cached_property
     def report(self) -> dict[str, Any]:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import scipy
 from helpers.marks import one_in
-
-import mitsuba_sensor as ms
 from mitsuba_sensor.core.rounding import rounded_poisson
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.pixel_codes import PixelCodes
 from mitsuba_sensor.theory.pixel_counts import CountLaws
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 SHAPE, FRAMES, EXPOSURE = (8, 12), 1000, ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mitsuba_sensor.theory.combined_theory import codes_by_light
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
 from mitsuba_sensor.core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.stages.effects.overflow_dark_current import OverflowDarkCurrent
-from mitsuba_sensor.theory.combined_theory import codes_by_light
 from mitsuba_sensor.theory.dynamic_range import hdr_figures
 
 SHORT = ms.Exposure(0.01)

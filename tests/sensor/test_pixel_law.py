@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from helpers import BENCHMARKS
 from helpers.marks import one_in
+from mitsuba_sensor.gradient.attached_frames import Pixels, attached_frames
+from mitsuba_sensor.gradient.pixel_law import PixelLaw
+from mitsuba_sensor.theory.pixel_moments import PixelStrip
 from scipy import stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import SensorWindow
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.gradient.attached_frames import Pixels, attached_frames
-from mitsuba_sensor.gradient.pixel_law import PixelLaw
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.theory.pixel_moments import PixelStrip
 
 sys.path.insert(0, str(BENCHMARKS))
 from expected_codes import bare_camera

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from mitsuba_sensor.theory.combined_theory import codes_by_light
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
-from mitsuba_sensor.theory.combined_theory import codes_by_light
 
 SHORT = ms.Exposure(0.01)
 PLAIN = ms.load_camera("sony_imx174").replace(
