@@ -210,21 +210,16 @@ def measured_moments(sensors: Sequence[NDArray[np.unsignedinteger]]) -> Array:
     sensors : frames of each, (N, H, W). Spatial is the squared distance of a pixel from its mean over all sensors, less
     what temporal noise adds.
     """
-    means = np.array([frames.mean(axis=0, dtype=np.float64) for frames in sensors])
-    temporal = np.array(
-        [frames.var(axis=0, ddof=1, dtype=np.float64).mean() for frames in sensors]
-    )
-    return np.stack([
-        means.mean(axis=(1, 2)),
-        temporal,
-        spatial_variances(means) - temporal / len(sensors[0]),
-    ])  # fmt: skip
+    digital = np.array(sensors)
+    means, temporal = digital.mean(axis=1), digital.var(axis=1, ddof=1).mean(axis=(1, 2))
+    spatial = spatial_variances(means) - temporal / digital.shape[1]
+    return np.stack([means.mean(axis=(1, 2)), temporal, spatial])
 
 
 def spatial_variances(means: Array) -> Array:
     """Squared distance of each sensor's pixels from their mean over all sensors, averaged, (S,).  means : (S, H, W)."""
-    unbiased = len(means) / (len(means) - 1)
-    return np.asarray(unbiased * ((means - means.mean(axis=0)) ** 2).mean(axis=(1, 2)))
+    squares = (means - means.mean(axis=0)) ** 2
+    return squares.mean(axis=(1, 2)) * len(means) / (len(means) - 1)
 
 
 def pixel_difference(frame: NDArray[np.number], reference: NDArray[np.number]) -> Values:
