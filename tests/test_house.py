@@ -481,7 +481,7 @@ TOKENS_MAX = {
     "tests": 569721,
     "theory": 37996,
 }
-"""Tokens of each folder without comments and docstrings. A number may only fall; a rise has its reason in its commit."""
+"""Tokens of each folder without comments and docstrings. A number may only fall; a rise is explained in its commit."""
 TOKENS_SLACK = 0.03
 """Fraction that a folder may be below its number before the number has to follow."""
 

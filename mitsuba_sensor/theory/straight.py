@@ -1,7 +1,7 @@
 """The law of the code of each pixel of a straight chain, in closed form.
 
-A Poisson count meets the gain and offset of its pixel, normal noise, the rounding of the ADC and both clips. The stages
-are sampled without temporal noise, and with 1σ of each source alone; this gives gain, offset and noise of every pixel. A
+A Poisson count meets gain and offset of its pixel, normal noise, the rounding of the ADC and both clips. The stages are
+sampled without temporal noise, and with 1σ of each source alone, which gives gain, offset and noise of every pixel. A
 smooth curve enters by its slope and curvature about the mean. Any other chain raises NotStraight.
 """
 
