@@ -377,12 +377,15 @@ FIELDS = [
     if isinstance(value, float) and value
 ]
 NO_SLOPE = (
-    "quantum_efficiency.fano_factor",
-    "quantum_efficiency.reference_nm",
-    "source_follower.rtn_pixel_duty",
-    "source_follower.rtn_pixel_switching",
+    "dark_current.rts_activation_ev",
+    "dark_current.rts_duty",
+    "dark_current.rts_switching",
+    "dark_current.rts_switching_activation_ev",
     "pixel.fill_factor",
     "pixel.hit_e",
+    "quantum_efficiency.fano_factor",
+    "source_follower.rtn_pixel_duty",
+    "source_follower.rtn_pixel_switching",
 )
 """Fields on which no stage of this camera depends."""
 
