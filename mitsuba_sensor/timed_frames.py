@@ -158,7 +158,7 @@ def expose_frames(
     sensor, times = told_of(sensor, progress), FrameTimes.of(options)
     if times.period_s is None or not (light.waveforms or options["auto_exposure"]):
         times.check(sensor.first.exposure, sensor.camera)
-        frames = Frames.exposed_with_report(sensor)
+        frames = Frames.exposed(sensor, followed=True)
         return TimedFrames(frames, tuple(_of_still_light(frames, light, times)))
     return expose_moving(sensor, lambda *frame: light, options)
 

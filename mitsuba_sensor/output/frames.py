@@ -186,7 +186,8 @@ class Frames(RawFrames):
     def spatial_mean(self) -> NDArray[np.float32]:
         """Average of the clean frames of the 32 first serial numbers, (H, W) [DN]: hardly any fixed pattern."""
         windows = (
-            replace(self.first.window, serial=k, _maps={}, _tiles={}) for k in range(1, SERIALS + 1)
+            replace(self.first.window, serial=k, _maps={}, _tiles={})
+            for k in range(1, SERIALS + 1)
         )
         frames = (replace(self.first, window=window, _blocks={}) for window in windows)
         cleans = [pixel_moments(self.stages, self.detected, frame).mean for frame in frames]

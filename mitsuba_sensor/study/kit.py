@@ -219,7 +219,8 @@ def measured_moments(sensors: Sequence[NDArray[np.unsignedinteger]]) -> Array:
 def spatial_variances(means: Array) -> Array:
     """Squared distance of each sensor's pixels from their mean over all sensors, averaged, (S,).  means : (S, H, W)."""
     squares = (means - means.mean(axis=0)) ** 2
-    return squares.mean(axis=(1, 2)) * len(means) / (len(means) - 1)
+    unbiased: Array = squares.mean(axis=(1, 2)) * len(means) / (len(means) - 1)
+    return unbiased
 
 
 def pixel_difference(frame: NDArray[np.number], reference: NDArray[np.number]) -> Values:

@@ -202,8 +202,7 @@ class Expectation:
 
     def pixels_of(self, number: int) -> int:
         """How many pixels a window has."""
-        rows, columns = self.windows[number][:2]
-        return (rows.stop - rows.start) * (columns.stop - columns.start)
+        return self._mean_e[self.windows[number][:2]].size
 
     def frames_of(self, number: int) -> list[list[Frame]]:
         """Two frames of each of two sensors, of a window with what is around it."""
@@ -300,7 +299,7 @@ class Expectation:
         return np.stack([part.mean(axis=(1, 2)) for part in parts], axis=1)
 
     def _behind_all(
-        self, light: Array, frame: Frame, inside: tuple[slice, slice]
+        self, light: Array, frame: Frame, inside: tuple[slice, ...]
     ) -> Float64Array:
         """The signals of one frame behind every stage, (S, H, W)."""
         return np.stack(
