@@ -339,7 +339,7 @@ def test_saturated_converters_and_registers_cut_the_law_of_the_register(
     gain: float, share: float, full_e: float
 ) -> None:
     """From a fiftieth of what the converter holds to twice as much: mean within 0.05 DN or 0.02 σ. Its σ is within 20 %
-    or 5 DN: where single pixels are not full, 32 frames of 256 pixels have few of them. A normal law about each count has
+    or 5 DN: where single pixels are not full, 32 frames of 256 pixels have few of them. A normal law about counts has
     twice the σ there."""
     electrons = share * FULL_DN * 15 / gain
     camera = EMCCD.replace(
