@@ -41,8 +41,8 @@ from .sensor.auto_exposure import AutoExposure as AutoExposure
 from .sensor.fpn_maps import fpn_maps as fpn_maps
 from .sensor.metering import Metering as Metering
 from .stages.stage import Stage as Stage
-from .theory.combined_plan import plan as plan
 from .theory.plan import Plan as Plan
+from .theory.plan import plan as plan
 from .theory.stage_check import check_stage as check_stage
 
 __version__: str

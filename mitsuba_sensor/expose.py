@@ -25,7 +25,7 @@ from .sensor.frame_times import FrameTimes
 from .sensor.kept_maps import RecentMaps
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions
-from .theory.planned_exposure import prepare_planned_exposure
+from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, joined, timed_exposure
 
 RECENT = RecentMaps()

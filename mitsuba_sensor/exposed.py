@@ -39,8 +39,7 @@ from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
 from .sensor.metering import Metering
 from .sensor.options import ExposeOptions
-from .theory.combined_theory import check_moments_are_known
-from .theory.planned_exposure import prepare_planned_exposure
+from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, expose_frames, expose_moving
 
 Scene: TypeAlias = SceneInput | ParsedScene
@@ -211,11 +210,7 @@ def render_each_frame(request: Request) -> Exposed:
         renders, parts = [], list[Frames]()
         for render in series.renders(request.progress):
             renders.append(render)
-            parts.append(
-                Frames.exposed(render.exposed)
-                if parts
-                else Frames.exposed_with_report(render.exposed)
-            )
+            parts.append(Frames.exposed(render.exposed, followed=not parts))
     left = {
         "uncompensated": float(np.mean([render.uncompensated for render in renders])),
         "above_shot_noise": float(np.mean([render.above_shot_noise for render in renders])),
@@ -248,8 +243,6 @@ def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None
     """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known, and for more of
     them than memory holds."""
     sensor.check_memory(options["frames"])
-    if options["clean"]:
-        check_moments_are_known(sensor.stages)
     if options["dng"]:
         check_dng(sensor.camera, sensor.first.window.shape)
 

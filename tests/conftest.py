@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.sensor.run import choose_backend
-from mitsuba_sensor.theory import frame_theory
+from mitsuba_sensor.theory import expected
 
 SCENE = """
 <scene version="3.0.0">
@@ -66,10 +66,11 @@ def _same_chance_in_every_order(request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture(autouse=True, scope="module")
 def _theory_of_few_pixels(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Where theory is only reported, it is averaged over 4096 pixels instead of 65 536: a fifth of a second less."""
+    """Where theory is only reported, it is averaged over 4 windows instead of 16: less than half the time."""
     with pytest.MonkeyPatch.context() as patch:
         if {*request.path.relative_to(Path(__file__).parent).parts} & REPORTED_IN:
-            patch.setattr(frame_theory, "PIXELS", frame_theory.FEWEST)
+            patch.setattr(expected, "WINDOWS", 4)
+            patch.setattr(expected, "MOST_WINDOWS", 4)
         yield
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
 import subprocess
@@ -181,28 +180,6 @@ def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     assert found["frames"]["variance_over_mean"] == pytest.approx(
         1, abs=5 * found["frames"]["standard_error"]
     )
-
-
-@pytest.mark.exhaustive
-def test_cases_of_plans_are_cameras_that_exist() -> None:
-    """The first 300 are drawn; nothing is computed."""
-    draw = importlib.import_module("plan_cases").case
-    assert len({draw(number).scene for number in range(300)}) == 7
-
-
-@pytest.mark.exhaustive
-def test_plans_of_random_cameras_are_compared_and_continued(tmp_path: Path) -> None:
-    """One case, then the same one from the file and a second."""
-    file = str(tmp_path / "plans.jsonl")
-    first = run(
-        "plan_adversaries.py", "--seeds", "2", "3", "--frames-every", "2", "--file", file
-    )
-    assert (first["cases"], first["with_frames"], first["failed"]) == (1, 1, [])
-    assert {name.split(":")[0] for name in first["worst"]} == {"theory", "frames"}
-    more = run(
-        "plan_adversaries.py", "--seeds", "2", "4", "--frames-every", "2", "--file", file
-    )
-    assert more["cases"] == len(Path(file).read_text(encoding="utf-8").splitlines()) == 2
 
 
 @pytest.mark.exhaustive

@@ -236,14 +236,14 @@ def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(
 ) -> None:
     """Neither a report nor a plan nor another frame is computed for a warning."""
     from mitsuba_sensor.output import frames
-    from mitsuba_sensor.theory import planned_exposure
+    from mitsuba_sensor.theory import plan
 
     def forbidden(*_: Any) -> Any:
         raise AssertionError
 
     monkeypatch.setattr(frames, "report", forbidden)
-    monkeypatch.setattr(frames, "FrameTheory", forbidden)
-    monkeypatch.setattr(planned_exposure, "plan_of", forbidden)
+    monkeypatch.setattr(frames, "Expectation", forbidden)
+    monkeypatch.setattr(plan, "plan_of", forbidden)
     made = ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS)
     assert len(made.notes) == 1
 

@@ -11,7 +11,7 @@ import mitsuba_sensor as ms
 
 from ..output.readout_files import readout_facts
 from ..stages.stage import converter_of
-from ..theory.budget_rows import HEADINGS
+from ..theory.noise_budget import HEADINGS
 from .tables import FittedTable
 
 SATURATED_DN = 1e-3

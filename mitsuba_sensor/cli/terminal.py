@@ -11,8 +11,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core.progress import duration
-from ..theory.combined_plan import CombinedPlan
-from ..theory.plan import IDLE, NEEDED, NO_LAW, Plan
+from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
 from .counted import counted
 from .sentences import said_here
 from .tables import FittedTable, number, rough
@@ -84,10 +83,10 @@ def plans_sheet(
 
 
 def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
-    """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
-    held, whole_s, planned_s = plan.range, *plan.seconds
+    """What a plan keeps and leaves out, sensor and render, with the effect in DN."""
+    held = plan.range
     head = (
-        f"{plan.camera}: without the stages that are not needed, mean and σ of a pixel change by at most "
+        f"{plan.camera}: without the stages that are not needed, no sampled pixel changes by more than "
         f"{plan.tolerance_dn:g} DN"
     )
     light = (
@@ -104,12 +103,9 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
         "without effect here": stages[IDLE],
         "left out, below the tolerance": below,
     }
-    unknown = [e.stage for e in plan.effects if e.reason == NO_LAW]
-    if unknown:
-        names["kept, law not written"] = unknown
-    saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
+    clipped = f"{100 * plan.clipped:.3g} % of {plan.pixels} sampled pixels"
     lists = {name: ", ".join(found) for name, found in names.items() if found}
-    facts = {"holds for": f"{light}, {conditions}", **lists, "time": saved}
+    facts = {"holds for": f"{light}, {conditions}", **lists, "clipped": clipped}
     lines = (fact(name, text) for name, text in facts.items())
     tables = [_effects(plan)]
     if needs:
@@ -127,13 +123,12 @@ def _effects(plan: Plan) -> FittedTable:
     table = FittedTable(
         ("stage", "needed", "mean", "temporal", "spatial", "lines", "pixels"),
         keys=2,
-        caption="what each changes by itself at most on this scene [DN]; lines: what a row or column shares, times "
-        "√length; pixels: how many it changes by more than the tolerance",
+        caption="what leaving out each changes [DN]; lines: what a row or column shares, times √length; pixels: how "
+        "many of them change by more than the tolerance",
     )
     for e in plan.effects:
-        if e.reason not in (IDLE, NEEDED, NO_LAW):
-            numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
-            table.add_row(e.stage, KEPT[e.kept], *map(rough, numbers))
+        if e.reason not in (IDLE, NEEDED):
+            table.add_row(e.stage, KEPT[e.kept], *map(rough, e.columns))
     return table
 
 
@@ -199,8 +194,7 @@ def _stages(report: Report) -> FittedTable:
         caption += (
             "; temporal, spatial: how far this stage changes the noise of the raw frame [DN]"
         )
-    if report["theory"]["measured"]:
-        caption += f"; theory is measured by {report['theory']['samples']} pixels, not derived"
+    caption += f"; theory: four samples of {report['theory']['pixels']} pixels"
     if any(map(_is_uncertain, report["stages"])):
         caption += "; ±: standard error of a σ that few very bright pixels make, that of the frame depends on the same"
     table = FittedTable(

@@ -64,43 +64,17 @@ def maximum(x: Array, y: Array) -> Array:
     return drjit_module().select(x > y, x, y)
 
 
-def with_derivative_of(
-    surrogate: Callable[..., Array], function: Callable[[Array], Array], x: Array
-) -> Array:
-    """``function(x)``, whose derivative, if one is computed, is that of ``surrogate(x, function(x))``."""
-    if is_numpy(x) or not drjit_module().grad_enabled(x):
-        return function(x)
-    value = function(drjit_module().detach(x))
-    return drjit_module().replace_grad(value, surrogate(x, value))
-
-
-def detached(x: Array) -> Array:
-    """``x`` without derivatives."""
-    if is_numpy(x):
-        return x
-    return drjit_module().detach(x)
-
-
-def with_gradient(value: Array, line: Callable[..., Array], *inputs: Array) -> Array:
-    """``value``, whose derivatives, if any are computed, are those of ``line(*inputs)``."""
-    if is_numpy(value) or not drjit_module().grad_enabled(*inputs):
-        return value
-    return drjit_module().replace_grad(value, line(*inputs))
-
-
 def sqrt(x: Array) -> Array:
-    """√x; its derivative at 0 is set to 0."""
+    """√x."""
     if is_numpy(x):
         return np.sqrt(x)
-    return with_derivative_of(
-        lambda x, y: where(y > 0, x * (0.5 / y), 0.0), drjit_module().sqrt, x
-    )
+    return drjit_module().sqrt(x)
 
 
 def exp(x: Array) -> Array:
     """e^x."""
     if _is_float32(x):
-        return with_derivative_of(lambda x, y: x * y, _exponential, x)
+        return _exponential(x)
     return np.exp(x)
 
 
@@ -108,9 +82,7 @@ def expm1(x: Array) -> Array:
     """e^x − 1 without cancellation."""
     if not _is_float32(x):
         return np.expm1(x)
-    return with_derivative_of(
-        lambda x, y: x * (y + 1.0), partial(_exponential, minus_one=True), x
-    )
+    return _exponential(x, minus_one=True)
 
 
 # ln 2 as a sum; the first term has ten bits, so that its multiples are exact in float32 (Cody & Waite 1980).
@@ -141,7 +113,7 @@ def log1p(x: Array) -> Array:
     """ln(1 + x) for 0 ≤ x ≤ 1."""
     if not _is_float32(x):
         return np.log1p(x)
-    return with_derivative_of(lambda x, y: x / (1.0 + detached(x)), _logarithm_of_more, x)
+    return _logarithm_of_more(x)
 
 
 def _logarithm_of_more(x: Array) -> Array:

@@ -1,29 +1,23 @@
-"""Mean and variance of the code of a normal signal: ΣΦ over the transition levels of the converter, and both clips."""
+"""Code of a converter of equal steps: mean and variance for a normal signal with both clips, and for a Poisson count.
+
+round(x) = x + e with e = Σ_k (−1)^k/(πk)·sin(2πkx); every moment of e is a sum of characteristic functions (Widrow &
+Kollár, *Quantization Noise*, 2008, ch. 5 and 9).
+"""
 
 from __future__ import annotations
 
-import functools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from .rounding import rounding_error
 from .types import Float64Array
 
 NARROW = 1.0
 """σ [DN] from which on the sum over equal steps is its integral, by Euler-Maclaurin: there the next term is 4e-5 DN."""
 
-FEW_HARMONICS = 0.3
-"""σ [DN] from which on, far from both clips, three harmonics give the rounding of equal steps to 1e-12."""
-
 NO_HARMONICS = 1.2
 """σ [DN] from which on rounding far from both clips adds 1/12, to 1e-12."""
-
-CACHED = 2**12
-"""Signals whose harmonics are summed together: these stay in the cache of a processor, which is four times as fast."""
 
 BROAD = 0.25
 """σ as a share of the range from which on the integral is a quadrature."""
@@ -34,71 +28,42 @@ HUGE = 1e90
 REACH = 7.0
 """Transitions further away than so many σ are sure."""
 
+LEAST_DN = 1e-3
+"""A smaller σ counts as this one for the chance of a code."""
+
+MOST_HARMONICS = 512
+"""Harmonics of the steps that are added up for a Poisson count: the next one is 6e-4 DN at most."""
+
+SAME = 1e-4
+"""Slopes that differ by a smaller share, of a count of one, are damped alike."""
+
+NOTHING_LEFT = 30.0
+"""A harmonic that is damped by e to this power adds nothing."""
+
 NEAR = 2.0**-22
 """So near below a transition, in shares of itself, a signal without noise has the code above, as in frames: whole
 electrons at a gain such as 5/14 DN/e- come that near at every 14th count."""
-
-BLURRED = 4.0
-"""σ [DN] of the first table of blurred steps. From √2 of it on unequal steps are looked up, not summed."""
-
-FINE = 32
-"""Places in a σ at which blurred steps are tabulated: straight lines between them are right to 5e-5 σ at a clip."""
-
-MOST_BLURRED = 2.0**16
-"""Noise of so many ranges of codes decides between the smallest and the largest alone."""
-
-Z: Float64Array = np.linspace(-5.5, 5.5, 22)
-"""Nodes of a normal law [σ]: a half apart, so that a blur of 1/2.65 of it or more fills the gaps."""
-
-WEIGHTS: Float64Array = np.exp(-0.5 * Z**2) / np.exp(-0.5 * Z**2).sum()
 
 
 def code_moments(
     ideal_dn: Float64Array,
     sigma_dn: Float64Array,
     highest: int,
-    inl_lsb: Float64Array | None = None,
 ) -> tuple[Float64Array, Float64Array]:
-    """Mean and variance of the code of x ~ Normal(ideal, σ²): code = number of transition levels T_k ≤ x.
+    """Mean and variance of the code of x ~ Normal(ideal, σ²): x rounded half up, and clipped at 0 and ``highest``.
 
     ideal_dn, sigma_dn : of one shape; σ may be 0.  highest : the largest code.
-    inl_lsb : (highest,) INL of the lower edge of the codes 1 … highest: T_k = k − ½ + INL_k; None: equal steps.
     """
     ideal, sigma = np.broadcast_arrays(ideal_dn, sigma_dn)
     x, s = (np.clip(np.nan_to_num(part.ravel()), -HUGE, HUGE) for part in (ideal, sigma))
     mean, variance = np.empty(x.size), np.empty(x.size)
-    inside = (s >= FEW_HARMONICS) & (x > 9 * s) & (x < highest - 9 * s) & (inl_lsb is None)
-    even = inside & (s >= NO_HARMONICS)
+    even = (s >= NO_HARMONICS) & (x > 9 * s) & (x < highest - 9 * s)
     mean[even], variance[even] = x[even], s[even] ** 2 + 1 / 12
-    waved = np.flatnonzero(inside & ~even)
-    wide = (s >= NARROW) & ~inside & (inl_lsb is None)
-    for part in np.array_split(waved, waved.size // CACHED + 1):
-        v = s[part] ** 2
-        error, squared, slope = rounding_error(x[part], v, 3)
-        mean[part], variance[part] = x[part] + error, v * (1 + 2 * slope) + squared - error**2
+    wide = (s >= NARROW) & ~even
     mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
-    if inl_lsb is None:
-        levels = None
-    else:
-        levels = np.arange(1, highest + 1) - 0.5 + inl_lsb
-    narrow = np.flatnonzero(~wide & ~inside)
-    if (
-        levels is not None and np.sum(s[s >= BLURRED * math.sqrt(2)]) > 4 * FINE * levels.size
-    ):  # else sums are faster
-        narrow = np.flatnonzero(s < BLURRED * math.sqrt(2))
-        widest = MOST_BLURRED * levels.size  # beyond, x and σ count in units of each other
-        x, s = (
-            np.where(s > widest, x * (widest / np.maximum(s, widest)), x),
-            np.minimum(s, widest),
-        )
-        doubled = np.floor(np.log2(np.maximum(s / (BLURRED * math.sqrt(2)), 0.5))).astype(int)
-        for times in np.unique(doubled[doubled >= 0]):
-            here = np.flatnonzero(doubled == times)
-            mean[here], variance[here] = _blurred(levels.tobytes(), int(times)).moments(
-                x[here], s[here]
-            )
+    narrow = np.flatnonzero(~wide & ~even)
     for part in np.array_split(narrow, max(narrow.size // 2**15, 1)):
-        mean[part], variance[part] = _summed(x[part], s[part], highest, levels)
+        mean[part], variance[part] = _summed(x[part], s[part], highest)
     return mean.reshape(ideal.shape), variance.reshape(ideal.shape)
 
 
@@ -113,7 +78,8 @@ def _integrated(
     c = np.clip(x, 0.0, highest)
     first, second = np.where(s < BROAD * highest, _clipped(x, s, c, highest), 0.0)
     broad = s >= BROAD * highest
-    first[broad], second[broad] = _by_quadrature(x[broad], s[broad], c[broad], highest)
+    if broad.any():
+        first[broad], second[broad] = _by_quadrature(x[broad], s[broad], c[broad], highest)
     for edge, sign in ((0.0, 1.0), (float(highest), -1.0)):
         u = (x - edge) / s
         below, density = scipy.special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
@@ -159,12 +125,12 @@ def _by_quadrature(
 
 
 def _summed(
-    x: Float64Array, s: Float64Array, highest: int, levels: Float64Array | None
+    x: Float64Array, s: Float64Array, highest: int
 ) -> tuple[Float64Array, Float64Array]:
-    """Any steps: E d and E d² of d = code − c from P(d ≥ j) and P(d ≤ −j), c the code of the mean."""
+    """E d and E d² of d = code − c from P(d ≥ j) and P(d ≤ −j), c the code of the mean."""
     if not x.size:
         return x, s
-    centre = _code_of(x, highest, levels)
+    centre = np.clip(np.floor(x + 0.5), 0, highest).astype(np.int64)
     mean, square = np.zeros(x.shape), np.zeros(x.shape)
     for sign in (1, -1):
         here, j = (
@@ -175,7 +141,7 @@ def _summed(
             number = centre[here] + (j if sign > 0 else 1 - j)
             exists = (number >= 1) & (number <= highest)
             here, number = here[exists], number[exists]
-            distance, width = sign * (x[here] - _level(number, levels)), s[here]
+            distance, width = sign * (x[here] - (number - 0.5)), s[here]
             with np.errstate(divide="ignore", invalid="ignore"):
                 near = sign * NEAR * np.abs(x[here])
                 if sign > 0:
@@ -189,54 +155,61 @@ def _summed(
     return centre + mean, np.maximum(square - mean**2, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Blurred:
-    """Unequal steps behind a noise of σ = ``sigma``: mean and variance of the code at even distances of σ/32."""
+def rounded_poisson(
+    mean_dn: Float64Array, sigma_dn: Float64Array, slope: Float64Array, mean_e: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """Mean and variance of ⌊x + ½⌋ for x = slope·n + normal noise, n of Poisson's law, exact also for single electrons.
 
-    sigma: float
-    first: float
-    mean: Float64Array
-    variance: Float64Array
+    mean_dn : E x.  sigma_dn : of the normal noise.  slope : [DN/e-].  mean_e : E n.
 
-    def moments(self, x: Float64Array, s: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Of signals whose σ is 1.4 to 2.83 times that of the table: an average over what the table has not."""
-        rest = np.sqrt(s**2 - self.sigma**2)
-        centre, _ = self._at(x)
-        mean, square = np.zeros(x.shape), np.zeros(x.shape)
-        for z, weight in zip(Z, WEIGHTS, strict=True):
-            code, variance = self._at(x + z * rest)
-            mean += weight * (code - centre)
-            square += weight * ((code - centre) ** 2 + variance)
-        return centre + mean, np.maximum(square - mean**2, 0.0)
-
-    def _at(self, x: Float64Array) -> tuple[Float64Array, Float64Array]:
-        place = np.clip((x - self.first) * (FINE / self.sigma), 0.0, self.mean.size - 1.001)
-        left = place.astype(np.intp)
-        share = place - left
-        mean, variance = (
-            part[left] + share * (part[left + 1] - part[left])
-            for part in (self.mean, self.variance)
+    ⌊x + ½⌋ = x + Σ (−1)^k/(πk)·sin 2πkx, and the square of that sum is 1/12 + Σ (−1)^k/(πk)²·cos 2πkx. With θ = 2πk,
+    ψ = E e^(iθx) = exp(iθ(E x − slope·E n) + E n·(e^(iθ·slope) − 1) − θ²σ²/2),  E (x − E x)·e^(iθx) = −i ψ′ − E x·ψ.
+    """
+    error, square, together = (
+        np.zeros(mean_dn.shape),
+        np.full(mean_dn.shape, 1 / 12),
+        np.zeros(mean_dn.shape),
+    )
+    smallest, fewest_e = (float(np.min(x, initial=np.inf)) for x in (sigma_dn, mean_e))
+    same_slope = slope.size > 0 and float(np.ptp(slope)) * fewest_e**0.5 <= SAME * float(
+        np.max(slope)
+    )
+    for k in range(
+        1, min(int(np.ceil(NO_HARMONICS / max(smallest, 1e-3))), MOST_HARMONICS) + 1
+    ):
+        theta, sign = 2 * np.pi * k, (-1.0) ** k
+        if (
+            same_slope
+            and fewest_e * (1 - np.cos(theta * slope.flat[0])) + 0.5 * (theta * smallest) ** 2
+            > NOTHING_LEFT
+        ):
+            continue
+        turned = np.expm1(1j * theta * slope)
+        psi = np.exp(
+            1j * theta * (mean_dn - slope * mean_e)
+            + mean_e * turned
+            - 0.5 * (theta * sigma_dn) ** 2
         )
-        return mean, variance
+        error += sign / (np.pi * k) * psi.imag
+        square += sign / (np.pi * k) ** 2 * psi.real
+        together += (
+            sign
+            / (np.pi * k)
+            * (psi * (slope * mean_e * turned + 1j * theta * sigma_dn**2)).imag
+        )
+    return mean_dn + error, sigma_dn**2 + slope**2 * mean_e + 2 * together + square - error**2
 
 
-@functools.lru_cache(maxsize=32)
-def _blurred(levels: bytes, doubled: int) -> _Blurred:
-    """For σ = BLURRED by the sum over all transitions; for the double of a σ from the table of that."""
-    transitions = np.frombuffer(levels)
-    sigma = math.ldexp(BLURRED, doubled)
-    at = np.arange(transitions[0] - 8 * sigma, transitions[-1] + 8.1 * sigma, sigma / FINE)
-    s = np.full(at.size, sigma)
-    if doubled:
-        return _Blurred(sigma, at[0], *_blurred(levels, doubled - 1).moments(at, s))
-    return _Blurred(sigma, at[0], *_summed(at, s, transitions.size, transitions))
-
-
-def _code_of(x: Float64Array, highest: int, levels: Float64Array | None) -> NDArray[np.int64]:
-    if levels is not None:
-        return np.searchsorted(levels, x, side="right").astype(np.int64)
-    return np.clip(np.floor(x + 0.5), 0, highest).astype(np.int64)
-
-
-def _level(number: NDArray[np.int64], levels: Float64Array | None) -> Float64Array:
-    return np.asarray(number - 0.5 if levels is None else levels[number - 1], dtype=np.float64)
+def log_chance_of_code(
+    codes: Float64Array, mean_dn: Float64Array, sigma_dn: Float64Array, highest: int
+) -> Float64Array:
+    """Logarithm of the chance of a code of a normal signal; finite however far away the code is."""
+    sigma = np.maximum(sigma_dn, LEAST_DN)
+    low = np.where(codes <= 0, -np.inf, (codes - 0.5 - mean_dn) / sigma)
+    high = np.where(codes >= highest, np.inf, (codes + 0.5 - mean_dn) / sigma)
+    mirrored = (
+        low + high > 0
+    )  # the difference of two small tails is exact, of two near 1 it is not
+    low, high = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
+    above, below = scipy.special.log_ndtr(high), scipy.special.log_ndtr(low)
+    return np.asarray(above + np.log1p(-np.exp(below - above)))

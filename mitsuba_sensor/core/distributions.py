@@ -307,6 +307,8 @@ def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64
 
 def _recursion(x: Float64Array, phi: float) -> Float64Array:
     """y_j = x_j + φ·y_{j−1} along the last axis; scipy.signal.lfilter has it too, and takes half a second to import."""
+    if phi == 0:
+        return x
     along = np.moveaxis(x, -1, 0)
     steps = accumulate(
         along.tolist() if x.ndim == 1 else along, lambda before, new: new + phi * before

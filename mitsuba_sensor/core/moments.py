@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from .rounding import rounded
 from .types import Array
 
 if TYPE_CHECKING:
@@ -70,11 +69,6 @@ class Moments:
             temporal=slope**2 * self.temporal + bend * (total**2 - self.spatial**2),
             spatial=slope**2 * self.spatial + bend * self.spatial**2,
         )
-
-    def round(self) -> Moments:
-        """The signal is rounded to whole numbers; exact for a normal signal whose temporal σ is 0.1 or more."""
-        mean, temporal, spatial = rounded(self.mean, self.temporal, self.spatial)
-        return replace(self, mean=mean, temporal=temporal, spatial=spatial)
 
     def clip(self, low: float, high: float) -> Moments:
         """The signal is clipped to [low, high]; exact for a normal signal that reaches only one of the two limits.

@@ -78,10 +78,9 @@ class NoisyImage:
     def variance_dn2(self) -> Image:
         """Variance of the temporal noise of every pixel of the raw frame, (H, W) or (N, H, W) [DN²].
 
-        Of all chips at this light. That of this chip, whose pixels differ, is ``frames[0].temporal_variance``, and what
-        the frame would be without temporal noise ``frames[0].clean``; both take seconds for a megapixel.
+        What the frame would be without temporal noise is ``frames[0].clean``.
         """
-        return self._stacked([one.theory.digital_variance() for one in self.frames])
+        return self._stacked([one.temporal_variance for one in self.frames])
 
     def _stacked(self, arrays: list[NDArray[Any]]) -> Image:
         return as_given(np.stack(arrays) if self._batch else arrays[0], self._like)

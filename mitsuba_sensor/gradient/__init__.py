@@ -1,5 +1,5 @@
 """Derivatives of a frame with respect to light and camera.
 
-gradient.py comes first: differentiable() returns frames whose codes have a slope. conditional_slope.py is that of the
-converter, given the electrons; field_derivatives.py are those of the fields of a camera file.
+gradient.py comes first: differentiable() returns frames whose codes have derivatives. law_slopes.py has the derivatives
+of the law of a pixel, parameters.py the numbers of a camera as variables.
 """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,13 +24,11 @@ from ..core import (
     SensorWindow,
     check_types,
 )
-from ..core.backend import NUMPY_FLOAT32
-from ..core.code_slope import LARGEST_DN, LEAST_DN
-from ..core.differentiable import SLOTS, DifferentiableBackend
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.drjit_backend import DrJitBackend
 from ..core.errors import shown
 from ..core.options import complete, documents
 from ..sensor.checks import as_photons, check_numbers
-from ..sensor.choices import check_law
 from ..sensor.detection import Detected, detect, uploaded
 from ..sensor.map_checks import checked_maps
 from ..sensor.options import GradientOptions
@@ -40,9 +37,8 @@ from ..sensor.run import begin, choose_backend, row_strips_of
 from ..stages.chain import chain, whole_chain
 from ..stages.stage import Chain, sample
 from ..stages.usual_range import warn_of_temperature
-from ..theory.response import least_noise_dn
-from .conditional_slope import ConditionalSlope
-from .field_derivatives import Recording
+from .law_slopes import Slopes, mean_and_variance, slopes_by_light, slopes_by_names
+from .parameters import Parameters
 
 PHOTONS = "photons"
 """The name of the mean photons among the parameters."""
@@ -59,29 +55,27 @@ class DifferentiableFrame:
 
     digital: Array
     of: DifferentiableFrames = field(repr=False)
-    backend: DifferentiableBackend = field(repr=False)
+    backend: DrJitBackend = field(repr=False)
 
     def backward(self, loss: Array) -> dict[str, Array]:
-        """d Σloss/d parameter: a number for a field, to about six digits, and for the photons one per pixel and band.
+        """d Σloss/d parameter: a number for a field, and for the photons one per pixel and band.
 
-        loss : a Dr.Jit array computed from ``digital``, best with one element per pixel: it is summed here, in one
-            kernel with the frame. If it needs all pixels first, as a variance does, call :meth:`store` before.
+        loss : a Dr.Jit array computed from ``digital``, best with one element per pixel: it is summed here. If it
+            needs all pixels first, as a variance does, call :meth:`store` before.
         """
-        if not self.backend.dr.grad_enabled(loss):
+        dr = self.backend.dr
+        if not dr.grad_enabled(loss):
             raise InputError(
                 "loss has no derivative; compute it from this frame's digital, e.g. digital * 1.0."
             )
-        found = self.backend.backward(loss)
-        light = found.pop(PHOTONS, None)
-        sums = self.backend.totals(found) if found else self.digital
-        self.backend.dr.eval(self.digital, light, sums)
-        totals = (
-            sums.numpy().reshape(SLOTS, -1).sum(axis=0, dtype=np.float64).tolist()
-            if found
-            else ()
-        )
-        named = dict.fromkeys(self.of.parameters, 0.0) | dict(zip(found, totals, strict=False))
-        return named if light is None else named | {PHOTONS: self._per_photon(light)}
+        dr.backward(loss)
+        weights = self._to_numpy(dr.grad(self.digital)).astype(np.float64)
+        dr.clear_grad(self.digital)
+        found: dict[str, Array] = {}
+        for name in self.of.parameters:
+            moved = weights * self._slope(name)
+            found[name] = self._per_photon(moved) if name == PHOTONS else float(moved.sum())
+        return found
 
     def forward(self, name: str) -> Float32Array:
         """d DN/d parameter of every pixel, (H, W); for ``"photons"`` by those of the same pixel, in their shape."""
@@ -90,17 +84,23 @@ class DifferentiableFrame:
             raise InputError(
                 f"name is {name!r}; it must be one of the parameters: {', '.join(known)}."
             )
-        (found,) = self.backend.forward(name, self.digital)
-        return self._per_photon(found) if name == PHOTONS else self._to_numpy(found)
+        slope = self._slope(name)
+        return self._per_photon(slope) if name == PHOTONS else np.asarray(slope, np.float32)
 
     def store(self) -> None:
-        """Compute the frame now and keep its random numbers, so that no derivative computes them again."""
-        self.backend.dr.eval(self.digital, self.backend.random_numbers)
+        """Compute the frame now and keep it, so that no loss computes it again."""
+        self.backend.dr.eval(self.digital)
 
-    @property
+    @cached_property
     def codes(self) -> Float32Array:
         """Digital numbers (H, W) [DN]."""
         return self._to_numpy(self.backend.dr.detach(self.digital))
+
+    def _slope(self, name: str) -> Array:
+        slopes = self.of.slopes
+        moved = slopes.by_light if name == PHOTONS else slopes.by_name[name]
+        assert moved is not None
+        return slopes.of_code(moved, self.codes)
 
     def _to_numpy(self, x: Array) -> Float32Array:
         values: Float32Array = self.backend.to_numpy(x, self.of.first.window)
@@ -108,37 +108,30 @@ class DifferentiableFrame:
 
     def _per_photon(self, per_electron: Array) -> Float32Array:
         """A derivative by the mean photoelectrons → by the photons of every band."""
-        x, efficiency = self._to_numpy(per_electron), self.of.efficiency
+        x, efficiency = per_electron.astype(np.float32), self.of.efficiency
         return x[..., None] * efficiency if efficiency.ndim == 3 else x * efficiency
 
 
 @dataclass(frozen=True, eq=False)
 class DifferentiableFrames:
-    """Frames of one camera and one array of photons, with derivatives by ``parameters``.
-
-    slope : of the expected code, where the noise does not hide the steps of the converter.
-    """
+    """Frames of one camera and one array of photons, with derivatives by ``parameters``."""
 
     parameters: tuple[str, ...]
+    camera: Camera = field(repr=False)
     light: Photons
     stages: Chain = field(repr=False)
     first: Frame = field(repr=False)
     detected: Detected = field(repr=False)
-    slope: ConditionalSlope | None = field(repr=False)
 
     def frame(self, index: int = 0) -> DifferentiableFrame:
         """Frame ``index``, whose digital numbers are those of ``expose(engine="drjit", first_frame=index)``."""
         check_numbers(1, index, self.first.seed)
-        start = self._start
-        backend, window = _backend_of(self.first).renewed(self.first.window)
-        if PHOTONS in self.parameters:
-            start = replace(start, light=backend.with_slopes(start.light, {PHOTONS: 1.0}))
-        frame = replace(self.first, index=index, window=window, _blocks={})
-        digital = (
-            self.slope.sample(start, frame)
-            if self.slope
-            else sample(self.stages[1:], start, frame)
+        backend = cast(DrJitBackend, self.first.window.backend)
+        codes = sample(
+            self.stages[1:], self._start, replace(self.first, index=index, _blocks={})
         )
+        digital = backend.float(codes)
+        backend.dr.enable_grad(digital)
         return DifferentiableFrame(digital, self, backend)
 
     def backward(
@@ -169,16 +162,30 @@ class DifferentiableFrames:
 
     def crop_rows(self, rows: slice) -> DifferentiableFrames:
         """The same frames of these rows of the window."""
-        window = replace(
-            self.first.window.crop_rows(rows), backend=_backend_of(self.first).unused()
-        )
-        light, detected = self.light.crop_rows(rows), self.detected.crop_rows(rows)
+        first = replace(self.first, window=self.first.window.crop_rows(rows), _blocks={})
         return replace(
-            self,
-            light=light,
-            detected=detected,
-            first=replace(self.first, window=window, _blocks={}),
+            self, light=self.light.crop_rows(rows), detected=self.detected.crop_rows(rows), first=first
+        )  # fmt: skip
+
+    @cached_property
+    def slopes(self) -> Slopes:
+        """Mean and variance of every pixel's code, with their derivatives by the parameters."""
+        frame = self.first.on(NUMPY_FLOAT64)
+
+        def light_of(camera: Camera, exposure: Exposure) -> Electrons:
+            lit = replace(frame, exposure=exposure, _blocks={})
+            signal: Electrons = detect(self.light, camera.stages[0], lit).signal
+            return signal
+
+        light, names = (
+            self.detected.signal,
+            [name for name in self.parameters if name != PHOTONS],
         )
+        by_light = None
+        if PHOTONS in self.parameters:
+            by_light = slopes_by_light(mean_and_variance, self.stages, light, frame)
+        by_name = slopes_by_names(mean_and_variance, light_of, self.camera, frame, names)
+        return Slopes(mean_and_variance(self.stages, light, frame), by_light, by_name)
 
     @cached_property
     def _start(self) -> Electrons:
@@ -260,8 +267,6 @@ def differentiable(
     refuse_readouts(camera, "derivatives are those of one read-out")
     light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
     _check(names, light, camera)
-    _check_derivatives(stages)
-    check_law(stages, "derivatives of the expected code are", "compute differences of frames")
     choose_backend(chosen["engine"], "float32", 0)  # refuses one that is not on this machine
     check_numbers(1, 0, seed)
     light = placed(light, chosen["origin"], camera)
@@ -271,48 +276,14 @@ def differentiable(
         window, given=checked_maps(chosen["maps"] or {}, whole_chain(camera), window, camera)
     )
     first = Frame(exposure, window, seed, gain=camera.gain or "")
-    numbers = Recording.of(light, camera, first).by(
-        tuple(name for name in names if name != PHOTONS)
-    )
-    first = first.on(DifferentiableBackend(BACKENDS[chosen["engine"]], numbers))
-    return DifferentiableFrames(
-        names, light, stages, first, detect(light, stages[0], first), _slope(stages, first)
-    )
-
-
-def _slope(stages: Chain, first: Frame) -> ConditionalSlope | None:
-    """None where the noise behind the count hides the steps of the converter."""
-    slope = ConditionalSlope.of(stages)
-    sigma = least_noise_dn(stages, first)
-    if sigma < LEAST_DN:
-        warnings.warn(
-            f"the noise behind the count is {sigma:.2g} DN; derivatives by numbers behind the count (gains, offsets, "
-            f"the ADC) are those of noise of {LEAST_DN} DN. {_of_light(slope)}",
-            stacklevel=4,
-        )
-    return slope if sigma < LARGEST_DN else None
-
-
-def _of_light(slope: ConditionalSlope) -> str:
-    return (
-        "Those by the light are exact."
-        if slope.count
-        else "Without shot noise so are those by the light."
-    )
-
-
-def _backend_of(frame: Frame) -> DifferentiableBackend:
-    assert isinstance(frame.window.backend, DifferentiableBackend)
-    return frame.window.backend
-
-
-def _check_derivatives(stages: Chain) -> None:
-    """Raise InputError for a stage whose random numbers depend on the signal in a way that has no derivatives here."""
-    for stage in stages:
-        if not stage.has_derivatives:
-            raise InputError(
-                f"{stage.label} of this camera has no derivatives; compute differences of frames, or {stage.no_noise}."
-            )
+    for name in names:
+        if name != PHOTONS:
+            Parameters(camera, exposure).derivative(
+                name, lambda *_: np.zeros(1)
+            )  # or it is refused
+    detected = detect(light, stages[0], first)
+    first = first.on(DrJitBackend(BACKENDS[chosen["engine"]], differentiable=True))
+    return DifferentiableFrames(names, camera, light, stages, first, detected)
 
 
 def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
@@ -324,6 +295,12 @@ def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
     if light.detected:
         raise InputError(
             "photons is in channels, to which the QE is applied already; render a cube (spectral='cube')."
+        )
+    coupling = [stage.label for stage in chain(camera) if stage.reach_px]
+    if PHOTONS in names and coupling:
+        raise InputError(
+            f"parameters names {PHOTONS!r}, and {coupling[0]} of {camera.name} couples neighbouring pixels; "
+            "differentiate by fields of the camera, or take the camera without it."
         )
     if PHOTONS in names and chain(camera)[0].light_reach_px:
         raise InputError(

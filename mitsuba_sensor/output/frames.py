@@ -20,15 +20,16 @@ from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import RawFrames
 from ..sensor.readouts import exposures_of_readouts
-from ..theory.combined_plan import CombinedPlan
-from ..theory.combined_theory import moments_of_pixels, theory_of
-from ..theory.frame_theory import FrameTheory
+from ..theory.clean import PixelMoments, pixel_moments
+from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
-from ..theory.pixel_moments import PixelMoments
-from ..theory.plan import Plan
+from ..theory.plan import CombinedPlan, Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
+
+SERIALS = 32
+"""Sensor units whose clean frames are averaged."""
 
 
 class FramesOfReadouts(dict[str, "Frames"]):
@@ -83,15 +84,9 @@ class Frames(RawFrames):
     __array_ufunc__ = None
 
     @classmethod
-    def exposed(cls, sensor: PreparedExposure) -> Frames:
-        """All frames of an exposure."""
-        return cls.of(sensor.frames())
-
-    @classmethod
-    def exposed_with_report(cls, sensor: PreparedExposure) -> Frames:
-        """All frames of an exposure, with the report of the first made along with it: each frame is computed once."""
-        theory = theory_of(sensor.stages, sensor.detected, sensor.first_on_numpy)
-        observer = FrameObserver(theory)
+    def exposed(cls, sensor: PreparedExposure, followed: bool = False) -> Frames:
+        """All frames of an exposure.  followed : whether clipped pixels of the first are counted along with it."""
+        observer = FrameObserver(sensor.stages) if followed else None
         return cls.of(sensor.frames(observer), observer)
 
     @classmethod
@@ -131,11 +126,9 @@ class Frames(RawFrames):
         return FramesOfReadouts(self.camera.name, found)
 
     @cached_property
-    def theory(self) -> FrameTheory:
-        """Theory of every pixel of these frames."""
-        if self.observer is not None:
-            return self.observer.theory
-        return theory_of(self.stages, self.detected, self.first)
+    def theory(self) -> Expectation:
+        """What is expected of these frames behind every stage, averaged over their pixels."""
+        return Expectation(self.stages, self.detected, self.first, len(self.digital))
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -164,16 +157,16 @@ class Frames(RawFrames):
 
     @cached_property
     def pixel_moments(self) -> PixelMoments:
-        """``clean`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
-        return moments_of_pixels(self.stages, self.detected, self.first)
+        """``clean`` and ``temporal_variance`` with the FPN maps of this serial, and the method that gave them."""
+        return pixel_moments(self.stages, self.detected, self.first)
 
-    @property
+    @cached_property
     def clean(self) -> NDArray[np.float32]:
         """Expectation of the raw frame over temporal noise in the light of the first, (H, W) [DN].
 
         Fixed patterns of this serial number are in it. Not rounded.
         """
-        return self.pixel_moments.mean
+        return self.pixel_moments.mean.astype(np.float32)
 
     @property
     def clean_of_each(self) -> NDArray[np.float32]:
@@ -182,28 +175,33 @@ class Frames(RawFrames):
             return self.own_clean
         return np.broadcast_to(self.clean, self.digital.shape)
 
-    @property
+    @cached_property
     def temporal_variance(self) -> NDArray[np.float32]:
         """Variance of every pixel from frame to frame in the light of the first, (H, W) [DN²]."""
-        return self.pixel_moments.temporal
+        return self.pixel_moments.temporal.astype(np.float32)
 
     @cached_property
     def spatial_mean(self) -> NDArray[np.float32]:
-        """Expectation over temporal noise and over all cameras of this model, (H, W) [DN]: no fixed pattern."""
-        return self.theory.digital_mean()
+        """Average of the clean frames of the 32 first serial numbers, (H, W) [DN]: hardly any fixed pattern."""
+        windows = (
+            replace(self.first.window, serial=k, _maps={}, _tiles={})
+            for k in range(1, SERIALS + 1)
+        )
+        frames = (replace(self.first, window=window, _blocks={}) for window in windows)
+        cleans = [pixel_moments(self.stages, self.detected, frame).mean for frame in frames]
+        return np.mean(cleans, axis=0, dtype=np.float64).astype(np.float32)
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
-        self._observer.sample(self.first.window.backend)
-        return report(self.camera, self._observer)
+        """Every stage as expected and as it is in these frames, ready for JSON (see report.py)."""
+        return report(self.camera, self.theory, self._observer)
 
     @cached_property
     def _observer(self) -> FrameObserver:
-        """Who followed the first frame; it is computed again unless :meth:`exposed_with_report` made it."""
+        """Who followed the first frame; it is computed again unless it was ``followed``."""
         if self.observer is not None:
             return self.observer
-        observer = FrameObserver(self.theory)
+        observer = FrameObserver(self.stages)
         first = self.first.on(self.backend)
         exposure = PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected)
         exposure.frames(observer)
@@ -234,11 +232,11 @@ class Frames(RawFrames):
         return frames_html(self)
 
     def noise_budget(self) -> NoiseBudget:
-        """What every source contributes to each pixel of the first frame, in DN; the sum is the frame.
+        """How much mean and variance of these frames change without each source, in DN.
 
         Raises InputError for combined read-outs: each has its own, ``frames.readouts["high"].noise_budget()``.
         """
         refuse_readouts(
             self.camera, "a noise budget is that of one read-out", "frames.readouts"
         )
-        return NoiseBudget(self.stages, self.detected, self.first, self.theory)
+        return NoiseBudget(self.theory)

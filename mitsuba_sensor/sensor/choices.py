@@ -6,7 +6,7 @@ from typing import Protocol
 
 from ..camera.camera import Camera
 from ..core import Frame, InputError
-from ..stages.stage import Chain, without_law
+from ..stages.stage import Chain
 from .checks import check_float32, float32_counts
 from .detection import Detected
 from .options import ExposeOptions
@@ -76,18 +76,3 @@ def chain_of(camera: Camera, plan: PlannedChain | None) -> Chain:
             f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
         )
     return plan.stages
-
-
-def check_law(stages: Chain, what: str, way_out: str) -> None:
-    """Raise InputError for a chain with a stage whose law nobody has written.
-
-    what : is known only with the law of a pixel.
-    """
-    for stage in without_law(stages):
-        missing = "has no moments"
-        if stage.reach_px:
-            missing = "couples neighbours"
-        raise InputError(
-            f"{type(stage).__name__} {missing}, so that the law of a pixel is not known, and {what} of that law; "
-            f"{way_out}, or {stage.no_noise or 'take the camera without that stage'}."
-        )

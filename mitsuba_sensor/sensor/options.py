@@ -10,8 +10,7 @@ from ..core.options import Option
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..theory.combined_plan import CombinedPlan
-    from ..theory.plan import Plan
+    from ..theory.plan import CombinedPlan, Plan
 
 PERCENTILE = (
     95.0  # of the lit pixels; five of a hundred are brighter, and mostly still below saturation

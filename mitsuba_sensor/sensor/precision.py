@@ -1,11 +1,12 @@
 """Effect of float32: the same pixels with the same random bits once more in float64."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from ..core import Frame, Photons, SensorWindow
+from ..core import Array, Frame
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..stages.stage import Chain, converter_of, sample
 
@@ -13,7 +14,6 @@ SHARE, LARGEST_DN = (
     0.01,
     1.0,
 )  # more pixels than this, or a larger step, and float64 is the better choice
-PIXELS = 2**14  # that are compared; a share of 1 % is then known to 0.1 %
 
 
 @dataclass(frozen=True)
@@ -42,20 +42,18 @@ class Float32:
         return f"float32: {share} differ from float64, by at most {self.largest_dn:g} DN; {end}"
 
 
-def float32_effect(stages: Chain, levels: Photons, frame: Frame) -> Float32:
-    """Both precisions on the light of a scene, (H, W) or (H, W, B), repeated to PIXELS; serial, seed of ``frame``."""
-    height, width = levels.mean.shape[:2]
-    times = -(-PIXELS // (height * width))
-    light = replace(levels, mean=np.concatenate([levels.mean] * times))
-    window = Frame(
-        frame.exposure, SensorWindow(frame.window.serial, (height * times, width)), frame.seed
-    )
+def float32_effect(stages: Chain, light: Array, frames: Sequence[Frame]) -> Float32:
+    """Both precisions in some frames.  light : behind the first stage, of the window of the frames."""
+    moved = []
     with np.errstate(over="ignore", invalid="ignore"):
-        single, double = (
-            sample(stages, light, window.on(backend))
-            for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64)
-        )
-    moved = np.abs(np.subtract(single, double, dtype=np.float64))
-    moved = np.where(np.isfinite(moved), moved, converter_of(stages).highest)
+        for frame in frames:
+            single, double = (
+                sample(stages[1:], light, frame.on(backend))
+                for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64)
+            )
+            moved.append(np.abs(np.subtract(single, double, dtype=np.float64)))
+    differences = np.nan_to_num(
+        moved, nan=converter_of(stages).highest, posinf=converter_of(stages).highest
+    )
     electron_dn = np.floor(np.prod([stage.nominal_gain for stage in stages]))
-    return Float32(float(np.mean(moved > 0)), float(max(moved.max(), electron_dn)))
+    return Float32(float(np.mean(differences > 0)), float(max(differences.max(), electron_dn)))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import Array, Electrons, Frame
-from .stage import Stage
+from ..core import Array, Frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +26,3 @@ class RecordingFrame(Frame):
         """The random bits, noted."""
         self.sources.add(source)
         return super().random_bits_at(source, rows, columns, frame_index)
-
-
-def has_temporal_noise(stage: Stage, before: Stage, frame: Frame) -> bool:
-    """Whether a stage draws temporal noise in the first row of this frame.  before : the stage in front of it."""
-    window = frame.window.crop_rows(slice(0, 1))
-    recording = RecordingFrame(frame.exposure, window, frame.seed, frame.index)
-    signal: Array = np.ones(window.shape)
-    stage.sample(Electrons(signal) if before.domain == "electrons" else signal, recording)
-    return bool(recording.sources)

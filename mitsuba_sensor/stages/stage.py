@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from ..core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow
-from ..core.code_law import code_moments
 from ..core.signals import Filters
 from ..core.types import Float64Array
 from .datasheet import FileTable
@@ -38,14 +37,6 @@ class PixelNoise(NamedTuple):
     """
 
     states: tuple[tuple[Array, Array, Array], ...]
-
-
-class Line(NamedTuple):
-    """A straight stage: gain and offset of every pixel, and the variance of the noise that it adds, (P,)."""
-
-    gain: Float64Array
-    offset: Float64Array
-    variance: Float64Array
 
 
 class OtherPhotodiode(NamedTuple):
@@ -91,7 +82,6 @@ class Stage(ABC):
     reach_px : how many rows and columns away the neighbours are that change the signal of a pixel behind this stage; 0
         where each pixel is by itself. A chain with such a stage is measured by its samples.
     saturation_e : where the stage clips [e-], None where it does not.
-    has_derivatives : whether its sample has the derivatives of its numbers.
     no_noise : of a stage that is no noise, the fields that change it; others can be switched off by their keys.
     """
 
@@ -105,7 +95,6 @@ class Stage(ABC):
     compensates: ClassVar[bool] = True
     frees_electrons: ClassVar[bool] = False
     curved: ClassVar[bool] = False
-    has_derivatives: ClassVar[bool] = True
     shared_by: ClassVar[Literal["row", "column", "frame"] | None] = None
     label: ClassVar[str] = ""
     no_noise: ClassVar[str] = ""
@@ -192,19 +181,6 @@ class Stage(ABC):
         """Whether the stage says what it does to mean and variances; one that couples neighbours: of a flat field."""
         return type(self).moments is not Stage.moments
 
-    @property
-    def has_law(self) -> bool:
-        """Whether the law of a pixel behind this stage follows from ``moments`` and that pixel alone."""
-        return self.has_moments and self.reach_px == 0
-
-    def outcomes(
-        self, electrons: Electrons, frame: Frame
-    ) -> tuple[tuple[Array, Electrons], ...]:
-        """Of a stage with temporal noise between light and shot noise: chance of each state of the pixels, and what
-        electrons (H, W) become in it; none: normal noise, by its moments.
-        """
-        return ()
-
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
         """The noise of every pixel, of a stage behind the shot noise whose noise differs among pixels or is not normal;
         None: by its moments."""
@@ -238,12 +214,6 @@ class Stage(ABC):
     def excess_noise(self) -> float:
         """Temporal variance of shot noise behind the stage, over that in front of it times the square of its gain."""
         return 1.0
-
-    @property
-    def multiplication(self) -> tuple[float, float] | None:
-        """Of a stage behind which so many electrons have a gamma law up to the upper of its limits: its gain, and the
-        variance over the square of the gain that each electron adds."""
-        return None
 
     @property
     def saturation_e(self) -> float | None:
@@ -305,18 +275,6 @@ class Converter(Stage):
     def inl_lsb(self) -> Float64Array | None:
         """INL of the lower edges of the codes 1, 2, … [LSB]; None for equal steps."""
         return None
-
-    @property
-    def last_step_dn(self) -> float:
-        """The ideal code from which on there is only the largest code."""
-        return self.highest - 0.5 + (0.0 if self.inl_lsb is None else float(self.inl_lsb[-1]))
-
-    def code_moments(
-        self, swing: Float64Array, sigma: Float64Array
-    ) -> tuple[Float64Array, Float64Array]:
-        """Mean and variance of the code of a normal swing with this mean and σ [V], both clips included."""
-        ideal = self.black_level_dn + self.gain_dn_per_v * swing
-        return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
 
     def ideal(self, swing: Array, frame: Frame) -> Array:
         """The code of a converter with infinitely many bits [DN].
@@ -382,11 +340,6 @@ def place_of(stage: Stage, stages: Sequence[Stage]) -> int:
 def without(stages: Chain, out: Collection[Stage]) -> Chain:
     """The chain without these very stages. (Those of a user need no hash, and may hold arrays.)"""
     return tuple(stage for stage in stages if not any(stage is other for other in out))
-
-
-def without_law(stages: Iterable[Stage]) -> Chain:
-    """The stages of a chain whose law nobody has written: what they do is measured."""
-    return tuple(stage for stage in stages if not stage.has_law)
 
 
 def sample(stages: Iterable[Stage], signal: Array, frame: Frame) -> Array:

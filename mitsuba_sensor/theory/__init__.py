@@ -1,9 +1,7 @@
-"""What the frames of a camera are expected to be: one theory, of a pixel, and what is said with it.
+"""What the frames of a camera are expected to be.
 
-``pixel_moments`` has the law of a pixel: its count (``pixel_counts``), the swing behind curves (``swing``), the codes
-(``pixel_codes``, ``pixel_table``, ``steps_shown``). ``frame_theory`` averages it over ``sampled_pixels``, with the
-``response`` of a pixel without fixed-pattern noise; ``measured_theory`` samples a chain with a stage that has no law,
-and ``coupled_theory`` one that couples neighbouring pixels.
-On top stand ``report``, ``noise_budget``, ``plan`` with ``plan_effects`` and ``plan_sample``, ``input_noise`` and the
-EMVA ``figures``.
+``expected`` averages four samples of each pixel: two frames of each of two sensor units. ``report``, ``noise_budget``,
+``plan`` with ``plan_trial``, and ``dynamic_range`` stand on it. ``clean`` has the mean and variance of each pixel of
+one sensor unit: in closed form (``straight``) or by the frames of a lattice (``lattice``). ``input_noise`` compares
+render noise with them, ``stage_check`` the ``moments`` of a stage with its samples.
 """

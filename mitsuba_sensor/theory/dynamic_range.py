@@ -1,24 +1,24 @@
-"""Dynamic range of a camera with several read-outs, by EMVA 1288 and by ISO 15739, from mean and noise of its code."""
+"""Dynamic range of a camera with several read-outs, by EMVA 1288 and by ISO 15739, by samples of its codes."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from ..camera.camera import Camera
 from ..camera.figures import saturation_e
-from ..core import Exposure, Frame, SensorWindow
-from ..core.types import Float64Array
-from .combined_theory import codes_by_light
-from .response import behind_stages_at
+from ..core import Electrons, Exposure, Frame, SensorWindow
+from ..stages.propagate import FIRST_SERIAL
+from ..stages.stage import Chain, sample
+from .expected import FIRST_SEED
 
-LEVELS = 400
-"""Levels of light, evenly spaced in their logarithm, at which the SNR is looked at."""
-DARKEST_E = 0.01
-SATURATED = 0.98
-"""Share of saturation up to which the SNR is looked at."""
+SHAPE = (128, 256)
+"""Pixels at each level of light, with two frames: the noise is known to 0.4 %, 0.03 dB."""
+
+ROUNDS = 8
+"""Steps to the light whose SNR is 1."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class HdrFigures:
     dynamic_range_iso_db : ISO 15739: saturation over the light whose signal, by the gain at black, equals the temporal
         noise of black.
     dips_db : by how much the SNR falls where each read-out hands over to the next.
+    All of them have a standard error of 0.05 dB or 0.5 %, that of 33 000 sampled pixels.
     """
 
     saturation_e: float
@@ -46,56 +47,63 @@ class HdrFigures:
         return asdict(self)
 
 
-def snr_by_light(camera: Camera, exposure: Exposure, light_e: Float64Array) -> Float64Array:
-    """Mean of the linear code over that of darkness, over its temporal noise, by mean photoelectrons, (L,)."""
-    levels = np.concatenate([[0.0], light_e])
-    mean, variance = codes_by_light(camera.combined_readouts, _conditions(exposure), levels)
-    signal = np.maximum(mean[1:] - mean[0], 0.0)
-    sigma = np.sqrt(variance[1:])
-    return np.asarray(np.divide(signal, sigma, out=np.zeros(signal.shape), where=sigma > 0))
-
-
 def hdr_figures(camera: Camera, exposure: Exposure) -> HdrFigures:
     """The figures of a camera with several read-outs in one exposure."""
-    full_e = saturation_e(camera)
-    levels = np.geomspace(DARKEST_E, SATURATED * full_e, LEVELS)
-    snr = snr_by_light(camera, exposure, levels)
-    first = max(int(np.argmax(snr >= 1)), 1)
-    least_e = float(np.interp(1.0, snr[first - 1 : first + 1], levels[first - 1 : first + 1]))
-    stage = camera.combined_readouts
-    _, dark_dn2 = codes_by_light(stage, _conditions(exposure), np.zeros(1))
-    dark_e = math.sqrt(float(dark_dn2[0])) / stage.nominal_gain
+    full_e, stages = saturation_e(camera), camera.stages
+    stage, conditions = camera.combined_readouts, _conditions(exposure)
+    dark_dn, dark_dn2 = code_at(stages, conditions, 0.0)
+    dark_e = math.sqrt(dark_dn2) / stage.nominal_gain
+    least_e = max(dark_e, 1e-6)
+    for _ in range(ROUNDS):  # at the same random numbers
+        mean_dn, variance_dn2 = code_at(stages, conditions, least_e)
+        signal_dn = max(mean_dn - dark_dn, 1e-3 * least_e * stage.nominal_gain)
+        least_e *= max(math.sqrt(variance_dn2), 1e-9) / signal_dn
     return HdrFigures(
         full_e,
         least_e,
         dark_e,
         20 * math.log10(full_e / least_e),
         20 * math.log10(full_e / max(dark_e, 1e-9)),
-        tuple(_dips_db(camera, exposure)),
+        tuple(_dips_db(camera, conditions)),
     )
 
 
-def _dips_db(camera: Camera, exposure: Exposure) -> list[float]:
+def _dips_db(camera: Camera, conditions: Frame) -> list[float]:
     """By how much the SNR is smaller behind each hand-over than the read-out before would have had."""
     combination, found = camera.combined_readouts.combination, list[float]()
     for number, linear in enumerate(combination.readouts[:-1]):
-        end_e = np.array([(linear.end_dn - linear.black_dn) * linear.electrons_per_dn])
-        noise = [_noise_e(camera, exposure, number + step, end_e) for step in (0, 1)]
-        found.append(20 * math.log10(noise[1] / noise[0]))
+        end_e = (linear.end_dn - linear.black_dn) * linear.electrons_per_dn
+        noise = [_noise_e(camera, conditions, number + step, end_e) for step in (0, 1)]
+        found.append(20 * math.log10(max(noise[1], 1e-9) / max(noise[0], 1e-9)))
     return found
 
 
-def _noise_e(camera: Camera, exposure: Exposure, number: int, light_e: Float64Array) -> float:
+def _noise_e(camera: Camera, conditions: Frame, number: int, light_e: float) -> float:
     """Temporal noise of one read-out in this light of the frame's exposure, as electrons of it."""
     readout = camera.combined_readouts.readouts[number]
-    frame = readout.frame_of(_conditions(exposure))
-    last = len(readout.stages) - 1
-    _, variance = behind_stages_at(
-        readout.stages, frame, readout.light_ratio * light_e, [last]
-    )[last]
-    per_dn_e = camera.combined_readouts.combination.readouts[number].electrons_per_dn
-    return per_dn_e * math.sqrt(float(variance[0]))
+    own_e = readout.light_ratio * light_e
+    _, variance = code_at(readout.stages, readout.frame_of(conditions), own_e)
+    return camera.combined_readouts.combination.readouts[number].electrons_per_dn * math.sqrt(
+        variance
+    )
+
+
+def code_at(stages: Chain, frame: Frame, light_e: float) -> tuple[float, float]:
+    """Mean and temporal variance of the code in so many mean photoelectrons per pixel [DN, DN²]."""
+    window = replace(frame.window, shape=SHAPE, _maps={}, _tiles={})
+    first, second = (
+        np.asarray(
+            sample(
+                stages[1:],
+                Electrons(np.full(SHAPE, light_e)),
+                replace(frame, window=window, seed=FIRST_SEED + number, _blocks={}),
+            ),
+            np.float64,
+        )
+        for number in (0, 1)
+    )
+    return float((first.mean() + second.mean()) / 2), float(((first - second) ** 2).mean() / 2)
 
 
 def _conditions(exposure: Exposure) -> Frame:
-    return Frame(exposure, SensorWindow(0, (1, 1)))
+    return Frame(exposure, SensorWindow(FIRST_SERIAL, SHAPE))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..core.html import Bar, bar, facts, fragment, table
-from .budget_rows import HEADINGS
 
 if TYPE_CHECKING:
     from .noise_budget import NoiseBudget
@@ -17,7 +17,8 @@ def plan_html(plan: Plan) -> str:
     held = plan.range
     head = {
         "camera": plan.camera,
-        "tolerance": f"{plan.tolerance_dn:g} DN for all that is left out",
+        "tolerance": f"{plan.tolerance_dn:g} DN in every sampled pixel, for all that is left out",
+        "clipped": f"{100 * plan.clipped:.3g} % of {plan.pixels} sampled pixels",
         "light": f"{held.darkest_e:.4g} … {held.brightest_e:.4g} mean photoelectrons per pixel",
         "exposure": f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K",
         "precision": plan.float32.explain(),
@@ -36,16 +37,7 @@ def plan_html(plan: Plan) -> str:
         (
             one.stage,
             "kept" if one.kept else "left out",
-            *(
-                f"{x:.3g}"
-                for x in (
-                    one.mean_dn,
-                    one.temporal_dn,
-                    one.spatial_dn,
-                    one.structure_dn,
-                    one.pixels_beyond,
-                )
-            ),
+            *(f"{x:.3g}" for x in one.columns),
             one.reason,
         )
         for one in plan.effects
@@ -53,7 +45,7 @@ def plan_html(plan: Plan) -> str:
     return fragment("Plan of an exposure", facts(head), table(names, rows))
 
 
-def budget_html(budget: NoiseBudget) -> str:
+def budget_html(budget: NoiseBudget, headings: Sequence[str]) -> str:
     """The sources that have an effect; bars show the share of each in the variances."""
     rows = budget.rows
     most = max(
@@ -69,4 +61,4 @@ def budget_html(budget: NoiseBudget) -> str:
         sigmas = sigma(row.temporal_dn2, temporal), sigma(row.spatial_dn2, spatial)
         lines.append((row.source, mean, *sigmas, share))
     title = f"Noise budget of one frame ({'; '.join(budget.remarks)})"
-    return fragment(title, table(HEADINGS, lines))
+    return fragment(title, table(headings, lines))

@@ -1,52 +1,79 @@
-"""Plan of an exposure: what each stage changes in DN, which ones can be left out, and the seconds that this saves."""
+"""Plan of an exposure: what leaving out each stage changes in its frames, and which stages it does not need.
+
+The samples of expected.py are taken with and without a stage, by the same random numbers. Beside the windows of the
+light there are two with every level from its darkest to its brightest pixel.
+"""
 
 from __future__ import annotations
 
-import statistics
-import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..camera.camera import Camera
-from ..core import (
-    Electrons,
-    Exposure,
-    Frame,
-    InputError,
-    Photons,
-    SensorWindow,
-)
-from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..sensor.detection import Detected
+from ..camera.camera_file import AnyCamera, camera_of
+from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
+from ..core.options import complete
+from ..core.types import Float64Array
+from ..sensor.checks import as_photons
+from ..sensor.choices import tolerance_of
+from ..sensor.detection import Detected, detect
+from ..sensor.expose import PreparedExposure, prepare_exposure
+from ..sensor.map_checks import checked_maps
+from ..sensor.options import ExposeOptions
 from ..sensor.precision import Float32, float32_effect
-from ..sensor.run import row_strips_of
-from ..stages.stage import Chain, Stage, sample, without, without_law
-from .light_levels import WIDTH, light_levels
+from ..sensor.readouts import light_of_readout
+from ..stages.chain import whole_chain
+from ..stages.combined_readouts import ReadoutChain, combined_of
+from ..stages.stage import Chain, place_of, without
+from ..stages.usual_range import warn_of_temperature
 from .notebook import plan_html
-from .plan_effects import Effect, PlanRange, Trial
-
-RUNS = 5
-"""Timed runs of each chain; they take turns, so that a machine that slows down slows both."""
+from .plan_trial import Effect, Trial
 
 SMALLEST_DN = 1e-6
 """Changes below this are shown as 0 [DN]."""
 
-LEVELS = 65
-"""Pixels of the scene, from dark to bright, on which float32 is compared with float64."""
+WIDTH = 1e-3
+"""By so much the light may be darker or brighter than the light that the plan was made for."""
 
-WORTH_SAVING = 0.1
-"""Share of the time of a frame from which on a plan is said to save time."""
-
-WITHOUT_THEM = "Stages that have no theory are not in the chain of which the numbers below are"
-"""Said where there are some: what they do to the effects of the others is not known."""
-
-IDLE = "has no effect here"  # why a neutral stage is left out
 NEEDED = "changes the unit; always needed"
-NO_LAW = "has no theory (no `moments`); always kept"
-COUPLED = "has no theory (it couples neighbours); always kept"
+IDLE = "has no effect here"
+BELOW = "below the tolerance"
+
+
+@dataclass(frozen=True)
+class PlanRange:
+    """What a plan holds for: one exposure, windows up to this size, and light between these mean photoelectrons."""
+
+    exposure: Exposure
+    rows: int
+    columns: int
+    darkest_e: float
+    brightest_e: float
+
+    def check(self, exposure: Exposure, light_e: Float64Array, shape: tuple[int, int]) -> None:
+        """Raise InputError for an exposure, a window or light beyond this range."""
+        made = "make a plan for this one."
+        if exposure != self.exposure:
+            raise InputError(
+                f"the plan was made for {self.exposure.time_s:g} s at {self.exposure.temperature_k:g} K, and this "
+                f"exposure is {exposure.time_s:g} s at {exposure.temperature_k:g} K; {made}"
+            )
+        if shape[0] > self.rows or shape[1] > self.columns:
+            raise InputError(
+                f"the plan was made for {self.rows} × {self.columns} pixels, and this window has {shape[0]} × "
+                f"{shape[1]}; {made}"
+            )
+        low, high = float(light_e.min()), float(light_e.max())
+        if low < self.darkest_e or high > self.brightest_e:
+            raise InputError(
+                f"the plan was made for {self.darkest_e:.6g} … {self.brightest_e:.6g} mean photoelectrons per pixel, "
+                f"and this light has {low:.6g} … {high:.6g}; {made}"
+            )
 
 
 @dataclass(frozen=True)
@@ -57,6 +84,9 @@ class Plan:
 
         plan = ms.plan(camera, exposure, photons, tolerance_dn=0.2)
         print(plan.left_out, plan.explain())
+
+    clipped : share of the sampled pixels that are clipped, in which changes are only counted.  pixels : how many are
+        sampled, with four samples each; what fewer than three in so many pixels have is not seen.
     """
 
     camera: str
@@ -66,7 +96,8 @@ class Plan:
     whole: Chain = field(repr=False)
     float32: Float32
     range: PlanRange
-    light: Detected = field(repr=False)
+    clipped: float
+    pixels: int
     frame: Frame = field(repr=False)
 
     def __repr__(self) -> str:
@@ -81,42 +112,35 @@ class Plan:
         """Labels of the stages that are left out."""
         return [effect.stage for effect in self.effects if not effect.kept]
 
+    @property
+    def precision(self) -> str:
+        """What ``expose(plan=…)`` computes in unless it is told: float64 where float32 would move too much."""
+        return self.float32.precision
+
     def explain(self) -> str:
         """A table for people."""
-        whole_s, planned_s = self.seconds
-        names = ("mean", "temporal", "spatial", "structure", "pixels")
-        held = self.range
-        times = f"A frame takes {whole_s:.3g} s with all stages and {planned_s:.3g} s with this plan"
-        if planned_s > (1 - WORTH_SAVING) * whole_s:
-            times += ": no stage left out is worth a tenth of that"
+        held, names = self.range, ("mean", "temporal", "spatial", "lines", "pixels")
         lines = [
-            f"Plan for {self.camera}: without what is left out, mean and σ of a pixel change by at most "
+            f"Plan for {self.camera}: without what is left out, no sampled pixel changes by more than "
             f"{self.tolerance_dn:g} DN.",
             f"It holds for {held.darkest_e:.4g} … {held.brightest_e:.4g} mean photoelectrons per pixel, "
             f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels.",
-            f"{times}.",
-            "What each stage changes by itself at most [DN], and the pixels where that is more than the tolerance:",
+            "What leaving out each stage changes [DN], and the pixels that change by more than the tolerance:",
             f"{'stage':<26}{'':<9}" + "".join(f"{name:>10}" for name in names),
         ]
-        for e in self.effects:
-            numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
-            kept = "left out"
-            if e.kept:
-                kept = "kept"
-            row = (
-                f"{e.stage:<26}{kept:<9}"
-                + "".join(f"{_number(x):>10}" for x in numbers)
-                + f"  {e.reason}"
-            )
-            lines.append(row.rstrip())
-        if without_law(self.whole):
-            lines.append(f"{WITHOUT_THEM}.")
-        lines.append(self.float32.explain())
-        return "\n".join(lines)
+        for one in self.effects:
+            numbers = (f"{x:.4g}" if x >= SMALLEST_DN else "0" for x in one.columns)
+            cells = "".join(f"{text:>10}" for text in numbers)
+            verdict = "kept" if one.kept else "left out"
+            lines.append(f"{one.stage:<26}{verdict:<9}{cells}  {one.reason}".rstrip())
+        lines.append(
+            f"Of {self.pixels} sampled pixels {100 * self.clipped:.3g} % are clipped: their changes are only counted."
+        )
+        return "\n".join([*lines, self.float32.explain()])
 
     def check(self, light: Detected, frame: Frame) -> None:
         """Raise InputError for an exposure, a window, measured maps or light that this plan was not made for."""
-        self.range.check(frame.exposure, light_levels(light), frame.window.shape)
+        self.range.check(frame.exposure, light.mean_e, frame.window.shape)
         own, given = self.frame.window.given, frame.window.given
         if own.keys() != given.keys() or not all(
             np.array_equal(own[name], given[name]) for name in own
@@ -127,30 +151,6 @@ class Plan:
                 "this one: plan(…, maps=…)."
             )
 
-    @property
-    def precision(self) -> str:
-        """What ``expose(plan=…)`` computes in unless it is told: float64 where float32 would move too much."""
-        return self.float32.precision
-
-    @cached_property
-    def seconds(self) -> tuple[float, float]:
-        """Measured seconds per frame, whole chain and plan: medians of interleaved runs of the scene's top strip."""
-        rows = next(row_strips_of(self.frame.window.shape, NUMPY_FLOAT64.strip_pixels))
-        strip = replace(self.light.photons.crop_rows(rows), variance_e2=None)
-        frame = self.frame.on(NUMPY_FLOAT32 if self.precision == "float32" else NUMPY_FLOAT64)
-        part = replace(frame, window=frame.window.crop_rows(rows))
-        times: tuple[list[float], list[float]] = ([], [])
-        for run in range(RUNS + 1):
-            for taken, stages in zip(times, (self.whole, self.stages), strict=True):
-                started = time.perf_counter()
-                sample(stages, strip, replace(part, index=run, _blocks={}))
-                taken.append(time.perf_counter() - started)
-        share = (rows.stop - rows.start) / self.frame.window.shape[0]
-        whole_s, planned_s = (
-            statistics.median(taken[1:]) / share for taken in times
-        )  # the first makes the maps
-        return whole_s, planned_s
-
     def to_dict(self) -> dict[str, Any]:
         """The same for programs."""
         return {
@@ -158,75 +158,192 @@ class Plan:
             "tolerance_dn": self.tolerance_dn,
             "range": asdict(self.range),
             "stages": [asdict(effect) for effect in self.effects],
+            "clipped": self.clipped,
+            "pixels": self.pixels,
             "float32": {**asdict(self.float32), "precision": self.precision},
         }
 
 
-def _number(value: float) -> str:
-    """A number of the table; 0 where it is too small to be of use."""
-    if value >= SMALLEST_DN:
-        return f"{value:.4g}"
-    return "0"
+@dataclass(frozen=True)
+class CombinedPlan:
+    """The plans of all read-outs of a camera. ``print(plan.explain())``; ``expose(..., plan=plan)``.
+
+    ::
+
+        plan = ms.plan("scmos_dual_gain", exposure, photons, tolerance_dn=0.5)
+        print(plan.left_out, plan.readouts["low"].left_out)
+
+    tolerance_dn : in the linear code, however it is combined.  readouts : the plan of each by its name.
+    """
+
+    camera: str
+    tolerance_dn: float
+    readouts: Mapping[str, Plan]
+    stages: Chain = field(repr=False)
+    whole: Chain = field(repr=False)
+
+    def __repr__(self) -> str:
+        count = sum(len(plan.effects) for plan in self.readouts.values())
+        left_out = f"{len(self.left_out)} of {count} stages left out"
+        return f"<CombinedPlan: {self.camera}, {left_out} within {self.tolerance_dn:g} DN>"
+
+    @property
+    def left_out(self) -> list[str]:
+        """Read-out and label of the stages that are left out."""
+        return [
+            f"{name}: {label}" for name, one in self.readouts.items() for label in one.left_out
+        ]
+
+    @property
+    def precision(self) -> str:
+        """float64 where float32 would move the code of a read-out too much."""
+        wide = any(plan.precision == "float64" for plan in self.readouts.values())
+        return "float64" if wide else "float32"
+
+    def check(self, light: Detected, frame: Frame) -> None:
+        """Raise InputError for an exposure, a window or light that this plan was not made for."""
+        combined = combined_of(self.whole)
+        assert combined is not None
+        for readout in combined.readouts:
+            own = light_of_readout(readout, light, frame)
+            self.readouts[readout.name].check(own, readout.frame_of(frame))
+
+    def explain(self) -> str:
+        """A table for people, read-out by read-out."""
+        tolerance = f"{self.tolerance_dn:g} DN"
+        head = f"Plans for the read-outs of {self.camera}, whose linear code changes by at most {tolerance}:"
+        parts = (f"read-out {name}\n{plan.explain()}" for name, plan in self.readouts.items())
+        return "\n\n".join([head, *parts])
+
+    def to_dict(self) -> dict[str, object]:
+        """The same for programs."""
+        plans = {name: plan.to_dict() for name, plan in self.readouts.items()}
+        return {
+            "camera": self.camera,
+            "tolerance_dn": self.tolerance_dn,
+            "readouts": plans,
+            "stages": [
+                {"readout": name, **x} for name, one in plans.items() for x in one["stages"]
+            ],
+            "float32": {name: one["float32"] for name, one in plans.items()},
+        }
 
 
-def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:
-    """The plan of a window in light that is detected already; measured maps are those of the frame's window."""
-    whole, window, levels = camera.stages, frame.window, light_levels(light)
-    unknown = without_law(whole)
-    lawful = without(whole, unknown)
-    darkest, brightest = float(levels.light_e[0]), float(levels.light_e[-1])
-    held = PlanRange(
-        frame.exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH)
+def plan(
+    camera: AnyCamera,
+    exposure: Exposure,
+    photons: Photons | ArrayLike,
+    tolerance_dn: float = 0.0,
+    wavelengths_nm: ArrayLike | None = None,
+    maps: Mapping[str, ArrayLike] | None = None,
+) -> Plan | CombinedPlan:
+    """Which stages this exposure needs, by samples of its frames with and without each of them.
+
+    ::
+
+        plan = ms.plan(camera, exposure, photons, tolerance_dn=0.2)
+        frames = ms.expose(photons, camera, exposure, plan=plan)
+
+    photons, wavelengths_nm, maps : as for :func:`expose`.
+    tolerance_dn : how far the stages left out may together move any sampled pixel before rounding, and the mean of a
+        row or column times the root of its length [DN]; 0 leaves out only what changes no sampled pixel.
+    Of a camera with several read-outs: a plan for each, whose tolerance is that of the linear code.
+    Raises InputError for a negative tolerance, and for photons and maps that ``expose`` would refuse.
+    """
+    camera = camera_of(camera)
+    check_types(camera, exposure)
+    warn_of_temperature(exposure.temperature_k)
+    if camera.readouts and maps:
+        raise InputError(
+            f"maps are of one read-out, and {camera.name} has {len(camera.readouts)}; leave them out, or plan for "
+            "camera.at_readout(name)."
+        )
+    require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
+    light = as_photons(photons, camera, wavelengths_nm)
+    window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin, camera=camera.name)
+    given = checked_maps({} if maps is None else maps, whole_chain(camera), window, camera)
+    frame = Frame(exposure, replace(window, given=given))
+    detected = detect(replace(light, variance_e2=None), camera.stages[0], frame)
+    return plan_of(camera, detected, frame, tolerance_dn)
+
+
+def plan_of(
+    camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0
+) -> Plan | CombinedPlan:
+    """The plan of a window in light that is detected already; of several read-outs that of each."""
+    combined = combined_of(camera.stages)
+    if combined is None:
+        return plan_for(camera, light, frame, tolerance_dn)
+    plans, chains = dict[str, Plan](), list[ReadoutChain]()
+    for readout, linear in zip(combined.readouts, combined.combination.readouts, strict=True):
+        step_dn = combined.nominal_gain * linear.electrons_per_dn  # of the linear code
+        own, light_of = (
+            camera.readout_cameras[readout.name],
+            light_of_readout(readout, light, frame),
+        )
+        found = plan_for(own, light_of, readout.frame_of(frame), tolerance_dn / step_dn)
+        plans[readout.name] = found
+        chains.append(replace(readout, stages=found.stages))
+    planned = replace(combined, readouts=tuple(chains))
+    return CombinedPlan(
+        camera.name, tolerance_dn, plans, (*camera.stages[:-1], planned), camera.stages
     )
-    trial = Trial(lawful, frame, held, _largest_yield(light.signal), tolerance_dn)
-    alone = {id(stage): trial.effect(stage) for stage in lawful}
-    if unknown:
-        out = [stage for stage in lawful if not stage.required and trial.hands_on(stage)]
-    else:
-        out = trial.chosen([stage for stage in whole if not stage.required], alone)
+
+
+def prepare_planned_exposure(
+    camera: Camera,
+    exposure: Exposure,
+    shape: tuple[int, ...],
+    origin: tuple[int, int],
+    options: ExposeOptions,
+) -> PreparedExposure:
+    """What :func:`sensor.expose.prepare_exposure` returns; its light gets a plan within ``tolerance_dn``.
+
+    shape, origin : (rows, columns) of the window and its first pixel.  Raises InputError.
+    """
+    sensor = prepare_exposure(camera, exposure, shape, origin, options)
+    tolerance_dn = tolerance_of(complete(ExposeOptions, options))
+    if tolerance_dn is None:
+        return sensor
+    return replace(sensor, planner=partial(plan_of, tolerance_dn=tolerance_dn))
+
+
+# -- samples -----------------------------------------------------------------------------------------------------------
+
+
+def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float) -> Plan:
+    """The plan of a window of a camera with one read-out."""
+    whole = camera.stages
+    light_e = np.asarray(light.mean_e)
+    trial = Trial(whole, light, frame, tolerance_dn)
+    alone = trial.effects
+    small = [
+        stage
+        for stage, one in zip(whole, alone, strict=True)
+        if not stage.required and trial.is_within(one) and trial.is_clear_of(stage)
+    ]
+    out = sorted(small, key=lambda stage: alone[place_of(stage, whole)].largest_dn)
+    while out and not trial.is_within(trial.together(out)):
+        out.pop()
+    effects = []
+    for stage, one in zip(whole, alone, strict=True):
+        left_out = any(stage is other for other in out)
+        reason = NEEDED if stage.required else ""
+        if left_out:
+            reason = IDLE if one.largest_dn == one.pixels_beyond == 0 else BELOW
+        effects.append(replace(one, kept=not left_out, reason=reason))
     kept = without(whole, out)
-    effects = tuple(
-        _verdict(stage, alone.get(id(stage)), any(stage is one for one in out))
-        for stage in whole
+    held = PlanRange(
+        frame.exposure,
+        *frame.window.shape,
+        float(light_e.min()) * (1 - WIDTH),
+        float(light_e.max()) * (1 + WIDTH),
     )
-    single = float32_effect(kept, *_some_pixels(light.photons, camera, frame.exposure))
-    return Plan(camera.name, tolerance_dn, effects, kept, whole, single, held, light, frame)
-
-
-def _largest_yield(light: Electrons) -> tuple[float, float]:
-    """Mean and variance of the electrons that a photon frees, where it frees most."""
-    mean, variance = (
-        np.broadcast_to(x, np.shape(light.light))
-        for x in (light.yield_mean, light.yield_variance)
+    levels = trial.levels
+    single = float32_effect(
+        kept, levels.light_of(0), [*levels.frames_of(0)[0], *levels.frames_of(1)[1]]
     )
-    brightest = np.unravel_index(np.argmax(mean), mean.shape)
-    return float(mean[brightest]), float(variance[brightest])
-
-
-def _verdict(stage: Stage, alone: Effect | None, left_out: bool) -> Effect:
-    """What is said of a stage.  alone : what it does by itself; None where its law is not known."""
-    if alone is None:
-        reason = COUPLED if stage.reach_px else NO_LAW
-        return Effect(stage.label, True, 0.0, 0.0, 0.0, 0.0, 0.0, reason)
-    if stage.required:
-        return replace(alone, reason=NEEDED)
-    if not left_out:
-        return alone
-    idle = alone.largest_dn == 0 and alone.pixels_beyond == 0
-    return replace(alone, kept=False, reason=IDLE if idle else "below the tolerance")
-
-
-def _some_pixels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photons, Frame]:
-    """Pixels from dark to bright, each under every colour filter: a small window of its own."""
-    total, tile = photons.total.ravel(), camera.tile
-    spread = np.linspace(0, total.size - 1, min(LEVELS, total.size)).round().astype(int)
-    chosen = np.unique(np.concatenate([spread, [total.argmin(), total.argmax()]]))
-    rows = photons.at(chosen[np.argsort(total[chosen], kind="stable")])
-    window = np.repeat(np.repeat(rows[None], len(tile[0]), axis=1), len(tile), axis=0)
-    if len(photons.shape) == 3:
-        mean = window
-    else:
-        mean = window[..., 0]
-    frame = Frame(exposure, SensorWindow(0, (mean.shape[0], mean.shape[1])))
-    alone = photons.changed(variance_e2=None, origin=(0, 0), in_band=None, by_readout=None)
-    return alone.changed(mean=mean), frame
+    return Plan(
+        camera.name, tolerance_dn, tuple(effects), kept, whole, single, held, trial.clipped,
+        trial.of_frame.pixels, frame,
+    )  # fmt: skip

@@ -1,92 +1,43 @@
-"""Report of one frame: theory of every stage, a sample of it, counts of clipped pixels, light outside the QE curve."""
+"""Report of a frame: every stage as expected and as it is, counts of clipped pixels, light outside the QE curve."""
 
 from __future__ import annotations
 
 import threading
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..camera.camera import Camera
 from ..core import Array, Electrons, Frame, Photons, arrays
-from ..core.backend import Backend
 from ..core.types import Float64Array
 from ..sensor.frame_notes import outside_qe
-from ..sensor.run import Strip, strips_of
+from ..sensor.run import Strip
 from ..stages.compensation import LIMIT, compensable
 from ..stages.gains import gain_dn_per_e
-from ..stages.stage import UNITS, Stage, place_of, total
-from .frame_theory import FrameTheory
-from .tiles import Tile
+from ..stages.stage import UNITS, Chain, Stage, place_of, total
+from .expected import Expectation
 
 
 class FrameObserver:
-    """Follows a frame behind every stage: counts over all pixels, sums over the sampled ones.
+    """Follows a frame behind every stage: counts of its clipped pixels, and sums of the compensated render noise."""
 
-    theory : of every pixel, which says which ones are followed.
-    """
-
-    def __init__(self, theory: FrameTheory) -> None:
-        self.theory = theory
+    def __init__(self, stages: Chain) -> None:
+        self.stages = stages
         self.counts: Counter[str] = Counter(
             clipped_full_well=0, clipped_adc_low=0, clipped_adc_high=0
         )
-        self.sums: Float64Array = np.zeros((len(theory.stages), 3))
         self.compensated: Float64Array = np.zeros(4)
         self._lock = threading.Lock()
 
     def strip(self, strip: Strip, frame: Frame) -> StripFollower:
         """Before a strip is computed.  frame : of all its rows."""
-        if frame.window.backend.compiled:
-            followed = []
-        else:
-            followed = self._followed(strip)
-        return StripFollower(self, strip, frame, followed)
+        return StripFollower(self, strip, frame)
 
     def count(self, counts: Mapping[str, int]) -> None:
         """Pixels of the masks of one strip."""
         self.counts.update(counts)
-
-    def sample(self, backend: Backend) -> None:
-        """Follow the sampled strips on the host, if that was not done while the frame was computed."""
-        if self.sums.any():
-            return
-        frame = self.theory.frame.on(backend)
-        for strip in strips_of(self.theory.stages, frame.window):
-            followed = self._followed(strip)
-            if not followed:
-                continue
-            window = frame.window.crop_rows(strip.around)
-            part = replace(frame, window=window, _blocks={})
-            follower = StripFollower(self, strip, part, followed)
-            signal = self.theory.light.crop_rows(strip.around).signal
-            for number, stage in enumerate(self.theory.stages):
-                if number:
-                    signal = stage.sample(signal, part)
-                follower.behind(stage, signal)
-
-    def _followed(self, strip: Strip) -> list[FollowedPixels]:
-        """Those of a strip."""
-        with self._lock:  # what is expected is computed once
-            parts = list(self.theory.expected_in(strip.rows))
-        return [FollowedPixels(tile, strip.around.start, means) for tile, means in parts]
-
-    def add(self, number: int, signal: Array, mean: Float64Array) -> None:
-        """The signal behind a stage in some pixels, and its expected value."""
-        values = np.asarray(signal, dtype=np.float64)
-        with np.errstate(invalid="ignore"):
-            residual = np.nan_to_num(values - mean, nan=0.0, posinf=0.0)
-            if (
-                getattr(signal, "dtype", None) == np.float32
-            ):  # the last digit of a float32 is no noise
-                residual = np.where(
-                    np.abs(residual) <= np.spacing(np.abs(signal)), 0.0, residual
-                )
-        with self._lock:
-            self.sums[number] += float(np.sum(values)), float(np.sum(residual**2)), values.size
 
     def add_compensation(self, mean: Electrons) -> Array:
         """The render's variance in some pixels; where it is not compensated in full."""
@@ -100,56 +51,20 @@ class FrameObserver:
         return done < mean.variance_e2
 
 
-class FollowedPixels(NamedTuple):
-    """Pixels of a window that are followed.
-
-    first : row of the window from which on their strip is computed.
-    means : expected behind every stage, by its number.
-    """
-
-    tile: Tile
-    first: int
-    means: dict[int, Float64Array]
-
-    def of_strip(self, signal: Array, shape: tuple[int, int]) -> Array:
-        """Their part of the signal of the strip."""
-        rows, columns = self.tile
-        here = slice(rows.start - self.first, rows.stop - self.first)
-        return np.broadcast_to(np.asarray(signal), shape)[here, columns]
-
-
 class StripFollower:
-    """Sees the signals of one strip.  followed : the pixels that count; of all others only the masks."""
+    """Sees the signals of one strip."""
 
-    def __init__(
-        self,
-        observer: FrameObserver,
-        strip: Strip,
-        frame: Frame,
-        followed: list[FollowedPixels],
-    ) -> None:
-        self.observer, self.frame, self.followed = observer, frame, followed
-        self.strip = strip
+    def __init__(self, observer: FrameObserver, strip: Strip, frame: Frame) -> None:
+        self.observer, self.strip, self.frame = observer, strip, frame
         self.masks: dict[str, Array] = {}
 
     def behind(self, stage: Stage, signal: Array) -> None:
         """The signal behind a stage."""
-        stages, value = self.observer.theory.stages, total(signal)
-        number = place_of(stage, stages)
-        self.masks |= stage.marked(value, self.frame)
-        if number + 1 < len(stages):
-            following = stages[number + 1]
-        else:
-            following = None
-        if (
-            following is not None
-            and following.counts_electrons
-            and signal.variance_e2 is not None
-        ):
+        stages = self.observer.stages
+        self.masks |= stage.marked(total(signal), self.frame)
+        following = stages[place_of(stage, stages) + 1 :][:1]
+        if following and following[0].counts_electrons and signal.variance_e2 is not None:
             self.masks["compensated_short"] = self.observer.add_compensation(signal)
-        for part in self.followed:
-            values = part.of_strip(value, self.frame.window.shape)
-            self.observer.add(number, values, part.means[number])
 
     def end(self) -> dict[str, Array]:
         """Masks of the rows that the strip delivers, whose pixels are to be counted."""
@@ -159,21 +74,18 @@ class StripFollower:
         return {name: np.broadcast_to(mask, shape)[inside] for name, mask in self.masks.items()}
 
 
-def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
-    """The report of the frame that was observed, ready for JSON.
+def report(camera: Camera, expected: Expectation, observer: FrameObserver) -> dict[str, Any]:
+    """The report of frames, ready for JSON.
 
     ``photons`` (min, median, max per pixel; of electrons where they are ``detected``), ``stages`` (below), ``counts``
-    of clipped and cut pixels, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ as they must be,
-    averaged over the window (σ total, temporal, spatial; the standard errors of mean, temporal and spatial σ), and as
-    ``sampled_pixels`` of this frame have them: σ_frame is the rms distance of the pixels from their own means.
-    ``theory`` says whether what is expected follows from the law of a pixel or was measured, and by how many samples.
-    Photons with ``variance_e2`` have ``compensation`` too, and the count ``compensated_short``.
+    of clipped and cut pixels of the first frame, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ
+    as expected, averaged over the window (σ total, temporal, spatial; standard errors of mean, temporal and spatial σ),
+    and as the same pixels of the frames have them: σ_frame is the rms distance from what is expected of each pixel.
+    ``theory`` says by how many pixels. Photons with ``variance_e2`` have ``compensation`` too, and the count
+    ``compensated_short``.
     """
-    theory, photons = observer.theory, observer.theory.light.photons
-    if photons.detected:
-        seen = theory.light.mean_e
-    else:
-        seen = photons.total
+    photons = expected.light.photons
+    seen = expected.light.mean_e if photons.detected else photons.total
     return {
         "photons": {
             "min": float(seen.min()),
@@ -181,9 +93,9 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
             "max": float(seen.max()),
             "detected": photons.detected,
         },
-        "sampled_pixels": int(observer.sums[0, 2]),
-        "theory": theory.origin,
-        "stages": [_line(number, theory, sums) for number, sums in enumerate(observer.sums)],
+        "sampled_pixels": expected.pixels,
+        "theory": expected.origin,
+        "stages": [_line(stage, expected) for stage in expected.stages],
         "counts": dict(observer.counts),
         **_compensation(photons, observer),
         "outside_qe": outside_qe(photons, camera),
@@ -214,32 +126,26 @@ def _compensation(photons: Photons, observer: FrameObserver) -> dict[str, Any]:
     }
 
 
-def _line(number: int, theory: FrameTheory, sums: Float64Array) -> dict[str, Any]:
-    """One stage of the report, in its own unit.
-
-    sums : of the followed pixels of the frame: their signals, the squares of these less what is expected, their number.
-    """
-    stage = theory.stages[number]
-    expected = theory.averages(stage)
-    mean, mean_square = sums[:2] / sums[2]
-    variance = max(mean_square - theory.variance_of_expected(number), 0.0)
+def _line(stage: Stage, expected: Expectation) -> dict[str, Any]:
+    """One stage of the report, in its own unit."""
+    found = expected.averages(stage)
     return {
         "name": stage.label,
         "domain": stage.domain,
         "unit": UNITS[stage.domain],
-        "mean_expected": expected.mean,
-        "sigma_expected": expected.sigma,
-        "sigma_temporal_expected": float(np.sqrt(expected.temporal)),
-        "sigma_spatial_expected": float(np.sqrt(expected.spatial)),
-        "mean_error": expected.errors[0],
-        "sigma_temporal_error": _error_of_root(expected.temporal, expected.errors[1]),
-        "sigma_spatial_error": _error_of_root(expected.spatial, expected.errors[2]),
-        "mean_frame": float(mean),
-        "sigma_frame": float(np.sqrt(variance)),
+        "mean_expected": found.mean,
+        "sigma_expected": found.sigma,
+        "sigma_temporal_expected": float(np.sqrt(found.temporal)),
+        "sigma_spatial_expected": float(np.sqrt(found.spatial)),
+        "mean_error": found.errors[0],
+        "sigma_temporal_error": error_of_root(found.temporal, found.errors[1]),
+        "sigma_spatial_error": error_of_root(found.spatial, found.errors[2]),
+        "mean_frame": found.frame_mean,
+        "sigma_frame": float(np.sqrt(found.frame_variance)),
     }
 
 
-def _error_of_root(variance: float, error: float) -> float:
+def error_of_root(variance: float, error: float) -> float:
     """Standard error of the root of a variance whose standard error may be larger than itself."""
     if error:
         return float(error / (np.sqrt(variance) + np.sqrt(variance + error)))

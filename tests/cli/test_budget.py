@@ -18,17 +18,18 @@ from mitsuba_sensor.output.exr import write_irradiance_exr
 def test_shot_noise_read_noise_and_quantisation_are_what_a_hand_calculation_gives(
     cli: Callable[..., Any],
 ) -> None:
-    """K·√N, K·σ_d and 1/√12; PRNU·K·N. The PRNU of the drawn chip is that of the datasheet within 1 % (the theory
-    averages over all chips)."""
+    """K·√N, K·σ_d and 1/√12; PRNU·K·N, within 4 standard errors that the rows have."""
     camera, electrons = ms.load_camera("sony_imx174"), 1000
     argv = ("budget", "--camera", camera.name, "--electrons", electrons, "--json")
     rows = {row["source"]: row for row in json.loads(cli(*argv).stdout)}
     k_dn_per_e = camera.system_gain_dn_per_e
     shot, prnu = rows["photon shot noise"], rows["PRNU"]
-    assert shot["temporal_dn2"] == pytest.approx(k_dn_per_e**2 * electrons, rel=1e-3)
+    off = shot["temporal_dn2"] - k_dn_per_e**2 * electrons
+    assert abs(off) < 4 * shot["temporal_error_dn2"] < 0.1 * shot["temporal_dn2"]
     expected = (k_dn_per_e * electrons * camera.pixel.prnu) ** 2
-    assert prnu["spatial_dn2"] == pytest.approx(expected, rel=0.01)
-    assert rows["ADC"]["temporal_dn2"] == pytest.approx(1 / 12, rel=1e-3)
+    assert abs(prnu["spatial_dn2"] - expected) < 4 * prnu["spatial_error_dn2"] < 0.1 * expected
+    adc = rows["ADC"]
+    assert abs(adc["temporal_dn2"] - 1 / 12) < 4 * adc["temporal_error_dn2"] < 0.1
     assert rows["total"]["share"] == pytest.approx(1)
     text = cli(*argv[:-1]).stdout
     assert f"{math.sqrt(shot['temporal_dn2']):.4g}" in text and "total" in text
@@ -61,13 +62,14 @@ def test_the_budget_of_a_camera_with_readouts_is_that_of_each_and_of_the_combina
     for name, rows in found["readouts"].items():
         expected = frames.readouts[name].noise_budget().rows
         assert [row["source"] for row in rows] == [row.source for row in expected]
-        assert rows[-1]["temporal_dn2"] == pytest.approx(expected[-1].temporal_dn2, rel=1e-3)
+        error = math.hypot(rows[-1]["temporal_error_dn2"], expected[-1].temporal_error_dn2)
+        assert abs(rows[-1]["temporal_dn2"] - expected[-1].temporal_dn2) < 4 * error
     combination, gain = found["combination"], camera.combined_readouts.nominal_gain
     read_e2 = 1.0763**2 + 1 / 12 / gain**2
-    assert combination["temporal_dn2"] == pytest.approx(gain**2 * (1000 + read_e2), rel=0.01)
+    assert combination["temporal_dn2"] == pytest.approx(gain**2 * (1000 + read_e2), rel=0.04)
     assert combination["share_of_pixels"] == {"high": 1, "low": 0}
     assert combination["snr_db"] == pytest.approx(
-        10 * math.log10(1000**2 / (1000 + read_e2)), abs=0.05
+        10 * math.log10(1000**2 / (1000 + read_e2)), abs=0.2
     )
     text = cli(*argv).stdout
     assert "read-out low" in text and "combined to 17 bits" in text

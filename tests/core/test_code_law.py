@@ -1,53 +1,55 @@
-"""Mean and variance of the code of a normal signal on unequal steps, by tables of blurred steps and by sums."""
+"""Code of a normal signal and of a Poisson count: mean, variance and chance, against sums over all codes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
-from scipy.special import ndtr
+from scipy import special, stats
 
-from mitsuba_sensor.core import code_law
+from mitsuba_sensor.core.code_law import code_moments, log_chance_of_code, rounded_poisson
 
 HIGHEST = 255
 
 
-def inl_lsb(kind: str) -> np.ndarray:
-    """INL of the lower edge of every code [LSB]."""
-    k = np.arange(1, HIGHEST + 1) / HIGHEST
-    steps = {
-        "bow": 10 * k * (1 - k),
-        "DNL": np.random.default_rng(1).normal(0, 0.3, HIGHEST).cumsum(),
-    }
-    return np.sort(k * HIGHEST - 0.5 + steps[kind]) - (k * HIGHEST - 0.5)
+@pytest.mark.parametrize("sigma_dn", [0.0, 0.05, 0.5, 1.1, 3.0, 40.0, 1e4])
+def test_mean_and_variance_are_those_of_the_sum_over_all_codes(sigma_dn: float) -> None:
+    """Within 1e-4 DN, or of the noise, far from the clips, at both of them and beyond."""
+    x = np.concatenate([np.linspace(-9, 264, 200) + 0.013, [-1e5, 0.2, 255.2, 1e5]])
+    levels = np.arange(1, HIGHEST + 1) - 0.5
+    with np.errstate(divide="ignore"):
+        above = (
+            special.ndtr((x[:, None] - levels) / sigma_dn) if sigma_dn else x[:, None] >= levels
+        )
+    mean = above.sum(axis=1)
+    variance = (above * (2 * levels)).sum(axis=1) - mean**2
+    found = code_moments(x, np.full(x.size, sigma_dn), HIGHEST)
+    np.testing.assert_allclose(found[0], mean, atol=1e-4 * max(sigma_dn, 1.0))
+    np.testing.assert_allclose(found[1], variance, rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize("kind", one_in(2, ["bow", "DNL"]))
-def test_wide_noise_on_unequal_steps_has_the_moments_of_the_sum_over_all_steps(
-    kind: str,
-) -> None:
-    """Thousands of signals are looked up, few are summed: equal to 1e-4 of σ and of the variance, clips included."""
-    rng = np.random.default_rng(2)
-    s, x = (
-        2 ** rng.uniform(2.6, 9.0, 20_000),
-        rng.uniform(-0.5 * HIGHEST, 1.5 * HIGHEST, 20_000),
+@pytest.mark.parametrize("slope", [0.124, 0.5, 1.0])
+@pytest.mark.parametrize("mean_e", [0.3, 7.0, 90.0])
+@pytest.mark.parametrize("sigma", [0.06, 0.4])
+def test_a_rounded_poisson_and_normal_number(slope: float, mean_e: float, sigma: float) -> None:
+    n = np.arange(300.0)[:, None]
+    codes, x = np.arange(-20.0, 400.0), 10.3 + slope * n
+    law = special.ndtr((codes + 0.5 - x) / sigma) - special.ndtr((codes - 0.5 - x) / sigma)
+    chance = stats.poisson.pmf(n, mean_e) * law
+    mean = np.sum(chance * codes)
+    one = np.ones(1)
+    found = rounded_poisson(
+        one * (10.3 + slope * mean_e), one * sigma, one * slope, one * mean_e
     )
-    assert s.sum() > 4 * code_law.FINE * HIGHEST
-    mean, variance = code_law.code_moments(x, s, HIGHEST, inl_lsb(kind))
-    parts = [
-        code_law.code_moments(x[k : k + 20], s[k : k + 20], HIGHEST, inl_lsb(kind))
-        for k in range(0, 2000, 20)
-    ]
-    summed_mean, summed_variance = np.concatenate(parts, axis=1)
-    reached = np.minimum(s[:2000], HIGHEST)
-    np.testing.assert_array_less(np.abs(mean[:2000] - summed_mean), 1e-4 * reached)
-    np.testing.assert_array_less(np.abs(variance[:2000] - summed_variance), 3e-4 * reached**2)
+    assert found[0][0] == pytest.approx(mean, abs=1e-9)
+    assert found[1][0] == pytest.approx(np.sum(chance * (codes - mean) ** 2), abs=1e-8)
 
 
-def test_noise_beyond_every_code_decides_between_the_smallest_and_the_largest() -> None:
-    """σ of 1e30 DN: the largest code with the chance Φ(x/σ), else the smallest."""
-    x, s = np.linspace(-3e30, 3e30, 3000), np.full(3000, 1e30)
-    mean, variance = code_law.code_moments(x, s, HIGHEST, inl_lsb("bow"))
-    high = ndtr(x / s)
-    np.testing.assert_allclose(mean, HIGHEST * high, atol=0.01)
-    np.testing.assert_allclose(variance, HIGHEST**2 * high * (1 - high), atol=3.0)
+@pytest.mark.parametrize("sigma_dn", [0.02, 0.7, 30.0])
+@pytest.mark.parametrize("mean_dn", [-3.0, 0.4, 100.3, 254.9, 300.0])
+def test_chances_of_all_codes_add_up_to_1_and_are_finite_far_away(
+    mean_dn: float, sigma_dn: float
+) -> None:
+    codes = np.arange(HIGHEST + 1.0)
+    found = log_chance_of_code(codes, np.full(256, mean_dn), np.full(256, sigma_dn), HIGHEST)
+    assert np.isfinite(found).all()
+    assert np.exp(found).sum() == pytest.approx(1.0, abs=1e-12)

@@ -318,15 +318,27 @@ def test_a_film_that_is_metered_needs_an_exposure() -> None:
         ms.digital(mi.render(scene, spp=4), sensor=scene.sensors()[0])
 
 
-def test_states_of_a_pixel_have_samples_and_no_expected_code() -> None:
-    mi = ready()
+def test_a_chain_without_a_closed_form_has_expected_codes_and_no_likelihood() -> None:
+    mi, dr = ready(), drjit()
     scene = mi.load_string(text_of())
     sensor, image = scene.sensors()[0], mi.render(scene, spp=4)
     rts = ms.load_camera("konnik_table1").replace(
         **{"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 100.0}
     )
-    with pytest.raises(
-        ms.InputError, match=r"RTS pixels switch between two states.*expected=False"
-    ):
-        ms.digital(image, rts, sensor=sensor)
-    assert np.array(ms.digital(image, rts, sensor=sensor, expected=False)).max() > 0
+    with pytest.raises(ms.InputError, match=r"likelihood .* rts_state.*ms.digital"):
+        ms.raw_log_likelihood(np.full((12, 16), 100), image, rts, sensor=sensor)
+    plain, found = (
+        np.array(ms.digital(image, camera, sensor=sensor))
+        for camera in (rts.without("rts_pixels"), rts)
+    )
+    assert np.abs(found - plain).mean() < 0.5
+    factor = mi.Float(1.0)
+    dr.enable_grad(factor)
+    dr.backward(sum_of(ms.digital(image * factor, rts, sensor=sensor)))
+    low, high = (
+        float(
+            sum_of(ms.digital(image * x, rts.without("rts_pixels"), sensor=sensor)).numpy()[0]
+        )
+        for x in (mi.Float(0.9), mi.Float(1.1))
+    )
+    assert dr.grad(factor).numpy()[0] == pytest.approx((high - low) / 0.2, rel=0.02)

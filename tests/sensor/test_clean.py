@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
-import scipy
-from helpers.marks import one_in
+from helpers import BENCHMARKS
+from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.rounding import rounded_poisson
 from mitsuba_sensor.stages.gains import gain_dn_per_e
-from mitsuba_sensor.theory.pixel_codes import PixelCodes
-from mitsuba_sensor.theory.pixel_counts import CountLaws
+
+sys.path.insert(0, str(BENCHMARKS))
+from expected_codes import bare_camera, mean_and_variance
 
 SHAPE, FRAMES, EXPOSURE = (8, 12), 1000, ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
@@ -66,82 +67,111 @@ def photons_of(camera: ms.Camera, share: float) -> Any:
     )
 
 
+ENDS: dict[str, tuple[float, dict[str, float]]] = {
+    "few electrons": (3.0, {"adc__black_level_dn": 64.0}),
+    "no light": (0.0, {"adc__black_level_dn": 1.3}),
+    "code edge": (40.0, {"adc__black_level_dn": 16.5}),
+    "lower clip": (4.0, {"adc__black_level_dn": 0.3}),
+    "upper clip": (1940.0, {"adc__black_level_dn": 16.0, "adc__bits": 8}),
+    "full well": (1020.0, {"adc__black_level_dn": 16.0, "pixel__full_well_e": 1000.4}),
+    "well of 20 e-": (19.0, {"adc__black_level_dn": 16.0, "pixel__full_well_e": 20.0}),
+    "3 DN/e-": (5.0, {"adc__black_level_dn": 9.3, "dn_per_e": 3.0}),
+    "30 DN/e-": (7.0, {"adc__black_level_dn": 9.3, "dn_per_e": 30.0, "adc__bits": 8}),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize(
+    "sigma_dn", [0.05, 0.3, *map(exhaustive, (0.1, 0.59, 0.61)), 1.05, 5.0]
+)
+def test_the_clean_frame_is_that_of_an_enumeration_of_counts_and_codes(
+    end: str, sigma_dn: float
+) -> None:
+    """Within 0.01 of the noise (or of rounding noise), the variance within 2 %, at clips, full wells and code edges."""
+    electrons, fields = ENDS[end]
+    camera = bare_camera(sigma_dn, **fields)
+    mean, variance = mean_and_variance(camera, electrons)
+    light = ms.Photons(np.full((2, 3), electrons), detected=True)
+    found = ms.expose(light, camera, EXPOSURE)
+    assert found.pixel_moments.method == "closed form"
+    assert found.clean == pytest.approx(mean, abs=0.01 * np.sqrt(variance + 1 / 12))
+    assert found.temporal_variance == pytest.approx(variance, rel=0.02, abs=2e-3)
+
+
+def averages(photons: Any, camera: ms.Camera, count: int = FRAMES) -> tuple[Any, Any]:
+    """Mean and variance of every pixel over frames."""
+    total, square = np.zeros(SHAPE), np.zeros(SHAPE)
+    for frame in ms.stream(photons, camera, EXPOSURE, frames=count):
+        total += frame
+        square += frame.astype(float) ** 2
+    return total / count, square / count - (total / count) ** 2
+
+
 @pytest.mark.parametrize(("name", "share"), one_in(4, CASES, several=True))
 def test_the_average_of_many_frames_is_the_clean_frame(name: str, share: float) -> None:
-    """Within 4 standard errors in every pixel, variances within 3 %. One seed in 160 fails, and in all cameras alike.
+    """Within 4.5 standard errors in every pixel, and 0.3 σ by a lattice; variances within 3 %. One seed in 100 fails.
 
     benchmarks/clean.py has more of them.
     """
     camera = CAMERAS[name]
     photons = photons_of(camera, share)
     found = ms.expose(photons, camera, EXPOSURE)
-    clean, variance = found.clean.astype(float), found.temporal_variance.astype(float)
-    off, square = np.zeros(SHAPE), np.zeros(SHAPE)
-    for frame in ms.stream(photons, camera, EXPOSURE, frames=FRAMES):
-        off += (frame - clean) / FRAMES
-        square += (frame - clean) ** 2 / FRAMES
+    mean, square = averages(photons, camera)
+    variance = found.temporal_variance.astype(float)
+    is_lattice = found.pixel_moments.method != "closed form"
     moving = (
         variance > 0.1 * variance.max()
-    )  # else the codes are at the clip but for few frames: no normal average
-    assert np.all(np.abs(off[moving]) < 4 * np.sqrt(variance[moving] / FRAMES))
-    assert np.all(np.abs(off[~moving]) < 4 * np.sqrt(variance.max() / FRAMES))
-    assert np.sum((square - off**2)[moving]) == pytest.approx(
-        np.sum(variance[moving]), rel=0.03
-    )
+    )  # else the codes are at the clip but for few frames
+    sigma = np.sqrt(np.where(moving, variance, variance.max()))
+    off = np.abs(mean - found.clean) / sigma
+    assert off.max() < 4.5 / np.sqrt(FRAMES) + 0.3 * is_lattice
+    assert np.sqrt(np.mean(off**2)) < 1.5 / np.sqrt(FRAMES) + 0.06 * is_lattice
+    assert np.sum(square[moving]) == pytest.approx(np.sum(variance[moving]), rel=0.03)
 
 
-@pytest.mark.parametrize("slope", [0.124, 0.34, 0.5, 1.0])
-@pytest.mark.parametrize("mean_e", [0.3, 7.0, 90.0])
-@pytest.mark.parametrize("sigma", [0.06, 0.1, 0.4])
-def test_a_rounded_poisson_and_normal_number_in_closed_form(
-    slope: float, mean_e: float, sigma: float
-) -> None:
-    """The same as the sum over counts and codes."""
-    n = np.arange(300.0)[:, None]
-    chance = scipy.stats.poisson.pmf(n, mean_e)
-    codes = np.arange(-20.0, 400.0)
-    x = 10.3 + slope * n
-    law = scipy.special.ndtr((codes + 0.5 - x) / sigma) - scipy.special.ndtr(
-        (codes - 0.5 - x) / sigma
-    )
-    mean = np.sum(chance * law * codes)
-    variance = np.sum(chance * law * (codes - mean) ** 2)
-    one = np.ones(1)
-    found = rounded_poisson(
-        one * (10.3 + slope * mean_e), one * sigma, one * slope, one * mean_e
-    )
-    assert found[0][0] == pytest.approx(mean, abs=1e-9)
-    assert found[1][0] == pytest.approx(variance, abs=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("mean", "variance"), [(5.0, 5.0), (40.0, 30.0), (3.3, 2.9), (20.0, 60.0), (900.0, 900.0)]
+EM = ms.load_camera("proem_hs_1024b").replace(
+    **{"readout.em_gain": 300.0, "readout.em_full_well_e": None}
 )
-def test_nodes_of_a_count_have_its_mean_and_variance(mean: float, variance: float) -> None:
-    law = CountLaws(np.array([mean]), np.array([variance]))
-    cells = law.in_cells(np.full((2, 1), 0.9 * mean), np.ones(1), np.inf)
-    for nodes in (law.every_count(), *([cells] if mean > 64 else [])):
-        found = np.sum(nodes.chances * nodes.counts)
-        spread = np.sum(nodes.chances * ((nodes.counts - found) ** 2 + nodes.rest_e2))
-        assert (found, spread) == (
-            pytest.approx(mean, rel=1e-9),
-            pytest.approx(variance, rel=1e-6),
-        )
+NOT_STRAIGHT: dict[str, ms.Camera] = {
+    "EM gain, converter curve": EM.replace(**{"adc.gamma": 1.04}),
+    "EM gain, ILE": EM.replace(**{"adc.ile": 0.01}),
+    "EM gain, V/V": EM.replace(**{"source_follower.vv_nonlinearity": 1.05}),
+    "EM gain, V/e": EM.replace(**{"readout.ve_nonlinearity": 0.5}),
+    "unequal steps": TABLE1.replace(**{"adc.dnl_lsb": {str(k): 0.7 - 1.4 * (k % 2) for k in range(10, 3000)}}),
+    "coupled neighbours": TABLE1.replace(**{"readout.ipc_coupling": 0.02}),
+    "row noise and radiation hits": TABLE1.replace(**{"readout.row_noise_e": 30.0, "pixel.hits_per_cm2_s": 1e6}),
+    "soft saturation": TABLE1.replace(**{"pixel.full_well_knee_e": 800.0}),
+}  # fmt: skip
 
 
-def test_cells_end_at_the_full_well_and_keep_the_skewness_of_the_count() -> None:
-    """E min(N, 1000) and its variance for counts about 1000, by the sum over all of them."""
-    n, full_e = np.arange(2000.0), 1000.0
-    for mean in (950.0, 1000.0, 1040.0):
-        law = CountLaws(np.array([mean]), np.array([mean]))
-        nodes = law.in_cells(np.array([[10.0], [980.0]]), np.ones(1), full_e)
-        chance = scipy.stats.poisson.pmf(n, mean)
-        expected = chance @ np.minimum(n, full_e)
-        variance = chance @ (np.minimum(n, full_e) - expected) ** 2
-        found = np.sum(nodes.chances * nodes.counts)
-        spread = np.sum(nodes.chances * ((nodes.counts - found) ** 2 + nodes.rest_e2))
-        assert found == pytest.approx(expected, abs=2e-3)
-        assert spread == pytest.approx(variance, rel=1e-3)
+@pytest.mark.parametrize("name", list(NOT_STRAIGHT))
+def test_a_chain_that_is_not_straight_has_its_mean_by_a_lattice_and_says_so(name: str) -> None:
+    """In a ramp of light. Five standard errors of the average over pixels, of 400 frames and the 32 of the lattice."""
+    camera = NOT_STRAIGHT[name]
+    light = ms.Photons(np.linspace(5.0, 120.0, 96).reshape(SHAPE), detected=True)
+    found = ms.expose(light, camera, EXPOSURE)
+    assert found.pixel_moments.method.startswith("32 frames of a lattice, because")
+    assert np.isfinite(found.clean).all() and np.isfinite(found.temporal_variance).all()
+    mean, variance = averages(light, camera, 400)
+    off = (found.clean - mean) / np.sqrt(variance)
+    assert abs(off.mean()) < 5 * np.sqrt(1 / 400 + 0.08**2) / np.sqrt(
+        SHAPE[0]
+    )  # rows share noise
+    assert np.std(off) < 0.15
+    assert found.temporal_variance.mean() == pytest.approx(variance.mean(), rel=0.06)
+
+
+@pytest.mark.parametrize("name", ["0.1 DN", "all pixels differ"])
+def test_the_clean_frame_of_a_crop_is_the_crop_of_the_clean_frame(name: str) -> None:
+    camera = CAMERAS[name]
+    photons = 300.0 * np.random.default_rng(1).lognormal(0.0, 0.7, (40, 50))
+    part = np.s_[31:36, 7:48]
+    whole = ms.expose(photons, camera, EXPOSURE)
+    alone = ms.expose(ms.Photons(photons[part], origin=(31, 7)), camera, EXPOSURE)
+    np.testing.assert_allclose(alone.clean, whole.clean[part], rtol=1e-6)
+    np.testing.assert_allclose(
+        alone.temporal_variance, whole.temporal_variance[part], rtol=1e-4
+    )
 
 
 def test_far_from_all_ends_a_straight_camera_is_gain_times_electrons_and_its_offsets() -> None:
@@ -157,52 +187,14 @@ def test_far_from_all_ends_a_straight_camera_is_gain_times_electrons_and_its_off
     assert np.ptp(own) < 1e-3 and 0.5 < own.mean() < 2.0
 
 
-def test_clean_frames_of_many_serials_average_to_the_spatial_mean() -> None:
-    """Within 4 standard errors of 32 serials, next to the clip."""
-    photons = photons_of(TABLE1, 0.99)
-    cleans = [ms.expose(photons, TABLE1, EXPOSURE, serial=k).clean.mean() for k in range(1, 33)]
-    expected = ms.expose(photons, TABLE1, EXPOSURE).spatial_mean
-    assert expected.shape == SHAPE and expected.dtype == np.float32 and np.ptp(expected) == 0
-    assert abs(np.mean(cleans) - expected.mean()) < 4 * np.std(cleans) / np.sqrt(32)
-
-
-IN_TABLES: dict[str, tuple[ms.Camera, float]] = {
-    "dim colours": (ms.load_camera("bayer_2mp"), 5.0),
-    "dark and shallow wells": (
-        ms.load_camera("bayer_2mp").replace(**{"pixel.full_well_e": 60.0}),
-        40.0,
-    ),
-    "offsets of pixels": (
-        TABLE1.replace(**{"adc.black_level_dn": 2, "pixel.dsnu_e": 3.0}),
-        30.0,
-    ),
-    "0.1 DN": (TABLE1.replace(**{**QUIET, "adc.black_level_dn": 0}), 8.0),
-    "curved": (ms.load_camera("sony_imx174").replace(**{"adc.gamma": 1.04}), 20.0),
-}
-
-
-@pytest.mark.parametrize("name", IN_TABLES)
-def test_a_pixel_among_many_has_the_clean_value_that_it_has_among_few(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Many are looked up in a table of few sums; sixteen are summed one by one. Within 1e-5 of the noise."""
-    camera, mean = IN_TABLES[name]
-    summed, sum_of = [], PixelCodes._over
-    monkeypatch.setattr(
-        PixelCodes,
-        "_over",
-        lambda self, nodes: summed.append(self.numbers.size) or sum_of(self, nodes),
+def test_the_spatial_mean_has_hardly_any_fixed_pattern() -> None:
+    """A sixth of that of one sensor unit, of 32; at the clip too."""
+    found = ms.expose(photons_of(TABLE1, 0.9), TABLE1, EXPOSURE)
+    assert found.spatial_mean.dtype == np.float32 and found.spatial_mean.shape == SHAPE
+    assert np.std(found.spatial_mean) < 0.3 * np.std(found.clean)
+    assert np.mean(found.spatial_mean) == pytest.approx(
+        np.mean(found.clean), abs=float(np.std(found.clean))
     )
-    photons = mean * np.random.default_rng(1).lognormal(0.0, 0.7, (100, 160))
-    many = ms.expose(photons, camera, EXPOSURE)
-    clean, variance = many.clean, many.temporal_variance
-    assert 0 < sum(summed) < photons.size / 2
-    for row, column in ((0, 0), (31, 77), (96, 156)):
-        part = np.s_[row : row + 4, column : column + 4]
-        alone = ms.expose(ms.Photons(photons[part], origin=(row, column)), camera, EXPOSURE)
-        sigma = np.sqrt(alone.temporal_variance + 0.01)
-        assert np.abs(clean[part] - alone.clean).max() < 1e-5 * sigma.min() + 2e-6
-        assert np.abs(variance[part] / alone.temporal_variance - 1).max() < 1e-4
 
 
 def test_infinite_light_is_the_largest_code_and_does_not_vary() -> None:
@@ -234,9 +226,6 @@ class Ramp(ms.Stage):
     def sample(self, signal: ms.Electrons, frame: ms.Frame) -> ms.Array:
         return ms.Electrons(signal.light * self.gain(frame), signal.dark)
 
-    def moments(self, m: ms.Moments) -> ms.Moments:
-        return m
-
     def gain(self, frame: ms.Frame) -> ms.Array:
         return frame.window.backend.from_numpy(
             1 + 0.01 * frame.window.columns[None, :], frame.window
@@ -254,11 +243,18 @@ class Jitter(ms.Stage):
             signal.light + frame.number(100.0) * frame.normal("jitter"), signal.dark
         )
 
-    def moments(self, m: ms.Moments) -> ms.Moments:
-        return m.add(temporal=1e4)
+
+@dataclass(frozen=True)
+class Drift(ms.Stage):
+    """An offset that grows from frame to frame."""
+
+    domain = "volts"
+
+    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+        return swing + frame.number(1e-4 * frame.index)
 
 
-def test_stages_of_a_user_count_as_they_are_sampled_or_by_their_moments() -> None:
+def test_stages_of_a_user_count_as_they_are_sampled() -> None:
     photons, gain = photons_of(TABLE1, 0.4), gain_dn_per_e(TABLE1)
     plain = ms.expose(photons, TABLE1, EXPOSURE)
     ramp = ms.expose(photons, TABLE1.with_stage(Ramp(), after="prnu"), EXPOSURE)
@@ -267,7 +263,12 @@ def test_stages_of_a_user_count_as_they_are_sampled_or_by_their_moments() -> Non
         gain * light * 0.01 * np.arange(SHAPE[1]), abs=5e-3
     )
     moved = ms.expose(photons, TABLE1.with_stage(Jitter(), after="prnu"), EXPOSURE)
-    assert moved.clean == pytest.approx(plain.clean, abs=2e-3)
-    assert moved.temporal_variance - plain.temporal_variance == pytest.approx(
-        1e4 * gain**2, rel=1e-3
-    )
+    assert "jitter" in moved.pixel_moments.method
+    sigma = np.sqrt(moved.temporal_variance.mean())
+    assert np.std(moved.clean - plain.clean) < 0.1 * sigma
+    added = (moved.temporal_variance - plain.temporal_variance).mean()
+    assert added == pytest.approx(1e4 * gain**2, rel=0.05)
+    drifting = TABLE1.with_stage(Drift(), after="reset_noise")
+    first, ninth = (ms.expose(photons, drifting, EXPOSURE, first_frame=k) for k in (0, 9))
+    volt_dn = TABLE1.stages[-1].gain_dn_per_v  # type: ignore[attr-defined]
+    assert ninth.clean - first.clean == pytest.approx(9e-4 * volt_dn, abs=5e-3)

@@ -22,7 +22,6 @@ from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
-from mitsuba_sensor.core import arrays
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.sensor_window import SensorWindow
@@ -86,7 +85,7 @@ PARAMETERS = (
 )
 LEVELS = (*map(exhaustive, (3, 30, 20000)), 1000)
 """Electrons."""
-SHAPE = (64, 4096)
+SHAPE = (32, 2048)
 SURE = 5.0
 
 
@@ -115,8 +114,11 @@ def theory(photons: Any, camera: ms.Camera, exposure: ms.Exposure) -> np.ndarray
     m = ms.Moments(
         ms.Photons(levels), 0.0, 0.0, ms.Frame(exposure, SensorWindow(0, levels.shape))
     )
-    for stage in chain(camera):
+    *stages, converter = chain(camera)
+    for stage in stages:
         m = stage.moments(m)
+    m = m.scale(converter.gain_dn_per_v).add(mean=converter.black_level_dn, temporal=1 / 12)
+    m = m.clip(0.0, converter.highest)
     return np.array(
         [np.broadcast_to(x, levels.shape)[0] for x in (m.mean, m.temporal + m.spatial)]
     )
@@ -354,8 +356,6 @@ WIDE = RICH.replace(
         "dark_current.at_temperature_k": None,
         "dark_current.fom_na_per_cm2": 1.0,
         "dark_current.diffusion_fom_na_per_cm2": 0.3,
-        "dark_current.rts_fraction": 0.3,
-        "dark_current.rts_amplitude_e_per_s": 4e4,
         "dark_current.components": [PART],
         "pixel.prnu_distribution": "ar",
         "pixel.prnu_coupling": 0.25,
@@ -377,21 +377,17 @@ FIELDS = [
     if isinstance(value, float) and value
 ]
 NO_SLOPE = (
-    "dark_current.rts_fraction",
-    "dark_current.rts_switching",
+    "dark_current.rts_activation_ev",
     "dark_current.rts_duty",
+    "dark_current.rts_switching",
     "dark_current.rts_switching_activation_ev",
-    "pixel.prnu_coupling",
-    "pixel.hit_e",
-    "readout.dsnu_col_coupling",
     "pixel.fill_factor",
-    "quantum_efficiency.reference_nm",
+    "pixel.hit_e",
     "quantum_efficiency.fano_factor",
     "source_follower.rtn_pixel_duty",
     "source_follower.rtn_pixel_switching",
-    "source_follower.noisy_pixel_factor",
 )
-"""Fields that select pixels, that shape maps on NumPy, or that do not matter to this camera and its photons."""
+"""Fields on which no stage of this camera depends."""
 
 WIDE_LIGHT = np.full((48, 64), 8000.0)
 
@@ -474,41 +470,43 @@ BEHIND = (
 )
 
 
-@pytest.mark.parametrize("end", one_in(3, ENDS))
-@pytest.mark.parametrize(
-    "sigma_dn",
-    [0.3, *map(exhaustive, (0.05, 0.1, 1.05, 2.0, 5.0))],
-)
-def test_at_edges_and_clips_the_slopes_are_those_of_the_expected_code(
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("sigma_dn", [0.3, 1.05, *map(exhaustive, (0.1, 2.0, 5.0))])
+def test_at_edges_and_clips_the_slopes_are_those_of_an_enumeration(
     end: str, sigma_dn: float
 ) -> None:
-    """Of the mean at every noise; of the variance where the slope is that of the expected code."""
+    """Of mean and variance of the code, within 3 %, and 1 DN by a doubling where little noise meets a full well between
+    two codes: its electrons are summed in steps of a quarter of their noise."""
     electrons, fields = ENDS[end]
     camera = bare_camera(sigma_dn, **fields)
+    photons = np.full((2, 2), electrons / QE)
+    law = differentiable(photons, camera, EXPOSURE, ("photons", *BEHIND)).slopes
     mean, variance = mean_and_variance(camera, electrons)
-    frame = differentiable(
-        np.full((512, 512), electrons / QE), camera, EXPOSURE, ("photons", *BEHIND)
-    ).frame()
-    frame.store()
-    x = frame.codes.ravel().astype(float) - mean
-    known = np.column_stack(
-        [np.ones(x.size), x, x * x - variance]
-    )  # what has mean 0 takes the noise away
+    assert law.values[0] == pytest.approx(mean, abs=0.01 * np.sqrt(variance + 1 / 12))
     for name in ("photons", *BEHIND):
-        scale = electrons / QE if name == "photons" else value_of(name, camera)
-        slope = frame.forward(name).ravel().astype(float) * scale
-        exact = slopes(camera, electrons, name)
-        for moved, what in zip(
-            (slope, 2 * x * slope), exact[: 1 if sigma_dn > 1 else 2], strict=False
+        slope = law.by_light if name == "photons" else law.by_name[name]
+        scale = electrons if name == "photons" else value_of(name, camera)
+        for found, exact in zip(
+            scale * slope[:, 0, 0], slopes(camera, electrons, name), strict=True
         ):
-            found = np.linalg.lstsq(known, moved, rcond=None)[0]
-            error = np.std(moved - known @ found) / 512
-            assert abs(found[0] - what) < SURE * error + 2e-3 * abs(what) + 2e-4, (
-                name,
-                found[0],
-                what,
-                error,
+            assert found == pytest.approx(exact, rel=0.03, abs=0.1 if sigma_dn > 1 else 1.0), (
+                name
             )
+
+
+@pytest.mark.parametrize("sigma_dn", [0.3, 2.0])
+def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean(sigma_dn: float) -> None:
+    """Over a quarter of a million pixels in 20 electrons, within 5 standard errors."""
+    camera = bare_camera(sigma_dn, adc__black_level_dn=2.0)
+    mean, _ = mean_and_variance(camera, 20.0)
+    frame = differentiable(
+        np.full((512, 512), 20.0 / QE), camera, EXPOSURE, ("photons", *BEHIND)
+    ).frame()
+    for name in ("photons", BEHIND[0], BEHIND[1]):
+        scale = 20.0 / QE if name == "photons" else value_of(name, camera)
+        slope, exact = frame.forward(name).astype(float) * scale, slopes(camera, 20.0, name)
+        for moved, what in zip((slope, 2 * (frame.codes - mean) * slope), exact, strict=True):
+            assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 2e-3 * abs(what) + 1e-3
 
 
 def curved(vv: float, alpha: float) -> ms.Camera:
@@ -529,7 +527,7 @@ def curved(vv: float, alpha: float) -> ms.Camera:
 def test_bent_and_uneven_responses_follow_frames_with_equal_random_bits(
     name: str, camera: ms.Camera
 ) -> None:
-    light, step = np.full((1024, 1024), 50.0 / QE), 0.02
+    light, step = np.full((256, 256), 50.0 / QE), 0.02
     ends = []
     for sign in (1, -1):
         factor, other, _ = changed(name, 1 + sign * step, camera)
@@ -541,12 +539,7 @@ def test_bent_and_uneven_responses_follow_frames_with_equal_random_bits(
         light[0, 0] if name == "photons" else value_of(name, camera)
     )
     missed = (ends[0] - ends[1]) / (2 * step) - slope
-    assert abs(missed.mean()) < SURE * missed.std() / 1024 + 5e-3 * abs(slope.mean())
-
-
-def test_noise_far_below_a_step_gets_a_warning() -> None:
-    with pytest.warns(UserWarning, match="the noise behind the count is 0.001 DN"):
-        differentiable(np.ones((4, 4)), bare_camera(0.001), EXPOSURE, "photons")
+    assert abs(missed.mean()) < SURE * missed.std() / 256 + 5e-3 * abs(slope.mean())
 
 
 @pytest.mark.parametrize("sigma_dn", [0.2, 2.0])
@@ -569,8 +562,8 @@ def test_strips_of_rows_have_the_derivatives_of_the_whole(
     monkeypatch.setattr(DrJitBackend, "strip_pixels", 5 * 41)
     assert [rows.start for rows, _ in frames.strips()] == list(range(0, 37, 5))
     found = frames.backward(loss, 3)
-    assert np.array_equal(found["photons"], whole["photons"])
-    assert np.array_equal(one_strip["photons"], whole["photons"])
+    np.testing.assert_allclose(found["photons"], whole["photons"], rtol=1e-5)
+    np.testing.assert_array_equal(one_strip["photons"], whole["photons"])
     for name in names[1:]:
         assert found[name] == pytest.approx(whole[name], rel=1e-5)
     codes = [strip.frame(3).codes for _, strip in frames.strips()]
@@ -584,20 +577,11 @@ def test_strips_of_rows_have_the_derivatives_of_the_whole(
         ("adc.bits", {}, "which is 12; only a number that can change by a little"),
         ("readout.ve_k1_c", {}, "which is None; only a number"),
         ("lens.f_number", {}, "no number of this chain depends smoothly"),
+        ("dark_current.rts_fraction", {"dark_current.rts_fraction": 0.1}, "no number"),
         (
-            "dark_current.coupling",
-            {"dark_current.distribution": "ar", "dark_current.coupling": 0.2},
-            "no number",
-        ),
-        (
-            "pixel.prnu",
-            {"pixel.prnu": 0.0},
-            "which is 0, where the chain leaves a stage out; choose a value beside it",
-        ),
-        (
-            "readout.cds_gain",
-            {"readout.cds_gain": 1.0},
-            "which is 1, where the chain leaves a stage out",
+            "adc.gamma",
+            {"adc.gamma": 1.0},
+            "which is 1, where the chain leaves a stage out; choose a value beside it",
         ),
         ((), {}, "parameters is empty"),
     ],
@@ -646,21 +630,6 @@ def test_the_other_refusals() -> None:
     with pytest.raises(ms.InputError, match="pass one band"):
         differentiable(
             np.ones((4, 4, 2)), uv, EXPOSURE, "photons", wavelengths_nm=[450.0, 500.0]
-        )
-
-
-def test_arrays_without_derivatives_pay_nothing() -> None:
-    import drjit as dr
-
-    line = lambda *_: pytest.fail("nobody asked for a derivative")  # noqa: E731
-    for x in (
-        np.float32(2.0),
-        np.ones(3, np.float32),
-        dr.llvm.Float32(2.0),
-        dr.llvm.ad.Float32(2.0),
-    ):
-        assert np.all(
-            np.asarray(arrays.with_derivative_of(line, lambda x: x + 1, x)) == np.asarray(x) + 1
         )
 
 

@@ -1,4 +1,7 @@
-"""The noise budget of a frame: what every source contributes, to the last digit, and how much that must be."""
+"""The noise budget: what each source changes in mean and variance of the digital numbers, against closed forms.
+
+The random numbers are the same in every run: what passes once passes always.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import exhaustive, one_in
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.gains import gain_dn_per_e
@@ -27,120 +30,66 @@ CURVED = {
     "source_follower.vv_nonlinearity": 1.05,
     "adc.gamma": 1.04,
 }
-YIELD = {"quantum_efficiency.quantum_yield": [1.5, 1.5]}
-PARTS = {
-    "dark_current.components": [
-        {"weight": 0.1, "family": "uniform", "low": 100, "high": 900, "unit": "e"}
-    ]
-}
+STEPS = {"adc.bits": 8, "adc.black_level_dn": 20.0, "adc.dnl_lsb": {"60": -1.0}}
 CAMERAS = {
     "table 1": TABLE1,
     "everything": TABLE1.replace(**RICH),
     "non-linear": TABLE1.replace(**RICH | CURVED),
-    "quantum yield": TABLE1.replace(**RICH | YIELD | PARTS),
-    "steps": TABLE1.replace(
-        **RICH | {"adc.bits": 8, "adc.black_level_dn": 20.0, "adc.dnl_lsb": {"60": -1.0}}
-    ),
+    "quantum yield": TABLE1.replace(**RICH | {"quantum_efficiency.quantum_yield": [1.5, 1.5]}),
+    "steps": TABLE1.replace(**RICH | STEPS),
     "ccd": ms.load_camera("eev_44_82"),
+    "EM gain": ms.load_camera("proem_hs_1024b"),
+    "coupled": TABLE1.replace(**{"readout.ipc_coupling": 0.02}),
 }
 
 
 def frames_of(camera: ms.Camera, light: float = 20_000.0, **how: Any) -> ms.Frames:
-    return ms.expose(np.full(SHAPE, light), camera, EXPOSURE, precision="float64", **how)
+    return ms.expose(np.full(SHAPE, light), camera, EXPOSURE, **how)
 
 
 def entries(noise_budget: NoiseBudget) -> dict[str, Contribution]:
     return {entry.source: entry for entry in noise_budget.entries}
 
 
-@pytest.mark.parametrize("light", [exhaustive(0.0), 20_000.0, exhaustive(70_000.0)])
-@pytest.mark.parametrize("name", one_in(3, CAMERAS))
-def test_contributions_add_up_to_the_frame_and_variances_to_the_theory(
-    name: str, light: float
-) -> None:
-    """To 1e-6 DN in every pixel, in darkness, at half a well, and where well and converter clip."""
-    frames = frames_of(CAMERAS[name], light)
-    noise_budget = frames.noise_budget()
-    assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
-    m = frames.theory.averages(frames.stages[-1])
-    size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
-    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(
-        m.temporal, abs=1e-9 * size
-    )
-    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(
-        m.spatial, abs=1e-9 * size
-    )
+def require_close(found: float, error: float, expected: float) -> None:
+    """A variance within 4 of its standard errors, or 1 % of σ."""
+    assert abs(found - expected) <= max(4 * error, 0.02 * expected), (found, error, expected)
 
 
-def test_a_colour_camera_balances_its_books_too() -> None:
-    camera = ms.load_camera("bayer_2mp")
-    frames = ms.expose(
-        np.full((20, 30, 2), 2000.0), camera, EXPOSURE, wavelengths_nm=[480, 620]
-    )
-    assert np.abs(frames.noise_budget().total - frames.digital[0]).max() < 1e-6
-
-
-OFF = {
-    "PRNU": {"pixel.prnu": 0.0},
-    "dark current": {"dark_current.fom_na_per_cm2": 0.0},
-    "reset noise": {"readout.ktc_residual": 0.0},
-    "source follower noise": {"source_follower.white_nv_per_rthz": 0.0},
-    "DSNU column": {"readout.dsnu_col": 0.0},
-    "DSNU row": {"readout.dsnu_row": 0.0},
-    "DSNU pixel": {"pixel.dsnu_e": 0.0},
-    "PRNU column": {"readout.prnu_col": 0.0},
-}
-FOLLOWS = {
-    **{
-        name: {"photon shot noise", "dark shot noise", "PRNU column"}
-        for name in ("PRNU", "dark current")
-    },
-    **{name: {"PRNU column"} for name in OFF if name not in ("PRNU", "dark current")},
-}
-"""What must change along: the shot noise of light and dark current, which is one count that is split, and the gain that
-multiplies all that stands before it."""
-
-
-@pytest.mark.parametrize("source", one_in(4, [*OFF][::3]))
-def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
-    """Entries of the sources before it are the same bits; those after it too, but for the last digits of adding up.
-
-    (A contribution is a difference of two signals of about 3000 DN, whose float64 step is 4.5e-13.) Rounding to codes
-    and clips see the sum and are left out. The variance of the shot noise is shared by photoelectrons and dark
-    electrons as the means of these pixels are, 1e-5 of which changes with a map.
-    """
-    on = TABLE1.replace(**{key: value for key, value in RICH.items() if "rts" not in key})
-    before, after = (
-        entries(frames_of(camera).noise_budget()) for camera in (on, on.replace(**OFF[source]))
-    )
-    assert list(before) == list(after)
-    names = list(before)
-    assert before[source].dn.std() > 0.01
-    np.testing.assert_array_equal(after[source].dn, 0.0)
-    assert after[source].temporal_dn2 == pytest.approx(0, abs=1e-9)
-    for name in set(names) - {source, "ADC", "full well"} - FOLLOWS[source]:
-        if names.index(name) < names.index(source):
-            np.testing.assert_array_equal(before[name].dn, after[name].dn)
-        else:
-            np.testing.assert_allclose(before[name].dn, after[name].dn, atol=5e-12, rtol=0)
-        assert before[name].temporal_dn2 == pytest.approx(
-            after[name].temporal_dn2, rel=1e-4, abs=1e-6
-        )
-        assert before[name].spatial_dn2 == pytest.approx(
-            after[name].spatial_dn2, rel=0.04, abs=0.02
-        )
+@pytest.mark.parametrize("name", one_in(4, CAMERAS))
+def test_rows_add_up_to_the_variances_of_the_frames(name: str) -> None:
+    """With what the sources do together in a row of its own; without it they add up within 4 standard errors."""
+    frames = frames_of(CAMERAS[name], 50.0 if name == "EM gain" else 20_000.0)
+    budget = frames.noise_budget()
+    *rows, total = budget.rows
+    expected = frames.theory.averages(frames.stages[-1])
+    require_close(total.temporal_dn2, total.temporal_error_dn2, expected.temporal)
+    require_close(total.spatial_dn2, total.spatial_error_dn2, expected.spatial)
+    assert total.share == pytest.approx(1) and budget.clipped < 1e-3
+    together = next((row for row in rows if row.source == "sources together"), None)
+    for part in ("temporal", "spatial"):
+        left = getattr(total, f"{part}_dn2") - sum(getattr(row, f"{part}_dn2") for row in rows)
+        errors = [getattr(row, f"{part}_error_dn2") for row in (*rows, total)]
+        assert abs(left) <= 4 * math.hypot(*errors) + 1e-6
+    assert (together is not None) == (name in ("EM gain", "coupled"))
+    assert all(math.isfinite(x) for row in budget.rows for x in row[1:])
 
 
 def test_random_sources_are_as_strong_as_they_must_be() -> None:
-    """rms of each entry over 60 000 pixels within 5 σ (1.5 %) of closed forms written out here."""
-    frames = frames_of(
-        TABLE1.replace(**{"adc.bits": 14, "adc.black_level_dn": 800.0, "pixel.prnu": 0.01})
+    """Closed forms written out here; a mean within 1e-3, and the σ of what a source changes within 2 %."""
+    camera = TABLE1.replace(
+        **{
+            "adc.bits": 14,
+            "adc.black_level_dn": 800.0,
+            "pixel.prnu": 0.01,
+            "readout.dsnu_col": 0.0,
+        }
     )
-    books, k = entries(frames.noise_budget()), gain_dn_per_e(frames.camera)
+    frames = frames_of(camera)
+    books, k = entries(frames.noise_budget()), gain_dn_per_e(camera)
     light, dark = 12_000.0, 174.158
     expected = {
-        "PRNU": 0.01 * light,
-        "photon shot noise": math.sqrt(light * (1 + 0.0)),
+        "photon shot noise": math.sqrt(light),
         "dark shot noise": math.sqrt(dark),
         "reset noise": math.sqrt(0.5 * 1.380649e-23 * 298.15 * 1.602176634e-19 / 5e-6)
         / 1.602176634e-19,
@@ -148,94 +97,90 @@ def test_random_sources_are_as_strong_as_they_must_be() -> None:
         "ADC": math.sqrt(1 / 12) / k,
     }
     for name, electrons in expected.items():
-        dn = books[name].dn - (800.0 if name == "ADC" else 0.0)
-        assert np.sqrt(np.mean(dn**2)) == pytest.approx(
-            k * electrons, rel=5 / math.sqrt(2 * dn.size) + 3e-4
-        ), name
-        assert abs(dn.mean()) < 5 * k * electrons / math.sqrt(dn.size), name
-        variance = books[name].spatial_dn2 if name == "PRNU" else books[name].temporal_dn2
-        assert variance == pytest.approx(
-            (k * electrons) ** 2, rel=0.02 if name == "PRNU" else 2e-4
-        ), name
-    assert books["quantum efficiency"].dn.mean() == pytest.approx(k * light, rel=1e-12)
-    assert books["dark current"].dn.mean() == pytest.approx(k * dark, rel=1e-3)
-    assert books["DSNU column"].spatial_dn2 == pytest.approx((33 * k) ** 2, rel=0.04)
+        one = books[name]
+        require_close(one.temporal_dn2, one.errors[1], (k * electrons) ** 2)
+        assert abs(one.spatial_dn2) < 4 * one.errors[2] + 1e-9
+    one = books["PRNU"]
+    require_close(one.spatial_dn2, one.errors[2], (k * 0.01 * light) ** 2)
+    assert one.temporal_dn2 == 0  # its shot noise is shot noise
+    assert books["quantum efficiency"].mean_dn == pytest.approx(k * light, rel=1e-5)
+    assert books["dark current"].mean_dn == pytest.approx(k * dark, rel=1e-3)
+    assert books["ADC"].mean_dn == pytest.approx(800.0, abs=0.01)
+    for name, sigma_e in (("PRNU", 0.01 * light), ("source follower noise", 6.105069)):
+        assert books[name].dn.shape == SHAPE
+        assert books[name].dn.std() == pytest.approx(k * sigma_e, rel=0.02)
+        assert books[name].rms_dn == pytest.approx(k * sigma_e, rel=0.02)
 
 
-def test_entries_of_two_sources_are_not_correlated() -> None:
-    """|ρ| < 5/√n for all pairs of temporal sources."""
-    books = entries(frames_of(TABLE1).noise_budget())
-    noises = (
-        "photon shot noise",
-        "dark shot noise",
-        "reset noise",
-        "source follower noise",
-        "PRNU",
-        "dark current",
-    )
-    rho = np.corrcoef([books[name].dn.ravel() for name in noises]) - np.eye(len(noises))
-    assert np.abs(rho).max() < 5 / math.sqrt(SHAPE[0] * SHAPE[1])
+def test_a_source_that_is_switched_off_is_without_effect_and_the_others_stay() -> None:
+    """The same random numbers: rows of other sources change by what rounding of float32 does."""
+    on = TABLE1.replace(**{**RICH, "dark_current.rts_fraction": 0.0})
+    off = on.replace(**{"pixel.dsnu_e": 0.0})
+    before, after = (entries(frames_of(camera).noise_budget()) for camera in (on, off))
+    assert list(before) == list(after)
+    assert before["DSNU pixel"].spatial_dn2 > 1 and after["DSNU pixel"].spatial_dn2 == 0
+    assert not after["DSNU pixel"].dn.any()
+    for name in set(before) - {"DSNU pixel", "ADC", "PRNU column"}:
+        one, other = before[name], after[name]
+        assert one.temporal_dn2 == pytest.approx(other.temporal_dn2, rel=1e-3, abs=1e-5)
+        assert (
+            abs(one.spatial_dn2 - other.spatial_dn2) < 0.2 * math.hypot(*one.errors[1:]) + 1e-3
+        )
 
 
-def test_a_full_well_is_booked_as_what_it_took_away() -> None:
-    """Far above saturation: detection puts in more than the range, the full well takes it, and noise before it dies."""
-    books = entries(frames_of(TABLE1, 200_000.0).noise_budget())
-    k = gain_dn_per_e(TABLE1)
-    assert books["quantum efficiency"].dn.mean() == pytest.approx(120_000 * k)
-    assert books["full well"].dn.mean() == pytest.approx(
-        (33_000 - 120_000 - 174.158) * k, rel=1e-3
-    )
-    assert books["full well"].temporal_dn2 < 0
+def test_pixels_that_are_clipped_do_not_count_and_the_budget_says_how_many() -> None:
+    """Half of the pixels in light beyond the full well: the rows are those of the other half."""
+    light = np.full(SHAPE, 20_000.0)
+    light[:, 150:] = 200_000.0
+    half = ms.expose(light, TABLE1, EXPOSURE).noise_budget()
+    whole = frames_of(TABLE1).noise_budget()
+    assert half.clipped == pytest.approx(0.5) and whole.clipped == 0
+    assert half.explain().count("50 % of the pixels are clipped") == 1
+    for name in ("photon shot noise", "DSNU column"):
+        one, other = entries(half)[name], entries(whole)[name]
+        assert (
+            abs(one.temporal_dn2 - other.temporal_dn2)
+            < 4 * math.hypot(one.errors[1], other.errors[1]) + 1e-4
+        )
+        assert (
+            abs(one.spatial_dn2 - other.spatial_dn2)
+            < 4 * math.hypot(one.errors[2], other.errors[2]) + 1e-4
+        )
+    full = frames_of(TABLE1, 200_000.0).noise_budget()
+    assert full.clipped == 1 and "100 % of the pixels are clipped" in full.explain()
+    assert [row.source for row in full.rows] == ["total"]
 
 
-def test_a_noise_budget_of_frame_3_is_of_frame_3_and_explains_itself() -> None:
-    frames = frames_of(TABLE1, first_frame=3)
-    assert (
-        np.abs(frames.noise_budget().total - frames_of(TABLE1, frames=4).digital[3]).max()
-        < 1e-6
-    )
-    assert "photon shot noise" in frames.noise_budget().explain()
+def test_a_knee_takes_noise_away_and_the_budget_says_so() -> None:
+    camera = TABLE1.replace(**{"pixel.full_well_knee_e": 2000.0, "adc.full_scale_v": 0.25})
+    budget = frames_of(camera, 52_000.0).noise_budget()
+    assert "soft full well" in [row.source for row in budget.rows if row.takes_noise]
+    assert "below zero: the source takes away noise" in " ".join(budget.explain().split())
 
 
-def test_the_table_has_sigma_share_and_total_and_no_source_without_effect() -> None:
-    """The shares of what sources add are 100 %; the total is the variance of the theory, its root the printed σ."""
+def test_the_table_has_sigma_its_standard_error_share_and_total() -> None:
     frames = frames_of(TABLE1)
     budget = frames.noise_budget()
-    *rows, total = budget.rows
-    assert total.share == pytest.approx(1) and sum(r.share for r in rows) == pytest.approx(1)
-    expected = frames.theory.averages(frames.stages[-1])
-    assert total.temporal_dn2 == pytest.approx(expected.temporal, rel=1e-9)
-    assert total.spatial_dn2 == pytest.approx(expected.spatial, rel=1e-9)
-    assert total.mean_dn == pytest.approx(frames.digital[0].mean(), rel=1e-9)
     text = budget.explain()
-    shown = {line.split("  ")[0]: line.split() for line in text.splitlines()}
-    for row in (*rows, total):
-        assert abs(row.temporal_dn2) + abs(row.spatial_dn2) + abs(row.mean_dn) > 5e-4
-        for cell, variance_dn2 in zip(shown[row.source][-3:-1], row[2:4], strict=True):
-            if variance_dn2:
-                assert float(cell) ** 2 == pytest.approx(abs(variance_dn2), rel=1e-3)
-            else:
-                assert cell == "–"
-    assert "without effect here:" in text and "reset noise" in shown
+    assert "without effect here:" in text and "%" in text.splitlines()[0]
+    for row in budget.rows:
+        line = next(x for x in text.splitlines() if x.startswith(f"{row.source} "))
+        for cell, variance in zip(line.split()[-3:-1], row[2:4], strict=True):
+            if "±" in cell:
+                sigma, error = map(float, cell.split("±"))
+                assert sigma**2 == pytest.approx(variance, rel=2e-3) and 0 < error < sigma
+    shown = next(x for x in text.splitlines() if x.startswith("photon shot noise"))
+    assert "±" in shown and "<" in shown  # its spatial σ is not seen
 
 
-def test_what_a_clip_takes_away_is_below_zero_and_says_so() -> None:
-    """Far above the full well nothing is left: what sources add and what the clips take cancel within 1 %."""
-    budget = frames_of(TABLE1, 200_000.0).noise_budget()
-    *rows, total = budget.rows
-    assert next(row.source for row in rows if row.takes_noise) == "full well"
-    assert sum(row.share for row in rows if row.share > 0) == pytest.approx(1)
-    assert abs(total.share) < 0.01
-    assert "below zero: the stage takes away noise" in " ".join(budget.explain().split())
-    assert "below zero" not in frames_of(TABLE1).noise_budget().explain()
-
-
-@pytest.mark.parametrize("photons", [1e4, 3e9])
-def test_in_float32_the_contributions_add_up_to_the_frame_in_any_light(photons: float) -> None:
-    """Up to 1e-6 DN. The counts of 3e9 photons are rounded by 64 electrons: 8 DN were missing."""
-    camera = ms.load_camera("konnik_table1")
-    light, exposure = np.full((16, 16), photons), ms.Exposure(0.1)
-    frames = ms.expose(light, camera, exposure, precision="float32", engine="numpy")
-    np.testing.assert_allclose(
-        frames.noise_budget().total, frames.digital[0], rtol=0, atol=1e-6
-    )
+def test_a_budget_is_that_of_its_frames_and_of_each_readout() -> None:
+    later = frames_of(TABLE1, first_frame=3)
+    assert entries(later.noise_budget())["source follower noise"].dn.shape == SHAPE
+    light = ms.Photons(np.full((64, 64), 1000.0), detected=True)
+    frames = ms.expose(light, "scmos_dual_gain", EXPOSURE)
+    with pytest.raises(ms.InputError, match="of one read-out"):
+        frames.noise_budget()
+    for name, one in frames.readouts.items():
+        *_, total = one.noise_budget().rows
+        expected = one.theory.averages(one.stages[-1])
+        require_close(total.temporal_dn2, total.temporal_error_dn2, expected.temporal), name

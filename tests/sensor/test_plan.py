@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +12,8 @@ from helpers import EACH_KIND
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import SensorWindow
-from mitsuba_sensor.sensor.detection import Detected
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.stage import without
-from mitsuba_sensor.theory.frame_theory import Averages, FrameTheory
-from mitsuba_sensor.theory.plan_effects import Effect
+from mitsuba_sensor.theory.plan_trial import Effect
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERA = ms.load_camera("konnik_table1")
@@ -33,16 +27,6 @@ def kept(plan: ms.Plan) -> set[str]:
 
 def effects_of(plan: ms.Plan) -> dict[str, Effect]:
     return {effect.stage: effect for effect in plan.effects}
-
-
-def averages(plan: ms.Plan, out: list[ms.Stage], level_e: float) -> Averages:
-    """Averages of the codes without some stages in so much light."""
-    stages = without(plan.whole, out)
-    light = Detected(
-        ms.Photons(np.full((1, 1), level_e)), ms.Electrons(np.full((1, 1), level_e))
-    )
-    window = SensorWindow(1, (1, 1))
-    return FrameTheory(stages, light, replace(plan.frame, window=window)).averages(stages[-1])
 
 
 @pytest.mark.parametrize("name", EACH_KIND)
@@ -65,26 +49,30 @@ def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
     ("name", "tolerance"),
     one_in(8, itertools.product(EACH_KIND, (0.02, 0.5, 50.0)), several=True),
 )
-def test_all_that_is_left_out_together_moves_no_level_by_more_than_the_tolerance(
+def test_all_that_is_left_out_together_moves_no_pixel_by_more_than_the_tolerance(
     name: str, tolerance: float
 ) -> None:
-    """Mean, and the roots of the changes of both variances, also between the levels that the plan looked at."""
-    camera = ms.load_camera(name)
-    plan = ms.plan(camera, EXPOSURE, SCENE, tolerance)
-    out = [stage for stage in plan.whole if not any(stage is kept for kept in plan.stages)]
-    for level_e in np.geomspace(max(plan.range.darkest_e, 1e-3), plan.range.brightest_e, 7):
-        whole, rest = (averages(plan, some, level_e) for some in ([], out))
-        error = 4 * math.hypot(whole.errors[0], rest.errors[0]) if tolerance > 1 else 0.0
-        moved = [abs(whole.mean - rest.mean) - error]
-        for before, after, *errors in zip(
-            whole[1:3], rest[1:3], whole.errors[1:], rest.errors[1:], strict=True
-        ):
-            moved.append(math.sqrt(max(abs(after - before) - 4 * math.hypot(*errors), 0.0)))
-        assert max(moved) <= 1e-3 + 1.02 * tolerance
+    """Of frames of other sensor units in the same light; rounding to codes adds up to 1 DN. Three of 19 200 pixels may:
+    what so few have is not seen by a plan."""
+    camera, scene = ms.load_camera(name), np.repeat(SCENE, 4, axis=0)
+    plan = ms.plan(camera, EXPOSURE, scene, tolerance)
+    beyond = 0
+    for serial in (3, 4):
+        whole, rest = (
+            ms.expose(
+                scene, camera, EXPOSURE, plan=one, serial=serial, frames=4, precision="float64"
+            )
+            for one in (None, plan)
+        )
+        moved = np.abs(whole.digital.astype(float) - rest.digital)
+        beyond += int((moved > tolerance + 1).sum())
+    assert beyond <= 3
+    assert not plan.left_out or abs((whole.digital - 1.0 * rest.digital).mean()) < 2 * tolerance
 
 
 def test_two_noises_that_may_each_go_may_not_both_go() -> None:
-    """Two of 8.9 DN, together 12.6: a tolerance of 12 lets one of them go."""
+    """Two of 8.9 DN: 50 DN are 5.6 σ of each, so that one of 260 000 samples is beyond once in 200 times; and 4 σ of
+    both, which 16 samples are."""
     camera = CAMERA.replace(
         **{
             "readout.reset": "hard",
@@ -92,7 +80,7 @@ def test_two_noises_that_may_each_go_may_not_both_go() -> None:
             "source_follower.read_noise_e": 71.68,
         }
     )
-    plan = ms.plan(camera, EXPOSURE, np.zeros((2, 2)), 12.0)
+    plan = ms.plan(camera, EXPOSURE, np.zeros((64, 64)), 50.0)
     both = {
         name: effects_of(plan)[name].temporal_dn
         for name in ("reset noise", "source follower noise")
@@ -142,15 +130,41 @@ def test_a_cold_short_exposure_leaves_the_dark_current_out() -> None:
 
 def test_the_effect_of_a_stage_is_its_own_size_in_digital_numbers() -> None:
     """DSNU_col 4.096 DN whatever else there is; PRNU 0.5 % of 2048 DN; dark current 21.6 DN of mean; shot noise √N."""
-    effects = effects_of(ms.plan(CAMERA, EXPOSURE, np.full((50, 2), 27_500.0)))
-    assert effects["DSNU column"].spatial_dn == pytest.approx(4.096, rel=0.03)
-    assert effects["DSNU column"].structure_dn == pytest.approx(4.096 * np.sqrt(50), rel=0.03)
-    assert effects["PRNU"].spatial_dn == pytest.approx(0.005 * 16_500 * 4096 / 33_000, rel=0.03)
-    assert effects["PRNU"].structure_dn < 1e-9
+    effects = effects_of(ms.plan(CAMERA, EXPOSURE, np.full((100, 120), 27_500.0)))
+    assert effects["DSNU column"].spatial_dn == pytest.approx(4.096, rel=0.07)
+    assert effects["DSNU column"].structure_dn == pytest.approx(4.096 * np.sqrt(100), rel=0.07)
+    assert effects["DSNU column"].temporal_dn < 1e-3
+    assert effects["PRNU"].spatial_dn == pytest.approx(0.005 * 16_500 * 4096 / 33_000, rel=0.02)
+    assert effects["PRNU"].structure_dn < 0.1 * effects["PRNU"].spatial_dn * np.sqrt(120)
     assert effects["dark current"].mean_dn == pytest.approx(21.6167, rel=1e-3)
-    assert effects["shot noise"].temporal_dn == pytest.approx(
-        np.sqrt(16_500 + 174.0) * 4096 / 33_000, rel=0.01
-    )
+    sigma_dn = np.sqrt(16_500 + 174.0) * 4096 / 33_000
+    assert effects["shot noise"].temporal_dn == pytest.approx(sigma_dn, rel=0.01)
+
+
+def test_offsets_of_columns_are_judged_by_their_lines_and_rare_pixels_by_their_number() -> None:
+    """Row noise of 0.06 DN in rows of 400 pixels, like 1.2 DN in a pixel; telegraph pixels, one in 400."""
+    quiet = {"readout.dsnu_col": 0.0, "pixel.prnu": 0.0, "readout.row_noise_e": 0.5}
+    shape, tolerance = (40, 400), 0.5
+    effect = effects_of(
+        ms.plan(CAMERA.replace(**quiet), EXPOSURE, np.full(shape, 1000.0), tolerance)
+    )["temporal row noise"]
+    assert effect.kept and effect.temporal_dn < 0.1 and effect.pixels_beyond == 0
+    assert effect.structure_dn == pytest.approx(0.5 * 4096 / 33_000 * 20, rel=0.15)
+    rare = {"dark_current.rts_fraction": 1 / 400, "dark_current.rts_amplitude_e_per_s": 2000.0}
+    plan = ms.plan(CAMERA.replace(**quiet | rare), EXPOSURE, np.full(shape, 1000.0), tolerance)
+    effect = effects_of(plan)["RTS pixels"]
+    assert effect.kept and 10 < effect.pixels_beyond < 60
+
+
+def test_one_hot_pixel_of_a_measured_map_keeps_its_stage() -> None:
+    """1 of 160 000 pixels: maps are looked at with all of their values, at every level of light."""
+    offsets = np.zeros((400, 400))
+    offsets[317, 41] = 50.0
+    maps = {"dsnu_pixel_e": offsets}
+    camera = CAMERA.replace(**{"pixel.dsnu_e": 0.01})
+    plan = ms.plan(camera, EXPOSURE, np.full((400, 400), 500.0), 0.5, maps=maps)
+    assert "DSNU pixel" in kept(plan)
+    assert "DSNU pixel" not in kept(ms.plan(camera, EXPOSURE, np.full((400, 400), 500.0), 0.5))
 
 
 def test_each_filter_of_a_mosaic_counts() -> None:
@@ -178,15 +192,16 @@ def test_explain_is_a_table_with_every_stage_and_the_range_and_to_dict_is_json()
     plan = ms.plan(CAMERA, EXPOSURE, SCENE, 0.5)
     text = plan.explain()
     assert CAMERA.name in text and "0.5 DN" in text and max(map(len, text.splitlines())) <= 120
-    _, held, measured, _, _, *lines, single = text.splitlines()
+    _, held, _, _, *lines, clipped, single = text.splitlines()
     assert (
-        "0.5977 … 2.409e+04 mean photoelectrons per pixel, 0.1 s at 298.15 K, 30 × 20 pixels"
+        "0.5994 … 2.402e+04 mean photoelectrons per pixel, 0.1 s at 298.15 K, 30 × 20 pixels"
         in held
     )
     assert single.startswith("float32: ")
-    whole_s, planned_s = plan.seconds
-    assert measured.startswith(f"A frame takes {whole_s:.3g} s with all stages")
-    assert ("worth a tenth" in measured) == (planned_s > 0.9 * whole_s > 0)
+    assert (
+        clipped
+        == f"Of {plan.pixels} sampled pixels 0 % are clipped: their changes are only counted."
+    )
     for effect, line in zip(plan.effects, lines, strict=True):
         assert line.startswith(effect.stage + " ") and ("left out" in line) == (not effect.kept)
     again = json.loads(json.dumps(plan.to_dict(), allow_nan=False))

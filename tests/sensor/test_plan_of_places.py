@@ -1,4 +1,4 @@
-"""The plan of a stage that depends on the place: it is looked at where it does most, wherever on the sensor that is."""
+"""The plan of a stage that depends on the place: the pixels of a small frame are all looked at."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.theory.plan_effects import Effect
+from mitsuba_sensor.theory.plan_trial import Effect
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
@@ -70,17 +70,20 @@ def effect_of(stage: ms.Stage, tolerance_dn: float, photons: float) -> Effect:
 @pytest.mark.parametrize("photons", [1.0, 1000.0])
 @pytest.mark.parametrize("corner", one_in(3, [(0, 0), (95, 127), (0, 127), (40, 70)]))
 def test_a_glow_is_kept_wherever_it_is(corner: tuple[int, int], photons: float) -> None:
-    effect = effect_of(Glow(2000.0, *corner, length_px=10.0), 0.2, photons)
-    column = np.exp(-np.abs(np.arange(SHAPE[0]) - corner[0]) / 10.0)
+    glow = Glow(2000.0, *corner, length_px=10.0)
+    effect = effect_of(glow, 0.2, photons)
+    rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    glow_e = 2000.0 * np.exp(-np.hypot(rows - corner[0], columns - corner[1]) / 10.0)
     assert effect.kept
-    assert effect.mean_dn > GAIN_DN_PER_E * 2000.0 * column.mean() * 0.9
+    assert effect.mean_dn > GAIN_DN_PER_E * glow_e.mean() * 0.9
+    assert effect.pixels_beyond > 0.9 * (GAIN_DN_PER_E * glow_e > 1).sum()
 
 
 @pytest.mark.parametrize("column", one_in(2, [0, 41, 127]))
 def test_a_single_column_is_kept(column: int) -> None:
     effect = effect_of(HotColumn(40.0, column), 0.2, 1000.0)
     assert effect.kept
-    assert effect.mean_dn > GAIN_DN_PER_E * 40.0
+    assert effect.pixels_beyond == pytest.approx(SHAPE[0], rel=0.3)
 
 
 def test_a_glow_below_the_tolerance_is_left_out() -> None:

@@ -15,8 +15,6 @@ import pytest
 import tifffile
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import Frame, SensorWindow
-from mitsuba_sensor.theory.combined_theory import codes_by_light
 
 SHORT = ms.Exposure(0.01)
 PLAIN = ms.load_camera("sony_imx174").replace(
@@ -43,6 +41,13 @@ def dual_gain(**changes: Any) -> ms.Camera:
 def electrons(level_e: float, shape: tuple[int, int]) -> ms.Photons:
     """A flat field of so many mean photoelectrons."""
     return ms.Photons(np.full(shape, level_e), detected=True)
+
+
+def codes_by_light(camera: ms.Camera, levels: np.ndarray, pixels: int = 256) -> tuple[Any, Any]:
+    """Mean and variance of the linear code by clean frames, averaged over so many pixels of each level."""
+    light = ms.Photons(np.tile(levels, (pixels, 1)), detected=True)
+    frames = ms.expose(light, camera, SHORT)
+    return (x.mean(axis=0, dtype=float) for x in (frames.clean, frames.temporal_variance))
 
 
 def in_electrons(camera: ms.Camera, codes: np.ndarray) -> np.ndarray:
@@ -126,9 +131,7 @@ def test_mean_and_noise_of_the_combination_follow_the_closed_form(
     frames = ms.expose(
         ms.Photons(np.tile(levels[:, None], (1, 20_000)), detected=True), camera, SHORT
     )
-    mean, variance = codes_by_light(
-        camera.combined_readouts, Frame(SHORT, SensorWindow(1, (1, 1))), levels
-    )
+    mean, variance = codes_by_light(camera, levels)
     codes = frames.digital[0].astype(float)
     off = (codes.mean(axis=1) - mean) / np.sqrt(variance / codes.shape[1])
     assert np.abs(off).max() < 5
@@ -157,20 +160,39 @@ def test_the_theory_of_a_frame_follows_from_the_law_of_each_readout() -> None:
     light = ms.Photons(np.tile(np.linspace(10, 20_000, 160), (120, 1)), detected=True)
     report = ms.expose(light, camera, SHORT).report
     line = report["stages"][-1]
-    assert not report["theory"]["measured"]
     assert line["mean_frame"] == pytest.approx(line["mean_expected"], rel=2e-3)
-    assert line["sigma_frame"] == pytest.approx(line["sigma_expected"], rel=0.02)
+    error = line["sigma_temporal_error"] + line["sigma_spatial_error"]
+    assert abs(line["sigma_frame"] - line["sigma_expected"]) < 4 * error
 
 
 def test_the_clean_frame_is_the_mean_of_many_frames() -> None:
     camera = dual_gain(**{"pixel.prnu": 0.01})
     light = ms.Photons(np.tile(np.linspace(500, 3_000, 40), (16, 1)), detected=True)
-    frames = ms.expose(light, camera, SHORT, frames=400)
-    error = np.sqrt(frames.temporal_variance / 400)
+    frames = ms.expose(light, camera, SHORT, frames=100)
+    error = np.sqrt(frames.temporal_variance / 100)
     off = (frames.digital.mean(axis=0) - frames.clean) / error
-    assert abs(off.mean()) < 0.2 and off.std() == pytest.approx(1, abs=0.15)
+    assert abs(off.mean()) < 0.2 and 0.9 < off.std() < 1.5  # 1, and 0.06 σ of a lattice
     ratio = frames.digital.var(axis=0, ddof=1) / frames.temporal_variance
     assert ratio.mean() == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("level_e", [400.0, 900.0])
+def test_readouts_of_one_charge_share_the_noise_of_a_quantum_yield(level_e: float) -> None:
+    """An interaction frees three electrons, and both read-outs have all of them. Of 20 000 pixels, within 4 %: the
+    variance is known to 1 %."""
+    camera = dual_gain(
+        **{
+            "quantum_efficiency.quantum_yield": [3.0]
+            * len(PLAIN.quantum_efficiency.wavelengths_nm),
+            "combine.blend_from": [0.2],
+        }
+    ).without("dsnu_pixel", "dsnu_column", "dsnu_row", "prnu_column")
+    photons = ms.Photons(np.full((100, 200, 1), level_e / 0.3), np.array([450.0]))
+    frames = ms.expose(photons, camera, SHORT)
+    assert frames.temporal_variance.mean() == pytest.approx(frames.digital.var(), rel=0.04)
+    assert frames.clean.mean() == pytest.approx(
+        frames.digital.mean(), abs=5 * frames.digital.std() / np.sqrt(20_000)
+    )
 
 
 def test_a_crop_of_combined_frames_is_the_frame_of_the_crop() -> None:
@@ -336,7 +358,7 @@ def test_a_plan_leaves_out_stages_of_each_readout_within_the_tolerance() -> None
     assert "read-out low" in plan.explain()
     planned = ms.expose(light, camera, SHORT, plan=plan)
     assert np.abs(planned.clean - frames.clean).max() < 2.0
-    sigma, other = (np.sqrt(one.theory.digital_variance()) for one in (planned, frames))
+    sigma, other = (np.sqrt(one.temporal_variance) for one in (planned, frames))
     assert np.abs(sigma - other).max() < 2.0
     assert np.array_equal(planned.readouts["high"].digital.shape, frames.digital.shape)
     with pytest.raises(ms.InputError, match="plan was made for"):

@@ -19,7 +19,7 @@ from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
 from ...stages.usual_range import warn_of_temperature
 from ...theory.input_noise import input_noise
-from ...theory.planned_exposure import prepare_planned_exposure
+from ...theory.plan import prepare_planned_exposure
 from ..denoise.network import denoised_if_possible, is_undecided
 from ..light.bands import Bands
 from ..light.brightness import NOT_LUMINOUS, luminous_weights, scale_to, with_brightness

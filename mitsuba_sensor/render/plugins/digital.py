@@ -11,17 +11,24 @@ from numpy.typing import ArrayLike
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
-from ...core import Array, Exposure, InputError, check_types, first_given, numbers, require_seed
+from ...core import (
+    Array,
+    Exposure,
+    Frame,
+    InputError,
+    SensorWindow,
+    check_types,
+    first_given,
+    numbers,
+    require_seed,
+)
 from ...core.llvm import drjit
 from ...core.options import complete, documents
-from ...gradient.attached_frames import (
-    AttachedFrames,
-    Pixels,
-    attached_frames,
-    attached_frames_with_maps,
-)
-from ...gradient.field_derivatives import TIME
+from ...gradient.attached_pixels import AttachedPixels
+from ...gradient.parameters import TIME
+from ...sensor.map_checks import checked_maps
 from ...sensor.options import ChipOptions
+from ...stages.chain import whole_chain
 from ..variants import MitsubaObject
 from .image_light import ImageLight
 
@@ -60,9 +67,9 @@ def digital(
     """
     chip = _Chip.of(image, camera, exposure, sensor, parameters, options)
     if expected:
-        return chip.tensor(chip.frames.law(chip.light_e, chip.changes).expected())
+        return chip.tensor(chip.pixels.expected())
     seed = require_seed("seed", first_given(seed, chip.light.settings.seed, 1))
-    return chip.tensor(chip.frames.sampled(chip.light_e, chip.changes, seed))
+    return chip.tensor(chip.pixels.sampled(seed))
 
 
 @documents(ChipOptions)
@@ -90,30 +97,29 @@ def raw_log_likelihood(
     Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
     """
     chip = _Chip.of(image, camera, exposure, sensor, parameters, options)
-    law = chip.frames.law(chip.light_e, chip.changes)
-    codes = numbers("digital", digital, "the whole numbers of a raw frame (H, W)")
+    highest, codes = (
+        chip.pixels.highest,
+        numbers("digital", digital, "the whole numbers of a raw frame (H, W)"),
+    )
     shape = chip.light.shape
     if (
         codes.shape != shape
-        or not ((codes == np.round(codes)) & (codes >= 0) & (codes <= law.highest)).all()
+        or not ((codes == np.round(codes)) & (codes >= 0) & (codes <= highest)).all()
     ):
         raise InputError(
             f"digital has shape {codes.shape} and values from {codes.min():g} to {codes.max():g}; it must have whole "
-            f"numbers from 0 to {law.highest} in the shape of the image, {shape}."
+            f"numbers from 0 to {highest} in the shape of the image, {shape}."
         )
-    flat = type(chip.light_e)(codes.astype(np.float32).ravel())
-    return chip.tensor(law.log_likelihood(flat))
+    return chip.tensor(chip.pixels.log_likelihood(codes.astype(np.float64)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Chip:
-    """What both functions need.  changes : by parameter name, its variable minus its value."""
+    """What both functions need."""
 
     image: Array
     light: ImageLight
-    frames: AttachedFrames
-    changes: Mapping[str, Array]
-    light_e: Array
+    pixels: AttachedPixels
 
     @classmethod
     def of(
@@ -143,10 +149,11 @@ class _Chip:
         }
         light_e = light.electrons(image, exposure, grown)
         serial = require_seed("serial", first_given(chosen["serial"], light.settings.serial, 1))
-        pixels = Pixels(serial, light.shape, light.origin)
-        fixed = own, exposure, pixels, tuple(values), tuple(grown), backend
-        frames = attached_frames_with_maps(*fixed, maps) if maps else attached_frames(*fixed)
-        return cls(image, light, frames, changes, light_e)
+        window = SensorWindow(serial, light.shape, light.origin, camera=own.name)
+        window = replace(window, given=checked_maps(maps or {}, whole_chain(own), window, own))
+        frame = Frame(exposure, window, gain=own.gain or "")
+        pixels = AttachedPixels.of(own, frame, light_e, changes, tuple(grown), backend)
+        return cls(image, light, pixels)
 
     def tensor(self, values: Array) -> Array:
         """As (H, W)."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from ...camera.camera import Camera
 from ...camera.fingerprint import response_fingerprint
-from ...core import Array, Exposure, Float64Array, Frame, InputError, SensorWindow, check_types
+from ...core import Array, Exposure, Float64Array, InputError, check_types
 from ...core.llvm import drjit
-from ...gradient.attached_frames import recording_of
+from ...gradient.parameters import Parameters
 from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
 from ..light.bands import BANDWIDTH_NM, Bands, choose_bands
@@ -135,7 +135,7 @@ class ImageLight:
 
     def growth(self, name: str, exposure: Exposure) -> float:
         """d ln(electrons)/d ``name`` at the same image; 0 for a number that they do not depend on."""
-        recording = recording_of(self.camera, Frame(exposure, SensorWindow(0, (1, 1))))
+        numbers = Parameters(self.camera, exposure)
 
         def of_bands(camera: Camera, exposure: Exposure) -> Float64Array:
             return self._weights(camera, exposure)
@@ -143,11 +143,11 @@ class ImageLight:
         def of_lens(camera: Camera, exposure: Exposure) -> Float64Array:
             return self._solid_angle(camera, self.view)
 
-        value, total = recording.value(name), 0.0
+        value, total = numbers.value(name), 0.0
         for function in (of_bands, of_lens):
             values = function(self.camera, exposure)
             lit = values > 0
-            relative = recording.derivative(name, function)[lit] / values[lit]
+            relative = numbers.derivative(name, function, (name,))[lit] / values[lit]
             if not relative.size or np.abs(relative).max() * abs(value) < SAME:
                 continue
             if np.ptp(relative) > SAME * np.abs(relative).max():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Annotated, Self
@@ -21,9 +20,6 @@ from ..usual_range import MV_TO_V, Usual
 
 HALVES_END = 2**23
 """From here on float32 has no halves: x + ½ is a tie there, and goes to the even neighbour."""
-
-INTERVALS = {1.0: 1.5, 2.0: -0.6, 3.0: 0.1}
-"""Width [DN] → weight of the intervals in which codes are counted: Σw = 1, Σw·a² = Σw·a⁴ = 0."""
 
 LEAST_FILLED, MOST_FILLED = 0.05, 100.0
 """Share of the code range that a full well fills: beyond, a gain is probably in another unit. 100 is a gain of 40 dB; a
@@ -135,18 +131,12 @@ class Adc(Converter):
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""
         ideal, highest = self.ideal(swing, frame), frame.number(self.highest)
-        return self._with_slope(
-            lambda x: arrays.minimum(arrays.maximum(self._rounded(x), 0.0), highest), ideal
-        )
+        return arrays.minimum(arrays.maximum(self._rounded(ideal), 0.0), highest)
 
     def moments(self, m: Moments) -> Moments:
-        """Gain and black level, then rounding (1/12 DN² where the noise hides the steps) and the clip at both ends."""
-        return (
-            m.scale(self.gain_dn_per_v)
-            .add(mean=self.black_level_dn)
-            .round()
-            .clip(0.0, self.highest)
-        )
+        """Gain and black level, rounding noise of 1/12 DN², and the clip at both ends."""
+        code = m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn, temporal=1 / 12)
+        return code.clip(0.0, self.highest)
 
     @property
     def nominal_gain(self) -> float:
@@ -165,23 +155,6 @@ class Adc(Converter):
         below = arrays.floor(ideal)
         return arrays.where(ideal - below < 0.5, below, below + 1.0)
 
-    def _with_slope(self, code_of: Callable[[Array], Array], ideal: Array) -> Array:
-        """The codes, with a slope that is right on average over noise of 1 DN or more, also at uneven steps and clips.
-
-        It is the number of codes in an interval about the signal, per DN: where the steps are equal, 1. Over noise of σ
-        an interval of width a is wrong by terms in (a/σ)² and (a/σ)⁴, which the weights of three intervals cancel.
-        """
-
-        def line(x: Array, _: Array) -> Array:
-            fixed = arrays.detached(x)
-            slope = sum(
-                weight / width * (code_of(fixed + 0.5 * width) - code_of(fixed - 0.5 * width))
-                for width, weight in INTERVALS.items()
-            )
-            return x * slope
-
-        return arrays.with_derivative_of(line, code_of, ideal)
-
 
 @dataclass(frozen=True)
 class AdcWithDnl(Adc):
@@ -195,16 +168,13 @@ class AdcWithDnl(Adc):
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → the code whose step contains it (H, W)."""
-        return self._with_slope(
-            lambda x: arrays.count_at_or_below(self._transitions, x), self.ideal(swing, frame)
-        )
+        return arrays.count_at_or_below(self._transitions, self.ideal(swing, frame))
 
     def moments(self, m: Moments) -> Moments:
         """As a converter of equal steps, moved by the local INL."""
-        ideal = m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn)
-        code = arrays.minimum(arrays.maximum(arrays.floor(ideal.mean + 0.5), 0.0), self.highest)
-        inl = arrays.look_up(self._inl, arrays.as_index(code))
-        return ideal.add(mean=-inl).round().clip(0.0, self.highest)
+        code = super().moments(m)
+        inl = arrays.look_up(self._inl, arrays.as_index(np.floor(code.mean + 0.5)))
+        return code.add(mean=-inl)
 
     @property
     def inl_lsb(self) -> Float64Array:

@@ -59,7 +59,6 @@ class Blooming(Stage):
     fields = BloomingFields
     terms = "blooming, antiblooming (J)"
     no_noise = "set pixel.blooming to 0"
-    has_derivatives = False
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Blooming | None:

@@ -83,7 +83,6 @@ class EmGain(Stage):
     terms = "electron multiplication, EMCCD, excess noise factor F² (Robbins & Hadwen 2003)"
     no_noise = "set readout.em_gain to 1"
     label = "EM gain"
-    has_derivatives = False
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> EmGain | None:
@@ -107,11 +106,6 @@ class EmGain(Stage):
     def excess_noise(self) -> float:
         """F²."""
         return em_excess_noise(self.gain, self.elements)
-
-    @property
-    def multiplication(self) -> tuple[float, float]:
-        """G and F² − 1."""
-        return self.gain, self.excess_noise - 1
 
     @property
     def limits(self) -> tuple[float, float]:

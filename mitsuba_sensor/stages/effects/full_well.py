@@ -87,9 +87,7 @@ class FullWell(Stage):
         capacity = frame.number(self.full_well_e)
 
         def beside(dark: Array, light: Array) -> Array:
-            return arrays.with_gradient(
-                arrays.minimum(light, capacity - dark), _line, light, dark, capacity
-            )
+            return arrays.minimum(light, capacity - dark)
 
         def parts(light: Array, dark: Array) -> tuple[Array, Array]:
             dark = arrays.minimum(dark, capacity)
@@ -104,19 +102,6 @@ class FullWell(Stage):
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels that are full."""
         return {"clipped_full_well": signal >= frame.number(self.full_well_e)}
-
-
-def _line(light: Array, dark: Array, capacity: Array) -> Array:
-    """Photoelectrons with derivatives that are right on average over whole counts n, also next to the full well.
-
-    The mean over the counts grows by the step from n to n + 1, half of which is in the slope at n and half in that at
-    n + 1: at the last count below the full well it is half a step and the part of a step that is left.
-    """
-    n, end = (arrays.detached(x) for x in (light + dark, capacity))
-    last = arrays.where(n <= end, 0.5 + end - arrays.floor(end), 0.0)
-    slope = arrays.where(n + 1.0 <= end, 1.0, last)
-    full = arrays.where(n > end, 1.0, arrays.where(n < end, 0.0, 0.5))
-    return light * slope - dark * (1.0 - slope) + capacity * full
 
 
 @dataclass(frozen=True)

@@ -68,9 +68,7 @@ class QuantumYield(Stage):
         n, mean = electrons.light, electrons.yield_mean
         spread = arrays.sqrt(n * (frame.number(self.fano) * mean + electrons.yield_variance))
         smooth = n * mean + spread * frame.normal("quantum_yield")
-        burst = arrays.with_derivative_of(
-            lambda x, _: x, lambda x: arrays.floor(x + 0.5), smooth
-        )
+        burst = arrays.floor(smooth + 0.5)
         light = arrays.where(mean == 1, n, arrays.maximum(burst, 0.0))
         return replace(electrons, light=light, yield_mean=1.0, yield_variance=0.0)
 

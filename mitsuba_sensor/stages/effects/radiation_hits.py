@@ -69,7 +69,6 @@ class RadiationHits(Stage):
     table = "pixel"
     fields = RadiationHitsFields
     label = "radiation hits"
-    has_derivatives = False
     terms = "cosmic rays, radiation hits, Landau distribution (Moyal 1955)"
 
     @classmethod

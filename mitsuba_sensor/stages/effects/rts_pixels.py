@@ -129,18 +129,6 @@ class RtsPixels(Stage):
             spatial=spread * mean**2,
         )
 
-    def outcomes(
-        self, electrons: Electrons, frame: Frame
-    ) -> tuple[tuple[Array, Electrons], ...]:
-        """Traps that are off, and on."""
-        if self.fraction == 0 or self.step_e(frame) == 0:
-            return ()
-        on = self.duty * self.fpn_maps(frame.window)["rts_site"]
-        return (1 - on, electrons), (
-            on,
-            replace(electrons, dark=electrons.dark + self.step_e(frame)),
-        )
-
     def step_e(self, frame: Frame) -> float:
         """Electrons of a trap that is on all the time, at this exposure's temperature [e-]."""
         exposure = frame.exposure

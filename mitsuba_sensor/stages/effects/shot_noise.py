@@ -181,7 +181,6 @@ class ShotNoiseWithResets(ShotNoise):
 
     resets: tuple[tuple[float, float], ...] = ()
     label = ShotNoise.label
-    has_derivatives: ClassVar[bool] = False
     compensates: ClassVar[bool] = False
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:

@@ -85,18 +85,10 @@ def test_theory_is_measured_and_has_the_mean_of_frames() -> None:
     photons = np.full((128, 96), 200.0)
     photons[60:68] = 4000.0
     frames = ms.expose(photons, CCD, COLD, frames=20)
-    assert frames.theory.origin["measured"]
     expected = frames.theory.averages(frames.stages[-1]).mean
     assert frames.digital.mean() == pytest.approx(expected, rel=3e-3)
     drained = ms.expose(photons, BASE, COLD, frames=20)
     assert frames.digital.mean() > 1.2 * drained.digital.mean()
-
-
-def test_a_clean_frame_is_refused() -> None:
-    with pytest.raises(
-        ms.InputError, match=r"Blooming couples neighbours.*set pixel.blooming to 0"
-    ):
-        _ = ms.expose(np.full((8, 8), 200.0), CCD, COLD).clean
 
 
 def test_a_full_sensor_has_a_report() -> None:

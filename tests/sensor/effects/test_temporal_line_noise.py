@@ -134,7 +134,7 @@ def test_a_frame_has_one_offset_and_every_frame_another_the_same_in_a_crop() -> 
 
 
 def test_theory_has_the_jitter_of_the_black_level_and_adds_it_in_quadrature() -> None:
-    """σ of 300 and 400 e- and rounding: closed form to 0.1 %."""
+    """σ of 300 and 400 e- and rounding, within 4 standard errors; frame noise is one number of each sampled frame."""
     camera = QUIET.replace(
         **{
             "readout.frame_noise_e": 300.0,
@@ -145,5 +145,5 @@ def test_theory_has_the_jitter_of_the_black_level_and_adds_it_in_quadrature() ->
     frames = ms.expose(np.zeros((8, 8)), camera, DARK, frames=2)
     expected = frames.theory.averages(frames.stages[-1])
     variance_dn2 = (500 * frames.report["K_dn_per_e"]) ** 2 + 1 / 12
-    assert expected.temporal == pytest.approx(variance_dn2, rel=1e-3)
+    assert abs(expected.temporal - variance_dn2) < 4 * expected.errors[1] < 0.9 * variance_dn2
     assert "temporal frame noise" in frames.noise_budget().explain()

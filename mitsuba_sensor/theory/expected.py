@@ -1,0 +1,420 @@
+"""What is expected of frames, by four samples of each pixel: two frames of each of two sensors, in the same light.
+
+x[s, f] is the signal of a pixel of sensor s in frame f. Averaged over pixels, without bias and for any stage,
+
+    mean      <x>
+    temporal  <(x[s,0] − x[s,1])²>/2
+    spatial   <(x[0,0] − x[1,0])·(x[0,1] − x[1,1])>/2       the image cancels, and temporal noise averages out
+    frame     <(x − x[0,f])·(x − x[1,f])>                   variance of a frame that is none of these samples
+
+The pixels are windows at their real places in the light, each with two serial numbers of its own; the standard errors
+are the spread of the windows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Array, Electrons, Frame, InputError
+from ..core.counter_rng import key_of
+from ..core.types import Float64Array
+from ..sensor.detection import Detected
+from ..sensor.threads import for_each
+from ..stages.propagate import FIRST_SERIAL
+from ..stages.stage import Chain, Stage, converter_of, place_of, total
+
+SIDE_PX, WINDOWS, MOST_WINDOWS = 64, 16, 24
+"""Side of a window [px] at most, and how many windows there are: more of small ones."""
+
+FIRST_SEED = 2**30
+"""Seed of the first sampled frame; each has a seed of its own, so that frames of the same number have other noise."""
+
+FRAMES_APART = 64
+"""Different numbers of frames that are sampled at most."""
+
+LARGEST = 1e30
+"""Signals beyond it count as this: their fourth powers are numbers."""
+
+
+class Averages(NamedTuple):
+    """Mean, temporal and spatial variance of a signal, averaged over the pixels, in the unit of its stage.
+
+    errors : standard errors of the three.  frame_mean, frame_variance : the same pixels in the frames themselves, the
+        variance about what is expected of each pixel.
+    """
+
+    mean: float
+    temporal: float
+    spatial: float
+    errors: tuple[float, float, float]
+    frame_mean: float
+    frame_variance: float
+
+    @property
+    def sigma(self) -> float:
+        """Root of the sum of both variances."""
+        return math.sqrt(self.temporal + self.spatial)
+
+
+class Window(NamedTuple):
+    """A part of the frame that is sampled: rows, columns, and those around it whose pixels change its pixels."""
+
+    rows: slice
+    columns: slice
+    around: tuple[slice, ...]
+
+    @property
+    def inside(self) -> tuple[slice, ...]:
+        """Its pixels, counted from the first pixel around it."""
+        rows, columns = (
+            slice(own.start - whole.start, own.stop - whole.start)
+            for own, whole in zip(self[:2], self.around, strict=True)
+        )
+        return rows, columns
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What is expected behind every stage of a chain, by samples of it.
+
+    light, frame : of the whole window; its exposure, its place and its measured maps.  count : of the frames from that
+        one on that the averages are for, which matters to a stage that depends on the number of the frame.
+    of_corners : whether only the four corners of a large frame are sampled.
+    """
+
+    stages: Chain
+    light: Detected
+    frame: Frame
+    count: int = 1
+    of_corners: bool = False
+
+    def __repr__(self) -> str:
+        rows, columns = self.frame.window.shape
+        return f"<Expectation: {len(self.stages)} stages, {rows} × {columns} pixels>"
+
+    def averages(self, stage: Stage) -> Averages:
+        """Averages over the pixels behind a stage."""
+        number = place_of(stage, self.stages)
+        found, errors = self._averages
+        mean, temporal, spatial, frame_mean, frame_variance = found[number].tolist()
+        clipped = max(temporal, 0.0), max(spatial, 0.0)
+        return Averages(
+            mean,
+            *clipped,
+            tuple(errors[number, :3].tolist()),
+            frame_mean,
+            max(frame_variance, 0.0),
+        )
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """How the averages were found, ready for JSON."""
+        return {"pixels": self.pixels, "windows": len(self.windows), "samples_of_each": 4}
+
+    @property
+    def pixels(self) -> int:
+        """How many pixels are sampled."""
+        return sum(self.pixels_of(number) for number in range(len(self.windows)))
+
+    @cached_property
+    def tiles(self) -> list[Window]:
+        """The frame in windows of about the same size; where stages reach far along a column, of whole columns."""
+        shape = self.frame.window.shape
+        reach_px = sum(stage.reach_px for stage in self.stages)
+        rows, columns = SIDE_PX, SIDE_PX
+        if reach_px > SIDE_PX:
+            rows, columns = shape[0], max(SIDE_PX**2 // shape[0], 1)
+        reach = reach_px, sum(stage.reach_along_rows_px for stage in self.stages)
+        found = []
+        for part in itertools.product(_parts(shape[0], rows), _parts(shape[1], columns)):
+            around = tuple(
+                slice(max(own.start - more, 0), min(own.stop + more, length))
+                for own, more, length in zip(part, reach, shape, strict=True)
+            )
+            found.append(Window(*part, around))
+        return found
+
+    @cached_property
+    def repeats(self) -> int:
+        """How often all tiles are sampled; 1 where there are so many that some are left out."""
+        pixels = math.prod(self.frame.window.shape)
+        windows = min(
+            max(SIDE_PX**2 * WINDOWS * len(self.tiles) // pixels, WINDOWS), MOST_WINDOWS
+        )
+        return max(windows // len(self.tiles), 1)
+
+    @cached_property
+    def windows(self) -> list[Window]:
+        """The sampled windows: all tiles equally often, or some of them, evenly from the darkest to the brightest."""
+        if self.of_corners:
+            rows, columns = self.frame.window.shape
+            ends = (0, rows), (0, columns)
+            return [
+                tile
+                for tile in self.tiles
+                if all(
+                    {own.start, own.stop} & {*end}
+                    for own, end in zip(tile[:2], ends, strict=True)
+                )
+            ]
+        if self.repeats > 1 or len(self.tiles) <= WINDOWS:
+            return self.tiles * self.repeats
+        order = np.argsort(
+            [self._mean_e[tile[:2]].mean() for tile in self.tiles], kind="stable"
+        )
+        chosen = ((np.arange(WINDOWS) + 0.5) * len(order) / WINDOWS).astype(int)
+        return [self.tiles[number] for number in sorted(order[chosen])]
+
+    @cached_property
+    def _mean_e(self) -> Float64Array:
+        """Mean light of every pixel, (H, W), none of it infinite."""
+        return np.minimum(self.light.mean_e, LARGEST)
+
+    @cached_property
+    def _sensors(self) -> list[int]:
+        """Number of the pair of sensors of each window: two windows of one pair share neither rows nor columns, so that
+        no random number is in both. Few pairs need few maps of whole columns.
+        """
+        used: list[
+            set[int]
+        ] = []  # first rows of the windows of each pair, and −1 − first columns
+        found = []
+        for rows, columns, _ in self.windows:
+            place = {rows.start, -1 - columns.start}
+            pair = next((k for k, taken in enumerate(used) if not place & taken), len(used))
+            used += [set()] * (pair == len(used))
+            used[pair] = used[pair] | place
+            found.append(pair)
+        return found
+
+    @cached_property
+    def light_e(self) -> Float64Array:
+        """Mean light of each window [e-]."""
+        return np.array([self._mean_e[window[:2]].mean() for window in self.windows])
+
+    def pixels_of(self, number: int) -> int:
+        """How many pixels a window has."""
+        return self._mean_e[self.windows[number][:2]].size
+
+    def frames_of(self, number: int) -> list[list[Frame]]:
+        """Two frames of each of two sensors, of a window with what is around it."""
+        pairs = self._frame_pairs
+        indices = pairs[int(len(pairs) * (number + 0.5) / len(self.windows))]
+        first = FIRST_SERIAL + 2 * self._sensors[number]
+        return [
+            [
+                self._frame(number, first + sensor, FIRST_SEED + 2 * number + seed, index)
+                for seed, index in enumerate(indices)
+            ]
+            for sensor in (0, 1)
+        ]
+
+    def light_of(self, number: int) -> Array:
+        """The light of a window with what is around it, behind the first stage."""
+        rows, columns = self.windows[number].around
+        signal = self.light.signal
+        return signal.mapped(lambda values: _part_of(values, rows, columns))
+
+    def errors_of(
+        self, values: Float64Array, weights: Float64Array
+    ) -> tuple[Float64Array, Float64Array]:
+        """Weighted average over the windows of values, (W, …), and its standard error by their spread.
+
+        The spread is that about the mean of the same tile, or about a straight line in the light of the windows.
+        """
+        shape = (-1, *(1,) * (values.ndim - 1))
+        each, whole = weights.reshape(shape), max(float(weights.sum()), 1e-300)
+        mean = (each * values).sum(axis=0) / whole
+        if self.repeats > 1:
+            tiles = values.reshape(self.repeats, -1, *values.shape[1:])
+            weight = each.reshape(self.repeats, -1, *each.shape[1:])
+            fitted = (weight * tiles).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
+            off, used = (tiles - fitted).reshape(values.shape), len(self.tiles)
+        else:
+            slope, middle_e = self._slope(values, weights)
+            off, used = values - mean - slope * (self.light_e - middle_e).reshape(shape), 2
+        seen = max(int(np.count_nonzero(weights)), used + 1)
+        spread = np.sqrt((each**2 * off**2).sum(axis=0) * seen / (seen - used))
+        return mean, spread / whole
+
+    def _slope(self, values: Float64Array, weights: Float64Array) -> tuple[Float64Array, float]:
+        """Slope of values in the light of the windows [1/e-], and the mean light [e-]."""
+        middle_e = float(np.average(self.light_e, weights=weights if weights.any() else None))
+        off_e = weights * (self.light_e - middle_e)
+        square = float(off_e @ (self.light_e - middle_e))
+        if not square > 0:
+            return np.zeros(values.shape[1:]), middle_e
+        return np.tensordot(off_e, values, axes=1) / square, middle_e
+
+    @cached_property
+    def _averages(self) -> tuple[Float64Array, Float64Array]:
+        """Mean, temporal and spatial variance, mean and variance of the frame, behind every stage, (S, 5); the errors.
+
+        Where some windows are left out, the averages are carried along the line of the windows to the light of all
+        pixels (the regression estimator of Cochran, Sampling Techniques, ch. 7).
+        """
+        found = np.empty((len(self.windows), len(self.stages), 5))
+
+        def write(number: int) -> None:
+            found[number] = self._statistics_of(number)
+
+        for_each(write, range(len(self.windows)))
+        broken = ~np.isfinite(found).all(axis=(0, 2))
+        if broken.any():
+            name = type(self.stages[int(np.argmax(broken))]).__name__
+            raise InputError(
+                f"{name} returns NaN in this light; let its sample return numbers."
+            )
+        weights = np.array([float(self.pixels_of(number)) for number in range(len(found))])
+        mean, errors = self.errors_of(found, weights)
+        if self.repeats == 1:
+            slope, middle_e = self._slope(found, weights)
+            mean = mean + slope * (float(self._mean_e.mean()) - middle_e)
+        return mean, errors
+
+    def _statistics_of(self, number: int) -> Float64Array:
+        """Of one window, behind every stage, (S, 5)."""
+        light, inside = self.light_of(number), self.windows[number].inside
+        frames = self.frames_of(number)
+        index = frames[0][number % 2].index - self.frame.index
+        own = self._frame(number, self.frame.window.serial, None, index)
+        x00, x01, x10, x11, x = (
+            self._behind_all(light, frame, inside) for frame in (*frames[0], *frames[1], own)
+        )
+        parts = (
+            (x00 + x01 + x10 + x11) / 4,
+            ((x00 - x01) ** 2 + (x10 - x11) ** 2) / 4,
+            (x00 - x10) * (x01 - x11) / 2,
+            x,
+            ((x - x00) * (x - x10) + (x - x01) * (x - x11)) / 2,
+        )
+        return np.stack([part.mean(axis=(1, 2)) for part in parts], axis=1)
+
+    def _behind_all(
+        self, light: Array, frame: Frame, inside: tuple[slice, ...]
+    ) -> Float64Array:
+        """The signals of one frame behind every stage, (S, H, W)."""
+        return np.stack(
+            [as_values(x, frame)[inside] for x in signals(self.stages, light, frame)]
+        )
+
+    @cached_property
+    def _frame_pairs(self) -> list[tuple[int, int]]:
+        """Pairs of different frames, by their number from the first one on, sorted by how far they are apart."""
+        numbers = np.unique(
+            np.linspace(0, self.count - 1, min(self.count, FRAMES_APART)).astype(int)
+        )
+        first, second = np.triu_indices(len(numbers), 1)
+        if not first.size:
+            return [(0, 0)]
+        order = np.argsort(second - first, kind="stable")
+        return list(
+            zip(numbers[first[order]].tolist(), numbers[second[order]].tolist(), strict=True)
+        )
+
+    def _frame(self, number: int, serial: int, seed: int | None, index: int) -> Frame:
+        """A frame of a window and what is around it.
+
+        serial, seed, index : of its sensor, of its temporal noise, and of the frame from the first one on. Without a
+        seed it is the frame itself. Measured maps lie elsewhere on other sensors: they are moved by random numbers of
+        rows and columns, so that they are spatial noise as random maps are.
+        """
+        whole, (rows, columns) = self.frame.window, self.windows[number].around
+        shape = rows.stop - rows.start, columns.stop - columns.start
+        down, along = (0, 0)
+        if seed is not None:
+            moved = np.random.default_rng(key_of("moved maps", serial)).integers(whole.shape)
+            down, along = moved.tolist()
+        places = (
+            (np.arange(part.start, part.stop) + by) % length
+            for part, by, length in zip(
+                (rows, columns), (down, along), whole.shape, strict=True
+            )
+        )
+        at = next(places), next(places)
+        window = replace(
+            whole,
+            serial=serial,
+            shape=shape,
+            origin=(whole.origin[0] + rows.start, whole.origin[1] + columns.start),
+            given={name: _part_of(x, *at) for name, x in whole.given.items()},
+            _maps={},
+            _tiles={},
+        )
+        return replace(
+            self.frame,
+            window=window,
+            seed=self.frame.seed if seed is None else seed,
+            index=self.frame.index + index,
+            _blocks={},
+        )
+
+
+def signals(stages: Chain, light: Array, frame: Frame) -> Iterator[Array]:
+    """The signal of one frame behind every stage.  light : behind the first one."""
+    signal = light
+    for number, stage in enumerate(stages):
+        if number:
+            signal = stage.sample(signal, frame)
+        yield signal
+
+
+def passed_on(stage: Stage, signal: Array, frame: Frame) -> Array:
+    """The signal behind a stage that is not there: in the unit of the stage, by its gain of small signals."""
+    if stage.domain == "volts":
+        signal = total(signal)
+    if stage.nominal_gain == 1:
+        return signal
+    gain = frame.number(stage.nominal_gain)
+    if isinstance(signal, Electrons):
+        return signal.changed(
+            lambda n: gain * n, lambda light, dark: (gain * light, gain * dark)
+        )
+    return gain * signal
+
+
+def ideal_code(stages: Chain, swing: Array, frame: Frame) -> Float64Array:
+    """The code of a swing before rounding and clips [DN], (H, W)."""
+    return as_values(converter_of(stages).ideal(total(swing), frame), frame)
+
+
+def is_clipped(stages: Chain, found: Sequence[Array], frame: Frame) -> NDArray[np.bool_]:
+    """Pixels of which the full well or an end of the converter takes something away.  found : behind every stage."""
+    clipped = np.zeros(frame.window.shape, bool)
+    for stage, signal in zip(stages, found, strict=True):
+        for name, mask in stage.marked(total(signal), frame).items():
+            if name.startswith("clipped"):
+                clipped |= np.asarray(mask)
+    return clipped
+
+
+def as_values(signal: Array, frame: Frame) -> Float64Array:
+    """A signal of any domain, (H, W) float64, none of it infinite."""
+    values = np.broadcast_to(np.asarray(total(signal), np.float64), frame.window.shape)
+    return np.clip(values, -LARGEST, LARGEST)
+
+
+def _parts(length: int, longest: int) -> list[slice]:
+    """A side of a frame in parts of about the same length."""
+    edges = np.linspace(0, length, -(-length // longest) + 1).astype(int).tolist()
+    return [slice(*pair) for pair in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _part_of(
+    values: Array, rows: slice | NDArray[np.int64], columns: slice | NDArray[np.int64]
+) -> Array:
+    """Some rows and columns of values of pixels, of rows (H, 1), of columns (1, W) or of all; None stays None."""
+    if values is None or np.ndim(values) == 0:
+        return values
+    values = np.asarray(values)
+    everything = slice(None)
+    found = values[rows if values.shape[0] > 1 else everything]
+    return found[:, columns if values.shape[1] > 1 else everything]

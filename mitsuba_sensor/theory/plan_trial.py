@@ -1,0 +1,217 @@
+"""What a chain without some of its stages changes in samples of its frames, by the same random numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..core import Array, Frame
+from ..core.types import Float64Array
+from ..sensor.detection import Detected
+from ..sensor.threads import for_each
+from ..stages.stage import Chain, Stage, converter_of, place_of, sample, total, without
+from .expected import SIDE_PX, Expectation, ideal_code, is_clipped, signals
+
+CLEAR_SIGMAS = 7.0
+"""Shot noise between the fullest sampled pixel and a full well that can be left out."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What leaving out one stage changes [DN].
+
+    mean_dn, temporal_dn, spatial_dn : of pixels that are not clipped: mean of the change, and its σ from frame to frame
+        and from sensor to sensor; in the light of the frame or over all its levels, where it is larger.
+    structure_dn : σ of the part of the change that all pixels of a row or column share, times the root of the length of
+        that line: to be compared with the noise of a pixel.
+    pixels_beyond : expected number of pixels of a frame, clipped ones too, that change by more than the tolerance.
+    """
+
+    stage: str
+    kept: bool
+    mean_dn: float
+    temporal_dn: float
+    spatial_dn: float
+    structure_dn: float
+    pixels_beyond: float
+    reason: str = ""
+
+    @property
+    def largest_dn(self) -> float:
+        """The largest of its changes [DN]."""
+        return max(self.mean_dn, self.temporal_dn, self.spatial_dn, self.structure_dn)
+
+    @property
+    def columns(self) -> tuple[float, ...]:
+        """Its numbers, as a table shows them."""
+        changes = self.mean_dn, self.temporal_dn, self.spatial_dn, self.structure_dn
+        return (*changes, self.pixels_beyond)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A chain with and without stages, in the light of a frame and at all levels between its darkest and brightest."""
+
+    stages: Chain
+    light: Detected
+    frame: Frame
+    tolerance_dn: float
+
+    @cached_property
+    def effects(self) -> list[Effect]:
+        """What leaving out each stage changes; nothing is known of a stage that is required."""
+        alone = self._moved([() if stage.required else (stage,) for stage in self.stages])
+        return [
+            replace(one, stage=stage.label)
+            for one, stage in zip(alone, self.stages, strict=True)
+        ]
+
+    def together(self, out: Collection[Stage]) -> Effect:
+        """What leaving out all of these changes."""
+        return self._moved([out])[0]
+
+    def is_within(self, effect: Effect) -> bool:
+        """Whether no sampled pixel changes by more than the tolerance, nor the mean of a line times √(its length)."""
+        return effect.pixels_beyond == 0 and effect.largest_dn <= self.tolerance_dn
+
+    def is_clear_of(self, stage: Stage) -> bool:
+        """Whether the fullest sampled pixel is far below where the stage clips."""
+        if stage.straight_below_e is None:
+            return True
+        fullest_e = float(self._fullest[place_of(stage, self.stages) - 1])
+        return (
+            fullest_e + CLEAR_SIGMAS * math.sqrt(max(fullest_e, 0.0)) < stage.straight_below_e
+        )
+
+    @cached_property
+    def of_frame(self) -> Expectation:
+        """Windows of the frame."""
+        return Expectation(self.stages, self.light, self.frame)
+
+    @cached_property
+    def levels(self) -> Expectation:
+        """A window with all levels of the light, from dark to bright, and all values of measured maps at each."""
+        rows, columns = (min(SIDE_PX, side) for side in self.frame.window.shape)
+        part = self.light.crop_rows(slice(0, rows))
+        light_e = self.light.mean_e
+        low, high = (
+            math.log1p(min(float(end_e), 1e30)) for end_e in (light_e.min(), light_e.max())
+        )
+        levels_e = np.expm1(np.linspace(low, high, rows * columns))
+        signal = part.signal.mapped(lambda values: values[..., :columns])
+        ramp = np.sort(levels_e.reshape(rows, columns), axis=1).astype(part.signal.light.dtype)
+        light = Detected(part.photons, replace(signal, light=ramp))
+        order = np.random.default_rng(1).permutation(rows * columns)
+        given = {
+            name: np.quantile(x, order / max(order.size - 1, 1)).reshape(rows, columns)
+            for name, x in self.frame.window.given.items()
+        }
+        window = replace(
+            self.frame.window, shape=(rows, columns), given=given, _maps={}, _tiles={}
+        )
+        return Expectation(self.stages, light, replace(self.frame, window=window, _blocks={}))
+
+    @cached_property
+    def clipped(self) -> float:
+        """Share of the sampled pixels of the frame that are clipped."""
+        _ = self.effects
+        return float(1 - self._kept.mean())
+
+    @cached_property
+    def _windows(self) -> list[tuple[Expectation, int]]:
+        """Those of the frame; beside them the corners of the frame and two windows with all levels of light."""
+        frame = self.of_frame
+        found = [(frame, k) for k in range(len(frame.windows))]
+        if frame.repeats == 1:
+            corners = replace(frame, of_corners=True)
+            found += [(corners, k) for k in range(len(corners.windows))]
+        return [*found, (self.levels, 0), (self.levels, 1)]
+
+    @cached_property
+    def _fullest(self) -> Float64Array:
+        """Largest sampled signal behind each stage."""
+        return np.full(len(self.stages), -np.inf)
+
+    @cached_property
+    def _kept(self) -> Float64Array:
+        """Share of the pixels of each window of the frame that are not clipped."""
+        return np.ones(len(self.of_frame.windows))
+
+    def _moved(self, outs: Sequence[Collection[Stage]]) -> list[Effect]:
+        """What leaving out each of these sets of stages changes."""
+        found = np.zeros((len(self._windows), len(outs), 5))
+
+        def write(number: int) -> None:
+            found[number] = self._window(number, outs)
+
+        for_each(write, range(len(found)))
+        count = len(self.of_frame.windows)
+        both = np.stack([found[:count].mean(axis=0), found[-2:].mean(axis=0)])
+        changes = np.sqrt(np.maximum(both[..., :4], 0)).max(axis=0)
+        beyond = both[0, :, 4] * math.prod(self.frame.window.shape)
+        beyond = np.maximum(beyond, found[:, :, 4].any(axis=0))
+        return [
+            Effect("", True, *numbers)
+            for numbers in np.concatenate([changes, beyond[:, None]], axis=1).tolist()
+        ]
+
+    def _window(self, number: int, outs: Sequence[Collection[Stage]]) -> Float64Array:
+        """Of one window and each set of stages: squared mean, temporal and spatial variance of the change, variance
+        that lines share times their length, and the share of pixels beyond the tolerance."""
+        expectation, place = self._windows[number]
+        inside, light = expectation.windows[place].inside, expectation.light_of(place)
+        highest, keep = converter_of(self.stages).highest, np.ones((1, 1), bool)
+        moved = []
+        for frame in (one for sensor in expectation.frames_of(place) for one in sensor):
+            behind = list(signals(self.stages, light, frame))
+            keep = keep & ~is_clipped(self.stages, behind, frame)[inside]
+            for k, signal in enumerate(behind):
+                self._fullest[k] = max(self._fullest[k], float(np.max(total(signal))))
+            code = ideal_code(self.stages, behind[-2], frame)
+            moved.append([
+                (np.clip(self._without(out, behind, frame), -0.5, highest + 0.5)
+                - np.clip(code, -0.5, highest + 0.5))[inside]
+                if out else np.zeros(code[inside].shape)
+                for out in outs
+            ])  # fmt: skip
+        if expectation is self.of_frame:
+            self._kept[place] = keep.mean()
+        rows = []
+        for one in np.moveaxis(np.array(moved), 1, 0):
+            d = one.reshape(2, 2, *one.shape[1:])
+            some = d[..., keep] if keep.any() else np.zeros((2, 2, 1))
+            temporal = ((some[:, 0] - some[:, 1]) ** 2).mean() / 2
+            spatial = ((some[0, 0] - some[1, 0]) * (some[0, 1] - some[1, 1])).mean() / 2
+            beyond = (np.abs(d) > self.tolerance_dn).mean()
+            rows.append([some.mean() ** 2, temporal, spatial, self._of_lines(d * keep), beyond])
+        return np.array(rows)
+
+    def _without(
+        self, out: Collection[Stage], behind: list[Array], frame: Frame
+    ) -> Float64Array:
+        """The codes without some stages, before rounding and clips.  behind : the signals behind every stage."""
+        first = min(place_of(stage, self.stages) for stage in out)
+        rest = without(self.stages[first:-1], out)
+        return ideal_code(self.stages, sample(rest, behind[first - 1], frame), frame)
+
+    def _of_lines(self, d: Float64Array) -> float:
+        """Variance that the pixels of a line share times the length of the line, of rows or columns, from frame to
+        frame or from sensor to sensor: the largest.  d : changes, (2, 2, H, W)."""
+        height, width = self.frame.window.shape
+        temporal = (d[:, 0] - d[:, 1]) / math.sqrt(2)
+        spatial = (d[:1].mean(axis=1) - d[1:].mean(axis=1)) / math.sqrt(2)
+        return max(
+            max(width * _shared(x), height * _shared(np.swapaxes(x, 1, 2)))
+            for x in (temporal, spatial)
+        )
+
+
+def _shared(x: Float64Array) -> float:
+    """Variance that the pixels of a row share, by the means of its even and its odd pixels.  x : (N, H, W)."""
+    if x.shape[2] < 2:
+        return 0.0
+    return float((x[..., ::2].mean(axis=2) * x[..., 1::2].mean(axis=2)).mean())
