@@ -180,7 +180,9 @@ class PixelLine(NamedTuple):
 
     def pixels(self, chosen: Array) -> PixelLine:
         """Some of them."""
-        return self._make(x[chosen] if isinstance(x, np.ndarray) else x for x in self)
+        fields = self._asdict().items()
+        arrays = {name: x[chosen] for name, x in fields if isinstance(x, np.ndarray)}
+        return self._replace(**arrays)
 
     def ideal_dn(self, count_e: Float64Array) -> Float64Array:
         """x(n)."""
