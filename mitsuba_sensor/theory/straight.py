@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 import scipy
@@ -180,9 +180,11 @@ class PixelLine(NamedTuple):
 
     def pixels(self, chosen: Array) -> PixelLine:
         """Some of them."""
-        fields = self._asdict().items()
-        arrays = {name: x[chosen] for name, x in fields if isinstance(x, np.ndarray)}
-        return self._replace(**arrays)
+        fields: dict[str, Any] = self._asdict()
+        for name, values in fields.items():
+            if isinstance(values, np.ndarray):
+                fields[name] = values[chosen]
+        return self._replace(**fields)
 
     def ideal_dn(self, count_e: Float64Array) -> Float64Array:
         """x(n)."""
