@@ -69,7 +69,7 @@ def silicon_qe(value: float, at_nm: float) -> tuple[list[float], list[float]]:
 
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
-    """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 780 nm."""
+    """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 830 nm."""
     return standard_illuminant(DAYLIGHT, wavelengths_nm)
 
 
