@@ -270,7 +270,7 @@ def stages() -> None:
 def lenses(as_json: arguments.Json = False) -> None:
     """The lens prescriptions that ship with the package, for `render --set lens.prescription=NAME`."""
     from ..camera.lens_file import list_lenses
-    from ..optics.paraxial import cardinal_points
+    from ..optics.traced_lens import cardinal_points
 
     default = ms.load_camera(DEFAULT_CAMERA).replace(
         **{"lens.f_number": 64.0}

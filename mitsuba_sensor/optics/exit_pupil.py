@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Float64Array, InputError
-from .ray_trace import D_NM, Ray
+from .ray_trace import D_NM, ray_to
 from .traced_lens import TracedLens
 
 INTERVALS = 32
@@ -38,23 +38,6 @@ class ExitPupilBounds:
     centre: Float64Array
     radial: Float64Array
     tangential: Float64Array
-
-
-def ray_to(
-    distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array
-) -> Ray:
-    """The ray from an image point at (height, 0), ``distance`` before the reference plane, to a point in it [mm]."""
-    dx, dy = np.broadcast_arrays(radial - height, tangential)
-    length = np.sqrt(dx * dx + dy * dy + distance * distance)
-    return Ray(
-        x=height + 0.0 * dx,
-        y=0.0 * dy,
-        z=-distance,
-        dx=dx / length,
-        dy=dy / length,
-        dz=distance / length,
-        unvignetted=np.ones(dx.shape, dtype=bool),
-    )
 
 
 def exit_pupil_bounds(

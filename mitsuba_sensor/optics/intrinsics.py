@@ -10,18 +10,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..core import Float64Array
-from .paraxial import cardinal_points
-from .traced_chief_ray import trace_chief_rays
+from .traced_lens import cardinal_points, chief_ray_heights
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
-    from ..camera.lens_datasheet import LensSection
 
 CONVENTION = "OpenCV: x right, y down, z forward; the middle of the upper left pixel is (0, 0)"
-POINTS = 17  # of the table of chief rays, without the axis
 
 
 @dataclass(frozen=True)
@@ -152,23 +146,3 @@ def _image_heights_mm(view: View, camera: Camera) -> dict[str, list[float]] | No
         "ideal": list(lens.distortion_heights_mm),
         "real": [height * (1 + percent / 100) for height, percent in pairs],
     }
-
-
-def chief_ray_heights(
-    lens: LensSection, focus_m: float, highest_mm: float
-) -> tuple[Float64Array, Float64Array]:
-    """(ideal, real) image heights of points in the plane that is in focus, up to ``highest_mm`` [mm].
-
-    Ideal is the principal distance times the tangent of the field angle at the middle of the paraxial entrance pupil.
-    Heights whose chief ray is vignetted or misses a surface are left out.
-    """
-    points = cardinal_points(lens)
-    heights = highest_mm * np.arange(1, POINTS + 1) / POINTS
-    end = trace_chief_rays(lens, focus_m, heights).end
-    with np.errstate(all="ignore"):
-        tangent = slope = end.dx / end.dz
-        if not math.isinf(focus_m):
-            depth = end.z - (points.length - points.entrance_pupil)
-            tangent = (end.x + (focus_m * 1e3 - depth) * slope) / (focus_m * 1e3)
-    unvignetted = np.asarray(end.unvignetted)
-    return -points.principal_distance(focus_m) * tangent[unvignetted], heights[unvignetted]

@@ -1,6 +1,7 @@
 """Spectra and colours: CIE illuminants A and D65, the CIE 1931 observer, reflectances of surfaces, CIELAB and sRGB.
 
-The tables are those of colour-science, which takes seconds to import (benchmarks/spectra_tables.py writes them).
+colour-science computes what is not needed for a render, a frame or its preview. It takes 2 s and 170 MB to import, so
+the tables of the others are here (benchmarks/spectra_tables.py writes them), with their few formulas.
 """
 
 from __future__ import annotations
@@ -34,8 +35,6 @@ XYZ_TO_SRGB: Float64Array = np.array(
 )
 """IEC 61966-2-1, rounded there."""
 LEAST_TRIANGLE = 1e-3  # twice the area between the chromaticities of primaries; sRGB has 0.22
-SRGB_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *D65_XY)
-"""x and y of red, green, blue and white: ITU-R BT.709, IEC 61966-2-1."""
 
 SILICON_NM = tuple(float(nm) for nm in range(400, 1001, 50))
 ABSORPTION_PER_UM = (
@@ -106,12 +105,6 @@ def luminous(wavelengths_nm: Float64Array, radiometric: Float64Array) -> float:
     return float(LUMENS_PER_WATT * scipy.integrate.trapezoid(seen, wavelengths_nm))
 
 
-def d65_radiance(luminance_cd_per_m2: float, wavelengths_nm: ArrayLike) -> Float64Array:
-    """Spectral radiance [W m⁻² sr⁻¹ nm⁻¹] of D65 light of this luminance."""
-    fine = np.arange(VISIBLE_NM[0], VISIBLE_NM[1] + 1)
-    return luminance_cd_per_m2 / luminous(fine, d65(fine)) * d65(wavelengths_nm)
-
-
 def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
     """(190, B) reflectances of the training set of the AMPAS' RAW to ACES, held constant outside of 380 to 780 nm."""
     table_nm, reflectances = _table("surfaces")
@@ -121,9 +114,10 @@ def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
 
 def color_checker(wavelengths_nm: ArrayLike) -> Float64Array:
     """(24, B) reflectances of a ColorChecker (ISO 17321-1), held constant outside of 380 to 780 nm."""
-    table_nm, reflectances = _table("color_checker")
-    at_nm = np.asarray(wavelengths_nm, float)
-    return np.array([np.interp(at_nm, table_nm, values) for values in reflectances.T])
+    import colour
+
+    at_nm, patches = np.asarray(wavelengths_nm, float), colour.SDS_COLOURCHECKERS["ISO 17321-1"]
+    return np.array([np.interp(at_nm, sd.wavelengths, sd.values) for sd in patches.values()])
 
 
 def color_checker_xyz() -> Float64Array:
@@ -167,28 +161,31 @@ def xyz_to_srgb() -> Float64Array:
     return XYZ_TO_SRGB
 
 
+def delta_e_2000(first: Float64Array, second: Float64Array) -> Float64Array:
+    """ΔE00 of colours in CIELAB (..., 3), CIE 142:2001, with k_L = k_C = k_H = 1."""
+    import colour
+
+    return np.asarray(colour.difference.delta_E_CIE2000(first, second))
+
+
 def rgb_to_srgb(chromaticities: tuple[float, ...]) -> Float64Array:
     """(3, 3) from linear RGB of other primaries to linear sRGB, its white adapted by Bradford.
 
     chromaticities : x and y of red, green, blue and white. Raises ValueError for what spans no colours.
     """
-    from_rgb, white = _rgb_to_xyz(chromaticities)
-    from_srgb, daylight = _rgb_to_xyz(SRGB_CHROMATICITIES)
-    return np.asarray(np.linalg.inv(from_srgb) @ bradford(white, daylight) @ from_rgb)
+    import colour
 
-
-def _rgb_to_xyz(chromaticities: tuple[float, ...]) -> tuple[Float64Array, Float64Array]:
-    """(3, 3) from linear RGB to XYZ, and XYZ of its white."""
-    *primaries, (x, y) = np.reshape(np.array(chromaticities, float), (4, 2)).tolist()
-    if not np.isfinite(chromaticities).all():
+    *primaries, white = np.reshape(np.array(chromaticities, float), (4, 2))
+    corners = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
+    spans = np.isfinite(chromaticities).all() and abs(np.linalg.det(corners)) > LEAST_TRIANGLE
+    if not (spans and white[1] > 0 and (np.linalg.solve(corners, _white_xyz(white)) > 0).all()):
         raise ValueError(f"chromaticities are {chromaticities}")
-    columns = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
-    if y > 0 and abs(np.linalg.det(columns)) > LEAST_TRIANGLE:
-        white = _white_xyz((x, y))
-        amounts = np.linalg.solve(columns, white)
-        if (amounts > 0).all():
-            return columns * amounts, white
-    raise ValueError(f"chromaticities are {chromaticities}")
+    srgb = colour.RGB_COLOURSPACES["sRGB"]
+    spaces = (
+        colour.RGB_Colourspace("linear", space, place)
+        for space, place in ((primaries, white), (srgb.primaries, srgb.whitepoint))
+    )
+    return np.asarray(colour.matrix_RGB_to_RGB(*spaces, "Bradford"))
 
 
 @cache
@@ -199,8 +196,8 @@ def _table(name: str) -> tuple[Float64Array, Float64Array]:
     return rows[:, 0], rows[:, 1:]
 
 
-def _white_xyz(chromaticity: tuple[float, float]) -> Float64Array:
-    x, y = chromaticity
+def _white_xyz(chromaticity: ArrayLike) -> Float64Array:
+    x, y = np.asarray(chromaticity)
     return np.array([x / y, 1.0, (1 - x - y) / y])
 
 

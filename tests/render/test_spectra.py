@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import colour
+import mitsuba as mi
 import numpy as np
 import pytest
 from colour.adaptation import matrix_chromatic_adaptation_VonKries
 from colour.characterisation import read_training_data_rawtoaces_v1
 
 from mitsuba_sensor.optics import spectra
+from mitsuba_sensor.render.light.foreign_light import D65_OF_WHITE
 
 NM = np.arange(250.0, 1150.0, 0.25)
 OBSERVER = "CIE 1931 2 Degree Standard Observer"
@@ -17,9 +19,20 @@ WHITES = colour.CCS_ILLUMINANTS[OBSERVER]
 
 @pytest.mark.parametrize("name", ["A", "D65"])
 def test_illuminants_are_those_of_colour_science(name: str) -> None:
-    table = colour.SDS_ILLUMINANTS[name]
-    expected = np.interp(NM, table.wavelengths, table.values, left=0.0, right=0.0)
-    np.testing.assert_array_equal(spectra.standard_illuminant(name, NM), expected)
+    """Its tables end at 780 nm."""
+    table, nm = colour.SDS_ILLUMINANTS[name], NM[NM <= 780]
+    expected = np.interp(nm, table.wavelengths, table.values, left=0.0)
+    np.testing.assert_array_equal(spectra.standard_illuminant(name, nm), expected)
+
+
+def test_daylight_goes_on_to_830_nm_as_in_mitsuba() -> None:
+    """CIE 15:2004, table T.1; within float32."""
+    mi.set_variant("scalar_spectral")
+    d65, si = mi.load_dict({"type": "d65"}), mi.SurfaceInteraction3f()
+    for nm in (400.0, 779.0, 795.0, 812.5, 829.9):
+        si.wavelengths = [nm] * 4
+        assert d65.eval(si)[0] * D65_OF_WHITE == pytest.approx(float(spectra.d65(nm)), rel=1e-6)
+    assert spectra.d65(831.0) == 0
 
 
 def test_the_observer_is_that_of_colour_science() -> None:
