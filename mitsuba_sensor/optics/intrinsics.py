@@ -60,9 +60,7 @@ def magnification(view: View, camera: Camera) -> float:
 def image_distance_m(view: View, camera: Camera) -> float:
     """Distance from lens to sensor that gives this field of view on this camera's pixels [m]; inf if telecentric."""
     half_m = 0.5 * view.size[0] * camera.pixel.pitch_x_um * 1e-6
-    if view.half_width:
-        return half_m / view.half_width
-    return math.inf
+    return half_m / view.half_width if view.half_width else math.inf
 
 
 def focal_length_m(view: View, camera: Camera) -> float:
@@ -88,7 +86,8 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
     focal_length_mm : of the lens.  principal_point_mm : from the middle of the full film, to the right and down.
     field_of_view_deg : across and down the part that is rendered, through the principal point, without distortion.
     """
-    pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
+    lens, pixel = camera.lens, camera.pixel
+    pitch_mm = (pixel.pitch_x_um * 1e-3, pixel.pitch_y_um * 1e-3)
     principal = zip(view.axis, view.size, pitch_mm, strict=True)
     shared = {
         "image_size": list(view.crop_size),
@@ -101,18 +100,15 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
     x, y = view.axis[0] - view.crop_offset[0], view.axis[1] - view.crop_offset[1]
     fx = fy = 1 / view.tangent_per_pixel  # Mitsuba's own sensors have square pixels
     if view.sequential:
-        model, focal_mm = "sequential lens", cardinal_points(camera.lens).focal_length
-        if camera.lens.prescription is not None and camera.lens.prescription.ray_transfer:
-            model = "ray transfer"
+        focal_mm, prescription = cardinal_points(lens).focal_length, lens.prescription
+        is_transfer = prescription is not None and prescription.ray_transfer is not None
+        model = "ray transfer" if is_transfer else "sequential lens"
         fy = fx * pitch_mm[0] / pitch_mm[1]
     else:
-        model = "pinhole"
-        if view.aperture_radius_m:
-            model = "thin lens"
+        model = "thin lens" if view.aperture_radius_m else "pinhole"
         focal_mm = focal_length_m(view, camera) * 1e3
-    heights, distortion = _image_heights_mm(view, camera), None
-    if heights is None:
-        distortion = list(camera.lens.distortion or (0.0,) * 5)
+    heights = _image_heights_mm(view, camera)
+    distortion = list(lens.distortion or (0.0,) * 5) if heights is None else None
     columns, rows = view.crop_size
     return {
         "model": model,
