@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import product
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -84,9 +85,8 @@ def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
     """
     if view.sequential or not view.half_width:
         return None
-    reach = []
-    for axis, first, count in zip(view.axis, view.crop_offset, view.crop_size, strict=True):
-        reach.append(max(axis - first, first + count - axis))
+    sides = zip(view.axis, view.crop_offset, view.crop_size, strict=True)
+    reach = [max(axis - first, first + count - axis) for axis, first, count in sides]
     radius = np.linspace(0.0, math.hypot(*reach), RADII)
     values = _illumination(view, camera)(radius[None], np.zeros((1, 1)))[0]
     values = values * slant_response(view, camera, camera.pixel.pitch_x_um * 1e-3 * radius)
@@ -176,10 +176,9 @@ def _pixel_means(view: View, function: Illumination) -> Float64Array:
     y = np.arange(rows, dtype=float)[:, None]
     (column, row), (axis_x, axis_y) = view.crop_offset, view.axis
     total = np.zeros((rows, columns))
-    for node_x in GAUSS_2:
-        for node_y in GAUSS_2:
-            value = function(x + (column + node_x - axis_x), y + (row + node_y - axis_y))
-            total = total + 0.25 * value
+    for node_x, node_y in product(GAUSS_2, GAUSS_2):
+        value = function(x + (column + node_x - axis_x), y + (row + node_y - axis_y))
+        total = total + 0.25 * value
     return total
 
 

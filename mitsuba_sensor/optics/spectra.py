@@ -20,8 +20,6 @@ VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers
 DAYLIGHT = "D65"
 ILLUMINANTS = ("A", DAYLIGHT)  # the columns of their table
 TABLES = resources.files(__package__) / "tables"
-D65_XY, D50_XY = (0.3127, 0.3290), (0.3457, 0.3585)
-"""Chromaticity of the whites of sRGB and of ICC profiles, CIE 1931."""
 BRADFORD: Float64Array = np.array(
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
 )
@@ -36,6 +34,14 @@ XYZ_TO_SRGB: Float64Array = np.array(
 """IEC 61966-2-1, rounded there."""
 LEAST_TRIANGLE = 1e-3  # twice the area between the chromaticities of primaries; sRGB has 0.22
 
+
+def _white_xyz(chromaticity: ArrayLike) -> Float64Array:
+    x, y = np.asarray(chromaticity)
+    return np.array([x / y, 1.0, (1 - x - y) / y])
+
+
+D65_XYZ, D50_XYZ = _white_xyz((0.3127, 0.3290)), _white_xyz((0.3457, 0.3585))
+"""Whites of sRGB, and of colour profiles (ICC) and DNG, CIE 1931, Y = 1."""
 SILICON_NM = tuple(float(nm) for nm in range(400, 1001, 50))
 ABSORPTION_PER_UM = (
     *(9.52, 2.55, 1.11, 0.639, 0.414, 0.281, 0.190),
@@ -128,16 +134,6 @@ def color_checker_xyz() -> Float64Array:
     return adapted_to_daylight(color_checker(fine) @ seen / seen[:, 1].sum(), white)
 
 
-def daylight_xyz() -> Float64Array:
-    """XYZ of D65, Y = 1: the white of sRGB."""
-    return _white_xyz(D65_XY)
-
-
-def d50_xyz() -> Float64Array:
-    """XYZ of D50, Y = 1: the white of colour profiles (ICC) and of DNG."""
-    return _white_xyz(D50_XY)
-
-
 def bradford(white: Float64Array, other: Float64Array) -> Float64Array:
     """(3, 3) from colours under one white (XYZ) to those under another: linear Bradford, as in DNG and ICC."""
     return _adaptation(BRADFORD, white, other)
@@ -145,20 +141,15 @@ def bradford(white: Float64Array, other: Float64Array) -> Float64Array:
 
 def adapted_to_daylight(xyz: Float64Array, white: Float64Array) -> Float64Array:
     """Colours (N, 3) as they look in daylight to who was used to this white (CAT02)."""
-    return np.asarray(xyz @ _adaptation(CAT02, white, daylight_xyz()).T)
+    return np.asarray(xyz @ _adaptation(CAT02, white, D65_XYZ).T)
 
 
 def lab(xyz: Float64Array) -> Float64Array:
     """CIELAB of colours (N, 3) in daylight (CIE 15:2004, 8.2.1)."""
-    relative = np.maximum(xyz, 0.0) / daylight_xyz()
+    relative = np.maximum(xyz, 0.0) / D65_XYZ
     straight = 841 / 108 * relative + 16 / 116
     x, y, z = np.where(relative > (24 / 116) ** 3, np.cbrt(relative), straight).T
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
-
-
-def xyz_to_srgb() -> Float64Array:
-    """(3, 3) from XYZ to linear sRGB (IEC 61966-2-1)."""
-    return XYZ_TO_SRGB
 
 
 def delta_e_2000(first: Float64Array, second: Float64Array) -> Float64Array:
@@ -194,11 +185,6 @@ def _table(name: str) -> tuple[Float64Array, Float64Array]:
     lines = (TABLES / f"{name}.csv").read_text(encoding="utf-8").splitlines()
     rows = np.loadtxt(lines, delimiter=",")
     return rows[:, 0], rows[:, 1:]
-
-
-def _white_xyz(chromaticity: ArrayLike) -> Float64Array:
-    x, y = np.asarray(chromaticity)
-    return np.array([x / y, 1.0, (1 - x - y) / y])
 
 
 def _adaptation(cones: Float64Array, white: Float64Array, other: Float64Array) -> Float64Array:

@@ -263,5 +263,5 @@ def _displayed(lab: Float64Array) -> Float64Array:
     middle = (lab[:, :1] + 16) / 116
     offsets = lab[:, 1:] / [500.0, -200.0]
     roots = np.column_stack([middle + offsets[:, :1], middle, middle + offsets[:, 1:]])
-    linear = np.clip(roots, 0, None) ** 3 * spectra.daylight_xyz() @ spectra.xyz_to_srgb().T
+    linear = np.clip(roots, 0, None) ** 3 * spectra.D65_XYZ @ spectra.XYZ_TO_SRGB.T
     return spectra.srgb_curve(np.clip(linear, 0, 1))
