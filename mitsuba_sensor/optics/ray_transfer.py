@@ -178,7 +178,8 @@ class RayTransfer:
             dz / length,
         )
         passes = self.unvignetted(ray) & ((square > 0.0) | self.uses_outdz)
-        return Ray(*(_like(number, ray.x) for number in (*points, *directions)), passes)
+        x, y, z, dx, dy, dz = (_like(number, ray.x) for number in (*points, *directions))
+        return Ray(x, y, z, dx, dy, dz, passes)
 
     def unvignetted(self, ray: Ray, wavelength_nm: Array = D_NM) -> Array:
         """Whether rays pass."""

@@ -172,11 +172,11 @@ def rgb_to_srgb(chromaticities: tuple[float, ...]) -> Float64Array:
     if not (spans and white[1] > 0 and (np.linalg.solve(corners, _white_xyz(white)) > 0).all()):
         raise ValueError(f"chromaticities are {chromaticities}")
     srgb = colour.RGB_COLOURSPACES["sRGB"]
-    spaces = (
+    own, target = (
         colour.RGB_Colourspace("linear", space, place)
         for space, place in ((primaries, white), (srgb.primaries, srgb.whitepoint))
     )
-    return np.asarray(colour.matrix_RGB_to_RGB(*spaces, "Bradford"))
+    return np.asarray(colour.matrix_RGB_to_RGB(own, target, "Bradford"), float)
 
 
 @cache

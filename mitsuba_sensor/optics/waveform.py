@@ -302,6 +302,10 @@ def _read_table(path: str) -> tuple[Float64Array, Float64Array]:
     if len(rows) < 2 or any(len(row) != 2 for row in rows):
         raise InputError(f"the waveform {path!r} needs two rows or more of {what}.")
     times, values = np.array(numbers, float).T
-    if not ((np.diff(times) > 0).all() and (values >= 0).all() and np.isfinite(numbers).all()):
+    if not (
+        (np.diff(times) > 0).all()
+        and (values >= 0).all()
+        and np.isfinite([times, values]).all()
+    ):
         raise InputError(f"the waveform {path!r} must have {what}.")
     return times * unit_s, values
