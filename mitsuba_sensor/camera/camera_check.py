@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from ..core import InputError, closest
 from ..core.printable import printable
 from ..core.small_files import toml_tables, without_strings
-from ..optics.paraxial import cardinal_points
+from ..optics.traced_lens import cardinal_points
 from .camera import Camera
 from .camera_file import CameraText, camera_text, plain_tables
 from .datasheet_errors import Fault, Loc, doubts, faults, fields_of

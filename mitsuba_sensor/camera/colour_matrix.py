@@ -150,7 +150,7 @@ def _fitted(raw: Float64Array, wanted: Float64Array, last: int) -> Float64Array:
     from scipy.optimize import least_squares
 
     white, lab, others = (
-        spectra.daylight_xyz(),
+        spectra.D65_XYZ,
         spectra.lab(wanted),
         np.arange(raw.shape[1]) != last,
     )
@@ -173,4 +173,4 @@ def _fitted(raw: Float64Array, wanted: Float64Array, last: int) -> Float64Array:
     columns = np.empty((3, raw.shape[1]))
     columns[:, others] = least_squares(distances, start.ravel()).x.reshape(-1, 3).T
     columns[:, last] = 1 - columns[:, others] @ raw[-1, others]
-    return np.asarray(spectra.xyz_to_srgb() @ (white[:, None] * columns))
+    return np.asarray(spectra.XYZ_TO_SRGB @ (white[:, None] * columns))

@@ -155,8 +155,7 @@ def check_camera(
         camera = ms.load_camera(name).replace(**changes)
         airy = image_record.airy_record(camera)
         pixel_mtf = image_record.pixel_mtf_record(camera)
-        lines.append(f"{name}: {image_record.airy_sentence(camera)}")
-        lines.append(f"{name}: {image_record.pixel_mtf_sentence(camera)}")
+        lines += [f"{name}: {line}" for line in image_record.optics_sentences(camera)]
     lines.append(_verdict(name, found))
     findings = [one.to_dict() for one in found]
     checked = {"findings": findings, "airy_disk": airy, "pixel_mtf": pixel_mtf}
@@ -270,7 +269,7 @@ def stages() -> None:
 def lenses(as_json: arguments.Json = False) -> None:
     """The lens prescriptions that ship with the package, for `render --set lens.prescription=NAME`."""
     from ..camera.lens_file import list_lenses
-    from ..optics.paraxial import cardinal_points
+    from ..optics.traced_lens import cardinal_points
 
     default = ms.load_camera(DEFAULT_CAMERA).replace(
         **{"lens.f_number": 64.0}

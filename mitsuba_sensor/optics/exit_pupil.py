@@ -9,13 +9,12 @@ each height is traced along one radius, for one half of the plane.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Float64Array, InputError
-from .ray_trace import D_NM, Ray
+from .ray_trace import D_NM, ray_to
 from .traced_lens import TracedLens
 
 INTERVALS = 32
@@ -40,23 +39,6 @@ class ExitPupilBounds:
     tangential: Float64Array
 
 
-def ray_to(
-    distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array
-) -> Ray:
-    """The ray from an image point at (height, 0), ``distance`` before the reference plane, to a point in it [mm]."""
-    dx, dy = np.broadcast_arrays(radial - height, tangential)
-    length = np.sqrt(dx * dx + dy * dy + distance * distance)
-    return Ray(
-        x=height + 0.0 * dx,
-        y=0.0 * dy,
-        z=-distance,
-        dx=dx / length,
-        dy=dy / length,
-        dz=distance / length,
-        unvignetted=np.ones(dx.shape, dtype=bool),
-    )
-
-
 def exit_pupil_bounds(
     lens: TracedLens,
     distance: float,
@@ -78,8 +60,9 @@ def exit_pupil_bounds(
             distance, heights[:, None, None], radial[:, :, None], tangential[:, None, :]
         )
         with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-            unvignetted = [lens.unvignetted(start, nm) for nm in wavelengths_nm]
-            passes = np.logical_or.reduce(unvignetted)
+            passes = np.logical_or.reduce(
+                [lens.unvignetted(start, nm) for nm in wavelengths_nm]
+            )
         along, across = passes.any(axis=2), passes.any(axis=1)
         cells_below, cells_above = _cells_to_last(along[:, ::-1]), _cells_to_last(along)
         low, high = high - cell * cells_below, low + cell * cells_above
@@ -88,66 +71,34 @@ def exit_pupil_bounds(
         raise InputError(
             "no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8."
         )
-    cells = _Cells(passes, radial, cell[:, None] / 2, tangential + row[:, None] / 2)
-    return ExitPupilBounds(highest, *_ellipses(cells, low, high, top))
+    # Ellipses as wide as the windows, enlarged until the corners of all cells that pass are inside.
+    half, edge = cell[:, None] / 2, tangential + row[:, None] / 2
 
-
-class _Cells(NamedTuple):
-    """Cells of the grid of rays of each height.
-
-    passes : which pass, (heights, GRID, GRID/2).
-    radial, half, tangential : middle and half the size along the radius, and the outer end across, (heights, cells).
-    """
-
-    passes: NDArray[np.bool_]
-    radial: Float64Array
-    half: Float64Array
-    tangential: Float64Array
-
-    def every_second(self, first: int) -> _Cells:
-        """Cells of every second height, those of the table (first = 0) or between its entries (first = 1)."""
-        return _Cells(
-            self.passes[first::2],
-            self.radial[first::2],
-            self.half[first::2],
-            self.tangential[first::2],
+    def enlargement(first: int, centre: Float64Array, *half_axes: Float64Array) -> Float64Array:
+        """Factors at which ellipses contain the cells of every second height, from the first one on, that pass."""
+        offset = np.abs(radial[first::2] - centre[:, None]) + half[first::2]
+        x, y = (
+            reach / np.maximum(half_axis, TINY)[:, None]
+            for reach, half_axis in zip((offset, edge[first::2]), half_axes, strict=True)
         )
+        squares = np.where(passes[first::2], x[:, :, None] ** 2 + y[:, None] ** 2, 0.0)
+        return np.asarray(np.sqrt(squares.max(axis=(1, 2))))
+
+    lit = np.asarray(passes.any(axis=(1, 2)))
+    lit_rows = np.flatnonzero(lit)
+    nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
+    centre = ((low + high) / 2)[lit_rows[nearest]][::2]
+    half_axes = [np.where(lit, size, 0.0)[::2] for size in ((high - low) / 2, top)]
+    scale = enlargement(0, centre, *half_axes)
+    half_axes = [half_axis * scale for half_axis in half_axes]
+    # What passes half-way between two entries of the table must be inside the mean of their ellipses.
+    between = enlargement(1, *((v[1:] + v[:-1]) / 2 for v in (centre, *half_axes)))
+    scale = np.maximum(np.append(between, 1.0), np.insert(between, 0, 1.0))
+    scale = np.maximum(scale, 1.0)
+    return ExitPupilBounds(highest, centre, *(half_axis * scale for half_axis in half_axes))
 
 
 def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
     """Cells up to the last that passes, and one more: (heights, cells) → (heights,); 0 if none does."""
     cells = passes.shape[1] - np.argmax(passes[:, ::-1], axis=1) + 1.0
     return np.where(passes.any(axis=1), cells, 0.0)
-
-
-def _ellipses(
-    cells: _Cells, low: Float64Array, high: Float64Array, top: Float64Array
-) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Ellipses as wide as the windows, enlarged until the corners of all cells that pass are inside.
-
-    What passes half-way between two entries of the table must be inside the mean of their ellipses: both are enlarged.
-    """
-    lit = np.asarray(cells.passes.any(axis=(1, 2)))
-    lit_rows = np.flatnonzero(lit)
-    nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
-    centre = ((low + high) / 2)[lit_rows[nearest]][::2]
-    radial = np.where(lit, (high - low) / 2, 0.0)[::2]
-    tangential = np.where(lit, top, 0.0)[::2]
-    scale = _enlargement(cells.every_second(0), centre, radial, tangential)
-    radial, tangential = radial * scale, tangential * scale
-    middles = [(v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential)]
-    between = _enlargement(cells.every_second(1), *middles)
-    scale = np.maximum(np.append(between, 1.0), np.insert(between, 0, 1.0))
-    scale = np.maximum(scale, 1.0)
-    return centre, radial * scale, tangential * scale
-
-
-def _enlargement(
-    cells: _Cells, centre: Float64Array, radial: Float64Array, tangential: Float64Array
-) -> Float64Array:
-    """The factors at which ellipses contain all cells that pass, (heights,)."""
-    reach = np.abs(cells.radial - centre[:, None]) + cells.half
-    x = reach / np.maximum(radial, TINY)[:, None]
-    y = cells.tangential / np.maximum(tangential, TINY)[:, None]
-    squares = np.where(cells.passes, x[:, :, None] ** 2 + y[:, None] ** 2, 0.0)
-    return np.asarray(np.sqrt(squares.max(axis=(1, 2))))

@@ -8,27 +8,32 @@ Where the lens distorts, Ω is also divided by the area of the image of a small 
 the flux that enters the pupil from the patch, L·A·cos θ dω = L·A·cos⁴θ dA/f², is spread over that area. The entrance
 pupil is assumed to be the same over the whole field. A measured relative illumination contains all of this and replaces
 both factors. The rays of a sequential lens (``lens.prescription``) carry Ω themselves.
+
+The chief ray of a thin lens comes from the middle of its exit pupil, at the distance f·(P + |m|) before the sensor. The
+chief ray of a prescription is traced from the middle of its stop. The microlenses are made for the angle
+``pixel.microlens_cra_deg`` at each image height; the response of a pixel follows from the difference of both angles.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import product
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Float64Array, InputError
-from .chief_ray import slant_response
 from .distortion import distortion_of
 from .intrinsics import View, image_distance_m, magnification
-from .paraxial import cardinal_points
+from .traced_lens import cardinal_points, trace_chief_rays
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
 RADII = 33  # points of the table of relative illumination
+TRACED = 129  # chief rays from the axis to the corner
 GAUSS_2 = 0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3)
 """Nodes of the 2-point Gauss rule on a pixel."""
 Illumination: TypeAlias = Callable[[Float64Array, Float64Array], Float64Array]
@@ -45,7 +50,7 @@ def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
     if view.sequential:
         return pixels * np.ones(view.crop_size[::-1])
     on_axis = math.pi * numerical_aperture(view, camera) ** 2
-    return pixels * on_axis * _relative_illumination(view, camera)
+    return pixels * on_axis * _pixel_means(view, _illumination(view, camera))
 
 
 def pixel_response(view: View, camera: Camera) -> Float64Array | float:
@@ -71,11 +76,6 @@ def numerical_aperture(view: View, camera: Camera) -> float:
     return 1 / (2 * lens.f_number * (1 + m / lens.pupil_magnification))
 
 
-def _relative_illumination(view: View, camera: Camera) -> Float64Array:
-    """Ω over its value on the axis, averaged over each pixel, (rows, columns)."""
-    return _pixel_means(view, _illumination(view, camera))
-
-
 def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
     """Relative illumination along a radius of the part that is rendered, for the correction of raw frames: distances
     ``radius_px`` from the optical axis to the farthest corner, and ``relative_illumination`` there.
@@ -85,9 +85,8 @@ def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
     """
     if view.sequential or not view.half_width:
         return None
-    reach = []
-    for axis, first, count in zip(view.axis, view.crop_offset, view.crop_size, strict=True):
-        reach.append(max(axis - first, first + count - axis))
+    sides = zip(view.axis, view.crop_offset, view.crop_size, strict=True)
+    reach = [max(axis - first, first + count - axis) for axis, first, count in sides]
     radius = np.linspace(0.0, math.hypot(*reach), RADII)
     values = _illumination(view, camera)(radius[None], np.zeros((1, 1)))[0]
     values = values * slant_response(view, camera, camera.pixel.pitch_x_um * 1e-3 * radius)
@@ -95,13 +94,15 @@ def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
 
 
 def _illumination(view: View, camera: Camera) -> Illumination:
-    """Relative illumination of a camera's lens behind this view."""
+    """Return the relative illumination of a camera's lens behind this view as a function of the place."""
     lens, scale, pitch_mm = camera.lens, view.tangent_per_pixel, camera.pixel.pitch_x_um * 1e-3
     if lens.relative_illumination is not None:
-        return lambda x, y: _measured_illumination(camera, pitch_mm * np.hypot(x, y))
+        places_mm, values = lens.relative_illumination_heights_mm, lens.relative_illumination
+        name = "lens.relative_illumination_heights_mm [mm]"
+        return lambda x, y: _in_table(pitch_mm * np.hypot(x, y), places_mm, values, name)
     distortion = distortion_of(lens, image_distance_m(view, camera) * 1e3)
     if distortion is None:
-        return _cos4_law(scale)
+        return lambda x, y: np.asarray(1 / (1 + (scale * x) ** 2 + (scale * y) ** 2) ** 2)
 
     def distorted(x: Float64Array, y: Float64Array) -> Float64Array:
         u, v, area = distortion.ideal(*np.broadcast_arrays(scale * x, scale * y))
@@ -110,28 +111,62 @@ def _illumination(view: View, camera: Camera) -> Illumination:
     return distorted
 
 
-def cos4(view: View) -> Float64Array:
-    """cos⁴ of the angle to the optical axis, averaged over each pixel of the crop, (rows, columns)."""
-    return _pixel_means(view, _cos4_law(view.tangent_per_pixel))
+def chief_ray_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
+    """Return the angle of the chief ray to the axis at image heights [°]; negative for an exit pupil behind it.
+
+    Angles of a traced lens are linear between traced rays; where no ray gets through, the paraxial exit pupil gives
+    them.
+    """
+    if not view.sequential:
+        m, pupils = magnification(view, camera), camera.lens.pupil_magnification
+        exit_pupil_mm = image_distance_m(view, camera) * 1e3 * (pupils + m) / (1 + m)
+        return np.degrees(np.arctan(heights_mm / exit_pupil_mm))
+    table_mm = np.linspace(0.0, float(np.max(heights_mm, initial=0.0)), TRACED)
+    start = trace_chief_rays(camera.lens, view.focus_m, table_mm).start
+    points = cardinal_points(camera.lens)
+    paraxial = table_mm / (points.image_distance(view.focus_m) - points.exit_pupil)
+    with np.errstate(invalid="ignore"):
+        slopes = np.where(np.isfinite(start.dx), -start.dx / start.dz, paraxial)
+    return np.interp(heights_mm, table_mm, np.degrees(np.arctan(slopes)))
 
 
-def _cos4_law(scale: float) -> Illumination:
-    """cos⁴ of the field angle.  scale : its tangent per pixel."""
-    return lambda x, y: np.asarray(1 / (1 + (scale * x) ** 2 + (scale * y) ** 2) ** 2)
+def microlens_deg(camera: Camera, heights_mm: Float64Array) -> Float64Array:
+    """Return the angle that the microlenses are made for at image heights [°]. Raises InputError beyond its table."""
+    pixel = camera.pixel
+    if pixel.microlens_cra_deg is None:
+        return np.zeros_like(heights_mm)
+    places_mm, name = pixel.microlens_cra_heights_mm, "pixel.microlens_cra_heights_mm [mm]"
+    return _in_table(heights_mm, places_mm, pixel.microlens_cra_deg, name)
 
 
-def _measured_illumination(camera: Camera, heights_mm: Float64Array) -> Float64Array:
-    """Measured relative illumination at image heights, linear between the points of the table."""
-    table_mm = camera.lens.relative_illumination_heights_mm
-    values = camera.lens.relative_illumination
-    assert table_mm is not None and values is not None
-    highest = float(heights_mm.max())
-    if highest > table_mm[-1]:
+def slant_response(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
+    """Return the response of pixels at image heights to light along their chief ray, over that to light that their
+    microlens is made for; 1 without a measured one. Raises InputError where a table ends."""
+    pixel = camera.pixel
+    if pixel.angular_response is None:
+        return np.ones_like(heights_mm)
+    off_deg = np.abs(
+        chief_ray_deg(view, camera, heights_mm) - microlens_deg(camera, heights_mm)
+    )
+    places_deg, name = pixel.angular_response_deg, "pixel.angular_response_deg [°]"
+    return _in_table(off_deg, places_deg, pixel.angular_response, name)
+
+
+def _in_table(
+    asked: Float64Array,
+    places: tuple[float, ...] | None,
+    values: tuple[float, ...],
+    name: str,
+) -> Float64Array:
+    """Return values of a measured table, linear between its places. Raises InputError where it ends."""
+    assert places is not None
+    highest = float(np.max(asked, initial=0.0))
+    if highest > places[-1]:
         raise InputError(
-            f"lens.relative_illumination_heights_mm ends at {table_mm[-1]:g} mm, and the sensor reaches {highest:.4g} "
-            "mm from the axis; extend the table."
+            f"{name} ends at {places[-1]:g}, and the picture reaches {highest:.4g}; extend the table to "
+            f"{1.001 * highest:.4g} or more."
         )
-    return np.interp(heights_mm, table_mm, values)
+    return np.interp(asked, places, values)
 
 
 def _pixel_means(view: View, function: Illumination) -> Float64Array:
@@ -141,10 +176,9 @@ def _pixel_means(view: View, function: Illumination) -> Float64Array:
     y = np.arange(rows, dtype=float)[:, None]
     (column, row), (axis_x, axis_y) = view.crop_offset, view.axis
     total = np.zeros((rows, columns))
-    for node_x in GAUSS_2:
-        for node_y in GAUSS_2:
-            value = function(x + (column + node_x - axis_x), y + (row + node_y - axis_y))
-            total = total + 0.25 * value
+    for node_x, node_y in product(GAUSS_2, GAUSS_2):
+        value = function(x + (column + node_x - axis_x), y + (row + node_y - axis_y))
+        total = total + 0.25 * value
     return total
 
 
@@ -159,10 +193,7 @@ def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
         return np.full(asked_nm.shape, lens.transmission)
     outside = asked_nm[(asked_nm < table_nm[0]) | (asked_nm > table_nm[-1])]
     if outside.size:
-        if outside.min() < table_nm[0]:
-            wrong = outside.min()
-        else:
-            wrong = outside.max()
+        wrong = outside.min() if outside.min() < table_nm[0] else outside.max()
         raise InputError(
             f"lens.transmission_curve is given from {table_nm[0]:g} to {table_nm[-1]:g} nm and needed at {wrong:g} nm; "
             "extend it, with 0 where the lens is opaque."

@@ -17,22 +17,15 @@ LARGE_PX = 3.0
 """Diameter of an Airy disk that leaves a third of the contrast at Nyquist's frequency."""
 
 
-def airy_diameter_px(
-    camera: Camera, f_number: float | None = None, wavelength_nm: float | None = None
-) -> float:
-    """Diameter of the first dark ring on the axis over the pixel pitch (the smaller one).
+def airy_diameter_px(camera: Camera, f_number: float | None = None) -> float:
+    """Diameter of the first dark ring on the axis over the smaller pixel pitch, in the middle of what the camera sees.
 
     f_number : the working one; by default that of the camera's lens, focused at infinity.
-    wavelength_nm : by default :func:`airy_wavelength_nm`.
     """
-    lens, nm = camera.lens, wavelength_nm or airy_wavelength_nm(camera)
+    lens, pixel = camera.lens, camera.pixel
+    nm = sum(camera.band_nm) / 2
     diameter_um = airy_diameter_um(nm, f_number or lens.f_number, lens.obstruction)
-    return diameter_um / min(camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
-
-
-def airy_wavelength_nm(camera: Camera) -> float:
-    """The middle of what the camera sees."""
-    return sum(camera.band_nm) / 2
+    return diameter_um / min(pixel.pitch_x_um, pixel.pitch_y_um)
 
 
 def airy_record(camera: Camera, f_number: float | None = None) -> dict[str, object]:
@@ -42,42 +35,34 @@ def airy_record(camera: Camera, f_number: float | None = None) -> dict[str, obje
     """
     return {
         "diameter_px": airy_diameter_px(camera, f_number),
-        "wavelength_nm": airy_wavelength_nm(camera),
+        "wavelength_nm": sum(camera.band_nm) / 2,
         "f_number": f_number or camera.lens.f_number,
         "rendered": camera.lens.diffraction,
     }
 
 
 def pixel_mtf_record(camera: Camera) -> dict[str, list[float]]:
-    """Modulation transfer function of the pixel's aperture up to Nyquist's frequency, ready for JSON."""
-    aperture = camera.pixel.aperture_shape
-    width, height = aperture.sides
+    """Modulation transfer function of the pixel's aperture up to the Nyquist frequency, ready for JSON."""
+    aperture, (width, height) = camera.pixel.aperture_shape, camera.pixel.aperture_shape.sides
+    along_rows = aperture_mtf(TOLD_FREQUENCIES, width, aperture.profile(True))
+    along_columns = aperture_mtf(TOLD_FREQUENCIES, height, aperture.profile(False))
     return {
         "cycles_per_pixel": list(TOLD_FREQUENCIES),
-        "along_rows": aperture_mtf(TOLD_FREQUENCIES, width, aperture.profile(True)).tolist(),
-        "along_columns": aperture_mtf(
-            TOLD_FREQUENCIES, height, aperture.profile(False)
-        ).tolist(),
+        "along_rows": along_rows.tolist(),
+        "along_columns": along_columns.tolist(),
     }
 
 
-def pixel_mtf_sentence(camera: Camera) -> str:
-    """What contrast the pixel's aperture leaves at Nyquist's frequency."""
-    mtf = pixel_mtf_record(camera)
-    along_rows, along_columns = mtf["along_rows"][-1], mtf["along_columns"][-1]
+def optics_sentences(camera: Camera) -> tuple[str, str]:
+    """How large the Airy disk of the lens is on the pixels, and what contrast the pixel's aperture leaves."""
+    airy, mtf = airy_record(camera), pixel_mtf_record(camera)
+    rendered = "renders have it" if airy["rendered"] else "lens.diffraction = true renders it"
     return (
-        f"the pixel's aperture leaves {along_rows:.3f} of the contrast at Nyquist's frequency along the rows and "
-        f"{along_columns:.3f} along the columns"
+        f"the Airy disk of f/{airy['f_number']:g} is {airy['diameter_px']:.2g} pixels across at "
+        f"{airy['wavelength_nm']:g} nm; {rendered}",
+        f"the pixel's aperture leaves {mtf['along_rows'][-1]:.3f} of the contrast at Nyquist's frequency along the "
+        f"rows and {mtf['along_columns'][-1]:.3f} along the columns",
     )
-
-
-def airy_sentence(camera: Camera) -> str:
-    """How large the Airy disk of the camera's lens is on its pixels, and whether renders have it."""
-    size = f"{airy_diameter_px(camera):.2g} pixels across at {airy_wavelength_nm(camera):g} nm"
-    rendered = "renders have it"
-    if not camera.lens.diffraction:
-        rendered = "lens.diffraction = true renders it"
-    return f"the Airy disk of f/{camera.lens.f_number:g} is {size}; {rendered}"
 
 
 def image_record(view: View, camera: Camera) -> dict[str, object]:
@@ -89,29 +74,17 @@ def image_record(view: View, camera: Camera) -> dict[str, object]:
         render without.
     veiling_glare : the share of the light, and the width of its spread [mm] or None; None of a render without.
     """
-    shape = {
-        "shading": shading(view, camera),
-        "airy_disk": airy_record(camera, 1 / (2 * numerical_aperture(view, camera))),
-        "point_spread": _point_spread(camera),
-        "veiling_glare": _veiling_glare(camera),
-    }
-    return intrinsics(view, camera) | shape
-
-
-def _veiling_glare(camera: Camera) -> dict[str, float | None] | None:
-    lens = camera.lens
-    if lens.veiling_glare == 0:
-        return None
-    return {"fraction": lens.veiling_glare, "width_mm": lens.glare_width_mm}
-
-
-def _point_spread(camera: Camera) -> dict[str, object] | None:
     lens, aperture = camera.lens, camera.pixel.aperture_shape
-    if not lens.diffraction and aperture.is_full:
-        return None
-    return {
+    spread = {
         "diffraction": lens.diffraction,
         "obstruction": lens.obstruction,
         "pixel_aperture": list(aperture.sides),
         "sensitivity_within_pixel": None if aperture.is_even else aperture.cells,
+    }
+    glare = {"fraction": lens.veiling_glare, "width_mm": lens.glare_width_mm}
+    return intrinsics(view, camera) | {
+        "shading": shading(view, camera),
+        "airy_disk": airy_record(camera, 1 / (2 * numerical_aperture(view, camera))),
+        "point_spread": spread if lens.diffraction or not aperture.is_full else None,
+        "veiling_glare": glare if lens.veiling_glare else None,
     }

@@ -10,18 +10,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..core import Float64Array
-from .paraxial import cardinal_points
-from .traced_chief_ray import trace_chief_rays
+from .traced_lens import cardinal_points, chief_ray_heights
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
-    from ..camera.lens_datasheet import LensSection
 
 CONVENTION = "OpenCV: x right, y down, z forward; the middle of the upper left pixel is (0, 0)"
-POINTS = 17  # of the table of chief rays, without the axis
 
 
 @dataclass(frozen=True)
@@ -66,9 +60,7 @@ def magnification(view: View, camera: Camera) -> float:
 def image_distance_m(view: View, camera: Camera) -> float:
     """Distance from lens to sensor that gives this field of view on this camera's pixels [m]; inf if telecentric."""
     half_m = 0.5 * view.size[0] * camera.pixel.pitch_x_um * 1e-6
-    if view.half_width:
-        return half_m / view.half_width
-    return math.inf
+    return half_m / view.half_width if view.half_width else math.inf
 
 
 def focal_length_m(view: View, camera: Camera) -> float:
@@ -94,7 +86,8 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
     focal_length_mm : of the lens.  principal_point_mm : from the middle of the full film, to the right and down.
     field_of_view_deg : across and down the part that is rendered, through the principal point, without distortion.
     """
-    pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
+    lens, pixel = camera.lens, camera.pixel
+    pitch_mm = (pixel.pitch_x_um * 1e-3, pixel.pitch_y_um * 1e-3)
     principal = zip(view.axis, view.size, pitch_mm, strict=True)
     shared = {
         "image_size": list(view.crop_size),
@@ -107,18 +100,15 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
     x, y = view.axis[0] - view.crop_offset[0], view.axis[1] - view.crop_offset[1]
     fx = fy = 1 / view.tangent_per_pixel  # Mitsuba's own sensors have square pixels
     if view.sequential:
-        model, focal_mm = "sequential lens", cardinal_points(camera.lens).focal_length
-        if camera.lens.prescription is not None and camera.lens.prescription.ray_transfer:
-            model = "ray transfer"
+        focal_mm, prescription = cardinal_points(lens).focal_length, lens.prescription
+        is_transfer = prescription is not None and prescription.ray_transfer is not None
+        model = "ray transfer" if is_transfer else "sequential lens"
         fy = fx * pitch_mm[0] / pitch_mm[1]
     else:
-        model = "pinhole"
-        if view.aperture_radius_m:
-            model = "thin lens"
+        model = "thin lens" if view.aperture_radius_m else "pinhole"
         focal_mm = focal_length_m(view, camera) * 1e3
-    heights, distortion = _image_heights_mm(view, camera), None
-    if heights is None:
-        distortion = list(camera.lens.distortion or (0.0,) * 5)
+    heights = _image_heights_mm(view, camera)
+    distortion = list(lens.distortion or (0.0,) * 5) if heights is None else None
     columns, rows = view.crop_size
     return {
         "model": model,
@@ -152,23 +142,3 @@ def _image_heights_mm(view: View, camera: Camera) -> dict[str, list[float]] | No
         "ideal": list(lens.distortion_heights_mm),
         "real": [height * (1 + percent / 100) for height, percent in pairs],
     }
-
-
-def chief_ray_heights(
-    lens: LensSection, focus_m: float, highest_mm: float
-) -> tuple[Float64Array, Float64Array]:
-    """(ideal, real) image heights of points in the plane that is in focus, up to ``highest_mm`` [mm].
-
-    Ideal is the principal distance times the tangent of the field angle at the middle of the paraxial entrance pupil.
-    Heights whose chief ray is vignetted or misses a surface are left out.
-    """
-    points = cardinal_points(lens)
-    heights = highest_mm * np.arange(1, POINTS + 1) / POINTS
-    end = trace_chief_rays(lens, focus_m, heights).end
-    with np.errstate(all="ignore"):
-        tangent = slope = end.dx / end.dz
-        if not math.isinf(focus_m):
-            depth = end.z - (points.length - points.entrance_pupil)
-            tangent = (end.x + (focus_m * 1e3 - depth) * slope) / (focus_m * 1e3)
-    unvignetted = np.asarray(end.unvignetted)
-    return -points.principal_distance(focus_m) * tangent[unvignetted], heights[unvignetted]

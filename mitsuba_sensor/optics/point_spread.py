@@ -33,9 +33,13 @@ AIRY_ZERO = 3.8317059702075123  # of J₁
 
 def point_spread(x: ArrayLike, obstruction: float = 0.0) -> Float64Array:
     """p at x: energy per area of the plane of x."""
-    at, ring = np.asarray(x, dtype=float), obstruction
-    amplitude = _jinc(at) - ring**2 * _jinc(ring * at)
-    return np.asarray(amplitude**2 / (4 * math.pi * (1 - ring**2)))
+    amplitude = _amplitude(np.asarray(x, dtype=float), obstruction)
+    return np.asarray(amplitude**2 / (4 * math.pi * (1 - obstruction**2)))
+
+
+def _amplitude(x: Float64Array, obstruction: float) -> Float64Array:
+    """2J₁(x)/x − ε²·2J₁(εx)/(εx)."""
+    return _jinc(x) - obstruction**2 * _jinc(obstruction * x)
 
 
 def _jinc(x: Float64Array) -> Float64Array:
@@ -59,11 +63,7 @@ def encircled_energy(x: ArrayLike, obstruction: float = 0.0) -> Float64Array:
 @lru_cache(maxsize=32)
 def first_zero(obstruction: float = 0.0) -> float:
     """x of the first dark ring, 3.83 without an obstruction; r = 1.22·λN."""
-
-    def amplitude(x: float) -> float:
-        return float(_jinc(np.asarray(x)) - obstruction**2 * _jinc(np.asarray(obstruction * x)))
-
-    return root(amplitude, 1.5, AIRY_ZERO)
+    return root(lambda x: float(_amplitude(np.asarray(x), obstruction)), 1.5, AIRY_ZERO)
 
 
 def airy_diameter_um(wavelength_nm: float, f_number: float, obstruction: float = 0.0) -> float:

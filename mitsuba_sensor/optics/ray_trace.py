@@ -11,7 +11,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..core import Array
+import numpy as np
+
+from ..core import Array, Float64Array
 from ..core.arrays import maximum, sqrt
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 
 NEWTON_STEPS = 6
 """From the conic to the asphere: they converge quadratically, float64 needs four or five."""
+WINDOW = 1.5  # of the last clear aperture: where a slanting ray that hits it may cross the plane of its vertex
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): He d, H F, H C
 
 
@@ -36,9 +39,7 @@ class Glass:
         square = wavelength_nm * wavelength_nm * 1e-6
         if len(self.coefficients) == 2:
             constant, slope = self.coefficients
-            if slope:
-                return constant + slope / square
-            return constant
+            return constant + slope / square if slope else constant
         terms = zip(self.coefficients[:3], self.coefficients[3:], strict=True)
         return sqrt(1.0 + sum(b * square / (square - c) for b, c in terms))
 
@@ -73,6 +74,23 @@ class Ray(NamedTuple):
     unvignetted: Array
 
 
+def ray_to(
+    distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array
+) -> Ray:
+    """Return the ray from an image point at (height, 0), ``distance`` before a plane, to a point in the plane [mm]."""
+    dx, dy = np.broadcast_arrays(radial - height, tangential)
+    length = np.sqrt(dx * dx + dy * dy + distance * distance)
+    return Ray(
+        x=height + 0.0 * dx,
+        y=0.0 * dy,
+        z=-distance,
+        dx=dx / length,
+        dy=dy / length,
+        dz=distance / length,
+        unvignetted=np.ones(dx.shape, dtype=bool),
+    )
+
+
 @dataclass(frozen=True)
 class Surface:
     """One surface, in the order from the sensor to the scene."""
@@ -87,16 +105,62 @@ class Surface:
     obscuration: float = 0.0  # radius of a disk in the middle that stops rays [mm]
 
 
-def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surface, ...]:
-    """The surfaces of a prescription, from the sensor to the scene, all lengths times ``scale``, its stop wide open."""
+@dataclass(frozen=True)
+class SequentialSurfaces:
+    """A lens that is known by its surfaces, in the order from the sensor to the scene. z is 0 at its last vertex."""
+
+    surfaces: tuple[Surface, ...]
+
+    def with_stop(self, radius: Array) -> SequentialSurfaces:
+        """Return the same lens with another radius of the stop [mm]."""
+        return SequentialSurfaces(
+            tuple(replace(s, semi_diameter=radius) if s.stop else s for s in self.surfaces)
+        )
+
+    def unobscured(self) -> SequentialSurfaces:
+        """Return the lens without central obscurations, which do not change where light would go."""
+        return SequentialSurfaces(tuple(replace(s, obscuration=0.0) for s in self.surfaces))
+
+    def trace(self, ray: Ray, wavelength_nm: Array = D_NM) -> Ray:
+        """Trace rays that start in air before the last vertex (z < 0) until they leave the first surface.
+
+        wavelength_nm : of every ray, or one for all. The returned points lie on the first surface, with z from the last
+        vertex. The numbers of a ray that missed a surface, was vignetted or totally reflected are undefined.
+        """
+        medium, index, length = AIR, 1.0, 0.0
+        for surface in self.surfaces:
+            ray = _intersect(surface, ray)
+            if surface.beyond != medium:
+                beyond = surface.beyond.index(wavelength_nm)
+                ray = _refract(surface, ray, index / beyond)
+                medium, index = surface.beyond, beyond
+            ray = ray._replace(z=ray.z - surface.gap)
+            length += surface.gap
+        return ray._replace(z=ray.z + length)
+
+    def unvignetted(self, ray: Ray, wavelength_nm: Array = D_NM) -> Array:
+        """Return True where no aperture stops the rays."""
+        return self.trace(ray, wavelength_nm).unvignetted
+
+    def miss_stop(self, ray: Ray) -> Array:
+        """Return x where rays in the plane of x and z cross the plane of the stop [mm]."""
+        stop = next(number for number, surface in enumerate(self.surfaces) if surface.stop)
+        return SequentialSurfaces(self.surfaces[: stop + 1]).trace(ray).x
+
+    def reach(self, distance: float, highest: float) -> float:
+        """Return the distance from the axis within which all rays cross the plane of the last vertex [mm]."""
+        return WINDOW * float(self.surfaces[0].semi_diameter)
+
+
+def lens_surfaces(prescription: PrescriptionSection, scale: float) -> SequentialSurfaces:
+    """Return the surfaces of a prescription with all lengths times ``scale``, its stop wide open."""
     surfaces: list[Surface] = []
     gap, beyond = 0.0, AIR  # between a surface and the one before it, towards the scene
     for section in prescription.surfaces:
-        curvature = 0.0
-        if section.radius_mm is not None:
-            curvature = -1 / (section.radius_mm * scale)
         surface = Surface(
-            curvature=curvature,
+            curvature=-1 / (section.radius_mm * scale)
+            if section.radius_mm is not None
+            else 0.0,
             conic=section.conic,
             aspheric=tuple(-a / scale ** (2 * k + 3) for k, a in enumerate(section.aspheric)),
             semi_diameter=section.semi_diameter_mm * scale,
@@ -107,45 +171,7 @@ def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surf
         )
         surfaces.append(surface)
         gap, beyond = section.thickness_mm * scale, glass_behind(section)
-    return tuple(reversed(surfaces))
-
-
-def unobscured(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
-    """The surfaces without central obscurations: where light would go has nothing to do with them."""
-    return tuple(replace(surface, obscuration=0.0) for surface in surfaces)
-
-
-def surfaces_to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
-    """The surfaces from the sensor up to and including the stop."""
-    stop = next(number for number, surface in enumerate(surfaces) if surface.stop)
-    return surfaces[: stop + 1]
-
-
-def stopped_down(surfaces: tuple[Surface, ...], stop_radius: Array) -> tuple[Surface, ...]:
-    """The same surfaces with another radius of the stop [mm]."""
-    changed = list(surfaces)
-    for number, surface in enumerate(surfaces):
-        if surface.stop:
-            changed[number] = replace(surface, semi_diameter=stop_radius)
-    return tuple(changed)
-
-
-def trace(surfaces: tuple[Surface, ...], ray: Ray, wavelength_nm: Array = D_NM) -> Ray:
-    """Trace rays that start in air before the last vertex (z < 0) until they leave the first surface.
-
-    wavelength_nm : of every ray, or one for all. The returned points lie on the first surface, with z from the last
-    vertex. The numbers of a ray that missed a surface, was vignetted or totally reflected are undefined.
-    """
-    medium, index, length = AIR, 1.0, 0.0
-    for surface in surfaces:
-        ray = _intersect(surface, ray)
-        if surface.beyond != medium:
-            beyond = surface.beyond.index(wavelength_nm)
-            ray = _refract(surface, ray, index / beyond)
-            medium, index = surface.beyond, beyond
-        ray = ray._replace(z=ray.z - surface.gap)
-        length += surface.gap
-    return ray._replace(z=ray.z + length)
+    return SequentialSurfaces(tuple(reversed(surfaces)))
 
 
 def _intersect(surface: Surface, ray: Ray) -> Ray:
@@ -156,9 +182,7 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
     if surface.curvature:
         c = surface.curvature
         f, g = c * (x * x + y * y), dz - c * (x * dx + y * dy)
-        bulge = 1.0
-        if surface.conic:
-            bulge = 1.0 + surface.conic * dz * dz
+        bulge = 1.0 + surface.conic * dz * dz if surface.conic else 1.0
         root = g * g - c * f * bulge
         unvignetted = unvignetted & (root > 0.0)
         away = f / (g + _root(root))

@@ -12,7 +12,7 @@ they are sums of terms that are 100 000 times larger.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -53,11 +53,8 @@ class RayPolynomial:
         return self.terms.get((r, 0), {}).get(dy, 0.0)
 
 
-NO_TERMS = RayPolynomial({})
-
-
 def ray_polynomial(section: RayPolynomialSection) -> RayPolynomial:
-    """The polynomial of a section of the camera file."""
+    """Return the polynomial of a section of the camera file."""
     terms: dict[tuple[int, int], dict[int, float]] = {}
     powers = zip(section.powers_r, section.powers_dx, section.powers_dy, strict=True)
     for coefficient, (a, b, c) in zip(section.coefficients, powers, strict=True):
@@ -66,22 +63,9 @@ def ray_polynomial(section: RayPolynomialSection) -> RayPolynomial:
     return RayPolynomial(terms)
 
 
-class PassFunction(Protocol):
-    """Which rays pass a lens, by their height r in the input plane and their point (x, y) in the pass plane."""
-
-    def contains(self, r: Array, x: Array, y: Array) -> Array:
-        """Whether the rays pass."""
-
-    def reach(self, share: float, highest: float) -> float:
-        """No ray from below an image height passes farther from the axis [mm].
-
-        share : of the way from the film to the pass plane, where the input plane is.
-        """
-
-
 @dataclass(frozen=True)
 class PassEllipses:
-    """An ellipse for each of some heights r, linear between them; rays beyond the last do not pass."""
+    """An ellipse for each of some heights r in the input plane, linear between them; no ray beyond the last passes."""
 
     heights: tuple[float, ...]
     centers: tuple[float, ...]
@@ -89,7 +73,7 @@ class PassEllipses:
     radii_y: tuple[float, ...]
 
     def contains(self, r: Array, x: Array, y: Array) -> Array:
-        """As the sum of hinges at the heights."""
+        """Return True for rays of height r and the point (x, y) in the pass plane that pass."""
         hinges = [maximum(r - height, 0.0) for height in self.heights[:-1]]
         center, radius_x, radius_y = (
             _linear(self.heights, values, hinges)
@@ -99,7 +83,7 @@ class PassEllipses:
         return (across * across + along * along <= 1.0) & (r <= self.heights[-1])
 
     def reach(self, share: float, highest: float) -> float:
-        """The farthest edge of all ellipses."""
+        """Return the farthest edge of all ellipses [mm]."""
         radii = np.maximum(self.radii_x, self.radii_y)
         return float(np.max(np.abs(self.centers) + radii))
 
@@ -123,6 +107,7 @@ class PassCircles:
     sensitivities: tuple[float, ...]
 
     def contains(self, r: Array, x: Array, y: Array) -> Array:
+        """Return True for rays that are in all circles."""
         inside = r >= 0.0
         for radius, sensitivity in zip(self.radii, self.sensitivities, strict=True):
             along = y - sensitivity * r
@@ -130,7 +115,10 @@ class PassCircles:
         return inside
 
     def reach(self, share: float, highest: float) -> float:
-        """From |y − s·r| ≤ R with r between the image point and y."""
+        """Return how far from the axis rays from below an image height pass [mm]: |y − s·r| ≤ R.
+
+        share : of the way from the film to the pass plane, where the input plane is: r is between image point and y.
+        """
         edges = []
         for radius, sensitivity in zip(self.radii, self.sensitivities, strict=True):
             moved = radius + abs(sensitivity) * (1 - share) * highest
@@ -151,7 +139,7 @@ class RayTransfer:
     """
 
     outputs: dict[str, RayPolynomial]
-    passes: PassFunction
+    passes: PassEllipses | PassCircles
     uses_outdz: bool
     depth: float
     length: float
@@ -161,8 +149,12 @@ class RayTransfer:
     stop_radius: Array = NO_STOP_MM
 
     def with_stop(self, radius: Array) -> RayTransfer:
-        """The same lens with another radius of the stop [mm]."""
+        """Return the same lens with another radius of the stop [mm]."""
         return replace(self, stop_radius=radius)
+
+    def unobscured(self) -> RayTransfer:
+        """Return the lens itself: its pass function has no central obscuration."""
+        return self
 
     def trace(self, ray: Ray, wavelength_nm: Array = D_NM) -> Ray:
         """What becomes of rays that start before the pass plane; the wavelength is that of the fit."""
@@ -175,16 +167,18 @@ class RayTransfer:
             dz = out["dz"]
             length = sqrt(maximum(1.0 - square + dz * dz, 1e-12))
         sag = out["z"] - self.outputs["z"].slope(0, 0)
-        x, y = out["x"] * uy + out["y"] * ux, out["y"] * uy - out["x"] * ux
-        turned_dx, turned_dy = out["dx"] * uy + out["dy"] * ux, out["dy"] * uy - out["dx"] * ux
         points = (
-            x * self.scale,
-            y * self.scale,
+            (out["x"] * uy + out["y"] * ux) * self.scale,
+            (out["y"] * uy - out["x"] * ux) * self.scale,
             (self.length + self.output_plane + sag) * self.scale,
         )
-        directions = (turned_dx / length, turned_dy / length, dz / length)
-        x, y, z, dx, dy, dz = (_like(number, ray.x) for number in (*points, *directions))
+        directions = (
+            (out["dx"] * uy + out["dy"] * ux) / length,
+            (out["dy"] * uy - out["dx"] * ux) / length,
+            dz / length,
+        )
         passes = self.unvignetted(ray) & ((square > 0.0) | self.uses_outdz)
+        x, y, z, dx, dy, dz = (_like(number, ray.x) for number in (*points, *directions))
         return Ray(x, y, z, dx, dy, dz, passes)
 
     def unvignetted(self, ray: Ray, wavelength_nm: Array = D_NM) -> Array:
@@ -230,23 +224,21 @@ class RayTransfer:
 
 
 def ray_transfer(section: RayTransferSection, scale: float) -> RayTransfer:
-    """The lens of a section of the camera file, wide open."""
+    """Return the lens of a section of the camera file, wide open."""
     outputs = {str(p.output): ray_polynomial(p) for p in section.polynomials}
-    passes: PassFunction
+    passes: PassEllipses | PassCircles = PassEllipses(
+        section.pass_heights_mm or (),
+        section.pass_centers_mm or (),
+        section.pass_radii_x_mm or (),
+        section.pass_radii_y_mm or (),
+    )
     if section.pass_circle_radii_mm is not None:
-        assert section.pass_circle_sensitivities is not None
-        passes = PassCircles(section.pass_circle_radii_mm, section.pass_circle_sensitivities)
-    else:
-        lists = (
-            section.pass_heights_mm,
-            section.pass_centers_mm,
-            section.pass_radii_x_mm,
-            section.pass_radii_y_mm,
+        passes = PassCircles(
+            section.pass_circle_radii_mm, section.pass_circle_sensitivities or ()
         )
-        passes = PassEllipses(*(values or () for values in lists))
     depth = section.pass_plane_mm
     return RayTransfer(
-        outputs={"z": NO_TERMS, **outputs},
+        outputs={"z": RayPolynomial({}), **outputs},
         passes=passes,
         uses_outdz=section.uses_outdz,
         depth=depth,
@@ -257,14 +249,10 @@ def ray_transfer(section: RayTransferSection, scale: float) -> RayTransfer:
 
 
 def _double(number: Array) -> Array:
-    """A number in float64."""
-    if is_numpy(number):
-        return number
-    return drjit_module().float64_array_t(type(number))(number)
+    """Return a number in float64."""
+    return number if is_numpy(number) else drjit_module().float64_array_t(type(number))(number)
 
 
 def _like(number: Array, other: Array) -> Array:
-    """A number in the precision of another."""
-    if is_numpy(other):
-        return number
-    return type(other)(number)
+    """Return a number in the precision of another."""
+    return number if is_numpy(other) else type(other)(number)

@@ -67,7 +67,7 @@ class Shutter:
         first, last = self.span_s(rows)
         shared = last - first
         if speed_px_per_s > 0:
-            shared = min(STEP_PX / speed_px_per_s, last - first)
+            shared = min(STEP_PX / speed_px_per_s, shared)
         return max(self.open_s, shared, self.row_time_s) / count
 
 
@@ -95,9 +95,7 @@ def subframes(
     """
     opens = shutter.start_s(np.arange(*rows))
     starts = opens + (shutter.open_s - count * step_s) / 2
-    steps_later = np.zeros(len(starts))
-    if step_s:
-        steps_later = (starts - starts[0]) / step_s
+    steps_later = (starts - starts[0]) / step_s if step_s else np.zeros(len(starts))
     first = np.ceil(steps_later - phase).astype(np.intp)
     numbers = np.arange(first[0], first[-1] + count)
     offset = numbers - first[:, None]
@@ -119,7 +117,6 @@ def displaced_share(
 
 def shutter_of(camera: Camera, exposure: Exposure, begin_s: float = 0.0) -> Shutter:
     """The shutter that the datasheet describes, open for this exposure, in a frame that begins at ``begin_s``."""
-    row_time_us = 0.0
-    if camera.sensor.shutter == "rolling":
-        row_time_us = camera.sensor.row_time_us or 0.0
+    sensor = camera.sensor
+    row_time_us = sensor.row_time_us or 0.0 if sensor.shutter == "rolling" else 0.0
     return Shutter(exposure.time_s, row_time_us * 1e-6, begin_s)

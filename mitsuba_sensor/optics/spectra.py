@@ -1,6 +1,7 @@
 """Spectra and colours: CIE illuminants A and D65, the CIE 1931 observer, reflectances of surfaces, CIELAB and sRGB.
 
-The tables are those of colour-science, which takes seconds to import (benchmarks/spectra_tables.py writes them).
+colour-science computes what is not needed for a render, a frame or its preview. It takes 2 s and 170 MB to import, so
+the tables of the others are here (benchmarks/spectra_tables.py writes them), with their few formulas.
 """
 
 from __future__ import annotations
@@ -19,8 +20,6 @@ VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers
 DAYLIGHT = "D65"
 ILLUMINANTS = ("A", DAYLIGHT)  # the columns of their table
 TABLES = resources.files(__package__) / "tables"
-D65_XY, D50_XY = (0.3127, 0.3290), (0.3457, 0.3585)
-"""Chromaticity of the whites of sRGB and of ICC profiles, CIE 1931."""
 BRADFORD: Float64Array = np.array(
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
 )
@@ -34,9 +33,15 @@ XYZ_TO_SRGB: Float64Array = np.array(
 )
 """IEC 61966-2-1, rounded there."""
 LEAST_TRIANGLE = 1e-3  # twice the area between the chromaticities of primaries; sRGB has 0.22
-SRGB_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *D65_XY)
-"""x and y of red, green, blue and white: ITU-R BT.709, IEC 61966-2-1."""
 
+
+def _white_xyz(chromaticity: ArrayLike) -> Float64Array:
+    x, y = np.asarray(chromaticity)
+    return np.array([x / y, 1.0, (1 - x - y) / y])
+
+
+D65_XYZ, D50_XYZ = _white_xyz((0.3127, 0.3290)), _white_xyz((0.3457, 0.3585))
+"""Whites of sRGB, and of colour profiles (ICC) and DNG, CIE 1931, Y = 1."""
 SILICON_NM = tuple(float(nm) for nm in range(400, 1001, 50))
 ABSORPTION_PER_UM = (
     *(9.52, 2.55, 1.11, 0.639, 0.414, 0.281, 0.190),
@@ -69,7 +74,7 @@ def silicon_qe(value: float, at_nm: float) -> tuple[list[float], list[float]]:
 
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
-    """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 780 nm."""
+    """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 830 nm."""
     return standard_illuminant(DAYLIGHT, wavelengths_nm)
 
 
@@ -106,12 +111,6 @@ def luminous(wavelengths_nm: Float64Array, radiometric: Float64Array) -> float:
     return float(LUMENS_PER_WATT * scipy.integrate.trapezoid(seen, wavelengths_nm))
 
 
-def d65_radiance(luminance_cd_per_m2: float, wavelengths_nm: ArrayLike) -> Float64Array:
-    """Spectral radiance [W m⁻² sr⁻¹ nm⁻¹] of D65 light of this luminance."""
-    fine = np.arange(VISIBLE_NM[0], VISIBLE_NM[1] + 1)
-    return luminance_cd_per_m2 / luminous(fine, d65(fine)) * d65(wavelengths_nm)
-
-
 def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
     """(190, B) reflectances of the training set of the AMPAS' RAW to ACES, held constant outside of 380 to 780 nm."""
     table_nm, reflectances = _table("surfaces")
@@ -121,9 +120,10 @@ def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
 
 def color_checker(wavelengths_nm: ArrayLike) -> Float64Array:
     """(24, B) reflectances of a ColorChecker (ISO 17321-1), held constant outside of 380 to 780 nm."""
-    table_nm, reflectances = _table("color_checker")
-    at_nm = np.asarray(wavelengths_nm, float)
-    return np.array([np.interp(at_nm, table_nm, values) for values in reflectances.T])
+    import colour
+
+    at_nm, patches = np.asarray(wavelengths_nm, float), colour.SDS_COLOURCHECKERS["ISO 17321-1"]
+    return np.array([np.interp(at_nm, sd.wavelengths, sd.values) for sd in patches.values()])
 
 
 def color_checker_xyz() -> Float64Array:
@@ -134,16 +134,6 @@ def color_checker_xyz() -> Float64Array:
     return adapted_to_daylight(color_checker(fine) @ seen / seen[:, 1].sum(), white)
 
 
-def daylight_xyz() -> Float64Array:
-    """XYZ of D65, Y = 1: the white of sRGB."""
-    return _white_xyz(D65_XY)
-
-
-def d50_xyz() -> Float64Array:
-    """XYZ of D50, Y = 1: the white of colour profiles (ICC) and of DNG."""
-    return _white_xyz(D50_XY)
-
-
 def bradford(white: Float64Array, other: Float64Array) -> Float64Array:
     """(3, 3) from colours under one white (XYZ) to those under another: linear Bradford, as in DNG and ICC."""
     return _adaptation(BRADFORD, white, other)
@@ -151,20 +141,22 @@ def bradford(white: Float64Array, other: Float64Array) -> Float64Array:
 
 def adapted_to_daylight(xyz: Float64Array, white: Float64Array) -> Float64Array:
     """Colours (N, 3) as they look in daylight to who was used to this white (CAT02)."""
-    return np.asarray(xyz @ _adaptation(CAT02, white, daylight_xyz()).T)
+    return np.asarray(xyz @ _adaptation(CAT02, white, D65_XYZ).T)
 
 
 def lab(xyz: Float64Array) -> Float64Array:
     """CIELAB of colours (N, 3) in daylight (CIE 15:2004, 8.2.1)."""
-    relative = np.maximum(xyz, 0.0) / daylight_xyz()
+    relative = np.maximum(xyz, 0.0) / D65_XYZ
     straight = 841 / 108 * relative + 16 / 116
     x, y, z = np.where(relative > (24 / 116) ** 3, np.cbrt(relative), straight).T
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-def xyz_to_srgb() -> Float64Array:
-    """(3, 3) from XYZ to linear sRGB (IEC 61966-2-1)."""
-    return XYZ_TO_SRGB
+def delta_e_2000(first: Float64Array, second: Float64Array) -> Float64Array:
+    """ΔE00 of colours in CIELAB (..., 3), CIE 142:2001, with k_L = k_C = k_H = 1."""
+    import colour
+
+    return np.asarray(colour.difference.delta_E_CIE2000(first, second))
 
 
 def rgb_to_srgb(chromaticities: tuple[float, ...]) -> Float64Array:
@@ -172,23 +164,19 @@ def rgb_to_srgb(chromaticities: tuple[float, ...]) -> Float64Array:
 
     chromaticities : x and y of red, green, blue and white. Raises ValueError for what spans no colours.
     """
-    from_rgb, white = _rgb_to_xyz(chromaticities)
-    from_srgb, daylight = _rgb_to_xyz(SRGB_CHROMATICITIES)
-    return np.asarray(np.linalg.inv(from_srgb) @ bradford(white, daylight) @ from_rgb)
+    import colour
 
-
-def _rgb_to_xyz(chromaticities: tuple[float, ...]) -> tuple[Float64Array, Float64Array]:
-    """(3, 3) from linear RGB to XYZ, and XYZ of its white."""
-    *primaries, (x, y) = np.reshape(np.array(chromaticities, float), (4, 2)).tolist()
-    if not np.isfinite(chromaticities).all():
+    *primaries, white = np.reshape(np.array(chromaticities, float), (4, 2))
+    corners = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
+    spans = np.isfinite(chromaticities).all() and abs(np.linalg.det(corners)) > LEAST_TRIANGLE
+    if not (spans and white[1] > 0 and (np.linalg.solve(corners, _white_xyz(white)) > 0).all()):
         raise ValueError(f"chromaticities are {chromaticities}")
-    columns = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
-    if y > 0 and abs(np.linalg.det(columns)) > LEAST_TRIANGLE:
-        white = _white_xyz((x, y))
-        amounts = np.linalg.solve(columns, white)
-        if (amounts > 0).all():
-            return columns * amounts, white
-    raise ValueError(f"chromaticities are {chromaticities}")
+    srgb = colour.RGB_COLOURSPACES["sRGB"]
+    own, target = (
+        colour.RGB_Colourspace("linear", space, place)
+        for space, place in ((primaries, white), (srgb.primaries, srgb.whitepoint))
+    )
+    return np.asarray(colour.matrix_RGB_to_RGB(own, target, "Bradford"), float)
 
 
 @cache
@@ -197,11 +185,6 @@ def _table(name: str) -> tuple[Float64Array, Float64Array]:
     lines = (TABLES / f"{name}.csv").read_text(encoding="utf-8").splitlines()
     rows = np.loadtxt(lines, delimiter=",")
     return rows[:, 0], rows[:, 1:]
-
-
-def _white_xyz(chromaticity: tuple[float, float]) -> Float64Array:
-    x, y = chromaticity
-    return np.array([x / y, 1.0, (1 - x - y) / y])
 
 
 def _adaptation(cones: Float64Array, white: Float64Array, other: Float64Array) -> Float64Array:

@@ -8,12 +8,11 @@ A text says the same: ``2 pwm(100, 0.5)`` is a level and a waveform, ``0.2`` a l
 
 from __future__ import annotations
 
-import ast
+import math
 import re
-from contextlib import suppress
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,15 +26,16 @@ if TYPE_CHECKING:
 
 FIRST = ("time", "t")
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-HIGHEST_LEVEL = 1e9
-HIGHEST_HZ = 1e12
+LIMITS = {
+    "level": (0.0, 1e9, "a number, e.g. 0.5"),
+    "frequency_hz": (1e-9, 1e12, "hertz, e.g. 100"),
+    "duty": (1e-9, 1.0, "the share of a period that is lit, e.g. 0.5"),
+    "depth": (0.0, 1.0, "a number from 0 to 1, e.g. 0.3"),
+    "phase": (-1e6, 1e6, "in periods, e.g. 0.25"),
+}
+"""Least and largest value of each number of a waveform, and what it is."""
 EXAMPLE = "e.g. 0.2, 'pwm(100, 0.5)' or '2 sine(100, 0.3)'"
 CALL = re.compile(r"\s*(?P<level>[^\s(]*)\s*\b(?P<kind>[a-z]\w*)\s*\((?P<arguments>.*)\)\s*")
-
-
-def checked_level(name: str, level: float) -> float:
-    """A level of light, over that of the render. Raises InputError."""
-    return require(name, level, 0.0, HIGHEST_LEVEL, "a number, e.g. 0.5")
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,29 +48,29 @@ class Waveform:
     level: float = field(default=1.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "level", checked_level("level", self.level))
+        for name, limits in LIMITS.items():
+            if hasattr(self, name):
+                object.__setattr__(self, name, require(name, getattr(self, name), *limits))
 
     @property
     def flickers(self) -> bool:
-        """Whether it is more than a level."""
+        """Return True if it is more than a level."""
         return type(self) is not Waveform
 
     def __repr__(self) -> str:
-        """As :func:`waveform_of` reads it: ``2 pwm(100, 0.5)``."""
-        shape = [getattr(self, one.name) for one in fields(self) if one.name != "level"]
+        """Return it as :func:`waveform_of` reads it: ``2 pwm(100, 0.5)``."""
         if not self.flickers:
             return f"{self.level:g}"
-        numbers = ", ".join(f"{value:.10g}" for value in shape)
+        values = (getattr(self, one.name) for one in _shape(type(self)))
+        texts = (value if isinstance(value, str) else f"{value:.10g}" for value in values)
         level = "" if self.level == 1 else f"{self.level:g} "
-        return f"{level}{type(self).__name__}({numbers})"
+        return f"{level}{type(self).__name__}({', '.join(texts)})"
 
     def mean_over(self, start_s: ArrayLike, open_s: float) -> Float64Array:
         """Mean of level·w(t) from each start on, (H,), while a row is open; level·w itself where it is open for 0 s."""
         starts = np.asarray(start_s, dtype=np.float64)
-        if open_s > 0:
-            mean = self.integral(starts, starts + open_s) / open_s
-        else:
-            mean = self.value_at(starts)
+        ends = starts + open_s
+        mean = self.integral(starts, ends) / open_s if open_s > 0 else self.value_at(starts)
         return np.asarray(self.level * np.maximum(mean, 0.0))
 
     def weights(self, shutter: Shutter, rows: tuple[int, int]) -> Float64Array:
@@ -106,27 +106,10 @@ class _Cycles(Waveform):
 
     frequency_hz: float
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        hertz = require("frequency_hz", self.frequency_hz, 1e-9, HIGHEST_HZ, "hertz, e.g. 100")
-        object.__setattr__(self, "frequency_hz", hertz)
-        for name in ("duty", "depth", "phase"):
-            if hasattr(self, name):
-                object.__setattr__(self, name, _checked_share(name, getattr(self, name)))
-
     def _share(self, time_s: Float64Array, frequency_hz: float) -> Float64Array:
         """Share of the period that has passed, 0 to 1."""
         cycles = time_s * frequency_hz + getattr(self, "phase", 0.0)
         return np.asarray(cycles - np.floor(cycles))
-
-
-def _checked_share(name: str, value: float) -> float:
-    """Duty, depth or phase. Raises InputError."""
-    if name == "duty":
-        return require(name, value, 1e-9, 1.0, "the share of a period that is lit, e.g. 0.5")
-    if name == "depth":
-        return require(name, value, 0.0, 1.0, "a number from 0 to 1, e.g. 0.3")
-    return require(name, value, -1e6, 1e6, "in periods, e.g. 0.25")
 
 
 @dataclass(frozen=True, repr=False)
@@ -215,7 +198,8 @@ class table(Waveform):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        times, values = _read_table(str(self.file))
+        object.__setattr__(self, "file", str(self.file))
+        times, values = _read_table(self.file)
         mean = np.trapezoid(values, times) / (times[-1] - times[0])
         if not mean > 0:
             raise InputError(
@@ -223,11 +207,6 @@ class table(Waveform):
             )
         object.__setattr__(self, "times_s", tuple(times.tolist()))
         object.__setattr__(self, "values", tuple((values / mean).tolist()))
-
-    def __repr__(self) -> str:
-        """``table(FILE)``."""
-        level = "" if self.level == 1 else f"{self.level:g} "
-        return f"{level}table({self.file})"
 
     def _within(self, time_s: Float64Array) -> Float64Array:
         """Time since the first row, without whole periods [s]."""
@@ -253,84 +232,80 @@ FROM_FILE = "table("
 KINDS: dict[str, type[Waveform]] = {one.__name__: one for one in (pwm, sine, mains, table)}
 
 
+def _shape(kind: type[Waveform]) -> list[Field[Any]]:
+    """Fields that a text of this kind gives, in its brackets."""
+    return [one for one in fields(kind) if one.init and one.name != "level"]
+
+
 def waveform_of(name: str, given: object) -> Waveform:
-    """A level, a waveform or a text of both, as :class:`Waveform`.  name : of what shines. Raises InputError."""
+    """Return a level, a waveform or a text of both as :class:`Waveform`.  name : of what shines. Raises InputError."""
     if isinstance(given, Waveform):
         return given
     whole = CALL.fullmatch(given) if isinstance(given, str) else None
     if whole is None:
-        return Waveform(level=_level(name, given))
-    kind = whole["kind"]
+        level = None if isinstance(given, bool) else _number(given)
+        if level is None:
+            raise InputError(
+                f"the light of {name} is {given!r}, which is neither a level nor a waveform; {EXAMPLE}."
+            )
+        return Waveform(level=require(f"the level of {name}", level, *LIMITS["level"]))
+    kind, text = whole["kind"], whole["level"].rstrip("*")
     if kind not in KINDS:
         known = ", ".join(KINDS)
         raise InputError(
             f"the light of {name} is {given!r}, and there is no waveform {kind!r}; there are {known}."
             f"{nearest(kind, KINDS)}"
         )
-    level = 1.0 if not whole["level"] else _level(name, whole["level"].rstrip("*"))
-    shape = [one for one in fields(KINDS[kind]) if one.init and one.name != "level"]
-    texts = [text.strip() for text in whole["arguments"].split(",") if text.strip()]
-    needed = [one.name for one in shape if one.default is MISSING]
+    level = waveform_of(name, text).level if text else 1.0
     if kind == "table":
         return table(whole["arguments"].strip().strip("'\""), level=level)
-    if not len(needed) <= len(texts) <= len(shape):
-        numbers = ", ".join(one.name for one in shape)
+    shape = _shape(KINDS[kind])
+    texts = [text.strip() for text in whole["arguments"].split(",") if text.strip()]
+    if not sum(one.default is MISSING for one in shape) <= len(texts) <= len(shape):
+        names = ", ".join(one.name for one in shape)
         raise InputError(
-            f"the light of {name} is {given!r}; the numbers of {kind} are {numbers}, {EXAMPLE}."
+            f"the light of {name} is {given!r}; the numbers of {kind} are {names}, {EXAMPLE}."
         )
-    return KINDS[kind](*(_number(name, given, text) for text in texts), level=level)
+    numbers = {text: _number(text) for text in texts}
+    for text, number in numbers.items():
+        if number is None or not math.isfinite(number):
+            raise InputError(
+                f"the light of {name} is {given!r}, where {text!r} is no number; {EXAMPLE}."
+            )
+    return KINDS[kind](*(numbers[text] for text in texts), level=level)
 
 
-def _level(name: str, given: object) -> float:
-    level = None
-    if not isinstance(given, bool):
-        with suppress(TypeError, ValueError):
-            level = float(given)  # type: ignore[arg-type]
-    if level is None:
-        raise InputError(
-            f"the light of {name} is {given!r}, which is neither a level nor a waveform; {EXAMPLE}."
-        )
-    return checked_level(f"the level of {name}", level)
-
-
-def _number(name: str, given: object, text: str) -> float:
+def _number(given: object) -> float | None:
+    """Return the number that is given; None if it is none."""
     try:
-        return float(ast.literal_eval(text))
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        raise InputError(
-            f"the light of {name} is {given!r}, where {text!r} is no number; {EXAMPLE}."
-        ) from None
+        return float(given)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def _read_table(path: str) -> tuple[Float64Array, Float64Array]:
-    """Times [s] and values of a CSV, in seconds unless a header has another unit. Raises InputError."""
+    """Return times [s] and values of a CSV, in seconds unless a header has another unit. Raises InputError."""
     what = "two columns, rising times and values that are not negative"
-    rows = rows_of(text_of_file(Path(path), f"give a CSV of {what}"), FIRST)
-    numbers, unit_s = [], 1.0
-    for number, row in enumerate(rows, start=1):
+    header, *rows = rows_of(text_of_file(Path(path), f"give a CSV of {what}"), FIRST) or [[]]
+    unit_s = 1.0
+    if header and _number(header[0]) is None:
         try:
-            numbers.append([float(cell) for cell in row])
-        except ValueError:
-            if number > 1:
-                raise InputError(
-                    f"row {number} of {path} is {row}; it must have {what}."
-                ) from None
-            unit_s = _unit_s(path, row[0])
-    if len(numbers) < 2 or any(len(row) != 2 for row in numbers):
+            unit_s = SECONDS[named_column(1, header[0], SECONDS, FIRST)[1]]
+        except ValueError as error:
+            raise InputError(f"{path}: {error}.") from None
+    else:
+        rows = [header, *rows]
+    numbers = [[_number(cell) for cell in row] for row in rows]
+    wrong = next((row for row, cells in zip(rows, numbers, strict=True) if None in cells), None)
+    if wrong is not None:
+        raise InputError(f"{path} has a row {wrong}; it must have {what}.")
+    if len(rows) < 2 or any(len(row) != 2 for row in rows):
         raise InputError(f"the waveform {path!r} needs two rows or more of {what}.")
-    times, values = np.array(numbers).T
-    if (
-        not (np.diff(times) > 0).all()
-        or not (values >= 0).all()
-        or not np.isfinite(numbers).all()
+    times, values = np.array(numbers, float).T
+    if not (
+        (np.diff(times) > 0).all()
+        and (values >= 0).all()
+        and np.isfinite([times, values]).all()
     ):
         raise InputError(f"the waveform {path!r} must have {what}.")
     return times * unit_s, values
-
-
-def _unit_s(path: str, title: str) -> float:
-    """The unit of times with this title [s]. Raises InputError."""
-    try:
-        return SECONDS[named_column(1, title, SECONDS, FIRST)[1]]
-    except ValueError as error:
-        raise InputError(f"{path}: {error}.") from None

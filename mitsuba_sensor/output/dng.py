@@ -329,10 +329,10 @@ def _calibrate(camera: Camera, name: str) -> Calibration | None:
     matrix = colour_matrix(camera, light)
     if matrix is None or order is None or matrix.illuminant != "scene":
         return None
-    to_d50 = spectra.bradford(spectra.daylight_xyz(), spectra.d50_xyz())
-    srgb_to_d50 = to_d50 @ np.linalg.inv(spectra.xyz_to_srgb())
+    to_d50 = spectra.bradford(spectra.D65_XYZ, spectra.D50_XYZ)
+    srgb_to_d50 = to_d50 @ np.linalg.inv(spectra.XYZ_TO_SRGB)
     to_xyz = srgb_to_d50 @ matrix.to_srgb[:, order]
     white = spectra.observer(light.wavelengths_nm) @ light.power
-    from_d50 = spectra.bradford(spectra.d50_xyz(), white / white[1])
+    from_d50 = spectra.bradford(spectra.D50_XYZ, white / white[1])
     to_raw = np.linalg.inv(from_d50 @ to_xyz * matrix.white_balance[order])
     return Calibration(LIGHT_SOURCES[name], np.asarray(to_raw, np.float64), to_xyz)

@@ -131,7 +131,7 @@ def _foreign(
             raise InputError(f"{file} has RGB values that are not finite; correct them first.")
         negative = int((rgb < 0).sum())
         bands = foreign_light.upsampled(np.maximum(rgb, 0.0), camera)
-        notes += [*converted, "RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65"]
+        notes += [*converted, foreign_light.UPSAMPLED]
     elif unit.endswith("_nm"):
         bands = foreign_light.Bands(*_spectral(file, pixels, unit, layer))
     else:

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mitsuba_sensor.camera.lens_datasheet import LensSection
-from mitsuba_sensor.optics.exit_pupil import ray_to
-from mitsuba_sensor.optics.paraxial import cardinal_points
-from mitsuba_sensor.optics.ray_trace import Ray
-from mitsuba_sensor.optics.traced_lens import TracedLens, traced_lens
+from mitsuba_sensor.optics.ray_trace import Ray, ray_to
+from mitsuba_sensor.optics.traced_lens import TracedLens, cardinal_points, traced_lens
 
 Numbers = NDArray[np.float64]
 OUTPUTS = ("x", "y", "dx", "dy")

@@ -11,10 +11,9 @@ from helpers.lens_oracle import DOUBLE_GAUSS, forward, vertices
 from helpers.scenes import skip_unless_usable
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.optics.chief_ray import chief_ray_deg
-from mitsuba_sensor.optics.f_number_law import shading, solid_angle_sr
+from mitsuba_sensor.optics.f_number_law import chief_ray_deg, shading, solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import View
-from mitsuba_sensor.optics.paraxial import cardinal_points
+from mitsuba_sensor.optics.traced_lens import cardinal_points
 
 ANGLES_DEG = (0.0, 10.0, 20.0, 40.0)
 RESPONSE = tuple(math.cos(math.radians(2 * x)) for x in ANGLES_DEG)

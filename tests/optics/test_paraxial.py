@@ -18,8 +18,8 @@ from helpers.lens_oracle import (
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.lens_datasheet import LensSection
-from mitsuba_sensor.optics.paraxial import CardinalPoints, cardinal_points
 from mitsuba_sensor.optics.ray_trace import C_NM, D_NM, F_NM, Glass, glass_behind
+from mitsuba_sensor.optics.traced_lens import CardinalPoints, cardinal_points
 
 N_BK7 = (1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653)
 ALONG = np.array([0.0, 0.0, 1.0])

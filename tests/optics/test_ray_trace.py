@@ -12,11 +12,9 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.lens_datasheet import LensSection
-from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds, ray_to
-from mitsuba_sensor.optics.intrinsics import chief_ray_heights
-from mitsuba_sensor.optics.paraxial import cardinal_points, surfaces_at_f_number
-from mitsuba_sensor.optics.ray_trace import Ray, trace
-from mitsuba_sensor.optics.traced_lens import SequentialSurfaces
+from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds
+from mitsuba_sensor.optics.ray_trace import Ray, ray_to
+from mitsuba_sensor.optics.traced_lens import cardinal_points, chief_ray_heights, traced_lens
 
 
 def lens(**fields: Any) -> LensSection:
@@ -48,7 +46,7 @@ def test_every_ray_through_a_double_gauss_is_that_of_other_code() -> None:
     section = lens()
     points = cardinal_points(section)
     film, ways = rays(20_000, points.back_focus)
-    found = trace(surfaces_at_f_number(section), as_ray(film, ways))
+    found = traced_lens(section).trace(as_ray(film, ways))
     flip, rear = np.array([1.0, 1.0, -1.0]), vertices(DOUBLE_GAUSS)[-1]
     start = film * flip + [0, 0, rear]
     p, d, passed = backward(DOUBLE_GAUSS, start, ways * flip, points.stop_radius)
@@ -78,7 +76,7 @@ def slopes(section: LensSection) -> np.ndarray:
         np.sqrt(1 - sine**2),
         sine > 0,
     )
-    end = trace(surfaces_at_f_number(section), start)
+    end = traced_lens(section).trace(start)
     assert end.unvignetted.all()
     return np.asarray(end.dx / end.dz)
 
@@ -122,27 +120,24 @@ def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(
 ) -> None:
     """Any ray outside would be light that is lost. 300 000 rays over the whole back from 200 image heights."""
     section = lens(prescription=name, f_number=f_number)
-    surfaces, distance = (
-        surfaces_at_f_number(section),
-        cardinal_points(section).image_distance(np.inf),
-    )
-    pupil = exit_pupil_bounds(SequentialSurfaces(surfaces), distance, 22.0)
+    traced, distance = traced_lens(section), cardinal_points(section).image_distance(np.inf)
+    pupil = exit_pupil_bounds(traced, distance, 22.0)
     random = np.random.default_rng(11)
     heights = np.repeat(random.uniform(0, 22.0, 200), 1500)
     nodes = np.linspace(0, pupil.highest, len(pupil.centre))
     centre, a, b = (
         np.interp(heights, nodes, v) for v in (pupil.centre, pupil.radial, pupil.tangential)
     )
-    wide = 1.5 * surfaces[0].semi_diameter
+    wide = traced.reach(distance, 22.0)
     x, y = random.uniform(-wide, wide, (2, heights.size))
-    passed = trace(surfaces, ray_to(distance, heights, x, y)).unvignetted
+    passed = traced.trace(ray_to(distance, heights, x, y)).unvignetted
     assert (((x - centre) / a) ** 2 + (y / b) ** 2)[passed].max() <= 1
     radius, angle = (
         np.sqrt(random.uniform(size=heights.size)),
         random.uniform(0, 2 * np.pi, heights.size),
     )
     x, y = centre + a * radius * np.cos(angle), b * radius * np.sin(angle)
-    assert trace(surfaces, ray_to(distance, heights, x, y)).unvignetted.mean() > 0.85
+    assert traced.trace(ray_to(distance, heights, x, y)).unvignetted.mean() > 0.85
 
 
 @pytest.mark.parametrize("focus_m", [math.inf, 0.3])

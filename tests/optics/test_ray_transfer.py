@@ -15,11 +15,13 @@ from helpers.ray_transfer import fitted_lens, thin_lens, written
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.lens_datasheet import LensSection
-from mitsuba_sensor.optics.exit_pupil import ray_to
-from mitsuba_sensor.optics.intrinsics import chief_ray_heights
-from mitsuba_sensor.optics.paraxial import cardinal_points
-from mitsuba_sensor.optics.ray_trace import Ray
-from mitsuba_sensor.optics.traced_lens import TracedLens, traced_lens
+from mitsuba_sensor.optics.ray_trace import Ray, ray_to
+from mitsuba_sensor.optics.traced_lens import (
+    TracedLens,
+    cardinal_points,
+    chief_ray_heights,
+    traced_lens,
+)
 
 FOCAL_MM, RADIUS_MM, OPEN = 50.0, 5.0, 5.03
 

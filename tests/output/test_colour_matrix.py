@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.colour_matrix import colour_matrix, colour_order
+from mitsuba_sensor.camera.colour_matrix import _fit, colour_matrix, colour_order
 from mitsuba_sensor.core.illuminant import Illuminant
-from mitsuba_sensor.optics.spectra import surfaces
+from mitsuba_sensor.optics.spectra import color_checker, surfaces
 
 BAYER, RGBIR = ms.load_camera("bayer_2mp"), ms.load_camera("rgbir_2mp")
 
@@ -130,3 +131,16 @@ def test_libraw_develops_the_dng_of_a_color_checker_to_its_colours(bayer_files: 
         linear = raw.postprocess(no_auto_bright=True, output_bps=16, gamma=(1, 1)) / 65535
     found = distances(patch_means(linear), seen("D65"))
     assert found.mean() < 2 and found.max() < 4
+
+
+def test_frames_previews_and_raw_files_never_wait_for_colour_science(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes 2 s and 170 MB to import; colour charts need it."""
+    monkeypatch.setitem(sys.modules, "colour", None)
+    _fit.cache_clear()
+    light = ms.light_from_rgb(np.full((48, 48, 3), 200.0), BAYER, unit="cd_per_m2")
+    ms.capture(light, BAYER, ms.Exposure(0.01), dng=True).save(tmp_path / "frames")
+    assert {"frame.png", "frame.dng"} <= {path.name for path in tmp_path.glob("frames/*")}
+    with pytest.raises(ImportError):
+        color_checker([550.0])

@@ -25,6 +25,7 @@ from mitsuba_sensor.render.light.film_channels import with_filters
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
 
 prepared = importlib.import_module("mitsuba_sensor.render.passes.prepared")
+VISIBLE = np.arange(360.0, 831.0)  # nm
 BAYER, EXPOSURE = ms.load_camera("bayer_2mp"), ms.Exposure(0.02)
 SHAPE = (8, 12)  # of the scenes of helpers/scenes.py
 COLOURED = BAYER.replace(**{
@@ -152,7 +153,7 @@ def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None
         np.arange(390.0, 710.0, 0.05) + 0.025,
     )
     weights = BAYER.qe(nm) * photons_per_irradiance(BAYER, EXPOSURE, nm, np.full(nm.size, 0.05))
-    lit = spectra.d65_radiance(85 / np.pi, nm)
+    lit = spectra.d65(nm) * 85 / np.pi / spectra.luminous(VISIBLE, spectra.d65(VISIBLE))
     expected = np.array(
         [weights @ (np.interp(nm, *table) * lit) for table in REFLECTANCES.values()]
     )

@@ -17,8 +17,8 @@ from helpers.scenes import SKY, scalar_first, scene_text, skip_unless_usable, wr
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.optics.intrinsics import aperture_f_number, chief_ray_heights, intrinsics
-from mitsuba_sensor.optics.paraxial import cardinal_points
+from mitsuba_sensor.optics.intrinsics import aperture_f_number, intrinsics
+from mitsuba_sensor.optics.traced_lens import cardinal_points, chief_ray_heights
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use

@@ -17,8 +17,7 @@ from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.optics.paraxial import cardinal_points
-from mitsuba_sensor.optics.traced_lens import traced_lens
+from mitsuba_sensor.optics.traced_lens import cardinal_points, traced_lens
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use

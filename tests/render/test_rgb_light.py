@@ -8,6 +8,7 @@ from typing import Any
 import colour
 import numpy as np
 import pytest
+from scipy import constants
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light import foreign_light
@@ -104,6 +105,35 @@ def test_a_picture_for_a_camera_that_sees_infrared_says_that_it_has_none() -> No
     light = ms.light_from_rgb(PICTURE, "sony_imx174", unit="srgb", white_cd_per_m2=200)
     frames = ms.expose(light, "sony_imx174", ms.Exposure(0.001))
     assert any("this light has nothing beyond" in note for note in frames.notes)
+
+
+@pytest.mark.parametrize("name", ["sony_imx174", "sony_imx990", "bayer_2mp"])
+def test_white_has_the_electrons_of_daylight_up_to_830_nm(name: str) -> None:
+    """∫ L·T·Ω·QE·λ/(hc) dλ · area · time, L the D series of colour-science for D65 of 200 cd/m², which the published
+    table follows to 0.001; a flat field without cos⁴, the mean over the filters of the mosaic."""
+    camera, time_s, luminance = ms.load_camera(name), 0.01, 200.0
+    xy = colour.temperature.CCT_to_xy_CIE_D(6500 * 1.4388 / 1.4380)
+    daylight = colour.colorimetry.sd_CIE_illuminant_D_series(xy)
+    nm = np.arange(360.0, 830.01, 0.1)
+    power = np.interp(nm, daylight.wavelengths, daylight.values)
+    eye = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    seen = np.interp(nm, eye.wavelengths, eye.values[:, 1])
+    power *= luminance / (683.002 * np.trapezoid(power * seen, nm))
+    lens, pixel = camera.lens, camera.pixel
+    watts = power * lens.transmission * math.pi / (4 * lens.f_number**2)
+    photons_per_joule = nm * 1e-9 / (constants.h * constants.c)
+    area_m2 = pixel.pitch_x_um * pixel.pitch_y_um * 1e-12 * pixel.fill_factor
+    inside = (nm >= camera.band_nm[0]) & (nm <= camera.band_nm[1])
+    per_filter = np.trapezoid(camera.qe(nm) * inside * watts * photons_per_joule, nm)
+    expected = area_m2 * time_s * per_filter[camera.filter_index((4, 4))]
+    light = ms.light_from_rgb(np.full((4, 4, 3), luminance), camera, unit="cd_per_m2")
+    photons = ms.collect(light, camera, ms.Exposure(time_s))
+    assert photons.in_band is not None
+    own = camera.filter_index((4, 4))
+    qe = camera.qe(photons.wavelengths_nm, photons.bandwidths_nm)[own]
+    electrons = (photons.mean * qe).sum(axis=-1) * photons.in_band
+    np.testing.assert_allclose(electrons, expected, rtol=3e-4)
+    assert any("ends at 360 and 830 nm" in note for note in light.notes)
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import colour
+import mitsuba as mi
 import numpy as np
 import pytest
 from colour.adaptation import matrix_chromatic_adaptation_VonKries
 from colour.characterisation import read_training_data_rawtoaces_v1
 
 from mitsuba_sensor.optics import spectra
+from mitsuba_sensor.render.light.foreign_light import D65_OF_WHITE
 
 NM = np.arange(250.0, 1150.0, 0.25)
 OBSERVER = "CIE 1931 2 Degree Standard Observer"
@@ -17,9 +19,20 @@ WHITES = colour.CCS_ILLUMINANTS[OBSERVER]
 
 @pytest.mark.parametrize("name", ["A", "D65"])
 def test_illuminants_are_those_of_colour_science(name: str) -> None:
-    table = colour.SDS_ILLUMINANTS[name]
-    expected = np.interp(NM, table.wavelengths, table.values, left=0.0, right=0.0)
-    np.testing.assert_array_equal(spectra.standard_illuminant(name, NM), expected)
+    """Its tables end at 780 nm."""
+    table, nm = colour.SDS_ILLUMINANTS[name], NM[NM <= 780]
+    expected = np.interp(nm, table.wavelengths, table.values, left=0.0)
+    np.testing.assert_array_equal(spectra.standard_illuminant(name, nm), expected)
+
+
+def test_daylight_goes_on_to_830_nm_as_in_mitsuba() -> None:
+    """CIE 15:2004, table T.1; within float32."""
+    mi.set_variant("scalar_spectral")
+    d65, si = mi.load_dict({"type": "d65"}), mi.SurfaceInteraction3f()
+    for nm in (400.0, 779.0, 795.0, 812.5, 829.9):
+        si.wavelengths = [nm] * 4
+        assert d65.eval(si)[0] * D65_OF_WHITE == pytest.approx(float(spectra.d65(nm)), rel=1e-6)
+    assert spectra.d65(831.0) == 0
 
 
 def test_the_observer_is_that_of_colour_science() -> None:
@@ -40,10 +53,10 @@ def test_the_training_set_is_that_of_colour_science() -> None:
 
 def test_whites_and_matrices_are_those_of_colour_science() -> None:
     d50, d65 = (colour.xy_to_XYZ(WHITES[name]) for name in ("D50", "D65"))
-    np.testing.assert_allclose(spectra.d50_xyz(), d50, rtol=1e-15)
-    np.testing.assert_allclose(spectra.daylight_xyz(), d65, rtol=1e-15)
+    np.testing.assert_allclose(spectra.D50_XYZ, d50, rtol=1e-15)
+    np.testing.assert_allclose(spectra.D65_XYZ, d65, rtol=1e-15)
     np.testing.assert_array_equal(
-        spectra.xyz_to_srgb(), colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB
+        spectra.XYZ_TO_SRGB, colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB
     )
     bradford = matrix_chromatic_adaptation_VonKries(d65, d50, transform="Bradford")
     np.testing.assert_allclose(spectra.bradford(d65, d50), bradford, atol=1e-14)

@@ -18,8 +18,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera import lens_glasses
 from mitsuba_sensor.camera.lens_datasheet import LensSection
 from mitsuba_sensor.camera.lens_glasses import glass_named
-from mitsuba_sensor.optics.intrinsics import chief_ray_heights
-from mitsuba_sensor.optics.paraxial import cardinal_points
 from mitsuba_sensor.optics.ray_trace import (
     C_NM,
     D_NM,
@@ -28,8 +26,8 @@ from mitsuba_sensor.optics.ray_trace import (
     Ray,
     glass_behind,
     lens_surfaces,
-    trace,
 )
+from mitsuba_sensor.optics.traced_lens import cardinal_points, chief_ray_heights
 
 IMAGE_MM = 42.20778
 """From the last vertex to the image in the design."""
@@ -117,7 +115,7 @@ def test_a_design_has_the_focal_length_pupils_and_rays_that_optiland_finds(
     for wavelength_nm, y, slope, field_deg in AT_IMAGE:
         start = 0.0, y, -IMAGE_MM, 0.0, -slope, math.sqrt(1 - slope**2)
         ray = Ray(*(np.array([number]) for number in start), np.array([True]))
-        found = trace(surfaces, ray, wavelength_nm)
+        found = surfaces.trace(ray, wavelength_nm)
         angle = math.degrees(math.atan2(found.dy[0], found.dz[0]))
         assert angle == pytest.approx(field_deg, abs=1e-6)
         assert found.unvignetted.all()

@@ -32,6 +32,7 @@ from .irradiance import Irradiance
 from .own_filter import in_band_factor, of_own_filter
 
 D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION
+UPSAMPLED = "RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65, which ends at 360 and 830 nm"
 
 
 class Bands(NamedTuple):

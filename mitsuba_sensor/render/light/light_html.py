@@ -95,7 +95,7 @@ def _colours(light: Irradiance, data: Float64Array) -> tuple[Float64Array, str]:
     observer = spectra.observer(light.wavelengths_nm[seen]) * light.bandwidths_nm[seen]
     return data[
         ..., seen
-    ] @ observer.T @ spectra.xyz_to_srgb().T, "colours of the light, as they are seen"
+    ] @ observer.T @ spectra.XYZ_TO_SRGB.T, "colours of the light, as they are seen"
 
 
 def _binned(data: NDArray[np.float32]) -> Float64Array:

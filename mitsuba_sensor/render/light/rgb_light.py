@@ -22,6 +22,7 @@ from ...core.checks import PICTURE_FILE, refuse_masked, refuse_path
 from ...optics import spectra
 from .foreign_light import (
     D65_OF_WHITE,
+    UPSAMPLED,
     behind_glare,
     behind_lens,
     irradiance_of,
@@ -68,8 +69,8 @@ def light_from_rgb(
     white_cd_per_m2 : luminance of white in a picture [cd/m²]: a screen 200, a cloudy day 5000.
     fov_deg : horizontal field of view [°], for the cos⁴ of the lens; without it there is none.
 
-    Each colour becomes the smooth spectrum that Mitsuba gives it (Jakob & Hanika 2019), times D65: light beyond the
-    visible is a guess. Raises InputError.
+    Each colour becomes the smooth spectrum that Mitsuba gives it (Jakob & Hanika 2019), times D65, from 360 to 830 nm,
+    where Mitsuba's D65 ends; beyond 400 to 700 nm the spectrum is a guess. Raises InputError.
     """
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
@@ -87,7 +88,7 @@ def light_from_rgb(
     bands, lens = behind_lens(upsampled(linear, camera), camera, fov_deg)
     notes = (
         f"read as {RGB_UNITS[str(unit)]}",
-        "RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65",
+        UPSAMPLED,
         lens,
     )
     light = irradiance_of(bands, notes, hashlib.sha256(linear.tobytes()).hexdigest())

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...camera.camera import Camera
-from ...optics.chief_ray import chief_ray_deg, microlens_deg, slant_response
+from ...optics.f_number_law import chief_ray_deg, microlens_deg, slant_response
 from ...optics.intrinsics import View
 from ..scene.scene_file import SceneFile
 from .finding import Finding

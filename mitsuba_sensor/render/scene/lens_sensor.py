@@ -27,9 +27,8 @@ from ...optics.distortion import Distortion, distortion_of
 from ...optics.exit_pupil import exit_pupil_bounds
 from ...optics.f_number_law import numerical_aperture
 from ...optics.intrinsics import View, image_distance_m
-from ...optics.paraxial import cardinal_points
 from ...optics.ray_trace import D_NM, Ray
-from ...optics.traced_lens import traced_lens
+from ...optics.traced_lens import cardinal_points, traced_lens
 from ..variants import MitsubaObject, mitsuba
 
 TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection

@@ -15,7 +15,6 @@ from ....core import InputError, finite_numbers
 from ....core.errors import shown
 from ....core.types import Float64Array
 from ....optics import spectra
-from ....optics.colour_difference import delta_e_2000
 from ...quantity import LEVEL, Quantity, normal_interval
 from ..image_quality.patches import (
     Region,
@@ -132,7 +131,7 @@ def colour_chart(
     reference_lab = spectra.lab(reference)
     mean, largest = _differences(fit, patches.errors, reference_lab)
     balance = _balance(patches, greys, white_balance)
-    delta_e = delta_e_2000(fit.lab, reference_lab)
+    delta_e = spectra.delta_e_2000(fit.lab, reference_lab)
     return ColourChart(fit.lab, reference_lab, fit.matrix, delta_e, mean, largest, balance)
 
 
@@ -193,8 +192,8 @@ def _differences(
     """
     influence = fit.noise * errors.ravel()
     draws = np.random.default_rng(SEED).normal(size=(DRAWS, influence.shape[1])) @ influence.T
-    drawn = delta_e_2000(fit.lab + draws.reshape(DRAWS, *fit.lab.shape), reference)
-    measured = delta_e_2000(fit.lab, reference)
+    drawn = spectra.delta_e_2000(fit.lab + draws.reshape(DRAWS, *fit.lab.shape), reference)
+    measured = spectra.delta_e_2000(fit.lab, reference)
     distance = (fit.lab - reference).ravel()
     freedom = distance.size - fit.matrix.size
     weighted = np.linalg.lstsq(influence, distance, rcond=1e-9)[0]
@@ -264,5 +263,5 @@ def _displayed(lab: Float64Array) -> Float64Array:
     middle = (lab[:, :1] + 16) / 116
     offsets = lab[:, 1:] / [500.0, -200.0]
     roots = np.column_stack([middle + offsets[:, :1], middle, middle + offsets[:, 1:]])
-    linear = np.clip(roots, 0, None) ** 3 * spectra.daylight_xyz() @ spectra.xyz_to_srgb().T
+    linear = np.clip(roots, 0, None) ** 3 * spectra.D65_XYZ @ spectra.XYZ_TO_SRGB.T
     return spectra.srgb_curve(np.clip(linear, 0, 1))
