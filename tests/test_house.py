@@ -465,7 +465,7 @@ TOKENS_MAX = {
     ".": 8807,
     "bench": 26089,
     "benchmarks": 57562,
-    "camera": 27414,
+    "camera": 25559,
     "cli": 30559,
     "core": 32935,
     "dataset": 71016,
