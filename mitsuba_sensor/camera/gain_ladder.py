@@ -165,8 +165,8 @@ def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
     """The fields of the camera at this setting. Full scale: V_FS = A_SN·A_SF·A_CDS·2^bits/K."""
     numbers = {field: getattr(setting, name) for name, field in SET.items()}
     given: dict[str, Any] = {field: x for field, x in numbers.items() if x is not None}
-    sense_v, well_e = sense_gain_v_per_e(camera), camera.pixel.full_well_e
-    new_sense_v = sense_v
+    well_e: float = camera.pixel.full_well_e
+    new_sense_v = sense_v = sense_gain_v_per_e(camera)
     if setting.sense_gain_uv_per_e is not None:
         new_sense_v = setting.sense_gain_uv_per_e * 1e-6
     per_e_v = new_sense_v * camera.source_follower.gain * camera.readout.cds_gain

@@ -120,7 +120,8 @@ class Draft:
     @property
     def bits(self) -> int:
         """Bits of the converter."""
-        return int(self.changes.get("adc.bits", self.like.adc.bits))
+        bits: int = self.like.adc.bits
+        return int(self.changes.get("adc.bits", bits))
 
     def camera(self) -> Camera:
         """The checked camera. Raises InputError.
