@@ -465,7 +465,7 @@ TOKENS_MAX = {
     ".": 8807,
     "bench": 26089,
     "benchmarks": 57562,
-    "camera": 25559,
+    "camera": 25619,
     "cli": 30559,
     "core": 32935,
     "dataset": 71016,

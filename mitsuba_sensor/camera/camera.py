@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from pydantic import (
     Field,
     PrivateAttr,
     ValidationError,
+    create_model,
     model_validator,
 )
 
@@ -76,36 +77,34 @@ CHECKS = (
 """Cross-checks of a datasheet, whose first sentence refuses it."""
 
 
-def _bases(table: str, base: type[CameraTable] = CameraTable) -> tuple[Any, ...]:
-    """The fields of every effect that belong to a table, in the order of the chain."""
+def _table(
+    name: str, description: str, base: type[CameraTable] = CameraTable
+) -> type[CameraTable]:
+    """The table of this name with the fields of every effect that belong there, in the order of the chain."""
     kinds = dict.fromkeys(
-        effect.fields for effect in ORDER if effect.fields is not None and effect.table == table
+        effect.fields for effect in ORDER if effect.fields is not None and effect.table == name
     )
-    return (*reversed(kinds), base)  # pydantic takes the fields of the last base first
+    bases: Any = (*reversed(kinds), base)  # pydantic takes the fields of the last base first
+    title = f"{name.title().replace('_', '')}Table"  # the name that it has in this module, where pickle looks for it
+    return cast(type[CameraTable], create_model(title, __base__=bases, __doc__=description))
 
 
-class PixelTable(*_bases("pixel", PixelGeometry)):  # type: ignore[misc]
-    """One pixel."""
-
-
-class QuantumEfficiencyTable(*_bases("quantum_efficiency")):  # type: ignore[misc]
-    """Electrons per photon, and the colour filters."""
-
-
-class DarkCurrentTable(*_bases("dark_current")):  # type: ignore[misc]
-    """Electrons that come without light."""
-
-
-class SourceFollowerTable(*_bases("source_follower")):  # type: ignore[misc]
-    """Noise and gain of the pixel's amplifier."""
-
-
-class ReadoutTable(*_bases("readout")):  # type: ignore[misc]
-    """From charge to the voltage that the converter measures."""
-
-
-class AdcTable(*_bases("adc")):  # type: ignore[misc]
-    """The analogue-to-digital converter."""
+if TYPE_CHECKING:
+    PixelTable: TypeAlias = PixelGeometry
+    QuantumEfficiencyTable: TypeAlias = CameraTable
+    DarkCurrentTable: TypeAlias = CameraTable
+    SourceFollowerTable: TypeAlias = CameraTable
+    ReadoutTable: TypeAlias = CameraTable
+    AdcTable: TypeAlias = CameraTable
+else:
+    PixelTable = _table("pixel", "One pixel.", PixelGeometry)
+    QuantumEfficiencyTable = _table(
+        "quantum_efficiency", "Electrons per photon, and the colour filters."
+    )
+    DarkCurrentTable = _table("dark_current", "Electrons that come without light.")
+    SourceFollowerTable = _table("source_follower", "Noise and gain of the pixel's amplifier.")
+    ReadoutTable = _table("readout", "From charge to the voltage that the converter measures.")
+    AdcTable = _table("adc", "The analogue-to-digital converter.")
 
 
 def _known_field(name: str) -> str:

@@ -120,8 +120,7 @@ class Draft:
     @property
     def bits(self) -> int:
         """Bits of the converter."""
-        bits: int = self.like.adc.bits
-        return int(self.changes.get("adc.bits", bits))
+        return int(self.changes.get("adc.bits", self.like.adc.bits))
 
     def camera(self) -> Camera:
         """The checked camera. Raises InputError.
