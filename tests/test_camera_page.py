@@ -62,7 +62,7 @@ def test_a_mistake_of_the_page_gets_the_sentence_of_the_page(
 
 
 def test_the_page_shows_every_kind_of_mistake() -> None:
-    assert len(MISTAKES) == 11
+    assert len(MISTAKES) == 10
 
 
 def test_the_commands_of_the_page_run_in_their_order(

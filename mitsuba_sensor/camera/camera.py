@@ -20,42 +20,61 @@ from pydantic import (
 from ..core import Doubt, Exposure, InputError, nearest, refuse_masked
 from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.combined_readouts import CombinedReadouts
-from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection, optional
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import Chain, Stage, converter_of
 from ..stages.usual_range import warn_of_temperature
 from .camera_toml import camera_file
 from .companding import CompandingSection
 from .datasheet_checks import (
-    check_gains,
-    check_one_gain,
-    check_resets,
-    check_sensor,
     checked_source,
     noise_sources,
     with_checked_sources,
+    wrong_diffusion,
+    wrong_gains,
+    wrong_one_gain,
+    wrong_polarizers,
+    wrong_resets,
+    wrong_technology,
 )
-from .datasheet_errors import doubts, faults, fields_of, init_in_a_sentence
+from .datasheet_errors import doubts, faults, fields_of
+from .dual_pixels import wrong_dual_pixels
 from .field_terms import did_you_mean
 from .figures import EmvaFigures, emva_figures
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
-from .gain_ladder import Gains, at_gain, check_gain, gain_notes
-from .given_ways import QE_CURVES, QE_WAYS, leave_other_ways
+from .gain_ladder import Gains, at_gain, gain_notes, wrong_gain
 from .lens_datasheet import LensSection, lens_notes
 from .notebook import camera_html
 from .readouts import (
     CombineSection,
     Readout,
     camera_of_readout,
-    check_readouts,
     combined_readouts,
     readout_cameras,
     readout_notes,
+    wrong_readouts,
 )
 
 SET_BY_USER, SET_BY_SCENE = "set by the user", "set by the scene file"
 SHORT = Exposure(0.0)
+QE_CURVES = "quantum_efficiency.curves"  # what each way of giving the QE becomes
+QE_WAYS = "quantum_efficiency.value", "quantum_efficiency.file", QE_CURVES
+WAYS = QE_WAYS, ("readout.gain_dn_per_e", "adc.full_scale_v")
+"""Fields of which one is given: setting it unsets the others."""
 UNSET = " None unsets a field; on the command line: --set FIELD=none."
+
+CHECKS = (
+    wrong_technology,
+    wrong_diffusion,
+    wrong_polarizers,
+    wrong_dual_pixels,
+    wrong_one_gain,
+    wrong_resets,
+    wrong_readouts,
+    wrong_gains,
+    wrong_gain,
+)
+"""Cross-checks of a datasheet, whose first sentence refuses it."""
 
 
 def _table(
@@ -91,11 +110,8 @@ else:
 def _known_field(name: str) -> str:
     """The key of a source, which must be a field of a camera."""
     if name not in fields_of(Camera):
-        raise ValueError(
-            f"{name!r} is no field of a camera.{did_you_mean(name, fields_of(Camera))}".removesuffix(
-                "."
-            )
-        )
+        meant = did_you_mean(name, fields_of(Camera))
+        raise ValueError(f"{name!r} is no field of a camera.{meant}".removesuffix("."))
     return name
 
 
@@ -110,13 +126,9 @@ class Camera(FileTable):
     """
 
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])
-    description: str = Field(
-        "", description="one line for people", examples=["the sensor of the paper"]
-    )
-    gain: str | None = Field(
-        None,
-        description="the setting of gains that all other numbers hold for, as at_gain writes it",
-        examples=["800"],
+    description: str = optional("one line for people", "the sensor of the paper", "")
+    gain: str | None = optional(
+        "the setting of gains that all other numbers hold for, as at_gain writes it", "800"
     )
     sensor: Annotated[SensorSection, AfterValidator(with_checked_sources)]
     pixel: PixelTable
@@ -126,33 +138,30 @@ class Camera(FileTable):
     readout: ReadoutTable
     adc: AdcTable
     lens: LensSection = Field(default_factory=LensSection)
-    gains: Gains = Field(
+    gains: Gains = optional(
+        "gain settings, from which --gain and camera.at_gain choose one",
+        [{"iso": 800, "gain_dn_per_e": 0.25, "read_noise_e": 3.0}],
         (),
-        description="gain settings, from which --gain and camera.at_gain choose one",
-        examples=[[{"iso": 800, "gain_dn_per_e": 0.25, "read_noise_e": 3.0}]],
     )
-    readouts: tuple[Readout, ...] = Field(
+    readouts: tuple[Readout, ...] = optional(
+        "read-outs of every pixel, the most sensitive first, that the table combine joins to one code",
+        [{"name": "high", "fields": {"readout.gain_dn_per_e": 1.4}}],
         (),
-        description="read-outs of every pixel, the most sensitive first, which [combine] makes one code of",
-        examples=[[{"name": "high", "fields": {"readout.gain_dn_per_e": 1.4}}]],
     )
     combine: CombineSection = Field(default_factory=CombineSection)
     companding: CompandingSection = Field(default_factory=CompandingSection)
-    sources: dict[Annotated[str, AfterValidator(_known_field)], str] = Field(
-        default_factory=dict,
-        description="dotted field → where its number comes from",
-        examples=[{"adc.bits": "Konnik & Welsh 2014, Table 1"}],
+    sources: dict[Annotated[str, AfterValidator(_known_field)], str] = optional(
+        "dotted field → where its number comes from",
+        {"adc.bits": "Konnik & Welsh 2014, Table 1"},
+        {},
     )
     _added: tuple[tuple[str, Stage], ...] = PrivateAttr(())
 
     @model_validator(mode="after")
     def _tables_fit(self) -> Camera:
-        check_sensor(self)
-        check_one_gain(self)
-        check_resets(self)
-        check_readouts(self)
-        check_gains(self)
-        check_gain(self)
+        for find_wrong in CHECKS:
+            for wrong in find_wrong(self):
+                raise ValueError(wrong)
         return self
 
     def __repr__(self) -> str:
@@ -160,12 +169,9 @@ class Camera(FileTable):
         sensor, pitch = self.sensor, f"{self.pixel.pitch_x_um:g}"
         if self.pixel.pitch_y_um != self.pixel.pitch_x_um:
             pitch += f" × {self.pixel.pitch_y_um:g}"
-        gain = ""
-        if self.gain:
-            gain = f", gain {self.gain}"
-        size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm"
-        kind = sensor.technology.upper()
-        return f"<Camera: {self.name}, {kind}, {size}, {self.code_bits} bit{gain}>"
+        gain = f", gain {self.gain}" if self.gain else ""
+        size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm, {self.code_bits} bit"
+        return f"<Camera: {self.name}, {sensor.technology.upper()}, {size}{gain}>"
 
     __str__ = __repr__
 
@@ -176,11 +182,16 @@ class Camera(FileTable):
         "source_follower.read_noise_e": 3}`` gives the read noise in electrons instead. Raises InputError.
         """
         data, known = self.model_dump(), fields_of(Camera)
-        for dotted, given in changes.items():
+        unset = dict.fromkeys(
+            other
+            for ways in WAYS
+            if any(changes.get(way) is not None for way in ways)
+            for other in ways
+            if other not in changes
+        )
+        for dotted, given in {**unset, **changes}.items():
             refuse_masked(dotted, given)
-            value = given
-            if isinstance(given, np.ndarray | np.generic):
-                value = given.tolist()
+            value = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
             if dotted == "gain" and value is not None:
                 raise InputError(
                     f"gain is to be {value!r}, and its numbers too; take camera.at_gain({value!r}), or --gain {value}."
@@ -196,14 +207,13 @@ class Camera(FileTable):
             table[last] = value
             if value is None:
                 del table[last]
-            leave_other_ways(data, dotted, value, changes)
-            sources = data["sources"]
             data["sources"] = {
-                key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")
+                key: source
+                for key, source in data["sources"].items()
+                if not f"{key}.".startswith(f"{dotted}.")
             }
             if path and value is not None:
-                is_qe = path == ["quantum_efficiency"] and last in QE_WAYS
-                data["sources"][QE_CURVES if is_qe else dotted] = SET_BY_USER
+                data["sources"][QE_CURVES if dotted in QE_WAYS else dotted] = SET_BY_USER
         camera = checked_camera(data, self.name)
         camera._added = self._added
         return camera
@@ -216,9 +226,7 @@ class Camera(FileTable):
         patterns are the same at every setting, temporal noise is another. A camera that is there already is returned as
         it is, and so is one where the setting is None. Raises InputError for a setting that it does not have.
         """
-        if setting is None:
-            return self
-        return at_gain(self, setting)
+        return self if setting is None else at_gain(self, setting)
 
     def with_stage(self, stage: Stage, *, after: str) -> Camera:
         """The same camera with a stage of yours in its chain: ``camera.with_stage(Banding(...), after="reset_noise")``.
@@ -258,10 +266,7 @@ class Camera(FileTable):
         added = {stage.key() for stage in self.added}
         off = {checked_source(name, added) for name in names}
         known = (*self.sensor.without, *(name for name in noise_sources() if name in off))
-        if off:
-            camera = self.replace(**{"sensor.without": known})
-        else:
-            camera = self.model_copy()
+        camera = self.replace(**{"sensor.without": known}) if off else self.model_copy()
         camera._added = tuple(one for one in self._added if one[1].key() not in off)
         return camera
 
@@ -406,14 +411,9 @@ def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) 
         return Camera.model_validate(data, context={"folder": folder or "."})
     except ValidationError as error:
         found = faults(error, Camera)
-        more = ""
-        if folder is None and found[0].of_table:
-            more = UNSET
+        of_table = found[0].kind == "value_error" and found[0].loc
+        more = UNSET if of_table and folder is None else ""
         if folder is not None and len(found) > 1:
             of = f"It is the first of {len(found)} errors"
             more = f" {of}; `mitsuba-sensor cameras check`, or check_camera in Python, lists them all."
         raise InputError(f"{where}: {found[0].text}{more}") from None
-
-
-# `Camera(name=…, …)` ends in one sentence, too; mypy knows the fields.
-setattr(Camera, "__init__", init_in_a_sentence(Camera))  # noqa: B010

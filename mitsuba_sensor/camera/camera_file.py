@@ -81,16 +81,12 @@ class CameraText(NamedTuple):
 
 
 def _meant(name: str) -> str:
-    """All cameras whose name has this text or else whose description has it, a sensor for example, else the one whose
-    name is close."""
-    described = cameras_with(name) if len(name) >= SHORTEST_TEXT else []
-    if not described:
+    """`` Did you mean …?`` with the cameras that have this text in name or description, a sensor for example, else
+    the one whose name is close."""
+    found = cameras_with(name)[:MOST_DESCRIBED] if len(name) >= SHORTEST_TEXT else []
+    if not found:
         return nearest(name, list_cameras())
-    named = [one for one in described if _letters(name) in _letters(one)] or described
-    if len(named) > MOST_DESCRIBED:
-        return f" Did you mean one of {', '.join(map(repr, named))}?"
-    found = "; ".join(f"{one!r} ({description_of(one)})" for one in named)
-    return f" Did you mean {found}?"
+    return f" Did you mean {'; '.join(f'{one!r} ({description_of(one)})' for one in found)}?"
 
 
 def camera_text(name: str | Path) -> CameraText:
@@ -150,11 +146,6 @@ def camera_from(data: dict[str, Any], where: str) -> Camera:
     return checked_camera(data, where)
 
 
-def camera_schema() -> dict[str, Any]:
-    """JSON Schema of a camera file, for editors and other programs."""
-    return Camera.model_json_schema()
-
-
 def toml_value(text: str) -> Any:
     """A value as in a camera file: 14, 0.5, true, [1, 2]; None for none and for nothing; anything else is a text."""
     if text in ("", "none"):
@@ -178,11 +169,11 @@ def description_of(name: str) -> str:
 
 def cameras_with(text: str) -> list[str]:
     """Names of those whose name or description has each part of the text, in any writing: imx477, IMX-477, "pi hq"."""
-    wanted = [plain for part in text.split() if (plain := _letters(part))]
-    described = {name: _letters(f"{name} {description_of(name)}") for name in list_cameras()}
-    return [
-        n for n, known in described.items() if wanted and all(one in known for one in wanted)
-    ]
+    wanted = list(filter(None, map(_letters, text.split())))
+    named = {name: _letters(name) for name in list_cameras()}
+    described = {name: _letters(f"{name} {description_of(name)}") for name in named}
+    found = [n for n in named if wanted and all(part in described[n] for part in wanted)]
+    return sorted(found, key=lambda name: not all(part in named[name] for part in wanted))
 
 
 def _letters(text: str) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from pydantic.fields import FieldInfo
+
 from ..core import InputError
-from .field_catalogue import Entry, Table, assignment, key_of, tables, toml_of
+from .field_catalogue import assignment, key_of, tables, toml_of
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -30,29 +32,28 @@ def camera_file(camera: Camera) -> str:
             f"A camera file cannot hold the stage {stages}; call with_stage again after load_camera."
         )
     data, known = camera.model_dump(), list(tables(type(camera)))
-    headers, parts, names = {one.path for one in known}, [HEAD.rstrip()], list[str]()
+    headers, parts, unsourced = {one.path for one in known}, [HEAD.rstrip()], list[str]()
     for table in known:
         for number, values in enumerate(_filled(table.path, data)):
-            keys = [
-                one for one in table.entries if _is_key(table.path, one.name, values, headers)
-            ]
-            given = {
-                one.name
-                for one in keys
-                if _is_set(table, one, values[one.name], camera.sources)
-            }
-            parts.append(
-                "\n".join((_lines if number == 0 else _short)(table, keys, values, given))
-            )
-            names += (
-                []
-                if table.of_list
-                else [f"{table.path}.{x}" for x in given if not isinstance(values[x], str)]
-            )
+            lines = [table.header] if table.path else []
+            if table.path and number == 0:
+                lines = [*_comment(table.meaning, "# "), table.header]
+            for one in table.entries:
+                name, value = f"{table.path}.{one.name}".lstrip("."), values[one.name]
+                if name == "sources" or (name in headers and value):
+                    continue
+                given = _is_set(table.model.model_fields[one.name], value, name, camera)
+                if number == 0:
+                    lines += ["", *_comment(one.explained, "#   ")]
+                if given:
+                    lines += _set(one.name, value)
+                elif number == 0:
+                    lines.append(f"# {one.name} = {toml_of(one.example)}")
+                if given and table.path and not table.of_list and not isinstance(value, str):
+                    unsourced += [] if name in camera.sources else [name]
+            parts.append("\n".join(lines))
     sources = [f"{toml_of(name)} = {toml_of(text)}" for name, text in camera.sources.items()]
-    missing = [
-        f'# {toml_of(name)} = ""' for name in sorted(names) if name not in camera.sources
-    ]
+    missing = [f'# {toml_of(name)} = ""' for name in sorted(unsourced)]
     parts.append("\n".join((OF_SOURCES, "[sources]", *sources, *missing)))
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
 
@@ -66,69 +67,20 @@ def _filled(path: str, data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [one for one in found if one]
 
 
-def _is_key(path: str, name: str, values: Mapping[str, Any], headers: Collection[str]) -> bool:
-    """Whether it stands as a key: a table that is set has a header of its own."""
-    inside = f"{path}.{name}".lstrip(".")
-    return inside != "sources" and not (inside in headers and values[name])
+def _comment(text: str, further: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent=further)
 
 
-def _lines(
-    table: Table, keys: Sequence[Entry], values: Mapping[str, Any], given: Collection[str]
-) -> Iterator[str]:
-    """A table with its keys, each explained."""
-    if table.path:
-        yield from textwrap.wrap(
-            table.meaning, WIDTH, initial_indent="# ", subsequent_indent="# "
-        )
-        yield table.header
-    for one in keys:
-        value = values[one.name]
-        yield ""
-        yield from textwrap.wrap(
-            _explained(one), WIDTH, initial_indent="# ", subsequent_indent="#   "
-        )
-        yield from (
-            _set(one, value)
-            if one.name in given
-            else [f"# {one.name} = {toml_of(one.example)}"]
-        )
+def _is_set(info: FieldInfo, value: Any, name: str, camera: Camera) -> bool:
+    """Whether a value is not the default, or has a source."""
+    if value is None:
+        return False
+    given = info.is_required() or name in camera.sources
+    return given or value != info.get_default(call_default_factory=True)
 
 
-def _short(
-    table: Table, keys: Sequence[Entry], values: Mapping[str, Any], given: Collection[str]
-) -> Iterator[str]:
-    """The second table of a list, and every further one: only what is set."""
-    yield table.header
-    for one in keys:
-        if one.name in given:
-            yield from _set(one, values[one.name])
-
-
-def _explained(one: Entry) -> str:
-    """Meaning, unit, range, usual range and default in one line."""
-    unit = ""
-    if one.unit:
-        unit = f" [{one.unit}]"
-    usual = ""
-    if one.usual:
-        usual = f"usual {one.usual}"
-    if one.default in ("required", ""):
-        default = one.default
-    else:
-        default = f"default {one.default}"
-    return "; ".join(filter(None, (f"{one.meaning}{unit}", one.allowed, usual, default)))
-
-
-def _is_set(table: Table, one: Entry, value: Any, sources: Collection[str]) -> bool:
-    """Whether a value is not what holds anyway, or has a source."""
-    info = table.model.model_fields[one.name]
-    given = info.is_required() or f"{table.path}.{one.name}" in sources
-    return value is not None and (given or value != info.get_default(call_default_factory=True))
-
-
-def _set(one: Entry, value: Any) -> Iterator[str]:
+def _set(name: str, value: Any) -> list[str]:
     """The lines of a key; a table of names has one line for each name."""
     if isinstance(value, Mapping):
-        yield from (assignment(f"{one.name}.{key_of(key)}", x) for key, x in value.items())
-    else:
-        yield assignment(one.name, value)
+        return [assignment(f"{name}.{key_of(key)}", x) for key, x in value.items()]
+    return [assignment(name, value)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ..core.types import Float64Array
-from ..stages.datasheet import FileTable
+from ..stages.datasheet import FileTable, optional
 
 Code = Annotated[int, Field(ge=0, le=2**24 - 1, strict=True)]
 
@@ -18,15 +18,15 @@ Code = Annotated[int, Field(ge=0, le=2**24 - 1, strict=True)]
 class CompandingSection(FileTable):
     """The code that leaves the sensor, by a table of knees."""
 
-    bits: Annotated[int, Field(ge=2, le=16, strict=True)] = Field(
-        12, description="resolution of the companded code [bit]", examples=[12]
+    bits: Annotated[int, Field(ge=2, le=16, strict=True)] = optional(
+        "resolution of the companded code [bit]", 12, 12
     )
-    knees: tuple[tuple[Code, Code], ...] = Field(
+    knees: tuple[tuple[Code, Code], ...] = optional(
+        "linear code and companded code at each knee, both rising from 0; straight lines between them; "
+        "none: the code is not companded [DN]",
+        [[0, 0], [1023, 1023], [16383, 2559], [1048575, 4095]],
         (),
         title="companding, PWL compression, knee points",
-        description="linear code and companded code at each knee, both rising from 0; straight lines between them; "
-        "none: the code is not companded [DN]",
-        examples=[[[0, 0], [1023, 1023], [16383, 2559], [1048575, 4095]]],
     )
 
     @model_validator(mode="after")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from ..core import InputError, nearest
 from ..stages.chain import ORDER
@@ -10,7 +10,6 @@ from ..stages.datasheet import SensorSection
 from ..stages.diffusion import WIDEST_PX
 from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import Datasheet
-from .dual_pixels import check_dual_pixels
 
 IN_VOLTS = "white_nv_per_rthz", "rtn_uv"
 """Noise of the source follower in volts, which are so many electrons by the conversion gain."""
@@ -29,16 +28,8 @@ LARGEST = 1e30
 """Of a product of gains: squares of larger ones leave the range of numbers on the way to a variance."""
 
 
-def check_sensor(camera: Datasheet) -> None:
-    """Raise ValueError where the table of the sensor does not go with the others."""
-    check_technology(camera)
-    check_diffusion(camera)
-    check_polarizers(camera)
-    check_dual_pixels(camera)
-
-
-def check_technology(camera: Datasheet) -> None:
-    """Raise ValueError where a CCD is given what the amplifiers in every pixel and column of a CMOS sensor make."""
+def wrong_technology(camera: Datasheet) -> Iterator[str]:
+    """Sentences where a CCD is given what the amplifiers in every pixel and column of a CMOS sensor make."""
     if camera.sensor.technology != "ccd":
         return
     given, neutral = [], []
@@ -49,43 +40,43 @@ def check_technology(camera: Datasheet) -> None:
                 given.append(f"{effect.table}.{name} is {value!r}")
                 neutral.append(f"{effect.table}.{name} to {without!r}")
     if given:
-        raise ValueError(
+        yield (
             f"{' and '.join(given)}, and sensor.technology is 'ccd': all pixels of a CCD have one amplifier and true "
             "CDS, so they have no offsets, gains, reset or telegraph noise of their own; "
             f"set {' and '.join(neutral)}, or sensor.technology to 'cmos'"
         )
 
 
-def check_diffusion(camera: Datasheet) -> None:
-    """Raise ValueError where electrons diffuse further than the shares of the neighbours reach."""
+def wrong_diffusion(camera: Datasheet) -> Iterator[str]:
+    """Sentences where electrons diffuse further than the shares of the neighbours reach."""
     smaller_um = min(camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
     widest_um = max(camera.quantum_efficiency.diffusion_um or (0.0,))
     if widest_um > WIDEST_PX * smaller_um:
-        raise ValueError(
+        yield (
             f"quantum_efficiency.diffusion_um is up to {widest_um:g}, {widest_um / smaller_um:.3g} pixels of "
             f"{smaller_um:g} µm; it may be up to {WIDEST_PX:g} pixels, {WIDEST_PX * smaller_um:g}"
         )
 
 
-def check_polarizers(camera: Datasheet) -> None:
-    """Raise ValueError where numbers of the polarisers are not one for each wavelength of the quantum efficiency."""
+def wrong_polarizers(camera: Datasheet) -> Iterator[str]:
+    """Sentences where numbers of the polarisers are not one for each wavelength of the quantum efficiency."""
     points = len(camera.quantum_efficiency.wavelengths_nm)
     for name in ("extinction_ratio", "polarizer_transmission"):
         value = getattr(camera.sensor, name)
         if isinstance(value, tuple) and len(value) != points:
-            raise ValueError(
+            yield (
                 f"sensor.{name} has {len(value)} values for {points} quantum_efficiency.wavelengths_nm; give one "
                 "number, or one for each of them"
             )
 
 
-def check_one_gain(camera: Datasheet) -> None:
-    """Raise ValueError where the gain is given twice, and where K alone does not say what the datasheet needs."""
+def wrong_one_gain(camera: Datasheet) -> Iterator[str]:
+    """Sentences where the gain is given twice, and where K alone does not say what the datasheet needs."""
     readout = camera.readout
     if readout.gain_dn_per_e is None:
         return
     if camera.adc.full_scale_v is not None:
-        raise ValueError(
+        yield (
             f"readout.gain_dn_per_e is {readout.gain_dn_per_e:g} and adc.full_scale_v is {camera.adc.full_scale_v:g}, "
             "and each makes the gain; give either readout.gain_dn_per_e or adc.full_scale_v, and not both"
         )
@@ -93,44 +84,44 @@ def check_one_gain(camera: Datasheet) -> None:
         return
     for name in IN_VOLTS:
         if getattr(camera.source_follower, name):
-            raise ValueError(f"source_follower.{name} is {ADD_SENSE_GAIN}")
+            yield (f"source_follower.{name} is {ADD_SENSE_GAIN}")
     share = readout.ktc_residual
     if share if share is not None else readout.reset != "true_cds":
-        raise ValueError(
+        yield (
             f"the kTC noise of readout.reset is {ADD_SENSE_GAIN}, or set readout.reset to 'true_cds'"
         )
 
 
-def check_gains(camera: Datasheet) -> None:
-    """Raise ValueError where the gains of several tables, each in its range, have a product beyond LARGEST."""
+def wrong_gains(camera: Datasheet) -> Iterator[str]:
+    """Sentences where the gains of several tables, each in its range, have a product beyond LARGEST."""
     well, node_v = (
         camera.pixel.full_well_e,
         camera.pixel.full_well_e * sense_gain_v_per_e(camera),
     )
     swings = node_v, node_v * camera.source_follower.gain, full_well_swing_v(camera)
     if max(swings) > LARGEST:
-        raise ValueError(
+        yield (
             f"the gains make {max(swings):.3g} V of a full well of {well:g} e-; products of gains are at most "
             f"{LARGEST:g}: take a smaller readout.sense_gain_uv_per_e, source_follower.gain or readout.cds_gain"
         )
     if (gain := gain_dn_per_e(camera)) > LARGEST:
-        raise ValueError(
+        yield (
             f"the gains make {gain:.3g} DN of one electron; products of gains are at most {LARGEST:g}: take smaller "
             "gains or a larger adc.full_scale_v"
         )
 
 
-def check_resets(camera: Datasheet) -> None:
-    """Raise ValueError for partial resets of a well that nobody counts, or whose electrons come in bursts."""
+def wrong_resets(camera: Datasheet) -> Iterator[str]:
+    """Sentences for partial resets of a well that nobody counts, or whose electrons come in bursts."""
     if not camera.pixel.partial_resets:
         return
     if "shot_noise" in camera.sensor.without:
-        raise ValueError(
+        yield (
             "pixel.partial_resets is set, and they are part of the shot noise that sensor.without switches off; unset "
             "one of both"
         )
     if camera.quantum_efficiency.quantum_yield:
-        raise ValueError(
+        yield (
             "pixel.partial_resets is set and quantum_efficiency.quantum_yield too, whose electrons come in bursts "
             "behind the resets; unset one of both"
         )
@@ -147,17 +138,12 @@ def checked_source(name: object, more: Iterable[str] = ()) -> str:
     more : keys of stages that the user added.  Raises InputError for any other name.
     """
     known = (*noise_sources(), *more)
-    if not isinstance(name, str):
-        raise InputError(
-            f"without names {name!r}; give names of noise sources: {', '.join(known)}."
-        )
-    key = name.strip().lower().replace(" ", "_").replace("-", "_")
+    key = str(name).strip().lower().replace(" ", "_").replace("-", "_")
     if key in known:
         return key
-    remedies = {effect.key(): effect.no_noise for effect in ORDER}
-    remedy = (remedies | WITHOUT_OPTICS).get(key, "")
-    if remedy:
-        raise InputError(f"without names {name!r}, which is no noise source; {remedy}.")
+    remedies = {effect.key(): effect.no_noise for effect in ORDER} | WITHOUT_OPTICS
+    if remedies.get(key):
+        raise InputError(f"without names {name!r}, which is no noise source; {remedies[key]}.")
     raise InputError(
         f"without names {name!r}; the noise sources are {', '.join(known)}.{nearest(key, known)}"
     )

@@ -6,6 +6,7 @@ charge of both, and either of them can be read alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..stages.effects.shot_noise import LEFT, RIGHT
@@ -19,23 +20,21 @@ OF_AREA = ("fom_na_per_cm2", "diffusion_fom_na_per_cm2", "rate_e_per_s")
 """Fields of the dark current of which a photodiode has half."""
 
 
-def check_dual_pixels(camera: Datasheet) -> None:
-    """Raise ValueError for dual pixels with what nobody has said how two photodiodes share it."""
-    if not camera.sensor.dual_pixel:
-        return
-    refused = (
-        (camera.sensor.technology == "ccd", "sensor.technology is 'ccd'"),
-        (bool(camera.readouts), "readouts are given"),
-        (bool(camera.pixel.partial_resets), "pixel.partial_resets are given"),
-        (camera.pixel.hits_per_cm2_s != 0, "pixel.hits_per_cm2_s is not 0"),
-        (bool(camera.quantum_efficiency.quantum_yield), "a quantum_yield is given"),
-        (camera.quantum_efficiency.image_lag != 0, "quantum_efficiency.image_lag is not 0"),
-        (camera.lens.half_pupil is not None, "lens.half_pupil is given"),
-        (camera.pixel.full_well_e < 2, "pixel.full_well_e is below 2"),
-    )
-    for is_refused, why in refused:
-        if is_refused:
-            raise ValueError(
+def wrong_dual_pixels(camera: Datasheet) -> Iterator[str]:
+    """Sentences for dual pixels with what nobody has said how two photodiodes share it."""
+    refused = {
+        "sensor.technology is 'ccd'": camera.sensor.technology == "ccd",
+        "readouts are given": camera.readouts,
+        "pixel.partial_resets are given": camera.pixel.partial_resets,
+        "pixel.hits_per_cm2_s is not 0": camera.pixel.hits_per_cm2_s,
+        "a quantum_yield is given": camera.quantum_efficiency.quantum_yield,
+        "quantum_efficiency.image_lag is not 0": camera.quantum_efficiency.image_lag,
+        "lens.half_pupil is given": camera.lens.half_pupil,
+        "pixel.full_well_e is below 2": camera.pixel.full_well_e < 2,
+    }
+    for why, is_refused in refused.items():
+        if camera.sensor.dual_pixel and is_refused:
+            yield (
                 f"sensor.dual_pixel is true and {why}, and it is not known how the two photodiodes of a pixel share "
                 "that; leave one of them out"
             )
@@ -46,23 +45,21 @@ def camera_of_photodiode(camera: Camera) -> Camera:
     dark = camera.dark_current
     fields: dict[str, object] = {"sensor.dual_pixel": False}
     fields["pixel.full_well_e"] = camera.pixel.full_well_e / 2
-    for name in (*OF_AREA, "rts_amplitude_e_per_s", "overflow_rate_e_per_s"):
-        if getattr(dark, name):
-            fields[f"dark_current.{name}"] = getattr(dark, name) / 2
+    halved = _half(
+        dark.model_dump(), (*OF_AREA, "rts_amplitude_e_per_s", "overflow_rate_e_per_s")
+    )
+    fields |= {f"dark_current.{name}": value for name, value in halved.items()}
     if dark.components:
+        parts = [part.model_dump() for part in dark.components]
         fields["dark_current.components"] = [
-            _half(part.model_dump()) for part in dark.components
+            part | _half(part, ("low", "high", "mean", "sigma")) for part in parts
         ]
     return camera.replace(**fields)
 
 
-def _half(component: dict[str, float]) -> dict[str, float]:
-    """A component of the dark current with half of its electrons."""
-    halved = dict(component)
-    for name in ("low", "high", "mean", "sigma"):
-        if component.get(name) is not None:
-            halved[name] = component[name] / 2
-    return halved
+def _half(table: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
+    """Half of those of these numbers that are given."""
+    return {name: table[name] / 2 for name in names if table.get(name)}
 
 
 def stages_of_photodiode(photodiode: Camera, stages: Chain) -> Chain:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 from ..core import InputError, require
 from ..core.units import KELVIN_AT_0_C
 from ..optics.spectra import OTHER_SENSOR, SILICON_NM, silicon_qe
-from .camera import Camera
-from .camera_file import camera_from
+from .camera import QE_CURVES, Camera, checked_camera
 
 BLACK_LEVEL_SIGMAS = 4
 MOST_BLACK = 1 / 8  # of the codes
@@ -24,153 +23,164 @@ Value: TypeAlias = (
 class Row(NamedTuple):
     """One row of the sheet.
 
-    key : name of its value.  question : what is asked, with the unit.  read : the value of a text; raises InputError.
-    optional : whether it may stay empty.
+    key : name of its value.  question : with the unit.  low, high, example : allowed range and example, in this unit.
+    fields : keys of the camera file that have its value; other rows follow from these or are not used.
+    factor, offset : from this unit to that of the camera file.
+    percent_from : of a percentage, the smallest number that is not mistaken for a fraction.
+    pair : it has two numbers.  optional : it may be empty.
     """
 
     key: str
     question: str
-    read: Callable[[str, str], Value]
+    low: float
+    high: float
+    example: str
+    fields: tuple[str, ...] = ()
+    factor: float = 1.0
+    offset: float = 0.0
+    percent_from: float = 0.0
+    whole: bool = False
+    pair: bool = False
     optional: bool = False
 
     def value(self, text: str) -> Value:
-        """What is typed, read. Raises InputError with the value, the allowed range and an example."""
+        """The value of what is typed. Raises InputError with the value, the allowed range and an example."""
         text = text.strip()
-        if text:
-            return self.read(self.question, text)
-        if not self.optional:
+        if not text:
+            if self.optional:
+                return None
             raise InputError(f"{self.question} is empty; the camera needs it.")
-        return None
-
-
-def _number(
-    low: float, high: float, example: str, factor: float = 1.0, offset: float = 0.0
-) -> Callable[[str, str], float]:
-    """Reads a number in a range.  factor, offset : of the value in the unit of the camera file."""
-
-    def read(question: str, text: str) -> float:
-        number = _plain_number(text)
-        value = require(question, number, low, high, f"e.g. {example}")
-        return float(f"{value * factor + offset:.10g}")
-
-    return read
-
-
-def _percent(
-    low: float, high: float, example: str, least: float
-) -> Callable[[str, str], float]:
-    """Reads a percentage. A number that may be meant as a fraction, below ``least``, needs its %."""
-    read_number = _number(low, high, example, factor=0.01)
-
-    def read(question: str, text: str) -> float:
-        alone = text.removesuffix("%").strip()
-        value = read_number(question, alone)
-        if alone == text and 0 < value * 100 < least:
+        if not self.pair:
+            return self._number(text)
+        parts = [part for part in re.split(r"\s*[x×*;]\s*|\s+", text) if part]
+        if len(parts) == 1 and self.key == "pitch_um":  # of square pixels
+            parts *= 2
+        if len(parts) != 2:
             raise InputError(
-                f"{question} is {text}, which is {text} %; write {100 * value * 100:.6g} if it is a fraction, or "
+                f"{self.question} is {text!r}; give two numbers, e.g. {self.example}."
+            )
+        return tuple(map(self._number, parts))
+
+    def _number(self, text: str) -> float:
+        alone = text.removesuffix("%").strip() if self.percent_from else text
+        number = require(
+            self.question, _plain_number(alone), self.low, self.high, f"e.g. {self.example}"
+        )
+        if self.whole and not number.is_integer():
+            raise InputError(
+                f"{self.question} is {number:g}; it must be a whole number, e.g. {self.example}."
+            )
+        if alone == text and 0 < number < self.percent_from:
+            raise InputError(
+                f"{self.question} is {text}, which is {text} %; write {100 * number:.6g} if it is a fraction, or "
                 f"'{text} %' if it is meant."
             )
-        return value
-
-    return read
+        value = float(f"{number * self.factor + self.offset:.10g}")
+        return int(value) if self.whole else value
 
 
 def _plain_number(text: str) -> Any:
-    """The number in a text, with a decimal point or comma, as a fraction too; a text that is none as it is."""
-    parts = [part.strip().replace(",", ".") for part in text.split("/")]
+    """The number in a text, with a decimal point or comma, or as a fraction; a text that is none as it is."""
     try:
-        numbers = [float(part) for part in parts]
-        if len(numbers) == 1:
-            return numbers[0]
-        return numbers[0] / numbers[1]
+        numbers = [float(part.replace(",", ".")) for part in text.split("/")]
+        return numbers[0] / math.prod(numbers[1:])
     except (ValueError, ZeroDivisionError):
         return text
 
 
-def _whole(low: int, high: int, example: str) -> Callable[[str, str], int]:
-    def read(question: str, text: str) -> int:
-        number = require(
-            question, _plain_number(text), low, high, f"a whole number, e.g. {example}"
-        )
-        if number != int(number):
-            raise InputError(
-                f"{question} is {number:g}; it must be a whole number, e.g. {example}."
-            )
-        return int(number)
-
-    return read
-
-
-def _pair(read_one: Callable[[str, str], Value], alone: bool) -> Callable[[str, str], Value]:
-    """Reads ``1920 x 1200``.  alone : whether one number stands for two equal ones."""
-
-    def read(question: str, text: str) -> Value:
-        parts = [part for part in re.split(r"\s*[x×*;]\s*|\s+", text) if part]
-        if len(parts) == 1 and alone:
-            parts *= 2
-        if len(parts) != 2:
-            raise InputError(f"{question} is {text!r}; give two numbers, e.g. 1920 x 1200.")
-        return tuple(read_one(question, part) for part in parts)
-
-    return read
-
-
 ROWS = (
-    Row("pitch_um", "pixel size [µm]", _pair(_number(0.1, 1000, "5.86"), alone=True)),
+    Row(
+        "pitch_um",
+        "pixel size [µm]",
+        0.1,
+        1000,
+        "5.86",
+        ("pixel.pitch_x_um", "pixel.pitch_y_um"),
+        pair=True,
+    ),
     Row(
         "size",
         "resolution, columns x rows",
-        _pair(_whole(1, 10**6, "1920"), alone=False),
+        1,
+        10**6,
+        "1920 x 1200",
+        ("sensor.columns", "sensor.rows"),
+        whole=True,
+        pair=True,
     ),
-    Row("bits", "bit depth [bit]", _whole(1, 24, "12")),
+    Row("bits", "bit depth [bit]", 1, 24, "12", ("adc.bits",), whole=True),
     Row(
         "wavelength_nm",
         "wavelength of the measurement [nm]",
-        _number(SILICON_NM[0], SILICON_NM[-1], OTHER_SENSOR),
+        SILICON_NM[0],
+        SILICON_NM[-1],
+        OTHER_SENSOR,
+        ("quantum_efficiency.reference_nm",),
     ),
-    Row("qe", "quantum efficiency QE [%]", _percent(0.01, 100, "77", least=1.5)),
+    Row(
+        "qe",
+        "quantum efficiency QE [%]",
+        0.01,
+        100,
+        "77",
+        (QE_CURVES,),
+        factor=0.01,
+        percent_from=1.5,
+    ),
     Row(
         "gain_dn_per_e",
         "overall system gain K [DN/e-], or 1/8.16 where the sheet has 8.16 e-/DN",
-        _number(1e-6, 1e4, "0.1225, or 1/8.16"),
+        1e-6,
+        1e4,
+        "0.1225, or 1/8.16",
+        ("readout.gain_dn_per_e",),
     ),
-    Row("read_noise_e", "temporal dark noise σ_d [e-]", _number(0, 1e5, "6.83")),
-    Row("snr_max_db", "maximum SNR [dB]", _number(0, 100, "45.1"), optional=True),
+    Row(
+        "read_noise_e",
+        "temporal dark noise σ_d [e-]",
+        0,
+        1e5,
+        "6.83",
+        ("source_follower.read_noise_e",),
+    ),
+    Row("snr_max_db", "maximum SNR [dB]", 0, 100, "45.1", optional=True),
     Row(
         "absolute_sensitivity_e",
         "absolute sensitivity threshold [e-]",
-        _number(0, 1e6, "7.7"),
+        0,
+        1e6,
+        "7.7",
         optional=True,
     ),
-    Row("saturation_e", "saturation capacity [e-]", _number(1, 1e9, "32691")),
-    Row("dynamic_range_db", "dynamic range [dB]", _number(0, 200, "72.5"), optional=True),
-    Row("dsnu_e", "DSNU [e-]", _number(0, 1e6, "2.1")),
-    Row("prnu", "PRNU [%]", _percent(0, 100, "0.5", least=0.05)),
-    Row("linearity_percent", "linearity error LE [%]", _number(0, 100, "0.2"), optional=True),
-    Row("dark_e_per_s", "dark current [e-/s]", _number(0, 1e9, "5")),
+    Row("saturation_e", "saturation capacity [e-]", 1, 1e9, "32691", ("pixel.full_well_e",)),
+    Row("dynamic_range_db", "dynamic range [dB]", 0, 200, "72.5", optional=True),
+    Row("dsnu_e", "DSNU [e-]", 0, 1e6, "2.1", ("pixel.dsnu_e",)),
+    Row("prnu", "PRNU [%]", 0, 100, "0.5", ("pixel.prnu",), factor=0.01, percent_from=0.05),
+    Row("linearity_percent", "linearity error LE [%]", 0, 100, "0.2", optional=True),
+    Row("dark_e_per_s", "dark current [e-/s]", 0, 1e9, "5", ("dark_current.rate_e_per_s",)),
     Row(
         "dark_temperature_k",
         "temperature of the dark current [°C]",
-        _number(-200, 200, "25", offset=KELVIN_AT_0_C),
+        -200,
+        200,
+        "25",
+        ("dark_current.at_temperature_k",),
+        offset=KELVIN_AT_0_C,
     ),
 )
 """In the order of the summary sheet of EMVA 1288 Release 4."""
 
-KEYS = {
-    "pitch_um": ("pixel.pitch_x_um", "pixel.pitch_y_um"),
-    "size": ("sensor.columns", "sensor.rows"),
-    "bits": ("adc.bits",),
-    "wavelength_nm": ("quantum_efficiency.reference_nm",),
-    "qe": ("quantum_efficiency.curves",),
-    "gain_dn_per_e": ("readout.gain_dn_per_e",),
-    "read_noise_e": ("source_follower.read_noise_e",),
-    "saturation_e": ("pixel.full_well_e",),
-    "dsnu_e": ("pixel.dsnu_e",),
-    "prnu": ("pixel.prnu",),
-    "dark_e_per_s": ("dark_current.rate_e_per_s",),
-    "dark_temperature_k": ("dark_current.at_temperature_k",),
+KEYS = {row.key: row.fields for row in ROWS if row.fields}
+
+ASSUMED = {
+    "sensor.technology": "assumed: CMOS; the sheet does not say it",
+    "pixel.fill_factor": "the quantum efficiency of a sheet is that of the whole pixel",
+    "quantum_efficiency.wavelengths_nm": "assumed: the sheet has one wavelength; a typical silicon sensor has this "
+    "range",
+    "readout.reset": "assumed: correlated double sampling leaves no kTC noise",
+    "adc.black_level_dn": "assumed: 4σ of the dark noise, if the saturation capacity leaves the codes",
 }
-"""Row → the keys of the camera file that it gives. The others follow from these, or are not used."""
+"""Sources of the numbers that are on no sheet."""
 
 COMPARED = {
     "snr_max_db": ("SNR_max", "dB", "snr_max_db"),
@@ -187,40 +197,33 @@ def is_asked(row: Row, values: Mapping[str, Value]) -> bool:
 
 def camera_of_sheet(values: Mapping[str, Value], name: str, description: str) -> Camera:
     """The camera of these values, by the keys of ROWS. Raises InputError."""
-    pitch_x_um, pitch_y_um = values["pitch_um"]
-    columns, rows = values["size"]
-    black_dn = black_level_dn(values)
     wavelengths_nm, curve = silicon_qe(values["qe"], values["wavelength_nm"])
-    dark: dict[str, Value] = {"rate_e_per_s": values["dark_e_per_s"]}
-    if values.get("dark_temperature_k") is not None:
-        dark["at_temperature_k"] = values["dark_temperature_k"]
-    tables: dict[str, Value] = {
+    tables: dict[str, Any] = {
         "name": name,
         "description": description,
-        "sensor": {"technology": "cmos", "columns": columns, "rows": rows},
-        "pixel": {
-            "pitch_x_um": pitch_x_um,
-            "pitch_y_um": pitch_y_um,
-            "fill_factor": 1.0,
-            "full_well_e": values["saturation_e"],
-            "prnu": values["prnu"],
-            "dsnu_e": values["dsnu_e"],
-        },
-        "quantum_efficiency": {
-            "curves": {"mono": curve},
-            "wavelengths_nm": wavelengths_nm,
-            "reference_nm": values["wavelength_nm"],
-        },
-        "dark_current": dark,
-        "source_follower": {"read_noise_e": values["read_noise_e"]},
-        "readout": {
-            "gain_dn_per_e": values["gain_dn_per_e"],
-            "reset": "true_cds",
-        },
-        "adc": {"bits": values["bits"], "black_level_dn": black_dn},
-        "sources": _sources(values),
+        "sensor": {"technology": "cmos"},
+        "pixel": {"fill_factor": 1.0},
+        "quantum_efficiency": {"curves": {"mono": curve}, "wavelengths_nm": wavelengths_nm},
+        "dark_current": {},
+        "source_follower": {},
+        "readout": {"reset": "true_cds"},
+        "adc": {"black_level_dn": black_level_dn(values)},
+        "sources": dict(ASSUMED),
     }
-    return camera_from(tables, name)
+    for row in ROWS:
+        value = values.get(row.key)
+        if value is None:
+            continue
+        what = re.split(r" \[|,", row.question)[0]
+        for field, number in zip(row.fields, value if row.pair else (value,), strict=False):
+            tables["sources"][field] = f"{SHEET}: {what}"
+            if field != QE_CURVES:
+                table, key = field.split(".")
+                tables[table][key] = number
+    tables["sources"][QE_CURVES] += (
+        f" at {values['wavelength_nm']:g} nm; the rest assumed, typical silicon"
+    )
+    return checked_camera(tables, name)
 
 
 def black_level_dn(values: Mapping[str, Value]) -> int:
@@ -250,33 +253,4 @@ def comparisons(values: Mapping[str, Value], camera: Camera) -> list[str]:
         said.append(
             "linearity error: the camera is linear; adc.ile takes the error of a curve, as a fraction"
         )
-    return said
-
-
-def _sources(values: Mapping[str, Value]) -> dict[str, str]:
-    """Where each number of the file comes from."""
-    at = f"QE at {values['wavelength_nm']:g} nm"
-    band = "assumed: the sheet has one wavelength; a typical silicon sensor has this range"
-    said = {
-        "sensor.technology": "assumed: CMOS; the sheet does not say it",
-        "sensor.columns": f"{SHEET}: resolution",
-        "sensor.rows": f"{SHEET}: resolution",
-        "pixel.pitch_x_um": f"{SHEET}: pixel size",
-        "pixel.pitch_y_um": f"{SHEET}: pixel size",
-        "pixel.fill_factor": "the quantum efficiency of a sheet is that of the whole pixel",
-        "pixel.full_well_e": f"{SHEET}: saturation capacity",
-        "pixel.prnu": f"{SHEET}: PRNU",
-        "quantum_efficiency.curves": f"{SHEET}: {at}; the rest assumed, typical silicon",
-        "quantum_efficiency.wavelengths_nm": band,
-        "quantum_efficiency.reference_nm": f"{SHEET}: wavelength",
-        "dark_current.rate_e_per_s": f"{SHEET}: dark current",
-        "source_follower.read_noise_e": f"{SHEET}: temporal dark noise",
-        "readout.gain_dn_per_e": f"{SHEET}: overall system gain K",
-        "readout.reset": "assumed: correlated double sampling leaves no kTC noise",
-        "pixel.dsnu_e": f"{SHEET}: DSNU, as offsets of the pixels",
-        "adc.bits": f"{SHEET}: bit depth",
-        "adc.black_level_dn": "assumed: 4σ of the dark noise, if the saturation capacity leaves the codes",
-    }
-    if values.get("dark_temperature_k") is not None:
-        said["dark_current.at_temperature_k"] = f"{SHEET}: temperature of the dark current"
     return said

@@ -58,33 +58,37 @@ ONE_OVER = {
 }
 """Terms for electrons per DN, which are one over the gain."""
 MEANT = {term: key for key, terms in TERMS.items() for term in terms.split()}
+MEANT |= dict.fromkeys(ONE_OVER, GAIN)
 UNIT = re.compile(r"_(?:e|dn|um|nm|v|uv|k|c|s|us|percent|pct|electrons|adu|bit)$")
 
 
-def key_of_term(name: str, keys: Iterable[str]) -> str | None:
-    """The key that a name of a data sheet means, if it is one of these keys.
+def key_meant(name: str, known: Iterable[str]) -> str | None:
+    """Return the key that a name of a data sheet means, or of which it is a misspelling.
 
-    name : dotted, ``pixel.full_well`` or ``K``.
+    name : dotted, ``pixel.full_well`` or ``K``.  known : keys that there are.
     """
-    known = set(keys)
+    keys = set(known)
     last = _as_term(name.rpartition(".")[2])
-    for terms in (_as_term(name), last, UNIT.sub("", last)):
-        if MEANT.get(terms) in known:
-            return MEANT[terms]
-    return None
+    for term in (_as_term(name), last, UNIT.sub("", last)):
+        if MEANT.get(term) in keys:
+            return MEANT[term]
+    return closest(name, sorted(keys))
+
+
+def proposal(name: str, key: str | None) -> str:
+    """Return `` Did you mean …?`` with the key that a name means, or an empty text without a key."""
+    if key is None:
+        return ""
+    if _as_term(name.rpartition(".")[2]) in ONE_OVER:
+        return f" Did you mean {key!r}, which is one over the electrons per DN?"
+    return f" Did you mean {key!r}?"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`` Did you mean …?`` with the key that a name means, or is a misspelling of; or an empty text."""
-    keys = list(known)
-    if _as_term(name.rpartition(".")[2]) in ONE_OVER and GAIN in keys:
-        return f" Did you mean {GAIN!r}, which is one over the electrons per DN?"
-    key = key_of_term(name, keys) or closest(name, keys)
-    if key:
-        return f" Did you mean {key!r}?"
-    return ""
+    """Return `` Did you mean …?`` with the key that a name means, or an empty text."""
+    return proposal(name, key_meant(name, known))
 
 
 def _as_term(name: str) -> str:
-    """A name in small letters, with _ between its terms."""
+    """Return a name in small letters, with _ between its terms."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from ..core import InputError, nearest
+from ..core import InputError
 from ..stages.datasheet import FileTable, NotNegative, Positive, optional
 from ..stages.effects.source_follower_noise import check_shape
 from ..stages.gains import gain_behind_register_dn_per_e, sense_gain_v_per_e
@@ -40,11 +40,9 @@ SAME = 1e-6
 class GainSetting(FileTable):
     """One gain setting: the numbers that it has in place of those above."""
 
-    iso: Positive | None = Field(
-        None, description="ISO number of the setting, or name", examples=[800]
-    )
-    name: Annotated[str, Field(min_length=1)] | None = Field(
-        None, description="name of the setting, or iso", examples=["high conversion gain"]
+    iso: Positive | None = optional("ISO number of the setting, or name", 800)
+    name: Annotated[str, Field(min_length=1)] | None = optional(
+        "name of the setting, or iso", "high conversion gain"
     )
     gain_dn_per_e: Annotated[Positive, Usual(1e-4, 1e3)] = Field(
         description="overall system gain K; sets adc.full_scale_v [DN/e-]", examples=[0.25]
@@ -123,8 +121,8 @@ def _fits(gains: tuple[GainSetting, ...]) -> tuple[GainSetting, ...]:
 Gains = Annotated[tuple[GainSetting, ...], AfterValidator(_fits)]
 
 
-def check_gain(camera: Camera) -> None:
-    """Raise ValueError for a setting that the camera does not have, or whose shape is none of its read noise."""
+def wrong_gain(camera: Camera) -> Iterator[str]:
+    """Sentences for a setting that the camera does not have, or whose shape is none of its read noise."""
     for one in camera.gains:
         if one.read_noise_shape is not None:
             try:
@@ -132,39 +130,10 @@ def check_gain(camera: Camera) -> None:
                     camera.source_follower.read_noise_distribution, one.read_noise_shape
                 )
             except ValueError as error:
-                raise ValueError(
-                    f"gain setting {one.label!r}: {error}; or unset gains"
-                ) from None
-    if camera.gain is not None and camera.gain not in (
-        known := [one.label for one in camera.gains]
-    ):
-        raise ValueError(
-            f"gain is {camera.gain!r}; its settings are {', '.join(known) or 'none: add [[gains]]'}"
-        )
-
-
-def _nearest_setting(label: str, settings: Iterable[str]) -> str:
-    """`` Did you mean …?`` with the settings next below and above the number; of names, the one spelt alike."""
-    value = _number_of(label)
-    numbers = {name: _number_of(name) for name in settings}
-    below = [name for name, number in numbers.items() if 0 < number < value]
-    above = [name for name, number in numbers.items() if number > value > 0]
-    near = [max(below, key=numbers.__getitem__)] if below else []
-    near += [min(above, key=numbers.__getitem__)] if above else []
-    if not near:
-        return nearest(label, numbers)
-    return f" Did you mean {' or '.join(map(repr, near))}?"
-
-
-def _number_of(label: str) -> float:
-    """The number that a label is; 0 for a name, and for what is not finite."""
-    try:
-        number = float(label)
-    except ValueError:
-        return 0.0
-    if math.isfinite(number):
-        return number
-    return 0.0
+                yield f"gain setting {one.label!r}: {error}; or unset gains"
+    known = [one.label for one in camera.gains]
+    if camera.gain is not None and camera.gain not in known:
+        yield f"gain is {camera.gain!r}; its settings are {', '.join(known) or 'none: add [[gains]]'}"
 
 
 def at_gain(camera: Camera, setting: float | str) -> Camera:
@@ -179,9 +148,8 @@ def at_gain(camera: Camera, setting: float | str) -> Camera:
             raise InputError(
                 f"gain is {label!r}, and {camera.name} has no gain settings; {remedy}."
             )
-        known = ", ".join(found)
         raise InputError(
-            f"gain is {label!r}; the gain settings of {camera.name} are {known}.{_nearest_setting(label, found)}"
+            f"gain is {label!r}; the gain settings of {camera.name} are {', '.join(found)}."
         )
     changes = _changes(camera, found[label])
     of_ladder = {
@@ -195,15 +163,11 @@ def at_gain(camera: Camera, setting: float | str) -> Camera:
 
 def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
     """The fields of the camera at this setting. Full scale: V_FS = A_SN·A_SF·A_CDS·2^bits/K."""
-    given = {
-        field: value
-        for name, field in SET.items()
-        if (value := getattr(setting, name)) is not None
-    }
-    sense_v, well_e = sense_gain_v_per_e(camera), camera.pixel.full_well_e
-    if setting.sense_gain_uv_per_e is None:
-        new_sense_v = sense_v
-    else:
+    numbers = {field: getattr(setting, name) for name, field in SET.items()}
+    given: dict[str, Any] = {field: x for field, x in numbers.items() if x is not None}
+    well_e: float = camera.pixel.full_well_e
+    new_sense_v = sense_v = sense_gain_v_per_e(camera)
+    if setting.sense_gain_uv_per_e is not None:
         new_sense_v = setting.sense_gain_uv_per_e * 1e-6
     per_e_v = new_sense_v * camera.source_follower.gain * camera.readout.cds_gain
     if camera.readout.gain_dn_per_e is not None:
@@ -211,16 +175,13 @@ def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
     else:
         given["adc.full_scale_v"] = per_e_v * 2.0**camera.adc.bits / setting.gain_dn_per_e
     if camera.source_follower.white_nv_per_rthz is not None:
-        given["source_follower.white_nv_per_rthz"] = (
-            None  # the read noise is given in electrons now
-        )
+        given["source_follower.white_nv_per_rthz"] = None  # it is given in electrons now
     swing = well_e * sense_v / (given.get("pixel.full_well_e", well_e) * new_sense_v)
-    offsets = {field: getattr(camera.readout, field.partition(".")[2]) for field in OFFSETS}
-    if math.isclose(swing, 1):
-        kept = {}
-    else:
-        kept = {field: value * swing for field, value in offsets.items() if value}
-    return {**given, **kept}
+    for field in OFFSETS:
+        offset = getattr(camera.readout, field.partition(".")[2])
+        if offset and not math.isclose(swing, 1):
+            given[field] = offset * swing
+    return given
 
 
 def gain_notes(camera: Camera) -> tuple[str, ...]:

@@ -214,7 +214,13 @@ class LensSection(FileTable):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        self._tables()
+        for name, axis_name, on_axis in TABLES:
+            if not self._is_table(name, axis_name) or on_axis is None:
+                continue
+            if (getattr(self, axis_name)[0], getattr(self, name)[0]) != (0, on_axis):
+                raise ValueError(
+                    f"{name} must start with {on_axis:g} at the height 0, the axis"
+                )
         if self.glare_width_mm is not None and self.veiling_glare == 0:
             raise ValueError(
                 "glare_width_mm is the width of a glare of 0; give veiling_glare, e.g. 0.02"
@@ -240,17 +246,6 @@ class LensSection(FileTable):
                 "dispersion needs glasses with abbe or sellmeier, and the prescription has none"
             )
         return self
-
-    def _tables(self) -> None:
-        """Every table has as many positions as values; heights start on the axis, where the correction is none."""
-        for name, axis_name, on_axis in TABLES:
-            if not self._is_table(name, axis_name) or on_axis is None:
-                continue
-            on_the_axis = getattr(self, axis_name)[0], getattr(self, name)[0]
-            if on_the_axis != (0, on_axis):
-                raise ValueError(
-                    f"{name} must start with {on_axis:g} at the height 0, the axis"
-                )
 
 
 def lens_notes(lens: LensSection) -> Iterator[str]:

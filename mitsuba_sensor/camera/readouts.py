@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from ..core import InputError, nearest
 from ..stages.combination import Combination, LinearisedReadout
 from ..stages.combined_readouts import CombinedReadouts, ReadoutChain
-from ..stages.datasheet import FileTable, Fraction, NotNegative, Positive
+from ..stages.datasheet import FileTable, Fraction, NotNegative, Positive, optional
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of
 from .figures import figures_if_any, full_well_dn, saturation_dn, saturation_e
@@ -21,7 +21,14 @@ from .figures import figures_if_any, full_well_dn, saturation_dn, saturation_e
 if TYPE_CHECKING:
     from .camera import Camera
 
-BEHIND_CHARGE = (
+RATIOS = (
+    ("exposure_ratio", 1, ("exposure", "photodiode")),
+    ("sensitivity", 1, ("photodiode",)),
+    ("gap_us", 0, ("exposure",)),
+)
+"""Field, its default, and the kinds of read-outs that may have it."""
+
+BEHIND_CHARGE: tuple[str, ...] = (
     "pixel.full_well_e",
     "readout.",
     "source_follower.",
@@ -60,47 +67,40 @@ class Readout(FileTable):
         "of a photodiode of its own",
         examples=["exposure"],
     )
-    exposure_ratio: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = Field(
+    exposure_ratio: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = optional(
+        "its exposure time over that of the frame, of an exposure or photodiode of its own",
+        0.0625,
         1.0,
-        description="its exposure time over that of the frame, of an exposure or photodiode of its own",
-        examples=[0.0625],
     )
-    gap_us: NotNegative = Field(
+    gap_us: NotNegative = optional(
+        "from the end of the exposure before until an exposure of its own begins [µs]",
+        30,
         0.0,
         title="staggered exposures (DOL)",
-        description="from the end of the exposure before until an exposure of its own begins [µs]",
-        examples=[30],
     )
-    sensitivity: Annotated[float, Field(ge=1e-6, le=1, strict=True)] = Field(
-        1.0,
-        description="photoelectrons of its photodiode over those of the first one in the same time: area times "
+    sensitivity: Annotated[float, Field(ge=1e-6, le=1, strict=True)] = optional(
+        "photoelectrons of its photodiode over those of the first one in the same time: area times "
         "transmission",
-        examples=[0.1],
+        0.1,
+        1.0,
     )
-    fields: dict[str, Any] = Field(
-        default_factory=dict,
-        description="dotted field of the camera → its value in this read-out",
-        examples=[{"readout.gain_dn_per_e": 0.05}],
+    fields: dict[str, Any] = optional(
+        "dotted field of the camera → its value in this read-out",
+        {"readout.gain_dn_per_e": 0.05},
+        {},
     )
 
     @model_validator(mode="after")
     def _ratios_have_a_charge(self) -> Self:
-        if self.of == "charge" and (self.exposure_ratio, self.sensitivity) != (1, 1):
-            raise ValueError(
-                "exposure_ratio and sensitivity belong to a charge of its own; set of to 'exposure' or 'photodiode', "
-                "or leave them out"
-            )
-        if self.of == "exposure" and self.sensitivity != 1:
-            raise ValueError(
-                "sensitivity belongs to a photodiode of its own; set of to 'photodiode', or give exposure_ratio"
-            )
-        if self.of != "exposure" and self.gap_us:
-            raise ValueError(
-                "gap_us is in front of an exposure of its own; set of to 'exposure'"
-            )
-        allowed: tuple[str, ...] = BEHIND_CHARGE
+        allowed = BEHIND_CHARGE
         if self.of == "photodiode":
-            allowed = BEHIND_CHARGE + OF_PHOTODIODE
+            allowed += OF_PHOTODIODE
+        for name, default, owners in RATIOS:
+            if getattr(self, name) != default and self.of not in owners:
+                raise ValueError(
+                    f"{name} belongs to a charge of its own; set of to {' or '.join(map(repr, owners))}, or leave "
+                    f"{name} out"
+                )
         for dotted in self.fields:
             if not dotted.startswith(allowed):
                 raise ValueError(
@@ -113,127 +113,101 @@ class Readout(FileTable):
 class CombineSection(FileTable):
     """How the read-outs become one linear code."""
 
-    bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(
-        20, description="resolution of the linear code [bit]", examples=[20]
+    bits: Annotated[int, Field(ge=1, le=24, strict=True)] = optional(
+        "resolution of the linear code [bit]", 20, 20
     )
-    gain_dn_per_e: Positive | None = Field(
-        None,
-        description="linear code per electron of the first read-out; default: that of the first read-out [DN/e-]",
-        examples=[1.0],
+    gain_dn_per_e: Positive | None = optional(
+        "linear code per electron of the first read-out; default: that of the first read-out [DN/e-]",
+        1.0,
     )
-    black_level_dn: NotNegative | None = Field(
-        None,
-        description="linear code of darkness; default: that of the first read-out in the steps of the linear code [DN]",
-        examples=[64],
+    black_level_dn: NotNegative | None = optional(
+        "linear code of darkness; default: that of the first read-out in the steps of the linear code [DN]",
+        64,
     )
-    hand_over: Annotated[tuple[Fraction, ...], Field(min_length=1)] = Field(
-        (HAND_OVER,),
-        description="share of its saturation at which a read-out hands over to the next; one for all, or one for each "
+    hand_over: Annotated[tuple[Fraction, ...], Field(min_length=1)] = optional(
+        "share of its saturation at which a read-out hands over to the next; one for all, or one for each "
         "but the last",
-        examples=[[0.9]],
+        [0.9],
+        (HAND_OVER,),
     )
-    blend_from: tuple[Fraction, ...] = Field(
-        (),
-        description="share of its saturation from which on a read-out is averaged with the next, up to hand_over; "
+    blend_from: tuple[Fraction, ...] = optional(
+        "share of its saturation from which on a read-out is averaged with the next, up to hand_over; "
         "default: a threshold without averaging",
-        examples=[[0.6]],
+        [0.6],
+        (),
     )
 
 
-def check_readouts(camera: Camera) -> None:
-    """Raise ValueError for read-outs that do not fit the camera or each other."""
-    readouts = camera.readouts
+def wrong_readouts(camera: Camera) -> Iterator[str]:
+    """What does not fit the camera, or one of its read-outs another."""
+    readouts, section = camera.readouts, camera.combine
     if not readouts:
         return
     if not 2 <= len(readouts) <= MOST_READOUTS:
-        raise ValueError(
+        yield (
             f"readouts has {len(readouts)} table(s); a combination has 2 to {MOST_READOUTS} of them, the most "
             "sensitive first"
         )
     names = [one.name for one in readouts]
     if len(set(names)) < len(names):
-        raise ValueError(f"readouts are called {', '.join(names)}; give each another name")
+        yield f"readouts are called {', '.join(names)}; give each another name"
     if (readouts[0].of, readouts[0].exposure_ratio) != ("charge", 1):
-        raise ValueError(
+        yield (
             f"the first of readouts, {names[0]!r}, is that of the frame's own exposure; leave out its of and its "
             "exposure_ratio"
         )
-    refused = (
-        (
-            camera.sensor.technology == "ccd",
-            "sensor.technology is 'ccd', which reads its charge once",
-        ),
-        (
-            bool(camera.gains),
-            "gains are settings of a camera with one read-out; give each read-out its gain in fields",
-        ),
-        (
-            camera.quantum_efficiency.image_lag != 0,
-            "quantum_efficiency.image_lag is known for pixels with one charge in a frame; set it to 0",
-        ),
-    )
-    for one in camera.readout_cameras.values():
-        if one.pixel.hits_per_cm2_s or one.readout.em_gain not in (None, 1):
-            raise ValueError(
-                "readouts are combined, and the theory of a combination knows neither radiation hits nor electron "
-                "multiplication; set pixel.hits_per_cm2_s to 0 and unset readout.em_gain, or leave readouts out"
-            )
-    for is_refused, why in refused:
-        if is_refused:
-            raise ValueError(f"readouts and {why}, or leave readouts out")
-    _check_hand_over(camera)
-    _check_order(camera)
-    _check_margin(camera)
-    stage = camera.combined_readouts
-    if stage.black_level_dn >= stage.highest / 2:
-        raise ValueError(
-            f"the linear code of darkness is {stage.black_level_dn:.6g}, and {camera.combine.bits} bits end at "
-            f"{stage.highest}; take more combine.bits, or a lower combine.black_level_dn"
+    cameras = camera.readout_cameras.values()
+    if any(one.pixel.hits_per_cm2_s or one.readout.em_gain not in (None, 1) for one in cameras):
+        yield (
+            "readouts are combined, and the theory of a combination knows neither radiation hits nor electron "
+            "multiplication; set pixel.hits_per_cm2_s to 0 and unset readout.em_gain, or leave readouts out"
         )
-    _check_steps(camera)
-
-
-def _check_hand_over(camera: Camera) -> None:
-    """Raise ValueError where there are too many shares, or averaging would begin behind its end."""
-    count = len(camera.readouts) - 1
-    ends = _shares(camera.combine.hand_over, count, "hand_over")
-    if not camera.combine.blend_from:
-        return
-    begins = _shares(camera.combine.blend_from, count, "blend_from")
-    for begin, end in zip(begins, ends, strict=True):
+    if camera.sensor.technology == "ccd":
+        yield "sensor.technology is 'ccd', which reads its charge once; leave readouts out"
+    if camera.gains:
+        yield "gains are settings of a camera with one read-out; give each read-out its gain in fields"
+    if camera.quantum_efficiency.image_lag:
+        yield "readouts need pixels with one charge in a frame; set quantum_efficiency.image_lag to 0"
+    count = len(readouts) - 1
+    ends = _shares(section.hand_over, count, "hand_over")
+    for begin, end in zip(
+        _shares(section.blend_from or ends, count, "blend_from"), ends, strict=True
+    ):
         if begin > end:
-            raise ValueError(
-                f"combine.blend_from is {begin:g} and hand_over {end:g}; averaging begins below where it ends"
+            yield f"combine.blend_from is {begin:g} and hand_over {end:g}; averaging begins below where it ends"
+    stage = camera.combined_readouts
+    full_e = [
+        saturation_e(one) / chain.light_ratio
+        for one, chain in zip(cameras, stage.readouts, strict=True)
+    ]
+    for number in range(1, len(names)):
+        if full_e[number] <= full_e[number - 1]:
+            yield (
+                f"read-out {names[number]!r} saturates at {full_e[number]:.4g} e- of the frame's exposure, and "
+                f"{names[number - 1]!r} before it at {full_e[number - 1]:.4g}; give the most sensitive read-out first"
             )
-
-
-def _check_margin(camera: Camera) -> None:
-    """Raise ValueError where read noise takes the code of a full pixel below its hand-over: a saturated read-out would
-    count in some frames."""
-    linear_readouts = camera.combined_readouts.combination.readouts
-    for name, linear in zip(camera.readout_cameras, linear_readouts[:-1], strict=False):
-        readout = camera.readout_cameras[name]
-        figures = figures_if_any(readout)
-        if figures is None:
+    linearised = stage.combination.readouts
+    for name, one, linear in zip(names[:-1], cameras, linearised, strict=False):
+        if (figures := figures_if_any(one)) is None:
             continue
         noise_dn = figures.temporal_dark_noise_e * figures.system_gain_dn_per_e
-        full_dn = full_well_dn(readout)
+        full_dn = full_well_dn(one)
         if full_dn - linear.end_dn < FULL_MARGIN * noise_dn:
-            raise ValueError(
+            yield (  # a saturated read-out would count in some frames
                 f"read-out {name!r} is full at {full_dn:.4g} DN, hands over at {linear.end_dn:g} and has "
                 f"{noise_dn:.3g} DN of noise in the dark; full and hand-over must be {FULL_MARGIN:g} times that "
                 "apart: take a lower combine.hand_over, or a smaller gain of the read-out"
             )
-
-
-def _check_steps(camera: Camera) -> None:
-    """Raise ValueError where a code of a read-out is a large part of all linear codes."""
-    stage = camera.combined_readouts
-    for name, linear in zip(stage.names(), stage.combination.readouts, strict=True):
+    if stage.black_level_dn >= stage.highest / 2:
+        yield (
+            f"the linear code of darkness is {stage.black_level_dn:.6g}, and {section.bits} bits end at "
+            f"{stage.highest}; take more combine.bits, or a lower combine.black_level_dn"
+        )
+    for name, linear in zip(names, linearised, strict=True):
         step_dn = stage.nominal_gain * linear.electrons_per_dn
         if step_dn > LARGEST_STEP * stage.highest:
-            raise ValueError(
-                f"a code of the read-out {name!r} is {step_dn:.4g} linear codes, and {camera.combine.bits} bits end at "
+            yield (
+                f"a code of the read-out {name!r} is {step_dn:.4g} linear codes, and {section.bits} bits end at "
                 f"{stage.highest}, {1 / LARGEST_STEP:g} of them at least are needed: take more combine.bits, or a "
                 "smaller combine.gain_dn_per_e"
             )
@@ -259,7 +233,10 @@ def readout_cameras(camera: Camera) -> dict[str, Camera]:
         if readout.of == "charge" and number:
             fields = {**of_charge, **fields}
         elif readout.sensitivity != 1:
-            fields["quantum_efficiency.curves"] = _scaled_curves(camera, readout.sensitivity)
+            fields["quantum_efficiency.curves"] = {
+                name: [readout.sensitivity * value for value in curve]
+                for name, curve in camera.quantum_efficiency.curves.items()
+            }
         of_charge = {name: x for name, x in fields.items() if name.startswith(in_front)}
         found[readout.name] = _with_fields(plain, readout.name, fields)
     return found
@@ -308,17 +285,9 @@ def readout_notes(camera: Camera) -> Iterator[str]:
         )
 
 
-def _scaled_curves(camera: Camera, factor: float) -> dict[str, list[float]]:
-    """QE curves of a photodiode that collects so many photoelectrons of those of the first one."""
-    curves = camera.quantum_efficiency.curves
-    return {name: [factor * value for value in curve] for name, curve in curves.items()}
-
-
 def _with_fields(camera: Camera, name: str, fields: Mapping[str, object]) -> Camera:
     """The camera with fields of a read-out. Raises ValueError."""
-    unset = dict[str, None]()
-    if any(field in fields for field in CROSSTALK):
-        unset = dict.fromkeys(CROSSTALK)
+    unset = dict.fromkeys(CROSSTALK if any(field in fields for field in CROSSTALK) else ())
     in_volts = camera.source_follower.white_nv_per_rthz is not None
     if in_volts and "source_follower.read_noise_e" in fields:
         unset["source_follower.white_nv_per_rthz"] = None
@@ -334,25 +303,13 @@ def _with_fields(camera: Camera, name: str, fields: Mapping[str, object]) -> Cam
 def combined_readouts(camera: Camera) -> CombinedReadouts:
     """The last stage of a camera with read-outs: their chains and combination. Raises ValueError."""
     chains, cameras = list[ReadoutChain](), camera.readout_cameras
-    charge, photodiode, exposure_ratio, sensitivity = "", "", 1.0, 1.0
+    charge, photodiode, ratios = "", "", (1.0, 1.0)
     for number, readout in enumerate(camera.readouts):
         if number and readout.of != "charge":
-            charge = readout.name
-            exposure_ratio = readout.exposure_ratio
-            sensitivity = readout.sensitivity
-            photodiode = ""
-            if readout.of == "photodiode":
-                photodiode = readout.name
-        chains.append(
-            ReadoutChain(
-                readout.name,
-                charge,
-                photodiode,
-                exposure_ratio,
-                sensitivity,
-                cameras[readout.name].stages,
-            )
-        )
+            charge, ratios = readout.name, (readout.exposure_ratio, readout.sensitivity)
+            photodiode = charge if readout.of == "photodiode" else ""
+        stages = cameras[readout.name].stages
+        chains.append(ReadoutChain(readout.name, charge, photodiode, *ratios, stages))
     return CombinedReadouts(tuple(chains), _combination(camera, cameras, chains))
 
 
@@ -381,18 +338,3 @@ def _combination(
     if section.black_level_dn is not None:
         black_dn = section.black_level_dn
     return Combination(tuple(linearised), section.bits, gain, black_dn)
-
-
-def _check_order(camera: Camera) -> None:
-    """Raise ValueError where a read-out hands over to one that saturates in less light."""
-    readouts = camera.combined_readouts.readouts
-    ends_e = [
-        saturation_e(camera.readout_cameras[one.name]) / one.light_ratio for one in readouts
-    ]
-    for number in range(1, len(readouts)):
-        if ends_e[number] <= ends_e[number - 1]:
-            before, name = readouts[number - 1].name, readouts[number].name
-            raise ValueError(
-                f"read-out {name!r} saturates at {ends_e[number]:.4g} e- of the frame's exposure, and {before!r} "
-                f"before it at {ends_e[number - 1]:.4g}; give the most sensitive read-out first"
-            )

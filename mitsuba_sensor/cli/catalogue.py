@@ -252,9 +252,9 @@ def fields() -> None:
 @cameras.command(cls=Command)
 def schema() -> None:
     """The JSON Schema of a camera file: every field, its unit and its allowed range."""
-    from ..camera.camera_file import camera_schema
+    from ..camera.camera import Camera
 
-    show(camera_schema(), True)
+    show(Camera.model_json_schema(), True)
 
 
 @cameras.command(cls=Command)

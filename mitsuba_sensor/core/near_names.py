@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable
 
@@ -28,11 +27,15 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def closest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
-    """The known name closest to ``name``, or None.  cutoff : likeness that it needs, 0 … 1 (difflib's ratio)."""
+    """The known name closest to ``name``, or None.  cutoff : likeness that it needs, 0 … 1 (rapidfuzz's ratio)."""
+    from rapidfuzz import fuzz, process
+
     written = {one.lower(): one for one in known}
     asked = name.lower()
-    alike = difflib.get_close_matches(asked, list(written), n=len(written) or 1, cutoff=cutoff)
-    for candidate in alike:
+    alike = process.extract(
+        asked, list(written), scorer=fuzz.ratio, score_cutoff=100 * cutoff, limit=None
+    )
+    for candidate, _, _ in alike:
         if _is_close(asked, candidate):
             return written[candidate]
     return None

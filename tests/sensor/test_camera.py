@@ -17,7 +17,6 @@ import pytest
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.camera_file import camera_schema
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.stages.chain import chain
@@ -25,7 +24,7 @@ from mitsuba_sensor.stages.effects.dark_current import dark_current_model
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
-SCHEMA = camera_schema()
+SCHEMA = ms.Camera.model_json_schema()
 REMEDY = r"(e\.g\. .+|add the table \[\w+\]|Did you mean '.+')"
 
 
@@ -262,66 +261,6 @@ def test_every_field_has_a_description_an_example_and_the_example_is_right(dotte
     assert info.description and info.examples
     if schema["type"] == "number" and not dotted.startswith(NOT_ALONE):
         assert ms.load_camera("konnik_table1").replace(**{dotted: info.examples[0]})
-
-
-CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "two dark-current models": (
-        {"dark_current.rate_e_per_s": 5.0},
-        "either fom_na_per_cm2 or rate_e_per_s",
-    ),
-    "no dark-current model": (
-        {"dark_current.fom_na_per_cm2": None},
-        "the dark current is missing",
-    ),
-    "half a dark-current model": (
-        {
-            "dark_current.fom_na_per_cm2": None,
-            "dark_current.rate_e_per_s": 5.0,
-            "dark_current.doubling_k": 7.0,
-        },
-        "its temperature is missing",
-    ),
-    "two read noises": ({"source_follower.read_noise_e": 3.0}, "and not both"),
-    "no read noise": (
-        {"source_follower.white_nv_per_rthz": None},
-        "the read noise is missing",
-    ),
-    "falling wavelengths": ({"quantum_efficiency.wavelengths_nm": [700, 400]}, "must increase"),
-    "equal wavelengths": ({"quantum_efficiency.wavelengths_nm": [500, 500]}, "must increase"),
-    "one wavelength": ({"quantum_efficiency.wavelengths_nm": [500]}, "at least 2 long"),
-    "short curve": ({"quantum_efficiency.curves": {"mono": [0.6]}}, "1 values for 2"),
-    "no curve": ({"quantum_efficiency.curves": {}}, "at least 1 long"),
-    "QE above 1": (
-        {"quantum_efficiency.curves": {"mono": [0.6, 60.0]}},
-        "at most 1",
-    ),
-    "QE nan": ({"quantum_efficiency.curves": {"mono": [0.6, math.nan]}}, "finite number"),
-    "curves without tile": (
-        {"quantum_efficiency.curves": {"R": [0.1, 0.6], "G": [0.6, 0.1]}},
-        "need a tile",
-    ),
-    "unknown filter": ({"quantum_efficiency.tile": [["mono", "X"]]}, "'X', which has no curve"),
-    "ragged tile": ({"quantum_efficiency.tile": [["mono", "mono"], ["mono"]]}, "rectangle"),
-    "empty tile": ({"quantum_efficiency.tile": [[]]}, "rectangle"),
-    "no tile at all": ({"quantum_efficiency.tile": []}, "at least 1 long"),
-    "source of nothing": ({"sources": {"pixel.prnuu": "a book"}}, "no field of a camera"),
-}
-
-
-@pytest.mark.parametrize(("changes", "says"), CONTRADICTIONS.values(), ids=CONTRADICTIONS)
-def test_a_contradiction_is_refused_in_a_file_and_in_replace(
-    changes: dict[str, Any], says: str, tmp_path: Path
-) -> None:
-    data = copy.deepcopy(TABLE1)
-    for dotted, new in changes.items():
-        table, _, last = dotted.rpartition(".")
-        target = data[table] if table else data
-        target.pop(last, None)
-        if new is not None:
-            target[last] = new
-    assert says in refusal(tmp_path, data)
-    with pytest.raises(ms.InputError, match=re.escape(says)):
-        ms.load_camera("konnik_table1").replace(**changes)
 
 
 def test_replace_makes_another_camera_and_leaves_the_first() -> None:

@@ -173,7 +173,7 @@ def test_values_as_toml_read_again_as_the_same() -> None:
 def test_the_tables_of_the_docs_name_every_key_with_its_unit() -> None:
     page = markdown(ms.Camera)
     assert (
-        "| `full_well_e` | e- | 1 or more | 200 to 1e8 | required | saturation capacity |"
+        "| `full_well_e` | e- | at least 1 | 200 to 1e8 | required | saturation capacity |"
         in page
     )
     assert (
@@ -183,6 +183,10 @@ def test_the_tables_of_the_docs_name_every_key_with_its_unit() -> None:
     assert (
         "| `wavelengths_nm` | nm | list of at least 2, each above 0 | 100 to 3000 | required |"
         in page
+    )
+    assert (
+        "| `doubling_k` | K | above 0 | 2 to 30 | – | warming that doubles the rate; without it the rate follows "
+        "silicon |" in page
     )
     assert page.count("\n### `[") + page.count("\n### `[[") >= 11 and ":meth:" not in page
 

@@ -267,6 +267,8 @@ def test_a_camera_file_with_readouts_reads_again() -> None:
         ([{"name": "high"}], "2 to 8"),
         ([{"name": "a"}, {"name": "a"}], "another name"),
         ([{"name": "a", "exposure_ratio": 0.5}, {"name": "b"}], "charge of its own"),
+        ([{"name": "a b"}, {"name": "b"}], r"readouts\.0\.name is 'a b'; it must match"),
+        ([{"name": "a"}, {"name": "b", "gap_us": 3}], "gap_us belongs to .* 'exposure'"),
         ([{"name": "a", "of": "exposure"}, {"name": "b"}], "first of readouts"),
         ([{"name": "low", "fields": LOW}, {"name": "high", "fields": HIGH}], "most sensitive"),
         ([{"name": "a"}, {"name": "b", "fields": {"sensor.rows": 5}}], "sensor.rows"),
