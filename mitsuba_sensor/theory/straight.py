@@ -19,8 +19,6 @@ from ..core import Array, Electrons, Frame
 from ..core.code_law import code_moments, log_chance_of_code, rounded_poisson
 from ..core.noise_distributions import NoiseDistribution
 from ..core.types import Float64Array
-from ..stages.effects.full_well import FullWell
-from ..stages.effects.shot_noise import DualPixelShotNoise, ShotNoise
 from ..stages.stage import Chain, converter_of, sample
 
 HIGHEST_E = 1e30
@@ -145,14 +143,13 @@ class StraightChain(NamedTuple):
         if volts is None:
             raise NotStraight("several read-outs are combined")
         electrons, well_e = list(stages[1:volts]), np.inf
-        if electrons and type(electrons[-1]) is FullWell:
-            well_e = electrons.pop().full_well_e
-        counts = [stage.counts_electrons for stage in electrons]
-        counted = any(counts)
-        if counted and (
-            not counts[-1] or type(electrons[-1]) not in (ShotNoise, DualPixelShotNoise)
-        ):
-            raise NotStraight(f"{electrons[-1].label} changes the count of electrons")  # fmt: skip
+        if electrons and electrons[-1].saturation_e is not None and not electrons[-1].curved:
+            well_e = electrons.pop().saturation_e
+        counted = any(stage.counts_electrons for stage in electrons)
+        last = electrons[-1] if electrons else stages[0]
+        is_poisson = last.counts_electrons and last.electrons_left(HIGHEST_E) == HIGHEST_E
+        if counted and not is_poisson:
+            raise NotStraight(f"{last.label} changes the count of electrons")
         before = tuple(electrons[:-1]) if counted else tuple(electrons)
         return cls(before, counted, well_e, stages[volts:])
 
