@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from ..stages.effects.dsnu import FixedOffset
+from ..stages.effects.source_follower_noise import SourceFollowerNoise
 from ..stages.stage import Chain
 
 
@@ -23,6 +25,8 @@ def maps_in_dn(stages: Chain) -> dict[str, MapInDn]:
     found = {}
     for number, stage in enumerate(stages):
         behind = math.prod(one.nominal_gain for one in stages[number + 1 :])
+        if not isinstance(stage, FixedOffset | SourceFollowerNoise):
+            continue
         for name, gain in stage.gains_of_maps().items():
             found[f"{name.removesuffix('_e')}_dn"] = MapInDn(name, gain * behind)
     return found

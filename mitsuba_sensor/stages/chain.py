@@ -1,5 +1,6 @@
 """The order of the signal chain, from photons to digital numbers, and the check of a stage that a user adds to it."""
 
+import re
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
@@ -135,16 +136,19 @@ def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
                 )
 
 
+def what_it_does(effect: type[Stage]) -> str:
+    """The first sentence of the docstring, without equation numbers and parameters."""
+    first_line = (effect.__doc__ or "").partition("\n")[0]
+    return re.split(r" \(paper|\. |\.$|  ", first_line)[0].rstrip(".")
+
+
 def stage_table() -> str:
-    """The stages in their order as a Markdown table: what each does, equations, datasheet fields, file."""
-    lines = [
-        "| stage | what it does | paper | fields of a camera file | file |",
-        "|---|---|---|---|---|",
-    ]
+    """The stages in their order as a Markdown table: what each does, datasheet fields, file."""
+    lines = ["| stage | what it does | fields of a camera file | file |", "|---|---|---|---|"]
     for effect in ORDER:
         names = effect.fields.model_fields if effect.fields else ()
         fields = ", ".join(f"`{effect.table}.{name}`" for name in names)
         file = f"effects/{effect.__module__.rpartition('.')[2]}.py"
-        cells = f"`{effect.__name__}`", effect.what_it_does(), effect.paper, fields, f"`{file}`"
+        cells = f"`{effect.__name__}`", what_it_does(effect), fields, f"`{file}`"
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)

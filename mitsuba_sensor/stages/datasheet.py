@@ -55,6 +55,11 @@ class FileTable(BaseModel):
         frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True
     )
 
+    @classmethod
+    def notes(cls, camera: Any) -> tuple[str, ...]:
+        """Sentences about this camera's values of these fields that are allowed and may surprise."""
+        return ()
+
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse to change a field in place, in one sentence."""
         if name in type(self).model_fields:

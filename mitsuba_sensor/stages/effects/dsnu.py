@@ -132,11 +132,9 @@ class FixedOffset(Stage):
 class DsnuColumn(FixedOffset):
     """One offset per column; neighbouring columns may be alike (paper eq. 28, 32). A CCD has none."""
 
-    shared_by = "column"
     source: ClassVar[str] = "dsnu_col"
     table = "readout"
     fields = DsnuColumnFields
-    paper = "eq. 28, 32"
     terms = "DSNU1288_col (E), column FPN, offset FPN"
     label = "DSNU column"
 
@@ -160,11 +158,9 @@ class DsnuColumn(FixedOffset):
 class DsnuRow(FixedOffset):
     """One offset per row; neighbouring rows may be alike (paper eq. 28). A CCD has none."""
 
-    shared_by = "row"
     source: ClassVar[str] = "dsnu_row"
     table = "readout"
     fields = DsnuRowFields
-    paper = "eq. 28"
     terms = "DSNU1288_row (E), row FPN"
     label = "DSNU row"
 
@@ -189,7 +185,6 @@ class DsnuPixel(FixedOffset):
     source: ClassVar[str] = "dsnu_pixel"
     table = "pixel"
     fields = DsnuPixelFields
-    paper = "eq. 28"
     terms = "DSNU1288_pixel (E), pixel FPN"
     label = "DSNU pixel"
 

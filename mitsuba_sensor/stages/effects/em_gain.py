@@ -108,9 +108,9 @@ class EmGain(Stage):
         return em_excess_noise(self.gain, self.elements)
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """Of the register."""
-        return 0.0, float("inf") if self.full_well_e is None else self.full_well_e
+    def saturation_e(self) -> float | None:
+        """What the register holds [e-]."""
+        return self.full_well_e
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Electrons behind the last element of the register."""

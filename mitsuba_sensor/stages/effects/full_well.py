@@ -20,17 +20,14 @@ from ..datasheet import FileTable, NotNegative
 from ..stage import Datasheet, Stage
 from ..usual_range import THOUSANDS, Usual
 
-WIDEST_KNEE = 0.1
-"""Of the full well: an empty well then loses 5e-5 of w."""
+WIDEST_KNEE = 0.07
+"""Of the full well: 6e-7 of w overflows from an empty well, which should lose nothing; of a tenth it were 5e-5."""
 
 NARROW = 4.0
 """Widths of the noise in a knee, from which on second order in the noise is enough."""
 
 NODES = 24
 """Nodes of Gauss and Hermite over the noise of a narrower knee."""
-
-NEGLIGIBLE = 20.0
-"""Knees below the full well at which a response is straight: 2e-9 of a knee is lost."""
 
 
 class FullWellFields(FileTable):
@@ -43,7 +40,7 @@ class FullWellFields(FileTable):
         0.0,
         title="knee of the response at saturation, soft saturation",
         description="width w of the knee in which a pixel saturates: at full_well_e of light it holds 0.69 w less, and "
-        "its noise falls before it is full; 0 is a hard clip, at most a tenth of full_well_e [e-]",
+        "its noise falls before it is full; 0 is a hard clip, at most 7 % of full_well_e [e-]",
         examples=[500.0],
     )
 
@@ -51,7 +48,7 @@ class FullWellFields(FileTable):
     def _knee_below_the_well(self) -> Self:
         if self.full_well_knee_e > WIDEST_KNEE * self.full_well_e:
             raise ValueError(
-                f"full_well_knee_e is {self.full_well_knee_e:g}; it must be at most a tenth of full_well_e, "
+                f"full_well_knee_e is {self.full_well_knee_e:g}; it must be at most 7 % of full_well_e, "
                 f"{WIDEST_KNEE * self.full_well_e:g}: give the width of the knee, not where it begins"
             )
         return self
@@ -65,7 +62,6 @@ class FullWell(Stage):
     domain = "electrons"
     table = "pixel"
     fields = FullWellFields
-    paper = "text after eq. 26"
     terms = "full well, saturation capacity μ_e.sat (E), S_FW (J), clipping"
     no_noise = "set pixel.full_well_e to a larger value"
 
@@ -131,11 +127,6 @@ class SoftFullWell(Stage):
     def saturation_e(self) -> float:
         """The full well [e-]."""
         return self.full_well_e
-
-    @property
-    def straight_below_e(self) -> float:
-        """Electrons below which nothing overflows."""
-        return self.full_well_e - NEGLIGIBLE * self.knee_e
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """What is left of the sum, light and dark electrons in the same share."""

@@ -132,7 +132,7 @@ def test_a_camera_without_a_knee_has_the_well_that_it_had() -> None:
 
 def test_a_knee_that_is_a_well_is_refused_in_a_sentence() -> None:
     with pytest.raises(
-        ms.InputError, match="at most a tenth of full_well_e, 3300: give the width"
+        ms.InputError, match="at most 7 % of full_well_e, 2310: give the width"
     ):
         WIDE_KNEE.replace(**{"pixel.full_well_knee_e": 30_000.0})
 
