@@ -2,11 +2,13 @@
 
 import re
 from collections.abc import Collection
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..core import Array, Electrons, Exposure, InputError, Photons, SensorWindow
+from ..core import Array, Electrons, Exposure, Frame, InputError, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32
 from .effects.adc import Adc
 from .effects.blooming import Blooming
@@ -34,7 +36,6 @@ from .effects.temporal_line_noise import (
     TemporalFrameNoise,
     TemporalRowNoise,
 )
-from .recorder import RecordingFrame
 from .stage import Chain, Stage, total, without
 
 if TYPE_CHECKING:
@@ -99,6 +100,25 @@ def _chain(camera: "Camera", off: Collection[str]) -> Chain:
         stages += own + camera.added_after(effect.key())
         out += own if effect.key() in off else ()
     return without(stages, out)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingFrame(Frame):
+    """A frame that notes which sources of temporal noise are drawn from."""
+
+    sources: set[str] = field(default_factory=set)
+
+    def random_bits(self, source: str) -> Array:
+        """The random bits, noted."""
+        self.sources.add(source)
+        return super().random_bits(source)
+
+    def random_bits_at(
+        self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int
+    ) -> Array:
+        """The random bits, noted."""
+        self.sources.add(source)
+        return super().random_bits_at(source, rows, columns, frame_index)
 
 
 def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:

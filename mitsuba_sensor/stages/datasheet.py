@@ -56,7 +56,7 @@ class FileTable(BaseModel):
     )
 
     @classmethod
-    def notes(cls, camera: Any) -> tuple[str, ...]:
+    def notes_of(cls, camera: Any) -> tuple[str, ...]:
         """Sentences about this camera's values of these fields that are allowed and may surprise."""
         return ()
 

@@ -153,10 +153,6 @@ class Stage(ABC):
 class Detector(Stage):
     """The first stage: photons become mean electrons."""
 
-    @abstractmethod
-    def sample(self, photons: Photons, frame: Frame) -> Electrons:
-        """Mean electrons of each pixel, (H, W); nothing is random."""
-
     def filters(self, photons: Photons) -> Filters | None:
         """The filters in front of the pixels, where each pixel gets a share of one layer only."""
         return None
@@ -188,7 +184,7 @@ class MixedNoise(Stage):
     """Temporal noise that differs from pixel to pixel or is not normal: a mixture of normals in every pixel."""
 
     @abstractmethod
-    def states(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
         """Chance, mean and variance of the normals, each scalar or (H, W), in the unit of the stage; none: by its
         moments."""
 

@@ -292,7 +292,7 @@ def errors_of_rare_events(stage: Stage, frame: Frame) -> Float64Array:
     Where few samples have an event, such as a radiation hit, or none has, their spread does not show how many might
     have had one. The fourth moment of the states does, and one event more or less.
     """
-    states = stage.states(frame) if isinstance(stage, MixedNoise) else ()
+    states = stage.mixture(frame) if isinstance(stage, MixedNoise) else ()
     if not states:
         return np.zeros(len(QUANTITIES))
     mean = sum(chance * own for chance, own, _ in states)

@@ -262,11 +262,11 @@ def test_a_camera_without_a_wavelength_of_its_own_takes_a_stage_too() -> None:
 
 HIDES: dict[str, tuple[str, dict[str, Any]]] = {
     "reach": ("Bad.reach_px is a field", {"__annotations__": {"reach_px": int}, "reach_px": 0}),
-    "limits": ("call the field bad_limits", {"__annotations__": {"limits": "tuple[int, int]"}}),
+    "method as field": ("call the field bad_moments", {"__annotations__": {"moments": "tuple[int, int]"}}),
     "label": ("Bad.label is a field", {"__annotations__": {"label": str}}),
     "class variable": ("Bad.domain is a field", {"__annotations__": {"domain": "str"}}),
-    "notes": ("call the value bad_notes", {"notes": ("A note.",)}),
-    "method": ("Bad.limits is a method; write @property", {"limits": lambda self: (0, 1)}),
+    "value": ("call the value bad_marked", {"marked": ("A note.",)}),
+    "method": ("Bad.saturation_e is a method; write @property", {"saturation_e": lambda self: 1}),
 }
 
 
@@ -278,5 +278,5 @@ def test_a_field_that_hides_a_member_is_refused_when_the_class_is_made(what: str
         with pytest.raises(InputError, match=re.escape(sentence)):
             type("Bad", bases, body if len(bases) == 1 else {})
     allowed = {"__annotations__": {"reach_px": ClassVar[int]}, "reach_px": 1, "label": "fine"}
-    stage = type("Good", (ms.Stage,), {**allowed, "limits": property(lambda self: (0, 1))})
+    stage = type("Good", (ms.Stage,), {**allowed, "saturation_e": property(lambda self: 1)})
     assert (stage.reach_px, stage.label, stage.key()) == (1, "fine", "good")

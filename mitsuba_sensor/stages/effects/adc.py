@@ -75,7 +75,7 @@ class AdcFields(FileTable):
         return self
 
     @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
         """Where darkness or a full well lies far from where the codes are."""
         bits, black_dn = camera.adc.bits, camera.adc.black_level_dn or 0.0
         highest, filled = 2**bits - 1, full_well_swing_v(camera) / full_scale_v(camera)

@@ -146,7 +146,7 @@ class DarkCurrentFields(FileTable):
         return self
 
     @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
         """One where the random numbers end before a hundredth of the standard deviation of the pixels is drawn."""
         dark = camera.dark_current
         if dark.distribution != "lognormal" or not dark.cv:

@@ -147,7 +147,7 @@ class QuantumEfficiencyFields(ImageLagFields, CrosstalkFields, CurveFields):
     """Electrons per photon, filters, and where the electrons go; pydantic takes the fields of the last base first."""
 
     @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
         """Where a curve is so low that it was probably divided by 100."""
         peaks = {name: max(curve) for name, curve in camera.quantum_efficiency.curves.items()}
         return tuple(

@@ -115,7 +115,7 @@ class RadiationHits(MixedNoise):
             mean=hits * self.mean_e, temporal=hits * (self.variance_e2 + self.mean_e**2)
         )
 
-    def states(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
         """No hit, one, two and so on; many hits are normal noise, by the moments."""
         mean_hits = self.mean_hits(frame)
         if mean_hits == 0 or mean_hits > MANY_HITS:

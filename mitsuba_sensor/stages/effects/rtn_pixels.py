@@ -97,7 +97,7 @@ class RtnPixels(MixedNoise):
         step_v = self.amplitude_e * self.gain_v_per_e
         return m.add(temporal=share * 2 * self.chance_of_a_step * step_v**2)
 
-    def states(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
         """Three levels where a pixel has a trap."""
         chance, step_v = self.chance_of_a_step, self.amplitude_e * self.gain_v_per_e
         if self.fraction * chance * step_v == 0:

@@ -147,7 +147,7 @@ class SourceFollowerNoiseFields(FileTable):
         return self
 
     @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
         """One where band_hz leaves out more than 1 % of the noise."""
         follower = camera.source_follower
         if follower.read_noise_e is not None or follower.band_hz is None:
@@ -245,7 +245,7 @@ class SourceFollowerNoise(MixedNoise):
         mean, variance = m.frame.window.map_moments(READ_NOISE, 0.0, 0.0)
         return m.add(temporal=self.gain_v_per_e**2 * (mean**2 + variance))
 
-    def states(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
         """Normals of every pixel's σ; several where the noise is not normal."""
         if not self._differs and (self.distribution is None or self.sigma_v == 0):
             return ()

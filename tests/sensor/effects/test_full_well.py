@@ -130,10 +130,25 @@ def test_a_camera_without_a_knee_has_the_well_that_it_had() -> None:
     assert SoftFullWell(33_000.0, 1500.0) in chain(WIDE_KNEE)
 
 
+@pytest.mark.parametrize("well_e", [1e3, 1e5, 1e8])
+def test_the_widest_knee_leaves_an_empty_well_as_it_is(well_e: float) -> None:
+    """Of 5 e- nothing overflows, and nothing makes noise: less than 1e-6 of the knee."""
+    knee_e = 0.07 * well_e
+    camera = WIDE_KNEE.replace(
+        **{"pixel.full_well_e": well_e, "pixel.full_well_knee_e": knee_e}
+    )
+    stage = next(one for one in camera.stages if isinstance(one, SoftFullWell))
+    wide = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (200, 200)))
+    held = stage.sample(ms.Electrons(np.full((200, 200), 5.0)), wide).total
+    assert held.mean() == pytest.approx(5.0, abs=1e-6 * knee_e + 5 * held.std() / 200)
+    assert held.var() < 3e-6 * knee_e
+    for share in (0.071, 0.08, 0.1):
+        with pytest.raises(ms.InputError, match="at most 7 % of full_well_e"):
+            camera.replace(**{"pixel.full_well_knee_e": share * well_e})
+
+
 def test_a_knee_that_is_a_well_is_refused_in_a_sentence() -> None:
-    with pytest.raises(
-        ms.InputError, match="at most 7 % of full_well_e, 2310: give the width"
-    ):
+    with pytest.raises(ms.InputError, match="at most 7 % of full_well_e, 2310: give the width"):
         WIDE_KNEE.replace(**{"pixel.full_well_knee_e": 30_000.0})
 
 
