@@ -101,9 +101,11 @@ class Capture:
 
     def write(self, folder: Path) -> None:
         """Write these files into an empty folder, one by one."""
-        options = self.metadata["options"]
+        options, metadata = self.metadata["options"], self.metadata
         gain = float(options["preview_gain"])
-        write_frames(folder, self.frames, self.metadata, gain)
+        if options["clean"]:
+            metadata = metadata | {"clean_by": self.frames.pixel_moments.method}
+        write_frames(folder, self.frames, metadata, gain)
         if options["clean"]:
             each, shared = self.frames.own_clean, self.frames.clean
             clean_name, variance_name = CLEAN

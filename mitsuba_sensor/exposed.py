@@ -210,11 +210,7 @@ def render_each_frame(request: Request) -> Exposed:
         renders, parts = [], list[Frames]()
         for render in series.renders(request.progress):
             renders.append(render)
-            parts.append(
-                Frames.exposed(render.exposed)
-                if parts
-                else Frames.exposed_with_report(render.exposed)
-            )
+            parts.append(Frames.exposed(render.exposed, followed=not parts))
     left = {
         "uncompensated": float(np.mean([render.uncompensated for render in renders])),
         "above_shot_noise": float(np.mean([render.above_shot_noise for render in renders])),

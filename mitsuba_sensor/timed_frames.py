@@ -96,10 +96,7 @@ class TimedExposure:
             photons = photons_of(light, camera, exposure, start_s)
             one = self._sensor_of(camera).at(exposure).of(after(before, photons), number)
             before = photons if camera.quantum_efficiency.image_lag else None
-            if report and number == first.index:
-                frames = Frames.exposed_with_report(one)
-            else:
-                frames = Frames.exposed(one)
+            frames = Frames.exposed(one, followed=report and number == first.index)
             if with_clean:
                 frames = replace(frames, own_clean=frames.clean[None])
             measured = None if control is None else control.measure(frames.digital[0])
@@ -159,7 +156,7 @@ def expose_frames(
     sensor, times = told_of(sensor, progress), FrameTimes.of(options)
     if times.period_s is None or not (light.waveforms or options["auto_exposure"]):
         times.check(sensor.first.exposure, sensor.camera)
-        frames = Frames.exposed_with_report(sensor)
+        frames = Frames.exposed(sensor, followed=True)
         return TimedFrames(frames, tuple(_of_still_light(frames, light, times)))
     return expose_moving(sensor, lambda *frame: light, options)
 

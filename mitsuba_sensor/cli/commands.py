@@ -248,15 +248,7 @@ def plan(
     )
     needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance)
     if as_json:
-        seconds = dict(zip(("whole_chain", "plan"), found.seconds, strict=True))
-        show(
-            {
-                **found.to_dict(),
-                "render": [asdict(need) for need in needs],
-                "seconds_per_frame": seconds,
-            },
-            True,
-        )
+        show({**found.to_dict(), "render": [asdict(need) for need in needs]}, True)
     else:
         show(plans_sheet(found, needs), False)
         show_remarks(False, taken_by_default(flags, settings, camera))

@@ -85,7 +85,7 @@ class DifferentiableFrame:
                 f"name is {name!r}; it must be one of the parameters: {', '.join(known)}."
             )
         slope = self._slope(name)
-        return self._per_photon(slope) if name == PHOTONS else slope.astype(np.float32)
+        return self._per_photon(slope) if name == PHOTONS else np.asarray(slope, np.float32)
 
     def store(self) -> None:
         """Compute the frame now and keep it, so that no loss computes it again."""

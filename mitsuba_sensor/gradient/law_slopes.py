@@ -41,12 +41,12 @@ class Slopes:
     by_light: Float64Array | None = None
     by_name: Mapping[str, Float64Array] = field(default_factory=dict)
 
-    def of_code(self, slope: Float64Array, codes: Float64Array) -> Float64Array:
+    def of_code(self, slope: Float64Array, codes: Array) -> Float64Array:
         """Derivative of the codes of a frame, of that of mean and variance."""
         (mean, variance), (by_mean, by_variance) = self.values, slope
         still = variance < STILL_DN2
         pulled = (codes - mean) * by_variance / np.where(still, 1.0, 2 * variance)
-        return by_mean + np.where(still, 0.0, pulled)
+        return np.asarray(by_mean + np.where(still, 0.0, pulled))
 
     def attached(
         self, light_e: Array, changes: Mapping[str, Array], codes: Float64Array | None = None
@@ -115,7 +115,10 @@ def slopes_by_names(
 
     def values(camera: Camera, exposure: Exposure) -> Float64Array:
         changed = replace(
-            frame, exposure=exposure, window=replace(frame.window, _maps={}, _tiles={}), _blocks={}
+            frame,
+            exposure=exposure,
+            window=replace(frame.window, _maps={}, _tiles={}),
+            _blocks={},
         )
         return law(camera.stages, light_of(camera, exposure), changed)
 

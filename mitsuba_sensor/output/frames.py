@@ -84,14 +84,9 @@ class Frames(RawFrames):
     __array_ufunc__ = None
 
     @classmethod
-    def exposed(cls, sensor: PreparedExposure) -> Frames:
-        """All frames of an exposure."""
-        return cls.of(sensor.frames())
-
-    @classmethod
-    def exposed_with_report(cls, sensor: PreparedExposure) -> Frames:
-        """All frames of an exposure; the clipped pixels of the first are counted while it is computed."""
-        observer = FrameObserver(sensor.stages)
+    def exposed(cls, sensor: PreparedExposure, followed: bool = False) -> Frames:
+        """All frames of an exposure.  followed : whether clipped pixels of the first are counted along with it."""
+        observer = FrameObserver(sensor.stages) if followed else None
         return cls.of(sensor.frames(observer), observer)
 
     @classmethod
@@ -189,7 +184,8 @@ class Frames(RawFrames):
     def spatial_mean(self) -> NDArray[np.float32]:
         """Average of the clean frames of the 32 first serial numbers, (H, W) [DN]: hardly any fixed pattern."""
         windows = (
-            replace(self.first.window, serial=k, _maps={}, _tiles={}) for k in range(1, SERIALS + 1)
+            replace(self.first.window, serial=k, _maps={}, _tiles={})
+            for k in range(1, SERIALS + 1)
         )
         frames = (replace(self.first, window=window, _blocks={}) for window in windows)
         cleans = [pixel_moments(self.stages, self.detected, frame).mean for frame in frames]
@@ -202,7 +198,7 @@ class Frames(RawFrames):
 
     @cached_property
     def _observer(self) -> FrameObserver:
-        """Who followed the first frame; it is computed again unless :meth:`exposed_with_report` made it."""
+        """Who followed the first frame; it is computed again unless it was ``followed``."""
         if self.observer is not None:
             return self.observer
         observer = FrameObserver(self.stages)

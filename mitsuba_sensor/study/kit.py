@@ -163,16 +163,23 @@ def resized(photons: ms.Photons, shape: tuple[int, int]) -> ms.Photons:
     return replace(photons, mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
 
 
-def measured_moments(frames: ms.Frames, spatial_mean: NDArray[np.floating]) -> Array:
-    """Mean, temporal and spatial variance of every pixel of several frames, (3, H, W) [DN, DN², DN²].
+def measured_moments(sensors: Sequence[NDArray[np.unsignedinteger]]) -> Array:
+    """Mean, temporal and spatial variance of the frames of each sensor, averaged over the pixels, (3, S) [DN, DN²].
 
-    spatial_mean : of these frames, (H, W), which is that of all sensors of the camera [DN]. Spatial is the squared
-    distance from it, less what temporal noise adds.
+    sensors : frames of each, (N, H, W). Spatial is the squared distance of a pixel from its mean over all sensors, less
+    what temporal noise adds.
     """
-    digital = frames.digital.astype(np.float64)
-    mean, temporal = digital.mean(axis=0), digital.var(axis=0, ddof=1)
-    spatial = (mean - spatial_mean) ** 2 - temporal / len(digital)
-    return np.stack([mean, temporal, spatial])
+    digital = np.array(sensors)
+    means, temporal = digital.mean(axis=1), digital.var(axis=1, ddof=1).mean(axis=(1, 2))
+    spatial = spatial_variances(means) - temporal / digital.shape[1]
+    return np.stack([means.mean(axis=(1, 2)), temporal, spatial])
+
+
+def spatial_variances(means: Array) -> Array:
+    """Squared distance of each sensor's pixels from their mean over all sensors, averaged, (S,).  means : (S, H, W)."""
+    squares = (means - means.mean(axis=0)) ** 2
+    unbiased: Array = squares.mean(axis=(1, 2)) * len(means) / (len(means) - 1)
+    return unbiased
 
 
 def pixel_difference(frame: NDArray[np.number], reference: NDArray[np.number]) -> Values:

@@ -13,6 +13,7 @@ are the spread of the windows.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -68,10 +69,10 @@ class Window(NamedTuple):
 
     rows: slice
     columns: slice
-    around: tuple[slice, slice]
+    around: tuple[slice, ...]
 
     @property
-    def inside(self) -> tuple[slice, slice]:
+    def inside(self) -> tuple[slice, ...]:
         """Its pixels, counted from the first pixel around it."""
         rows, columns = (
             slice(own.start - whole.start, own.stop - whole.start)
@@ -133,16 +134,12 @@ class Expectation:
             rows, columns = shape[0], max(SIDE_PX**2 // shape[0], 1)
         reach = reach_px, sum(stage.reach_along_rows_px for stage in self.stages)
         found = []
-        for part in (
-            (down, along)
-            for down in _parts(shape[0], rows)
-            for along in _parts(shape[1], columns)
-        ):
-            around = (
+        for part in itertools.product(_parts(shape[0], rows), _parts(shape[1], columns)):
+            around = tuple(
                 slice(max(own.start - more, 0), min(own.stop + more, length))
                 for own, more, length in zip(part, reach, shape, strict=True)
             )
-            found.append(Window(*part, (next(around), next(around))))
+            found.append(Window(*part, around))
         return found
 
     @cached_property
@@ -186,19 +183,15 @@ class Expectation:
         """Number of the pair of sensors of each window: two windows of one pair share neither rows nor columns, so that
         no random number is in both. Few pairs need few maps of whole columns.
         """
-        used: list[tuple[set[int], set[int]]] = []
+        used: list[
+            set[int]
+        ] = []  # first rows of the windows of each pair, and −1 − first columns
         found = []
         for rows, columns, _ in self.windows:
-            place = rows.start, columns.start
-            pair = 0
-            while pair < len(used) and any(
-                start in taken for start, taken in zip(place, used[pair], strict=True)
-            ):
-                pair += 1
-            if pair == len(used):
-                used.append((set(), set()))
-            for start, taken in zip(place, used[pair], strict=True):
-                taken.add(start)
+            place = {rows.start, -1 - columns.start}
+            pair = next((k for k, taken in enumerate(used) if not place & taken), len(used))
+            used += [set()] * (pair == len(used))
+            used[pair] = used[pair] | place
             found.append(pair)
         return found
 
@@ -209,8 +202,7 @@ class Expectation:
 
     def pixels_of(self, number: int) -> int:
         """How many pixels a window has."""
-        rows, columns = self.windows[number][:2]
-        return (rows.stop - rows.start) * (columns.stop - columns.start)
+        return self._mean_e[self.windows[number][:2]].size
 
     def frames_of(self, number: int) -> list[list[Frame]]:
         """Two frames of each of two sensors, of a window with what is around it."""
@@ -229,9 +221,7 @@ class Expectation:
         """The light of a window with what is around it, behind the first stage."""
         rows, columns = self.windows[number].around
         signal = self.light.signal
-        if isinstance(signal, Electrons):
-            return signal.mapped(lambda values: _part_of(values, rows, columns))
-        return _part_of(signal, rows, columns)
+        return signal.mapped(lambda values: _part_of(values, rows, columns))
 
     def errors_of(
         self, values: Float64Array, weights: Float64Array
@@ -277,7 +267,12 @@ class Expectation:
             found[number] = self._statistics_of(number)
 
         for_each(write, range(len(self.windows)))
-        self._require_numbers(found)
+        broken = ~np.isfinite(found).all(axis=(0, 2))
+        if broken.any():
+            name = type(self.stages[int(np.argmax(broken))]).__name__
+            raise InputError(
+                f"{name} returns NaN in this light; let its sample return numbers."
+            )
         weights = np.array([float(self.pixels_of(number)) for number in range(len(found))])
         mean, errors = self.errors_of(found, weights)
         if self.repeats == 1:
@@ -304,7 +299,7 @@ class Expectation:
         return np.stack([part.mean(axis=(1, 2)) for part in parts], axis=1)
 
     def _behind_all(
-        self, light: Array, frame: Frame, inside: tuple[slice, slice]
+        self, light: Array, frame: Frame, inside: tuple[slice, ...]
     ) -> Float64Array:
         """The signals of one frame behind every stage, (S, H, W)."""
         return np.stack(
@@ -361,15 +356,6 @@ class Expectation:
             index=self.frame.index + index,
             _blocks={},
         )
-
-    def _require_numbers(self, found: Float64Array) -> None:
-        """Raise InputError naming the first stage that makes something that is no number."""
-        broken = ~np.isfinite(found).all(axis=(0, 2))
-        if broken.any():
-            stage = self.stages[int(np.argmax(broken))]
-            raise InputError(
-                f"{type(stage).__name__} returns NaN in this light; let its sample return a number for every signal."
-            )
 
 
 def signals(stages: Chain, light: Array, frame: Frame) -> Iterator[Array]:

@@ -98,8 +98,10 @@ class Trial:
         rows, columns = (min(SIDE_PX, side) for side in self.frame.window.shape)
         part = self.light.crop_rows(slice(0, rows))
         light_e = self.light.mean_e
-        ends_e = np.log1p([float(light_e.min()), min(float(light_e.max()), 1e30)])
-        levels_e = np.expm1(np.linspace(*ends_e, rows * columns))
+        low, high = (
+            math.log1p(min(float(end_e), 1e30)) for end_e in (light_e.min(), light_e.max())
+        )
+        levels_e = np.expm1(np.linspace(low, high, rows * columns))
         signal = part.signal.mapped(lambda values: values[..., :columns])
         ramp = np.sort(levels_e.reshape(rows, columns), axis=1).astype(part.signal.light.dtype)
         light = Detected(part.photons, replace(signal, light=ramp))
@@ -153,8 +155,8 @@ class Trial:
         beyond = both[0, :, 4] * math.prod(self.frame.window.shape)
         beyond = np.maximum(beyond, found[:, :, 4].any(axis=0))
         return [
-            Effect("", True, *numbers, float(pixels))
-            for numbers, pixels in zip(changes.tolist(), beyond, strict=True)
+            Effect("", True, *numbers)
+            for numbers in np.concatenate([changes, beyond[:, None]], axis=1).tolist()
         ]
 
     def _window(self, number: int, outs: Sequence[Collection[Stage]]) -> Float64Array:

@@ -143,8 +143,10 @@ class StraightChain(NamedTuple):
         if volts is None:
             raise NotStraight("several read-outs are combined")
         electrons, well_e = list(stages[1:volts]), np.inf
-        if electrons and electrons[-1].saturation_e is not None and not electrons[-1].curved:
-            well_e = electrons.pop().saturation_e
+        limit_e = electrons[-1].saturation_e if electrons else None
+        if limit_e is not None and not electrons[-1].curved:
+            electrons.pop()
+            well_e = limit_e
         counted = any(stage.counts_electrons for stage in electrons)
         last = electrons[-1] if electrons else stages[0]
         is_poisson = last.counts_electrons and not last.curved
@@ -178,7 +180,7 @@ class PixelLine(NamedTuple):
 
     def pixels(self, chosen: Array) -> PixelLine:
         """Some of them."""
-        return PixelLine(*(x[chosen] if isinstance(x, np.ndarray) else x for x in self))
+        return self._make(x[chosen] if isinstance(x, np.ndarray) else x for x in self)
 
     def ideal_dn(self, count_e: Float64Array) -> Float64Array:
         """x(n)."""
@@ -288,7 +290,8 @@ def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
     flat = (
         np.ravel(np.broadcast_to(x, shape)) for x in (centre, here + moved, slope, bend, sigma)
     )
-    return PixelLine(rate_e.ravel(), parts.counted, parts.well_e, *flat, converter.highest)
+    known = rate_e.ravel(), parts.counted, parts.well_e
+    return PixelLine._make((*known, *flat, converter.highest))
 
 
 def moments(line: PixelLine) -> tuple[Float64Array, Float64Array]:

@@ -377,12 +377,15 @@ FIELDS = [
     if isinstance(value, float) and value
 ]
 NO_SLOPE = (
-    "quantum_efficiency.fano_factor",
-    "quantum_efficiency.reference_nm",
-    "source_follower.rtn_pixel_duty",
-    "source_follower.rtn_pixel_switching",
+    "dark_current.rts_activation_ev",
+    "dark_current.rts_duty",
+    "dark_current.rts_switching",
+    "dark_current.rts_switching_activation_ev",
     "pixel.fill_factor",
     "pixel.hit_e",
+    "quantum_efficiency.fano_factor",
+    "source_follower.rtn_pixel_duty",
+    "source_follower.rtn_pixel_switching",
 )
 """Fields on which no stage of this camera depends."""
 
@@ -524,7 +527,7 @@ def curved(vv: float, alpha: float) -> ms.Camera:
 def test_bent_and_uneven_responses_follow_frames_with_equal_random_bits(
     name: str, camera: ms.Camera
 ) -> None:
-    light, step = np.full((1024, 1024), 50.0 / QE), 0.02
+    light, step = np.full((256, 256), 50.0 / QE), 0.02
     ends = []
     for sign in (1, -1):
         factor, other, _ = changed(name, 1 + sign * step, camera)
@@ -536,7 +539,7 @@ def test_bent_and_uneven_responses_follow_frames_with_equal_random_bits(
         light[0, 0] if name == "photons" else value_of(name, camera)
     )
     missed = (ends[0] - ends[1]) / (2 * step) - slope
-    assert abs(missed.mean()) < SURE * missed.std() / 1024 + 5e-3 * abs(slope.mean())
+    assert abs(missed.mean()) < SURE * missed.std() / 256 + 5e-3 * abs(slope.mean())
 
 
 @pytest.mark.parametrize("sigma_dn", [0.2, 2.0])
@@ -559,8 +562,8 @@ def test_strips_of_rows_have_the_derivatives_of_the_whole(
     monkeypatch.setattr(DrJitBackend, "strip_pixels", 5 * 41)
     assert [rows.start for rows, _ in frames.strips()] == list(range(0, 37, 5))
     found = frames.backward(loss, 3)
-    assert np.array_equal(found["photons"], whole["photons"])
-    assert np.array_equal(one_strip["photons"], whole["photons"])
+    np.testing.assert_allclose(found["photons"], whole["photons"], rtol=1e-5)
+    np.testing.assert_array_equal(one_strip["photons"], whole["photons"])
     for name in names[1:]:
         assert found[name] == pytest.approx(whole[name], rel=1e-5)
     codes = [strip.frame(3).codes for _, strip in frames.strips()]
@@ -576,14 +579,9 @@ def test_strips_of_rows_have_the_derivatives_of_the_whole(
         ("lens.f_number", {}, "no number of this chain depends smoothly"),
         ("dark_current.rts_fraction", {"dark_current.rts_fraction": 0.1}, "no number"),
         (
-            "pixel.prnu",
-            {"pixel.prnu": 0.0},
-            "which is 0, where the chain leaves a stage out; choose a value beside it",
-        ),
-        (
-            "readout.cds_gain",
-            {"readout.cds_gain": 1.0},
-            "which is 1, where the chain leaves a stage out",
+            "adc.gamma",
+            {"adc.gamma": 1.0},
+            "which is 1, where the chain leaves a stage out; choose a value beside it",
         ),
         ((), {}, "parameters is empty"),
     ],

@@ -154,7 +154,6 @@ def test_theory_clean_frame_plan_and_budget_are_those_of_the_frames(name: str) -
     assert label not in [one.stage for one in plan.effects]
     budget = frames[1].noise_budget()
     assert label not in [one.source for one in budget.entries]
-    np.testing.assert_allclose(budget.total, frames[1].digital[0], atol=1e-6)
 
 
 def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -> None:

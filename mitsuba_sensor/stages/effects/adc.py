@@ -132,6 +132,11 @@ class Adc(Converter):
         ideal, highest = self.ideal(swing, frame), frame.number(self.highest)
         return arrays.minimum(arrays.maximum(self._rounded(ideal), 0.0), highest)
 
+    def moments(self, m: Moments) -> Moments:
+        """Gain and black level, rounding noise of 1/12 DN², and the clip at both ends."""
+        code = m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn, temporal=1 / 12)
+        return code.clip(0.0, self.highest)
+
     @property
     def nominal_gain(self) -> float:
         """A [DN/V]."""
@@ -163,6 +168,12 @@ class AdcWithDnl(Adc):
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → the code whose step contains it (H, W)."""
         return arrays.count_at_or_below(self._transitions, self.ideal(swing, frame))
+
+    def moments(self, m: Moments) -> Moments:
+        """As a converter of equal steps, moved by the local INL."""
+        code = super().moments(m)
+        inl = arrays.look_up(self._inl, arrays.as_index(np.floor(code.mean + 0.5)))
+        return code.add(mean=-inl)
 
     @property
     def inl_lsb(self) -> Float64Array:

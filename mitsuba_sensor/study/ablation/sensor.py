@@ -14,7 +14,17 @@ import mitsuba_sensor as ms
 
 from ...lab.statistics.estimators import Spread, as_normal, spread, standard_error, z_limit
 from ...pages.page import Bars, Mark, MarkedRow, Part, Section, Table, table
-from ..kit import Array, Kit, Step, Subject, Values, measured_moments, resized, time_in_turns
+from ..kit import (
+    Array,
+    Kit,
+    Step,
+    Subject,
+    Values,
+    measured_moments,
+    resized,
+    spatial_variances,
+    time_in_turns,
+)
 
 WHOLE, PLAN = "whole chain", "the plan"
 QUANTITIES = "mean", "temporal σ", "spatial σ"
@@ -112,8 +122,7 @@ class SensorAblation:
 
     def moments(self, case: str) -> Moments:
         """Moments of every sensor by its laws and in frames; all cases have the same random bits."""
-        predicted, measured, pixels = [], [], []
-        spatial_mean = None
+        means, temporal, digital = [], [], []
         for number in range(SENSORS):
             frames = ms.expose(
                 self.photons,
@@ -124,16 +133,12 @@ class SensorAblation:
                 serial=self._serial + number,
                 seed=self._seed + number,
             )
-            law_mean = np.float64(frames.clean)
-            if spatial_mean is None:  # of all sensors
-                spatial_mean = frames.spatial_mean
-            law_spatial = (law_mean - spatial_mean) ** 2
-            predicted.append(
-                [x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)]
-            )
-            measured.append(measured_moments(frames, spatial_mean).mean(axis=(1, 2)))
-            pixels.append(law_mean)
-        return Moments(np.array(predicted).T, np.array(measured).T, np.mean(pixels, axis=0))
+            means.append(np.float64(frames.clean))
+            temporal.append(frames.temporal_variance.mean(dtype=float))
+            digital.append(frames.digital)
+        pixels = np.array(means)
+        predicted = pixels.mean(axis=(1, 2)), temporal, spatial_variances(pixels)
+        return Moments(np.array(predicted), measured_moments(digital), pixels.mean(axis=0))
 
     def nanoseconds(self) -> dict[str, list[float]]:
         """Nanoseconds per pixel of every case's frames on NumPy, in each turn."""

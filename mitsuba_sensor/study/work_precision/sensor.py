@@ -175,16 +175,14 @@ class Sensor:
 
     def moments(self, setting: FrameSetting) -> Array:
         """Mean, temporal and spatial variance of the frames of each sensor, averaged over the pixels, (3, sensors)."""
-        options, values, spatial_mean = self.options(setting, SMALL), [], None
+        options, sensors = self.options(setting, SMALL), []
         for serial in range(1, SENSORS + 1):
             asked = {**options, "frames": FRAMES, "serial": serial, "seed": serial}
             frames = ms.expose(
                 self.photons(SMALL), self.subject.camera, self.subject.exposure, **asked
             )
-            if spatial_mean is None:  # of all sensors
-                spatial_mean = frames.spatial_mean
-            values.append(measured_moments(frames, spatial_mean).mean(axis=(1, 2)))
-        return np.array(values).T
+            sensors.append(frames.digital)
+        return measured_moments(sensors)
 
 
 def turn_key(turn: int) -> str:

@@ -170,8 +170,8 @@ def test_steps_of_unequal_width_at_24_bits_are_refused_in_float32_and_made_in_fl
         ms.InputError,
         match=r"no halves between codes from 8388608 on, .*adc\.dnl_lsb and 24 bits; .*23",
     ):
-        precision_of("float32", camera, None, "physical")
-    assert precision_of("auto", camera, None, "physical") == "float64"
+        precision_of("float32", camera, None)
+    assert precision_of("auto", camera, None) == "float64"
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5, 0.9])

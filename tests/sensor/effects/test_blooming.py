@@ -91,13 +91,6 @@ def test_theory_is_measured_and_has_the_mean_of_frames() -> None:
     assert frames.digital.mean() > 1.2 * drained.digital.mean()
 
 
-def test_a_clean_frame_is_refused() -> None:
-    with pytest.raises(
-        ms.InputError, match=r"Blooming couples neighbours.*set pixel.blooming to 0"
-    ):
-        _ = ms.expose(np.full((8, 8), 200.0), CCD, COLD).clean
-
-
 def test_a_full_sensor_has_a_report() -> None:
     """Measured variances that are nothing but rounding are no negative number."""
     frames = ms.expose(np.full((24, 24), 3e5), CCD, ms.Exposure(1.0, 170.0))
