@@ -131,6 +131,7 @@ class FixedOffset(Stage):
         return f"{self.source}_e"
 
 
+@dataclass(frozen=True)
 class DsnuColumn(FixedOffset):
     """One offset per column; neighbouring columns may be alike (paper eq. 28, 32). A CCD has none."""
 
@@ -142,6 +143,7 @@ class DsnuColumn(FixedOffset):
     label = "DSNU column"
 
 
+@dataclass(frozen=True)
 class DsnuRow(FixedOffset):
     """One offset per row; neighbouring rows may be alike (paper eq. 28). A CCD has none."""
 
@@ -153,6 +155,7 @@ class DsnuRow(FixedOffset):
     label = "DSNU row"
 
 
+@dataclass(frozen=True)
 class DsnuPixel(FixedOffset):
     """One offset per pixel; neighbouring pixels may be alike (paper eq. 28). A CCD has none."""
 

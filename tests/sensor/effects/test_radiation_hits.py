@@ -98,7 +98,8 @@ def test_theory_and_noise_budget_have_what_frames_with_hits_show() -> None:
 
 def test_nine_hits_a_pixel_have_the_theory_of_their_frames() -> None:
     """24 frames of 16 384 pixels, some clipped: σ within 1 %, 4 standard errors of theory and frames together."""
-    frames = ms.expose(np.full((128, 128), 500.0), TestRadiationHits.camera.replace(**{"pixel.hits_per_cm2_s": 2e6}), COLD, frames=24)  # fmt: skip
+    camera = TestRadiationHits.camera.replace(**{"pixel.hits_per_cm2_s": 2e6})
+    frames = ms.expose(np.full((128, 128), 500.0), camera, COLD, frames=24)
     sigma_dn = math.sqrt(frames.digital.astype(np.float64).var(axis=0, ddof=1).mean())
     last = frames.theory.averages(frames.stages[-1])
     error = math.hypot(
