@@ -180,6 +180,28 @@ class OtherPhotodiode(NamedTuple):
     detection: Detector
 
 
+class ElectronCounter(Stage):
+    """Mean electrons enter and whole electrons leave.
+
+    compensates : whether counts vary by so much less where the mean is that of a render with a known variance.
+    """
+
+    counts_electrons: ClassVar[bool] = True
+    compensates: ClassVar[bool] = True
+
+    @abstractmethod
+    def variances(self, before: Electrons) -> dict[str, Array]:
+        """Variance of each of its noise sources [e-²].  before : mean electrons."""
+
+
+class ElectronMaps(Stage):
+    """Has fixed-pattern noise maps in electrons."""
+
+    @abstractmethod
+    def gains_of_maps(self) -> dict[str, float]:
+        """Of each of its maps in electrons: what one electron there becomes behind the stage, in its unit."""
+
+
 class MixedNoise(Stage):
     """Temporal noise that differs from pixel to pixel or is not normal: a mixture of normals in every pixel."""
 

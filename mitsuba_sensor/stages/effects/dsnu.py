@@ -12,7 +12,7 @@ from ...core import Array, Frame, Moments, SensorWindow
 from ...core.backend import normals
 from ..datasheet import Chance, FileTable, LineCoupling, MapCoupling, NotNegative
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, Stage
+from ..stage import Datasheet, ElectronMaps, Stage
 from ..usual_range import PERCENT, Usual
 
 
@@ -65,7 +65,7 @@ class DsnuPixelFields(FileTable):
 
 
 @dataclass(frozen=True)
-class FixedOffset(Stage):
+class FixedOffset(ElectronMaps):
     """An offset that does not depend on the signal (paper eq. 28, 32). A CCD, which has one amplifier, has none.
 
     sigma_e : σ of the offsets, as electrons at the sense node.  gain_v_per_e : one electron at this stage [V/e-].

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from ...core import Array, CountedElectrons, Electrons, Frame, Moments, arrays
 from ..compensation import compensable, reserved
 from ..datasheet import FileTable, Positive
-from ..stage import Datasheet, Stage
+from ..stage import Datasheet, ElectronCounter, Stage
 
 Share = Annotated[float, Field(gt=0, le=0.9999, strict=True)]
 MOST_RESETS = 3
@@ -49,7 +49,7 @@ class ResetFields(FileTable):
 
 
 @dataclass(frozen=True)
-class ShotNoise(Stage):
+class ShotNoise(ElectronCounter):
     """Poisson(light) + Poisson(dark), in *detected* electrons (paper eq. 13, 17 corrected).
 
     The two are drawn as one Poisson(light + dark). Where they are needed apart, each electron of that count is a dark
@@ -59,16 +59,12 @@ class ShotNoise(Stage):
 
     Where the mean is that of a render with a known variance, one render per frame, the counts vary by that much less
     about it (compensation.py). Over frames with renders of their own var/mean is 1 again; about its own render less.
-
-    compensates : whether this is so.
     """
 
     domain = "electrons"
     table = "pixel"
     fields = ResetFields
     terms = "photon shot noise, dark shot noise, Poisson noise"
-    counts_electrons: ClassVar[bool] = True
-    compensates: ClassVar[bool] = True
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ShotNoise:

@@ -18,7 +18,7 @@ from ..cds_noise import cds_noise
 from ..datasheet import Chance, FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, MixedNoise, Stage
+from ..stage import Datasheet, ElectronMaps, MixedNoise, Stage
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 
 NOTED = 0.01
@@ -188,7 +188,7 @@ def check_shape(distribution: str, shape: float | None) -> None:
 
 
 @dataclass(frozen=True)
-class SourceFollowerNoise(MixedNoise):
+class SourceFollowerNoise(MixedNoise, ElectronMaps):
     """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form), z normal unless the camera says otherwise.
 
     sigma_v : at the sense node, after CDS, root mean square over the pixels [V rms].
