@@ -109,7 +109,8 @@ class DifferentiableFrame:
     def _per_photon(self, per_electron: Array) -> Float32Array:
         """A derivative by the mean photoelectrons → by the photons of every band."""
         x, efficiency = per_electron.astype(np.float32), self.of.efficiency
-        return x[..., None] * efficiency if efficiency.ndim == 3 else x * efficiency
+        per_photon = x[..., None] * efficiency if efficiency.ndim == 3 else x * efficiency
+        return np.asarray(per_photon, dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -189,7 +189,7 @@ class Frames(RawFrames):
         )
         frames = (replace(self.first, window=window, _blocks={}) for window in windows)
         cleans = [pixel_moments(self.stages, self.detected, frame).mean for frame in frames]
-        return np.mean(cleans, axis=0, dtype=np.float64).astype(np.float32)
+        return np.asarray(np.mean(cleans, axis=0, dtype=np.float64), dtype=np.float32)
 
     @cached_property
     def report(self) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def _input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
         light = np.broadcast_to(light_e, frame.window.shape)
         lit = Detected(Photons(light, detected=True), Electrons(light))
         mean, variance, _ = pixel_moments(camera.stages, lit, frame)
-        return np.median([mean, np.maximum(variance, ROUNDING_DN2)], axis=1)
+        return np.asarray(np.median([mean, np.maximum(variance, ROUNDING_DN2)], axis=1))
 
     low_e = np.maximum(levels - step, 0.0)
     (low, _), (high, _), (_, variance_dn2) = (codes(x) for x in (low_e, levels + step, levels))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 import scipy
@@ -180,7 +180,11 @@ class PixelLine(NamedTuple):
 
     def pixels(self, chosen: Array) -> PixelLine:
         """Some of them."""
-        return self._make(x[chosen] if isinstance(x, np.ndarray) else x for x in self)
+        fields: dict[str, Any] = self._asdict()
+        for name, values in fields.items():
+            if isinstance(values, np.ndarray):
+                fields[name] = values[chosen]
+        return self._replace(**fields)
 
     def ideal_dn(self, count_e: Float64Array) -> Float64Array:
         """x(n)."""
