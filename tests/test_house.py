@@ -471,18 +471,18 @@ TOKENS_MAX = {
     "dataset": 71054,
     "examples": 18893,
     "files": 22831,
-    "gradient": 4241,
+    "gradient": 4268,
     "lab": 90515,
     "optics": 19056,
     "output": 24538,
     "pages": 3609,
     "render": 101353,
     "reproduction": 11887,
-    "sensor": 15477,
-    "stages": 35245,
+    "sensor": 15508,
+    "stages": 34194,
     "study": 16929,
-    "tests": 572818,
-    "theory": 18614,
+    "tests": 573169,
+    "theory": 18662,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

@@ -300,17 +300,6 @@ class StageTests:
             )
             assert same(stage.moments(moments), moments)
 
-    def test_it_is_a_documented_value(self) -> None:
-        """Frozen, hashable, equal to its copy from a second chain of the same camera, and documented."""
-        one, two = (
-            next(stage for stage in chain(self.camera) if isinstance(stage, self.stage))
-            for _ in range(2)
-        )
-        assert one == two and hash(one) == hash(two)
-        assert all(part.__doc__ for part in (self.stage, self.stage.sample, self.stage.moments))
-        with pytest.raises(AttributeError):
-            one.a_new_attribute = 1
-
     def frame_on(self, backend: Backend, index: int) -> ms.Frame:
         """A new frame of a new window, which remembers nothing."""
         return ms.Frame(

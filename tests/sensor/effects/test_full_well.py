@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from helpers.stage_tests import StageTests, backend_of
@@ -133,13 +135,9 @@ def test_the_widest_knee_leaves_an_empty_well_as_it_is(well_e: float) -> None:
     assert held.mean() == pytest.approx(5.0, abs=1e-6 * knee_e + 5 * held.std() / 200)
     assert held.var() < 3e-6 * knee_e
     for share in (0.071, 0.08, 0.1):
-        with pytest.raises(ms.InputError, match="at most 7 % of full_well_e"):
+        limit = f"at most 7 % of full_well_e, {knee_e:g}: give the width"
+        with pytest.raises(ms.InputError, match=re.escape(limit)):
             camera.replace(**{"pixel.full_well_knee_e": share * well_e})
-
-
-def test_a_knee_that_is_a_well_is_refused_in_a_sentence() -> None:
-    with pytest.raises(ms.InputError, match="at most 7 % of full_well_e, 2310: give the width"):
-        WIDE_KNEE.replace(**{"pixel.full_well_knee_e": 30_000.0})
 
 
 def test_a_knee_has_no_blooming_which_would_take_charge_from_full_pixels() -> None:
