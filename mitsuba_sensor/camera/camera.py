@@ -298,7 +298,12 @@ class Camera(FileTable):
         return (
             *unusual,
             *lens_notes(self.lens),
-            *(note for effect in ORDER if effect.fields for note in effect.fields.notes_of(self)),
+            *(
+                note
+                for effect in ORDER
+                if effect.fields
+                for note in effect.fields.notes_of(self)
+            ),
             *gain_notes(self),
             *readout_notes(self),
         )

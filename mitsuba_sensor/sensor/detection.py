@@ -118,7 +118,9 @@ class DetectedByKernel(Detected):
             check_light(self.photons)
 
 
-def checked_and_detected(photons: Photons, stage: Detector, frame: Frame, once: bool) -> Detected:
+def checked_and_detected(
+    photons: Photons, stage: Detector, frame: Frame, once: bool
+) -> Detected:
     """The light of :func:`detect`. Raises InputError for photons that are NaN or negative.
 
     once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.

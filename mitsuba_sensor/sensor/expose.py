@@ -93,7 +93,10 @@ class PreparedExposure:
             first = replace(self.first, index=number, _blocks={})
         check_kept(self.keep, light)
         once = self.count == 1 and self.plan is None and self.planner is None
-        detected, plan = checked_and_detected(light, detector_of(self.stages), first, once), self.plan
+        detected, plan = (
+            checked_and_detected(light, detector_of(self.stages), first, once),
+            self.plan,
+        )
         if self.planner is not None:
             plan = self.planner(self.camera, detected, first)
         elif plan is not None:

@@ -317,7 +317,9 @@ class NoiseBudget:
         frame = theory.frames_of(middle)[0][0]
         behind = list(signals(theory.stages, theory.light_of(middle), frame))
         for k, stage in enumerate(theory.stages):
-            variances = stage.variances(behind[k - 1]) if isinstance(stage, ElectronCounter) else {}
+            variances = (
+                stage.variances(behind[k - 1]) if isinstance(stage, ElectronCounter) else {}
+            )
             stated = {name: float(np.mean(x)) for name, x in variances.items()}
             whole = sum(stated.values())
             if not whole:

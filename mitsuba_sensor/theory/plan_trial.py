@@ -83,9 +83,7 @@ class Trial:
         if stage.saturation_e is None:
             return True
         fullest_e = float(self._fullest[place_of(stage, self.stages) - 1])
-        return (
-            fullest_e + CLEAR_SIGMAS * math.sqrt(max(fullest_e, 0.0)) < stage.saturation_e
-        )
+        return fullest_e + CLEAR_SIGMAS * math.sqrt(max(fullest_e, 0.0)) < stage.saturation_e
 
     @cached_property
     def of_frame(self) -> Expectation:

@@ -189,7 +189,9 @@ def test_impossible_couplings_are_refused_with_the_way_out(case: str) -> None:
 
 
 def test_derivatives_and_switching_off_by_name_say_which_field_to_set() -> None:
-    with pytest.raises(ms.InputError, match=r"inter-pixel capacitance .* couples neighbouring pixels"):
+    with pytest.raises(
+        ms.InputError, match=r"inter-pixel capacitance .* couples neighbouring pixels"
+    ):
         ms.differentiable(np.full((4, 4), 100.0), COUPLED, SHORT, parameters="photons")
     with pytest.raises(ms.InputError, match=r"is no noise source; set readout\.ipc_coupling"):
         COUPLED.without("inter-pixel capacitance")
