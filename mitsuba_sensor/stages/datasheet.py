@@ -25,6 +25,9 @@ from .usual_range import (
     Usual,
 )
 
+if TYPE_CHECKING:
+    from ..camera.camera import Camera
+
 Positive = Annotated[
     float, Field(ge=1e-30, le=1e30, strict=True)
 ]  # beyond, variances under- and overflow
@@ -56,7 +59,7 @@ class FileTable(BaseModel):
     )
 
     @classmethod
-    def notes_of(cls, camera: Any) -> tuple[str, ...]:
+    def notes_of(cls, camera: Camera) -> tuple[str, ...]:
         """Sentences about this camera's values of these fields that are allowed and may surprise."""
         return ()
 
