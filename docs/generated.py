@@ -41,7 +41,7 @@ from mitsuba_sensor.render.scene.plugin_parameters import (
     SENSOR_PARAMETERS,
     PluginParameter,
 )
-from mitsuba_sensor.stages.chain import ORDER, stage_table
+from mitsuba_sensor.stages.chain import ORDER, stage_table, what_it_does
 from mitsuba_sensor.stages.stage import UNITS, Stage
 
 MARK = re.compile(r"^<!-- generated: (\w+) -->$", re.M)
@@ -238,7 +238,7 @@ def noise_sources() -> str:
     lines = ["| name | noise source |", "|---|---|"]
     for stage in ORDER:
         if not stage.no_noise:
-            lines.append(f"| `{stage.key()}` | {stage.terms}: {stage.what_it_does()} |")
+            lines.append(f"| `{stage.key()}` | {stage.terms}: {what_it_does(stage)} |")
     return "\n".join(lines)
 
 
@@ -264,7 +264,7 @@ def glossary_of_stages() -> str:
         untitled = [f"{stage.table}.{name}" for name, info in fields.items() if not info.title]
         names = (*untitled, stage.__name__)
         rows.append(
-            _glossary_row(stage.terms or stage.label, stage.what_it_does(), names, where)
+            _glossary_row(stage.terms or stage.label, what_it_does(stage), names, where)
         )
         rows += _titled(stage.table, fields, where)
     return _glossary(rows)
@@ -409,7 +409,7 @@ def notebook(page: str) -> str:
 def _stage(stage: type[Stage]) -> str:
     domain: Any = stage.domain
     unit, file = UNITS[domain], _file_of(stage)
-    facts = f"Behind it: {domain} [{unit}]. Paper: {stage.paper}. Source: `{file}`."
+    facts = f"Behind it: {domain} [{unit}]. Source: `{file}`."
     described = documented(sys.modules[stage.__module__], stage.__name__)
     names = set(stage.fields.model_fields) if stage.fields else set()
     entries = [

@@ -300,10 +300,11 @@ class Camera(FileTable):
     def notes(self) -> tuple[str, ...]:
         """Sentences about values of the datasheet that are allowed and may surprise; each begins with its field."""
         unusual = [Doubt(text) for _, text in doubts(self.model_dump(), Camera)]
+        of_effects = [effect.fields or FileTable for effect in ORDER]
         return (
             *unusual,
             *lens_notes(self.lens),
-            *(note for effect in ORDER for note in effect.notes(self)),
+            *(note for fields in of_effects for note in fields.notes_of(self)),
             *gain_notes(self),
             *readout_notes(self),
         )

@@ -10,6 +10,7 @@ import numpy as np
 from ..core import Exposure, Float64Array, Frame, Photons, SensorWindow
 from ..core.illuminant import Illuminant
 from ..optics import spectra
+from ..stages.stage import detector_of
 from .camera import Camera
 from .fingerprint import response_fingerprint
 
@@ -96,7 +97,7 @@ def _electrons(camera: Camera, light: Illuminant) -> Float64Array:
 
 def flat_field_qe(camera: Camera, wavelengths_nm: Float64Array) -> Float64Array:
     """(F, B) QE of each filter as a flat field shows it: with the photoelectrons that neighbours give and take."""
-    detection = camera.stages[0]
+    detection = detector_of(camera.stages)
     if detection.light_reach_px == 0:
         return camera.qe(wavelengths_nm)
     shape = len(camera.tile), len(camera.tile[0])
@@ -113,7 +114,7 @@ def flat_field_qe(camera: Camera, wavelengths_nm: Float64Array) -> Float64Array:
 def _sideways(camera: Camera) -> tuple[object, ...]:
     """What a flat field shows of crosstalk and diffusion."""
     section, pixel = camera.quantum_efficiency, camera.pixel
-    if camera.stages[0].light_reach_px == 0:
+    if detector_of(camera.stages).light_reach_px == 0:
         return ()
     given = repr(section.shares_given), section.diffusion_um
     return (*given, section.filter_tile, pixel.pitch_x_um, pixel.pitch_y_um)

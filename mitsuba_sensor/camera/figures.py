@@ -13,7 +13,8 @@ from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_typ
 from ..core.special import root
 from ..stages.combined_readouts import combined_of
 from ..stages.effects.adc import BLACK_LEVEL_AT
-from ..stages.gains import gain_dn_per_e, volts_per_electron
+from ..stages.effects.shot_noise import left_by_resets
+from ..stages.gains import excess_noise, gain_dn_per_e, volts_per_electron
 from ..stages.propagate import propagate
 from ..stages.stage import converter_of
 
@@ -122,7 +123,7 @@ def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
     full_e = max(saturation_e(camera) - float(np.mean(dark.mean)) / multiplied, 0.0)
     shot = 0.0  # variance of one photoelectron
     if any(stage.counts_electrons for stage in stages):
-        shot = math.prod(stage.excess_noise for stage in stages)
+        shot = excess_noise(camera)
     still_e = math.sqrt(noise_e**2 + QUANTISATION_DN2 / gain**2)
     least_e = math.sqrt(still_e**2 + shot**2 / 4) + shot / 2
     if shot:
@@ -213,30 +214,22 @@ def _smallest_well_e(camera: Camera) -> float:
         return saturation_e(camera.readout_cameras[last.name]) / last.light_ratio
     filled_e = float(camera.pixel.full_well_e)
     for stage in camera.stages[1:-1]:
-        if stage.domain == "electrons":
-            filled_e = min(filled_e, stage.limits[1] / stage.nominal_gain)
+        if stage.saturation_e is not None:
+            filled_e = min(filled_e, stage.saturation_e / stage.nominal_gain)
     if not camera.pixel.partial_resets:
         return filled_e
-    last_share, _ = camera.pixel.partial_resets[-1]
-    most_e = filled_e / (1 - last_share)
-
-    def too_many_e(electrons: float) -> float:
-        for stage in camera.stages:
-            electrons = stage.electrons_left(electrons)
-        return electrons - filled_e
-
-    return root(too_many_e, 0.0, most_e)
+    resets = camera.pixel.partial_resets
+    most_e = filled_e / (1 - resets[-1][0])
+    return root(lambda electrons: left_by_resets(resets, electrons) - filled_e, 0.0, most_e)
 
 
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
-    level = Moments(
-        np.float64(electrons), 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1)))
-    )
+    left_e = np.float64(left_by_resets(camera.pixel.partial_resets, electrons))
+    level = Moments(left_e, 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
     for stage in camera.stages:
         if stage.domain == "electrons":
             level = level.scale(stage.nominal_gain)
-            level = replace(level, mean=np.float64(stage.electrons_left(float(level.mean))))
         if stage.domain == "volts":
             level = replace(propagate((stage,), level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)

@@ -108,26 +108,6 @@ def gamma_of_shape(bits: RandomBits, shape: Array) -> Float64Array:
     return np.asarray(np.select([shape < 1, shape < EXACT_BELOW], [few, exact], expanded))
 
 
-def clipped_gamma(
-    mean: Array, variance: Array, limit: float
-) -> tuple[Float64Array, Float64Array]:
-    """Mean and variance of min(X, limit) of a gamma law X, by its incomplete moments; of a certain X without variance.
-
-    E[X; X < c] = μ·P(k + 1, c/θ) and E[X²; X < c] = (μ² + σ²)·P(k + 2, c/θ) with k = μ²/σ², θ = σ²/μ.
-    """
-    certain = np.minimum(mean, limit)
-    is_random = (np.asarray(variance) > 0) & (np.asarray(mean) > 0)
-    mu, sigma2 = np.where(is_random, mean, 1.0), np.where(is_random, variance, 1.0)
-    shape, end = mu**2 / sigma2, limit * mu / sigma2
-    full = scipy.special.gammaincc(shape, end)
-    first = mu * scipy.special.gammainc(shape + 1, end) + limit * full
-    second = (mu**2 + sigma2) * scipy.special.gammainc(shape + 2, end) + limit**2 * full
-    return (
-        np.where(is_random, first, certain),
-        np.where(is_random, np.maximum(second - first**2, 0.0), 0.0),
-    )
-
-
 @lru_cache(maxsize=1)
 def gamma_shape_series(reach: float, terms: int, of_shape: int) -> list[list[float]]:
     """Chebyshev coefficients over z/reach of q in (X/k)^⅓ = 1 + q/√k, each a polynomial in 2/√k − 1, for k ≥ 1."""

@@ -14,7 +14,7 @@ from ..core import Array, Electrons, Exposure, Float64Array, Frame, InputError
 from ..core.backend import NUMPY_FLOAT64
 from ..core.drjit_backend import DrJitBackend
 from ..core.llvm import drjit
-from ..stages.stage import Chain, converter_of, sample
+from ..stages.stage import Chain, Detector, converter_of, sample
 from ..theory.straight import NotStraight
 from .law_slopes import (
     Law,
@@ -54,7 +54,7 @@ class AttachedPixels:
         """Raises InputError for a camera with several read-outs, and for pixels that give light to each other."""
         refuse_readouts(camera, "derivatives are those of one read-out")
         for stage in camera.stages:
-            if stage.reach_px or stage.light_reach_px:
+            if stage.reach_px or (isinstance(stage, Detector) and stage.light_reach_px):
                 raise InputError(
                     f"{stage.label} couples neighbouring pixels, and light has no derivative through it; "
                     f"compute differences of frames, or {stage.no_noise or 'take the camera without that stage'}."

@@ -35,7 +35,7 @@ from ..sensor.options import GradientOptions
 from ..sensor.placement import placed
 from ..sensor.run import begin, choose_backend, row_strips_of
 from ..stages.chain import chain, whole_chain
-from ..stages.stage import Chain, sample
+from ..stages.stage import Chain, detector_of, sample
 from ..stages.usual_range import warn_of_temperature
 from .law_slopes import Slopes, mean_and_variance, slopes_by_light, slopes_by_names
 from .parameters import Parameters
@@ -175,7 +175,7 @@ class DifferentiableFrames:
 
         def light_of(camera: Camera, exposure: Exposure) -> Electrons:
             lit = replace(frame, exposure=exposure, _blocks={})
-            signal: Electrons = detect(self.light, camera.stages[0], lit).signal
+            signal: Electrons = detect(self.light, detector_of(camera.stages), lit).signal
             return signal
 
         light, names = (
@@ -282,7 +282,7 @@ def differentiable(
             Parameters(camera, exposure).derivative(
                 name, lambda *_: np.zeros(1)
             )  # or it is refused
-    detected = detect(light, stages[0], first)
+    detected = detect(light, detector_of(stages), first)
     first = first.on(DrJitBackend(BACKENDS[chosen["engine"]], differentiable=True))
     return DifferentiableFrames(names, camera, light, stages, first, detected)
 
@@ -303,7 +303,7 @@ def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
             f"parameters names {PHOTONS!r}, and {coupling[0]} of {camera.name} couples neighbouring pixels; "
             "differentiate by fields of the camera, or take the camera without it."
         )
-    if PHOTONS in names and chain(camera)[0].light_reach_px:
+    if PHOTONS in names and detector_of(chain(camera)).light_reach_px:
         raise InputError(
             f"parameters names {PHOTONS!r}, and crosstalk of {camera.name} gives them to neighbours, too; "
             "differentiate by fields of the camera, or unset quantum_efficiency.crosstalk, crosstalk_from, "

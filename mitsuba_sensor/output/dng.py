@@ -6,7 +6,6 @@ Tags by their numbers in Adobe's Digital Negative Specification 1.4 and, below `
 from __future__ import annotations
 
 import itertools
-import math
 import os
 import struct
 from collections.abc import Iterator, Sequence
@@ -34,6 +33,7 @@ from ..files.tiff import (
 )
 from ..optics import spectra
 from ..render.light.photons import photons_per_irradiance
+from ..stages.gains import excess_noise
 from .dng_lens import lens_corrections
 from .frame_files import image_facts
 
@@ -183,8 +183,7 @@ def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
     span_dn = saturation_dn(camera) - camera.black_level_dn
     gain_dn_per_e = figures.system_gain_dn_per_e
     dark_dn2 = (gain_dn_per_e * figures.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
-    excess = math.prod(stage.excess_noise for stage in camera.stages)
-    return excess * gain_dn_per_e / span_dn, dark_dn2 / span_dn**2
+    return excess_noise(camera) * gain_dn_per_e / span_dn, dark_dn2 / span_dn**2
 
 
 def _colours(frames: RawFrames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:

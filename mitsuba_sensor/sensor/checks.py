@@ -20,7 +20,7 @@ from ..core import (
 from ..core.backend import FLOAT32_LIMIT
 from ..stages.combined_readouts import combined_of
 from ..stages.gains import adc_gain_dn_per_v
-from ..stages.stage import Chain
+from ..stages.stage import Chain, ElectronCounter
 from .photon_checks import (
     check_channels,
     check_lengths,
@@ -281,7 +281,7 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
         raise InputError(
             "photons has variance_e2 and this camera has several read-outs of its shot noise; pass photons without it."
         )
-    if not all(stage.compensates for stage in stages):
+    if not all(stage.compensates for stage in stages if isinstance(stage, ElectronCounter)):
         raise InputError(
             "photons has variance_e2 and this camera has pixel.partial_resets, which it would have to pass; pass "
             "photons without it."

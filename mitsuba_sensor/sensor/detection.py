@@ -14,7 +14,7 @@ from ..core.signals import LAYERS, Filters
 from ..core.types import Float64Array
 from ..stages.effects.shot_noise import LEFT
 from ..stages.image_lag import BEFORE
-from ..stages.stage import Stage
+from ..stages.stage import Detector
 from .photon_checks import check_light, first_place
 from .run import Strip, row_strips_of
 from .threads import for_each
@@ -68,13 +68,13 @@ class DetectedByKernel(Detected):
     Its ``signal`` is what the kernel found. The kernel also notes negative photons and NaN, for :meth:`check`.
     """
 
-    _stage: Stage
+    _stage: Detector
     _frame: Frame
     _filters: Filters
     _found: dict[int, tuple[Array, Array]]
 
     @classmethod
-    def of(cls, photons: Photons, stage: Stage, frame: Frame, filters: Filters) -> Self:
+    def of(cls, photons: Photons, stage: Detector, frame: Frame, filters: Filters) -> Self:
         """photons : as for :func:`detect`, but not checked.  filters : of the stage in these photons."""
         light = cls.__new__(cls)
         vars(light).update(
@@ -118,7 +118,9 @@ class DetectedByKernel(Detected):
             check_light(self.photons)
 
 
-def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: bool) -> Detected:
+def checked_and_detected(
+    photons: Photons, stage: Detector, frame: Frame, once: bool
+) -> Detected:
     """The light of :func:`detect`. Raises InputError for photons that are NaN or negative.
 
     once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.
@@ -145,7 +147,7 @@ def uploaded(signal: Electrons, frame: Frame) -> Array:
     return signal.mapped(lambda values: window.backend.from_numpy(values, window))
 
 
-def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
+def detect(photons: Photons, stage: Detector, frame: Frame) -> Detected:
     """All exposures of a frame, in the precision of its backend.
 
     photons : of the window of ``frame``.  stage : the first one of the chain.
@@ -183,7 +185,7 @@ def _left_share(left_e: Array, whole_e: Array) -> Array:
     return np.clip(share, 0.0, 1.0)
 
 
-def _detect(photons: Photons, stage: Stage, frame: Frame) -> Array:
+def _detect(photons: Photons, stage: Detector, frame: Frame) -> Array:
     """The signal behind the first stage, strip by strip."""
     backend = NUMPY_FLOAT64 if frame.window.backend.precision == "float64" else NUMPY_FLOAT32
     whole, shape = frame.on(backend), frame.window.shape

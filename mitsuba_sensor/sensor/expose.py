@@ -24,7 +24,7 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
 from ..files.memory import free_memory_bytes
 from ..stages.chain import whole_chain
-from ..stages.stage import Chain, converter_of
+from ..stages.stage import Chain, converter_of, detector_of
 from .checks import (
     as_photons,
     check_compensation,
@@ -93,7 +93,10 @@ class PreparedExposure:
             first = replace(self.first, index=number, _blocks={})
         check_kept(self.keep, light)
         once = self.count == 1 and self.plan is None and self.planner is None
-        detected, plan = checked_and_detected(light, self.stages[0], first, once), self.plan
+        detected, plan = (
+            checked_and_detected(light, detector_of(self.stages), first, once),
+            self.plan,
+        )
         if self.planner is not None:
             plan = self.planner(self.camera, detected, first)
         elif plan is not None:

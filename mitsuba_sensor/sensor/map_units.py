@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ..stages.stage import Chain
+from ..stages.stage import Chain, ElectronMaps
 
 
 class MapInDn(NamedTuple):
@@ -23,6 +23,8 @@ def maps_in_dn(stages: Chain) -> dict[str, MapInDn]:
     found = {}
     for number, stage in enumerate(stages):
         behind = math.prod(one.nominal_gain for one in stages[number + 1 :])
+        if not isinstance(stage, ElectronMaps):
+            continue
         for name, gain in stage.gains_of_maps().items():
             found[f"{name.removesuffix('_e')}_dn"] = MapInDn(name, gain * behind)
     return found

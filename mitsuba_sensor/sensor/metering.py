@@ -27,6 +27,7 @@ from ..core import (
 from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
 from ..stages.effects.dark_current import mean_dark_e
+from ..stages.stage import detector_of
 from .detection import Detected, detect
 from .options import PERCENTILE, SHARE
 from .run import row_strips_of
@@ -141,7 +142,7 @@ def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float6
     rows, columns = photons.shape[:2]
     signal = detect(
         photons,
-        camera.stages[0],
+        detector_of(camera.stages),
         Frame(exposure, SensorWindow(0, (rows, columns), photons.origin)),
     ).signal
     return np.asarray(signal.light * signal.yield_mean, dtype=np.float64)

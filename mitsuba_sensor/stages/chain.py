@@ -1,11 +1,14 @@
 """The order of the signal chain, from photons to digital numbers, and the check of a stage that a user adds to it."""
 
+import re
 from collections.abc import Collection
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..core import Array, Electrons, Exposure, InputError, Photons, SensorWindow
+from ..core import Array, Electrons, Exposure, Frame, InputError, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32
 from .effects.adc import Adc
 from .effects.blooming import Blooming
@@ -33,7 +36,6 @@ from .effects.temporal_line_noise import (
     TemporalFrameNoise,
     TemporalRowNoise,
 )
-from .recorder import RecordingFrame
 from .stage import Chain, Stage, total, without
 
 if TYPE_CHECKING:
@@ -100,6 +102,25 @@ def _chain(camera: "Camera", off: Collection[str]) -> Chain:
     return without(stages, out)
 
 
+@dataclass(frozen=True, eq=False)
+class RecordingFrame(Frame):
+    """A frame that notes which sources of temporal noise are drawn from."""
+
+    sources: set[str] = field(default_factory=set)
+
+    def random_bits(self, source: str) -> Array:
+        """The random bits, noted."""
+        self.sources.add(source)
+        return super().random_bits(source)
+
+    def random_bits_at(
+        self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int
+    ) -> Array:
+        """The random bits, noted."""
+        self.sources.add(source)
+        return super().random_bits_at(source, rows, columns, frame_index)
+
+
 def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
     """Expose a window of 8 × 8 pixels to light of this wavelength and look at what ``added`` does.
 
@@ -135,16 +156,19 @@ def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
                 )
 
 
+def what_it_does(effect: type[Stage]) -> str:
+    """The first sentence of the docstring, without equation numbers and parameters."""
+    first_line = (effect.__doc__ or "").partition("\n")[0]
+    return re.split(r" \(paper|\. |\.$|  ", first_line)[0].rstrip(".")
+
+
 def stage_table() -> str:
-    """The stages in their order as a Markdown table: what each does, equations, datasheet fields, file."""
-    lines = [
-        "| stage | what it does | paper | fields of a camera file | file |",
-        "|---|---|---|---|---|",
-    ]
+    """The stages in their order as a Markdown table: what each does, datasheet fields, file."""
+    lines = ["| stage | what it does | fields of a camera file | file |", "|---|---|---|---|"]
     for effect in ORDER:
         names = effect.fields.model_fields if effect.fields else ()
         fields = ", ".join(f"`{effect.table}.{name}`" for name in names)
         file = f"effects/{effect.__module__.rpartition('.')[2]}.py"
-        cells = f"`{effect.__name__}`", effect.what_it_does(), effect.paper, fields, f"`{file}`"
+        cells = f"`{effect.__name__}`", what_it_does(effect), fields, f"`{file}`"
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)

@@ -14,9 +14,6 @@ from dataclasses import dataclass
 
 from ..core import Array, Frame, arrays
 
-WHOLE = 1e-6
-"""Distance from a whole number up to which steps of the linear code fall on whole codes."""
-
 
 @dataclass(frozen=True)
 class LinearisedReadout:
@@ -85,23 +82,3 @@ class Combination:
         )
         highest = frame.number(self.highest)
         return arrays.minimum(arrays.maximum(arrays.floor(ideal), 0.0), highest)
-
-    def rounding_e(self, number: int) -> tuple[float, float]:
-        """Mean and variance of what rounding to the linear code adds to a read-out [e-, e-²].
-
-        None where its steps fall on whole codes. Where they are an n-th of a code, n codes are rounded to one, half up,
-        so that the mean grows by half a step.
-        """
-        step_dn = self.gain_dn_per_e * self.readouts[number].electrons_per_dn
-        offset_dn = self.black_level_dn - step_dn * self.readouts[number].black_dn
-        if step_dn > 0.5 and _is_whole(step_dn) and _is_whole(offset_dn):
-            return 0.0, 0.0
-        if _is_whole(1 / step_dn) and _is_whole(offset_dn / step_dn):
-            return (step_dn / 2) / self.gain_dn_per_e, (
-                1 - step_dn**2
-            ) / 12 / self.gain_dn_per_e**2
-        return 0.0, 1 / 12 / self.gain_dn_per_e**2
-
-
-def _is_whole(number: float) -> bool:
-    return abs(number - round(number)) < WHOLE

@@ -25,6 +25,9 @@ from .usual_range import (
     Usual,
 )
 
+if TYPE_CHECKING:
+    from ..camera.camera import Camera
+
 Positive = Annotated[
     float, Field(ge=1e-30, le=1e30, strict=True)
 ]  # beyond, variances under- and overflow
@@ -54,6 +57,11 @@ class FileTable(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True
     )
+
+    @classmethod
+    def notes_of(cls, camera: Camera) -> tuple[str, ...]:
+        """Sentences about this camera's values of these fields that are allowed and may surprise."""
+        return ()
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse to change a field in place, in one sentence."""

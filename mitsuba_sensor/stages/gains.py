@@ -74,6 +74,14 @@ def adc_gain_dn_per_v(camera: Datasheet) -> float:
     return float(2.0**camera.adc.bits / full_scale_v(camera))
 
 
+def excess_noise(camera: Datasheet) -> float:
+    """F², the variance of shot noise behind an EM gain over that in front of it times G²; 1 without one."""
+    readout = camera.readout
+    if readout.em_gain is None:
+        return 1.0
+    return em_excess_noise(readout.em_gain, readout.em_stages)
+
+
 def em_excess_noise(gain: float, elements: int) -> float:
     """F² of a register of so many elements, each of which adds an electron with the same chance."""
     return float(2 * (gain - 1) * gain ** (-(elements + 1) / elements) + 1 / gain)

@@ -22,10 +22,15 @@ SIGNAL = "signal of a measured stage"
 """Source of the random numbers of the noise that enters."""
 
 
+def has_moments(stage: Stage) -> bool:
+    """Whether a stage states what it does to mean and variances."""
+    return type(stage).moments is not Stage.moments
+
+
 def propagate(stages: Iterable[Stage], m: Moments) -> Moments:
     """Moments behind these stages, one stage after the other; a stage without any is measured."""
     for stage in stages:
-        if stage.has_moments:
+        if has_moments(stage):
             m = stage.moments(m)
         else:
             m = measured_behind(stage, m)

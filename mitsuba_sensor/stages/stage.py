@@ -1,14 +1,12 @@
 """Stage: the base class of every effect; sample() takes a signal through a chain.
 
-A stage has two methods: ``sample`` computes one random frame, ``moments`` the mean and the variances that this frame
-must have. What a stage without ``moments`` makes of a frame is measured. Whatever the rest of the package needs to know
-of a stage, it reads from the attributes declared here.
+``sample`` computes one random frame; what is expected of frames follows from samples. Whatever else the package needs
+to know of a stage, it reads from the attributes declared here. The first and the last stage have more.
 """
 
 from __future__ import annotations
 
 import inspect
-import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Sequence
@@ -30,27 +28,6 @@ Domain = Literal["photons", "electrons", "volts", "DN"]
 UNITS: dict[Domain, str] = {"photons": "photons", "electrons": "e-", "volts": "V", "DN": "DN"}
 
 
-class PixelNoise(NamedTuple):
-    """Temporal noise behind the shot noise that differs from pixel to pixel or is not normal, in the unit of its stage.
-
-    states : chance, mean and variance of the normals that make it up, each scalar or (H, W).
-    """
-
-    states: tuple[tuple[Array, Array, Array], ...]
-
-
-class OtherPhotodiode(NamedTuple):
-    """A photodiode of split pixels, beside the first one.
-
-    name : of its first read-out.  exposure_ratio : its exposure time over that of the frame.
-    detection : the first stage as it is for this photodiode, but for its sensitivity.
-    """
-
-    name: str
-    exposure_ratio: float
-    detection: Stage
-
-
 class Stage(ABC):
     """One effect of the signal chain; subclasses are frozen dataclasses of its parameters.
 
@@ -69,33 +46,22 @@ class Stage(ABC):
 
         noisier = camera.with_stage(Hum(1e-4), after="reset_noise")
 
-    domain : what leaves the stage.  paper : equations of Konnik & Welsh 2014.
+    domain : what leaves the stage.  label : its name in reports.
     terms : its names and symbols in EMVA 1288 (E), Janesick (J) and Konnik & Welsh (K), for the glossary.
     table, fields : the table of the camera file and the fields there that belong to this effect.
     required : whether the stage changes the unit of the signal, so that no plan can leave it out.
-    counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
-        stage compensates it.
-    compensates : whether a stage that counts electrons does so.
-    frees_electrons : whether an interaction frees more than one electron, with a spread of its own.
-    shared_by : "row" or "column" where all pixels of one have the same value, "frame" where all pixels have.
-    curved : whether the response is not a straight line, so that its moments are of second order in the noise.
-    reach_px : how many rows and columns away the neighbours are that change the signal of a pixel behind this stage; 0
-        where each pixel is by itself. A chain with such a stage is measured by its samples.
-    saturation_e : where the stage clips [e-], None where it does not.
+    counts_electrons : whether mean electrons enter and whole electrons leave.
+    curved : whether electrons leave the stage in a smaller share the more there are, otherwise than by a clip.
     no_noise : of a stage that is no noise, the fields that change it; others can be switched off by their keys.
     """
 
     domain: ClassVar[Domain]
     table: ClassVar[str] = ""
     fields: ClassVar[type[FileTable] | None] = None
-    paper: ClassVar[str] = "–"
     terms: ClassVar[str] = ""
     required: ClassVar[bool] = False
     counts_electrons: ClassVar[bool] = False
-    compensates: ClassVar[bool] = True
-    frees_electrons: ClassVar[bool] = False
     curved: ClassVar[bool] = False
-    shared_by: ClassVar[Literal["row", "column", "frame"] | None] = None
     label: ClassVar[str] = ""
     no_noise: ClassVar[str] = ""
 
@@ -136,23 +102,14 @@ class Stage(ABC):
         """
         return None
 
-    @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
-        """Sentences about this camera's values of the effect that are allowed and may surprise."""
-        return ()
-
     @abstractmethod
     def sample(self, signal: Array, frame: Frame) -> Array:
         """The signal of one frame behind this stage, (H, W)."""
 
-    def filters(self, photons: Photons) -> Filters | None:
-        """Of the first stage: the filters in front of the pixels, where each pixel gets a share of one layer only."""
-        return None
-
     def moments(self, m: Moments) -> Moments:
-        """Mean, temporal and spatial variance of the signal behind this stage.
+        """Mean, temporal and spatial variance of the signal behind this stage, in closed form.
 
-        A stage may leave it out: what it does to a frame is then measured by its samples.
+        EMVA figures and the default black level stand on it. Of a stage that leaves it out they are measured.
         """
         raise NotImplementedError(f"{type(self).__name__} has no moments")
 
@@ -166,32 +123,8 @@ class Stage(ABC):
         """The same within a row, where that is less."""
         return self.reach_px
 
-    @property
-    def light_reach_px(self) -> int:
-        """Of the first stage: how many rows and columns away the light falls that a pixel collects, too."""
-        return 0
-
-    @property
-    def other_photodiodes(self) -> tuple[OtherPhotodiode, ...]:
-        """Of the first stage: photodiodes of split pixels that collect from other neighbours than the first one."""
-        return ()
-
-    @property
-    def has_moments(self) -> bool:
-        """Whether the stage says what it does to mean and variances; one that couples neighbours: of a flat field."""
-        return type(self).moments is not Stage.moments
-
-    def pixel_noise(self, frame: Frame) -> PixelNoise | None:
-        """The noise of every pixel, of a stage behind the shot noise whose noise differs among pixels or is not normal;
-        None: by its moments."""
-        return None
-
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The fixed-pattern noise maps of this stage, by name."""
-        return {}
-
-    def gains_of_maps(self) -> dict[str, float]:
-        """Of each of its maps in electrons: what one electron there becomes behind the stage, in its unit."""
         return {}
 
     @classmethod
@@ -199,40 +132,15 @@ class Stage(ABC):
         """``LineDrift`` → ``line_drift``: the name by which ``Camera.with_stage(after=…)`` finds the stage."""
         return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
-    @classmethod
-    def what_it_does(cls) -> str:
-        """The first sentence of the docstring, without equation numbers and parameters."""
-        first_line = (cls.__doc__ or "").partition("\n")[0]
-        return re.split(r" \(paper|\. |\.$|  ", first_line)[0].rstrip(".")
-
     @property
     def nominal_gain(self) -> float:
         """Small-signal gain: unit behind the stage per unit in front of it."""
         return 1.0
 
     @property
-    def excess_noise(self) -> float:
-        """Temporal variance of shot noise behind the stage, over that in front of it times the square of its gain."""
-        return 1.0
-
-    @property
     def saturation_e(self) -> float | None:
-        """Where the stage clips [e-]."""
+        """The most electrons that leave the stage; None where it does not clip."""
         return None
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """The smallest and the largest signal behind the stage, in its unit."""
-        return -math.inf, math.inf if self.saturation_e is None else self.saturation_e
-
-    @property
-    def straight_below_e(self) -> float | None:
-        """Electrons below which a stage that clips takes nothing away [e-]."""
-        return self.saturation_e
-
-    def electrons_left(self, mean_e: float) -> float:
-        """Electrons behind the stage of so many mean electrons, without noise, gain and full well."""
-        return mean_e
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Masks of the pixels whose number the report of a frame lists: clipped ones, for example.
@@ -241,12 +149,66 @@ class Stage(ABC):
         """
         return {}
 
-    def noise_sources(self, before: Array, after: Array) -> dict[str, tuple[Array, Array]]:
-        """Label → (contribution, temporal variance), (H, W) in the unit of the stage, where it has several sources.
 
-        before, after : the signal on both sides.
-        """
-        return {}
+class Detector(Stage):
+    """The first stage: photons become mean electrons."""
+
+    def filters(self, photons: Photons) -> Filters | None:
+        """The filters in front of the pixels, where each pixel gets a share of one layer only."""
+        return None
+
+    @property
+    def light_reach_px(self) -> int:
+        """How many rows and columns away the light falls that a pixel collects, too."""
+        return 0
+
+    @property
+    def other_photodiodes(self) -> tuple[OtherPhotodiode, ...]:
+        """Photodiodes of split pixels that collect from other neighbours than the first one."""
+        return ()
+
+
+class OtherPhotodiode(NamedTuple):
+    """A photodiode of split pixels, beside the first one.
+
+    name : of its first read-out.  exposure_ratio : its exposure time over that of the frame.
+    detection : the first stage as it is for this photodiode, but for its sensitivity.
+    """
+
+    name: str
+    exposure_ratio: float
+    detection: Detector
+
+
+class ElectronCounter(Stage):
+    """Mean electrons enter and whole electrons leave.
+
+    compensates : whether counts vary by so much less where the mean is that of a render with a known variance.
+    """
+
+    counts_electrons: ClassVar[bool] = True
+    compensates: ClassVar[bool] = True
+
+    @abstractmethod
+    def variances(self, before: Electrons) -> dict[str, Array]:
+        """Variance of each of its noise sources [e-²].  before : mean electrons."""
+
+
+class ElectronMaps(Stage):
+    """Has fixed-pattern noise maps in electrons."""
+
+    @abstractmethod
+    def gains_of_maps(self) -> dict[str, float]:
+        """Of each of its maps in electrons: what one electron there becomes behind the stage, in its unit."""
+
+
+class MixedNoise(Stage):
+    """Temporal noise that differs from pixel to pixel or is not normal: a mixture of normals in every pixel."""
+
+    @abstractmethod
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
+        """Chance, mean and variance of the normals, each scalar or (H, W), in the unit of the stage; none: by its
+        moments."""
 
 
 FAR_LESS = 1 / 32
@@ -265,11 +227,6 @@ class Converter(Stage):
     @abstractmethod
     def highest(self) -> int:
         """The largest code."""
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """The smallest and the largest code."""
-        return 0.0, float(self.highest)
 
     @property
     def inl_lsb(self) -> Float64Array | None:
@@ -323,6 +280,13 @@ class LinearGain(Stage):
 
 
 Chain = tuple[Stage, ...]
+
+
+def detector_of(stages: Chain) -> Detector:
+    """The first stage of a chain."""
+    first = stages[0]
+    assert isinstance(first, Detector), first
+    return first
 
 
 def converter_of(stages: Chain) -> Converter:

@@ -19,7 +19,7 @@ from ..core import Array, Frame
 from ..core.types import Float64Array
 from ..sensor.run import strips_of
 from ..sensor.threads import for_each
-from ..stages.stage import Stage, converter_of, place_of, sample
+from ..stages.stage import ElectronCounter, Stage, converter_of, place_of, sample
 from .expected import Expectation, as_values, ideal_code, is_clipped, passed_on, signals
 from .notebook import budget_html
 from .report import error_of_root
@@ -317,10 +317,10 @@ class NoiseBudget:
         frame = theory.frames_of(middle)[0][0]
         behind = list(signals(theory.stages, theory.light_of(middle), frame))
         for k, stage in enumerate(theory.stages):
-            stated = {
-                name: float(np.mean(variance))
-                for name, (_, variance) in stage.noise_sources(behind[k - 1], behind[k]).items()
-            }
+            variances = (
+                stage.variances(behind[k - 1]) if isinstance(stage, ElectronCounter) else {}
+            )
+            stated = {name: float(np.mean(x)) for name, x in variances.items()}
             whole = sum(stated.values())
             if not whole:
                 stated = dict.fromkeys(stated or [stage.label], 1.0)

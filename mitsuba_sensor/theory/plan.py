@@ -29,7 +29,7 @@ from ..sensor.precision import Float32, float32_effect
 from ..sensor.readouts import light_of_readout
 from ..stages.chain import whole_chain
 from ..stages.combined_readouts import ReadoutChain, combined_of
-from ..stages.stage import Chain, place_of, without
+from ..stages.stage import Chain, detector_of, place_of, without
 from ..stages.usual_range import warn_of_temperature
 from .notebook import plan_html
 from .plan_trial import Effect, Trial
@@ -263,7 +263,7 @@ def plan(
     window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin, camera=camera.name)
     given = checked_maps({} if maps is None else maps, whole_chain(camera), window, camera)
     frame = Frame(exposure, replace(window, given=given))
-    detected = detect(replace(light, variance_e2=None), camera.stages[0], frame)
+    detected = detect(replace(light, variance_e2=None), detector_of(camera.stages), frame)
     return plan_of(camera, detected, frame, tolerance_dn)
 
 

@@ -80,12 +80,10 @@ class Trial:
 
     def is_clear_of(self, stage: Stage) -> bool:
         """Whether the fullest sampled pixel is far below where the stage clips."""
-        if stage.straight_below_e is None:
+        if stage.saturation_e is None:
             return True
         fullest_e = float(self._fullest[place_of(stage, self.stages) - 1])
-        return (
-            fullest_e + CLEAR_SIGMAS * math.sqrt(max(fullest_e, 0.0)) < stage.straight_below_e
-        )
+        return fullest_e + CLEAR_SIGMAS * math.sqrt(max(fullest_e, 0.0)) < stage.saturation_e
 
     @cached_property
     def of_frame(self) -> Expectation:

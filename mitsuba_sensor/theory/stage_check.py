@@ -31,8 +31,8 @@ from ..core import (
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, normals
 from ..core.llvm import backend_problem
 from ..sensor.run import choose_backend
-from ..stages.propagate import propagate
-from ..stages.stage import UNITS, Chain, Stage, total
+from ..stages.propagate import has_moments, propagate
+from ..stages.stage import UNITS, Chain, MixedNoise, Stage, total
 
 CHIPS = 64
 FRAMES = (0, 100_000)  # so far apart that a telegraph signal has forgotten its state
@@ -183,7 +183,7 @@ def check_stage(
     require_same_bytes(stage, levels[-1], places[1], exposure)
     rows: list[StageComparison] = []
     whole = [place for place in places if min(place.shape) > 2 * stage.reach_px]
-    for window in whole if stage.has_moments else ():
+    for window in whole if has_moments(stage) else ():
         rows += compare_at(window, stage, levels, exposure, camera.name)
     worst = max(rows, key=lambda row: row.standard_errors, default=None)
     if worst is not None and worst.standard_errors > STANDARD_ERRORS:
@@ -292,13 +292,13 @@ def errors_of_rare_events(stage: Stage, frame: Frame) -> Float64Array:
     Where few samples have an event, such as a radiation hit, or none has, their spread does not show how many might
     have had one. The fourth moment of the states does, and one event more or less.
     """
-    noise = stage.pixel_noise(frame)
-    if noise is None:
+    states = stage.mixture(frame) if isinstance(stage, MixedNoise) else ()
+    if not states:
         return np.zeros(len(QUANTITIES))
-    mean = sum(chance * own for chance, own, _ in noise.states)
+    mean = sum(chance * own for chance, own, _ in states)
     square: Array = 0.0
     fourth: Array = 0.0
-    for chance, own, variance in noise.states:
+    for chance, own, variance in states:
         off_square = (own - mean) ** 2
         square = square + chance * (variance + off_square)
         fourth = fourth + chance * (3 * variance**2 + 6 * variance * off_square + off_square**2)

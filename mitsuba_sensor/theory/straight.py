@@ -149,7 +149,7 @@ class StraightChain(NamedTuple):
             well_e = limit_e
         counted = any(stage.counts_electrons for stage in electrons)
         last = electrons[-1] if electrons else stages[0]
-        is_poisson = last.counts_electrons and last.electrons_left(HIGHEST_E) == HIGHEST_E
+        is_poisson = last.counts_electrons and not last.curved
         if counted and not is_poisson:
             raise NotStraight(f"{last.label} changes the count of electrons")
         before = tuple(electrons[:-1]) if counted else tuple(electrons)

@@ -70,6 +70,17 @@ def test_what_the_theory_of_a_combination_does_not_know_is_refused(
         dual_gain(**fields)
 
 
+@pytest.mark.parametrize("level_e", [20_000.0, 33_000.0, 60_000.0])
+def test_theory_has_the_noise_of_frames_where_the_gains_are_saturated(level_e: float) -> None:
+    """The high gain at its largest code, then the full well too: σ within 1 %, where the low gain alone shows."""
+    frames = ms.expose(electrons(level_e, (64, 64)), dual_gain(), SHORT, frames=100)
+    sigma_dn = np.sqrt(frames.digital.astype(float).var(axis=0, ddof=1).mean())
+    expected = frames.theory.averages(frames.stages[-1])
+    assert sigma_dn == pytest.approx(np.sqrt(expected.temporal), rel=0.01)
+    assert sigma_dn == pytest.approx(np.sqrt(frames.temporal_variance.mean()), rel=0.015)
+    assert frames.digital.mean() == pytest.approx(expected.mean, abs=0.02 * sigma_dn)
+
+
 def test_two_gains_read_the_same_electrons() -> None:
     frames = ms.expose(electrons(1500.0, (512, 512)), dual_gain(), SHORT, frames=4)
     high, low = (one.digital.astype(float).ravel() for one in frames.readouts.values())

@@ -82,8 +82,7 @@ def test_every_stage_of_a_camera_file_has_the_moments_that_it_states(
 
     Chance: 3 × 12 comparisons in 15 cases at P(|t₆₃| > 5) = 5e-6 each: one other seed in 400 would fail somewhere.
     (The backends are given the same random bits, so they do not add to that.)
-    A sign, a factor √2 or a forgotten term is 10 to 1000 standard errors. Two things that the theory states are only
-    nearly so are kept out: noise below half a code (rounding then is no noise) and two clips within a σ.
+    A sign, a factor √2 or a forgotten term is 10 to 1000 standard errors.
     """
     backend_of(engine)
     camera = ms.load_camera(name).replace(**change)
@@ -115,30 +114,18 @@ def test_report_plan_and_noise_budget_name_every_stage_of_a_camera_with_every_ef
         assert label in sources or any(source.endswith(label) for source in sources), label
 
 
-def test_two_clips_in_a_row_are_within_5_percent_of_their_theory() -> None:
-    """At 98 % of Table 1's well the full well clips and, a σ lower, the converter: what it clips is normal no more."""
-    *_, last = steps(BASE, photons(BASE, 0.98, WIDE), "float64")
-    mean, temporal = last.samples.mean(axis=0), last.samples.var(axis=0, ddof=1)
-    off = mean - last.theory.mean
-    assert abs(off.mean()) < 0.05 * last.theory.sigma
-    assert abs((temporal - last.theory.temporal).mean()) < 0.05 * np.mean(last.theory.temporal)
-    assert abs((off**2 - temporal / 3 - last.theory.spatial).mean()) < 0.05 * np.mean(
-        last.theory.spatial
-    )
-
-
-@pytest.mark.parametrize("name", ms.list_cameras())
+@pytest.mark.parametrize("name", [*ms.list_cameras(), "every effect"])
 def test_stages_are_frozen_equal_by_value_hashable_and_say_what_they_do(name: str) -> None:
     """Two chains of two copies of a datasheet are the same chain: a plan can be kept and compared."""
-    one, two = (chain(ms.load_camera(name)) for _ in range(2))
+    camera = EVERYTHING if name == "every effect" else ms.load_camera(name)
+    one, two = chain(camera), chain(ms.load_camera(camera.to_toml()))
     assert one == two and hash(one) == hash(two)
     domains = [stage.domain for stage in one]
     assert domains == sorted(domains, key=["electrons", "volts", "DN"].index)
     for stage in one:
-        face: ms.Stage = stage
-        assert face.__doc__ and face.sample.__doc__ and face.moments.__doc__
+        assert type(stage).__doc__ and type(stage).sample.__doc__
         with pytest.raises(AttributeError):
-            stage.a_new_attribute = 1
+            stage.a_new_attribute = 1  # type: ignore[attr-defined]
 
 
 def test_a_ccd_has_no_reset_noise_no_dsnu_and_no_telegraph_noise() -> None:

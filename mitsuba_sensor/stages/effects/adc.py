@@ -74,41 +74,8 @@ class AdcFields(FileTable):
             )
         return self
 
-
-@dataclass(frozen=True)
-class Adc(Converter):
-    """floor(black level + A·S + ½), clipped to 0 … 2^bits − 1 (paper eq. 10, 35).
-
-    bits : resolution.  gain_dn_per_v : A = 2^bits/V_FS [DN/V].  black_level_dn : the code of darkness [DN].
-    """
-
-    bits: int
-    gain_dn_per_v: float
-    black_level_dn: float
-    table = "adc"
-    fields = AdcFields
-    paper = "eq. 10, 11, 35; §ADC"
-    terms = "A/D converter ADC, A_ADC (J)"
-    no_noise = "set adc.bits to 24 for the finest steps"
-    label = "ADC"
-
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Converter:
-        """With steps of unequal width where the datasheet has a DNL table."""
-        plain = (
-            camera.adc.bits,
-            adc_gain_dn_per_v(camera),
-            default_black_level_dn(camera, before),
-        )
-        if not camera.adc.dnl_lsb:
-            return Adc(*plain)
-        table = [0.0] * 2**camera.adc.bits
-        for code, width in camera.adc.dnl_lsb.items():
-            table[int(code)] = width
-        return AdcWithDnl(*plain, dnl_lsb=tuple(table))
-
-    @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
         """Where darkness or a full well lies far from where the codes are."""
         bits, black_dn = camera.adc.bits, camera.adc.black_level_dn or 0.0
         highest, filled = 2**bits - 1, full_well_swing_v(camera) / full_scale_v(camera)
@@ -127,6 +94,38 @@ class Adc(Converter):
                 f"highest code is a full well, leave it out, or write {full_well_swing_v(camera):.4g}"
             )
         return tuple(map(Doubt, found))
+
+
+@dataclass(frozen=True)
+class Adc(Converter):
+    """floor(black level + A·S + ½), clipped to 0 … 2^bits − 1 (paper eq. 10, 35).
+
+    bits : resolution.  gain_dn_per_v : A = 2^bits/V_FS [DN/V].  black_level_dn : the code of darkness [DN].
+    """
+
+    bits: int
+    gain_dn_per_v: float
+    black_level_dn: float
+    table = "adc"
+    fields = AdcFields
+    terms = "A/D converter ADC, A_ADC (J)"
+    no_noise = "set adc.bits to 24 for the finest steps"
+    label = "ADC"
+
+    @classmethod
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Converter:
+        """With steps of unequal width where the datasheet has a DNL table."""
+        plain = (
+            camera.adc.bits,
+            adc_gain_dn_per_v(camera),
+            default_black_level_dn(camera, before),
+        )
+        if not camera.adc.dnl_lsb:
+            return Adc(*plain)
+        table = [0.0] * 2**camera.adc.bits
+        for code, width in camera.adc.dnl_lsb.items():
+            table[int(code)] = width
+        return AdcWithDnl(*plain, dnl_lsb=tuple(table))
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""

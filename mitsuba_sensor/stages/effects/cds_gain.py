@@ -24,7 +24,6 @@ class CdsGain(LinearGain):
 
     table = "readout"
     fields = CdsGainFields
-    paper = "§CDS"
     terms = "gain of the CDS stage A_CDS (J)"
     label = "CDS gain"
     no_noise = "set readout.cds_gain to 1"

@@ -145,6 +145,21 @@ class DarkCurrentFields(FileTable):
         )
         return self
 
+    @classmethod
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
+        """One where the random numbers end before a hundredth of the standard deviation of the pixels is drawn."""
+        dark = camera.dark_current
+        if dark.distribution != "lognormal" or not dark.cv:
+            return ()
+        drawn = math.sqrt(LogNormal(dark.cv).variance)
+        if drawn >= (1 - NOTED) * dark.cv:
+            return ()
+        return (
+            f"dark_current.cv is {dark.cv:g}, and σ over mean of the pixels that are drawn is {drawn:.3g}: the rest "
+            "lies beyond 6.3 σ of the log-normal law, where random numbers of 32 bits end; take less, or "
+            'distribution = "wald"',
+        )
+
 
 @dataclass(frozen=True)
 class DarkCurrent(Stage):
@@ -160,7 +175,6 @@ class DarkCurrent(Stage):
     domain = "electrons"
     table = "dark_current"
     fields = DarkCurrentFields
-    paper = "eq. 1–6, 16, 18"
     terms = "dark current μ_I (E), D_R (J), dark electrons"
 
     @classmethod
@@ -175,21 +189,6 @@ class DarkCurrent(Stage):
             dark_current_model(camera),
             distribution or DISTRIBUTIONS[dark.distribution](dark.cv),
             dark_components(camera),
-        )
-
-    @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
-        """One where the random numbers end before a hundredth of the standard deviation of the pixels is drawn."""
-        dark = camera.dark_current
-        if dark.distribution != "lognormal" or not dark.cv:
-            return ()
-        drawn = math.sqrt(LogNormal(dark.cv).variance)
-        if drawn >= (1 - NOTED) * dark.cv:
-            return ()
-        return (
-            f"dark_current.cv is {dark.cv:g}, and σ over mean of the pixels that are drawn is {drawn:.3g}: the rest "
-            "lies beyond 6.3 σ of the log-normal law, where random numbers of 32 bits end; take less, or "
-            'distribution = "wald"',
         )
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:

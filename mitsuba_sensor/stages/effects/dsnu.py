@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self
@@ -13,7 +12,7 @@ from ...core import Array, Frame, Moments, SensorWindow
 from ...core.backend import normals
 from ..datasheet import Chance, FileTable, LineCoupling, MapCoupling, NotNegative
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, Stage
+from ..stage import Datasheet, ElectronMaps, Stage
 from ..usual_range import PERCENT, Usual
 
 
@@ -66,12 +65,13 @@ class DsnuPixelFields(FileTable):
 
 
 @dataclass(frozen=True)
-class FixedOffset(Stage):
-    """An offset that does not depend on the signal (paper eq. 28, 32).
+class FixedOffset(ElectronMaps):
+    """An offset that does not depend on the signal (paper eq. 28, 32). A CCD, which has one amplifier, has none.
 
     sigma_e : σ of the offsets, as electrons at the sense node.  gain_v_per_e : one electron at this stage [V/e-].
     coupling : a of the isotropic AR process.  residual : what the CDS leaves of the offsets, 0 … 1.
     source : name of the random stream; the map is called ``<source>_e``.
+    axis : of lines that have one offset each, 0 for rows, 1 for columns; None for pixels.
     """
 
     sigma_e: float
@@ -79,31 +79,28 @@ class FixedOffset(Stage):
     coupling: float = 0.0
     residual: float = 1.0
     domain = "volts"
+    fields: ClassVar[type[FileTable]]
     source: ClassVar[str]
+    axis: ClassVar[int | None] = None
 
     @classmethod
-    def of(
-        cls, camera: Datasheet, sigma_e: float, coupling: float, residual: float = 1.0
-    ) -> Self | None:
-        """None for a CCD, which has one amplifier."""
-        per_e = sense_gain_v_per_e(camera) * camera.source_follower.gain
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Self | None:
+        """σ of lines is a fraction of the full well; a CDS leaves offsets of rows as they are. None for a CCD."""
         if camera.sensor.technology == "ccd":
             return None
-        return cls(sigma_e, per_e, coupling, residual)
-
-    @abstractmethod
-    def unit_map(self, window: SensorWindow) -> Array:
-        """The map with variance 1: (1, W), (H, 1) or (H, W)."""
+        table = getattr(camera, cls.table)
+        sigma, coupling = (getattr(table, name) for name in list(cls.fields.model_fields)[:2])
+        unit_e = 1.0 if cls.axis is None else camera.pixel.full_well_e
+        residual = 1.0 if cls.axis == 0 else camera.readout.dsnu_residual
+        per_e = sense_gain_v_per_e(camera) * camera.source_follower.gain
+        return cls(sigma * unit_e, per_e, coupling, residual)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with the camera's offsets."""
         if self.sigma_e == 0 and self._name not in frame.window.given:
             return swing
-        return (
-            swing
-            + frame.number(self.residual * self.gain_v_per_e)
-            * self.fpn_maps(frame.window)[self._name]
-        )
+        offsets = self.fpn_maps(frame.window)[self._name]
+        return swing + frame.number(self.residual * self.gain_v_per_e) * offsets
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the spatial variance."""
@@ -112,12 +109,18 @@ class FixedOffset(Stage):
         return m.add(mean=gain * mean, spatial=gain**2 * variance)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
-        """The offsets in electrons, 0 on average."""
-        return {
-            self._name: window.measured_or(
-                self._name, lambda: window.number(self.sigma_e) * self.unit_map(window)
-            )
-        }
+        """The offsets in electrons, 0 on average: (1, W), (H, 1) or (H, W)."""
+
+        def offsets() -> Array:
+            if self.axis is not None:
+                unit = window.line_map(self.source, self.coupling, axis=self.axis)
+            elif self.coupling:
+                unit = window.correlated(self.source, self.coupling)
+            else:
+                unit = window.fixed_map(self.source, normals)
+            return window.number(self.sigma_e) * unit
+
+        return {self._name: window.measured_or(self._name, offsets)}
 
     def gains_of_maps(self) -> dict[str, float]:
         """What the CDS leaves of an electron [V/e-]."""
@@ -132,75 +135,32 @@ class FixedOffset(Stage):
 class DsnuColumn(FixedOffset):
     """One offset per column; neighbouring columns may be alike (paper eq. 28, 32). A CCD has none."""
 
-    shared_by = "column"
-    source: ClassVar[str] = "dsnu_col"
+    source = "dsnu_col"
+    axis = 1
     table = "readout"
     fields = DsnuColumnFields
-    paper = "eq. 28, 32"
     terms = "DSNU1288_col (E), column FPN, offset FPN"
     label = "DSNU column"
-
-    @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DsnuColumn | None:
-        """σ is a fraction of the full well. None for a CCD."""
-        readout = camera.readout
-        return cls.of(
-            camera,
-            readout.dsnu_col * camera.pixel.full_well_e,
-            readout.dsnu_col_coupling,
-            readout.dsnu_residual,
-        )
-
-    def unit_map(self, window: SensorWindow) -> Array:
-        """(1, W), variance 1."""
-        return window.line_map(self.source, self.coupling, axis=1)
 
 
 @dataclass(frozen=True)
 class DsnuRow(FixedOffset):
     """One offset per row; neighbouring rows may be alike (paper eq. 28). A CCD has none."""
 
-    shared_by = "row"
-    source: ClassVar[str] = "dsnu_row"
+    source = "dsnu_row"
+    axis = 0
     table = "readout"
     fields = DsnuRowFields
-    paper = "eq. 28"
     terms = "DSNU1288_row (E), row FPN"
     label = "DSNU row"
-
-    @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DsnuRow | None:
-        """σ is a fraction of the full well. None for a CCD."""
-        return cls.of(
-            camera,
-            camera.readout.dsnu_row * camera.pixel.full_well_e,
-            camera.readout.dsnu_row_coupling,
-        )
-
-    def unit_map(self, window: SensorWindow) -> Array:
-        """(H, 1), variance 1."""
-        return window.line_map(self.source, self.coupling, axis=0)
 
 
 @dataclass(frozen=True)
 class DsnuPixel(FixedOffset):
     """One offset per pixel; neighbouring pixels may be alike (paper eq. 28). A CCD has none."""
 
-    source: ClassVar[str] = "dsnu_pixel"
+    source = "dsnu_pixel"
     table = "pixel"
     fields = DsnuPixelFields
-    paper = "eq. 28"
     terms = "DSNU1288_pixel (E), pixel FPN"
     label = "DSNU pixel"
-
-    @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DsnuPixel | None:
-        """None for a CCD."""
-        pixel = camera.pixel
-        return cls.of(camera, pixel.dsnu_e, pixel.dsnu_coupling, camera.readout.dsnu_residual)
-
-    def unit_map(self, window: SensorWindow) -> Array:
-        """(H, W), variance 1."""
-        if self.coupling:
-            return window.correlated(self.source, self.coupling)
-        return window.fixed_map(self.source, normals)

@@ -12,7 +12,6 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, Moments, arrays
-from ...core.distributions import clipped_gamma
 from ..datasheet import Count, FileTable, NotNegative
 from ..gains import em_excess_noise
 from ..stage import Datasheet, Stage
@@ -108,9 +107,9 @@ class EmGain(Stage):
         return em_excess_noise(self.gain, self.elements)
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """Of the register."""
-        return 0.0, float("inf") if self.full_well_e is None else self.full_well_e
+    def saturation_e(self) -> float | None:
+        """What the register holds [e-]."""
+        return self.full_well_e
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Electrons behind the last element of the register."""
@@ -128,14 +127,9 @@ class EmGain(Stage):
         return electrons.changed(multiplied, parts)
 
     def moments(self, m: Moments) -> Moments:
-        """Mean G·n; temporal variance G²·(v + (F² − 1)·n); of a gamma law with these where the register clips it."""
+        """Mean G·n; temporal variance G²·(v + (F² − 1)·n), of a register that is not full."""
         added = (self.excess_noise - 1) * m.mean
-        behind = replace(m, temporal=m.temporal + added, light=None).scale(self.gain)
-        if self.full_well_e is None:
-            return behind
-        mean, variance = clipped_gamma(behind.mean, behind.temporal, self.full_well_e)
-        clipped = behind.clip(-float("inf"), self.full_well_e)
-        return replace(clipped, mean=mean, temporal=variance)
+        return replace(m, temporal=m.temporal + added, light=None).scale(self.gain)
 
     def _multiplied(self, count: Array, frame: Frame) -> Array:
         """What leaves the register for so many electrons; of less than one, mean and variance alone are right."""

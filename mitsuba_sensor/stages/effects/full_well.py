@@ -20,17 +20,8 @@ from ..datasheet import FileTable, NotNegative
 from ..stage import Datasheet, Stage
 from ..usual_range import THOUSANDS, Usual
 
-WIDEST_KNEE = 0.1
-"""Of the full well: an empty well then loses 5e-5 of w."""
-
-NARROW = 4.0
-"""Widths of the noise in a knee, from which on second order in the noise is enough."""
-
-NODES = 24
-"""Nodes of Gauss and Hermite over the noise of a narrower knee."""
-
-NEGLIGIBLE = 20.0
-"""Knees below the full well at which a response is straight: 2e-9 of a knee is lost."""
+WIDEST_KNEE = 0.07
+"""Of the full well: 6e-7 of w overflows from an empty well, which should lose nothing; of a tenth it were 5e-5."""
 
 
 class FullWellFields(FileTable):
@@ -43,7 +34,7 @@ class FullWellFields(FileTable):
         0.0,
         title="knee of the response at saturation, soft saturation",
         description="width w of the knee in which a pixel saturates: at full_well_e of light it holds 0.69 w less, and "
-        "its noise falls before it is full; 0 is a hard clip, at most a tenth of full_well_e [e-]",
+        "its noise falls before it is full; 0 is a hard clip, at most 7 % of full_well_e [e-]",
         examples=[500.0],
     )
 
@@ -51,7 +42,7 @@ class FullWellFields(FileTable):
     def _knee_below_the_well(self) -> Self:
         if self.full_well_knee_e > WIDEST_KNEE * self.full_well_e:
             raise ValueError(
-                f"full_well_knee_e is {self.full_well_knee_e:g}; it must be at most a tenth of full_well_e, "
+                f"full_well_knee_e is {self.full_well_knee_e:g}; it must be at most 7 % of full_well_e, "
                 f"{WIDEST_KNEE * self.full_well_e:g}: give the width of the knee, not where it begins"
             )
         return self
@@ -65,7 +56,6 @@ class FullWell(Stage):
     domain = "electrons"
     table = "pixel"
     fields = FullWellFields
-    paper = "text after eq. 26"
     terms = "full well, saturation capacity μ_e.sat (E), S_FW (J), clipping"
     no_noise = "set pixel.full_well_e to a larger value"
 
@@ -132,11 +122,6 @@ class SoftFullWell(Stage):
         """The full well [e-]."""
         return self.full_well_e
 
-    @property
-    def straight_below_e(self) -> float:
-        """Electrons below which nothing overflows."""
-        return self.full_well_e - NEGLIGIBLE * self.knee_e
-
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """What is left of the sum, light and dark electrons in the same share."""
 
@@ -155,51 +140,19 @@ class SoftFullWell(Stage):
         return electrons.changed(left, parts)
 
     def moments(self, m: Moments) -> Moments:
-        """Of second order in the noise, or averaged over it where the knee is narrow."""
-        mean, temporal, spatial = np.broadcast_arrays(
-            *(np.asarray(x, np.float64) for x in (m.mean, m.temporal, m.spatial))
+        """Of second order in the noise: of knees that are wide against it."""
+        mean = np.asarray(m.mean, np.float64)
+        kept, passes = _response(mean, self.full_well_e, self.knee_e)
+        own = self.knee_e * (1 - passes) * (1 + 2 * passes)
+        behind = replace(m, light=None).through(
+            kept, passes, -passes * (1 - passes) / self.knee_e
         )
-        if np.all(temporal + spatial <= (self.knee_e / NARROW) ** 2):
-            kept, passes = _response(mean, self.full_well_e, self.knee_e)
-            curvature = -passes * (1 - passes) / self.knee_e
-            behind = replace(m, mean=mean, temporal=temporal, spatial=spatial, light=None)
-            return behind.through(kept, passes, curvature).add(temporal=self._own(passes))
-        kept, variance = self._averages(mean, temporal)
-        if not spatial.any():
-            return replace(m, mean=kept, temporal=variance, spatial=spatial, light=None)
-        nodes, weights = _nodes(mean.ndim)
-        wide = mean + np.sqrt(spatial) * nodes
-        means, variances = self._averages(wide, np.broadcast_to(temporal, wide.shape))
-        kept = np.sum(weights * means, axis=0)
-        return replace(
-            m,
-            mean=kept,
-            temporal=np.sum(weights * variances, axis=0),
-            spatial=np.sum(weights * (means - kept) ** 2, axis=0),
-            light=None,
-        )
+        return behind.add(temporal=own)
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels in which more than half of the light overflows."""
         half_e = self.full_well_e - np.log(2.0) * self.knee_e
         return {"clipped_full_well": signal >= frame.number(half_e)}
-
-    def _own(self, passes: Float64Array) -> Float64Array:
-        """Variance that the overflow adds [e-²]."""
-        return self.knee_e * (1 - passes) * (1 + 2 * passes)
-
-    def _averages(
-        self, mean: Float64Array, variance: Float64Array
-    ) -> tuple[Float64Array, Float64Array]:
-        """Mean and variance behind the well of normal counts."""
-        nodes, weights = _nodes(mean.ndim)
-        kept, passes = _response(
-            mean + np.sqrt(variance) * nodes, self.full_well_e, self.knee_e
-        )
-        kept = np.maximum(kept, 0.0)
-        average = np.sum(weights * kept, axis=0)
-        square = weights * ((kept - average) ** 2 + self._own(passes))
-        return average, np.sum(square, axis=0)
 
 
 def held_e(count_e: Float64Array, full_well_e: float, knee_e: float) -> Float64Array:
@@ -215,10 +168,3 @@ def _response(count: Array, well: Array, knee: Array) -> tuple[Array, Array]:
     fall = arrays.exp(-arrays.where(below, well - count, count - well) / knee)
     kept = arrays.minimum(count, well) - knee * arrays.log1p(fall)
     return kept, arrays.where(below, 1.0, fall) / (1.0 + fall)
-
-
-def _nodes(dimensions: int) -> tuple[Float64Array, Float64Array]:
-    """Nodes and weights of averages over a standard normal, along a first axis before so many others."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
-    shape = NODES, *[1] * dimensions
-    return nodes.reshape(shape), (weights / weights.sum()).reshape(shape)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -48,10 +48,8 @@ class IntegralNonlinearity(Stage):
     gamma: float
     full_scale_v: float
     domain = "volts"
-    curved: ClassVar[bool] = True
     table = "adc"
     fields = IntegralNonlinearityFields
-    paper = "eq. 36–38"
     terms = "integral non-linearity INL, integral linearity error ILE, γ (K)"
     no_noise = "unset adc.gamma and adc.ile"
 

@@ -73,7 +73,6 @@ class Prnu(Stage):
     domain = "electrons"
     table = "pixel"
     fields = PrnuFields
-    paper = "eq. 15"
     terms = "photo response non-uniformity PRNU, PRNU1288_pixel (E), P_N (J)"
     label = "PRNU"
 
@@ -134,13 +133,11 @@ class PrnuColumn(Stage):
     cv : σ of the gain over its mean.  coupling : a of the AR process, 0 … 0.4999.
     """
 
-    shared_by = "column"
     cv: float
     coupling: float = 0.0
     domain = "volts"
     table = "readout"
     fields = PrnuColumnFields
-    paper = "eq. 28"
     terms = "PRNU1288_col (E), gain differences of columns"
     label = "PRNU column"
 

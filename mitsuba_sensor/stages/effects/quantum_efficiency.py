@@ -33,7 +33,7 @@ from ..image_lag import BEFORE, ImageLag, ImageLagFields
 from ..polarizers import efficiencies
 from ..qe_file import read_curves
 from ..spectral_curve import SpectralCurve
-from ..stage import Datasheet, OtherPhotodiode, Stage
+from ..stage import Datasheet, Detector, OtherPhotodiode, Stage
 from ..usual_range import PERCENT, Usual
 from .quantum_yield import bursts
 
@@ -146,6 +146,19 @@ class CurveFields(FileTable):
 class QuantumEfficiencyFields(ImageLagFields, CrosstalkFields, CurveFields):
     """Electrons per photon, filters, and where the electrons go; pydantic takes the fields of the last base first."""
 
+    @classmethod
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
+        """Where a curve is so low that it was probably divided by 100."""
+        peaks = {name: max(curve) for name, curve in camera.quantum_efficiency.curves.items()}
+        return tuple(
+            Doubt(
+                f"quantum_efficiency.curves.{name} has at most {peak:.4g}, and {LEAST_PEAK:g} to 1 is usual: if it was "
+                f"a fraction and called percent, write {100 * peak:.4g}"
+            )
+            for name, peak in peaks.items()
+            if 0 < peak < LEAST_PEAK
+        )
+
 
 def _plausible(value: Any) -> bool:
     """Whether a QE is absent or a fraction."""
@@ -155,7 +168,7 @@ def _plausible(value: Any) -> bool:
 
 
 @dataclass(frozen=True)
-class QuantumEfficiency(Stage):
+class QuantumEfficiency(Detector):
     """Mean photoelectrons of each pixel, Σ_k QE(λ_k)·Λ_k (paper eq. 14); not rounded, nothing is random here.
 
     curves : one QE curve per colour filter, of unpolarised light behind polarisers, if any.
@@ -181,7 +194,6 @@ class QuantumEfficiency(Stage):
     domain = "electrons"
     table = "quantum_efficiency"
     fields = QuantumEfficiencyFields
-    paper = "eq. 12, 14"
     terms = "quantum efficiency η (E), QE, QE_I (J)"
     no_noise = "set quantum_efficiency.value to 1 to detect every photon"
     required: ClassVar[bool] = True
@@ -229,19 +241,6 @@ class QuantumEfficiency(Stage):
         if spread is None:
             return 0
         return spread.reach_px
-
-    @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
-        """Where a curve is so low that it was probably divided by 100."""
-        peaks = {name: max(curve) for name, curve in camera.quantum_efficiency.curves.items()}
-        return tuple(
-            Doubt(
-                f"quantum_efficiency.curves.{name} has at most {peak:.4g}, and {LEAST_PEAK:g} to 1 is usual: if it was "
-                f"a fraction and called percent, write {100 * peak:.4g}"
-            )
-            for name, peak in peaks.items()
-            if 0 < peak < LEAST_PEAK
-        )
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""

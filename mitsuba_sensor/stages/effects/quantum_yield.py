@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
@@ -50,7 +50,6 @@ class QuantumYield(Stage):
     table = "quantum_efficiency"
     fields = QuantumYieldFields
     terms = "quantum yield η_i (J)"
-    frees_electrons: ClassVar[bool] = True
     no_noise = (
         "set quantum_efficiency.fano_factor to 0, or unset quantum_efficiency.quantum_yield"
     )

@@ -14,9 +14,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import Electrons, Frame, Moments, arrays
+from ...core import Array, Electrons, Frame, Moments, arrays
 from ..datasheet import FileTable, NotNegative
-from ..stage import Datasheet, PixelNoise, Stage
+from ..stage import Datasheet, MixedNoise, Stage
 
 WIDTH = 0.15
 """Scale of Moyal's distribution, as a share of the most probable charge. Its full width at half maximum is 3.59 times
@@ -27,10 +27,10 @@ MEAN = float(np.euler_gamma) + math.log(2)
 """Of Moyal's distribution of location 0 and scale 1."""
 
 MANY_HITS = 3.0
-"""Mean hits of a pixel from which on their charge is taken as normal by theory."""
+"""Mean hits of a pixel from which on they are no rare events."""
 
 NEVER = 1e-9
-"""Chance of so many hits that theory leaves them out."""
+"""Chance of so many hits that they are left out."""
 
 
 class RadiationHitsFields(FileTable):
@@ -45,13 +45,14 @@ class RadiationHitsFields(FileTable):
     hit_e: Annotated[float, Field(gt=0, le=1e7, strict=True)] = Field(
         1500.0,
         title="most probable charge of a hit",
-        description="electrons that most hits leave in their pixel [e-]; about 75 per µm of silicon",
+        description="electrons that most hits leave in their pixel [e-]; about 64 per µm of 20 µm of silicon, 75 of "
+        "300 µm",
         examples=[1500.0],
     )
 
 
 @dataclass(frozen=True)
-class RadiationHits(Stage):
+class RadiationHits(MixedNoise):
     """Charge of Moyal's distribution in pixels that a charged particle crosses in this frame.
 
     Poisson(flux·area·t) particles cross a pixel, in each frame anew. One leaves hit_e·(1 − 0.15·ln Z²) electrons, Z a
@@ -114,16 +115,16 @@ class RadiationHits(Stage):
             mean=hits * self.mean_e, temporal=hits * (self.variance_e2 + self.mean_e**2)
         )
 
-    def pixel_noise(self, frame: Frame) -> PixelNoise | None:
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
         """No hit, one, two and so on; many hits are normal noise, by the moments."""
         mean_hits = self.mean_hits(frame)
         if mean_hits == 0 or mean_hits > MANY_HITS:
-            return None
+            return ()
         states, chance, rest = list[tuple[float, float, float]](), math.exp(-mean_hits), 1.0
         for hits in itertools.count():
             states.append((chance, hits * self.mean_e, hits * self.variance_e2))
             rest -= chance
             chance *= mean_hits / (hits + 1)
             if rest < NEVER:
-                return PixelNoise(tuple(states))
+                return tuple(states)
         raise AssertionError("the chances of all numbers of hits are 1 together")

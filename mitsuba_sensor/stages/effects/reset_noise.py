@@ -51,7 +51,6 @@ class ResetNoise(Stage):
     domain = "volts"
     table = "readout"
     fields = ResetNoiseFields
-    paper = "eq. 7, 27, 30"
     terms = "reset noise, kTC noise"
 
     @classmethod

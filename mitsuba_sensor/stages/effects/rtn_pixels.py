@@ -16,7 +16,7 @@ from ...core import Array, Frame, Moments, SensorWindow, arrays
 from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, PixelNoise, Stage
+from ..stage import Datasheet, MixedNoise, Stage
 
 
 class RtnPixelsFields(FileTable):
@@ -43,7 +43,7 @@ class RtnPixelsFields(FileTable):
 
 
 @dataclass(frozen=True)
-class RtnPixels(Stage):
+class RtnPixels(MixedNoise):
     """Adds −A, 0 or +A in the pixels that have a trap.
 
     fraction : of the pixels that have a trap.  amplitude_e : A, as electrons at the sense node.
@@ -97,13 +97,13 @@ class RtnPixels(Stage):
         step_v = self.amplitude_e * self.gain_v_per_e
         return m.add(temporal=share * 2 * self.chance_of_a_step * step_v**2)
 
-    def pixel_noise(self, frame: Frame) -> PixelNoise | None:
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
         """Three levels where a pixel has a trap."""
         chance, step_v = self.chance_of_a_step, self.amplitude_e * self.gain_v_per_e
         if self.fraction * chance * step_v == 0:
-            return None
+            return ()
         one = chance * self.fpn_maps(frame.window)["rtn_site"]
-        return PixelNoise(((one, -step_v, 0.0), (1 - 2 * one, 0.0, 0.0), (one, step_v, 0.0)))
+        return (one, -step_v, 0.0), (1 - 2 * one, 0.0, 0.0), (one, step_v, 0.0)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``rtn_site``: 1 where a pixel has a trap, else 0."""

@@ -81,7 +81,6 @@ class SenseNode(Stage):
     domain = "volts"
     table = "readout"
     fields = SenseNodeFields
-    paper = "eq. 29; 8, 33"
     terms = "conversion gain A_SN (J), CVF, C_SN = q/A_SN"
     no_noise = "set readout.sense_gain_uv_per_e and readout.ve_nonlinearity"
     required: ClassVar[bool] = True
@@ -119,7 +118,6 @@ class NonlinearSenseNode(Stage):
     v_ref_v: float
     alpha: float
     domain = "volts"
-    curved: ClassVar[bool] = True
     required: ClassVar[bool] = True
 
     @property

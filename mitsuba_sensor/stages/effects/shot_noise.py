@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, ClassVar, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from ...core import Array, CountedElectrons, Electrons, Frame, Moments, arrays
 from ..compensation import compensable, reserved
 from ..datasheet import FileTable, Positive
-from ..stage import Datasheet, Stage
+from ..stage import Datasheet, ElectronCounter, Stage
 
 Share = Annotated[float, Field(gt=0, le=0.9999, strict=True)]
 MOST_RESETS = 3
@@ -50,7 +49,7 @@ class ResetFields(FileTable):
 
 
 @dataclass(frozen=True)
-class ShotNoise(Stage):
+class ShotNoise(ElectronCounter):
     """Poisson(light) + Poisson(dark), in *detected* electrons (paper eq. 13, 17 corrected).
 
     The two are drawn as one Poisson(light + dark). Where they are needed apart, each electron of that count is a dark
@@ -65,9 +64,7 @@ class ShotNoise(Stage):
     domain = "electrons"
     table = "pixel"
     fields = ResetFields
-    paper = "eq. 13, 17"
     terms = "photon shot noise, dark shot noise, Poisson noise"
-    counts_electrons: ClassVar[bool] = True
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ShotNoise:
@@ -104,26 +101,17 @@ class ShotNoise(Stage):
             m.add(temporal=m.mean - by_light - by_dark), light=counted, variance_e2=None
         )
 
-    def noise_sources(
-        self, before: Electrons, after: Electrons
-    ) -> dict[str, tuple[Array, Array]]:
-        """Photon shot noise and dark shot noise apart; the variance of each is its mean, less what it compensates."""
-        noise = before.variance_e2
-        if noise is None:
-            less = (0.0, 0.0)
-        else:
-            less = compensable(before.light, before.dark, noise)
-        parts = {"photon shot noise": "light", "dark shot noise": "dark"}
-        means, counts = (
-            [getattr(one, part) for part in parts.values()] for one in (before, after)
-        )
-        changes = [
-            np.subtract(n, mean, dtype=np.float64)
-            for n, mean in zip(counts, means, strict=True)
-        ]
+    def variances(self, before: Electrons) -> dict[str, Array]:
+        """Variance of photon shot noise and of dark shot noise: of each its mean, less what it compensates [e-²].
+
+        before : mean electrons.
+        """
+        less: tuple[Array, Array] = (0.0, 0.0)
+        if before.variance_e2 is not None:
+            less = compensable(before.light, before.dark, before.variance_e2)
         return {
-            name: (x, mean - by)
-            for name, x, mean, by in zip(parts, changes, means, less, strict=True)
+            "photon shot noise": before.light - less[0],
+            "dark shot noise": before.dark - less[1],
         }
 
     def _counts(self, mean: Electrons, frame: Frame) -> Electrons:
@@ -182,6 +170,7 @@ class ShotNoiseWithResets(ShotNoise):
     resets: tuple[tuple[float, float], ...] = ()
     label = ShotNoise.label
     compensates: ClassVar[bool] = False
+    curved: ClassVar[bool] = True
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean electrons → whole electrons."""
@@ -207,15 +196,10 @@ class ShotNoiseWithResets(ShotNoise):
         left = left.add(mean=part, temporal=part, spatial=(1 - begin) ** 2 * m.spatial)
         return replace(left, light=None, variance_e2=None)
 
-    def noise_sources(
-        self, before: Electrons, after: Electrons
-    ) -> dict[str, tuple[Array, Array]]:
-        """None: what a reset takes away is no contribution of light or dark current alone."""
-        return {}
 
-    def electrons_left(self, mean_e: float) -> float:
-        """Electrons in the well at the end of the exposure."""
-        begin, left = 0.0, 0.0
-        for share, level_e in self.resets:
-            left, begin = min(left + (share - begin) * mean_e, level_e), share
-        return left + (1 - begin) * mean_e
+def left_by_resets(resets: tuple[tuple[float, float], ...], mean_e: float) -> float:
+    """Electrons in the well at the end of an exposure with these resets, of so many mean electrons, without noise."""
+    begin, left = 0.0, 0.0
+    for share, level_e in resets:
+        left, begin = min(left + (share - begin) * mean_e, level_e), share
+    return left + (1 - begin) * mean_e

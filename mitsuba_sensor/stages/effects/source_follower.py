@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import Field
 
@@ -33,7 +33,6 @@ class SourceFollower(LinearGain):
 
     table = "source_follower"
     fields = SourceFollowerFields
-    paper = "eq. 31; 9, 34"
     terms = "source follower, A_SF (J)"
     no_noise = "set source_follower.gain and source_follower.vv_nonlinearity"
 
@@ -59,7 +58,6 @@ class NonlinearSourceFollower(Stage):
     ratio: float
     full_swing_v: float
     domain = "volts"
-    curved: ClassVar[bool] = True
 
     @property
     def nominal_gain(self) -> float:

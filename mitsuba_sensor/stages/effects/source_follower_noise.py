@@ -18,7 +18,7 @@ from ..cds_noise import cds_noise
 from ..datasheet import Chance, FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, PixelNoise, Stage
+from ..stage import Datasheet, ElectronMaps, MixedNoise, Stage
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 
 NOTED = 0.01
@@ -146,6 +146,26 @@ class SourceFollowerNoiseFields(FileTable):
         check_shape(self.read_noise_distribution, self.read_noise_shape)
         return self
 
+    @classmethod
+    def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
+        """One where band_hz leaves out more than 1 % of the noise."""
+        follower = camera.source_follower
+        if follower.read_noise_e is not None or follower.band_hz is None:
+            return ()
+        inside, whole = (
+            cds_noise(camera).sigma_v,
+            replace(cds_noise(camera), band_hz=None).sigma_v,
+        )
+        if inside >= (1 - NOTED) * whole:
+            return ()
+        left, of = (
+            sigma / follower.gain / sense_gain_v_per_e(camera) for sigma in (inside, whole)
+        )
+        return (
+            f"source_follower.band_hz {list(follower.band_hz)} leaves {left:.3g} of {of:.3g} e- of read noise, "
+            f"{100 * inside / whole:.3g} %; leave it out for the noise of all frequencies",
+        )
+
 
 def check_shape(distribution: str, shape: float | None) -> None:
     """Raise ValueError for a shape that this distribution of the read noise does not have."""
@@ -168,7 +188,7 @@ def check_shape(distribution: str, shape: float | None) -> None:
 
 
 @dataclass(frozen=True)
-class SourceFollowerNoise(Stage):
+class SourceFollowerNoise(MixedNoise, ElectronMaps):
     """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form), z normal unless the camera says otherwise.
 
     sigma_v : at the sense node, after CDS, root mean square over the pixels [V rms].
@@ -187,7 +207,6 @@ class SourceFollowerNoise(Stage):
     domain = "volts"
     table = "source_follower"
     fields = SourceFollowerNoiseFields
-    paper = "eq. 19–24"
     terms = "read noise σ_R (J), σ_d (E)"
 
     @classmethod
@@ -208,26 +227,6 @@ class SourceFollowerNoise(Stage):
             follower.noisy_pixel_factor,
         )
 
-    @classmethod
-    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
-        """One where band_hz leaves out more than 1 % of the noise."""
-        follower = camera.source_follower
-        if follower.read_noise_e is not None or follower.band_hz is None:
-            return ()
-        inside, whole = (
-            cds_noise(camera).sigma_v,
-            replace(cds_noise(camera), band_hz=None).sigma_v,
-        )
-        if inside >= (1 - NOTED) * whole:
-            return ()
-        left, of = (
-            sigma / follower.gain / sense_gain_v_per_e(camera) for sigma in (inside, whole)
-        )
-        return (
-            f"source_follower.band_hz {list(follower.band_hz)} leaves {left:.3g} of {of:.3g} e- of read noise, "
-            f"{100 * inside / whole:.3g} %; leave it out for the noise of all frequencies",
-        )
-
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with noise."""
         if self.sigma_v == 0 and READ_NOISE not in frame.window.given:
@@ -246,19 +245,17 @@ class SourceFollowerNoise(Stage):
         mean, variance = m.frame.window.map_moments(READ_NOISE, 0.0, 0.0)
         return m.add(temporal=self.gain_v_per_e**2 * (mean**2 + variance))
 
-    def pixel_noise(self, frame: Frame) -> PixelNoise | None:
+    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
         """Normals of every pixel's σ; several where the noise is not normal."""
         if not self._differs and (self.distribution is None or self.sigma_v == 0):
-            return None
+            return ()
         sigma: Array = self.sigma_v
         if self._differs:
             sigma = self.gain_v_per_e * np.asarray(
                 self.fpn_maps(frame.window)[READ_NOISE], np.float64
             )
         normals = zip(*self._normals, strict=True)
-        return PixelNoise(
-            tuple((chance, sigma * mean, sigma**2 * own) for chance, mean, own in normals)
-        )
+        return tuple((chance, sigma * mean, sigma**2 * own) for chance, mean, own in normals)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""

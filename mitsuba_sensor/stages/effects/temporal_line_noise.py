@@ -82,7 +82,6 @@ class TemporalLineNoise(Stage):
 class TemporalRowNoise(TemporalLineNoise):
     """Every row has an offset, new in each frame: horizontal stripes that move."""
 
-    shared_by = "row"
     fields = TemporalRowNoiseFields
     terms = "temporal row noise σ_row (E)"
 
@@ -95,7 +94,6 @@ class TemporalRowNoise(TemporalLineNoise):
 class TemporalColumnNoise(TemporalLineNoise):
     """Every column has an offset, new in each frame: vertical stripes that move."""
 
-    shared_by = "column"
     fields = TemporalColumnNoiseFields
     terms = "temporal column noise σ_col (E)"
 
@@ -112,7 +110,6 @@ class TemporalFrameNoise(TemporalLineNoise):
     noise of their pixels explains.
     """
 
-    shared_by = "frame"
     fields = TemporalFrameNoiseFields
     terms = "jitter of the black level"
 

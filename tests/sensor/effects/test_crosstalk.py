@@ -168,7 +168,6 @@ def test_the_theory_keeps_the_law_of_a_pixel() -> None:
     frames = ms.expose(light, MIXED, SHORT, precision="float64")
     collected = ms.Photons(mean_e(MIXED, light), detected=True)
     same = ms.expose(collected, BASE, SHORT, precision="float64")
-    assert frames.report["theory"] == {"measured": False}
     np.testing.assert_allclose(frames.clean, same.clean, rtol=1e-6)
     np.testing.assert_allclose(frames.temporal_variance, same.temporal_variance, rtol=1e-6)
     np.testing.assert_array_equal(frames.digital, same.digital)
@@ -327,15 +326,16 @@ def test_a_small_photodiode_may_keep_its_electrons_or_let_them_diffuse() -> None
 def test_codes_of_a_split_pixel_with_crosstalk_are_those_that_theory_expects(
     engine: str,
 ) -> None:
-    """Each half of a step from 200 to 60 000 electrons in 400 frames: mean z² of the pixels 1 within five standard
-    errors, √(2/480); temporal variance over its expectation, of 480 pixels with 400 frames each, within 1.7 %."""
+    """A step from 200 to 60 000 electrons in 400 frames: means of the pixels within 0.06 σ of their 32 frames of a
+    lattice, beside the 0.05 σ of 400 frames; temporal variance over its expectation, of 480 pixels with 400 frames
+    each, within 1.7 %."""
     light_e = np.where(np.arange(24) < 12, 200.0, 60_000.0) * np.ones((20, 1))
     camera = split_pixel(LOPSIDED.tolist(), crosstalk=SMALL.tolist())
     light = ms.Photons(light_e, detected=True)
     frames = ms.expose(light, camera, SHORT, frames=400, **options_of(engine))
     codes = frames.digital.astype(float)
-    z2 = (codes.mean(axis=0) - frames.clean) ** 2 / (frames.temporal_variance / 400)
-    assert z2.mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / 480))
+    off = (codes.mean(axis=0) - frames.clean) / np.sqrt(frames.temporal_variance)
+    assert np.sqrt(np.mean(off**2)) < np.hypot(0.05, 0.06) * (1 + 5 / np.sqrt(2 * 480))
     ratio = codes.var(axis=0, ddof=1) / frames.temporal_variance
     assert ratio.mean() == pytest.approx(1.0, abs=0.017)
     edge = frames.readouts["small"].clean[:, 11].mean()

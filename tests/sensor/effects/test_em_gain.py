@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.figures import emva_figures, saturation_dn, saturation_e
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from mitsuba_sensor.core.distributions import clipped_gamma
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.output.dng import noise_profile
 from mitsuba_sensor.stages.effects.em_gain import EmGain
@@ -195,22 +194,6 @@ def test_a_full_register_has_the_read_noise_alone() -> None:
     last = frames.report["stages"][-1]
     sigma_dn = frames.digital.astype(float).var(axis=0, ddof=1).mean() ** 0.5
     assert last["sigma_temporal_expected"] == pytest.approx(sigma_dn, rel=0.01)
-
-
-@pytest.mark.parametrize("mean", [0.0, 3.0, 250.0, 900.0, 1500.0, 1e6])
-@pytest.mark.parametrize("variance", [0.0, 40.0, 9e4])
-def test_a_clipped_gamma_law_has_the_moments_of_its_integrals(
-    mean: float, variance: float
-) -> None:
-    found = clipped_gamma(np.array(mean), np.array(variance), 1000.0)
-    if mean == 0 or variance == 0:
-        assert found == (min(mean, 1000.0), 0.0)
-        return
-    law = scipy.stats.gamma(mean**2 / variance, scale=variance / mean)
-    shares = (np.arange(2**18) + 0.5) / 2**18
-    values = np.minimum(law.ppf(shares), 1000.0)
-    np.testing.assert_allclose(found[0], values.mean(), rtol=1e-4)
-    np.testing.assert_allclose(found[1], values.var(), rtol=1e-3, atol=1e-6 * 1000.0)
 
 
 @pytest.mark.parametrize(

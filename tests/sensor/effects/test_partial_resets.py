@@ -7,7 +7,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.figures import saturation_e
-from mitsuba_sensor.stages.effects.shot_noise import ShotNoiseWithResets
+from mitsuba_sensor.stages.effects.shot_noise import ShotNoiseWithResets, left_by_resets
 
 SHORT = ms.Exposure(0.01)
 RESETS = [[0.9, 6_000.0], [0.99, 9_000.0]]
@@ -63,7 +63,7 @@ def test_saturation_is_where_the_well_is_full_behind_the_last_reset() -> None:
 def test_a_pixel_without_resets_has_none_of_it() -> None:
     plain = CAMERA.replace(**{"pixel.partial_resets": None})
     assert not any(isinstance(stage, ShotNoiseWithResets) for stage in plain.stages)
-    assert ShotNoiseWithResets(((0.5, 10.0),)).electrons_left(1_000.0) == 510
+    assert left_by_resets(((0.5, 10.0),), 1_000.0) == 510
 
 
 @pytest.mark.parametrize(
