@@ -9,7 +9,6 @@ import numpy as np
 from scipy import special, stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.chain import black_level_dn
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
@@ -42,7 +41,7 @@ def mean_and_variance(camera: ms.Camera, electrons: float) -> tuple[float, float
         SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(camera) * gain
     )
     counts = np.arange(0, electrons + 12 * np.sqrt(electrons) + 30)
-    ideal = black_level_dn(camera) + gain * np.minimum(counts, camera.pixel.full_well_e)
+    ideal = camera.black_level_dn + gain * np.minimum(counts, camera.pixel.full_well_e)
     codes = np.arange(1, 2**camera.adc.bits)
     above = stats.poisson.pmf(counts, electrons) @ special.ndtr(
         (ideal[:, None] - codes + 0.5) / sigma

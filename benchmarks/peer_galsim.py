@@ -11,7 +11,6 @@ from cases import reference_qe
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.chain import black_level_dn
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
@@ -23,7 +22,7 @@ def frames(
 ) -> Iterator[NDArray[Any]]:
     """Endless frames (H, W) uint16. GalSim does not clip at the ends of the ADC range, so NumPy does."""
     qe = reference_qe(camera)
-    dn_per_e, dark_dn = gain_dn_per_e(camera), black_level_dn(camera)
+    dn_per_e, dark_dn = gain_dn_per_e(camera), camera.black_level_dn
     read_noise_e = SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(
         camera
     )

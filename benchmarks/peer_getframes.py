@@ -16,7 +16,6 @@ from cases import reference_qe
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.chain import black_level_dn
 from mitsuba_sensor.stages.effects.dark_current import dark_current_model
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
@@ -53,7 +52,7 @@ def config_of(
         full_well_e=camera.pixel.full_well_e,
         bit_depth=camera.adc.bits,
         gain_e_per_adu=1 / gain_dn_per_e(camera),
-        bias_offset_adu=black_level_dn(camera),
+        bias_offset_adu=camera.black_level_dn,
         read_noise_e=read_noise_v / sense_gain_v_per_e(camera),
         dark_current_e_per_s=dark_current_model(camera).rate_e_per_s(exposure.temperature_k),
         dark_current_ref_temp_c=exposure.temperature_k - ZERO_CELSIUS_K,

@@ -20,7 +20,6 @@ from pyxel.exposure import Exposure, Readout
 from pyxel.pipelines import DetectionPipeline, ModelFunction
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.chain import black_level_dn
 from mitsuba_sensor.stages.effects.dark_current import dark_current_model
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 from mitsuba_sensor.stages.gains import adc_gain_dn_per_v, volts_per_electron
@@ -47,7 +46,7 @@ def frames(
 def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure) -> CMOS:
     """The detector parameters of Pyxel."""
     bits, dn_per_v = camera.adc.bits, adc_gain_dn_per_v(camera)
-    lowest_v = -(black_level_dn(camera) + 0.5) / dn_per_v
+    lowest_v = -(camera.black_level_dn + 0.5) / dn_per_v
     return CMOS(
         geometry=CMOSGeometry(row=shape[0], col=shape[1]),
         environment=Environment(temperature=exposure.temperature_k),

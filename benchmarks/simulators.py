@@ -1,11 +1,15 @@
 """Three data sheets through five simulators; what emva1288 and our lab measure in their frames.
 
     pip install '.[peers]' && python benchmarks/simulators.py [--simulators getframes galsim] [--json]
+    python benchmarks/simulators.py --plot docs/images/readme_simulators.png [--turns 5] [--json]
 
 Constant light, 50 exposure times from near darkness to 1.1 times the saturation, two dark and two bright frames of
 each, and 32 of both at half of the saturation for the spatial figures. A cell has the figure of emva1288, then that of
 our lab. Saturation is where the variance is largest, which lies below the full well. Speed and memory are those of
 one frame of a million pixels at saturation, set-up included.
+
+``--plot`` draws the error of frames against their run time: every simulator, and this package on each engine, with the
+stages that all of them have (shot noise, dark current, read noise, black level, rounding) at 100 photoelectrons.
 """
 
 from __future__ import annotations
@@ -15,25 +19,35 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from datasheets import SHEETS, Datasheet
+from datasheets import SHEETS, TEMPERATURE_K, Datasheet, camera_of
 from simulated import SIMULATORS, Codes, Shot
-from timing import alternate, in_child, speeds
+from timing import alternate, in_child, ratio, speeds
 
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.versions import machine
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_current import dark_current
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
+from mitsuba_sensor.pages.drawing import png
+from mitsuba_sensor.pages.page import Plot, line, ringed
 
 Figures = dict[str, float]
 SPATIAL_FRAMES = 32
-TIMED_SHAPE, SMALL = (1000, 1000), (8, 8)
+TIMED_SHAPE, PLOTTED_SHAPE, SMALL = (1000, 1000), (500, 500), (8, 8)
+SHARED_ELECTRONS, FRAMES_A_CALL = 100.0, 8
+OUR_ENGINES = {
+    "NumPy float64": {"engine": "numpy", "precision": "float64"},
+    "NumPy float32": {"engine": "numpy", "precision": "float32"},
+    "Dr.Jit float32": {"engine": "drjit", "precision": "float32"},
+}
 UNITS = {
     "K": "DN/e-",
     "QE": "1",
@@ -203,6 +217,86 @@ def cost(simulators: list[str], sheet: str, turns: int) -> dict[str, dict[str, f
     }
 
 
+class Timed:
+    """A simulator's frames, eight in each call: a task of ``alternate``.
+
+    frames_of : (sheet, shot) to frames.  sheet : without spatial noise, which belongs to the sensor unit.
+    """
+
+    runs = FRAMES_A_CALL
+
+    def __init__(self, frames_of: Callable[[Datasheet, Shot], Codes], sheet: Datasheet) -> None:
+        self.frames_of, self.sheet = frames_of, sheet
+        self.calls: list[Codes] = []
+
+    def __call__(self) -> None:
+        photons, seed = SHARED_ELECTRONS / self.sheet.qe, 1 + len(self.calls)
+        shot = Shot(photons, 1.0, FRAMES_A_CALL, seed, PLOTTED_SHAPE)
+        self.calls.append(self.frames_of(self.sheet, shot))
+
+    def error_dn(self) -> float:
+        """The larger difference of mean and temporal σ from their closed forms, over all calls."""
+        mean_dn = np.mean([frames.mean(dtype=float) for frames in self.calls])
+        variance_dn2 = np.mean([np.var(one, 0, float, ddof=1).mean() for one in self.calls])
+        law = shared_law_dn(self.sheet)
+        return float(max(abs(mean_dn - law[0]), abs(np.sqrt(variance_dn2) - law[1])))
+
+
+def shared_law_dn(sheet: Datasheet) -> tuple[float, float]:
+    """Mean and temporal σ [DN] of Poisson electrons, normal read noise and rounding (EMVA 1288, eq. 11)."""
+    mean_e = SHARED_ELECTRONS + sheet.dark_e_per_s
+    variance_e2 = mean_e + sheet.read_noise_e**2
+    sigma_dn = math.sqrt(sheet.gain_dn_per_e**2 * variance_e2 + 1 / 12)
+    return sheet.gain_dn_per_e * mean_e + sheet.black_level_dn, sigma_dn
+
+
+def on_engine(options: dict[str, Any], sheet: Datasheet, shot: Shot) -> Codes:
+    """Frames of this package on one engine, one after the other."""
+    light = np.full(shot.shape, shot.photons)
+    exposure = ms.Exposure(shot.time_s, temperature_k=TEMPERATURE_K)
+    frames = ms.stream(
+        light, camera_of(sheet), exposure, seed=shot.seed, frames=shot.frames, **options
+    )
+    return np.stack(list(frames))
+
+
+def work_precision(simulators: list[str], turns: int) -> dict[str, dict[str, float]]:
+    """Run time and error of every simulator, and of this package on each engine, timed in turns."""
+    sheet = replace(SHEETS["industrial CMOS"], prnu=0.0, dsnu_e=0.0)
+    tasks = {
+        f"this package, {name}": Timed(partial(on_engine, options), sheet)
+        for name, options in OUR_ENGINES.items()
+    }
+    tasks |= {
+        name: Timed(SIMULATORS[name], sheet) for name in simulators if name != "mitsuba_sensor"
+    }
+    seconds = alternate(tasks, turns)
+    first = seconds["this package, NumPy float64"]
+    pixels, fastest = math.prod(PLOTTED_SHAPE), seconds["this package, Dr.Jit float32"]
+    return {
+        name: {
+            "ns_per_pixel": 1e9 * float(np.median(seconds[name])) / pixels,
+            "error_dn": task.error_dn(),
+            "times_as_fast_as_float64": ratio(first, seconds[name]),
+            "drjit_times_as_fast": ratio(seconds[name], fastest),
+        }
+        for name, task in tasks.items()
+    }
+
+
+def plot_of(results: dict[str, dict[str, float]], turns: int) -> Plot:
+    """Error against run time; the level is what this many frames can tell."""
+    sigma_dn = shared_law_dn(SHEETS["industrial CMOS"])[1]
+    error_dn = sigma_dn / math.sqrt((turns + 1) * FRAMES_A_CALL * math.prod(PLOTTED_SHAPE))
+    lines = [
+        line(name, [(one["ns_per_pixel"], max(one["error_dn"], error_dn / 10))], joined=False)
+        for name, one in results.items()
+    ]
+    title, axis = "Frame error versus run time", "error of mean or temporal σ [DN]"
+    level = (2 * error_dn, "2 standard errors")
+    return Plot(title, "run time [ns/pixel]", axis, ringed(lines), level=level)
+
+
 def results_of(asked: argparse.Namespace, simulators: list[str], sheet: str) -> dict[str, Any]:
     """The sheet; by simulator: figures by both packages, if they are installed, speed and memory."""
     costs = cost(simulators, sheet, asked.turns)
@@ -255,11 +349,17 @@ def main() -> None:
     parser.add_argument("--levels", type=int, default=50, help="exposure times (default 50)")
     parser.add_argument("--side", type=int, default=256, help="rows and columns (default 256)")
     parser.add_argument("--turns", type=int, default=5, help="timed turns (default 5)")
+    parser.add_argument("--plot", type=Path, help="PNG file: error against run time, alone")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     asked = parser.parse_args()
     missing = [one for one in asked.simulators if not find_spec(one)]
     used = [one for one in asked.simulators if one not in missing]
     quiet()
+    if asked.plot:
+        found = work_precision(used, asked.turns)
+        asked.plot.write_bytes(png(plot_of(found, asked.turns), small=True))
+        print(json.dumps({**machine(), "turns": asked.turns, "simulators": found}, indent=1))
+        return
     results = {sheet: results_of(asked, used, sheet) for sheet in asked.sheets}
     if asked.json:
         print(json.dumps({"missing": missing, "sheets": results}))

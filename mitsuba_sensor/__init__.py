@@ -14,8 +14,10 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(
     __name__, __file__
 )  # the public names: in __init__.pyi
 
-from .render.plugins.plugin_hook import watch  # noqa: E402, behind lazy_loader, which keeps `render` the function
+from .core.llvm import guard_llvm  # noqa: E402, behind lazy_loader, which keeps `render` the function
+from .render.plugins.plugin_hook import watch  # noqa: E402
 
+guard_llvm()  # before anybody imports Mitsuba or Dr.Jit, which load LLVM then
 watch()  # <film type="photosensor"> and <sensor type="camera"> in plain Mitsuba
 
 __version__ = "0.1.0"

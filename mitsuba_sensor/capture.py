@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Unpack, cast
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .capture_options import CaptureOptions, check_asked_files
-from .core import Exposure, Photons, tells_of_names, warn_of
+from .core import Exposure, InputError, Photons, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, used
 from .exposed import (
@@ -47,7 +47,6 @@ from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .timed_frames import TimedFrame, series_facts, write_video
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Capture:
     """Frames of a camera, and what they were made from.
@@ -58,7 +57,8 @@ class Capture:
         print(captured.frames.digital.mean(), captured.metadata["seeds"])
 
     frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
-    light, photons : irradiance at the focal plane, mean photons per pixel; of the first frame where each has its own.
+    light, photons : irradiance at the focal plane with its ``lights``, mean photons per pixel; of the first frame where
+        each has its own.
     aovs : depth, normals, … of the same pixels, if asked for.
     timed : the frames one by one, where they follow each other in time (``fps``).
     metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.
@@ -117,7 +117,8 @@ class Capture:
                     write_dng(folder / name, self.frames, number)
         write_video(folder, self.timed, gain)
         if self.rendered and not options["no_irradiance"]:
-            exr.write_irradiance_exr(folder / "irradiance.exr", self.light, options["half"])
+            as_rendered = self.light if options["lights"] is None else self.light.with_lights()
+            exr.write_irradiance_exr(folder / "irradiance.exr", as_rendered, options["half"])
         if self.aovs is not None:
             exr.write_aovs_exr(folder / "aovs.exr", self.aovs)
 
@@ -173,6 +174,11 @@ def capture_sensors(
 ) -> Capture:
     """A capture of each sensor of a scene, by name, one after the other and of the same instant. Raises InputError."""
     refuse_one_place(views, options["look_at"], options["motion"])
+    if options["luminance"] is not None and len(views) > 1:
+        raise InputError(
+            f"luminance is {options['luminance']:g} and {len(views)} sensors ({', '.join(views)}) would each scale the "
+            "light by their own picture; take one sensor, and multiply the emitters in the scene by its light_scale."
+        )
     captures = dict[str, Capture]()
     for name, view in views.items():
         asked: CaptureOptions = {**options, "sensor": name}

@@ -15,7 +15,7 @@ from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
 from .core import Exposure, Photons, check_types, warn_of
 from .core.checks import LIGHT_FILE, refuse_path
-from .core.options import documents
+from .core.options import documents, refuse_unknown
 from .core.progress import automatic_progress, is_asked
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
@@ -85,9 +85,7 @@ def told_frames(
 
         def told(done: int) -> None:
             if teller is not None:
-                share = done / sensor.count
-                left_s = teller.seconds / share - teller.seconds
-                teller.tell(f"{done} of {sensor.count} frames", left_s, share)
+                teller.tell(f"{done} of {sensor.count} frames", done / sensor.count)
                 teller.tick()
 
         yield replace(sensor, told=told)
@@ -145,6 +143,7 @@ def prepare_light(
     options: ExposeOptions,
 ) -> PreparedExposure:
     """An exposure with its light, which is collected where it is the irradiance of a render. Raises InputError."""
+    refuse_unknown(options, ExposeOptions)
     refuse_path("photons", light, LIGHT_FILE)
     if isinstance(light, Irradiance):
         begin_s = FrameTimes.of(options).of_frame(options.get("first_frame") or 0)

@@ -141,10 +141,19 @@ def render_once(request: Request) -> Exposed:
         lit = lit_as_asked(light, options)
         if lit is not light and render.metering is not None:
             exposure = metered(lit, render.camera, render.metering)
+            lit = metered_at(lit, render.metering, exposure)
         photons = photons_of(lit, render.camera, exposure, rendering["start_s"])
         exposed = expose_frames(sensor.at(exposure).of(photons), lit, options, progress)
-    scene = exposed_of_scene(request, render, light, exposed.frames)
+    scene = exposed_of_scene(request, render, lit, exposed.frames)
     return replace(scene, timed=exposed.timed)
+
+
+def metered_at(light: Irradiance, metering: Metering, exposure: Exposure) -> Irradiance:
+    """The light, remembering the exposure that was metered in it."""
+    assert light.rendered_for is not None
+    statistics = replace(light.statistics, metering=metering.record(exposure))
+    rendered_for = replace(light.rendered_for, exposure=exposure)
+    return replace(light, statistics=statistics, rendered_for=rendered_for)
 
 
 def render_in_time(
@@ -165,9 +174,10 @@ def render_in_time(
 
         light = one.render(hashed_seed(seed, -3, number) if number else seed, stop, tell)
         one.renderer.release()
+        lit = lit_as_asked(light, options)
         if number >= options["first_frame"] and not lights:
-            lights.append(light)
-        return lit_as_asked(light, options)
+            lights.append(lit)
+        return lit
 
     exposed = expose_moving(sensor, light_of, options)
     scene = exposed_of_scene(request, render, lights[0], exposed.frames)

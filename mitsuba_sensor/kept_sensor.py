@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .camera.camera_file import AnyCamera, camera_of
 from .core import Exposure, InputError, Photons, check_types, require, require_seed, warn_of
-from .core.argument_names import tells_of_names
 from .core.options import documents
 from .expose import in_time, prepare_light, told_frames
 from .output.frames import Frames
@@ -28,7 +27,6 @@ COUNTING = threading.Lock()
 """Held while frames are numbered, so that threads which share a sensor never take the same one."""
 
 
-@tells_of_names
 class Sensor:
     """A camera, ready to expose: what :func:`expose` makes anew in each call is made once and kept.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -31,7 +30,6 @@ from .sensor.kept_maps import RECENT_BYTES, KeptMaps
 from .sensor.options import ExposeOptions
 from .stages.gains import gain_dn_per_e
 from .stages.image_lag import BEFORE
-from .stages.stage import converter_of
 from .theory.plan import prepare_planned_exposure
 
 REGIONS = 8
@@ -199,10 +197,7 @@ def told_of(sensor: PreparedExposure, progress: Progress | None) -> PreparedExpo
 
     def tell(done: int) -> None:
         seconds = time.monotonic() - began
-        left_s = seconds / done * (count - done) if done else math.nan
-        progress(
-            RenderProgress(done, count, seconds=seconds, seconds_left=left_s, doing="exposing")
-        )
+        progress(RenderProgress(done, count, seconds=seconds, doing="exposing"))
 
     tell(0)
     return replace(sensor, told=tell)
@@ -292,7 +287,7 @@ def _means(frames: Frames) -> Float64Array:
         np.add.reduceat(np.add.reduceat(x, edges[0], axis=0), edges[1], axis=1)
         for x in (digital.astype(np.float64), ones)
     )
-    over_black_dn = (sums / counts).ravel() - converter_of(camera.stages).black_level_dn
+    over_black_dn = (sums / counts).ravel() - camera.black_level_dn
     unit = max(frames.first.exposure.time_s, TINY_S) * gain_dn_per_e(camera)
     return np.asarray(over_black_dn / unit)
 

@@ -19,7 +19,6 @@ from pathlib import Path
 from paper import RECORDS, SMALL, measure_paper
 from paper.camera import FULL
 
-from mitsuba_sensor.study.kit import Forecast
 from mitsuba_sensor.study.running import StudyFolder
 
 
@@ -52,10 +51,9 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if study.passed else 1
 
 
-def tell(forecast: Forecast) -> None:
-    """Print what is measured next, and the seconds that are left."""
-    left_s = forecast.total_s - forecast.done_s
-    print(f"{forecast.now}; about {left_s:.0f} s left", file=sys.stderr)
+def tell(now: str, share: float) -> None:
+    """Print what is measured next, and how much is done."""
+    print(f"{now}: {share:.0%} done", file=sys.stderr)
 
 
 if __name__ == "__main__":

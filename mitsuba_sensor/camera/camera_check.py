@@ -13,7 +13,6 @@ from typing import Any, Literal, TypeAlias
 from pydantic import ValidationError
 
 from ..core import InputError, closest
-from ..core.argument_names import tells_of_names
 from ..core.printable import printable
 from ..core.small_files import toml_tables, without_strings
 from ..optics.paraxial import cardinal_points
@@ -54,7 +53,6 @@ class CameraFinding:
         return asdict(self)
 
 
-@tells_of_names
 def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, ...]:
     """All errors of a camera file at once, then its warnings; nothing for a file that is right. Renders nothing.
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, TypeAlias, overload
 import numpy as np
 
 from ..core import InputError, nearest
-from ..core.argument_names import tells_of_names
 from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
 from .shipped import SHIPPED, list_cameras
@@ -21,8 +20,8 @@ from .shipped import SHIPPED, list_cameras
 AnyCamera: TypeAlias = Camera | str | Path
 """A camera, or what :func:`load_camera` takes: the name of one that ships with the package, or a file."""
 
-SHORTEST_TEXT, MOST_MEANT = 4, 4
-"""Letters of a text that descriptions are searched for, and cameras that are proposed."""
+SHORTEST_TEXT, MOST_DESCRIBED = 3, 4
+"""Letters of a text that descriptions are searched for, and cameras that are proposed with their descriptions."""
 
 TOML_TEXT = "the TOML text"
 """What a camera that is given as text is called in messages."""
@@ -47,7 +46,6 @@ def _shipped_camera(name: str) -> Camera:
     return load_camera(name)
 
 
-@tells_of_names
 def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:
     """A shipped camera by name (``konnik_table1``), any camera file by path (``my.toml``), or a camera that is no file.
 
@@ -83,11 +81,15 @@ class CameraText(NamedTuple):
 
 
 def _meant(name: str) -> str:
-    """The cameras whose description has this text, a sensor for example, else the one whose name is close."""
+    """All cameras whose name has this text or else whose description has it, a sensor for example, else the one whose
+    name is close."""
     described = cameras_with(name) if len(name) >= SHORTEST_TEXT else []
     if not described:
         return nearest(name, list_cameras())
-    found = "; ".join(f"{one!r} ({description_of(one)})" for one in described[:MOST_MEANT])
+    named = [one for one in described if _letters(name) in _letters(one)] or described
+    if len(named) > MOST_DESCRIBED:
+        return f" Did you mean one of {', '.join(map(repr, named))}?"
+    found = "; ".join(f"{one!r} ({description_of(one)})" for one in named)
     return f" Did you mean {found}?"
 
 

@@ -4,7 +4,6 @@ import sys
 import types
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache, wraps
-from inspect import signature
 from typing import Any, NamedTuple, TypeAlias, TypeGuard, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -12,7 +11,6 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ..core import InputError, closest
-from ..core.argument_names import Names, told
 from ..core.errors import shown, span
 from ..core.number_text import number_hint
 from ..stages.usual_range import Usual
@@ -273,4 +271,4 @@ def init_in_a_sentence(model: type[BaseModel]) -> Callable[..., None]:
             first = min(faults(error, model), key=lambda fault: not fault.unknown)
             raise InputError(f"{model.__name__}: {first.text}") from None
 
-    return told(checked, Names.of(model.__name__, "field", signature(make)))
+    return checked

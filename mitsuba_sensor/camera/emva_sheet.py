@@ -9,11 +9,10 @@ from typing import Any, NamedTuple, TypeAlias
 
 from ..core import InputError, require
 from ..core.units import KELVIN_AT_0_C
+from ..optics.spectra import OTHER_SENSOR, SILICON_NM, silicon_qe
 from .camera import Camera
 from .camera_file import camera_from
 
-BAND_NM = 400.0, 1000.0
-"""Where a camera of one quantum efficiency sees: a sheet has it at one wavelength only."""
 BLACK_LEVEL_SIGMAS = 4
 MOST_BLACK = 1 / 8  # of the codes
 SHEET = "EMVA 1288 sheet"
@@ -124,7 +123,11 @@ ROWS = (
         _pair(_whole(1, 10**6, "1920"), alone=False),
     ),
     Row("bits", "bit depth [bit]", _whole(1, 24, "12")),
-    Row("wavelength_nm", "wavelength of the measurement [nm]", _number(200, 2500, "525")),
+    Row(
+        "wavelength_nm",
+        "wavelength of the measurement [nm]",
+        _number(SILICON_NM[0], SILICON_NM[-1], OTHER_SENSOR),
+    ),
     Row("qe", "quantum efficiency QE [%]", _percent(0.01, 100, "77", least=1.5)),
     Row(
         "gain_dn_per_e",
@@ -158,7 +161,7 @@ KEYS = {
     "size": ("sensor.columns", "sensor.rows"),
     "bits": ("adc.bits",),
     "wavelength_nm": ("quantum_efficiency.reference_nm",),
-    "qe": ("quantum_efficiency.value",),
+    "qe": ("quantum_efficiency.curves",),
     "gain_dn_per_e": ("readout.gain_dn_per_e",),
     "read_noise_e": ("source_follower.read_noise_e",),
     "saturation_e": ("pixel.full_well_e",),
@@ -187,6 +190,7 @@ def camera_of_sheet(values: Mapping[str, Value], name: str, description: str) ->
     pitch_x_um, pitch_y_um = values["pitch_um"]
     columns, rows = values["size"]
     black_dn = black_level_dn(values)
+    wavelengths_nm, curve = silicon_qe(values["qe"], values["wavelength_nm"])
     dark: dict[str, Value] = {"rate_e_per_s": values["dark_e_per_s"]}
     if values.get("dark_temperature_k") is not None:
         dark["at_temperature_k"] = values["dark_temperature_k"]
@@ -203,8 +207,8 @@ def camera_of_sheet(values: Mapping[str, Value], name: str, description: str) ->
             "dsnu_e": values["dsnu_e"],
         },
         "quantum_efficiency": {
-            "value": values["qe"],
-            "wavelengths_nm": list(BAND_NM),
+            "curves": {"mono": curve},
+            "wavelengths_nm": wavelengths_nm,
             "reference_nm": values["wavelength_nm"],
         },
         "dark_current": dark,
@@ -252,7 +256,7 @@ def comparisons(values: Mapping[str, Value], camera: Camera) -> list[str]:
 def _sources(values: Mapping[str, Value]) -> dict[str, str]:
     """Where each number of the file comes from."""
     at = f"QE at {values['wavelength_nm']:g} nm"
-    band = f"assumed: the sheet has one wavelength; here {BAND_NM[0]:g} to {BAND_NM[1]:g} nm"
+    band = "assumed: the sheet has one wavelength; a typical silicon sensor has this range"
     said = {
         "sensor.technology": "assumed: CMOS; the sheet does not say it",
         "sensor.columns": f"{SHEET}: resolution",
@@ -262,7 +266,7 @@ def _sources(values: Mapping[str, Value]) -> dict[str, str]:
         "pixel.fill_factor": "the quantum efficiency of a sheet is that of the whole pixel",
         "pixel.full_well_e": f"{SHEET}: saturation capacity",
         "pixel.prnu": f"{SHEET}: PRNU",
-        "quantum_efficiency.curves": f"{SHEET}: {at}; the same at all wavelengths",
+        "quantum_efficiency.curves": f"{SHEET}: {at}; the rest assumed, typical silicon",
         "quantum_efficiency.wavelengths_nm": band,
         "quantum_efficiency.reference_nm": f"{SHEET}: wavelength",
         "dark_current.rate_e_per_s": f"{SHEET}: dark current",

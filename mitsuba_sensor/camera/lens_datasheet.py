@@ -1,5 +1,6 @@
 """Datasheet section [lens]: f-number, transmission, relative illumination, distortion, or a lens prescription."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
@@ -42,6 +43,9 @@ class SurfaceSection(FileTable):
     semi_diameter_mm: Positive = Field(
         description="half the clear aperture [mm]", examples=[12.6]
     )
+    obscuration_mm: NotNegative = optional(
+        "radius of a disk in the middle that stops light [mm]", 3.0, 0.0
+    )
     index: Index = optional("refractive index behind the surface at 587.56 nm", 1.67, 1.0)
     abbe: Positive | None = optional("Abbe number of the glass behind it, for dispersion", 47.1)
     sellmeier: tuple[Number, Number, Number, Number, Number, Number] | None = optional(
@@ -62,6 +66,11 @@ class SurfaceSection(FileTable):
             raise ValueError("give either sellmeier, or index and abbe, and not both")
         if self.abbe is not None and self.index == 1:
             raise ValueError("abbe needs the index of its glass, e.g. index = 1.5168")
+        if self.obscuration_mm >= self.semi_diameter_mm:
+            raise ValueError(
+                f"obscuration_mm is {self.obscuration_mm:g}; it must be below semi_diameter_mm, "
+                f"{self.semi_diameter_mm:g}"
+            )
         return self
 
 
@@ -70,6 +79,9 @@ class PrescriptionSection(FileTable):
 
     name: str = Field(description="name of the lens", examples=["double_gauss"])
     source: str = optional("source of its numbers", "US patent 2,673,491", "")
+    left_out: str = optional(
+        "commands of its design file that were not read", "COAT (surface 2)", ""
+    )
     surfaces: Annotated[tuple[SurfaceSection, ...], Field(max_length=99)] = optional(
         "from the scene to the sensor, 2 or more",
         [
@@ -239,3 +251,12 @@ class LensSection(FileTable):
                 raise ValueError(
                     f"{name} must start with {on_axis:g} at the height 0, the axis"
                 )
+
+
+def lens_notes(lens: LensSection) -> Iterator[str]:
+    """A sentence about the commands of a design file that were not read."""
+    if lens.prescription is not None and lens.prescription.left_out:
+        yield (
+            f"lens.prescription: the reader left {lens.prescription.left_out} out of the {lens.prescription.source}; "
+            "check that this changes neither light nor geometry (lens.transmission has the loss of coatings)"
+        )

@@ -2,15 +2,12 @@
 
 from importlib import resources
 
-from ..core.argument_names import tells_of_names
-
 DEFAULT_CAMERA = "konnik_table1"
 """The camera of a scene that names none, where none is given."""
 
 SHIPPED = resources.files(__package__) / "cameras"
 
 
-@tells_of_names
 def list_cameras() -> list[str]:
     """Names of the cameras that ship with the package.
 

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 LEVELS = {
     "black": "bold red",
     "wrong": "bold yellow",
-    "note": "dim",
+    "note": "",
+    "fact": "dim",
 }  # of a finding of lint → its style
 FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
 FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "as_json", "verbose", *FIRST_OF_CAMERA, "frames")
@@ -164,18 +165,13 @@ def expose(
     from .remarks import taken_by_default, written
 
     refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
-    unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)
-    _refuse_lens(flags, unit)
+    foreign = {name: flags.pop(name) for name in UnitOptions.__annotations__}
+    _refuse_lens(flags, foreign["unit"])
     settings = settings_of(rendered_for(irradiance), flags)
     camera, exposure = camera_and_exposure(flags, settings)
-    asked = any(
-        x is not None for x in (unit, wavelength_nm, fov_deg)
-    )  # of another program's light
-    light = (
-        ms.read_irradiance(irradiance, unit, wavelength_nm, camera, fov_deg)
-        if asked
-        else irradiance
-    )
+    light: ms.Irradiance | str = irradiance
+    if any(value is not None for value in foreign.values()):
+        light = ms.read_irradiance(irradiance, camera=camera, **foreign)
     bar = render_progress(err, {}, "reading the light")
     with output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
         found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
@@ -222,20 +218,22 @@ def plan(
     tolerance = require(
         "tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02"
     )
-    unit, fov_deg = flags.pop("unit"), flags.pop("fov_deg")
+    foreign = {name: flags.pop(name) for name in ("unit", "fov_deg", "layer")}
     lights = complete(LevelOptions, {"lights": flags.pop("lights")})["lights"]
     if source.lower().endswith(".exr"):
-        _refuse_lens(flags, unit)
+        _refuse_lens(flags, foreign["unit"])
         wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
         settings = settings_of(rendered_for(source), flags)
         camera, exposure = camera_and_exposure(flags, settings)
-        light = ms.read_irradiance(source, unit, wavelength_nm, camera, fov_deg)
+        light = ms.read_irradiance(
+            source, wavelength_nm=wavelength_nm, camera=camera, **foreign
+        )
         light = light.before_denoising() if flags["raw_light"] else light
     else:
-        if unit is not None or fov_deg is not None:
+        if any(value is not None for value in foreign.values()):
             raise InputError(
-                f"{source} is a scene, which is rendered; leave --unit and --fov-deg out."
+                f"{source} is a scene, which is rendered; leave --unit, --fov-deg and --layer out."
             )
         given, asked = render_input(source, flags)
         settings, camera, exposure = given.scene.settings, given.camera, given.exposure
@@ -373,7 +371,7 @@ def doctor(as_json: arguments.Json = False) -> None:
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
-    Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
+    Exit code: 0 if nothing is black or wrong, 1 if something is, 2 if the scene cannot be loaded.
     """
     from rich.console import Group
     from rich.text import Text
@@ -405,5 +403,5 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
         nothing = Text("nothing to say for this camera", style="green")
         show(Group(head, table if findings else nothing), False)
         show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
-    if any(finding.level != "note" for finding in findings):
+    if any(finding.is_serious for finding in findings):
         raise typer.Exit(1)

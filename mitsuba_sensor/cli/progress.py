@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console, RenderableType
-from rich.markup import escape
+from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -18,7 +17,6 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-from ..core.progress import duration
 from ..stopping import remark_if_stopped, undone_if_stopped
 from .lines import WORKING, CommandLines
 from .tables import number
@@ -26,26 +24,6 @@ from .tables import number
 if TYPE_CHECKING:
     from ..dataset.run.run import RunProgress, Show
     from ..render.passes.stop_criterion import RenderProgress
-    from ..study.kit import Forecast
-
-SAID_AGAIN = (
-    1.5  # a study says again how long it takes where that is so many times what it said before
-)
-
-
-class MovingBar(Progress):
-    """A progress bar over seconds, which moves and counts down between the reports too."""
-
-    def get_renderables(self) -> Iterable[RenderableType]:
-        """What is drawn, ten times a second."""
-        for task in self.tasks:
-            if task.total is None:
-                task.fields["share"] = task.fields["left"] = ""
-            else:
-                task.completed = min(time.monotonic() - task.fields["began"], task.total)
-                task.fields["share"] = f"{task.percentage:3.0f} %"
-                task.fields["left"] = f"about {duration(task.total - task.completed)} left"
-        return super().get_renderables()
 
 
 @contextmanager
@@ -56,24 +34,24 @@ def shown_bar(bar: Progress, doing: str = "", **fields: Any) -> Iterator[TaskID]
         yield bar.add_task(doing, total=None, **fields)
 
 
-def _tell(doing: str, left_s: float = float("nan"), share: float = float("nan")) -> None:
+def _tell(doing: str, share: float = float("nan")) -> None:
     """To the lines, if there are any."""
     if CommandLines.running is not None:
-        CommandLines.running.tell(doing, left_s, share)
+        CommandLines.running.tell(doing, share)
 
 
 @contextmanager
 def render_progress(
     console: Console, options: Mapping[str, object], now: str = "loading the scene"
 ) -> Iterator[Callable[[RenderProgress], None]]:
-    """A bar over the seconds of a render and of its frames, or over frames with a render each.
+    """A bar over the passes of a render and over its frames, or over frames with a render each.
 
     While nothing is known of the end, it moves all the same.
 
-    now : what is done at first.  Beside the bar the noise ratio as it falls, and a forecast. Yields what ``capture``
-    takes as its progress.
+    now : what is done at first.  Beside the bar the noise ratio as it falls, and the time so far. Yields what
+    ``capture`` takes as its progress.
     """
-    from ..render.passes.told import FILES, Series
+    from ..render.passes.told import Series
 
     series = Series(options)
     columns = (
@@ -82,65 +60,40 @@ def render_progress(
         TextColumn("{task.fields[share]}"),
         TextColumn("{task.fields[ratio]}"),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
     )
-    bar = MovingBar(*columns, console=console, transient=True, disable=not console.is_terminal)
-    with shown_bar(bar, now, share="", ratio="", left="", began=time.monotonic()) as task:
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    with shown_bar(bar, now, share="", ratio="") as task:
 
         def show(step: RenderProgress) -> None:
-            standing, shown = series.standing(step), bar.tasks[task]
-            _tell(*standing)
-            known = standing.left_s == standing.left_s  # not NaN
-            if known:
-                shown.total = time.monotonic() - shown.fields["began"] + standing.left_s
-            elif step.doing != "rendering" or standing.doing == FILES:
-                shown.total = None  # another step begins, of which nothing is known
+            doing, share = series.standing(step)
+            _tell(doing, share)
+            is_known = share == share  # not NaN
+            bar.tasks[task].total = 1.0 if is_known else None
             ratio = ""
             if step.noise_ratio == step.noise_ratio:
                 ratio = f"render noise {number(step.noise_ratio)} × the sensor's"
-            bar.update(task, description=standing.doing, ratio=ratio)
+            done, percent = (share, f"{share:3.0%}") if is_known else (0.0, "")
+            bar.update(task, completed=done, description=doing, share=percent, ratio=ratio)
 
         yield show
 
 
 @contextmanager
-def seconds_bar(console: Console) -> Iterator[Callable[[Forecast], None]]:
-    """A bar over the seconds that a study is expected to take. Yields what a kit tells its forecasts.
-
-    A line says how long it takes as soon as a step was measured, and again where that was much too short.
-    """
+def share_bar(console: Console) -> Iterator[Callable[[str, float], None]]:
+    """A bar over the work of a study. Yields what a kit tells: the step that begins, and the share that is done."""
     texts = (
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
     bar = Progress(
         BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
     )
-    said_s = 0.0
     with shown_bar(bar) as task:
 
-        def tell(forecast: Forecast) -> None:
-            nonlocal said_s
-            left_s = max(forecast.total_s - forecast.done_s, 0.0)
-            if forecast.done_s and forecast.total_s > SAID_AGAIN * said_s:
-                said_s = forecast.total_s
-                longest = ""
-                if forecast.longest:
-                    longest = f", {duration(forecast.longest_s)} of it for {forecast.longest}"
-                text = f"this takes about {duration(said_s)}{longest}"
-                console.print(text, highlight=False, markup=False)
-            share = 0.0
-            if forecast.total_s:
-                share = forecast.done_s / forecast.total_s
-            _tell(forecast.now, left_s, share)
-            description = f"about {duration(left_s)} left [dim]{escape(forecast.now)}"
-            bar.update(
-                task,
-                completed=forecast.done_s,
-                total=forecast.total_s,
-                description=description,
-            )
+        def tell(now: str, share: float) -> None:
+            _tell(now, share)
+            bar.update(task, completed=share, total=1.0, description=now)
 
         yield tell
 
@@ -166,7 +119,7 @@ def steps_bar(console: Console, now: str = "") -> Iterator[Callable[[int, int, s
             share = 0.0
             if total:
                 share = done / total
-            _tell(f"{doing}, {done} of {total}" if total > 1 else doing, share=share)
+            _tell(f"{doing}, {done} of {total}" if total > 1 else doing, share)
             bar.update(task, completed=done, total=total, description=doing)
 
         yield tell
@@ -174,7 +127,7 @@ def steps_bar(console: Console, now: str = "") -> Iterator[Callable[[int, int, s
 
 @contextmanager
 def samples_bar(console: Console) -> Iterator[Show]:
-    """A bar over samples, with the rate, a forecast and failures. Yields what :func:`dataset.run.run` shows to."""
+    """A bar over samples, with the rate, the time so far and failures. Yields what :func:`dataset.run.run` shows to."""
     texts = (
         MofNCompleteColumn(),
         TextColumn("{task.description}", markup=False),
@@ -192,8 +145,8 @@ def samples_bar(console: Console) -> Iterator[Show]:
         def tell(progress: RunProgress) -> None:
             nonlocal done
             done = progress.done
-            doing, left_s, share = progress.standing(time.monotonic() - began)
-            _tell(f"{progress.counted()}, {doing}", left_s, share)
+            doing, share = progress.standing(time.monotonic() - began)
+            _tell(f"{progress.counted()}, {doing}", share)
             bar.update(task, total=progress.samples, completed=done, description=doing)
 
         yield tell

@@ -7,15 +7,22 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from ..camera.camera import Camera
+from ..files.appearing import replaced_in
 from ..render.scene.scene_settings import SceneSettings
 from .options import DEFAULT_TEMPERATURE_K, Flags
 
 
 def written(folder: str | Path, names: Sequence[str]) -> str:
-    """The files that are in a folder now.  names : of all that a command writes; a ``*`` stands for any text."""
+    """The files that are in a folder now, and those of an earlier result that they replace.
+
+    names : of all that a command writes; a ``*`` stands for any text.
+    """
     files = [file.name for file in Path(folder).iterdir()]
     known = [file for name in names for file in sorted(files) if fnmatch(file, name)]
-    return f"wrote in {folder}: {', '.join(dict.fromkeys(known))}"
+    said = f"wrote in {folder}: {', '.join(dict.fromkeys(known))}"
+    if older := replaced_in(folder):
+        said += f"; an earlier result there was replaced ({', '.join(older)})"
+    return said
 
 
 def taken_by_default(flags: Flags, settings: SceneSettings, camera: Camera) -> list[str]:

@@ -8,10 +8,19 @@ from collections.abc import Iterable, Iterator
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..core import Doubt
+from ..core import by_weight
 from .sentences import said_here
 from .tables import number
-from .terminal import Report, ended_by, fact, head_of, left_out_of, pictures_of, pixels_of
+from .terminal import (
+    Report,
+    brightness_of,
+    ended_by,
+    fact,
+    head_of,
+    left_out_of,
+    pictures_of,
+    pixels_of,
+)
 
 MOST_NOTES = 4
 """That are printed; all are in frame.json."""
@@ -50,17 +59,17 @@ def _facts(report: Report) -> Iterator[Text]:
             f"{render['samples_per_pixel']} samples per pixel{denoised}{ended}"
         )
     yield fact("render noise", said)
+    yield from brightness_of(report)
     yield pixels_of(report)
     yield from pictures_of(report)
     yield from left_out_of(report)
 
 
 def notes_shown(notes: Iterable[str]) -> tuple[list[str], int]:
-    """The notes that are printed, and how many are not: doubts on the result come first, and notes that differ in their
-    numbers or light groups alone are one."""
-    ordered = sorted(notes, key=lambda note: not isinstance(note, Doubt))
+    """The notes that are printed, and how many are not: those that change most come first, and notes that differ in
+    their numbers or light groups alone are one."""
     alike: dict[str, list[str]] = {}
-    for note in ordered:
+    for note in by_weight(notes):
         alike.setdefault(NUMBER.sub("", GROUPS.sub("", note)), []).append(note)
     shown = [
         f"{first} ({len(others)} more notes are alike)" if others else first

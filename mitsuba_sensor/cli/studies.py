@@ -18,7 +18,7 @@ from . import arguments, options
 from .app import app, err, out, show, show_remarks
 from .help import Command, Group
 from .options import AblationFlags, Flags, StudyFlags, WorkPrecisionFlags
-from .progress import seconds_bar
+from .progress import share_bar
 from .values import Flag
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ def _run(
     folder = StudyFolder(path, name, question, about, records)
     known = folder.measurements(flags["force"])
     remark_if_stopped(partial(_kept, known))
-    with seconds_bar(err) as progress:
+    with share_bar(err) as progress:
         outcome = folder.run(measure, known, progress)
     if flags["as_json"]:
         show(outcome.to_dict(), True)

@@ -42,7 +42,8 @@ def summary(report: Report, folder: str) -> RenderableType:
     notes = (
         Text.assemble(("note: ", "bold yellow"), said_here(note)) for note in report["notes"]
     )
-    return Group(head_of(report, folder), _stages(report), *_facts(report), *notes)
+    facts = (fact("fact", one) for one in report["render"]["facts"])
+    return Group(head_of(report, folder), _stages(report), *_facts(report), *notes, *facts)
 
 
 def head_of(report: Report, folder: str) -> Text:
@@ -161,6 +162,8 @@ def diagnosis(findings: Report) -> RenderableType:
     yes = {True: Text("yes", style="green"), False: Text("no", style="red")}
     for one in findings["variants"]:
         variants.add_row(one["name"], yes[one["works"]], Text(one["reason"]))
+    python = findings["python"]
+    variants.add_row("mi.render in Python", yes[python["works"]], Text(python["reason"]))
     llvm = FittedTable(("LLVM", "used?", "library", "why"))
     for library in findings["llvm"]:
         version, path = str(library["version"] or "?"), Text(library["path"])
@@ -275,6 +278,7 @@ def _facts(report: Report) -> Iterator[Text]:
         yield fact(
             "denoised", f"by {done['by']}{before if known else ''}"
         )  # before: of the exposure of the render
+    yield from brightness_of(report)
     yield pixels_of(report)
     yield from pictures_of(report)
     idle = _idle_stages(report)
@@ -295,6 +299,15 @@ def _facts(report: Report) -> Iterator[Text]:
         "seconds",
         ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()),
     )
+
+
+def brightness_of(report: Report) -> Iterator[Text]:
+    """How bright lamps, picture and sensor are, where that is known."""
+    from ..render.light.brightness import brightness_sentence
+
+    found = report["render"]["brightness"]
+    if found and (said := brightness_sentence(found)):
+        yield fact("brightness", said)
 
 
 def ended_by(asked: float | None, end: str) -> str:

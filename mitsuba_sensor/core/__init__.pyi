@@ -1,6 +1,5 @@
 """The names that the stages are computed with, and the modules that they are loaded from when they are first used."""
 
-from .argument_names import tells_of_names as tells_of_names
 from .checks import check_types as check_types
 from .checks import finite_numbers as finite_numbers
 from .checks import first_given as first_given
@@ -15,9 +14,11 @@ from .frame import Frame as Frame
 from .moments import Moments as Moments
 from .near_names import closest as closest
 from .near_names import nearest as nearest
+from .notes import Caution as Caution
 from .notes import Doubt as Doubt
 from .notes import SensorWarning as SensorWarning
 from .notes import SourceOfLight as SourceOfLight
+from .notes import by_weight as by_weight
 from .notes import warn_of as warn_of
 from .sensor_window import SensorWindow as SensorWindow
 from .signals import CountedElectrons as CountedElectrons

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from .argument_names import tells_of_names
 from .errors import require
 
 LONGEST_S, HOTTEST_K = (
@@ -11,7 +10,6 @@ LONGEST_S, HOTTEST_K = (
 )  # beyond any camera: 30 000 years, and six times the melting point of silicon
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class Exposure:
     """Exposure time and sensor temperature.

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import distributions
-from .argument_names import tells_of_names
 from .backend import Backend
 from .counter_rng import OF_CHARGE, key_of, random_bits_at, stream_of
 from .errors import require_seed
@@ -20,7 +19,6 @@ from .sensor_window import SensorWindow
 from .types import Array, RandomBits
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Frame:
     """Frame ``index`` of ``window`` under ``exposure``.

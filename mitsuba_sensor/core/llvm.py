@@ -2,17 +2,16 @@
 
 Dr.Jit initialises LLVM when it is *imported*, so the library is chosen before: versions are read from file names and
 ELF sonames, without loading a library. drjit 1.5.0 refuses LLVM 14, and 15 and 16 abort the process (they cannot select
-``llvm.maximum``); 19, 22 and 23 are known to work. This package imports Dr.Jit through :func:`drjit` only.
+``llvm.maximum``); 19, 22 and 23 are known to work. The library is chosen when this package is imported, by
+:func:`guard_llvm`; the package itself imports Dr.Jit through :func:`drjit` only.
 
 Libraries of the operating system come first. Where it has none, the package karellen-llvm-core of the Python package
 index brings one into the environment of this interpreter, without root rights.
 """
 
 import contextlib
-import ctypes
 import glob
 import importlib
-import mmap
 import os
 import re
 import site
@@ -23,12 +22,14 @@ from types import ModuleType
 
 OLDEST_LLVM = 17
 LLVM_PATH = "DRJIT_LIBLLVM_PATH"
+GIVEN_PATH = os.environ.get(LLVM_PATH)  # by the user, before this package changes it
 NO_LIBRARY = (
     os.devnull
 )  # the path that Dr.Jit gets when no LLVM is usable; it then finds none and says so
 
-# Dr.Jit searches /usr/lib/<triplet> only; Linux distributions, Conda and Homebrew use the others.
+# Dr.Jit searches $LD_LIBRARY_PATH and /usr/lib/<triplet>; Linux distributions, Conda and Homebrew use the others.
 FOLDERS: tuple[str, ...] = (
+    *filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(":")),
     "/usr/lib/x86_64-linux-gnu",
     "/usr/lib/aarch64-linux-gnu",
     "/usr/lib64",
@@ -41,10 +42,8 @@ OWN_FOLDERS: tuple[str, ...] = (
     os.path.join(sys.prefix, "lib"),
     os.path.join(site.getuserbase(), "lib"),
 )
-if sys.platform == "darwin":
-    NAMES = ("libLLVM.dylib", "libLLVM-*.dylib")
-else:
-    NAMES = ("libLLVM.so*", "libLLVM-*.so*")
+NAMES = "libLLVM[-.]*dylib" if sys.platform == "darwin" else "libLLVM[-.]*so*"
+DRJIT_CAME_FIRST = "drjit" in sys.modules  # it was imported, with an LLVM, before this package
 
 
 # What libLLVM of karellen-llvm-core needs, in the order of their needs. Its own links to them appear when Python is
@@ -84,8 +83,11 @@ def find_llvm(folders: tuple[str, ...] = ()) -> list[LlvmLibrary]:
 
 def _libraries_in(folders: tuple[str, ...]) -> list[LlvmLibrary]:
     """All LLVM libraries in these folders (glob patterns), the newest first."""
-    patterns = [os.path.join(folder, name) for folder in folders for name in NAMES]
-    paths = {os.path.realpath(path) for pattern in patterns for path in glob.glob(pattern)}
+    paths = {
+        os.path.realpath(path)
+        for folder in folders
+        for path in glob.glob(os.path.join(folder, NAMES))
+    }
     return sorted(map(inspect_llvm, sorted(paths)), key=lambda library: -library.version)
 
 
@@ -116,6 +118,8 @@ def _version_of(path: str) -> int:
     named = re.search(r"LLVM(?:-|\.so\.|\.)(\d+)", os.path.basename(path))
     if named:
         return int(named.group(1))
+    import mmap
+
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         match = re.search(rb"\0libLLVM(?:-|\.so\.)(\d+)[^\0]*\0|\0LLVM_(\d+)[.0-9]*\0", data)
         if match:
@@ -133,28 +137,43 @@ def _same_architecture(head: bytes) -> bool:
 
 
 def guard_llvm() -> LlvmLibrary | None:
-    """Tell Dr.Jit, before its import, to load the first usable library, or none; return that library."""
-    library = next((one for one in find_llvm() if one.usable), None)
-    os.environ[LLVM_PATH] = library.path if library else NO_LIBRARY
+    """Tell Dr.Jit, before its import, to load the first usable library; return that library.
+
+    Where all libraries here are unusable Dr.Jit gets none. Where there are none, it looks for one itself.
+    """
+    libraries = find_llvm()
+    library = _first_usable(libraries)
     if library:
+        if os.path.realpath(os.environ.get(LLVM_PATH, "")) != library.path:
+            os.environ[LLVM_PATH] = library.path
         _load_companions(library.path)
+    elif libraries:
+        os.environ[LLVM_PATH] = NO_LIBRARY
     return library
 
 
+def _first_usable(libraries: list[LlvmLibrary]) -> LlvmLibrary | None:
+    return next((library for library in libraries if library.usable), None)
+
+
 def _load_companions(path: str) -> None:
-    """Load the libraries that a libLLVM from the package index needs; they stand in a folder beside it."""
+    """Load the libraries that a libLLVM from the package index needs, from a folder beside it, if they lack links."""
     for name in COMPANIONS:
-        for companion in glob.glob(
-            os.path.join(os.path.dirname(path), "*-unknown-linux-gnu", name)
-        ):
-            with contextlib.suppress(
-                OSError
-            ):  # then Dr.Jit has no LLVM, and backend_problem says why
-                ctypes.CDLL(companion)
+        pattern = os.path.join(os.path.dirname(path), "*-unknown-linux-gnu", name)
+        for companion in glob.glob(pattern):
+            if not os.path.exists(companion.removesuffix(".0")):
+                import ctypes
+
+                with contextlib.suppress(
+                    OSError
+                ):  # then Dr.Jit has no LLVM, and backend_problem says why
+                    ctypes.CDLL(companion)
 
 
 def _why_not_loaded(path: str) -> str:
     """What the dynamic linker says of a library that Dr.Jit has not loaded."""
+    import ctypes
+
     try:
         ctypes.CDLL(path)
     except OSError as error:
@@ -164,9 +183,14 @@ def _why_not_loaded(path: str) -> str:
 
 def drjit() -> ModuleType:
     """Dr.Jit, imported after :func:`guard_llvm`."""
-    silent = "drjit" not in sys.modules and guard_llvm() is None
-    with _silence() if silent else contextlib.nullcontext():
+    with guarded_import():
         return importlib.import_module("drjit")
+
+
+def guarded_import() -> contextlib.AbstractContextManager[None]:
+    """A block that imports Dr.Jit: its library is chosen before, and where there is none Dr.Jit does not warn."""
+    silent = "drjit" not in sys.modules and guard_llvm() is None
+    return _silence() if silent else contextlib.nullcontext()
 
 
 @contextlib.contextmanager
@@ -198,15 +222,32 @@ def backend_problem(backend: str) -> str | None:
         if dr.has_backend(dr.JitBackend.CUDA):
             return None
         return "no CUDA device or driver"
-    if backend == "llvm":
-        version = llvm_version()
-        if version == 0 and os.environ.get(LLVM_PATH, NO_LIBRARY) != NO_LIBRARY:
-            path = os.environ[LLVM_PATH]
+    if backend == "llvm" and (version := llvm_version()) < OLDEST_LLVM:
+        path = os.environ.get(LLVM_PATH, NO_LIBRARY)
+        if version:
+            early = DRJIT_CAME_FIRST * " and was loaded before mitsuba_sensor was imported"
+            return f"only {_loaded_library() or f'LLVM {version}'}, which aborts the process{early}"
+        if DRJIT_CAME_FIRST and _first_usable(find_llvm()):
+            return "no LLVM in Dr.Jit, which was imported before mitsuba_sensor and found none that it can use"
+        if path != NO_LIBRARY:
             return f"no LLVM that can be loaded ({path}: {_why_not_loaded(path)})"
-        if version == 0:
-            return f"no LLVM {OLDEST_LLVM} or newer on this machine"
-        if (
-            version < OLDEST_LLVM
-        ):  # Mitsuba was imported before this package, without guard_llvm
-            return f"only LLVM {version} in Dr.Jit, which aborts the process; import mitsuba_sensor before mitsuba"
+        return f"no LLVM {OLDEST_LLVM} or newer on this machine"
+    return None
+
+
+def llvm_remedy() -> str:
+    """What gives this process the LLVM back end that it lacks."""
+    library = _first_usable(find_llvm())
+    if library is None or not (DRJIT_CAME_FIRST or llvm_version()):
+        return INSTALL
+    order = DRJIT_CAME_FIRST * "import mitsuba_sensor before mitsuba and drjit, or "
+    return f"{order}start Python with {LLVM_PATH}={library.path}"
+
+
+def _loaded_library() -> str | None:
+    """The LLVM library that is loaded in this process, on Linux."""
+    with contextlib.suppress(OSError), open("/proc/self/maps", encoding="utf-8") as file:
+        for line in file:
+            if "libLLVM" in line:
+                return line.split(maxsplit=5)[-1].strip()
     return None

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from .argument_names import tells_of_names
 from .types import Array
 
 if TYPE_CHECKING:
     from .frame import Frame
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Moments:
     """Mean, temporal and spatial variance of a signal, in the unit of its domain.

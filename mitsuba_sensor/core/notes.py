@@ -31,6 +31,17 @@ class Doubt(str):
     """A note on a result that is probably not the one that was wanted: Python warns of it."""
 
 
+class Caution(str):
+    """A note on how much of a result is not the camera's: error bars, render noise, light beyond the data."""
+
+
+def by_weight(notes: Iterable[str]) -> list[str]:
+    """The notes that change most first: doubts on the result, then cautions, then the others."""
+    return sorted(
+        notes, key=lambda note: (not isinstance(note, Doubt), not isinstance(note, Caution))
+    )
+
+
 class SourceOfLight(Protocol):
     """What is known of the light that photons were collected from."""
 

@@ -19,7 +19,6 @@ from math import inf
 from pathlib import PurePath
 from typing import Any, ForwardRef, Literal, TypeVar, Union, cast, get_args, get_origin
 
-from .argument_names import Names, told
 from .errors import InputError, require
 from .near_names import nearest
 from .number_text import number_hint
@@ -27,6 +26,16 @@ from .number_text import number_hint
 Options = TypeVar("Options")
 Function = TypeVar("Function", bound=Callable[..., object])
 NAMES = {bool: "True or False", str: "a text"}
+CALLED_OTHERWISE = {
+    **{"iso": "gain", "samples": "spp", "samples_per_pixel": "spp", "columns": "width"},
+    **{"resolution": "width", "n_frames": "frames", "num_frames": "frames", "count": "frames"},
+    **{"wavelength": "wavelength_nm", "wavelengths": "wavelengths_nm"},
+    **{"tolerance": "tolerance_dn", "serial_number": "serial"},
+}
+"""Other words of users → options."""
+IN_EXPOSURE = {"exposure_s", "exposure_time", "exposure_time_s", "integration_time", "time_s"}
+IN_EXPOSURE |= {"temperature_k", "temperature"}
+"""Words of users and of the command line for what an exposure holds."""
 KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
 
 
@@ -147,10 +156,15 @@ def refuse_unknown(given: Iterable[str], kind: type) -> None:
     """Raise InputError for a name that is no option of this kind."""
     names = [one.name for one in declared(kind)]
     for name in given:
-        if name not in names:
-            raise InputError(
-                f"{name!r} is not an option; the options are {', '.join(names)}.{nearest(name, names)}"
-            )
+        if name in names:
+            continue
+        if CALLED_OTHERWISE.get(name) in names:
+            remedy = f"it is called {CALLED_OTHERWISE[name]} here"
+        elif name in IN_EXPOSURE:
+            remedy = "pass exposure=Exposure(time_s=0.1, temperature_k=298.15)"
+        else:
+            remedy = f"the options are {', '.join(names)}"
+        raise InputError(f"{name!r} is not an option; {remedy}.{nearest(name, names)}")
 
 
 def part_of(kind: type[Options], options: Mapping[str, Any]) -> Options:
@@ -181,11 +195,10 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
             for one in options.values()
         ]
         shown = signature.replace(parameters=[*own, *behind])
-        call = told(function, Names.of(function.__name__, "option", shown))
-        call.__signature__ = shown  # type: ignore[attr-defined]
+        function.__signature__ = shown  # type: ignore[attr-defined]
         lines = "\n".join(map(_described, options.values()))
-        call.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{lines}"
-        return call
+        function.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{lines}"
+        return function
 
     return with_options
 

@@ -35,60 +35,37 @@ class Teller(Protocol):
     def seconds(self) -> float:
         """Since the work began."""
 
-    def tell(self, doing: str, left_s: float = math.nan, share: float = math.nan) -> None:
-        """What is done now, how long it still takes [s], and the share of it that is done; NaN is not known."""
+    def tell(self, doing: str, share: float = math.nan) -> None:
+        """What is done now, and the share of all work that is done; NaN where it is not known."""
 
     def tick(self) -> None:
         """Say it, if it is time."""
 
 
-class Countdown:
-    """What was told last, and what is left of it now.  clock : [s]."""
+class Standing:
+    """What was told last, and how long the work has taken so far.  clock : [s]."""
 
     def __init__(self, doing: str, clock: Callable[[], float] = time.monotonic) -> None:
         self.clock = clock
         self.began = clock()
         self.tell(doing)
 
-    def tell(self, doing: str, left_s: float = math.nan, share: float = math.nan) -> None:
+    def tell(self, doing: str, share: float = math.nan) -> None:
         """See :class:`Teller`."""
-        self.doing, self._end, self._share = doing, self.clock() + left_s, share
+        self.doing, self.share = doing, share
 
     @property
     def seconds(self) -> float:
         """Since the work began."""
         return self.clock() - self.began
 
-    @property
-    def left_s(self) -> float:
-        """Until the work ends; NaN where nobody knows."""
-        if math.isfinite(self._end):
-            return max(self._end - self.clock(), 0.0)
-        return math.nan
-
-    @property
-    def share(self) -> float:
-        """Of the work that is done, by time where nobody has told it; NaN where nobody knows."""
-        if math.isfinite(self._share):
-            return self._share
-        whole = self.seconds + self.left_s
-        if whole:
-            return self.seconds / whole
-        return math.nan
-
     def text(self) -> str:
-        """What is done, how much of it, and the time left."""
-        if math.isnan(self.share):
-            parts = []
-        else:
-            parts = [f"{100 * self.share:.0f} %"]
-        parts.append(f"{duration(self.seconds)} so far")
-        if math.isfinite(self.left_s):
-            parts.append(f"about {duration(self.left_s)} left")
-        return f"{self.doing}: {', '.join(parts)}"
+        """What is done, how much of it, and the time so far."""
+        share = "" if math.isnan(self.share) else f"{100 * self.share:.0f} %, "
+        return f"{self.doing}: {share}{duration(self.seconds)} so far"
 
 
-class ProgressLines(Countdown):
+class ProgressLines(Standing):
     """One line every ten seconds; none of work that takes less.  write : takes a line."""
 
     def __init__(
@@ -110,7 +87,7 @@ class ProgressLines(Countdown):
         """Nothing is left to be taken away."""
 
 
-class NotebookBar(Countdown):
+class NotebookBar(Standing):
     """A bar below the cell of a notebook, which goes when the work ends.  module : IPython.display."""
 
     def __init__(

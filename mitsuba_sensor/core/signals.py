@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .argument_names import tells_of_names
 from .illuminant import Illuminant
 from .notes import SourceOfLight
 from .types import Array, Float32Array, Float64Array, NumpyArray
@@ -22,7 +21,6 @@ LAYERS = ("light", "dark", "yield_mean", "yield_variance", "variance_e2", "left_
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Photons:
     """Mean photons per pixel in one exposure; mean values, not integers.
@@ -215,7 +213,6 @@ class Filters(NamedTuple):
     tile: tuple[tuple[int, ...], ...]
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Electrons:
     """Electrons per pixel, (H, W) or one for all: means before the shot noise, counts after.

@@ -16,7 +16,6 @@ from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
 from ..camera.figures import saturation_e
 from ..core import Doubt, Exposure, InputError, Photons, check_types, warn_of
-from ..core.argument_names import tells_of_names
 from ..core.errors import shown
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
@@ -25,7 +24,6 @@ from ..optics.spectra import srgb_curve
 from ..output.demosaic import demosaic
 from ..output.frames import Frames
 from ..sensor.metering import electrons_of, saturated_share
-from ..stages.stage import converter_of
 from ..stages.usual_range import warn_of_temperature
 from .images import Image, Values, as_array, as_came_in, as_given, scaled
 
@@ -88,7 +86,6 @@ class NoisyImage:
         return as_given(np.stack(arrays) if self._batch else arrays[0], self._like)
 
 
-@tells_of_names
 class SensorNoise:
     """What a camera makes of an image: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
 
@@ -320,7 +317,7 @@ class SensorNoise:
         """In the values that came in: black level and gain are taken out, missing colours interpolated."""
         camera = self.camera.at_gain(draw.gain)
         scale = camera.system_gain_dn_per_e * (draw.white_e or 1.0)
-        linear = (raw.astype(np.float64) - converter_of(camera.stages).black_level_dn) / scale
+        linear = (raw.astype(np.float64) - camera.black_level_dn) / scale
         if colour:
             names = [name[:1].upper() for name in camera.filter_names]
             filters = camera.filter_index(linear.shape)

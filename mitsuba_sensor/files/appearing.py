@@ -22,6 +22,14 @@ from .disk_errors import disk_sentences, names_in
 _OF_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/")
 """Beginning of an address like s3://bucket, of whose slashes a path keeps one."""
 
+_REPLACED = dict[Path, tuple[str, ...]]()
+"""Names of the files of an earlier result that a folder had when the last files appeared in it."""
+
+
+def replaced_in(folder: Path | str) -> tuple[str, ...]:
+    """Names of the files of an earlier result that the last :func:`output_folder` took away from this folder."""
+    return _REPLACED.get(Path(folder), ())
+
 
 def _refuse_file_name(folder: Path, names: Sequence[str]) -> None:
     """Raise InputError for a new folder with the name of a file, which was probably meant as one."""
@@ -204,5 +212,6 @@ def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
             elif name in appeared and not (scratch / name).exists():
                 (folder / name).unlink(missing_ok=True)
         raise
+    _REPLACED[folder] = tuple(name for name in names if os.path.lexists(older / name))
     for name in appeared:
         note_written(folder / name)

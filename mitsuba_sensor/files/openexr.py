@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core import InputError
 from .appearing import appearing
@@ -125,7 +126,11 @@ def _silent_library() -> Iterator[None]:
 def whole_exr(
     path: Path, wrong: str, remedy: str = "", pixels: bool = True
 ) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
-    """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read."""
+    """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read.
+
+    The channels of all parts are images of the display window; those of several parts have the name of theirs in front.
+    pixels : without them the images are empty.
+    """
     import OpenEXR
 
     require_exr(path)
@@ -136,11 +141,18 @@ def whole_exr(
             _silent_library(),
             OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file,
         ):
-            header = dict(file.header())
-            if pixels:
-                images = {name: channel.pixels for name, channel in file.channels().items()}
-            else:
-                images = {}
+            header, images = dict(file.header()), dict[str, np.ndarray]()
+            for number, part in enumerate(file.parts):
+                layer = f"{part.name() or number}." if len(file.parts) > 1 else ""
+                for channel in part.header["channels"]:
+                    name = channel.name
+                    if not name.startswith(layer):  # some programs write the part's name there
+                        name = layer + name
+                    images[name] = np.empty((0, 0), np.float32)
+                    if pixels:
+                        image = part.channels[channel.name].pixels
+                        windows = part.header["dataWindow"], part.header["displayWindow"]
+                        images[name] = _displayed(image, *windows, f"{path}: {name}")
     except InputError:
         raise
     except (RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
@@ -155,19 +167,51 @@ def whole_exr(
         ) from error
 
 
+def _displayed(image: np.ndarray, data: ArrayLike, shown: ArrayLike, name: str) -> np.ndarray:
+    """The part of an image of the data window that lies in the one that is shown, which is black elsewhere.
+
+    name : for what is said. Raises InputError for deep and subsampled channels, and where nothing is in the window.
+    """
+    left, top, columns, rows = _window(data)
+    if image.dtype.kind not in "fu" or image.shape != (rows, columns):
+        raise InputError(
+            f"{name} has no single value per pixel (deep, or subsampled as luminance and chroma are); flatten it and "
+            "write R, G and B of full size."
+        )
+    left_shown, top_shown, width, height = _window(shown)
+    if (left, top, columns, rows) == (left_shown, top_shown, width, height):
+        return image
+    left, top = left - left_shown, top - top_shown
+    seen = image[max(-top, 0) : max(height - top, 0), max(-left, 0) : max(width - left, 0)]
+    if not seen.size:
+        raise InputError(
+            f"{name} has no pixel in the display window, which is the picture; correct the windows in its header."
+        )
+    picture, left, top = np.zeros((height, width), image.dtype), max(left, 0), max(top, 0)
+    picture[top : top + seen.shape[0], left : left + seen.shape[1]] = seen
+    return picture
+
+
+def _window(corners: ArrayLike) -> tuple[int, int, int, int]:
+    """Left column, top row, columns and rows of a window of a header."""
+    left, top, right, bottom = np.reshape(corners, 4).tolist()
+    return left, top, max(right - left + 1, 0), max(bottom - top + 1, 0)
+
+
 def require_plausible_exr(path: Path) -> None:
     """Raise InputError where the header announces more pixels than the file can have; other errors for a header that
     cannot be read."""
     import OpenEXR
 
     with _silent_library(), OpenEXR.File(str(path), header_only=True) as file:
-        require_plausible(path, _unpacked_bytes(file.header()))
+        require_plausible(path, sum(_unpacked_bytes(part.header) for part in file.parts))
 
 
 def _unpacked_bytes(header: Mapping[str, Any]) -> int:
     """What all pixels take in float32. Raises KeyError, TypeError and ValueError for a header that does not say."""
-    (left, top), (right, bottom) = (tuple(map(int, corner)) for corner in header["dataWindow"])
-    return max(right - left + 1, 0) * max(bottom - top + 1, 0) * len(header["channels"]) * 4
+    sizes = [_window(header[name]) for name in ("dataWindow", "displayWindow")]
+    pixels = max(columns * rows for _, _, columns, rows in sizes)
+    return pixels * len(header["channels"]) * 4
 
 
 def is_exr(path: str | os.PathLike[str]) -> bool:

@@ -22,6 +22,7 @@ from ..core.small_files import json_value
 from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
 from .plausible import require_plausible, require_plausible_ratio
+from .tiff_checks import OF_RAW, require_all_pages, require_jpegs, require_segments
 
 TIFF, PICTURES, ARRAYS, FITS = (
     (".tif", ".tiff"),
@@ -137,9 +138,16 @@ def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
             raise InputError(
                 f"{place} has {first.samplesperpixel} values per pixel; raw frames have one."
             )
-        unpacked = sum(math.prod(one.shape) * one.dtype.itemsize for one in opened.series[:1])
+        require_all_pages(place, opened)
+        kind = opened.series[0].shape[-2:], opened.series[0].dtype
+        series = [one for one in opened.series if (one.shape[-2:], one.dtype) == kind]
+        unpacked = sum(math.prod(one.shape) * one.dtype.itemsize for one in series)
         require_plausible_ratio(place, opened.filehandle.size, unpacked)
-        frames = _pages(opened.asarray())
+        for page in (page for one in series for page in one.pages):
+            require_segments(place, page)
+        frames = _pages(series[0].asarray())
+        if len(series) > 1:  # pages that were written one by one
+            frames = np.concatenate([frames, *(_pages(one.asarray()) for one in series[1:])])
     facts = _own_facts(tags.get("ImageDescription"))
     names: Mapping[int, str] = dict(enumerate("RGBCMYW"))
     pattern, size = tags.get("CFAPattern"), tags.get("CFARepeatPatternDim")
@@ -291,6 +299,7 @@ def _kelvin(celsius: object) -> float | None:
 def _camera_raw(file: Path) -> RawFile:
     with _needed("rawpy", file):
         import rawpy
+    _require_pixels(file)
     with rawpy.imread(os.fspath(file)) as raw:
         require_plausible(file, raw.sizes.raw_width * raw.sizes.raw_height * 2)
         image = raw.raw_image_visible
@@ -309,6 +318,14 @@ def _camera_raw(file: Path) -> RawFile:
             bits=_bits(raw.white_level),
             tile=tile,
         )
+
+
+def _require_pixels(file: Path) -> None:
+    """Raise InputError for a DNG that lacks pixels although LibRaw reports no error."""
+    import tifffile
+
+    with suppress(tifffile.TiffFileError), tifffile.TiffFile(file) as opened:
+        require_jpegs(file, opened)
 
 
 def require_plausible_picture(path: Path) -> None:
@@ -371,9 +388,7 @@ def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
         with tifffile.TiffFile(path) as opened:
             first: Any = opened.pages[0]
             pages = [first, *(first.pages or ())]
-            raw = next(
-                (page for page in pages if page.photometric in (32803, 34892)), first
-            )  # CFA, linear raw
+            raw = next((page for page in pages if page.photometric in OF_RAW), first)
             tags = {tag.name: _plain(tag) for page in (first, raw) for tag in page.tags}
     except Exception as error:  # tifffile raises errors of every kind for broken files
         why = str(error).split("\n")[0] or type(error).__name__

@@ -11,7 +11,6 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 
 from ..core import InputError, refuse_masked
-from ..core.argument_names import tells_of_names
 from ..core.checks import refuse_path
 from .appearing import appearing
 from .texts import to_json
@@ -39,7 +38,6 @@ TIFF_BYTE, TIFF_ASCII, TIFF_SHORT, TIFF_LONG = 1, 2, 3, 4  # types of tags
 PAGE_NAME = 285
 
 
-@tells_of_names
 def write_tiff(
     path: str | os.PathLike[str], frames: np.ndarray, facts: Facts = NOTHING
 ) -> None:

@@ -10,7 +10,6 @@ from typing import Any, Self
 import scipy
 
 from ..core import InputError, numbers
-from ..core.argument_names import tells_of_names
 
 LEVEL = 0.95
 """Coverage of every interval in this package."""
@@ -19,7 +18,6 @@ TWO_SIDED = NormalDist().inv_cdf((1 + LEVEL) / 2)
 """Half the interval of a normal value [standard errors]: 1.96."""
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class Quantity:
     """What an instrument measured.

@@ -27,6 +27,7 @@ from .ray_trace import (
     stopped_down,
     surfaces_to_stop,
     trace,
+    unobscured,
 )
 from .ray_transfer import NO_STOP_MM, RayTransfer, ray_transfer
 
@@ -116,7 +117,7 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
     back_focus = -scale * a / c
     entrance_radius = -scale / c / (2 * lens.f_number)
     stop_radius = entrance_radius * abs(fa)
-    surfaces = lens_surfaces(prescription, scale)
+    surfaces = unobscured(lens_surfaces(prescription, scale))
     sine = _widest_sine(lambda ray: trace(surfaces, ray).unvignetted, back_focus)
     with np.errstate(all="ignore"):  # rays that miss a surface give NaN
         edge = trace(surfaces_to_stop(surfaces), _axial_rays(np.array([sine]), back_focus))

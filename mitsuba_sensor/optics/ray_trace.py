@@ -84,6 +84,7 @@ class Surface:
     gap: float  # to the next surface towards the scene [mm]
     beyond: Glass  # the medium on the side of the scene
     stop: bool
+    obscuration: float = 0.0  # radius of a disk in the middle that stops rays [mm]
 
 
 def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surface, ...]:
@@ -102,10 +103,16 @@ def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surf
             gap=gap,
             beyond=beyond,
             stop=section.stop,
+            obscuration=section.obscuration_mm * scale,
         )
         surfaces.append(surface)
         gap, beyond = section.thickness_mm * scale, glass_behind(section)
     return tuple(reversed(surfaces))
+
+
+def unobscured(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
+    """The surfaces without central obscurations: where light would go has nothing to do with them."""
+    return tuple(replace(surface, obscuration=0.0) for surface in surfaces)
 
 
 def surfaces_to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
@@ -160,7 +167,10 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
         sag, slope = _sag(surface, x * x + y * y)
         away = (sag - z) / (dz - 2.0 * slope * (x * dx + y * dy))
         x, y, z = x + away * dx, y + away * dy, z + away * dz
-    inside = x * x + y * y <= surface.semi_diameter * surface.semi_diameter
+    square = x * x + y * y
+    inside = square <= surface.semi_diameter * surface.semi_diameter
+    if surface.obscuration:
+        inside &= square >= surface.obscuration * surface.obscuration
     return Ray(x, y, z, dx, dy, dz, unvignetted & inside)
 
 

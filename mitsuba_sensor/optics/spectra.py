@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..core import Float32Array, Float64Array
+from ..core import Float32Array, Float64Array, require
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)
@@ -33,6 +33,39 @@ XYZ_TO_SRGB: Float64Array = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
 )
 """IEC 61966-2-1, rounded there."""
+LEAST_TRIANGLE = 1e-3  # twice the area between the chromaticities of primaries; sRGB has 0.22
+SRGB_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *D65_XY)
+"""x and y of red, green, blue and white: ITU-R BT.709, IEC 61966-2-1."""
+
+SILICON_NM = tuple(float(nm) for nm in range(400, 1001, 50))
+ABSORPTION_PER_UM = (
+    *(9.52, 2.55, 1.11, 0.639, 0.414, 0.281, 0.190),
+    *(0.130, 0.0850, 0.0535, 0.0306, 0.0157, 0.00640),
+)
+"""Of silicon at 300 K: Green & Keevers 1995, Progress in Photovoltaics 3, 189."""
+OTHER_SENSOR = (
+    "525 nm; for another kind of sensor give quantum_efficiency.curves in a camera file"
+)
+DEAD_UM, DEPTH_UM = 0.05, 5.0
+"""Depth where electrons are lost, and to which they are collected, in a usual front-illuminated sensor."""
+
+
+def silicon_qe(value: float, at_nm: float) -> tuple[list[float], list[float]]:
+    """Wavelengths [nm] and quantum efficiencies, 1 at most, of a typical silicon sensor that has ``value`` at one.
+
+    Raises InputError for a wavelength beyond the table.
+    """
+    low_nm, high_nm = SILICON_NM[0], SILICON_NM[-1]
+    at_nm = require(
+        "the wavelength of the quantum efficiency", at_nm, low_nm, high_nm, OTHER_SENSOR
+    )
+    absorption = np.array(ABSORPTION_PER_UM)
+    shape = np.exp(-absorption * DEAD_UM) * -np.expm1(-absorption * DEPTH_UM)
+    wavelengths_nm = sorted({*SILICON_NM, at_nm})
+    curve = value * np.interp(wavelengths_nm, SILICON_NM, shape)
+    curve = np.minimum(curve / np.interp(at_nm, SILICON_NM, shape), 1.0).round(4)
+    curve[wavelengths_nm.index(at_nm)] = value
+    return wavelengths_nm, curve.tolist()
 
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
@@ -132,6 +165,30 @@ def lab(xyz: Float64Array) -> Float64Array:
 def xyz_to_srgb() -> Float64Array:
     """(3, 3) from XYZ to linear sRGB (IEC 61966-2-1)."""
     return XYZ_TO_SRGB
+
+
+def rgb_to_srgb(chromaticities: tuple[float, ...]) -> Float64Array:
+    """(3, 3) from linear RGB of other primaries to linear sRGB, its white adapted by Bradford.
+
+    chromaticities : x and y of red, green, blue and white. Raises ValueError for what spans no colours.
+    """
+    from_rgb, white = _rgb_to_xyz(chromaticities)
+    from_srgb, daylight = _rgb_to_xyz(SRGB_CHROMATICITIES)
+    return np.asarray(np.linalg.inv(from_srgb) @ bradford(white, daylight) @ from_rgb)
+
+
+def _rgb_to_xyz(chromaticities: tuple[float, ...]) -> tuple[Float64Array, Float64Array]:
+    """(3, 3) from linear RGB to XYZ, and XYZ of its white."""
+    *primaries, (x, y) = np.reshape(np.array(chromaticities, float), (4, 2)).tolist()
+    if not np.isfinite(chromaticities).all():
+        raise ValueError(f"chromaticities are {chromaticities}")
+    columns = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
+    if y > 0 and abs(np.linalg.det(columns)) > LEAST_TRIANGLE:
+        white = _white_xyz((x, y))
+        amounts = np.linalg.solve(columns, white)
+        if (amounts > 0).all():
+            return columns * amounts, white
+    raise ValueError(f"chromaticities are {chromaticities}")
 
 
 @cache

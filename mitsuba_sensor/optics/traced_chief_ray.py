@@ -9,8 +9,8 @@ import numpy as np
 from ..core import Float64Array
 from .exit_pupil import ray_to
 from .paraxial import cardinal_points
-from .ray_trace import Ray
-from .traced_lens import traced_lens
+from .ray_trace import Ray, unobscured
+from .traced_lens import SequentialSurfaces, traced_lens
 
 if TYPE_CHECKING:
     from ..camera.lens_datasheet import LensSection
@@ -28,6 +28,8 @@ class ChiefRays(NamedTuple):
 def trace_chief_rays(lens: LensSection, focus_m: float, heights_mm: Float64Array) -> ChiefRays:
     """Chief rays of image heights, for a sensor that is in focus at a distance."""
     points, traced = cardinal_points(lens), traced_lens(lens)
+    if isinstance(traced, SequentialSurfaces):
+        traced = SequentialSurfaces(unobscured(traced.surfaces))
     distance = points.image_distance(focus_m)
 
     def ray_through(radial: Float64Array) -> Ray:

@@ -19,13 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Float64Array, InputError, nearest, require
-from ..core.argument_names import tells_of_names
-from ..core.csv_rows import rows_of
+from ..core.csv_rows import named_column, rows_of
 from ..files.texts import text_of_file
 
 if TYPE_CHECKING:
     from .shutter import Shutter
 
+FIRST = ("time", "t")
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 HIGHEST_LEVEL = 1e9
 HIGHEST_HZ = 1e12
 EXAMPLE = "e.g. 0.2, 'pwm(100, 0.5)' or '2 sine(100, 0.3)'"
@@ -128,7 +129,6 @@ def _checked_share(name: str, value: float) -> float:
     return require(name, value, -1e6, 1e6, "in periods, e.g. 0.25")
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class pwm(_Cycles):
     """Pulse-width modulation: w = 1/duty during the first ``duty`` of every period, and 0 after that.
@@ -156,7 +156,6 @@ class pwm(_Cycles):
         return np.asarray((whole * self.duty + rest) / (self.duty * self.frequency_hz))
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class sine(_Cycles):
     """w = 1 + depth·sin(2π(f·t + phase)).
@@ -181,7 +180,6 @@ class sine(_Cycles):
         return -self.depth * cosine / (2 * np.pi * self.frequency_hz)
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class mains(_Cycles):
     """A lamp on rectified mains: w = (π/2)·|sin(2πft)|, which repeats at twice the frequency of the mains.
@@ -203,12 +201,12 @@ class mains(_Cycles):
         return ((1 - np.cos(np.pi * share)) / 2 - share) / (2 * self.frequency_hz)
 
 
-@tells_of_names
 @dataclass(frozen=True, repr=False)
 class table(Waveform):
-    """A measured waveform: a CSV of time [s] and value, straight between its rows, which repeats behind the last row.
+    """A measured waveform: a CSV of time and value, straight between its rows, which repeats behind the last row.
 
-    The values are divided by their mean. The last time is one period behind the first.  file : its path.
+    Times are in seconds, or in the unit that a header names: time_ms, time_us or time_ns. The values
+    are divided by their mean. The last time is one period behind the first.  file : its path.
     """
 
     file: str
@@ -305,25 +303,34 @@ def _number(name: str, given: object, text: str) -> float:
 
 
 def _read_table(path: str) -> tuple[Float64Array, Float64Array]:
-    """Times and values of a CSV, with or without a header. Raises InputError."""
-    what = "two columns, rising times in seconds and values that are not negative"
-    rows = rows_of(text_of_file(Path(path), f"give a CSV of {what}"))
-    numbers = []
-    for number, row in enumerate(rows):
+    """Times [s] and values of a CSV, in seconds unless a header has another unit. Raises InputError."""
+    what = "two columns, rising times and values that are not negative"
+    rows = rows_of(text_of_file(Path(path), f"give a CSV of {what}"), FIRST)
+    numbers, unit_s = [], 1.0
+    for number, row in enumerate(rows, start=1):
         try:
             numbers.append([float(cell) for cell in row])
         except ValueError:
-            if number:
+            if number > 1:
                 raise InputError(
-                    f"row {number + 1} of {path} is {row}; it must have {what}."
+                    f"row {number} of {path} is {row}; it must have {what}."
                 ) from None
+            unit_s = _unit_s(path, row[0])
     if len(numbers) < 2 or any(len(row) != 2 for row in numbers):
         raise InputError(f"the waveform {path!r} needs two rows or more of {what}.")
-    times_s, values = np.array(numbers).T
+    times, values = np.array(numbers).T
     if (
-        not (np.diff(times_s) > 0).all()
+        not (np.diff(times) > 0).all()
         or not (values >= 0).all()
         or not np.isfinite(numbers).all()
     ):
         raise InputError(f"the waveform {path!r} must have {what}.")
-    return times_s, values
+    return times * unit_s, values
+
+
+def _unit_s(path: str, title: str) -> float:
+    """The unit of times with this title [s]. Raises InputError."""
+    try:
+        return SECONDS[named_column(1, title, SECONDS, FIRST)[1]]
+    except ValueError as error:
+        raise InputError(f"{path}: {error}.") from None

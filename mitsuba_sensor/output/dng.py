@@ -34,7 +34,6 @@ from ..files.tiff import (
 )
 from ..optics import spectra
 from ..render.light.photons import photons_per_irradiance
-from ..stages.stage import converter_of
 from .dng_lens import lens_corrections
 from .frame_files import image_facts
 
@@ -148,7 +147,7 @@ def _about(frames: RawFrames) -> Iterator[Tag]:
 def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
     """BlackLevelRepeatDim, BlackLevel of side × side pixels, and WhiteLevel."""
     camera, steps = frames.camera, steps_of_table(frames.camera)
-    black_dn = converter_of(camera.stages).black_level_dn / steps
+    black_dn = camera.black_level_dn / steps
     yield _tag(50713, TIFF_SHORT, side, side)
     yield _tag(50714, RATIONAL, *[black_dn] * side**2)
     white_dn = saturation_dn(camera)
@@ -181,7 +180,7 @@ def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
     shot = any(stage.counts_electrons for stage in camera.stages)
     if figures is None or not shot or (frames.plan is None and frames.stages != camera.stages):
         return None
-    span_dn = saturation_dn(camera) - converter_of(camera.stages).black_level_dn
+    span_dn = saturation_dn(camera) - camera.black_level_dn
     gain_dn_per_e = figures.system_gain_dn_per_e
     dark_dn2 = (gain_dn_per_e * figures.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
     excess = math.prod(stage.excess_noise for stage in camera.stages)

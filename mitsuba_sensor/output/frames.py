@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..camera.dual_pixels import has_several_readouts
 from ..camera.figures import refuse_readouts
 from ..camera.readouts import unknown_readout
-from ..core import InputError
-from ..core.argument_names import tells_of_names
+from ..core import InputError, by_weight
 from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
@@ -44,7 +43,6 @@ class FramesOfReadouts(dict[str, "Frames"]):
         raise unknown_readout(self.camera, name, self)
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Frames(RawFrames):
     """Raw frames of one camera, which know what is expected of them and can be saved.
@@ -147,7 +145,7 @@ class Frames(RawFrames):
         if self.light.source is not None:
             light_notes = self.light.source.notes
         _, render_notes = self.render_noise
-        return (*light_notes, *self.exposure_notes, *render_notes)
+        return tuple(by_weight([*light_notes, *self.exposure_notes, *render_notes]))
 
     @cached_property
     def render_noise(self) -> tuple[dict[str, float | None], tuple[str, ...]]:

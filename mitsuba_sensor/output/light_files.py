@@ -8,17 +8,17 @@ import re
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from ..camera.camera import Camera
 from ..camera.camera_file import load_camera
 from ..core import Float64Array, InputError, nearest, require
-from ..core.argument_names import tells_of_names
 from ..core.checks import require_path
 from ..core.units import LIGHT_SPEED_M_PER_S
 from ..files.openexr import whole_exr
+from ..optics.spectra import rgb_to_srgb
 from .exr import read_irradiance_exr
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ UNITS = {
 }
 OWN = "render_statistics"  # in the header of an irradiance.exr
 SPECTRAL = re.compile(
-    r"(?:.*\.)?S0\.(\d*[.,]?\d+(?:[eE][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)"
+    r"(?:(.*)\.)?S0\.(\d*[.,]?\d+(?:[eE][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)"
 )
 PREFIXES = {
     "Y": 24,
@@ -48,16 +48,18 @@ PREFIXES = {
     "da": 1,
 }
 PREFIXES |= {"": 0, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
+SAME_PRIMARIES = 1e-3  # of colours: chromaticities are often written with three digits
+T = TypeVar("T")
 ONE_NM = 1.0  # width of the band in which the light of one wavelength is
 
 
-@tells_of_names
 def read_irradiance(
     path: str | os.PathLike[str],
     unit: str | None = None,
     wavelength_nm: float | None = None,
     camera: Camera | str | None = None,
     fov_deg: float | None = None,
+    layer: str | None = None,
 ) -> Irradiance:
     """Irradiance at the focal plane from an EXR: of our own, or of another program with its unit.
 
@@ -69,17 +71,19 @@ def read_irradiance(
     unit : of another program's: one of UNITS; of our own irradiance.exr it is known.
     wavelength_nm : of a single channel.  camera : whose lens the light of a radiance passes.
     fov_deg : horizontal field of view of the radiance, for the cos⁴ of the lens; without it there is none.
-    Raises InputError for what cannot be read, and where unit, wavelength or camera must be given, or must not.
+    layer : which layer or part of a file of several holds the light, or which channel if the unit is that of one.
+    The picture is the display window, and RGB of other primaries (``chromaticities`` in the header) becomes sRGB.
+    Raises InputError for what cannot be read, and where unit, wavelength, camera or layer must be given, or must not.
     """
     file = require_path("path", path, "out/irradiance.exr")
-    with whole_exr(file, "that cannot be read", pixels=False) as (header, _):
+    with whole_exr(file, "that cannot be read", pixels=False) as (header, names):
         is_own = OWN in header
-        names = [channel.name for channel in header["channels"]]
     if is_own:
-        if any(given is not None for given in (unit, wavelength_nm, fov_deg)):
-            what = "unit=, wavelength_nm= and fov_deg= (--unit, --wavelength-nm, --fov-deg)"
+        if any(given is not None for given in (unit, wavelength_nm, fov_deg, layer)):
+            what = "unit=, wavelength_nm=, fov_deg= and layer="
+            flags = "--unit, --wavelength-nm, --fov-deg, --layer"
             raise InputError(
-                f"{file} is an irradiance.exr, whose unit, wavelengths and lens are known; leave out {what}."
+                f"{file} is an irradiance.exr, whose unit, wavelengths and lens are known; leave out {what} ({flags})."
             )
         return read_irradiance_exr(file)
     if unit not in UNITS:
@@ -99,7 +103,7 @@ def read_irradiance(
         )
     if isinstance(camera, str):
         camera = load_camera(camera)
-    return _foreign(file, unit, wavelength_nm, camera, fov_deg)
+    return _foreign(file, unit, wavelength_nm, camera, fov_deg, layer)
 
 
 def _foreign(
@@ -108,54 +112,99 @@ def _foreign(
     wavelength_nm: float | None,
     camera: Camera | None,
     fov_deg: float | None,
+    layer: str | None,
 ) -> Irradiance:
     """Irradiance of another program's EXR in one of UNITS."""
     from ..render.light import foreign_light
 
-    with whole_exr(file, "that cannot be read") as (_, channels):
+    with whole_exr(file, "that cannot be read") as (header, channels):
         pixels = {name: np.asarray(image, dtype=np.float32) for name, image in channels.items()}
-    notes = [f"read as {UNITS[unit]}"]
+    notes, negative = [f"read as {UNITS[unit]}"], 0
     if wavelength_nm is not None and unit not in ("w_per_m2", "radiance_w_per_m2_sr"):
         raise InputError(
             f"wavelength_nm is for one channel, and unit is {unit!r}; leave it out (--wavelength-nm)."
         )
     if unit == "radiance_rgb":
         assert camera is not None
-        bands = foreign_light.upsampled(_rgb(file, pixels), camera)
-        notes.append("RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65")
+        rgb, converted = _srgb(file, _rgb(file, pixels, layer), header.get("chromaticities"))
+        if not np.isfinite(rgb).all():
+            raise InputError(f"{file} has RGB values that are not finite; correct them first.")
+        negative = int((rgb < 0).sum())
+        bands = foreign_light.upsampled(np.maximum(rgb, 0.0), camera)
+        notes += [*converted, "RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65"]
     elif unit.endswith("_nm"):
-        bands = foreign_light.Bands(*_spectral(file, pixels, unit))
+        bands = foreign_light.Bands(*_spectral(file, pixels, unit, layer))
     else:
-        bands = foreign_light.Bands(*_one_channel(file, pixels, wavelength_nm, unit))
+        bands = foreign_light.Bands(*_one_channel(file, pixels, wavelength_nm, unit, layer))
     sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
     if not unit.startswith("radiance"):
         return foreign_light.irradiance_of(bands, tuple(notes), sha256)
     assert camera is not None
     bands, how = foreign_light.behind_lens(bands, camera, fov_deg)
-    light = foreign_light.irradiance_of(bands, (*notes, how), sha256)
+    light = foreign_light.irradiance_of(bands, (*notes, how), sha256, negative)
     return foreign_light.behind_glare(light, camera)
 
 
-def _rgb(file: Path, pixels: dict[str, np.ndarray]) -> np.ndarray:
-    if not {"R", "G", "B"} <= pixels.keys():
+def _rgb(file: Path, pixels: dict[str, np.ndarray], layer: str | None) -> np.ndarray:
+    """(H, W, 3) of the layer that ends in .R, .G and .B."""
+    layers = dict[str, list[str]]()
+    for name in pixels:
+        before, _, last = name.rpartition(".")
+        names = [name[:-1] + colour for colour in "RGB"]
+        if last == "R" and pixels.keys() >= {*names}:
+            layers[before] = names
+    if not layers:
         raise InputError(
             f"{file} has no channels R, G and B ({_show_names(pixels)}); give another unit (--unit)."
         )
-    rgb = np.stack([pixels[name] for name in "RGB"], axis=-1)
-    if not np.isfinite(rgb).all():
-        raise InputError(f"{file} has RGB values that are not finite; correct them first.")
-    return np.asarray(np.maximum(rgb, 0.0))
+    return np.stack([pixels[name] for name in _chosen(file, layers, layer)], axis=-1)
+
+
+def _chosen(file: Path, layers: dict[str, T], layer: str | None) -> T:
+    """That of the layer; if none is given, of the one outside of layers or of the only one. Raises InputError."""
+    if layer is None and (len(layers) == 1 or "" in layers):
+        return layers.get("") or next(iter(layers.values()))
+    if layer in layers:
+        return layers[layer]
+    named = ", ".join(repr(name) if name else "channels outside of layers" for name in layers)
+    if layer is None:
+        raise InputError(f"{file} has several layers; choose one by layer= (--layer): {named}.")
+    raise InputError(
+        f"{file} has no layer {layer!r}; it has {named}.{nearest(str(layer), layers)}"
+    )
+
+
+def _srgb(
+    file: Path, rgb: np.ndarray, chromaticities: tuple[float, ...] | None
+) -> tuple[np.ndarray, list[str]]:
+    """Linear sRGB of RGB with the primaries of the header, and what was done."""
+    if chromaticities is None:
+        return rgb, []
+    told = ", ".join(f"{x:.4g}" for x in chromaticities)
+    try:
+        matrix = rgb_to_srgb(chromaticities)
+    except ValueError:
+        raise InputError(
+            f"{file} has chromaticities {told} in its header, which span no colours; correct or remove them."
+        ) from None
+    if np.allclose(matrix, np.eye(3), atol=SAME_PRIMARIES):
+        return rgb, []
+    with np.errstate(all="ignore"):  # infinite values are refused later
+        converted = (rgb @ matrix.T).astype(np.float32)
+    return converted, [f"converted from the primaries {told} to sRGB"]
 
 
 def _spectral(
-    file: Path, pixels: dict[str, np.ndarray], unit: str
+    file: Path, pixels: dict[str, np.ndarray], unit: str, layer: str | None
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
     """(bands, wavelengths, widths) in the order of their wavelengths; bands end halfway between two."""
-    names: dict[float, str] = {}
+    layers = dict[str, dict[float, str]]()
     for name in pixels:
         match = SPECTRAL.fullmatch(name)
         if match is not None:
-            names[_length_nm(*match.groups())] = name
+            before, *length = match.groups()
+            layers.setdefault(before or "", {})[_length_nm(*length)] = name
+    names = _chosen(file, layers, layer) if layers else {}
     if len(names) < 2:
         remedy = "another unit"
         if len(pixels) == 1:
@@ -188,18 +237,22 @@ def _length_nm(number: str, prefix: str | None, unit: str) -> float:
 
 
 def _one_channel(
-    file: Path, pixels: dict[str, np.ndarray], wavelength_nm: float | None, unit: str
+    file: Path,
+    pixels: dict[str, np.ndarray],
+    wavelength_nm: float | None,
+    unit: str,
+    layer: str | None,
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
     """(bands, wavelengths, widths) of light of one wavelength."""
-    if len(pixels) != 1:
+    if layer is None and len(pixels) != 1:
         has = f"{len(pixels)} channels ({_show_names(pixels)})"
         raise InputError(
-            f"{file} has {has}, and {unit} is for one; give another unit (--unit)."
+            f"{file} has {has}, and {unit} is for one; choose it by layer= (--layer) or give another unit (--unit)."
         )
+    image = _chosen(file, {name: [x] for name, x in pixels.items()}, layer)[0]
     if wavelength_nm is None:
         raise InputError(
             f"unit is {unit!r}, of one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550)."
         )
     centre_nm = require("wavelength_nm", wavelength_nm, 1.0, 1e5, "nanometres, e.g. 550")
-    (image,) = pixels.values()
     return image[..., None] / ONE_NM, np.array([centre_nm]), np.array([ONE_NM])

@@ -80,7 +80,7 @@ def _develop_strip(
     origin: tuple[int, int],
 ) -> NDArray[np.uint8]:
     """Some rows of a frame, all pixels at once."""
-    black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.code_bits - 1.0
+    black_dn, white_dn = camera.black_level_dn, 2.0**camera.code_bits - 1.0
     range_dn = max(white_dn - black_dn, 1.0)
     linear = (np.asarray(digital, dtype=np.float64) - black_dn) / range_dn
     if colours is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterable
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any, cast
@@ -37,6 +38,11 @@ CELL_COLOURS: dict[Mark, str] = {
     "": "#FFFFFF",
 }
 WIDTH_IN, HEIGHT_IN, MARGIN_IN, BAR_IN, CELL_IN = 8.4, 4.6, 1.2, 0.2, 0.3
+SMALL_WIDTH_IN, SMALL_HEIGHT_IN = 4.6, 3.2
+RING_LABEL = "ring: none is both faster and more exact"
+
+LEAST_TICKS, MOST_TICKS = 3, 9
+"""Labelled ticks of a logarithmic axis."""
 SETTINGS: dict[
     str, Any
 ] = {  # of Matplotlib; text stays text, and equal studies give equal files
@@ -59,12 +65,17 @@ def svg(picture: Picture) -> str:
     return document[document.index("<svg") :]
 
 
-def png(picture: Picture) -> bytes:
-    """The bytes of a PNG file with the picture and its title, about 1000 pixels wide."""
-    return _drawn(picture, "png", None)
+def png(picture: Picture, small: bool = False) -> bytes:
+    """Return a PNG file of the picture and its title, about 1000 pixels wide.
+
+    small : about 550 pixels wide, with the legend below the axes, to stand beside text.
+    """
+    return _drawn(picture, "png", None, small)
 
 
-def _drawn(picture: Picture, kind: str, metadata: dict[str, None] | None) -> bytes:
+def _drawn(
+    picture: Picture, kind: str, metadata: dict[str, None] | None, small: bool = False
+) -> bytes:
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -74,7 +85,14 @@ def _drawn(picture: Picture, kind: str, metadata: dict[str, None] | None) -> byt
         axes = figure.subplots()
         axes.set_prop_cycle(color=COLOURS)
         figure.set_figheight(draw(picture, axes))
-        if axes.get_legend_handles_labels()[1]:
+        if small:
+            height_in = min(figure.get_figheight(), SMALL_HEIGHT_IN)
+            figure.set_size_inches(SMALL_WIDTH_IN, height_in)
+        labels = axes.get_legend_handles_labels()[1]
+        if labels and small:
+            place = (0.5, -0.5 / figure.get_figheight())
+            axes.legend(loc="upper center", bbox_to_anchor=place, fontsize=8.5, ncols=2)
+        elif labels:
             axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8.5)
         if kind == "png":
             axes.set_title(picture.title, loc="left", fontsize=10.5)
@@ -109,18 +127,24 @@ def draw_plot(plot: Plot, axes: Axes) -> float:
             label=line.label or None,
             **_style(line, colour),
         )
-        ringed_x = [line.x[i] for i in line.ringed]
-        ringed_y = [line.y[i] for i in line.ringed]
-        axes.scatter(ringed_x, ringed_y, s=95, facecolors="none", edgecolors="black", zorder=3)
+    rings = [(line.x[i], line.y[i]) for line in plot.lines for i in line.ringed]
+    if rings:
+        ring: dict[str, Any] = {
+            "s": 95,
+            "facecolors": "none",
+            "edgecolors": "black",
+            "zorder": 3,
+        }
+        axes.scatter(*zip(*rings, strict=True), label=RING_LABEL, **ring)
     axes.set(xlabel=plot.x_label, ylabel=plot.y_label)
-    if plot.log_x:
-        _set_log_scale(axes, "x", (x for line in plot.lines for x in line.x))
-    if plot.log_y:
-        _set_log_scale(axes, "y", (y for line in plot.lines for y in line.y))
     if plot.level is not None:
         axes.axhline(
             plot.level[0], color="black", linewidth=1, linestyle=":", label=plot.level[1]
         )
+    if plot.log_x:
+        _set_log_scale(axes, "x", (x for line in plot.lines for x in line.x))
+    if plot.log_y:
+        _set_log_scale(axes, "y", (y for line in plot.lines for y in line.y))
     return HEIGHT_IN
 
 
@@ -161,13 +185,13 @@ def draw_bars(bars: Bars, axes: Axes) -> float:
             label=label,
             error_kw={"elinewidth": 0.9},
         )
-    if bars.log_x:
-        _set_log_scale(
-            axes, "x", (x for values in bars.series.values() for x in values if x is not None)
-        )
     if bars.level is not None:
         axes.axvline(
             bars.level[0], color="black", linewidth=1, linestyle=":", label=bars.level[1]
+        )
+    if bars.log_x:
+        _set_log_scale(
+            axes, "x", (x for values in bars.series.values() for x in values if x is not None)
         )
     axes.set_yticks(rows, bars.labels)
     axes.set(xlabel=bars.x_label, ylim=(len(rows) - 0.4, -0.6))
@@ -194,10 +218,25 @@ def draw_grid(grid: Grid, axes: Axes) -> float:
 
 
 def _set_log_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
-    """Set a logarithmic axis where any value is positive; numbers stand between decades if there is less than one."""
-    positive = [value for value in values if value > 0]
-    if positive:
-        axes.set(**{f"{name}scale": "log"})
-        axis = axes.xaxis if name == "x" else axes.yaxis
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("{x:g}" if max(positive) < 10 * min(positive) else "")
+    """Set a logarithmic axis where any value is positive, and label at least three ticks of it."""
+    if not any(value > 0 for value in values):
+        return
+    axes.set(**{f"{name}scale": "log"})
+    axis = axes.xaxis if name == "x" else axes.yaxis
+    axis.set_ticks(_log_ticks(*sorted(axis.get_view_interval())))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("")
+
+
+def _log_ticks(low: float, high: float) -> list[float]:
+    """Powers of ten between two positive numbers; where they are fewer than three, round numbers between them too."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for multiples in ((1,), (1, 3), (1, 2, 5), tuple(range(1, 10))):
+        every = [float(f"{number}e{decade}") for decade in decades for number in multiples]
+        ticks = [tick for tick in every if low <= tick <= high]
+        if len(ticks) >= LEAST_TICKS:
+            return ticks[:: -(-len(ticks) // MOST_TICKS)]
+    from matplotlib.ticker import MaxNLocator
+
+    close = MaxNLocator(6, min_n_ticks=LEAST_TICKS + 2).tick_values(low, high)
+    return [tick for tick in close if low <= tick <= high]

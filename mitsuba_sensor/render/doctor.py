@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -14,19 +15,26 @@ from functools import partial
 from importlib import resources
 from typing import Any, TypeAlias
 
-from ..core.llvm import INSTALL, find_llvm
+from ..core.llvm import GIVEN_PATH, INSTALL, LLVM_PATH, find_llvm
 from ..core.versions import versions
 from ..stopping import undone_if_stopped
 from .variants import VARIANTS
 
 SLOW = "scalar_spectral"
+NOTEBOOK = """
+import sys, mitsuba_sensor
+import mitsuba as mi
+mi.set_variant(sys.argv[1])
+print(mi.render(mi.load_dict(mi.cornell_box()), spp=1).shape)
+"""
 RENDERER = "mitsuba>=3.9.1,<3.10"  # as in pyproject.toml
 LIMIT_S = 300
 Finding: TypeAlias = dict[str, Any]  # ready for JSON
 
 
 def examine(tell: Callable[[int, int, str], object] = lambda done, total, now: None) -> Finding:
-    """Variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands).
+    """Variants, whether plain Mitsuba renders once this package is imported, LLVM libraries, versions, the variant
+    that would be chosen, remedies (commands).
 
     tell : called with the renders that are done, all of them, and the one that begins.
     """
@@ -36,11 +44,15 @@ def examine(tell: Callable[[int, int, str], object] = lambda done, total, now: N
     for number, name in enumerate(VARIANTS):
         tell(number, len(VARIANTS), f"rendering a small scene with {name}")
         variants.append(chosen if chosen["name"] == name else _try(name))
+    tell(len(VARIANTS), len(VARIANTS), "rendering in Python")
+    code, _, complaint = _run([sys.executable, "-c", NOTEBOOK, chosen["name"] or SLOW])
+    reason = _why(code, complaint) if code else "a test picture was rendered"
     findings = {
         "works": chosen["works"],
         "variant": chosen["name"],
         "seconds": chosen["seconds"],
         "variants": variants,
+        "python": {"works": not code, "reason": reason},
     }
     libraries = find_llvm()
     used = next((library for library in libraries if library.usable), None)
@@ -71,10 +83,7 @@ def _try(variant: str | None) -> Finding:
             "--json",
         ]
         command += ["--variant", variant] if variant else []
-        try:
-            code, said, complaint = _run(command)
-        except subprocess.TimeoutExpired:
-            return {**failed, "reason": f"no end after {LIMIT_S} s"}
+        code, said, complaint = _run(command)
     if code:
         return {**failed, "reason": _why(code, complaint)}
     report = json.loads(said)
@@ -88,14 +97,21 @@ def _try(variant: str | None) -> Finding:
 
 
 def _run(command: list[str]) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr of a child process, which ends with this one."""
+    """Exit code, stdout and stderr of a child process, which ends with this one. It chooses LLVM afresh."""
     pipe = subprocess.PIPE
+    environment = {name: value for name, value in os.environ.items() if name != LLVM_PATH}
+    if GIVEN_PATH is not None:
+        environment[LLVM_PATH] = GIVEN_PATH
     with (
-        subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as child,
+        subprocess.Popen(
+            command, stdout=pipe, stderr=pipe, text=True, env=environment
+        ) as child,
         undone_if_stopped(child.kill),
     ):
         try:
             said, complaint = child.communicate(timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            return 1, "", f"no end after {LIMIT_S} s"
         finally:
             child.kill()  # one that has ended already is left alone
     return child.returncode, said, complaint
@@ -106,7 +122,8 @@ def _why(code: int, complaint: str) -> str:
     if code < 0:
         return f"the process was ended by {signal.Signals(-code).name}"
     lines = [line for line in complaint.splitlines() if line.strip()]
-    return lines[-1].removeprefix("error: ").split("; ")[0] if lines else f"exit code {code}"
+    last = lines[-1].removeprefix("error: ").split("; ")[0] if lines else f"exit code {code}"
+    return last.rpartition(", but there is ")[2]  # the option is this module's own
 
 
 def _remedies(findings: Finding, reason: str) -> list[str]:
@@ -125,9 +142,12 @@ def _remedies(findings: Finding, reason: str) -> list[str]:
         )
         working = [one["name"] for one in findings["variants"] if one["works"]]
         remedies += [
-            f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then"
+            f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then; in Python: variant={name!r}"
             for name in working[:1]
         ]
+    elif not findings["python"]["works"]:
+        why = findings["python"]["reason"]
+        remedies.append(f"mi.set_variant({SLOW!r})   # in Python, until mi.render works: {why}")
     elif findings["variant"] == SLOW:
         remedies.append(f"{INSTALL}   # renders up to about three times faster")
     return remedies

@@ -219,6 +219,15 @@ class UnitOptions(TypedDict, total=False):
             example="40",
         ),
     ]
+    layer: Annotated[
+        str | None,
+        Option(
+            "Layer or part of an EXR of several, e.g. ViewLayer.Combined; for one channel, its name. Default: the "
+            "one outside of layers, or the only one that holds such light.",
+            panel="Light of another program",
+            metavar="NAME",
+        ),
+    ]
 
 
 class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
@@ -312,6 +321,17 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
             low=1,
             high=MOST_SPP,
             example="16",
+        ),
+    ]
+    luminance: Annotated[
+        float | None,
+        Option(
+            "Median luminance of the picture [cd/m²]: one factor scales all emitters, and a short render "
+            "finds it. A scene in full sunlight has 5000, an office 100. Default: the emitters as the scene has them.",
+            low=1e-6,
+            high=1e9,
+            metavar="CD_M2",
+            example="500",
         ),
     ]
     gain: Gain

@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 from ..core import InputError, nearest
-from ..core.llvm import INSTALL, backend_problem, drjit, llvm_version
+from ..core.llvm import backend_problem, drjit, llvm_remedy, llvm_version
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -24,7 +24,7 @@ MitsubaObject: TypeAlias = (
 
 POLARIZED = "_polarized"  # end of the names of variants that follow the polarisation of light
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
-FASTER = "up to about three times faster with LLVM, depending on the processor: " + INSTALL
+FASTER = "up to about three times faster with LLVM, depending on the processor: "
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,15 @@ def own_folder_first(resolver: MitsubaObject) -> None:
 
 
 def choose_variant(requested: str | None = None) -> Variant:
-    """Choose a spectral variant: the requested one, else the one already set, else cuda, guarded llvm, scalar.
+    """Choose a spectral variant: the requested one, else the one already set if it is spectral, else cuda, guarded
+    llvm, scalar.
 
     Sets none. Raises InputError for a variant that is unknown, not spectral, or without its back end on this machine.
     """
     current = mitsuba().variant()
     if requested is not None:
         return _checked(requested, "asked for", f"variant is {requested!r}")
-    if current is not None:
+    if current in _spectral_variants():
         return _checked(current, "already set", f"the variant already set is {current!r}")
     return fastest_variant("cuda", "llvm")
 
@@ -77,7 +78,7 @@ def fastest_variant(*backends: str) -> Variant:
         name = next((v for v in both if v in mitsuba().variants()), None)
         if name and backend_problem(backend) is None:
             return Variant(name, backend, reasons[backend])
-    return Variant("scalar_spectral", "scalar", backend_problem("llvm") or "", FASTER)
+    return Variant("scalar_spectral", "scalar", backend_problem("llvm") or "", _faster())
 
 
 def use(variant: Variant) -> ModuleType:
@@ -138,13 +139,13 @@ def computed_in(variant: Variant, items: Iterator[Item]) -> Iterator[Item]:
         yield item  # type: ignore[misc]
 
 
-def any_spectral_variant() -> Variant:
-    """The variant that is set, if it is a spectral one of :func:`choose_variant`, else the fastest: for what all of
-    them compute alike. Sets none."""
-    current = mitsuba().variant()
-    if current in _spectral_variants():
-        return choose_variant()
-    return fastest_variant("cuda", "llvm")
+def values_of(thing: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
+    """(name, value) of the parameters of an object of Mitsuba, but for those that it has not set: the colour of hair,
+    where its pigments are, of which Mitsuba's own iterator fails."""
+    parameters = mitsuba().traverse(thing)
+    for name, (value, *_) in parameters.properties.items():
+        if value is not None:
+            yield name, parameters[name]
 
 
 def is_polarized() -> bool:
@@ -173,8 +174,13 @@ def _checked(name: str, reason: str, subject: str) -> Variant:
     backend = name.split("_")[0]
     problem = backend_problem(backend)
     if problem:
-        way_out = "take scalar_spectral" + (f", or {INSTALL}" if backend == "llvm" else "")
+        way_out = "take scalar_spectral" + (
+            f", or {llvm_remedy()}" if backend == "llvm" else ""
+        )
         raise InputError(f"{subject}, but there is {problem}; {way_out}.")
-    return Variant(
-        name, backend, reason, FASTER if backend == "scalar" and llvm_version() == 0 else ""
-    )
+    return Variant(name, backend, reason, _faster() if backend == "scalar" else "")
+
+
+def _faster() -> str:
+    """What would make scalar variants faster where LLVM cannot be used; else an empty string."""
+    return FASTER + llvm_remedy() if backend_problem("llvm") else ""

@@ -20,17 +20,14 @@ from ..camera.camera import Camera
 from ..camera.exposure_times import longest_exposure_s
 from ..camera.figures import saturation_e
 from ..core import Exposure, InputError, nearest, require
-from ..core.argument_names import tells_of_names
 from ..optics.shutter import shutter_of
 from ..stages.gains import gain_dn_per_e
-from ..stages.stage import converter_of
 
 DARKEST = 1e-6
 """Of saturation: a darker mean counts as this."""
 EXAMPLE = "target 0.18, damping 0.5, delay 2"
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class AutoExposure:
     """A controller of exposure time and gain, from frame to frame.
@@ -136,7 +133,7 @@ class ExposureControl:
 
     def measure(self, digital: NDArray[np.unsignedinteger]) -> float:
         """Mean of a frame over black, as a share of saturation; from it follow camera and exposure of the next."""
-        black_dn = converter_of(self.camera.stages).black_level_dn
+        black_dn = self.camera.black_level_dn
         mean_dn = float(digital.mean(dtype=np.float64)) - black_dn
         measured = mean_dn / self.saturation_dn
         self.errors.append(math.log(self.rule.target / max(measured, DARKEST)))

@@ -9,7 +9,6 @@ from ..camera.camera_file import AnyCamera, camera_of
 from ..camera.figures import refuse_readouts
 from ..camera.sensor_size import check_on_sensor
 from ..core import Exposure, InputError, SensorWindow, check_types, require_seed
-from ..core.argument_names import tells_of_names
 from ..core.options import complete
 from .checks import checked_origin
 from .choices import precision_of
@@ -17,7 +16,6 @@ from .options import ExposeOptions, Precision
 from .run import choose_backend
 
 
-@tells_of_names
 def fpn_maps(
     camera: AnyCamera,
     shape: tuple[int, int] | None = None,

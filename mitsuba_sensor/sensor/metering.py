@@ -24,7 +24,6 @@ from ..core import (
     check_types,
     require,
 )
-from ..core.argument_names import tells_of_names
 from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
 from ..stages.effects.dark_current import mean_dark_e
@@ -41,7 +40,6 @@ PIXELS_AT_ONCE = 2**18
 DIGITS = 3  # of the time, so that it can be typed
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class Metering:
     """An exposure whose time follows from the light.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..core import Array, Electrons, Frame, InputError, SensorWindow, nearest
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
-from ..core.llvm import INSTALL, backend_problem
+from ..core.llvm import backend_problem, llvm_remedy
 from ..stages.stage import Chain, Stage, sample, total
 from .options import Engine
 from .threads import processors
@@ -61,7 +61,7 @@ def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
         backend = "cuda"
     problem = backend_problem(backend)
     if problem:
-        way_out = "take engine numpy" + (f", or {INSTALL}" if backend == "llvm" else "")
+        way_out = "take engine numpy" + (f", or {llvm_remedy()}" if backend == "llvm" else "")
         raise InputError(f"engine is {engine!r}, but there is {problem}; {way_out}.")
     from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
 

@@ -34,7 +34,7 @@ from .effects.temporal_line_noise import (
     TemporalRowNoise,
 )
 from .recorder import RecordingFrame
-from .stage import Chain, Stage, converter_of, total, without
+from .stage import Chain, Stage, total, without
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
@@ -98,11 +98,6 @@ def _chain(camera: "Camera", off: Collection[str]) -> Chain:
         stages += own + camera.added_after(effect.key())
         out += own if effect.key() in off else ()
     return without(stages, out)
-
-
-def black_level_dn(camera: "Camera") -> float:
-    """The code of darkness [DN], given or from the noise of a zero exposure."""
-    return converter_of(chain(camera)).black_level_dn
 
 
 def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:

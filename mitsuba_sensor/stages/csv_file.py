@@ -1,17 +1,23 @@
 """CSV files beside a camera file."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from ..core.csv_rows import rows_of
 from ..core.small_files import require_small
 
 
-def read_rows(name: str, folder: str, what: str) -> list[list[str]]:
-    """The cells of a file in ``folder``, that of the camera file; else ValueError.  what : it is, for messages."""
+def read_rows(
+    name: str, folder: str, what: str, first_names: Collection[str] = ()
+) -> list[list[str]]:
+    """The cells of a file in ``folder``, that of the camera file; else ValueError.
+
+    what : it is, for messages.  first_names : see :func:`rows_of`.
+    """
     path = Path(folder) / name
     try:
         require_small(path, what)
-        return rows_of(path.read_text("utf-8-sig"))
+        return rows_of(path.read_text("utf-8-sig"), first_names)
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(
             f"file {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"

@@ -2,12 +2,13 @@
 
 from typing import Any, NamedTuple
 
-from ..core.csv_rows import SEPARATED
+from ..core.csv_rows import SEPARATED, named_column
 from .csv_file import read_rows
 from .datasheet import Nanometres
 
-LENGTHS = {"nm": 1.0, "um": 1000.0, "µm": 1000.0}
+LENGTHS = {"nm": 1.0, "um": 1000.0}
 SHARES = {"fraction": 1.0, "percent": 0.01}
+FIRST = ("wavelength",)
 
 
 class Column(NamedTuple):
@@ -19,7 +20,7 @@ class Column(NamedTuple):
 
     @property
     def title(self) -> str:
-        """As the header has it."""
+        """As a header has it."""
         return f"{self.name}_{self.unit}"
 
     def scaled(self, unit: str | None = None) -> list[float]:
@@ -30,10 +31,16 @@ class Column(NamedTuple):
 
 def read_curves(name: str, folder: str) -> dict[str, Any]:
     """``wavelengths_nm`` and ``curves`` of a file in ``folder``, that of the camera file; else ValueError."""
-    rows = read_rows(name, folder, "the file of curves")
+    rows = read_rows(name, folder, "the file of curves", FIRST)
     if len(rows) < 3:
         raise ValueError(f"file {name!r} needs a header and at least two lines of numbers")
-    titles = [_title(name, i, title) for i, title in enumerate(rows[0])]
+    try:
+        titles = [
+            named_column(1, rows[0][0], LENGTHS, FIRST),
+            *(named_column(n, title, SHARES) for n, title in enumerate(rows[0][1:], start=2)),
+        ]
+    except ValueError as error:
+        raise ValueError(f"file {name!r}: {error}") from None
     if len(titles) < 2:
         raise ValueError(
             f"file {name!r} needs a wavelength column and at least one curve, {SEPARATED}"
@@ -58,23 +65,6 @@ def read_curves(name: str, folder: str) -> dict[str, Any]:
     _check_lengths(name, wavelengths)
     _check_shares(name, curves)
     return {"wavelengths_nm": wavelengths.scaled(), "curves": found}
-
-
-def _title(name: str, position: int, column: str) -> tuple[str, str]:
-    """Name and unit of one column: ``wavelength_um``, ``G_percent``."""
-    label, _, unit = column.rpartition("_")
-    known = LENGTHS
-    if position:
-        known = SHARES
-    if unit not in known or (not position and label != "wavelength") or not label:
-        wanted = "wavelength_nm or wavelength_um"
-        if position:
-            wanted = "NAME_fraction or NAME_percent"
-        called = f"column {position + 1} is called {column[:60]!r}"
-        raise ValueError(
-            f"file {name!r}: {called}; call it {wanted}, so that the unit is sure, in columns {SEPARATED}"
-        )
-    return label, unit
 
 
 def _check_lengths(name: str, column: Column) -> None:

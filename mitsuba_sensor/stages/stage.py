@@ -7,6 +7,7 @@ of a stage, it reads from the attributes declared here.
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from abc import ABC, abstractmethod
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
+from ..core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow
 from ..core.signals import Filters
 from ..core.types import Float64Array
 from .datasheet import FileTable
@@ -99,7 +100,31 @@ class Stage(ABC):
     no_noise: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
-        """``LineDrift`` gets the label ``line drift``, unless it has one of its own."""
+        """``LineDrift`` gets the label ``line drift``, unless it has one of its own.
+
+        Raises InputError for a field that hides a member of all stages, and for a method in place of a property or a
+        value in place of a method: the rest of the package would read them.
+        """
+        another = cls.__name__.lower()
+        for base in cls.__mro__[: cls.__mro__.index(Stage)]:  # mixins too
+            for name, annotation in inspect.get_annotations(base).items():
+                is_member = hasattr(Stage, name) or name in Stage.__annotations__
+                if is_member and "ClassVar" not in str(annotation):
+                    raise InputError(
+                        f"{cls.__name__}.{name} is a field, and every stage has a member {name}; call the field "
+                        f"{another}_{name}, or write {name} = … without a type to override the member."
+                    )
+            for name, value in vars(base).items():
+                member = vars(Stage).get(name)
+                if isinstance(member, property) and inspect.isfunction(value):
+                    raise InputError(
+                        f"{cls.__name__}.{name} is a method; write @property above it."
+                    )
+                if inspect.isroutine(member) and not callable(getattr(base, name)):
+                    raise InputError(
+                        f"{cls.__name__}.{name} is a value, and {name} is a method of every stage; call the value "
+                        f"{another}_{name}."
+                    )
         if "label" not in vars(cls):
             cls.label = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
 

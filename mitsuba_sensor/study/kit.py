@@ -1,10 +1,9 @@
-"""The kit of all studies: their subject, steps that are measured once, forecasts, tasks timed in turns."""
+"""The kit of all studies: their subject, steps that are measured once, tasks timed in turns."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -58,59 +57,24 @@ class Subject:
 class Step(NamedTuple):
     """One measurement.
 
-    key : its name, also for the progress bar.  seconds : that it takes, in proportion to other steps of its kind.
-    measure : gives its value.  kind : of step; times of one kind tell what the others of it will take.
+    key : its name, also for the progress bar.  seconds : that it takes, in proportion to other steps.
+    measure : gives its value.
     """
 
     key: str
     seconds: float
     measure: Callable[[], Any]
-    kind: str = ""
 
 
-class Forecast(NamedTuple):
-    """How long a study takes.
-
-    done_s, total_s : seconds of work done, and expected in all.  now : the step that begins.
-    longest, longest_s : the kind of step that takes most of the time, and its seconds.
-    """
-
-    done_s: float
-    total_s: float
-    now: str
-    longest: str
-    longest_s: float
-
-
-Progress = Callable[[Forecast], None]
-
-
-class Pace:
-    """Measured seconds over the expected ones, by kind of step: other scenes and machines have other ones."""
-
-    def __init__(self) -> None:
-        self.expected_s = defaultdict[str, float](float)
-        self.measured_s = defaultdict[str, float](float)
-
-    def add(self, step: Step, seconds: float) -> None:
-        """Count a step that took so many seconds."""
-        self.expected_s[step.kind] += step.seconds
-        self.measured_s[step.kind] += seconds
-
-    def forecast(self, step: Step) -> float:
-        """Seconds of a step by the steps of its kind; before the first of these as it says itself, or longer where the
-        steps so far took longer than they said."""
-        if self.expected_s[step.kind]:
-            return step.seconds * self.measured_s[step.kind] / self.expected_s[step.kind]
-        measured_s, expected_s = sum(self.measured_s.values()), sum(self.expected_s.values())
-        return step.seconds * max(measured_s / expected_s if expected_s else 1.0, 1.0)
+Progress = Callable[[str, float], object]
+"""Told the step that begins, and the share of the work that is done."""
 
 
 class Kit:
-    """Measures what is not measured yet, and forecasts how long the rest takes.
+    """Measures what is not measured yet, and tells how much of it is done.
 
     known : (value, seconds that it took) by key; as files (output/measurements.py), they let a stopped study go on.
-    progress : told the forecast before each step.  clock : in seconds.  new : steps that were measured here.
+    progress : told before each step.  clock : in seconds.  new : steps that were measured here.
     """
 
     def __init__(
@@ -122,7 +86,7 @@ class Kit:
         self.known = {} if known is None else known
         self.new = 0
         self._clock = clock
-        self._pace = Pace()
+        self._done_s = 0.0
         self._progress = progress
 
     def __getitem__(self, key: str) -> Any:
@@ -145,31 +109,26 @@ class Kit:
     def take(self, steps: Iterable[Step], later: Sequence[Step] = ()) -> None:
         """Measure every step that is not known yet, in order.  later : steps of the study behind these."""
         waiting = [step for step in steps if step.key not in self.known]
-        behind = [step for step in later if step.key not in self.known]
-        for number, step in enumerate(waiting):
-            self._tell(step.key, [*waiting[number:], *behind])
+        left_s = sum(step.seconds for step in [*waiting, *later] if step.key not in self.known)
+        for step in waiting:
+            self._tell(step.key, left_s)
             started = self._clock()
             value = step.measure()
-            seconds = self._clock() - started
-            self.known[step.key] = value, seconds
-            self._pace.add(step, seconds)
+            self.known[step.key] = value, self._clock() - started
+            self._done_s += step.seconds
+            left_s -= step.seconds
             self.new += 1
-        self._tell("done", behind)
+        self._tell("done", left_s)
 
     def measure(self, key: str, seconds: float, measure: Callable[[], Any]) -> Any:
         """The value of one step."""
         self.take([Step(key, seconds, measure)])
         return self[key]
 
-    def _tell(self, now: str, left: Sequence[Step]) -> None:
-        if self._progress is None:
-            return
-        seconds = defaultdict[str, float](float, self._pace.measured_s)
-        done_s = sum(seconds.values())
-        for step in left:
-            seconds[step.kind] += self._pace.forecast(step)
-        longest = max(seconds, key=lambda kind: seconds[kind], default="")
-        self._progress(Forecast(done_s, sum(seconds.values()), now, longest, seconds[longest]))
+    def _tell(self, now: str, left_s: float) -> None:
+        if self._progress is not None:
+            whole_s = self._done_s + left_s
+            self._progress(now, self._done_s / whole_s if whole_s else 1.0)
 
 
 def time_one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:

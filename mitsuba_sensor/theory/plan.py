@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from ..camera.camera import Camera
 from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
-from ..core.argument_names import tells_of_names
 from ..core.options import complete
 from ..core.types import Float64Array
 from ..sensor.checks import as_photons
@@ -77,7 +76,6 @@ class PlanRange:
             )
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class Plan:
     """The stages of an exposure with their effects. ``print(plan.explain())``; ``expose(..., plan=plan)``.
@@ -166,7 +164,6 @@ class Plan:
         }
 
 
-@tells_of_names
 @dataclass(frozen=True)
 class CombinedPlan:
     """The plans of all read-outs of a camera. ``print(plan.explain())``; ``expose(..., plan=plan)``.
@@ -232,7 +229,6 @@ class CombinedPlan:
         }
 
 
-@tells_of_names
 def plan(
     camera: AnyCamera,
     exposure: Exposure,

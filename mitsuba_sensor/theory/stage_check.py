@@ -28,7 +28,6 @@ from ..core import (
     SensorWindow,
     check_types,
 )
-from ..core.argument_names import tells_of_names
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, normals
 from ..core.llvm import backend_problem
 from ..sensor.run import choose_backend
@@ -141,7 +140,6 @@ class StageCheck:
         return "\n".join(lines)
 
 
-@tells_of_names
 def check_stage(
     stage: Stage,
     *,

@@ -38,24 +38,17 @@ def measure_paper(kit: Kit, size: Size = FULL) -> Study:
         for camera in pattern.CAMERAS
     }
     laws = {law: f"dark, {law.time_s:g} s" for law in DARK_SIGNALS}
-    steps = [
-        Step(key, 4.0, partial(light.measure, name, size), "light")
-        for name, key in sweeps.items()
-    ]
+    steps = [Step(key, 4.0, partial(light.measure, name, size)) for name, key in sweeps.items()]
     steps += [
-        Step(key, 14.0, partial(transfer.measure, name, size), "transfer")
-        for name, key in curves.items()
+        Step(key, 14.0, partial(transfer.measure, name, size)) for name, key in curves.items()
     ]
-    steps += [Step("PRNU", 4.0, partial(pattern.measure_prnu, size), "PRNU")]
+    steps += [Step("PRNU", 4.0, partial(pattern.measure_prnu, size))]
     steps += [
-        Step(key, 12.0, partial(pattern.measure_f, *row, size), "whiteness")
+        Step(key, 12.0, partial(pattern.measure_f, *row, size))
         for row, key in whiteness.items()
     ]
-    steps += [
-        Step(key, 2.0, partial(dark.measure, law, size), "dark signal")
-        for law, key in laws.items()
-    ]
-    steps += [Step("dark current", 3.0, partial(dark.measure_rate, size), "dark current")]
+    steps += [Step(key, 2.0, partial(dark.measure, law, size)) for law, key in laws.items()]
+    steps += [Step("dark current", 3.0, partial(dark.measure_rate, size))]
     kit.take(steps)
     sections = [
         light.section({name: kit[key] for name, key in sweeps.items()}, size),

@@ -425,6 +425,7 @@ def test_doctor_survives_and_says_what_works(tmp_path: Path) -> None:
     findings = json.loads(done.stdout)
     assert done.returncode == 0 and findings["works"]
     assert {one["name"]: one["works"] for one in findings["variants"]}["scalar_spectral"]
+    assert findings["python"]["works"] and "--variant" not in done.stdout
     assert findings["versions"]["drjit"]
     assert all(library["reason"] for library in findings["llvm"])
 
@@ -440,6 +441,7 @@ def test_doctor_reports_a_render_that_kills_its_process(
     findings = doctor.examine()
     assert not findings["works"]
     assert "SIGABRT" in findings["variants"][0]["reason"]
+    assert "SIGABRT" in findings["python"]["reason"]
     assert findings["remedies"]
 
 

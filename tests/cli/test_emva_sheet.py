@@ -6,6 +6,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -117,10 +118,23 @@ def test_the_keys_of_a_row_have_its_value(name: str) -> None:
     for key, fields in KEYS.items():
         value = values[key]
         for field, wanted in zip(fields, value if len(fields) > 1 else (value,), strict=True):
-            if field == "quantum_efficiency.value":  # a curve once the file is read
+            if field == "quantum_efficiency.curves":
                 assert camera.qe([values["wavelength_nm"]])[0, 0] == wanted
             else:
                 assert attrgetter(field)(camera) == wanted, field
+
+
+def test_one_quantum_efficiency_gives_a_curve_of_silicon() -> None:
+    """Within 0.06 of the curve of the IMX174, by other hands; other sensors are refused."""
+    sheet = {**SHEETS["sony_imx174"], "wavelength_nm": "525", "qe": "77"}
+    values = {row.key: row.value(sheet.get(row.key, "")) for row in ROWS}
+    camera, known = camera_of_sheet(values, "mine", ""), ms.load_camera("sony_imx174")
+    at_nm = np.arange(450, 1001, 50.0)
+    np.testing.assert_allclose(camera.qe(at_nm), known.qe(at_nm), atol=0.06)
+    (wavelength,) = [row for row in ROWS if row.key == "wavelength_nm"]
+    for asked in ("365", "1300"):
+        with pytest.raises(ms.InputError, match=r"from 400 to 1000 .*give quantum_eff"):
+            wavelength.value(asked)
 
 
 def test_the_rows_stand_in_the_order_of_the_sheet() -> None:

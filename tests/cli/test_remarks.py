@@ -10,6 +10,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli.remarks import taken_by_default, written
+from mitsuba_sensor.files.appearing import output_folder
 from mitsuba_sensor.render.scene.scene_settings import SceneSettings
 
 CAMERA = ms.load_camera("konnik_table1")
@@ -52,6 +53,22 @@ def test_files_are_named_in_the_order_of_the_command(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     said = written(tmp_path, ("study.html", "study.json", "*.png"))
     assert said == f"wrote in {tmp_path}: study.html, a.png, b.png"
+
+
+def test_files_of_an_earlier_result_are_named_where_they_are_replaced(tmp_path: Path) -> None:
+    """The second result has one file less; the first one replaces nothing, whatever else is in the folder."""
+    folder, said = tmp_path / "out", list[str]()
+    folder.mkdir()
+    (folder / "mine.txt").touch()
+    for names in (("a.png", "b.png"), ("a.png",)):
+        with output_folder(folder, ("*.png",)) as scratch:
+            for name in names:
+                (scratch / name).touch()
+        said.append(written(folder, ("*.png",)))
+    assert said[0] == f"wrote in {folder}: a.png, b.png"
+    assert said[1] == (
+        f"wrote in {folder}: a.png; an earlier result there was replaced (a.png, b.png)"
+    )
 
 
 def test_expose_ends_with_its_files(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import math
 import os
 import re
 import subprocess
@@ -242,53 +241,25 @@ def test_rough_numbers_say_where_they_are_too_small_to_matter(value: float, text
     assert rough(value) == text
 
 
-def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Told once that 100 s are left, it shows 40 s later what is left then, of this frame and of the two after it."""
-    now = [1000.0]
-    monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
-    console = Console(width=100, file=io.StringIO(), force_terminal=True, color_system=None)
-    for options, frames_left in (
-        ({}, 0),
-        ({"frames": 3, "first_frame": 5, "render_noise": "per-frame"}, 2),
-    ):
-        with progress_module.render_progress(console, options) as progress:
-            bar = console._live_stack[-1]
-            progress(RenderProgress(0, 10, seconds_left=math.nan, frame=5))
-            assert "left" not in drawn(bar)
-            progress(RenderProgress(1, 10, seconds=20.0, seconds_left=80.0, frame=5))
-            all_s = 80 + frames_left * 100
-            assert (
-                f"about {all_s} s left" if all_s <= 90 else f"about {all_s / 60:.1f} min left"
-            ) in drawn(bar)
-            now[0] += 40
-            left_s = all_s - 40
-            assert (
-                f"about {left_s} s left"
-                if left_s <= 90
-                else f"about {left_s / 60:.1f} min left"
-            ) in drawn(bar)
-            assert f"{100 * 40 / all_s:.0f} %" in drawn(bar)
-
-
 def test_the_bar_says_what_is_done_and_no_share_where_no_end_is_known() -> None:
     console = Console(width=100, file=io.StringIO(), force_terminal=True, color_system=None)
     with progress_module.render_progress(console, {}, "reading the light") as progress:
         bar = console._live_stack[-1]
+
+        def after(step: RenderProgress) -> str:
+            progress(step)
+            return drawn(bar)
+
         assert "reading the light" in drawn(bar) and "%" not in drawn(bar)
-        progress(RenderProgress(1, 10, seconds=20.0, seconds_left=80.0))
-        assert "rendering" in drawn(bar) and "0 %" in drawn(bar) and "80 s left" in drawn(bar)
-        progress(RenderProgress(8, 8, seconds=100.0, doing="denoising"))
-        assert "denoising" in drawn(bar) and "%" not in drawn(bar) and "left" not in drawn(bar)
-        progress(RenderProgress(1, 3, seconds=20.0, seconds_left=40.0, doing="exposing"))
-        assert "frame 2 of 3" in drawn(bar) and "40 s left" in drawn(bar)
-        progress(RenderProgress(3, 3, seconds=60.0, seconds_left=0.0, doing="exposing"))
-        assert (
-            "report and files" in drawn(bar)
-            and "%" not in drawn(bar)
-            and "left" not in drawn(bar)
-        )
+        assert "rendering" in after(RenderProgress(1, 10)) and "10%" in drawn(bar)
+        assert "%" not in after(RenderProgress(30, 0, 0.25)), "a noise ratio ends it"
+        assert "render noise 0.25 × the sensor's" in drawn(bar)
+        assert "denoising" in after(RenderProgress(0, 0, doing="denoising"))
+        assert "%" not in drawn(bar)
+        assert "frame 2 of 4" in after(RenderProgress(1, 4, doing="exposing"))
+        assert "25%" in drawn(bar)
+        assert "report and files" in after(RenderProgress(4, 4, doing="exposing"))
+        assert "%" not in drawn(bar) and "left" not in drawn(bar)
 
 
 def drawn(live: Any) -> str:

@@ -14,19 +14,30 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.marks import exhaustive
 from helpers.waiting import WAIT_S
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import llvm
 from mitsuba_sensor.core.llvm import LLVM_PATH, find_llvm, inspect_llvm
-from mitsuba_sensor.render import variants
 from mitsuba_sensor.render.variants import choose_variant, use
 
-REPORT = """
-import json, os, sys
-from mitsuba_sensor.core import llvm
+ONE_FOLDER = f"""
+import importlib.util, os, sys
+spec = importlib.util.spec_from_file_location("mitsuba_sensor.core.llvm", {llvm.__file__!r})
+llvm = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+def look_into_one_folder():
+    spec.loader.exec_module(llvm)
+    llvm.FOLDERS, llvm.OWN_FOLDERS = (sys.argv[1],), ()
+"""
+"""Before the package is imported, and with it the library chosen: only the libraries in one folder are found."""
+
+REPORT = (
+    ONE_FOLDER
+    + """
+import json
+look_into_one_folder()
 from mitsuba_sensor.render import variants
-llvm.FOLDERS, llvm.OWN_FOLDERS = tuple(sys.argv[1:]), ()
 chosen = variants.choose_variant()
 mi = variants.use(chosen)
 scene = mi.load_dict({"type": "scene", "s": {"type": "sphere"}, "e": {"type": "constant"}, "i": {"type": "direct"},
@@ -36,6 +47,7 @@ maps = open("/proc/self/maps").read() if os.path.exists("/proc/self/maps") else 
 loaded = sorted({line.split()[-1] for line in maps.splitlines() if "LLVM" in line})
 print(json.dumps([chosen.name, chosen.hint, chosen.reason, loaded]))
 """
+)
 linux = pytest.mark.skipif(
     sys.platform != "linux", reason="looks into /proc/self/maps and makes ELF files"
 )
@@ -49,12 +61,20 @@ def fake_library(folder: Path, name: str, inside: bytes = b"") -> Path:
     return path
 
 
-def import_drjit(folder: Path, **environment: str) -> tuple[list, str]:
-    """What a fresh process chooses when it looks for LLVM in ``folder`` alone; and what it wrote to stderr."""
+def in_new_process(
+    code: str, *arguments: object, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Code that runs where the user has not named an LLVM library."""
     env = {k: v for k, v in os.environ.items() if k != LLVM_PATH} | environment
-    command = [sys.executable, "-c", REPORT, str(folder)]
+    command = [sys.executable, "-c", code, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=WAIT_S)
     assert done.returncode == 0, done.stderr
+    return done
+
+
+def import_drjit(folder: Path, **environment: str) -> tuple[list, str]:
+    """What a fresh process chooses when it looks for LLVM in ``folder`` alone; and what it wrote to stderr."""
+    done = in_new_process(REPORT, folder, **environment)
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
 
@@ -79,7 +99,7 @@ def test_llvm_15_alone_is_never_loaded_and_scalar_renders(tmp_path: Path) -> Non
 
 @linux
 def test_without_any_llvm_scalar_renders_with_the_same_hint(tmp_path: Path) -> None:
-    (name, hint, _, loaded), errors = import_drjit(tmp_path)
+    (name, hint, _, loaded), errors = import_drjit(tmp_path, **{LLVM_PATH: os.devnull})
     assert (name, loaded, errors) == ("scalar_spectral", [], "")
     assert "libllvm19" in hint
 
@@ -90,22 +110,78 @@ def test_llvm_15_named_in_the_environment_is_overridden(tmp_path: Path) -> None:
     assert (name, loaded, errors) == ("scalar_spectral", [], "")
 
 
-@linux
-def test_newest_usable_llvm_is_loaded_beside_the_poison(tmp_path: Path) -> None:
+def usable_beside_poison(folder: Path) -> str:
+    """LLVM 15 and a usable library in a folder; the path of the latter."""
     usable = [one for one in find_llvm() if one.usable]
     if not usable:
         pytest.skip("no LLVM 17 or newer on this machine")
-    poison(tmp_path)
-    (tmp_path / os.path.basename(usable[0].path)).symlink_to(usable[0].path)
-    (name, hint, _, loaded), errors = import_drjit(tmp_path)
-    assert name == "llvm_ad_spectral" and hint == "" and errors == ""
-    assert [os.path.realpath(path) for path in loaded] == [usable[0].path]
+    poison(folder)
+    (folder / os.path.basename(usable[0].path)).symlink_to(usable[0].path)
+    return usable[0].path
 
 
 @linux
-def test_importing_the_package_sets_no_variant_and_loads_no_mitsuba() -> None:
-    code = "import sys, mitsuba_sensor; assert 'mitsuba' not in sys.modules and 'drjit' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=WAIT_S)
+def test_newest_usable_llvm_is_loaded_beside_the_poison(tmp_path: Path) -> None:
+    usable = usable_beside_poison(tmp_path)
+    (name, hint, _, loaded), errors = import_drjit(tmp_path)
+    assert name == "llvm_ad_spectral" and hint == "" and errors == ""
+    assert [os.path.realpath(path) for path in loaded] == [usable]
+
+
+STEPS = {
+    "ms": "look_into_one_folder(); import mitsuba_sensor as ms",
+    "mi": "import mitsuba as mi",
+    "set": "mi.set_variant('llvm_ad_spectral')",
+    "ms.render": "ms.render(sys.argv[2], 'konnik_table1', ms.Exposure(0.1), spp=1, progress=False)",
+    "mi.render": "import drjit as dr; dr.eval(mi.render(mi.load_file(sys.argv[2]), spp=1)); dr.sync_thread()",
+}
+
+
+@linux
+@pytest.mark.parametrize(
+    "order",
+    [
+        "ms mi set mi.render ms.render",
+        "ms ms.render mi mi.render",
+        exhaustive("ms mi set ms.render mi.render"),
+        exhaustive("ms mi ms.render set mi.render"),
+        exhaustive("ms ms.render mi set mi.render"),
+        exhaustive("ms mi ms.render mi.render"),
+    ],
+)
+def test_every_order_of_imports_that_can_work_renders(
+    tmp_path: Path, scene_file: Path, order: str
+) -> None:
+    """LLVM is chosen when this package is imported; with LLVM 15 mi.render would abort the process."""
+    usable = usable_beside_poison(tmp_path)
+    steps = [STEPS[step] for step in order.split()]
+    report = "print(mi.variant(), *(l.split()[-1] for l in open('/proc/self/maps') if 'libLLVM' in l))"
+    done = in_new_process("\n".join([ONE_FOLDER, *steps, report]), tmp_path, scene_file)
+    variant, *loaded = done.stdout.splitlines()[-1].split()
+    assert (variant, {*loaded}) == ("llvm_ad_spectral", {usable})
+
+
+@linux
+def test_a_library_that_was_loaded_too_early_is_named_with_the_ways_out(
+    tmp_path: Path, scene_file: Path
+) -> None:
+    """Never what the user did already: both packages are imported, and a usable library is there."""
+    usable, old = usable_beside_poison(tmp_path), os.path.realpath(tmp_path / "libLLVM-15.so.1")
+    if old.startswith(str(tmp_path)):
+        pytest.skip("no LLVM 15 on this machine")
+    attempt = f"""
+try:
+    {STEPS["ms.render"]}
+except ms.InputError as error:
+    print(error)
+"""
+    steps = [STEPS["mi"], STEPS["set"], STEPS["ms"], attempt]
+    done = in_new_process(
+        "\n".join([ONE_FOLDER, *steps]), tmp_path, scene_file, **{LLVM_PATH: old}
+    )
+    assert f"there is only {old}, which aborts the process and was loaded before" in done.stdout
+    assert "import mitsuba_sensor before mitsuba and drjit, or start Python with" in done.stdout
+    assert f"{LLVM_PATH}={usable}" in done.stdout and "install" not in done.stdout
 
 
 @linux
@@ -234,13 +310,3 @@ def test_unknown_and_non_spectral_variants_name_the_call_to_make() -> None:
 def test_a_spectral_variant_already_set_is_kept() -> None:
     use(choose_variant("scalar_spectral"))
     assert choose_variant().name == "scalar_spectral"
-
-
-def test_an_rgb_variant_already_set_is_refused() -> None:
-    mi = variants.mitsuba()
-    mi.set_variant("scalar_rgb")
-    try:
-        with pytest.raises(ms.InputError, match="already set is 'scalar_rgb'"):
-            choose_variant()
-    finally:
-        mi.set_variant("scalar_spectral")

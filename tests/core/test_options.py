@@ -144,25 +144,3 @@ def test_every_option_of_a_capture_says_what_it_does_and_has_a_valid_default(one
     )
     assert one.option.help.endswith(".")
     assert one.checked(one.option.default) == one.option.default
-
-
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
-        (lambda: ms.Exposure(exposure_s=0.1), "'exposure_s' .* it is called time_s here"),  # type: ignore[call-arg]
-        (lambda: ms.Exposure(0.1, temperature=300), "it is called temperature_k here"),  # type: ignore[call-arg]
-        (lambda: ms.Exposure(time_ms=5), "its fields are time_s, temperature_k. Did you mean"),  # type: ignore[call-arg]
-        (lambda: ms.Exposure(), "Exposure needs time_s, which is not given"),  # type: ignore[call-arg]
-        (
-            lambda: ms.Exposure(0.1, 300, 2),
-            "3 values without a name, which are too many; its fields are",
-        ),  # type: ignore[call-arg]
-        (lambda: ms.Metering(percent=50), "its fields are temperature_k, percentile, share"),  # type: ignore[call-arg]
-    ],
-)
-def test_a_class_with_a_wrong_name_is_told_its_fields_in_one_sentence(
-    wrong: Any, sentence: str
-) -> None:
-    with pytest.raises(ms.InputError, match=sentence):
-        wrong()
-    assert list(inspect.signature(ms.Exposure).parameters) == ["time_s", "temperature_k"]

@@ -27,7 +27,6 @@ from mitsuba_sensor.core.progress import (
 from mitsuba_sensor.dataset.run.run import RunProgress, shown_run
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 from mitsuba_sensor.render.passes.told import FILES, Series, told_progress
-from mitsuba_sensor.study.kit import Forecast
 
 
 class Clock:
@@ -75,14 +74,14 @@ def test_no_two_lines_of_an_hour_are_the_same(clock: Clock) -> None:
     assert len({*said}) == len(said) == 360
 
 
-def test_a_line_says_what_is_done_the_share_and_the_time_left(clock: Clock) -> None:
+def test_a_line_says_what_is_done_the_share_and_the_time_so_far(clock: Clock) -> None:
     said: list[str] = []
     lines = ProgressLines(said.append, "loading the scene", clock)
     clock.now += 4
-    lines.tell("rendering", left_s=36.0)
+    lines.tell("rendering", 0.5)
     clock.now += 16
     lines.tick()
-    assert said == ["rendering: 50 %, 20 s so far, about 20 s left"]
+    assert said == ["rendering: 50 %, 20 s so far"]
     lines.tell("verified", share=0.25)
     clock.now += 10
     lines.tick()
@@ -92,34 +91,29 @@ def test_a_line_says_what_is_done_the_share_and_the_time_left(clock: Clock) -> N
     assert said[2] == "verified: 25 %, 2.0 h so far"
 
 
-def test_what_is_left_never_falls_below_nothing(clock: Clock) -> None:
-    lines = ProgressLines(lambda line: None, "rendering", clock)
-    lines.tell("rendering", left_s=5.0)
-    clock.now += 50
-    assert lines.left_s == 0 and lines.share == 1 and "100 %" in lines.text()
-
-
 def test_a_series_of_renders_counts_those_that_follow() -> None:
-    series = Series({"frames": 3, "first_frame": 5, "render_noise": "per-frame"})
-    step = RenderProgress(1, 10, seconds=20.0, seconds_left=80.0, frame=5)
-    assert series.standing(step) == ("rendering frame 1 of 3", 280.0)
+    series = Series({"frames": 4, "first_frame": 5, "render_noise": "per-frame"})
+    step = RenderProgress(1, 10, seconds=20.0, frame=6)
+    assert series.standing(step) == ("rendering frame 2 of 4", pytest.approx(1.1 / 4))
+    assert series.standing(RenderProgress(7, 0, frame=6)).share == 1 / 4
     once = Series({"frames": 3})
-    assert once.standing(step) == ("rendering", 80.0)
-    exposing = RenderProgress(1, 3, seconds=1.0, seconds_left=2.0, doing="exposing")
-    assert once.standing(exposing) == ("exposing frame 2 of 3", 2.0)
-    last = once.standing(RenderProgress(3, 3, seconds_left=0.0, doing="exposing"))
-    assert last.doing == FILES and math.isnan(last.left_s)
+    assert once.standing(step) == ("rendering", 0.1)
+    assert math.isnan(once.standing(RenderProgress(7, 0)).share), "a noise ratio ends it"
+    exposing = RenderProgress(1, 4, seconds=1.0, doing="exposing")
+    assert once.standing(exposing) == ("exposing frame 2 of 4", 0.25)
+    last = once.standing(RenderProgress(3, 3, doing="exposing"))
+    assert last.doing == FILES and math.isnan(last.share)
 
 
 def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str]) -> None:
     with told_progress(None, "capture", {}) as tell:
         assert tell is not None
         clock.now += 9
-        tell(RenderProgress(1, 10, seconds=9.0, seconds_left=81.0))
+        tell(RenderProgress(1, 10, seconds=9.0))
         assert not written
         clock.now += 1
-        tell(RenderProgress(2, 10, seconds=10.0, seconds_left=30.0))
-    assert written == ["capture: rendering: 25 %, 10 s so far, about 30 s left"]
+        tell(RenderProgress(2, 8, seconds=10.0))
+    assert written == ["capture: rendering: 25 %, 10 s so far"]
 
 
 def test_false_is_silent_and_a_function_is_called_itself(written: list[str]) -> None:
@@ -169,8 +163,8 @@ def test_many_frames_say_how_many_are_done(
     )
     ms.expose(light, camera, exposure, frames=4)
     assert written == [
-        "expose: 2 of 4 frames: 50 %, 12 s so far, about 12 s left",
-        "expose: 4 of 4 frames: 100 %, 24 s so far, about 0 s left",
+        "expose: 2 of 4 frames: 50 %, 12 s so far",
+        "expose: 4 of 4 frames: 100 %, 24 s so far",
     ]
     ms.Sensor(camera).expose(light, exposure, frames=2)
     assert written[2].startswith("Sensor.expose: 2 of 2 frames")
@@ -208,7 +202,7 @@ def test_a_notebook_has_a_bar_that_goes_when_the_work_ends(clock: Clock) -> None
     bar.tick()
     assert not shown, "short work has no bar"
     clock.now += 4
-    bar.tell("rendering <b>", left_s=15.0)
+    bar.tell("rendering <b>", 0.25)
     bar.tick()
     assert shown[-1].startswith('<progress value="0.250"></progress> rendering &lt;b&gt;: 25 %')
     bar.tell("denoising")
@@ -244,11 +238,11 @@ def test_every_command_says_how_far_it_is_where_no_terminal_is(
         assert line() == "working: 10 s so far"
         with bars.render_progress(console, {}, "reading the light") as render:
             assert line() == "reading the light: 20 s so far"
-            render(RenderProgress(1, 10, seconds=20.0, seconds_left=40.0))
-            assert line() == "rendering: 50 %, 30 s so far, about 30 s left"
-        with bars.seconds_bar(console) as study:
-            study(Forecast(30.0, 120.0, "case 3", "", 0.0))
-            assert line() == "case 3: 25 %, 40 s so far, about 80 s left"
+            render(RenderProgress(1, 10, seconds=20.0))
+            assert line() == "rendering: 10 %, 30 s so far"
+        with bars.share_bar(console) as study:
+            study("case 3", 0.25)
+            assert line() == "case 3: 25 %, 40 s so far"
         with bars.steps_bar(console) as steps:
             steps(3, 12, "reading frames")
             assert line() == "reading frames, 3 of 12: 25 %, 50 s so far"
@@ -257,9 +251,9 @@ def test_every_command_says_how_far_it_is_where_no_terminal_is(
         with bars.samples_bar(console) as samples:
             clock.now += 10
             samples(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
-            said = line()
-            assert said.startswith("25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %")
-            assert said.endswith("about 2.3 min left")
+            assert line() == (
+                "25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 80 s so far"
+            )
         assert line().startswith("working")
     assert CommandLines.running is None
 
@@ -271,7 +265,7 @@ def test_a_dataset_that_is_made_in_python_says_how_far_it_is(
         clock.now += 10
         tell(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
         assert written == [
-            "dataset run: 25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 10 s so far, about 2.5 min left"
+            "dataset run: 25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 10 s so far"
         ]
     with shown_run(False) as tell:
         clock.now += 10

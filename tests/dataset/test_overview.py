@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.datasets import SCENES
+from helpers.scenes import SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import InputError
@@ -176,6 +177,21 @@ def test_a_run_that_changes_nothing_reads_no_sample_again(
 ) -> None:
     monkeypatch.setattr(overview, "summary", None)
     assert not run(plan_in(copy.parent), copy, workers=0).remarks
+
+
+def test_light_that_is_too_bright_is_a_remark_of_the_run_and_in_the_card(
+    tmp_path: Path,
+) -> None:
+    """A sky of 7.3e9 cd/m² is metered to nanoseconds."""
+    write_scene(tmp_path, scene_text(SKY.replace("2e-4", "1e5")))
+    text = FILE[: FILE.index("grid")] + '[[scenes]]\nname = "sky"\nfile = "scene.xml"\n'
+    (tmp_path / "views.toml").write_text(
+        text.replace("spp = 4, width = 24", "spp = 1, width = 12"), "utf-8"
+    )
+    found = run(load_plan(tmp_path / "views.toml", [tmp_path]), tmp_path / "out", workers=0)
+    (remark,) = found.remarks
+    assert not found.failed and "metered exposure time is" in remark and "light_scale" in remark
+    assert remark in (tmp_path / "out" / "README.md").read_text("utf-8")
 
 
 def test_a_run_that_goes_on_ends_with_the_same_as_one(made: Path, tmp_path: Path) -> None:

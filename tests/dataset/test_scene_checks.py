@@ -65,6 +65,7 @@ def test_what_can_be_made_is_counted() -> None:
     [
         ("max_seconds", "would make other samples on another machine; max_spp limits"),
         ("repeatable", "is always true of a dataset"),
+        ("luminance", "would scale each view by its own median; set the emitters of the scene"),
         ("motion", r"belongs to the tables of \[\[scenes\]\]"),
         ("gain", r"is varied: gain in \[grid\]"),
         ("widht", "is no field of it. Did you mean 'width'"),

@@ -9,14 +9,11 @@ import pytest
 from helpers.small_cameras import SmallCamera
 from scipy import special
 
-from mitsuba_sensor.bench.figures_page import characterized
-from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
 from mitsuba_sensor.lab.measure.defects import defects
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.lab.measure.line_noise import line_noise
-from mitsuba_sensor.lab.measure.measurement import measure_bench
 from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
 from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer_of_scene
 from mitsuba_sensor.lab.measure.profiles import profiles
@@ -132,44 +129,6 @@ def test_what_clipped_darks_still_show_has_intervals_that_hold_the_truth() -> No
             elif true is not None:
                 printed, covered = printed + 1, covered + figure.covers(true)
     assert printed > 200 and 0.9 < covered / printed <= 0.99
-
-
-def test_no_figure_of_a_bench_survives_darks_of_which_a_quarter_is_clipped() -> None:
-    """Of 3 e- of read noise at 0.8 DN/e- 26 % of the values are at code 0 where the black level is 2 DN."""
-    rng = np.random.default_rng(1)
-
-    def frames(electrons: float, count: int) -> Stack:
-        values = rng.poisson(electrons, (count, 48, 48)) + rng.normal(0, 3, (count, 48, 48))
-        codes = np.clip(np.rint(0.8 * values + 2), 0, 4095).astype(np.uint16)
-        return Stack(codes, 0.01, photons=2 * electrons, bits=12)
-
-    flats = tuple(
-        frames(electrons, 4)
-        for electrons in (100, 400, 1000, 2000, 3000, 4000, 4600, 4900, 5100, 5400)
-    )
-    (found,) = measure_bench(Bench((), (frames(0, 8),), flats))
-    for symbol in (
-        "K",
-        "η",
-        "R",
-        "LE",
-        "σ_d",
-        "DR",
-        "µ_e.min",
-        "σ_row",
-        "ρ_1",
-        "DSNU1288",
-        "PRNU1288",
-        "hot",
-        "RTS",
-    ):
-        figure = found.figures[symbol]
-        assert math.isnan(figure.value) and figure.clipped, symbol
-        assert "of the values are 0: the black level is too low" in figure.note, symbol
-    assert {"σ_d", "dark current", "dark signal"} <= set(found.hidden)
-    page = characterized("a camera", [found], {})
-    assert not page.passed
-    assert any("at the lowest or highest code: K, η" in text for text in page.findings)
 
 
 def test_levels_that_the_adc_clips_are_left_out_of_k_and_of_the_linearity() -> None:

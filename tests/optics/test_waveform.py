@@ -98,7 +98,38 @@ def test_a_text_that_is_wrong_is_refused_with_the_way_out(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "rows", ["0,1\n", "0,1\n0,2\n", "0,1\n1,-1\n", "0,0\n1,0\n", "a,b\nc,d\n", "0,1,2\n1,1,1\n"]
+    ("header", "unit_s"),
+    [
+        ("", 1.0),
+        ("time_s,value\n", 1.0),
+        ("\ufeffTime [ms],CH1 (V)\n", 1e-3),
+        ("# time_ms,value\n", 1e-3),  # as numpy.savetxt writes it
+        ("# lamp 3, measured\nt (µs),value\n", 1e-6),
+        ("time / ns,value\n", 1e-9),
+    ],
+)
+def test_times_are_in_the_unit_of_the_header(
+    header: str, unit_s: float, tmp_path: Path
+) -> None:
+    file = tmp_path / "lamp.csv"
+    file.write_text(f"{header}0,1\n2,3\n5,0\n", encoding="utf-8")
+    np.testing.assert_allclose(table(str(file)).times_s, np.array([0, 2, 5]) * unit_s)
+
+
+@pytest.mark.parametrize("title", ["time", "time_min", "# time", "value", "time_nm"])
+def test_a_header_whose_unit_is_not_sure_is_refused(title: str, tmp_path: Path) -> None:
+    file = tmp_path / "lamp.csv"
+    file.write_text(f"{title},value\n0,1\n2,3\n", encoding="utf-8")
+    with pytest.raises(ms.InputError, match="call it time_s or time_ms or time_us or time_ns"):
+        table(str(file))
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        *("0,1\n", "0,1\n0,2\n", "0,1\n1,-1\n", "0,0\n1,0\n", "a,b\nc,d\n"),
+        *("0,1,2\n1,1,1\n", "time_s,v\n0,1\nx,1\n"),
+    ],
 )
 def test_a_table_that_is_no_waveform_is_refused(rows: str, tmp_path: Path) -> None:
     file = tmp_path / "lamp.csv"

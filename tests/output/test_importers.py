@@ -27,6 +27,8 @@ TUNING = {
     "algorithms": [
         {"rpi.black_level": {"black_level": 4096}},
         {"rpi.noise": {"reference_constant": 0, "reference_slope": 2.767}},
+        {"rpi.awb": {}},
+        {"rpi.ccm": {}},
     ],
 }
 """The parts that are read of libcamera's src/ipa/rpi/vc4/data/imx477.json, commit 26bfadc."""
@@ -72,6 +74,7 @@ def test_frames_of_a_tuned_sensor_have_the_slope_of_rpi_noise(
     camera = import_camera(written(tmp_path, "imx477.json", TUNING), like)
     scale = 2.0 ** (16 - bits)
     assert camera.adc.black_level_dn * scale == 4096
+    assert len(camera.quantum_efficiency.curves) == 3
     assert gain_dn_per_e(camera) * scale == pytest.approx(2.767**2, rel=1e-5)
     mean, variance = measured(camera, 3000.0)
     shot = variance - 1 / 12 - (2.0 * gain_dn_per_e(camera)) ** 2
@@ -244,9 +247,10 @@ REPORT = """<results><sensitivity><K><Short>System Gain</Short><Value>0.25</Valu
 
 
 def test_an_emva_report_gives_back_its_own_figures(tmp_path: Path) -> None:
-    """K by the photon transfer of its frames, σ_d and the saturation; QE as it is."""
+    """K by the photon transfer of its frames, σ_d and the saturation; QE as it is, and falling towards 1000 nm."""
     camera = import_camera(written(tmp_path, "r.xml", REPORT))
-    assert camera.qe([550.0])[0, 0] == 0.625 and camera.pixel.full_well_e == 12000
+    qe = camera.qe([camera.quantum_efficiency.reference_nm, 1000.0])[0]
+    assert qe[0] == 0.625 and 0 < qe[1] < 0.05 and camera.pixel.full_well_e == 12000
     assert (camera.pixel.prnu, camera.dark_current.rate_e_per_s) == (0.007, 3.5)
     assert camera.readout.dsnu_col * camera.pixel.full_well_e == pytest.approx(2.4)
     (dark, noise), (bright, variance) = (measured(camera, light_e) for light_e in (0.0, 6000.0))

@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+import colour
+import Imath
 import numpy as np
 import OpenEXR
 import pytest
@@ -168,11 +170,150 @@ def test_negative_and_nan_become_zero_and_are_counted(tmp_path: Path) -> None:
         2,
     )  # infinity is counted, as of a render
     assert "<img" in light._repr_html_()
+    negative = write(tmp_path / "rgb.exr", {c: np.full((2, 2), -0.1) for c in "RGB"})
+    for found, count in ((light, 1), (rgb_light(negative), 12)):
+        assert found.statistics.negative == count
+        assert f"{count} negative values became 0" in " ".join(found.statistics.notes)
+
+
+FLAT = {c: np.full((6, 8), x, np.float32) for c, x in {"R": 0.2, "G": 0.5, "B": 0.1}.items()}
+DEPTH = {"Z": np.ones((6, 8), np.float32)}
+STRIPES = {name: np.arange(48.0).reshape(6, 8) * (1 + k) for k, name in enumerate("RGB")}
+
+
+def rgb_light(file: Path, **options: Any) -> ms.Irradiance:
+    return ms.read_irradiance(file, unit="radiance_rgb", camera=BAYER, **options)
+
+
+@pytest.mark.parametrize("name", ["ACEScg", "ACES2065-1", "ITU-R BT.2020", "P3-D65", "sRGB"])
+def test_rgb_of_other_primaries_is_converted_as_colour_science_does(
+    tmp_path: Path, name: str
+) -> None:
+    """Its own matrices for sRGB are rounded to four digits."""
+    space = colour.RGB_COLOURSPACES[name]
+    chromaticities = tuple(np.ravel([*space.primaries, space.whitepoint]).tolist())
+    there = write(tmp_path / "there.exr", FLAT, chromaticities=chromaticities)
+    matrix = colour.matrix_RGB_to_RGB(space, "sRGB", chromatic_adaptation_transform="Bradford")
+    values = matrix @ [0.2, 0.5, 0.1]
+    converted = {c: np.full((6, 8), max(v, 0)) for c, v in zip("RGB", values, strict=True)}
+    here = rgb_light(write(tmp_path / "here.exr", converted))
+    found = rgb_light(there)
+    np.testing.assert_allclose(found.data, here.data, rtol=2e-3, atol=1e-3 * here.data.max())
+    assert found.statistics.negative == 48 * (values < 0).sum()
+    assert any("converted from" in x for x in found.statistics.notes) == (name != "sRGB")
+
+
+@pytest.mark.parametrize(
+    ("data", "shown"),
+    [
+        ((0, 0), (0, 0, 8, 6)),
+        ((-3, -2), (0, 0, 5, 4)),
+        ((2, 3), (0, 0, 20, 15)),
+        ((-7, 4), (-4, -6, 9, 11)),
+        ((100, -50), (107, -50, 1, 1)),
+    ],
+)
+def test_the_picture_is_what_lies_in_the_display_window(
+    tmp_path: Path, data: tuple[int, int], shown: tuple[int, int, int, int]
+) -> None:
+    """data : first column and row.  shown : first column, first row, columns, rows."""
+
+    def window(x: int, y: int, columns: int, rows: int) -> Any:
+        ends = (x, y), (x + columns - 1, y + rows - 1)
+        return tuple(np.array(end, np.int32) for end in ends)
+
+    windows = {"dataWindow": window(*data, 8, 6), "displayWindow": window(*shown)}
+    light = rgb_light(write(tmp_path / "a.exr", STRIPES, **windows))
+    plane = {c: np.zeros((400, 400), np.float32) for c in "RGB"}
+    for name, image in STRIPES.items():
+        plane[name][200 + data[1] :, 200 + data[0] :][:6, :8] = image
+    left, top, columns, rows = shown
+    seen = {c: x[200 + top :, 200 + left :][:rows, :columns] for c, x in plane.items()}
+    np.testing.assert_array_equal(light.data, rgb_light(write(tmp_path / "b.exr", seen)).data)
+
+
+def write_parts(path: Path, parts: dict[str, dict[str, Any]]) -> Path:
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(
+        [OpenEXR.Part({**kind}, {**images}, name=n) for n, images in parts.items()]
+    ).write(str(path))
+    return path
+
+
+def layers(*names: str) -> dict[str, np.ndarray]:
+    """The k-th layer is k times as bright."""
+    return {f"{n}.{c}": (k + 1) * x for k, n in enumerate(names) for c, x in FLAT.items()}
+
+
+def test_a_layer_or_part_that_holds_rgb_is_read_and_one_of_several_chosen(
+    tmp_path: Path, cli: Any
+) -> None:
+    plain = rgb_light(write(tmp_path / "plain.exr", FLAT)).data
+    blender = write(
+        tmp_path / "blender.exr", {**layers("View.Combined"), "View.Depth.Z": np.ones((6, 8))}
+    )
+    parts = write_parts(tmp_path / "parts.exr", {"depth": DEPTH, "beauty": FLAT})
+    nuke = write_parts(tmp_path / "nuke.exr", {"rgba": layers("rgba"), "depth": DEPTH})
+    both = write(tmp_path / "both.exr", {**FLAT, **layers("nothing", "diffuse")})
+    for file in (blender, parts, nuke, both):
+        np.testing.assert_array_equal(rgb_light(file).data, plain, err_msg=file.name)
+    eyes = write_parts(tmp_path / "eyes.exr", {"left": FLAT, "right": {c: 3 * x for c, x in FLAT.items()}})  # fmt: skip
+    np.testing.assert_allclose(rgb_light(eyes, layer="right").data, 3 * plain, rtol=1e-4)
+    np.testing.assert_allclose(rgb_light(both, layer="diffuse").data, 2 * plain, rtol=1e-4)
+    for options, said in (
+        ({}, r"several layers; choose one by layer= \(--layer\): 'left', 'right'"),
+        ({"layer": "rihgt"}, "no layer 'rihgt'; it has 'left', 'right'. Did you mean 'right'"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            rgb_light(eyes, **options)
+    sheet = ("--unit", "radiance_rgb", "--camera", "bayer_2mp")
+    done = cli("expose", eyes, "-o", tmp_path / "out", *sheet, "--layer", "left", "--json")
+    assert done.exit_code == 0, done.stderr
+    failed = cli("plan", eyes, *sheet)
+    assert failed.exit_code == 2 and "choose one by layer=" in " ".join(failed.stderr.split())
+
+
+def test_spectra_and_single_channels_of_several_layers_are_not_mixed(tmp_path: Path) -> None:
+    names = [f"S0.{nm},0nm" for nm in (500, 550, 600)]
+    spectra = {f"{a}.{n}": np.full((6, 8), k) for k, a in enumerate("ab") for n in names}
+    file = write(tmp_path / "s.exr", spectra)
+    assert (ms.read_irradiance(file, "w_per_m2_nm", layer="b").data == 1).all()
+    with pytest.raises(ms.InputError, match="choose one by layer="):
+        ms.read_irradiance(file, "w_per_m2_nm")
+    mono = write_parts(tmp_path / "m.exr", {"depth": DEPTH, "beauty": FLAT})
+    light = ms.read_irradiance(mono, "w_per_m2", 550, layer="beauty.G")
+    np.testing.assert_array_equal(light.data[..., 0], FLAT["G"])
+
+
+def test_pixels_that_are_no_picture_are_refused(tmp_path: Path) -> None:
+    """Luminance and chroma; primaries on a line; a data window outside of the display window."""
+    header, sampling = OpenEXR.Header(8, 6), {"Y": 1, "RY": 2, "BY": 2}
+    kind = Imath.PixelType(Imath.PixelType.FLOAT)
+    header["channels"] = {name: Imath.Channel(kind, n, n) for name, n in sampling.items()}
+    file = OpenEXR.OutputFile(str(tmp_path / "yca.exr"), header)
+    rows = {name: np.ones((6 // n, 8 // n), np.float32) for name, n in sampling.items()}
+    file.writePixels({name: values.tobytes() for name, values in rows.items()})
+    file.close()
+    line = {"chromaticities": (0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.3, 0.3)}
+    corners = (np.array([9, 9], np.int32), np.array([16, 14], np.int32))
+    away = {"dataWindow": corners, "displayWindow": tuple(x - 9 for x in corners)}
+    for made, said in (
+        (tmp_path / "yca.exr", "BY has no single value per pixel"),
+        (write(tmp_path / "line.exr", FLAT, **line), "which span no colours"),
+        (write(tmp_path / "away.exr", FLAT, **away), "no pixel in the display window"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            rgb_light(made)
 
 
 def test_our_own_file_needs_no_unit_and_refuses_one(light_file: Path, light: Any) -> None:
     np.testing.assert_array_equal(ms.read_irradiance(light_file).data, light.data)
-    for asked in ({"unit": "w_per_m2_nm"}, {"wavelength_nm": 550}, {"fov_deg": 40}):
+    for asked in (
+        {"unit": "w_per_m2_nm"},
+        {"wavelength_nm": 550},
+        {"fov_deg": 40},
+        {"layer": "a"},
+    ):
         with pytest.raises(
             ms.InputError,
             match=r"is an irradiance\.exr, whose unit, wavelengths and lens are known",
@@ -257,6 +398,6 @@ def test_the_commands_take_light_of_another_program(tmp_path: Path, cli: Any) ->
     scene = tmp_path / "s.xml"
     scene.write_text(scene_text(SKY))
     assert (
-        "is a scene, which is rendered; leave --unit and --fov-deg out"
+        "is a scene, which is rendered; leave --unit, --fov-deg and --layer out"
         in cli("plan", scene, "--unit", "w_per_m2").stderr
     )

@@ -16,7 +16,6 @@ from mitsuba_sensor.optics.spectra import srgb_curve
 from mitsuba_sensor.output.demosaic import bilinear, demosaic, demosaic_bayer
 from mitsuba_sensor.output.frame_files import brightened_caption
 from mitsuba_sensor.output.preview import preview
-from mitsuba_sensor.stages.chain import black_level_dn
 from mitsuba_sensor.stages.gains import full_scale_v
 
 MONO = ms.load_camera("konnik_table1")
@@ -26,13 +25,13 @@ BAYER = COLOUR.filter_index((8, 10))
 
 
 def test_darkness_is_black_and_the_largest_code_is_white() -> None:
-    raw = np.array([[black_level_dn(MONO), 2**MONO.adc.bits - 1]]).astype(np.uint16)
+    raw = np.array([[MONO.black_level_dn, 2**MONO.adc.bits - 1]]).astype(np.uint16)
     assert preview(raw, MONO).tolist() == [[0, 255]]
 
 
 def test_half_of_the_range_is_188_in_srgb() -> None:
     """0.5 linear is 0.7354 by IEC 61966-2-1, 187.5 of 255."""
-    half = (2**MONO.adc.bits - 1 + black_level_dn(MONO)) / 2
+    half = (2**MONO.adc.bits - 1 + MONO.black_level_dn) / 2
     assert abs(int(preview(np.full((2, 2), half), MONO)[0, 0]) - 187.5) <= 1
 
 
@@ -43,7 +42,7 @@ def test_the_srgb_curve_has_no_step_where_its_two_pieces_meet() -> None:
 
 
 def test_a_dark_frame_is_not_stretched() -> None:
-    raw = np.array([[black_level_dn(MONO), black_level_dn(MONO) + 4]]).astype(np.uint16)
+    raw = np.array([[MONO.black_level_dn, MONO.black_level_dn + 4]]).astype(np.uint16)
     assert preview(raw, MONO).max() <= 12 * 255 * 4 / 4095 + 4
 
 
@@ -81,9 +80,7 @@ def test_a_crop_of_a_frame_has_the_colours_of_the_frame(
     """Wherever the window begins; 12 pixels from its border the interpolation is the same."""
     red = (np.arange(len(camera.filter_names)) == 0)[camera.filter_index((60, 60))]
     raw = (
-        black_level_dn(camera)
-        + 1500.0 * red
-        + 200.0 * np.random.default_rng(2).random((60, 60))
+        camera.black_level_dn + 1500.0 * red + 200.0 * np.random.default_rng(2).random((60, 60))
     )
     row, column = origin
     whole, part = preview(raw, camera), preview(raw[row:, column:], camera, origin=origin)
@@ -145,7 +142,7 @@ def mosaic_of(
     colours = np.stack(np.broadcast_arrays(*balanced), axis=-1) / matrix.white_balance
     filters = camera.filter_index(colours.shape[:2])
     linear = np.take_along_axis(colours, filters[..., None], axis=-1)[..., 0]
-    black, white = black_level_dn(camera), 2**camera.adc.bits - 1
+    black, white = camera.black_level_dn, 2**camera.adc.bits - 1
     return np.rint(np.minimum(black + (white - black) * linear, white))
 
 

@@ -13,7 +13,7 @@ from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scen
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.render.scene.plugin_names import gradient_integrators, plugin_names
+from mitsuba_sensor.render.scene.plugin_names import PRIMAL, gradient_integrators, plugin_names
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
@@ -29,12 +29,11 @@ def ready(variant: str = "llvm_ad_spectral") -> Any:
     return use(choose_variant(skip_unless_usable(variant)))
 
 
+DEPTH = '<integrator type="{}"><integer name="max_depth" value="3"/></integrator>'
+
+
 def text_of(integrator: str) -> str:
-    return scene_text(
-        SKY,
-        GREY,
-        f'<integrator type="{integrator}"><integer name="max_depth" value="3"/></integrator>',
-    )
+    return scene_text(SKY, GREY, DEPTH.format(integrator))
 
 
 def dict_of(integrator: Any) -> dict[str, Any]:
@@ -125,12 +124,32 @@ def test_a_misspelt_one_is_told_what_is_near() -> None:
 
 
 def test_a_scalar_variant_says_which_variants_have_it() -> None:
+    """And which integrator gives the same image."""
+    assert {*PRIMAL} == {*IN_SPECTRA}
     ready("scalar_spectral")
-    for scene in (dict_of({"type": "prb"}), text_of("prb")):
-        with pytest.raises(
-            ms.InputError, match="needs an llvm or cuda variant: 'path' gives the same image"
-        ):
-            ms.render(scene, CAMERA, EXPOSURE)
+    for kind, primal in PRIMAL.items():
+        sentence = f"needs an llvm or cuda variant: {primal!r} gives the same image"
+        for scene in (dict_of({"type": kind}), text_of(kind)):
+            with pytest.raises(ms.InputError, match=sentence):
+                ms.render(scene, CAMERA, EXPOSURE)
+
+
+@pytest.mark.parametrize("integrator", one_in(3, PRIMAL))
+def test_in_a_room_its_light_is_that_of_its_primal_integrator(integrator: str) -> None:
+    """Where reflected light counts, so that direct is not path."""
+    ready()
+    room = (
+        '<shape type="sphere"><boolean name="flip_normals" value="true"/><float name="radius" value="9"/></shape>'
+        '<shape type="sphere"><point name="center" value="0, 3, 4"/><emitter type="area">'
+        '<spectrum name="radiance" value="1e-3"/></emitter></shape>'
+    )
+    asked: Any = {"spp": 64, "wavelength_nm": 550, "denoise": False}
+    both = []
+    for seed, kind in enumerate((integrator, PRIMAL[integrator]), 1):
+        element = '<integrator type="direct"/>' if kind == "direct" else DEPTH.format(kind)
+        scene = scene_text(room, element)
+        both.append(ms.render(scene, CAMERA, EXPOSURE, seed=seed, **asked))
+    assert_same_light(*both)
 
 
 def test_a_plugin_of_the_user_s_own_may_stand_in_a_dict() -> None:

@@ -105,25 +105,6 @@ def test_mitsuba_gives_a_light_without_a_spectrum_that_of_d65(kind: str) -> None
     assert weight[1] / weight[2] == pytest.approx(117.008 / 80.0268, rel=1e-3)  # CIE D65
 
 
-def test_the_sky_is_lit_from_320_to_720_nm(tmp_path: Path) -> None:
-    """Rendered at 340 nm, where it has light; refused at 800 nm with the range of its data, where it has none."""
-    path = write_scene(tmp_path, scene_text(ball(grey("0.5")), '<emitter type="sunsky"/>'))
-    light = ms.render(
-        path, INFRARED, EXPOSURE, width=8, spp=8, variant="scalar_spectral", wavelength_nm=340
-    )
-    assert light.data.mean() > 0
-    with pytest.raises(ms.InputError, match="black outside 320 to 720 nm"):
-        ms.render(
-            path,
-            INFRARED,
-            EXPOSURE,
-            width=8,
-            spp=8,
-            variant="scalar_spectral",
-            wavelength_nm=800,
-        )
-
-
 TOO_LARGE = [
     (grey("1.3"), "1.3", "from 0 to 1"),
     (grey("300:40, 1100:40"), "40", "percent"),
@@ -174,19 +155,6 @@ def test_every_share_of_light_that_comes_back_has_bounds(tmp_path: Path) -> None
         assert f"{name!r} in 1 place is as large as 40" in finding.what
 
 
-def test_a_table_in_percent_makes_light(tmp_path: Path) -> None:
-    """What is called wrong is wrong: of a sky of 0.01, a convex surface of reflectance 40 sends back 40 times as much
-    as a perfect one. The file is read beside the scene."""
-    (tmp_path / "percent.spd").write_text("300 40\n1100 40\n", encoding="utf-8")
-    path = write_scene(
-        tmp_path, scene_text(SKY, ball('<spectrum name="reflectance" filename="percent.spd"/>'))
-    )
-    light, perfect = (ms.render(x, VISIBLE, EXPOSURE, width=8, spp=8, variant="scalar_spectral", denoise=False)
-                      for x in (path, scene_text(SKY, ball(grey("1")))))  # fmt: skip
-    assert light.data.max() / perfect.data.max() > 30
-    assert any("as large as 40" in note for note in light.statistics.notes)
-
-
 def test_an_element_of_a_dict_is_named_and_has_no_line() -> None:
     grey_13 = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.3}}
     film = {"type": "hdrfilm", "width": 8, "height": 8}
@@ -206,12 +174,29 @@ def test_values_outside_the_bands_of_the_camera_do_not_count(tmp_path: Path) -> 
     assert serious(tmp_path, SKY, ball(grey("300:0.5, 790:0.5, 800:50"))) == []
 
 
-def test_negative_light_is_wrong(tmp_path: Path) -> None:
-    """A constant; tables with negative values are refused by Mitsuba."""
-    lamp = '<emitter type="constant"><spectrum name="radiance" value="-0.5"/></emitter>'
-    for elements in ((SKY, ball(grey("-0.5"))), (lamp,)):
+def test_negative_light_is_wrong_and_counted(tmp_path: Path) -> None:
+    """A constant, a colour and a sky of 2 × 2 pixels; tables with negative values are refused by Mitsuba."""
+    lamp = '<emitter type="constant">{}</emitter>'
+    sky = picture(tmp_path, "sky.exr", -0.5, 3).replace('name="reflectance"', "")
+    sky = sky.replace("<texture", "<emitter").replace("</texture", "</emitter")
+    scenes = {
+        1: [
+            (SKY, ball(grey("-0.5"))),
+            (lamp.format('<spectrum name="radiance" value="-0.5"/>'),),
+            (lamp.format('<rgb name="radiance" value="-0.5, 1, 2"/>'),),
+        ],
+        12: [(sky.replace('type="bitmap"', 'type="envmap"'),)],
+    }
+    for count, elements in ((n, one) for n, several in scenes.items() for one in several):
         (finding,) = serious(tmp_path, *elements)
-        assert finding.level == "wrong" and "as small as -0.5" in finding.what
+        assert finding.level == "wrong"
+        assert f"has {count} value(s) below 0, as small as -0.5" in finding.what
+
+
+def test_a_table_in_micrometres_is_told(tmp_path: Path) -> None:
+    """Mitsuba reads nm, and finds no light there."""
+    found = serious(tmp_path, SKY, ball(grey("0.3:0.5, 1.1:0.5")))
+    assert any("in µm, multiply them by 1000" in finding.remedy for finding in found)
 
 
 @pytest.mark.parametrize(
@@ -224,6 +209,21 @@ def test_pictures_above_one_are_wrong(tmp_path: Path, channels: int, effect: str
     )
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_picture_above_one_is_clamped_as_a_lamp(tmp_path: Path, channels: int) -> None:
+    """Told of colours, whose light Mitsuba cuts at 1; grey 5 shines with 5."""
+    lamp = picture(tmp_path, "bright.exr", 5, channels).replace("reflectance", "radiance")
+    place = '<transform name="to_world"><rotate y="1" angle="180"/><scale value="9"/><translate z="4"/></transform>'
+    emitter = f'<shape type="rectangle">{place}<emitter type="area">{lamp}</emitter></shape>'
+    path = write_scene(tmp_path, scene_text(emitter))
+    options = {"spp": 1, "variant": "scalar_spectral", "denoise": False, "wavelength_nm": 550}
+    flat = scene_text(emitter.replace(lamp, grey("1", "radiance")))
+    light, one = (ms.render(x, VISIBLE, EXPOSURE, width=8, **options) for x in (path, flat))
+    assert light.data.mean() / one.data.mean() == pytest.approx(5 if channels == 1 else 1)
+    said = [note for note in light.notes if "as large as 5: Mitsuba takes 1 instead" in note]
+    assert len(said) == (channels == 3)
+
+
 def test_pictures_of_fractions_are_not_told(tmp_path: Path) -> None:
     for channels in (1, 3, 4):
         assert serious(tmp_path, SKY, ball(picture(tmp_path, "p.exr", 1.0, channels))) == []
@@ -234,10 +234,17 @@ def test_a_picture_with_nan_is_wrong(tmp_path: Path) -> None:
     assert finding.level == "wrong" and "4 values that are not finite" in finding.what
 
 
+VOLPATH = '<integrator type="volpath"/>'
+
+
+def in_cube(medium: str) -> str:
+    place = '<transform name="to_world"><translate z="4"/></transform>'
+    return f'<shape type="cube"><bsdf type="null"/>{place}{medium}</shape>'
+
+
 def test_a_medium_that_returns_more_light_than_it_gets_is_wrong(tmp_path: Path) -> None:
     medium = '<medium name="interior" type="homogeneous"><spectrum name="albedo" value="1.5"/></medium>'
-    cube = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
-    (finding,) = serious(tmp_path, SKY, cube)
+    (finding,) = serious(tmp_path, SKY, in_cube(medium), VOLPATH)
     assert "'albedo' in 1 place is as large as 1.5" in finding.what
 
 
@@ -250,8 +257,7 @@ def test_a_volume_that_returns_more_light_than_it_gets_is_wrong(
     )
     grid = '<volume name="albedo" type="gridvolume"><string name="filename" value="v.vol"/></volume>'
     medium = f'<medium name="interior" type="heterogeneous">{grid}</medium>'
-    cube = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
-    (finding,) = serious(tmp_path, SKY, cube)
+    (finding,) = serious(tmp_path, SKY, in_cube(medium), VOLPATH)
     assert "'albedo' in 1 place is as large as 3" in finding.what
 
 

@@ -193,6 +193,32 @@ def test_expose_takes_levels_of_the_command_line(light: ms.Irradiance, tmp_path:
     assert captured.metadata["options"]["lights"] == {"lamps": 0.2, "other": 0.0}
 
 
+LEVELS = [{"lamps": 0.2, "other": 0.5}, {"lamps": "0.5 pwm(7000, 0.5)", "area": 2}]
+
+
+@pytest.mark.parametrize("lights", LEVELS, ids=["levels", "waveform"])
+@pytest.mark.parametrize("exposure", [EXPOSURE, "auto"])
+def test_the_light_of_a_capture_is_that_of_its_frames(
+    tmp_path: Path, exposure: Any, lights: dict[str, Any]
+) -> None:
+    """Exposed again it gives the same frames: levels, metered exposure and serial number are those of the capture. The
+    file keeps the groups as they were rendered."""
+    scene = scene_of(tmp_path, "all")
+    options = {**QUICK, "light_groups": {"area": "area", "lamps": "lamp_*"}, "serial": 7}
+    captured = ms.capture(scene, CAMERA, exposure, lights=lights, **options)
+    again = ms.expose(captured.light)
+    np.testing.assert_array_equal(again.digital, captured.frames.digital)
+    time_s = captured.frames.first.exposure.time_s
+    assert captured.light.rendered_for.exposure.time_s == time_s
+    if exposure == "auto":
+        assert captured.metadata["origin"]["metering"]["exposure_s"] == time_s
+    captured.save(tmp_path / "out")
+    kept = read_irradiance_exr(tmp_path / "out" / "irradiance.exr")
+    np.testing.assert_array_equal(kept.data, captured.light.with_lights().data)
+    from_file = ms.expose(kept.with_lights(lights))
+    np.testing.assert_array_equal(from_file.digital, captured.frames.digital)
+
+
 def test_the_samples_go_where_the_noise_is(tmp_path: Path) -> None:
     """A lamp that lights next to nothing gets the least share, a ninth of two; all get what was asked for, in whole
     launches of passes of few sizes: within a fifth."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from helpers.scenes import (
     BALL,
     SCENES,
@@ -31,6 +33,7 @@ INFRARED = VISIBLE.replace(
         "quantum_efficiency.wavelengths_nm": (400, 1000),
     }
 )
+NARROW: Any = {"wavelength_nm": 550, "denoise": False, "seed": 3}
 OURS = '<sampler type="multijitter"/>'
 FILM = """<film type="specfilm"><integer name="width" value="12"/><integer name="height" value="8"/>
 <string name="component_format" value="float32"/><rfilter type="box"/>
@@ -86,9 +89,9 @@ def test_a_clean_scene_has_no_finding(tmp_path: Path, camera: ms.Camera) -> None
 @pytest.mark.parametrize("name", (*SHIPPED, "one_file", "first_frame"))
 def test_the_shipped_scenes_are_clean_from_360_to_830_nm(name: str) -> None:
     camera = VISIBLE.replace(**{"quantum_efficiency.wavelengths_nm": (360, 830)})
-    assert (
-        inspect_scene(SCENES / f"{name}.xml", camera, {"width": 16, "height": 12}, None) == ()
-    )
+    size = {"width": 16, "height": 12}
+    found = inspect_scene(SCENES / f"{name}.xml", camera, size, None)
+    assert all("the brightest lamp has" in one.what and one.level == "fact" for one in found)
 
 
 DARK = [
@@ -134,14 +137,17 @@ def test_a_blackbody_with_ends_of_its_own_is_not_black(tmp_path: Path) -> None:
 def test_a_coloured_texture_of_a_lamp_is_held_beyond_the_visible(
     tmp_path: Path, texture: str
 ) -> None:
-    """Unlike an rgb lamp it is not multiplied by D65 and does not end: Mitsuba would extrapolate it."""
+    """Unlike an rgb lamp it is not multiplied by D65, which is told to every camera, and does not end: Mitsuba would
+    extrapolate it."""
     mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
     emitter = f'<emitter type="area">{texture}</emitter>'
     lamp = f'<shape type="sphere"><point name="center" value="0, 0, 4"/>{emitter}</shape>'
-    (found,) = findings(tmp_path, clean(lamp), INFRARED)
-    assert found.level == "note" and "keeps its value at 700 nm" in found.what
-    assert findings(tmp_path, clean(lamp)) == ()
+    held, flat, brightest = findings(tmp_path, clean(lamp), INFRARED)
+    assert held.level == "note" and "keeps its value at 700 nm" in held.what
+    assert flat.level == "note" and "is not multiplied by D65" in flat.what
+    assert brightest.level == "fact"
+    assert findings(tmp_path, clean(lamp)) == (flat, brightest)
 
 
 @pytest.mark.parametrize(("kind", "ends"), [("envmap", "360 to 830"), ("sunsky", "320 to 720")])
@@ -374,16 +380,16 @@ FILMS = [
     (FILM, "", None),
     (
         FILM.replace('type="box"', 'type="gaussian"'),
-        "note",
+        "fact",
         "filter 'gaussian' is wider than a pixel",
     ),
     (
         FILM.replace('<rfilter type="box"/>', ""),
-        "note",
+        "fact",
         "filter 'gaussian' is wider than a pixel",
     ),
-    (FILM.replace("float32", "float16"), "note", "float16"),
-    (FILM.replace('<string name="component_format" value="float32"/>', ""), "note", "float16"),
+    (FILM.replace("float32", "float16"), "fact", "float16"),
+    (FILM.replace('<string name="component_format" value="float32"/>', ""), "fact", "float16"),
     (
         FILM.replace("</film>", '<integer name="crop_width" value="5"/></film>'),
         "note",
@@ -391,7 +397,7 @@ FILMS = [
     ),
     (
         '<film type="hdrfilm"><rfilter type="box"/></film>',
-        "note",
+        "fact",
         "'hdrfilm' does not keep spectra",
     ),
 ]
@@ -409,7 +415,7 @@ def test_films_that_are_replaced_are_told(
 def test_a_noisier_sampler_is_told(tmp_path: Path) -> None:
     (found,) = findings(tmp_path, clean().replace(OURS, '<sampler type="independent"/>'))
     assert (
-        found.level == "note"
+        found.level == "fact"
         and found.remedy == "sampler 'independent' replaced by 'multijitter'"
     )
 
@@ -485,3 +491,52 @@ def test_the_camera_decides_the_band(tmp_path: Path, cli: Callable[..., Any]) ->
         == 1
     )
     assert cli("lint", path, "--variant", "scalar_spectral", "--camera", "leica").exit_code == 2
+
+
+@pytest.mark.filterwarnings("ignore:too far from the sensor")
+@pytest.mark.parametrize(
+    ("kind", "radius", "centre", "distances"),
+    [
+        exhaustive("sphere", 1.0, 0.0, (2500, 10_000)),
+        exhaustive("sphere", 100.0, 0.0, (120_000, 1_000_000)),
+        exhaustive("sphere", 1.0, 100.0, (100_000, 1_000_000)),
+        ("cylinder", 1.0, 0.0, (40, 100)),
+        exhaustive("cylinder", 0.01, 0.0, (3, 8)),
+        exhaustive("cylinder", 100.0, 100.0, (3000, 10_000)),
+        exhaustive("disk", 1.0, 0.0, (1200, 5000)),
+        exhaustive("rectangle", 1.0, 0.0, (40, 1_000_000)),
+    ],
+)
+def test_shapes_that_float32_renders_wrong_are_found(
+    variant: str, kind: str, radius: float, centre: float, distances: tuple[float, float]
+) -> None:
+    """A convex body of reflectance 0.5 under a uniform sky has half its radiance, and a finding where it has not."""
+    transform = mitsuba().ScalarTransform4f
+    shape = {
+        "to_world": transform().translate([centre, 0, 0]).rotate([1, 0, 0], 40).scale(radius)
+    }
+    if kind == "cylinder":
+        shape = {
+            "radius": radius,
+            "p0": [centre, -3 * radius, 0],
+            "p1": [centre, 3 * radius, 0],
+        }
+    reflectance = {"type": "spectrum", "value": 0.5}
+    bsdf = {"type": "twosided", "side": {"type": "diffuse", "reflectance": reflectance}}
+    for distance in distances:
+        origin = [centre + 0.3 * distance, 0.5 * distance, 0.66**0.5 * distance]
+        pose = transform().look_at(origin=origin, target=[centre, 0, 0], up=[0, 1, 0])
+        view = {"fov": math.degrees(0.6 * radius / distance), "far_clip": 10.0 * distance}
+        sky = {
+            "type": "scene",
+            "integrator": {"type": "path"},
+            "sensor": {"type": "perspective", "to_world": pose, **view},
+            "sky": {"type": "constant", "radiance": {"type": "spectrum", "value": 1e-4}},
+        }
+        whole, half = (
+            ms.render(scene, VISIBLE, ms.Exposure(0.1), spp=64, width=12, **NARROW)
+            for scene in (sky, {**sky, "shape": {"type": kind, "bsdf": bsdf, **shape}})
+        )
+        wrong = abs(half.data.mean() / whole.data.mean() / 0.5 - 1) > 0.01
+        far = distance == distances[1] and variant != "scalar_spectral" and kind != "rectangle"
+        assert wrong == any("too far from the sensor" in note for note in half.notes) == far

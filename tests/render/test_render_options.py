@@ -64,6 +64,29 @@ def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: 
     )
 
 
+@pytest.mark.parametrize("width", [1, 2, 4, 5, 6])
+@pytest.mark.parametrize(("x", "y"), [(0, 0), (3, 1), (6, 4), (5, 3)])
+def test_the_width_is_that_of_the_image_and_its_view_stays(
+    tmp_path: Path, width: int, x: int, y: int
+) -> None:
+    """Columns of the crop window, not of the whole film: it keeps its place, to half a pixel."""
+    path = write_scene(tmp_path, scene_text(SKY, film=cropped(x, y)))
+    options: dict[str, Any] = {"spp": 1, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    light = ms.render(path, TABLE1, EXPOSURE, width=width, **options)
+    rows = max(round(4 * width / 6), 1)
+    assert light.data.shape[:2] == (rows, width)
+    np.testing.assert_allclose(light.origin, np.multiply((y, x), width / 6), atol=0.5)
+
+
+def test_a_width_beyond_the_crop_window_is_one_sentence(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1)))
+    sentence = (
+        r"width is 7; .* from 1 to the crop window's own 6; .* width of 14 and a height of 9\."
+    )
+    with pytest.raises(ms.InputError, match=sentence):
+        ms.render(path, TABLE1, EXPOSURE, width=7, variant="scalar_spectral")
+
+
 def test_where_a_crop_lies_survives_the_file(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1)))
     light = ms.render(

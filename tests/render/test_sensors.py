@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.scenes import SKY, scene_text
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.scene import parse_scene, scene_settings
@@ -220,3 +221,37 @@ def test_a_dict_of_two_films_keeps_the_fields_of_each() -> None:
     captured = ms.capture(tree, sensor="all", **FAST)
     bits = [one.frames.camera.adc.bits for one in captured.sensors.values()]
     assert bits == [10, 12]
+
+
+METERS = {
+    "irradiancemeter": "measures the irradiance on its shape and takes no image",
+    "radiancemeter": "measures the radiance along one ray and takes no image",
+    "distant": "measures the radiance that leaves the scene in one direction and takes no image",
+}
+METER = '<sensor type="{}"><film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/>{}'
+BOX = '<rfilter type="box"/></film></sensor>'
+BATCH = '<sensor type="batch">{}</sensor>'
+
+
+@pytest.mark.parametrize("kind", METERS)
+def test_a_sensor_without_an_image_is_told_what_it_does(kind: str) -> None:
+    """Alone, in a batch, in a loaded scene and beside a camera, which can be taken."""
+    meter = METER.format(kind, BOX)
+    asked: Any = {"camera": "konnik_table1", "exposure": EXPOSURE, "progress": False, **FAST}
+    for text in (meter, BATCH.format(meter)):
+        with pytest.raises(ms.InputError, match=METERS[kind]):
+            ms.render(scene_text(SKY, text, sensor=""), **asked)
+    perspective = '<sensor type="perspective" id="eye"/>'
+    with pytest.raises(ms.InputError, match="another sensor of the scene: --sensor eye"):
+        ms.render(scene_text(SKY, meter, perspective, sensor=""), **asked)
+    on_shape = f'<shape type="sphere">{meter}</shape>'
+    if kind == "irradiancemeter":
+        with pytest.raises(ms.InputError, match="no sensor but irradiancemeter on a shape"):
+            ms.render(scene_text(SKY, on_shape, sensor=""), **asked)
+
+
+def test_a_batch_is_told_to_be_taken_apart() -> None:
+    asked: Any = {"camera": "konnik_table1", "exposure": EXPOSURE, "progress": False, **FAST}
+    batch = BATCH.format('<sensor type="perspective"/>' * 2)
+    with pytest.raises(ms.InputError, match=r"several sensors on one film; .*--sensor all"):
+        ms.render(scene_text(SKY, batch, sensor=""), **asked)

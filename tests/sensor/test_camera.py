@@ -478,6 +478,11 @@ def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
 def test_no_such_camera_is_said_with_what_there_is(tmp_path: Path) -> None:
     with pytest.raises(ms.InputError, match=r"konnik_table1.*Did you mean 'konnik_table1'"):
         ms.load_camera("konik_table1")
+    sonys = [name for name in ms.list_cameras() if name.startswith("sony")]
+    with pytest.raises(ms.InputError, match=f"one of {', '.join(map(repr, sonys))}"):
+        ms.load_camera("sony")
+    with pytest.raises(ms.InputError, match=r"Did you mean 'raspberry_pi_hq' \(Rasp"):
+        ms.load_camera("imx477")
     with pytest.raises(ms.InputError, match="cannot be read: No such file"):
         ms.load_camera(tmp_path / "nothing.toml")
     with pytest.raises(ms.InputError, match="cannot be read"):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.chain import black_level_dn
 
 TABLE1 = ms.load_camera("konnik_table1")
 QUANTISATION_DN = math.sqrt(1 / 12)
@@ -28,9 +27,7 @@ def test_table_1_has_its_closed_forms() -> None:
         == pytest.approx(gain, rel=1e-12)
     )
     assert found.temporal_dark_noise_e == pytest.approx(noise_e, rel=1e-7)
-    assert found.saturation_e == pytest.approx(
-        (4095 - black_level_dn(TABLE1)) / gain, rel=1e-12
-    )
+    assert found.saturation_e == pytest.approx((4095 - TABLE1.black_level_dn) / gain, rel=1e-12)
     least_e = math.sqrt(noise_e**2 + (QUANTISATION_DN / gain) ** 2 + 0.25) + 0.5
     assert found.absolute_sensitivity_e == pytest.approx(least_e, rel=1e-7)
     assert found.snr_max == pytest.approx(math.sqrt(found.saturation_e), rel=1e-12)

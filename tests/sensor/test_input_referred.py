@@ -9,7 +9,6 @@ import pytest
 from helpers.stage_tests import backend_of
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.chain import black_level_dn
 
 NAME = "input_referred_electrons"
 EXPOSURE = ms.Exposure(0.1)
@@ -53,7 +52,7 @@ def test_less_the_electrons_of_the_well_it_is_the_read_noise() -> None:
     assert frames.electrons is not None and frames.input_referred_electrons is not None
     off = frames.input_referred_electrons - frames.electrons
     assert off.std() == pytest.approx(GAINS.emva1288().temporal_dark_noise_e, rel=0.032)
-    ideal = black_level_dn(GAINS) + GAINS.system_gain_dn_per_e * frames.input_referred_electrons
+    ideal = GAINS.black_level_dn + GAINS.system_gain_dn_per_e * frames.input_referred_electrons
     assert np.abs(frames.digital - ideal).max() <= 0.5 + 1e-6
 
 

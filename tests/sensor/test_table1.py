@@ -17,7 +17,7 @@ from helpers import DATA
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.stages.chain import black_level_dn, chain
+from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.adc import Adc
 from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
 from mitsuba_sensor.stages.effects.dsnu import DsnuColumn
@@ -62,9 +62,10 @@ def digital() -> dict[float, Any]:
     """Level → two frames of 1 × 600 000 pixels, black level subtracted [DN]."""
     levels = np.array([[row["light_e"] / QE] for row in EXPECTED])
     wide = np.broadcast_to(levels, (len(LEVELS), 600_000))
-    frames = ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(
-        np.float64
-    ) - black_level_dn(CAMERA)
+    frames = (
+        ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(np.float64)
+        - CAMERA.black_level_dn
+    )
     return {level: frames[:, i] for i, level in enumerate(LEVELS)}
 
 
@@ -72,7 +73,7 @@ def digital() -> dict[float, Any]:
 def test_theory_of_the_chain_is_that_of_table_1(row: dict[str, Any]) -> None:
     """Mean within 0.01 %, temporal and spatial σ within 0.1 %, with and without the reset noise."""
     m = theory(CAMERA, row)
-    assert m.mean.item() - black_level_dn(CAMERA) == pytest.approx(
+    assert m.mean.item() - CAMERA.black_level_dn == pytest.approx(
         row["mean_DN_no_pedestal"], rel=1e-4
     )
     assert math.sqrt(m.temporal.item()) == pytest.approx(

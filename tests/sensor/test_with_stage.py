@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -257,3 +258,25 @@ def test_a_camera_without_a_wavelength_of_its_own_takes_a_stage_too() -> None:
         len(camera.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages)
         == len(camera.stages) + 1
     )
+
+
+HIDES: dict[str, tuple[str, dict[str, Any]]] = {
+    "reach": ("Bad.reach_px is a field", {"__annotations__": {"reach_px": int}, "reach_px": 0}),
+    "limits": ("call the field bad_limits", {"__annotations__": {"limits": "tuple[int, int]"}}),
+    "label": ("Bad.label is a field", {"__annotations__": {"label": str}}),
+    "class variable": ("Bad.domain is a field", {"__annotations__": {"domain": "str"}}),
+    "notes": ("call the value bad_notes", {"notes": ("A note.",)}),
+    "method": ("Bad.limits is a method; write @property", {"limits": lambda self: (0, 1)}),
+}
+
+
+@pytest.mark.parametrize("what", HIDES)
+def test_a_field_that_hides_a_member_is_refused_when_the_class_is_made(what: str) -> None:
+    """In the class and in a mixin; to override a member by a class variable or a property is allowed."""
+    sentence, body = HIDES[what]
+    for bases in ((ms.Stage,), (type("Mixin", (), body), ms.Stage)):
+        with pytest.raises(InputError, match=re.escape(sentence)):
+            type("Bad", bases, body if len(bases) == 1 else {})
+    allowed = {"__annotations__": {"reach_px": ClassVar[int]}, "reach_px": 1, "label": "fine"}
+    stage = type("Good", (ms.Stage,), {**allowed, "limits": property(lambda self: (0, 1))})
+    assert (stage.reach_px, stage.label, stage.key()) == (1, "fine", "good")

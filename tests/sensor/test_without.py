@@ -18,7 +18,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_checks import noise_sources
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.metering import AUTO
-from mitsuba_sensor.stages.chain import ORDER, black_level_dn, chain
+from mitsuba_sensor.stages.chain import ORDER, chain
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.input_noise import input_noise
@@ -161,7 +161,7 @@ def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -
     camera = TABLE1.without(*SOURCES)
     electrons = np.array([[100.0, 1234.5, 20_000.0, 32_000.0]])
     frames = ms.expose(electrons / camera.qe([550.0]).item(), camera, EXPOSURE)
-    expected = np.floor(black_level_dn(TABLE1) + gain_dn_per_e(TABLE1) * electrons + 0.5)
+    expected = np.floor(TABLE1.black_level_dn + gain_dn_per_e(TABLE1) * electrons + 0.5)
     np.testing.assert_array_equal(frames.digital[0], expected)
     np.testing.assert_array_equal(frames.clean, expected)
     np.testing.assert_allclose(frames.spatial_mean, expected, atol=1e-3)

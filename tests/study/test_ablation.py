@@ -10,11 +10,12 @@ from helpers.scenes import SKY, scene_text, write_scene
 from helpers.study_pages import faults, through_files
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.lab.statistics.estimators import z_limit
 from mitsuba_sensor.pages.page import Study, Table
 from mitsuba_sensor.study.ablation import RECORDS, ablation
 from mitsuba_sensor.study.ablation import sensor as of_sensor
 from mitsuba_sensor.study.ablation.render import Rendered, change_of, shared_rms
-from mitsuba_sensor.study.ablation.sensor import SENSORS, Moments, compare
+from mitsuba_sensor.study.ablation.sensor import PLAN, SENSORS, WHOLE, Moments, compare
 from mitsuba_sensor.study.kit import Kit, Subject
 
 EXPOSURE = ms.Exposure(0.1)
@@ -125,13 +126,67 @@ def test_a_law_that_is_off_by_ten_standard_errors_is_found() -> None:
     predicted = np.tile([[100.0], [25.0], [4.0]], (1, SENSORS))
     noise = rng.normal(0.0, 0.1, predicted.shape)
     noise -= noise.mean(axis=1, keepdims=True)
-    right = compare(Moments(predicted, predicted + noise, np.zeros((1, 1))), None)
-    wrong = compare(Moments(predicted, predicted + noise + 0.35, np.zeros((1, 1))), None)
+    pixels = np.zeros((100, 100))
+    right, wrong = (
+        compare(Moments(predicted, predicted + noise + off, pixels), None, 8, 1.0)
+        for off in (0.0, 0.35)
+    )
     assert all(abs(one.z) < 1e-6 for one in right) and all(abs(one.z) > 3.5 for one in wrong)
     assert wrong[0].measured_dn - wrong[0].predicted_dn == pytest.approx(0.35)
     assert right[1].predicted_dn == pytest.approx(5.0) and right[
         2
     ].predicted_dn == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("step_dn", [1.0, 30.0])
+@pytest.mark.parametrize("electrons", [0.4, 3.0, 30.0, 100.0, 300.0, 3000.0])
+def test_a_source_of_few_electrons_agrees_with_its_law_by_poissons_law(
+    electrons: float, step_dn: float
+) -> None:
+    """Of 1000 right studies of one source 0.2 to 0.8 should differ by chance; more than 8 do in one test of 10 000."""
+    rng = np.random.default_rng(int(10 * electrons))
+    frames, pixels = 8, np.zeros((36, 48))
+    each_dn = step_dn / (frames * pixels.size)  # of one electron, in the average of one sensor
+    law = np.tile([[1000.0], [4.0], [0.0]], (1, SENSORS))
+    whole = Moments(law, law, pixels)
+    differ = 0
+    for _ in range(1000):
+        found, expected = law.copy(), law.copy()
+        found[0] -= each_dn * rng.poisson(electrons / SENSORS, SENSORS)
+        expected[0] -= each_dn * electrons / SENSORS
+        change = compare(Moments(expected, found, pixels), whole, frames, step_dn)[0]
+        differ += abs(change.z) > z_limit(18)
+        assert change.too_few or electrons > 3
+    assert differ <= 8
+    stays = compare(Moments(expected, law, pixels), whole, frames, step_dn)[0]
+    assert (abs(stays.z) > z_limit(18)) == (electrons > 99)  # frames that kept the source
+
+
+def test_frames_of_almost_no_dark_electron_agree_with_their_law() -> None:
+    """3 dark electrons are expected in 9.8 million pixels; one study in 100 would differ by chance."""
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(1e-7)
+    light = ms.expose(np.full((24, 32), 3000.0), camera, exposure).light
+    for seed in (1, 2):
+        kit = Kit()
+        asked = of_sensor.SensorAblation(
+            kit, Subject("", camera, exposure), lambda: light, 0.02, (8, seed, seed)
+        )
+        asked.cameras = {
+            name: asked.cameras[name] for name in (WHOLE, "dark current", "PRNU", PLAN)
+        }
+        kit.take(list(asked.steps())[:-1])
+        kit.known["seconds of frames"] = {case: [1.0, 1.0] for case in asked.cameras}, 0.0
+        results = of_sensor.SensorResults(asked)
+        assert results.agree
+        assert results.verdict("dark current") == ("dim", "too few to tell")
+        assert results.verdict("PRNU") == ("good", "agree")
+
+
+@pytest.mark.parametrize("source", ["PRNU", "dark current", "shot noise"])
+def test_a_source_that_the_frames_kept_is_found(kit: Kit, study: Study, source: str) -> None:
+    whole = kit[f"frames: {WHOLE}"]
+    kept = kit[f"frames: {source}"]._replace(measured=whole.measured)
+    assert max(abs(one.z) for one in compare(kept, whole, 4, 1.0)) > z_limit(18)
 
 
 def test_the_rms_of_a_change_is_free_of_noise() -> None:

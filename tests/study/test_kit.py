@@ -1,12 +1,10 @@
-"""The kit of the studies: steps are measured once, and forecasts follow the times that were measured."""
+"""The kit of the studies: steps are measured once, and it tells how much is done."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-import pytest
-
-from mitsuba_sensor.study.kit import Forecast, Kit, Step
+from mitsuba_sensor.study.kit import Kit, Step
 
 
 class Clock:
@@ -18,8 +16,8 @@ class Clock:
     def __call__(self) -> float:
         return self.now_s
 
-    def step(self, key: str, expected_s: float, seconds: float, kind: str = "") -> Step:
-        return Step(key, expected_s, self.taking(seconds), kind)
+    def step(self, key: str, expected_s: float, seconds: float) -> Step:
+        return Step(key, expected_s, self.taking(seconds))
 
     def taking(self, seconds: float) -> Callable[[], float]:
         def measure() -> float:
@@ -29,13 +27,6 @@ class Clock:
         return measure
 
 
-def forecasts(*steps: tuple[str, float, float, str]) -> list[Forecast]:
-    """What a kit says before each of these steps (name, expected and true seconds, kind), and at the end."""
-    clock, told = Clock(), list[Forecast]()
-    Kit(progress=told.append, clock=clock).take([clock.step(*step) for step in steps])
-    return told
-
-
 def test_a_step_is_measured_once() -> None:
     kit, calls = Kit(), list[int]()
     for _ in range(2):
@@ -43,46 +34,15 @@ def test_a_step_is_measured_once() -> None:
     assert calls == [1] and kit["one"] == 7 and kit.new == 1
 
 
-@pytest.mark.parametrize("busy", [1.0, 8.0])
-def test_after_one_step_of_each_kind_the_forecast_is_that_of_this_machine(busy: float) -> None:
-    """Frames take twice what was expected, moments half, on a machine of any load."""
-    steps = [("f1", 1.0, 2.0 * busy, "frames"), ("m1", 4.0, 2.0 * busy, "moments")]
-    steps += [(f"f{k}", 3.0, 6.0 * busy, "frames") for k in range(2, 5)]
-    steps += [(f"m{k}", 2.0, 1.0 * busy, "moments") for k in range(2, 5)]
-    told = forecasts(*steps)
-    true_s = sum(seconds for _, _, seconds, _ in steps)
-    assert [one.total_s for one in told[2:]] == pytest.approx([true_s] * (len(told) - 2))
-    assert told[0].total_s == sum(expected_s for _, expected_s, _, _ in steps)
-
-
-@pytest.mark.parametrize(("seconds", "total_s"), [(10.0, 30.0), (0.1, 2.1)])
-def test_a_kind_that_was_not_measured_yet_takes_as_it_says_or_as_much_longer_as_steps_so_far(
-    seconds: float, total_s: float
-) -> None:
-    """Steps of 1 s and 2 s; the first one takes 10 s, or nearly nothing, which says little of the second one."""
-    told = forecasts(("a", 1.0, seconds, "a"), ("b", 2.0, 20.0, "b"))
-    assert told[1].total_s == pytest.approx(total_s)
-
-
-def test_the_forecast_names_what_takes_the_time() -> None:
-    told = forecasts(
-        ("a1", 1.0, 1.0, "frames"),
-        ("b1", 1.0, 50.0, "a million samples"),
-        ("a2", 1.0, 1.0, "frames"),
-    )
-    assert (
-        told[2].longest == "a million samples"
-        and told[2].longest_s == 50.0
-        and told[2].now == "a2"
-    )
-
-
-def test_steps_that_come_later_are_in_the_forecast() -> None:
-    clock, told = Clock(), list[Forecast]()
-    kit = Kit(progress=told.append, clock=clock)
-    later = [clock.step("later", 10.0, 20.0, "a")]
-    kit.take([clock.step("first", 1.0, 2.0, "a")], later)
-    assert told[-1].total_s == pytest.approx(22.0)
+def test_the_share_that_is_done_counts_steps_by_their_seconds_those_of_later_too() -> None:
+    """Of 10 s: 1 s, 4 s, and 5 s that follow; what is known already is no part of it."""
+    told = list[tuple[str, float]]()
+    kit = Kit({"known": (0, 9.0)}, lambda *said: told.append(said))
+    first = [Step("known", 99.0, int), Step("a", 1.0, int), Step("b", 4.0, int)]
+    later = [Step("c", 5.0, int)]
+    kit.take(first, later)
+    kit.take(later)
+    assert told == [("a", 0.0), ("b", 0.1), ("done", 0.5), ("c", 0.5), ("done", 1.0)]
 
 
 def test_the_longest_step_is_named_with_its_seconds() -> None:

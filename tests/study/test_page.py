@@ -17,10 +17,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
 
-from mitsuba_sensor.cli.progress import seconds_bar
 from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
 from mitsuba_sensor.files.texts import to_json
-from mitsuba_sensor.pages.drawing import png, svg
+from mitsuba_sensor.pages.drawing import RING_LABEL, png, svg
 from mitsuba_sensor.pages.html_page import html, text
 from mitsuba_sensor.pages.page import (
     Bars,
@@ -33,7 +32,6 @@ from mitsuba_sensor.pages.page import (
     study_of,
     table,
 )
-from mitsuba_sensor.study.kit import Forecast
 
 TABLE = Table(
     "Series <all>",
@@ -130,6 +128,28 @@ def test_no_label_lies_on_a_bar(picture: Bars, monkeypatch: pytest.MonkeyPatch) 
     assert not axes.texts
     if legend := axes.get_legend():
         assert legend.get_window_extent().x0 >= axes.get_window_extent().x1
+
+
+@pytest.mark.parametrize("span", [1.001, 1.1, 1.9, 3.0, 9.0, 40.0, 1e3, 1e9, 1e20])
+@pytest.mark.parametrize("low", [1.0, 0.13, 8.7e-5])
+def test_a_logarithmic_axis_has_three_to_nine_labels_that_differ(
+    span: float, low: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
+    points = (low, low * span)
+    png(Plot("y versus x", "x [1]", "y [1]", (Line("one", points, points, ringed=(1,)),)))
+    bars = {"one": points}
+    png(Bars("bars", "x [1]", ("a", "b"), bars, log_x=True), small=True)
+    for figure in seen:
+        figure.canvas.draw()
+    (plot,), (bar,) = (figure.axes for figure in seen)
+    for axis in (plot.xaxis, plot.yaxis, bar.xaxis):
+        start, end = axis.get_view_interval()
+        ticks = zip(axis.get_ticklocs(), axis.get_ticklabels(), strict=True)
+        shown = [label.get_text() for tick, label in ticks if start <= tick <= end]
+        assert 3 <= len(set(shown)) == len(shown) <= 9 and all(shown)
+    assert [one.get_text() for one in plot.get_legend().get_texts()] == [RING_LABEL, "one"]
 
 
 def test_a_page_is_made_for_a_phone() -> None:
@@ -267,19 +287,6 @@ def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:
     marks = tuple("bad" if i == 7 else "good" for i in range(len(rows)))
     said = shown(study(Table("long", ("case", "n"), rows, marks)))  # type: ignore[arg-type]
     assert "case 7" in said and "case 8" not in said and f"{LONGEST} more rows" in said
-
-
-def test_a_study_says_how_long_it_takes_and_again_where_that_was_too_short() -> None:
-    console = Console(file=io.StringIO(), width=100)
-    with seconds_bar(console) as tell:
-        tell(Forecast(0.0, 240.0, "first", "", 0.0))
-        tell(Forecast(10.0, 200.0, "second", "frames", 150.0))
-        tell(Forecast(20.0, 250.0, "third", "frames", 200.0))
-        tell(Forecast(300.0, 320.0, "fourth", "moments", 310.0))
-    assert console.file.getvalue().splitlines() == [  # type: ignore[attr-defined]
-        "this takes about 3.3 min, 2.5 min of it for frames",
-        "this takes about 5.3 min, 5.2 min of it for moments",
-    ]
 
 
 @pytest.mark.parametrize(("width", "columns"), [(200, 12), (40, 3), (14, 1)])

@@ -49,6 +49,7 @@ class CardFacts:
 
     figures : what → how many.  splits : split → samples, scenes, renders and chips.  hashes : what → SHA-256.
     how_to_read : code.  pictures : rows of the contact sheet.  render_noise : how large it is; notes : other sentences.
+    remarks : those of them that a run says also.
     """
 
     name: str
@@ -63,6 +64,7 @@ class CardFacts:
     versions: Mapping[str, str | None] = field(default_factory=dict)
     render_noise: str = ""
     notes: Sequence[str] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def write_card(folder: Path, facts: CardFacts) -> None:

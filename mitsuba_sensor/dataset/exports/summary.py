@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,7 @@ from ...camera.camera_file import camera_from
 from ...camera.figures import figures_if_any
 from ...core import InputError
 from ...files import durable
+from ...render.limits import SHORTEST_METERED_S
 from ..index.part import Line
 from ..plan.file import DatasetFile
 from ..plan.planned import evenly_chosen
@@ -80,6 +82,7 @@ class _Read:
     """What is known of the samples that were read so far.
 
     models : entry of the dataset file → camera's own name.  noise_ratios : key of a view → its median noise ratio.
+    metered_s : the shortest exposure time that was metered.
     figures : key of a camera and its gain → σ_d and saturation by read-out, of the whole under an empty name.
     """
 
@@ -89,6 +92,7 @@ class _Read:
     )
     models: dict[str, str] = field(default_factory=dict)
     noise_ratios: dict[str, float] = field(default_factory=dict)
+    metered_s: float = math.inf
     sizes: set[str] = field(default_factory=set)
     versions: dict[str, str | None] = field(default_factory=dict)
     bytes: int = 0
@@ -131,6 +135,7 @@ def summary(
         notes.append(
             f"{len(chosen)} of the {len(lines)} samples, evenly chosen, were read for pixels, bytes, noise and values."
         )
+    remarks = tuple(_bright_notes(read.metered_s))
     arrays = [name for name in file.outputs if name in IMAGES]
     splits = _counted(lines, read.models)
     return CardFacts(
@@ -154,7 +159,8 @@ def summary(
         sheet_rows(store, lines),
         read.versions,
         _render_noise_note(read.noise_ratios),
-        notes,
+        [*remarks, *notes],
+        remarks=remarks,
     )
 
 
@@ -193,6 +199,16 @@ def _render_noise_note(noise_ratios: Mapping[str, float]) -> str:
     return note
 
 
+def _bright_notes(metered_s: float) -> Iterator[str]:
+    """Where the light is so bright that a metered exposure is shorter than those of cameras."""
+    if metered_s < SHORTEST_METERED_S:
+        yield (
+            f"A metered exposure time is {metered_s:g} s, shorter than {SHORTEST_METERED_S:g} s, because the light is "
+            "so bright; multiply the emitters of the scene by the light_scale that "
+            "`mitsuba-sensor render --luminance 500` writes into frame.json."
+        )
+
+
 def _add(read: _Read, line: Line, facts: Facts) -> None:
     """Count one sample."""
     config, image = facts["config"], facts["image"]
@@ -204,6 +220,8 @@ def _add(read: _Read, line: Line, facts: Facts) -> None:
     group.electrons.append(facts["electrons_quantiles_e"])
     read.models[str(line.values.get("camera"))] = facts["camera"]
     read.noise_ratios[line.view] = facts["light"]["noise_ratio_median"]
+    if metering := facts["light"]["metering"]:
+        read.metered_s = min(read.metered_s, metering["exposure_s"])
     read.sizes.add(f"{image['columns']} × {image['rows']}")
     read.versions = facts["versions"]
 

@@ -58,6 +58,8 @@ NOT_RENDER = dict.fromkeys(OF_SCENE, "belongs to the tables of [[scenes]]") | {
     "repeatable": "is always true of a dataset",
     "raw_light": "is for light that is kept; the outputs of the dataset say what is kept",
     "variant": "is chosen by the run",
+    "luminance": "would scale each view by its own median; set the emitters of the scene, by the light_scale that "
+    "`render --luminance` writes into frame.json",
     "gain": "is varied: gain in [grid], [[list]] or [random]",
 }
 """What a [render] table does not have, and why."""

@@ -32,7 +32,7 @@ from .values import text_of
 FORMAT = 4  # of a dataset and of its configurations; another one is another key
 SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
 SPP = 128  # of a render that is told nothing of them
-PASSED_BY = ("gain",)  # options of a render that are none of its light
+PASSED_BY = ("gain", "luminance")  # options of a render that are none of its light
 MOST_DIGESTS = 4096
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError, nearest
-from ...core.argument_names import tells_of_names
 from ...core.checks import require_path
 from ...files.objects import Objects, Place, is_address
 from ...files.raw_files import read_raw_tiff
@@ -138,7 +137,6 @@ class Sample:
         return json_object(files.content(name), files.place(name), CHANGED)
 
 
-@tells_of_names
 class Dataset(Sequence[Sample]):
     """The samples of a dataset folder, in the order of its file, each read from the index when it is asked for.
 

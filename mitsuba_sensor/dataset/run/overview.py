@@ -27,11 +27,11 @@ AGAIN = (
 
 
 class Overview(NamedTuple):
-    """What a run says of it at its end.  render_noise : the sentence of the card, where it was written.  failed : what
-    could not be written."""
+    """What a run says of it at its end.  render_noise : the sentence of the card, where it was written.  remarks : on
+    light that is too bright, and on what could not be written."""
 
     render_noise: str = ""
-    failed: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 def write_overview(plan: DatasetPlan, store: Store, index: Index) -> Overview:
@@ -51,8 +51,8 @@ def write_overview(plan: DatasetPlan, store: Store, index: Index) -> Overview:
         write_card(store.folder, facts)
     except Exception as error:  # all samples are there: the run has not failed
         what = f"{CARD}, {SHEET} or {TABLE} in {store.folder}"
-        return Overview(failed=f"{what} was not written: {error}")
-    return Overview(facts.render_noise)
+        return Overview(remarks=(f"{what} was not written: {error}",))
+    return Overview(facts.render_noise, facts.remarks)
 
 
 def _card_text(store: Store) -> str:

@@ -49,8 +49,8 @@ class RunProgress:
         """Samples that are complete."""
         return self.there + self.made
 
-    def standing(self, seconds: float) -> tuple[str, float, float]:
-        """What is done now, the seconds that are left and the share that is done; NaN is not known.
+    def standing(self, seconds: float) -> tuple[str, float]:
+        """What is done now, and the share of the samples that is complete; NaN where there is none.
 
         seconds : since this run began.
         """
@@ -63,15 +63,8 @@ class RunProgress:
         failed = ""
         if self.failed:
             failed = f", {len(self.failed)} views failed"
-        if rate:
-            left_s = (self.samples - self.done) / rate
-        else:
-            left_s = math.nan
-        if self.samples:
-            share = self.done / self.samples
-        else:
-            share = math.nan
-        return f"{speed}{self.now}{failed}", left_s, share
+        share = self.done / self.samples if self.samples else math.nan
+        return f"{speed}{self.now}{failed}", share
 
     def counted(self) -> str:
         """How many samples are complete."""
@@ -94,8 +87,8 @@ def shown_run(progress: Show | bool | None) -> Iterator[Show]:
 
         def tell(found: RunProgress) -> None:
             if teller is not None:
-                doing, left_s, share = found.standing(teller.seconds)
-                teller.tell(f"{found.counted()}, {doing}", left_s, share)
+                doing, share = found.standing(teller.seconds)
+                teller.tell(f"{found.counted()}, {doing}", share)
                 teller.tick()
 
         yield tell
@@ -197,8 +190,7 @@ def make_missing(plan: DatasetPlan, out: Path, chosen: RunOptions, show: Show) -
         store.remove_lights(store.names("lights"))
     overview = write_overview(plan, store, index)
     progress.render_noise = overview.render_noise
-    if overview.failed:
-        progress.remarks.append(overview.failed)
+    progress.remarks += overview.remarks
     return progress
 
 

@@ -32,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
-from ...core.argument_names import tells_of_names
 from ...core.checks import require_path
 from ...files.raw_files import RawFile, read_raw
 from ...files.texts import Facts
@@ -60,7 +59,6 @@ SHORT_S = 1e-5
 """Longest exposure of a bench [s] below which its unit is likely to be another."""
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Bench:
     """The stacks of a camera by what is in front of it.
@@ -140,7 +138,6 @@ def _select_filter(name: str, stacks: Sequence[Stack]) -> list[Stack]:
     return [stack.of_filters()[name] for stack in stacks]
 
 
-@tells_of_names
 def read_bench(
     path: str | os.PathLike[str],
     report: Callable[[int, int], None] | None = None,

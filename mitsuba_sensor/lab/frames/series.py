@@ -16,7 +16,7 @@ from .clipping import MOST_VALUES
 from .notes import merged
 from .rounding import ROUNDING_DN2, has_whole_codes
 from .stack import Stack
-from .temporal import temporal
+from .temporal import flicker_note, temporal, temporal_within_rows
 
 Report = Callable[[int, int], object]
 """Told how many of all stacks are measured."""
@@ -50,17 +50,23 @@ class Level:
     source: str = ""
 
 
-def measure_level(stack: Stack) -> Level:
-    """Mean and variance of a stack whose pixels are alike, with their errors."""
-    statistics = temporal(stack)
+def measure_level(stack: Stack, lit: bool = False) -> Level:
+    """Mean and variance of a stack whose pixels are alike, with their errors.
+
+    lit : whether rows that fluctuate together are taken out, for they do so by the light.
+    """
+    flicker = (
+        flicker_note(stack, "taken out of the variance, with the row noise") if lit else ""
+    )
+    statistics = temporal_within_rows(stack) if flicker else temporal(stack)
     frames, pixels = statistics.frames, statistics.pixels
     variance, spread = statistics.variance, statistics.spread_dn
     clipping = stack.clipping
     hidden_dn = clipping.share * math.hypot(math.sqrt(variance), spread)
     mean_error = math.hypot(math.sqrt(variance / pixels / frames), hidden_dn)
-    notes: tuple[str, ...] = ()
-    if statistics.drift_note:
-        notes = (f"{stack.source}: {statistics.drift_note}",)
+    notes = tuple(
+        f"{stack.source}: {note}" for note in (flicker, statistics.drift_note) if note
+    )
     clipped = ""
     if clipping.clipped:
         clipped = f"{stack.source}: {clipping.note}"
@@ -200,8 +206,8 @@ def series(
         darks = [centre(stack, window) for stack in darks]
         flats = [centre(stack, window) for stack in flats]
     of_stacks: list[Level] = []
-    for stack in (*darks, *flats):
-        of_stacks.append(measure_level(stack))
+    for number, stack in enumerate((*darks, *flats)):
+        of_stacks.append(measure_level(stack, lit=number >= len(darks)))
         if report is not None:
             report(len(of_stacks), len(darks) + len(flats))
     dark_levels = tuple(of_stacks[: len(darks)])

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError, finite_numbers, refuse_masked, require
-from ...core.argument_names import tells_of_names
 from ...core.checks import require_finite
 from ...core.errors import require_count
 from ...core.exposure import LONGEST_S
@@ -23,7 +22,6 @@ STRIP_VALUES = 2**17
 """Values that are float64 at once: 1 MiB, which the caches of a processor hold, whatever the size of the stack."""
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False)
 class Stack:
     """N frames of one scene with one setting, and what is known about them.

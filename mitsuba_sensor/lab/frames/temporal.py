@@ -20,6 +20,8 @@ MOST_SORTED = 2**16
 """Pixels whose means are sorted to find where groups of equally bright ones end."""
 DRIFT_FALSE_ALARM = 1e-4
 """Share of the stacks without drift in which drift is reported."""
+FLICKER_SIGMAS, FLICKER_ROWS = 3.72, 4
+"""A normal number is larger by chance in 1e-4 of the stacks; crosstalk and coupling do not reach so many rows."""
 LINES_FALSE_ALARM = 1e-3
 """Share of the stacks with independent pixels in which rows or columns are taken as what fluctuates together."""
 
@@ -77,6 +79,46 @@ class Temporal:
         if self.mean:
             drift += f" ({100 * self.drift_dn / abs(self.mean):.2g} %)"
         return f"frame means drift by {drift}, removed from the variance"
+
+
+def flicker_dn(stack: Stack) -> float:
+    """Standard deviation of what rows share with others 4 rows away from frame to frame [DN], 0 if chance explains it.
+
+    So does light that flickers before a rolling shutter, with a period above 24 rows; row noise differs in each row.
+    """
+    frames, (count, _) = len(stack), stack.shape
+    pairs = (frames - 1) * (count - FLICKER_ROWS)
+    if pairs < 32:  # too few for the normal law
+        return 0.0
+    rows = stack.row_means - stack.row_means.mean(axis=0)
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    profile = stack.row_means.mean(axis=0) - stack.row_means.mean()
+    rows = rows - np.outer(rows @ profile, profile) / max(profile @ profile, 1e-300)  # drift
+    shared = float(np.sum(rows[:, :-FLICKER_ROWS] * rows[:, FLICKER_ROWS:])) / pairs
+    variance = float(np.sum(rows**2)) / (frames - 1) / count
+    return math.sqrt(shared) if shared * math.sqrt(pairs) > FLICKER_SIGMAS * variance else 0.0
+
+
+def flicker_note(stack: Stack, removed: str) -> str:
+    """By how much rows fluctuate together, or nothing.  removed : what this means for the figures."""
+    shared_dn = flicker_dn(stack)
+    if not shared_dn:
+        return ""
+    return (
+        f"neighbouring rows fluctuate together by {shared_dn:.3g} DN from frame to frame, as under light that flickers "
+        f"before a rolling shutter: {removed}; use light without flicker or a global shutter"
+    )
+
+
+def temporal_within_rows(stack: Stack) -> Temporal:
+    """Statistics over the frames, without the mean of each row in each frame. Raises InputError as temporal does."""
+    _check_stack(stack)
+    height, width = stack.shape
+    number = np.broadcast_to(np.arange(height)[:, None], stack.shape)
+    common = stack.row_means - stack.row_means.mean(axis=0)
+    return _statistics(
+        stack, _Groups(number, common, np.full(height, width / (width - 1))), None
+    )
 
 
 def temporal(stack: Stack, maps: Maps | None = None) -> Temporal:

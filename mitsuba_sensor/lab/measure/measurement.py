@@ -10,7 +10,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from ...core import InputError
-from ...core.argument_names import tells_of_names
 from ..frames.bench import Bench
 from ..frames.clipping import ClippedError
 from ..frames.notes import merged
@@ -118,7 +117,6 @@ class Measurement:
 Result = TypeVar("Result")
 
 
-@tells_of_names
 def measure_bench(
     bench: Bench, report: Callable[[str], object] = lambda title: None
 ) -> tuple[Measurement, ...]:

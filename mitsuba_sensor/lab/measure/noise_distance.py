@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core import InputError, finite_numbers
-from ...core.argument_names import tells_of_names
 from ...core.errors import require_count
 from ...core.types import Float64Array
 from ..quantity import Quantity
@@ -18,7 +17,6 @@ SECTION = "Abdelhamed et al. 2019"
 FEWEST_IN_A_BIN = 10
 
 
-@tells_of_names
 def noise_divergence(real: ArrayLike, model: ArrayLike, *, bins: int = 64) -> Quantity:
     """Kullback-Leibler divergence of the histogram of real noise from that of a model [nat].
 

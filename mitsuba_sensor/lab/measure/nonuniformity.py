@@ -15,7 +15,8 @@ from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma
 from ..frames.rounding import Rounding, is_rounded, mark_rounding, temporal_note
 from ..frames.stack import Stack
-from ..quantity import Quantity
+from ..frames.temporal import flicker_note
+from ..quantity import Quantity, unknown
 from ..statistics.mean_squares import (
     MeanSquare,
     MeanSquares,
@@ -138,6 +139,10 @@ def nonuniformity(
             figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
         figures[name] = _mark(figure, *stacks)
     figures = _mark_rounding(figures, dark, light)
+    flicker = flicker_note(light, "PRNU of rows and of all is not told from it")
+    for name in ("prnu", "prnu_row", "paper", "paper_raw"):
+        if flicker:
+            figures[name] = unknown(figures[name], flicker)
     signal = float((light.mean - dark.mean).mean())
     for name, figure in figures.items():
         if figure.unit == "%" and curvature:

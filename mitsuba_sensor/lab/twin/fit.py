@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import InputError
-from ...core.argument_names import tells_of_names
 from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
+from ...optics.spectra import SILICON_NM, silicon_qe
 from ..frames.bench import Bench, read_bench
 from ..frames.notes import merged
 from ..frames.stack import Stack
@@ -49,7 +49,6 @@ SHARE, FEWEST = 0.25, 8
 """Share of the frames of a stack that are held out, and of how many at least: 2 stay out and 6 in."""
 
 
-@tells_of_names
 @dataclass(eq=False)
 class Twin:
     """Fitted from the frames of one camera.
@@ -142,11 +141,12 @@ class Twin:
     def _quantum_efficiency(self) -> Iterator[Value]:
         """Quantum efficiency of each filter: measured where photons are known, else assumed."""
         values, source = self._efficiencies()
-        yield Value(
-            "quantum_efficiency.wavelengths_nm",
-            list(BAND_NM),
-            "assumed: one quantum efficiency for all light",
-        )
+        band_nm, assumed = list(BAND_NM), "one quantum efficiency for all light"
+        at_nm, curve = self.wavelength_nm, [values.get("", QE)] * 2
+        if not self.base.tile and at_nm and SILICON_NM[0] <= at_nm <= SILICON_NM[-1]:
+            band_nm, curve = silicon_qe(curve[0], at_nm)
+            assumed = f"typical silicon but at {at_nm:g} nm"
+        yield Value("quantum_efficiency.wavelengths_nm", band_nm, f"assumed: {assumed}")
         if self.base.tile:
             curves: dict[str, list[float]] = {}
             for name, value in values.items():
@@ -156,7 +156,7 @@ class Twin:
             tile = [list(row) for row in self.base.tile]
             yield Value("quantum_efficiency.tile", tile, "fit: the mosaic of the frames")
         else:
-            yield Value("quantum_efficiency.value", values[""], source)
+            yield Value("quantum_efficiency.curves", {"mono": curve}, source)
         reference_nm, source = ANY_NM, f"assumed: {ANY_NM:g} nm"
         if self.wavelength_nm:
             reference_nm, source = self.wavelength_nm, "fit: the light of the flat fields"
@@ -218,7 +218,6 @@ def _show_tile(tile: tuple[tuple[str, ...], ...]) -> str:
     return " / ".join("".join(row) for row in tile)
 
 
-@tells_of_names
 def fit(frames: str | os.PathLike[str] | Bench, *, progress: bool | None = None) -> Twin:
     """The twin of the camera that took these bias, dark and flat frames.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from ...core import InputError, nearest
-from ...core.argument_names import tells_of_names
 from ..frames.bench import Bench
 from .evidence import Fitted
 from .fields import Value, fields_of
@@ -24,7 +23,6 @@ ALIKE = ("adc.bits", "dark_current.at_temperature_k")
 """Fields that stand in the tables of the first read-out, and only there."""
 
 
-@tells_of_names
 @dataclass(eq=False)
 class ReadoutTwins:
     """Fitted from frames of each read-out of one camera.
@@ -90,7 +88,6 @@ class ReadoutTwins:
         return known
 
 
-@tells_of_names
 def fit_readouts(frames: Mapping[str, str | os.PathLike[str] | Bench]) -> ReadoutTwins:
     """The twin of a camera with several read-outs, from bias, dark and flat frames of each of them.
 

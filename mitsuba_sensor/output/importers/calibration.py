@@ -122,7 +122,7 @@ def read_storage(text: str, file: str, like: Camera) -> Draft:
     if is_storage(text):
         entries = _read_xml(text, file)
     else:
-        entries = _read_yaml(text, file)
+        entries = yaml_tables(text, file)
     said = {str(name).lower(): value for name, value in entries.items()}
     matrix = _numbers(draft, said, "camera_matrix")
     if len(matrix) != 9:
@@ -270,7 +270,7 @@ def _read_xml(text: str, file: str) -> dict[str, Any]:
     return entries
 
 
-def _read_yaml(text: str, file: str) -> dict[str, Any]:
+def yaml_tables(text: str, file: str) -> dict[str, Any]:
     """Tables of a YAML file, whose values are texts, as those of XML are: no type that a file names is made.
 
     OpenCV's directive and tag, which YAML 1.1 does not have, are passed over. An alias, which stands for what may stand

@@ -8,6 +8,7 @@ from ...camera.camera import Camera
 from ...core import InputError
 from ...core.units import KELVIN_AT_0_C
 from ...files.texts import xml_tree
+from ...optics.spectra import silicon_qe
 from .draft import Draft, number_of
 
 NAMES = {
@@ -21,6 +22,7 @@ NAMES = {
     "dsnu": ("dsnu1288",),
 }
 """Quantity → its names in a report, in small letters."""
+GREEN_NM = 550.0  # where a report has no wavelength, and the camera that it is like neither
 OPEN_AIR_K = KELVIN_AT_0_C + 25.0
 
 
@@ -62,7 +64,12 @@ def _set_light_and_dark(said: dict[str, str], draft: Draft) -> None:
     if "qe" in said:
         efficiency = draft.number("QE", said["qe"], 0.0, 100.0) / 100
         draft.changes["quantum_efficiency.tile"] = None
-        draft.says("quantum_efficiency.value", efficiency, "QE [%], at all wavelengths")
+        at_nm = draft.like.quantum_efficiency.reference_nm or GREEN_NM
+        wavelengths_nm, curve = silicon_qe(efficiency, at_nm)
+        how = f"QE [%], taken at {at_nm:g} nm; the rest assumed, typical silicon"
+        draft.says("quantum_efficiency.curves", {"mono": curve}, how)
+        draft.assume("quantum_efficiency.wavelengths_nm", wavelengths_nm, "typical silicon")
+        draft.assume("quantum_efficiency.reference_nm", at_nm, f"as {draft.like.name}")
     dark = number_of(said.get("dark"))  # a report whose fit failed has nan, or a negative one
     if dark is not None and dark >= 0:
         rate = draft.number("u_I", dark, -1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from ...camera.camera_file import load_camera
 from ...core import InputError
 from ...core.small_files import json_value, require_small
 from ...files.npy_dict import read_npy_dict
-from .calibration import is_storage, is_transforms, read_storage, read_transforms
+from .calibration import is_storage, is_transforms, read_storage, read_transforms, yaml_tables
 from .dng import read_dngs
 from .draft import Draft
 from .emva_report import read_report
@@ -91,7 +92,11 @@ def _read_json(text: str, file: str, like: Camera) -> Draft:
     try:
         data: Any = json_value(text)
     except ValueError as error:
-        raise InputError(f"{file} is no JSON: {error}. Give {FORMATS}.") from None
+        data = None
+        with suppress(InputError):
+            data = yaml_tables(text, file)  # as libcamera reads its own
+        if not is_tuning(data):
+            raise InputError(f"{file} is no JSON: {error}. Give {FORMATS}.") from None
     if is_tuning(data):
         return read_tuning(data, file, like)
     if is_table(data):

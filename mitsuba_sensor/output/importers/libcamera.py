@@ -1,4 +1,6 @@
-"""Reads tuning files of libcamera for the Raspberry Pi (JSON, version 2): noise, black level, shading, companding.
+"""Reads tuning files of libcamera for the Raspberry Pi (version 2): noise, black level, shading, companding.
+
+They are JSON or, with commas before closing brackets, YAML, as libcamera's own parser reads them.
 
 All in a scale of 16 bits (Raspberry Pi Camera Algorithm and Tuning Guide; utils/raspberrypi/ctt/ctt_noise): the
 standard deviation of a pixel at gain 1 is reference_constant + reference_slope·√(value above black). Shot noise has
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...camera.camera import Camera
+from ...camera.camera_file import load_camera
 from ...core import Float64Array, InputError
 from .draft import Draft
 
@@ -22,6 +25,12 @@ GRIDS = {192: (12, 16), 1024: (32, 32)}
 """Length of a table of rpi.alsc → its rows and columns."""
 USUAL_BITS = 12
 """Of a companded code whose file does not say them."""
+COLOUR = ("rpi.awb", "rpi.nn.awb", "rpi.ccm")
+"""Algorithms for colours, of which a file of a monochrome sensor has none."""
+MONOCHROME = "sony_imx174"
+TARGETS = {"bcm2835": "bcm2835 (vc4, Raspberry Pi 0 to 4)", "pisp": "pisp (Raspberry Pi 5)"}
+"""Value of target → its name in full. For the same sensor, K is twice as large in the file for pisp (imx477: slopes 3.9
+and 2.767, where photon transfer agrees with the second)."""
 HEIGHTS = 9
 """Image heights of the fall-off, from the axis to the corner."""
 
@@ -57,9 +66,11 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
         "rpi.noise reference_constant", noise.get("reference_constant", 0.0), -1e-9, 65535.0
     )
     dn_per_e = slope**2 * dn_per_dn16
-    draft.set_gain(
-        dn_per_e, f"rpi.noise reference_slope {slope:g} squared at {draft.bits} bits: K"
-    )
+    target = TARGETS.get(str(data.get("target")), "a target that it does not say")
+    how = f"rpi.noise reference_slope {slope:g} squared at {draft.bits} bits, for {target}: K"
+    draft.set_gain(dn_per_e, how)
+    if not any(name in algorithms for name in COLOUR):
+        _set_monochrome(draft)
     draft.says("adc.black_level_dn", black_dn, f"rpi.black_level at {draft.bits} bits")
     draft.set_clip(dn_per_e, black_dn)
     if constant > 0:
@@ -71,8 +82,20 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     shading = draft.table("rpi.alsc", algorithms.get("rpi.alsc") or {})
     if shading.get("luminance_lut") is not None:
         _set_shading(draft, shading["luminance_lut"])
-    draft.description = f"Sensor of the libcamera tuning file {file}, at analogue gain 1"
+    draft.description = (
+        f"Sensor of the libcamera tuning file {file}, at analogue gain 1; the file is for {target}, and files of one "
+        "sensor for bcm2835 and pisp differ by a factor of two in K"
+    )
     return draft
+
+
+def _set_monochrome(draft: Draft) -> None:
+    """A sensor without colour filters, where the other numbers are those of a camera with some."""
+    if len(draft.like.quantum_efficiency.curves) > 1:
+        why = f"as {MONOCHROME}; the file has none of {', '.join(COLOUR)}: a monochrome sensor"
+        section = load_camera(MONOCHROME).quantum_efficiency
+        for name in ("wavelengths_nm", "curves", "tile", "reference_nm"):
+            draft.assume(f"quantum_efficiency.{name}", getattr(section, name), why)
 
 
 def _black_dn16(table: dict[str, Any], draft: Draft) -> float:

@@ -49,6 +49,7 @@ class Bands:
     transmission : (B,) of the lens, still to be applied; 1 where it is part of the responses.
     response : None, or the fingerprint of the camera whose filters are in the responses.
     grouped : whether bands are rendered in groups of four: less noise in each band, more in their sum.
+    light_scale : what all emitters are multiplied by.
     """
 
     kind: BandKind
@@ -60,6 +61,7 @@ class Bands:
     response: str | None = None
     grouped: bool = False
     filters: int = 0
+    light_scale: float = 1.0
 
     @property
     def reference_nm(self) -> float:
@@ -68,8 +70,9 @@ class Bands:
 
     @property
     def scale(self) -> Float64Array:
-        """Irradiance over what the film has, (B + filters,): T/Δλ of a band, 1 of a filter."""
-        return np.append(self.transmission / self.bandwidths_nm, np.ones(self.filters))
+        """Irradiance over what the film has, (B + filters,): T/Δλ of a band, 1 of a filter, times ``light_scale``."""
+        scale = np.append(self.transmission / self.bandwidths_nm, np.ones(self.filters))
+        return np.asarray(self.light_scale * scale)
 
     @property
     def groups(self) -> tuple[slice, ...]:

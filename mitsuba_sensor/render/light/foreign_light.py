@@ -26,7 +26,7 @@ from ...optics.veiling_glare import glare_sentence, veiling_glare_of
 from ..lint.scene_spectra import MITSUBA_NM
 from ..passes.passes import clean
 from ..passes.statistics import RenderStatistics
-from ..variants import any_spectral_variant, mitsuba, restores_variant, use
+from ..variants import choose_variant, mitsuba, restores_variant, use
 from .bands import BANDWIDTH_NM
 from .irradiance import Irradiance
 from .own_filter import in_band_factor, of_own_filter
@@ -121,7 +121,7 @@ def _electrons_per_radiance(
 @restores_variant
 def _coefficients(colours: NDArray[np.float32]) -> Float64Array:
     """(H, W, 3) of the model, as Mitsuba's textures have them."""
-    mi = use(any_spectral_variant())
+    mi = use(choose_variant())
     settings = {"raw": False, "filter_type": "nearest", "format": "variant"}
     padded = np.pad(
         colours, ((0, 1), (0, 1), (0, 0)), mode="edge"
@@ -159,9 +159,18 @@ def behind_lens(bands: Bands, camera: Camera, fov_deg: float | None) -> tuple[Ba
     ), f"lens at f/{camera.lens.f_number:g}, {how}"
 
 
-def irradiance_of(bands: Bands, notes: tuple[str, ...], sha256: str) -> Irradiance:
-    """Irradiance whose errors are not known. Values that are no light become 0 and are counted; +inf stays."""
+def irradiance_of(
+    bands: Bands, notes: tuple[str, ...], sha256: str, negative: int = 0
+) -> Irradiance:
+    """Irradiance whose errors are not known. Values that are no light become 0 and are counted; +inf stays.
+
+    negative : how many became 0 before.
+    """
     found = clean(bands.values)
+    negative += found.negative
+    if negative:
+        why = "colours outside sRGB, or a reconstruction filter that rings"
+        notes = (*notes, f"{negative} negative values became 0; their usual cause is {why}")
     data = found.values.astype(np.float32)
     if found.infinite is not None:
         data[found.infinite] = np.inf
@@ -179,7 +188,7 @@ def irradiance_of(bands: Bands, notes: tuple[str, ...], sha256: str) -> Irradian
         ended_by="read",
         reliable=False,
         firefly_fraction=0.0,
-        negative=found.negative,
+        negative=negative,
         non_finite=found.non_finite,
         notes=(*notes, "the noise of a render in it is not known, and remains in the frames"),
         scene_sha256=sha256,

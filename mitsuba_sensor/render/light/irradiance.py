@@ -14,7 +14,6 @@ from ...camera.camera import Camera
 from ...camera.camera_file import camera_from
 from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
 from ...core import Exposure, InputError
-from ...core.argument_names import tells_of_names
 from ...core.illuminant import Illuminant
 from ...optics.waveform import Waveform
 from ..passes.statistics import RenderStatistics
@@ -77,7 +76,6 @@ class RenderedFor:
         )
 
 
-@tells_of_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Irradiance:
     """Spectral irradiance at the focal plane, and its standard errors.

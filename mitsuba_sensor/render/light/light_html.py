@@ -14,6 +14,7 @@ from ...core.html import facts, fragment, picture
 from ...files import png
 from ...optics import spectra
 from ...optics.spectra import srgb_curve
+from .brightness import brightness_sentence
 
 if TYPE_CHECKING:
     from .irradiance import Irradiance
@@ -52,6 +53,8 @@ def light_html(light: Irradiance) -> str:
             else known.camera.name
         )
         found["rendered for"] = f"{name}, {known.exposure.time_s:g} s, serial {known.serial}"
+    if statistics.brightness and (said := brightness_sentence(statistics.brightness)):
+        found["brightness"] = said
     if statistics.notes:
         found["notes"] = " · ".join(statistics.notes)
     return fragment(

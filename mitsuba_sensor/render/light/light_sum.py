@@ -97,8 +97,15 @@ def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform])
     flickering = waveforms_of(lights)
     raw = None if total.raw is None else replace(total.raw, waveforms=flickering)
     later = {name: with_levels(one, lights) for name, one in light.later.items()}
-    known = light.statistics
-    return replace(total, statistics=known, waveforms=flickering, raw=raw, later=later)
+    known, rendered_for = light.statistics, light.rendered_for
+    if known.brightness is not None:  # of all lamps as they were rendered
+        unknown = dict.fromkeys(known.brightness, None)
+        scale = {"light_scale": known.brightness["light_scale"]}
+        known = replace(known, brightness=unknown | scale)
+    if rendered_for is not None and total.rendered_for is not None:
+        rendered_for = replace(rendered_for, illuminant=total.rendered_for.illuminant)
+    lit = replace(total, statistics=known, waveforms=flickering, raw=raw, later=later)
+    return replace(lit, rendered_for=rendered_for)
 
 
 def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:

@@ -27,7 +27,6 @@ from ...core import (
     require,
     require_seed,
 )
-from ...core.argument_names import tells_of_names
 from ...core.heap import trim_heap
 from ...core.units import photon_energy_j
 from ...optics.shutter import shutter_of
@@ -70,7 +69,6 @@ def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -
     return np.asarray(detected * photons)
 
 
-@tells_of_names
 def collect(
     light: Irradiance | ArrayLike,
     camera: AnyCamera,
@@ -263,7 +261,6 @@ def _irradiance_values(light: object) -> Float64Array:
     return values
 
 
-@tells_of_names
 def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64Array:
     """The same irradiance everywhere, (H, W) [W m⁻²]: a flat field for :func:`collect`.
 
@@ -276,7 +273,6 @@ def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64
     return np.full(_shape(shape), level)
 
 
-@tells_of_names
 def gradient_light(
     low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]
 ) -> Float64Array:

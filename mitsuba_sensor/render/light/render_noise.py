@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ...core import Caution
 from ...sensor.frames import RawFrames
 from ...theory.input_noise import input_noise
 from ..limits import MOST_IN_ALL
@@ -104,7 +105,9 @@ def noise_note(
             goal = f"a render for this {' and '.join(new)} with {goal}"
         remedy = f"{goal} takes about {_rough(samples)} samples, {_rough(seconds)} s"
     said = f"{share:.0%}" if share < ALL else "nearly all"
-    yield f"{said} of the noise variance of a typical pixel is the render's, not the camera's; {remedy}"
+    yield Caution(
+        f"{said} of the noise variance of a typical pixel is the render's, not the camera's; {remedy}"
+    )
 
 
 def _not_rendered_for(light: Irradiance, frames: RawFrames) -> list[str]:

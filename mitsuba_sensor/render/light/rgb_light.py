@@ -18,7 +18,6 @@ from ...core import (
     nearest,
     require,
 )
-from ...core.argument_names import tells_of_names
 from ...core.checks import PICTURE_FILE, refuse_masked, refuse_path
 from ...optics import spectra
 from .foreign_light import (
@@ -46,7 +45,6 @@ EIGHT_BITS = 255
 SURE = "give it planes last: np.moveaxis(rgb, 0, -1)"
 
 
-@tells_of_names
 def light_from_rgb(
     rgb: ArrayLike,
     camera: AnyCamera,

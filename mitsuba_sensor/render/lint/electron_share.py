@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...camera.camera import Camera
-from ...core import Float64Array
+from ...core import Caution, Float64Array
 from ..light.irradiance import Irradiance
 from ..light.photons import photons_per_irradiance
 from .finding import Finding, Range
@@ -69,7 +69,7 @@ def with_notes_of_shares(
     shares = tuple(electron_shares(light, camera, findings))
     statistics = replace(
         light.statistics,
-        notes=(*light.statistics.notes, *map(str, shares)),
+        notes=(*light.statistics.notes, *(Caution(share) for share in shares)),
         beyond_data=tuple(share._asdict() for share in shares),
     )
     return replace(light, statistics=statistics)

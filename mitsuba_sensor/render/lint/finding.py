@@ -12,7 +12,7 @@ from ..variants import MitsubaObject
 
 Range: TypeAlias = tuple[float, float]
 
-ORDER = ("black", "wrong", "note")
+ORDER = ("black", "wrong", "note", "fact")
 MOST_LINES = 4  # named in one finding
 
 
@@ -21,13 +21,13 @@ class Finding:
     """One result of the check.
 
     level : "black", radiance that is missing; "wrong", a value with another meaning than expected;
-        or "note".
+        "note"; or "fact", which changes nothing in a frame and is no note of a render.
     where : lines in the scene file.  what : description.  remedy : what to do, or what was done.
     data_nm : the wavelengths for which there are data, where the finding is that they end; else None.
     beyond : what is true of the scene at other wavelengths.
     """
 
-    level: Literal["black", "wrong", "note"]
+    level: Literal["black", "wrong", "note", "fact"]
     where: str
     what: str
     remedy: str
@@ -38,9 +38,14 @@ class Finding:
         return f"{self.what} ({self.where}); {self.remedy}"
 
     @property
+    def is_serious(self) -> bool:
+        """Whether something is black or wrong."""
+        return self.level in ("black", "wrong")
+
+    @property
     def as_note(self) -> str:
         """The sentence among the notes of a render: a doubt where something is black or wrong."""
-        return str(self) if self.level == "note" else Doubt(self)
+        return Doubt(self) if self.is_serious else str(self)
 
     def to_dict(self) -> dict[str, str]:
         """Plain values, ready for JSON."""
@@ -53,7 +58,7 @@ class Finding:
 
 
 def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
-    """The findings, black before wrong before notes."""
+    """The findings, black before wrong before notes before facts."""
     return sorted(findings, key=lambda finding: ORDER.index(finding.level))
 
 
@@ -70,6 +75,6 @@ def lines_of(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
     return f"line{'s' * (len(lines) > 1)} {', '.join(lines)}{more}"
 
 
-def places(count: int) -> str:
+def places(count: int, noun: str = "place") -> str:
     """``1 place``, ``2 places``."""
-    return f"{count} place{'s' * (count > 1)}"
+    return f"{count} {noun}{'s' * (count > 1)}"

@@ -9,15 +9,18 @@ from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...optics.image_record import LARGE_PX, airy_diameter_px
 from ..passes.passes import SAMPLER
+from ..scene.polarizer_rays import polarised_by
 from ..scene.scene_file import POLARISING, SceneFile
 from ..scene.scene_sensors import sensors_of
 from ..scene.scene_settings import FILM
-from ..variants import MitsubaObject, mitsuba
+from ..variants import MitsubaObject, is_polarized, mitsuba
 from .finding import Finding, lines_of, most_serious_first, places
+from .media import media_findings
 from .mesh_attributes import colours_above_one
 from .scene_spectra import SceneSpectra
 from .spectrum_findings import Band, spectrum_findings
@@ -34,9 +37,35 @@ POSITIONAL = (
     "spot",
     "projector",
 )  # emitters whose irradiance depends on a distance in scene units
+ON_SHAPES = ("area", "directionalarea")  # emitters
+DEPOLARISING = {
+    "hair": "Hair",
+    "measured": "Measured",
+    "plastic": "SmoothPlastic",
+    "principled": "Principled",
+    "principledthin": "PrincipledThin",
+    "roughdielectric": "RoughDielectric",
+    "roughplastic": "RoughPlastic",
+    "thindielectric": "ThinDielectric",
+}
+"""Materials with a reflecting surface that Mitsuba 3.9.1 renders without polarisation, and their classes. tests/render/
+test_polarizers.py measures the degree of polarisation of every material at Brewster's angle; measured, which needs a
+file of measurements, is from its source."""
 LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
 FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
 ROUNDING = 1e-5  # of float32 coordinates
+FLOAT32_REACH = 2000.0
+"""Distance over (1 + p), from which on at least 1 % of the light of a sphere or disk is missing, p being the largest
+coordinate of its surface; of a cylinder, distance² over radius × (1 + p).
+
+Where Mitsuba intersects a shape by a formula in float32, the hit point misses the surface by 2⁻²⁴ × distance, that of a
+cylinder by 2⁻²⁴ × distance² over radius. Rays leave it from 1500 × 2⁻²⁴ × (1 + p) above it; where that is less, the
+shape shadows itself. Measured with Mitsuba 3.9.1 in llvm_ad_rgb under a uniform sky, with radii of 0.01 to 100 and
+centres at 0 and 100: 1 % is reached at 1900 to 2500 for spheres, 1250 to 2000 for disks, 1600 to 2200 for cylinders and
+1000 to 1400 for distance fields (p of the box), which scalar variants compute in float32 too. Rectangles, meshes and
+curves are right at 100 000 radii. Distances count from near_clip.
+"""
+COMPUTED_BY_FORMULA = ("Sphere", "Disk", "Cylinder", "SDFGrid")
 ALBEDO = 0.5  # of a closed grey scene, to estimate the radiance that cut paths lose
 
 
@@ -47,7 +76,8 @@ def lint(scene: SceneFile, band: Band, unit_m: float | None) -> tuple[list[Findi
         low < band.high_nm and high > band.low_nm for _, (low, high) in spectra.lights
     )
     others = (
-        check(scene) for check in (_changes, _integrator, _film, _sensors, colours_above_one)
+        check(scene)
+        for check in (_changes, _integrator, _film, _sensors, _lost_lamps, colours_above_one)
     )
     spread = _point_spread(scene, band.camera)
     found = chain(
@@ -56,16 +86,28 @@ def lint(scene: SceneFile, band: Band, unit_m: float | None) -> tuple[list[Findi
     return most_serious_first(found), bool(spectra.lights) and dark
 
 
-def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) -> list[Finding]:
-    """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early; and
-    environment maps that are not finite."""
+def lint_built(
+    scene: SceneFile,
+    built: MitsubaObject,
+    sensor: MitsubaObject,
+    integrator: MitsubaObject,
+    camera: Camera | None,
+) -> list[Finding]:
+    """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early, media
+    that are left out, materials that depolarise; and environment maps that are not finite."""
     box, points, skies = built.bbox(), _points(built), _environments(scene, built)
     shapes = (
-        [*points, *_clip_planes(scene, box, sensor), *_short_paths(scene, box)]
+        [
+            *points,
+            *_clip_planes(scene, box, sensor),
+            *_far_shapes(built, sensor),
+            *_short_paths(scene, box),
+        ]
         if box.valid()
         else []
     )
-    return [*skies, *shapes]
+    media = media_findings(scene, built, sensor, integrator)
+    return [*skies, *shapes, *media, *_depolarising(scene, built, camera)]
 
 
 def _environments(scene: SceneFile, built: MitsubaObject) -> Iterator[Finding]:
@@ -79,6 +121,29 @@ def _environments(scene: SceneFile, built: MitsubaObject) -> Iterator[Finding]:
         )
         what = f"the environment map has {bad} values that are not finite, and the light of others is lost too"
         yield Finding("wrong", where, what, "give it finite values")
+
+
+def _depolarising(
+    scene: SceneFile, built: MitsubaObject, camera: Camera | None
+) -> Iterator[Finding]:
+    """Materials whose reflection Mitsuba leaves unpolarised, where the polarisation of light is seen."""
+    polarised = camera is not None and polarised_by(scene, camera) is not None
+    if scene.ignore_polarization or not (polarised or is_polarized()):
+        return
+    nodes = [one for one in scene.nodes("BSDF") if one.props.plugin_name() in DEPOLARISING]
+    kinds, where = {one.props.plugin_name() for one in nodes}, lines_of(scene, nodes)
+    if scene.loaded is not None:
+        owners = (entry[2] for entry in mitsuba().traverse(built).properties.values())
+        classes = {one.class_name() for one in owners if isinstance(one, mitsuba().BSDF)}
+        kinds = {kind for kind, name in DEPOLARISING.items() if name in classes}
+        where = scene.name
+    if kinds:
+        what = f"Mitsuba depolarises what {', '.join(map(repr, sorted(kinds)))} reflects and transmits"
+        remedy = (
+            "take 'pplastic' for plastic and paint, 'dielectric' for glass and water, which keep its "
+            "polarisation"
+        )
+        yield Finding("wrong", where, what, remedy)
 
 
 def _points(built: MitsubaObject) -> Iterator[Finding]:
@@ -116,14 +181,70 @@ def _clip_planes(
         yield Finding("black", where, what, "give the sensor a larger far_clip")
 
 
+def _far_shapes(built: MitsubaObject, sensor: MitsubaObject) -> Iterator[Finding]:
+    """Shapes that shadow themselves because they are too far from the sensor for float32; see FLOAT32_REACH."""
+    parameters, variant, box = mitsuba().traverse(sensor), mitsuba().variant(), built.bbox()
+    kinds = COMPUTED_BY_FORMULA[3:] if variant.startswith("scalar") else COMPUTED_BY_FORMULA
+    shapes = [pair for pair in enumerate(built.shapes()) if pair[1].class_name() in kinds]
+    if "near_clip" not in parameters or not shapes:
+        return
+    pose = np.array(parameters["to_world"].matrix, dtype=float).reshape(4, 4)
+    axis = pose[:3, 2] / np.linalg.norm(pose[:3, 2])
+    corners = np.array([np.ravel(box.corner(k)) for k in range(8)], dtype=float)
+    sides = float(np.max(np.ravel(box.extents())))
+    nearest = float(((corners - pose[:3, 3]) @ axis).min()) - sides
+    far, beyond = dict[str, str](), False  # name → kind
+    for number, shape in shapes:
+        centre = np.ravel(shape.bbox().center()).astype(float)
+        away, reach = float(np.linalg.norm(centre - pose[:3, 3])), _float32_reach(shape, centre)
+        if away - float(parameters["near_clip"]) > reach:
+            far[f"shape {shape.id() or number!r}"] = shape.class_name()
+            beyond = beyond or away - nearest > reach
+    if not far:
+        return
+    remedies = [] if beyond else [f"raise near_clip of the sensor to {nearest:.6g}"]
+    if "SDFGrid" not in far.values():
+        remedies.append("render in variant scalar_spectral")
+    remedies.append("replace them by meshes")
+    kinds_there = ", ".join(sorted({kind.lower() for kind in far.values()}))
+    what = (
+        f"too far from the sensor for float32, in which {variant} computes: {places(len(far), 'shape')} "
+        f"({kinds_there}) will shadow themselves, mostly by 1 to 60 %"
+    )
+    yield Finding("wrong", next(iter(far)), what, ", or ".join(remedies))
+
+
+def _float32_reach(shape: MitsubaObject, centre: NDArray[np.float64]) -> float:
+    """Distance from near_clip at which 1 % of the light of a shape is missing, in scene units."""
+    largest, half = (
+        float(np.abs(centre).max()),
+        float(np.max(np.ravel(shape.bbox().extents()))) / 2,
+    )
+    kind = shape.class_name()
+    if kind == "Cylinder":
+        radius = float(
+            np.linalg.norm(np.array(mitsuba().traverse(shape)["to_world"].matrix)[:3, 0])
+        )
+        return float(np.sqrt(FLOAT32_REACH * radius * (1 + max(largest, radius))))
+    if kind == "Disk":  # its middle is at its smallest coordinates
+        return FLOAT32_REACH * (1 + max(largest - half, half / 20))
+    return FLOAT32_REACH * (1 + max(largest, half)) / (2 if kind == "SDFGrid" else 1)
+
+
 def _short_paths(scene: SceneFile, box: MitsubaObject) -> Iterator[Finding]:
     """An integrator that ends paths which still carry radiance; a flat scene has no longer paths."""
     sides = sorted(float(side) for side in np.ravel(box.extents()))
     for node in scene.nodes("Integrator"):
-        depth = node.props.get("max_depth", 2 if node.props.plugin_name() == "direct" else -1)
+        kind = node.props.plugin_name()
+        usual = 2 if kind.startswith("direct") else 6 if kind.startswith("prb") else -1
+        depth = node.props.get("max_depth", usual)
         if depth >= 0 and ALBEDO**depth > LOSS and sides[0] > FLAT * sides[-1]:
             loss = f"which loses {ALBEDO**depth:.2g} of the radiance in a closed grey scene"
-            remedy = "take 'path' with max_depth 16 or more, or without it"
+            remedy = "give it a max_depth of 16 or more, or none"
+            if kind.startswith("direct"):
+                remedy = "take 'path'"
+            elif kind.startswith("prb"):
+                remedy = "give it a max_depth of 16 or more"
             yield Finding(
                 "note",
                 scene.where(node),
@@ -188,6 +309,14 @@ def _integrator(scene: SceneFile) -> Iterator[Finding]:
             yield Finding("wrong", where, what, "leave it out: a sensor images lamps and sky")
 
 
+def _lost_lamps(scene: SceneFile) -> Iterator[Finding]:
+    """Emitters that shine from a shape and are in none."""
+    for _, node in scene.children(scene.root, "Emitter"):
+        if (kind := node.props.plugin_name()) in ON_SHAPES:
+            what = f"emitter {kind!r} is in no shape and gives no light"
+            yield Finding("wrong", scene.where(node), what, "put it into the shape that shines")
+
+
 def _point_spread(scene: SceneFile, camera: Camera | None) -> Iterator[Finding]:
     """Diffraction that is rendered, or that is not and would be seen."""
     if camera is None:
@@ -211,7 +340,7 @@ def _film(scene: SceneFile) -> Iterator[Finding]:
     if kind == "specfilm" and film.props.get("component_format", "float16") == "float16":
         what = "a specfilm stores float16 by default, and values above 65504 overflow"
         yield Finding(
-            "note",
+            "fact",
             where,
             what,
             'float32 taken; write <string name="component_format" value="float32"/>',
@@ -221,13 +350,13 @@ def _film(scene: SceneFile) -> Iterator[Finding]:
         remedy = (
             f"film {kind!r} replaced by the spectral bands of the sensor (specfilm, float32)"
         )
-        yield Finding("note", where, what, remedy)
+        yield Finding("fact", where, what, remedy)
     filters = scene.children(film.props, "ReconstructionFilter") if film else []
     wide = filters[0][1].props.plugin_name() if filters else "gaussian"  # Mitsuba's default
     if kind != FILM and wide != "box":
         what = f"filter {wide!r} is wider than a pixel and correlates the noise of neighbouring pixels"
         yield Finding(
-            "note", where, what, f"filter {wide!r} replaced by 'box', which is one pixel wide"
+            "fact", where, what, f"filter {wide!r} replaced by 'box', which is one pixel wide"
         )
     if film and any(name.startswith("crop") for name in film.props):
         yield Finding(
@@ -242,7 +371,7 @@ def _film(scene: SceneFile) -> Iterator[Finding]:
                 f"sampler {name!r} is noisier",
                 f"sampler {name!r} replaced by {SAMPLER!r}",
             )
-            yield Finding("note", scene.where(sampler), what, remedy)
+            yield Finding("fact", scene.where(sampler), what, remedy)
 
 
 def _sensors(scene: SceneFile) -> Iterator[Finding]:

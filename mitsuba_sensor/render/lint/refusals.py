@@ -9,24 +9,22 @@ from typing import NoReturn
 
 from ...core import InputError
 from ...files.raw_files import require_plausible_picture
-from ..scene.scene_file import POLARISING, SceneFile, as_input_error
-from ..scene.scene_settings import FILM, SENSOR
-from ..variants import is_polarized, mitsuba
+from ..scene.scene_file import IMAGING, POLARISING, SceneFile, as_input_error, why_no_image
+from ..scene.scene_sensors import sensors_of
+from ..scene.scene_settings import FILM
+from ..variants import MitsubaObject, is_polarized, mitsuba
 from .finding import Finding, Range
 
-SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 SCALAR_ONLY = (
     "timed_sunsky",
 )  # Dr.Jit refuses to trace it, and every render of the process after that
 PICTURES = ("bitmap", "envmap")  # whose file is one
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
-# Plugins that cannot be used, and what to do instead.
+# Plugins that cannot be used, and why.
 UNSUITABLE = {
-    "depth": "computes no radiance; take `--integrator path` (integrator='path')",
-    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra; take `--integrator path` "
-    "(integrator='path')",
-    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take `--integrator path` "
-    "(integrator='path')",
+    "depth": "computes no radiance",
+    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra",
+    "ptracer": "starts its paths at the emitters and cannot write spectral bands",
 } | dict.fromkeys(
     POLARISING,
     "acts on polarised light; take a variant that follows it, e.g. --variant llvm_ad_spectral_polarized, or "
@@ -36,22 +34,49 @@ UNSUITABLE = {
 
 def refuse_unsuitable(scene: SceneFile) -> None:
     """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
-    if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
-        many = ", ".join(SENSORS)
-        raise InputError(
-            f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}."
-        )
+    _refuse_sensor(scene, scene.sensor())
     followed = POLARISING if scene.ignore_polarization or is_polarized() else ()
     for node in scene.nodes("Integrator", "BSDF"):
         if (kind := node.props.plugin_name()) in UNSUITABLE and kind not in followed:
+            way_out = ""
+            if kind not in POLARISING:
+                new = "volpath" if scene.nodes("Medium") else "path"
+                way_out = f"; take `--integrator {new}` (integrator={new!r})"
             raise InputError(
-                f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}."
+                f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}{way_out}."
             )
     for node in scene.nodes("Emitter"):
         kind, variant = node.props.plugin_name(), mitsuba().variant()
         if kind in SCALAR_ONLY and not variant.startswith("scalar"):
             why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take `--variant scalar_spectral`"
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
+
+
+def _refuse_sensor(scene: SceneFile, node: MitsubaObject) -> None:
+    """InputError for a sensor that takes no image; for a batch of such sensors, the same as for one of them."""
+    kind = node.props.plugin_name()
+    if kind in IMAGING:
+        return
+    inside = [child.props.plugin_name() for child in _sensors_in(scene, node)]
+    if inside and not {*inside} & {*IMAGING}:
+        kind = inside[0]
+    of_scene = (child for _, child in scene.children(scene.root, "Sensor"))
+    others = [
+        name
+        for name, child in zip(sensors_of(scene), of_scene, strict=True)
+        if child.props.plugin_name() in IMAGING
+    ]
+    way_out = f", or take another sensor of the scene: --sensor {others[0]}" if others else ""
+    raise InputError(
+        f"scene {scene.name!r}, {scene.where(node)}: {why_no_image(kind)}{way_out}."
+    )
+
+
+def _sensors_in(scene: SceneFile, node: MitsubaObject) -> list[MitsubaObject]:
+    """The sensors in a batch, those on shapes in it among them."""
+    shapes = [shape for _, shape in scene.children(node.props, "Shape")]
+    owners = (node, *shapes)
+    return [one for owner in owners for _, one in scene.children(owner.props, "Sensor")]
 
 
 def refuse_missing_files(scene: SceneFile) -> None:
@@ -86,7 +111,7 @@ def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoRe
             "look for NaN in textures and environment maps, and for metals whose eta and k end"
         )
     serious = [
-        f"{finding.what} ({finding.where})" for finding in findings if finding.level != "note"
+        f"{finding.what} ({finding.where})" for finding in findings if finding.is_serious
     ]
     if serious:
         remedy = f"perhaps because {', or because '.join(serious)}; otherwise {remedy}"

@@ -90,6 +90,14 @@ class SceneSpectra:
         ]
         self.metals = list(_metals(scene))
 
+    def numbers_of_node(self, node: MitsubaObject) -> Iterator[tuple[str, Table | Picture]]:
+        """Each property of an emitter, a material or a medium, and what it is made of; the picture of an envmap is its
+        radiance."""
+        if node.props.plugin_name() == "envmap":
+            yield from (("radiance", picture) for picture in self._picture(node.props))
+        for name in node.props:
+            yield from ((name, numbers) for numbers in self.numbers(node.props[name]))
+
     def numbers(self, value: MitsubaObject) -> Iterator[Table | Picture]:
         """Tables and pictures that a property is made of, those of textures and volumes in it too."""
         if (props := self._nested(value)) is not None:
@@ -98,6 +106,8 @@ class SceneSpectra:
             yield from _table(value.values, None if value.is_uniform() else value.wavelengths)
         elif isinstance(value, float):
             yield from _table([value])
+        elif is_rgb(value):
+            yield from _table([float(number) for number in value])
 
     def _numbers_of(self, props: MitsubaObject) -> Iterator[Table | Picture]:
         kind = props.plugin_name()

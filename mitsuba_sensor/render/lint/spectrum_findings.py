@@ -20,7 +20,7 @@ from ..infrared.rgb_colours import rgb_colours
 from ..infrared.rules import ruled_colours
 from ..scene.scene_edits import UNNAMED
 from ..scene.scene_file import SceneFile
-from ..variants import MitsubaObject, mitsuba
+from ..variants import MitsubaObject, values_of
 from .electron_share import share_of_flat_light
 from .finding import MOST_LINES, Finding, Range, lines_of, places
 from .scene_spectra import MITSUBA_NM, STRENGTHS, SUNS, Picture, SceneSpectra
@@ -33,6 +33,7 @@ FRACTIONS: tuple[str, ...] = ("reflectance", "diffuse_reflectance", "specular_re
 FRACTIONS += ("specular_transmittance", "base_color", "albedo")
 """Properties of materials and media that are the share of the light that comes back."""
 PERCENT, COUNTS = 100.0, 255.0
+LONGEST_UM = 20.0  # end of a table that is more likely in µm than in nm
 LEAST_PERCENT = (
     2.0  # the largest value of a fraction that is more likely a mistake than a percentage
 )
@@ -69,7 +70,7 @@ class Band(NamedTuple):
 
 def spectrum_findings(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
     """Spectra that end inside the bands, floats that mean D65, and values that cannot be."""
-    checks = (_incomplete, _metals, _colours, _float_lights, _impossible)
+    checks = (_incomplete, _metals, _colours, _textured_lights, _float_lights, _impossible)
     return chain.from_iterable(check(scene, spectra, band) for check in checks)
 
 
@@ -78,7 +79,8 @@ def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
     incomplete: dict[tuple[str, Range, str], list[MitsubaObject]] = {}
     for node, name, data_nm in chain(lights, spectra.materials):
         if not band.is_inside(data_nm):
-            incomplete.setdefault((name, data_nm, _more_data(node, band)), []).append(node)
+            key = (name, data_nm, _more_data(node, data_nm, band))
+            incomplete.setdefault(key, []).append(node)
     for (name, data_nm, remedy), nodes in incomplete.items():
         label = name if name == "light" else repr(name)
         where = f"outside {data_nm[0]:g} to {data_nm[1]:g} nm"
@@ -96,8 +98,10 @@ def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
             yield Finding("black", lines_of(scene, nodes), what, remedy, data_nm)
 
 
-def _more_data(node: MitsubaObject, band: Band) -> str:
+def _more_data(node: MitsubaObject, data_nm: Range, band: Band) -> str:
     """What to do about a spectrum that ends."""
+    if data_nm[1] < LONGEST_UM:
+        return "if its wavelengths are in µm, multiply them by 1000: Mitsuba reads nm"
     if (kind := node.props.plugin_name()) in SKIES:
         return f"{kind!r} has no more data: add another light from {band.low_nm:g} to {band.high_nm:g} nm"
     return f"give it pairs of wavelength and value from {band.low_nm:g} to {band.high_nm:g} nm"
@@ -140,6 +144,18 @@ def _colours(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Fi
         )
 
 
+def _textured_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[Finding]:
+    """Lights whose strength is a texture of RGB: Mitsuba multiplies <rgb> and envmap by D65, and these by nothing."""
+    colours = [one for one in rgb_colours(scene) if one.role in STRENGTHS]
+    if nodes := list({id(one.node): one.node for one in colours}.values()):
+        what = (
+            f"a texture as a light in {places(len(nodes))} is not multiplied by D65, as <rgb> is: its white is flat, "
+            f"and it shines beyond {MITSUBA_NM[1]:g} nm"
+        )
+        remedy = "give the light <rgb> or <spectrum> where that matters"
+        yield Finding("note", lines_of(scene, nodes), what, remedy)
+
+
 def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[Finding]:
     """Floats that mean D65 (#1579)."""
     if spectra.float_lights:
@@ -151,7 +167,7 @@ def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[
 class Extremes(NamedTuple):
     """The smallest and largest finite value of a spectrum in the bands.
 
-    not_finite : how many values are NaN or infinite.
+    not_finite, negative : how many values are NaN or infinite, and how many below 0.
     is_clamped : whether Mitsuba takes 0 or 1 for what is outside.
     """
 
@@ -160,6 +176,7 @@ class Extremes(NamedTuple):
     least: float
     largest: float
     not_finite: int
+    negative: int
     is_clamped: bool
 
 
@@ -167,15 +184,15 @@ def _extremes(
     nodes: Iterable[MitsubaObject], spectra: SceneSpectra, band: Band
 ) -> Iterator[Extremes]:
     for node in nodes:
-        for name in node.props:
-            for numbers in spectra.numbers(node.props[name]):
-                if isinstance(numbers, Picture):
-                    values, is_clamped = numbers.values, numbers.values.shape[1] > 1
-                else:
-                    values, is_clamped = numbers.between(band.low_nm, band.high_nm), False
-                finite = values[np.isfinite(values)]
-                ends = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)))
-                yield Extremes(node, name, *ends, values.size - finite.size, is_clamped)
+        for name, numbers in spectra.numbers_of_node(node):
+            if isinstance(numbers, Picture):
+                values, is_clamped = numbers.values, numbers.values.shape[1] > 1
+            else:
+                values, is_clamped = numbers.between(band.low_nm, band.high_nm), False
+            finite = values[np.isfinite(values)]
+            ends = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)))
+            counts = (values.size - finite.size, int((finite < 0).sum()))
+            yield Extremes(node, name, *ends, *counts, is_clamped)
 
 
 def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
@@ -195,11 +212,19 @@ def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
             largest = max(values.largest for values in same)
             what = f"{name!r} in {places(len(same))} is as large as {largest:g}: {effect}"
             yield Finding("wrong", _lines(scene, same), what, remedy_of_fraction(largest))
+    clamped = [v for v in strengths if v.largest > 1 + TOLERANCE and v.is_clamped]
+    for name, same in _by_name(clamped):
+        largest = max(values.largest for values in same)
+        what = f"{name!r} in {places(len(same))} is a picture as large as {largest:g}: Mitsuba takes 1 instead"
+        remedy = f"divide it and all other lights by {largest:g}"
+        yield Finding("wrong", _lines(scene, same), what, remedy)
     for name, same in _by_name(
         [values for values in (*fractions, *strengths) if values.least < 0]
     ):
         least = min(values.least for values in same)
-        what = f"{name!r} in {places(len(same))} is as small as {least:g}: no light is negative"
+        count = sum(values.negative for values in same)
+        few = f"{count} value(s) below 0, as small as {least:g}"
+        what = f"{name!r} in {places(len(same))} has {few}: no light is negative"
         yield Finding("wrong", _lines(scene, same), what, "give values of 0 and more")
     for name, same in _by_name(
         [values for values in (*surfaces, *lights) if values.not_finite]
@@ -267,7 +292,7 @@ def loaded_findings(world: MitsubaObject, band: Band) -> Iterator[Finding]:
 
 def _spectra(world: MitsubaObject) -> Iterator[Parameter]:
     """The parameters of spectra, without those of films and without colours, whose numbers are no values."""
-    for key, value in mitsuba().traverse(world):
+    for key, value in values_of(world):
         parts = key.split(".")
         is_colour = "Color3" in type(value).__name__
         if parts[-1] in (*ENDS, *VALUES) and "film" not in parts and not is_colour:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...camera.dual_pixels import PHOTODIODES
 from ...core import Float64Array
+from ..light.brightness import with_brightness
 from ..light.group_notes import notes_of_groups
 from ..light.irradiance import Irradiance
 from ..light.light_sum import sum_of_groups
@@ -74,15 +75,14 @@ def render_light_groups(
     began = time.monotonic() if started is None else started
     pilots = {group.name: _pilot(whole, group, seed) for group in whole.light_groups}
     shares = _shares(whole, pilots)
-    renders, done = dict[str, GroupRender](), 0.0
+    renders = dict[str, GroupRender]()
     for group in whole.light_groups:
         name = group.name
         others = [mean_e for other, (mean_e, _) in pilots.items() if other != name]
         beside_e = np.asarray(sum(others, np.zeros((1, 1))))
-        told = _told(progress, name, began, done, shares[name])
+        told = _told(progress, name, began)
         within = stop.for_share(shares[name])
         renders[name] = _render_group(whole, group, seed, within, told, beside_e)
-        done += shares[name]
     lights = {name: render.light for name, render in renders.items()}
     total = sum_of_groups(lights)
     if not total.data.any():
@@ -91,7 +91,8 @@ def render_light_groups(
     more = _note_of_samples(stop, len(renders), statistics.samples_per_pixel)
     statistics = replace(statistics, notes=(*statistics.notes, *more))
     light = replace(total, statistics=statistics)
-    return with_notes_of_shares(light, whole.camera, whole.at_rest.findings)
+    light = with_notes_of_shares(light, whole.camera, whole.at_rest.findings)
+    return with_brightness(light, whole)
 
 
 def _seed_of(seed: int, group: str) -> int:
@@ -138,21 +139,13 @@ def _shares(whole: PreparedRender, pilots: Mapping[str, Electrons]) -> dict[str,
     return {name: share / sum(raised.values()) for name, share in raised.items()}
 
 
-def _told(
-    progress: Progress | None, name: str, began: float, done: float, share: float
-) -> Progress | None:
-    """What a group's render reports to: the time that is left of all groups.
-
-    done, share : of the samples, of the groups before and of this one.
-    """
+def _told(progress: Progress | None, name: str, began: float) -> Progress | None:
+    """What a group's render reports to: its name, and the time that all groups took so far."""
     if progress is None:
         return None
 
     def tell(step: RenderProgress) -> None:
-        whole_s = step.seconds + step.seconds_left
-        left_s = step.seconds_left + whole_s * max(1 - done - share, 0.0) / share
-        seconds = time.monotonic() - began
-        progress(replace(step, light_group=name, seconds=seconds, seconds_left=left_s))
+        progress(replace(step, light_group=name, seconds=time.monotonic() - began))
 
     return tell
 

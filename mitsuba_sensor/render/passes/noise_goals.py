@@ -75,13 +75,6 @@ class SensorNoise:
         """How many passes there may be: more where they take the time of a denoiser that is left out."""
         return self._stop.passes if self._stop.to_sensor_noise else before
 
-    def expected_passes(self, before: int) -> int:
-        """After how many passes the render may end: at the next look, which most renders of denoised light do not
-        outlast; where there is none, after the most.  before : those that were planned."""
-        if self._next_look is None:
-            return self.most_passes(before)
-        return self._next_look
-
     def is_reached(self, looks: Callable[[], object] = lambda: None) -> bool:
         """Whether the passes so far suffice.  looks : called before it looks, which takes a while where the light is
         denoised."""
@@ -121,10 +114,3 @@ class SensorNoise:
         return prepared.noise_ratios(exposure, light, prepared.renderer.passes)[
             "noise_ratio_p95"
         ]
-
-
-def until_look(stop: StopCriterion, noise: SensorNoise | None) -> StopCriterion:
-    """What the forecast of the time expects of a render."""
-    if noise is None:
-        return stop
-    return replace(stop, passes=noise.expected_passes(stop.passes))

@@ -10,7 +10,7 @@ from typing import Literal, Unpack, cast
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
 from ...camera.exposure_times import later_exposures
-from ...core import Exposure, Float64Array, first_given, warn_of
+from ...core import Exposure, Float64Array, InputError, first_given, warn_of
 from ...core.options import complete, documents
 from ...optics.shutter import shutter_of
 from ...optics.waveform import Waveform
@@ -22,6 +22,7 @@ from ...theory.input_noise import input_noise
 from ...theory.plan import prepare_planned_exposure
 from ..denoise.network import denoised_if_possible, is_undecided
 from ..light.bands import Bands
+from ..light.brightness import NOT_LUMINOUS, luminous_weights, scale_to, with_brightness
 from ..light.film_channels import with_filters
 from ..light.illuminant import rendered_for
 from ..light.irradiance import Irradiance
@@ -61,6 +62,7 @@ from .stop_criterion import (
 from .told import told_progress
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
+BRIGHTNESS_SPP = 64  # of the render that finds the scale of the light
 
 
 @documents(RenderOptions)
@@ -208,6 +210,8 @@ class PreparedRender:
             light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial)
         )
         light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
+        if not self.is_group:
+            light = with_brightness(light, self)
         renderer.choice = None  # a cycle, which would keep the scene loaded for a while
         if kept is None or renderer.denoised is None:
             return light
@@ -264,6 +268,16 @@ class PreparedRender:
         exposure = self.exposure_of(light)
         renderer = Renderer(self.scene, self.camera, exposure, self.bands, self._kept)
         return replace(self, exposure=exposure, renderer=renderer, metered=True)
+
+    def at_luminance(self, luminance: float) -> PreparedRender:
+        """The same with all emitters scaled, so that the picture has this median luminance [cd/m²]. Raises InputError.
+
+        A short render finds the scale, which all frames share. It is denoised if possible: a noisy median is too low.
+        """
+        light = self.render(self.seed(None), stop_criterion_of({"spp": BRIGHTNESS_SPP}))
+        bands = replace(self.bands, light_scale=scale_to(luminance, light))
+        renderer = Renderer(self.scene, self.camera, self.exposure, bands, self._kept)
+        return replace(self, bands=bands, renderer=renderer)
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
         """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
@@ -375,6 +389,10 @@ def prepare(
     still = PreparedRender(
         *loaded, *asked_for, Motion(), metres, sampler, metering, undecided=undecided
     )
+    if chosen["luminance"] is not None:
+        if luminous_weights(bands) is None:
+            raise InputError(NOT_LUMINOUS)
+        still = still.at_luminance(chosen["luminance"])
     if groups:
         still = replace(still.metered_first(), light_groups=groups)
     if chosen["motion"] is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ...core import Exposure
+from ...core import Caution, Exposure
 from ...optics.image_record import image_record
 from ...optics.intrinsics import aperture_f_number
 from ..motion.moving_scene import pose_m
@@ -34,6 +34,8 @@ def statistics_of(
     fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
     doubt, choice = why_not_trusted(passes, fireflies, renderer.lost), renderer.choice
     notes = render_notes(render, stop, end)
+    doubts = [Caution(doubt)] if doubt else []
+    hints = [render.parsed.variant.hint] if render.parsed.variant.hint else []
     return RenderStatistics(
         passes=passes,
         samples_per_pixel=samples,
@@ -51,7 +53,8 @@ def statistics_of(
         firefly_fraction=fireflies,
         negative=renderer.negative,
         non_finite=renderer.non_finite,
-        notes=(*notes, *(note for note in (doubt, render.parsed.variant.hint) if note)),
+        notes=(*notes, *doubts, *hints),
+        facts=tuple(str(one) for one in render.at_rest.findings if one.level == "fact"),
         scene_sha256=render.scene.sha256,
         aperture_f_number=aperture_f_number(render.scene.view, render.camera),
         intrinsics=image_record(render.scene.view, render.camera),

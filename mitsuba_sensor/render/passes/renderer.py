@@ -7,7 +7,6 @@ has more than a few million samples in memory.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
@@ -40,7 +39,7 @@ from ..scene.weight_noise import without_weight_noise
 from ..variants import mitsuba
 from .denoise_choice import DenoiseChoice
 from .estimate import Estimate
-from .noise_goals import MedianNoiseRatio, SensorNoise, until_look
+from .noise_goals import MedianNoiseRatio, SensorNoise
 from .passes import clean, hashed_seed, row_strips
 from .pooled import pooled, relative_errors
 from .row_strip import BandSums, Kept, RowStrip, mean_spectrum
@@ -112,26 +111,19 @@ class Renderer:
         self._guides: Guides | None = None
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
-        meter.forecast(until_look(budget, noise), 0, np.nan)
-        count = len(self.groups)
-        if budget.is_long(math.prod(self.scene.view.crop_size) * count) and isinstance(
-            self.scene, Scene
-        ):
-            meter.try_out(
-                partial(self.scene.render, 0, rows=self.strips[0].ends), budget.samples * count
-            )
+        meter.passed(budget.most, 0, np.nan)
         while True:
             most = self.scene.most_together(self.samples) if len(self.strips) == 1 else 1
             self._passes(seed, meter, budget.together(most))
             value = measure(*self.noise_estimate())
-            meter.forecast(until_look(budget, noise), self.passes, value)
+            meter.passed(budget.most, self.passes, value)
             self.seconds_per_sample = meter.later_pass_s / (self.samples * len(self.groups))
             with meter.not_counted():
                 reached = noise is not None and noise.is_reached(meter.report_denoising)
             if noise is not None:
                 budget = replace(budget, passes=noise.most_passes(budget.passes))
             if reached:
-                meter.forecast(replace(budget, passes=self.passes), self.passes, value)
+                meter.passed(self.passes, self.passes, value)
                 return "sensor_noise"
             if budget.sized:
                 if end := budget.finished(self.passes, value, *meter.times(self.passes)):

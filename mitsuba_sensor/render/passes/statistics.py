@@ -82,6 +82,10 @@ class RenderStatistics:
         see :meth:`light.irradiance.Irradiance.error_of_sum`. None where it is not known.
     motion : how finely an exposure of moving things was sampled; None where nothing moves.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
+    brightness : brightest_lamp_cd_per_m2 (of area lights), median_cd_per_m2 (luminance of the picture),
+        illuminance_lx (mean of the sensor), each None where it is not known, and light_scale, what all emitters were
+        multiplied by; None for light from elsewhere.
+    facts : what was replaced in the scene and changes nothing in the frame.
     """
 
     passes: int
@@ -111,6 +115,8 @@ class RenderStatistics:
     sum_error: float | None = None
     beyond_data: tuple[Mapping[str, object], ...] = ()
     motion: TimeSampling | None = None
+    brightness: dict[str, float | None] | None = None
+    facts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         taken = f"{self.samples_per_pixel} samples per pixel in {self.seconds:.3g} s"
@@ -122,6 +128,7 @@ class RenderStatistics:
         return {
             **asdict(self),
             "notes": list(self.notes),
+            "facts": list(self.facts),
             "beyond_data": list(self.beyond_data),
         }
 

@@ -1,4 +1,4 @@
-"""When a render is good enough, and how long until then."""
+"""When a render is good enough, and how far it is."""
 
 from __future__ import annotations
 
@@ -23,8 +23,6 @@ GROUP_LAUNCH = 4  # passes of a light group that are made at once: of all groups
 FEWEST_TO_STOP = 16  # passes before a goal counts as reached: 15 degrees of freedom
 SIZED = 32  # passes that a render towards a goal is sized for
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
-TRIED = 64  # part of a pass that is tried out, to forecast a long render
-LONG = 2**26  # samples in all of a render that is tried out: more than a minute in most scenes
 MOST_SPP_ASKED = (
     2**16
 )  # of a render that works towards a noise ratio, unless max_spp says otherwise
@@ -83,10 +81,6 @@ class StopCriterion:
         passes = launches * GROUP_LAUNCH
         return replace(within, passes=passes, samples=samples, launch=GROUP_LAUNCH)
 
-    def is_long(self, values: int) -> bool:
-        """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
-        return self.sized and self.goal is None and values * self.passes * self.samples >= LONG
-
     def together(self, most: int) -> int:
         """How many passes are made at once, at most ``most``; one where anything but their number can end the render.
 
@@ -126,14 +120,10 @@ class StopCriterion:
             return "max_seconds"
         return None
 
-    def expected(self, done: int, value: float, seconds: float, per_pass: float) -> int:
-        """Forecast: how many passes there will be; a variance falls as one over the passes."""
-        most = self.passes
-        if self.goal is not None and done and value > 0:
-            most = min(most, max(math.ceil(done * value / self.goal), FEWEST_TO_STOP, done))
-        if done and math.isfinite(self.max_seconds) and per_pass > 0:
-            most = min(most, max(done + int((self.max_seconds - seconds) / per_pass), 2, done))
-        return most
+    @property
+    def most(self) -> int:
+        """How many passes end the render at the latest; 0 where a noise ratio or a time ends it."""
+        return 0 if self.end == "max_spp" else self.passes
 
     def notes(self, end: End, samples: int) -> list[str]:
         """Where another number of samples per pixel was taken than was asked for: why."""
@@ -162,38 +152,38 @@ class StopCriterion:
 class RenderProgress:
     """How far a render is: what ``progress`` is called with.
 
-    done, expected : passes, strip by strip, so far and in all; a forecast where a ratio or a time ends the render.
+    done, most : passes, strip by strip, so far and in all; a render to the sensor's noise may end earlier, and where a
+        noise ratio or a time ends it, ``most`` is 0.
     noise_ratio : median of render variance over sensor variance so far; NaN before the first pass ends.
-    seconds, seconds_left : so far, and forecast (NaN before the first strip of a short render).
+    seconds : so far.
     frame : number of the frame, where each frame has a render of its own.
     light_group : that is rendered now; empty where the light is rendered as a whole.
-    doing : while frames are exposed to light that is there, done and expected are frames.
+    doing : while frames are exposed to light that is there, done and most are frames.
     """
 
     done: int
-    expected: int
+    most: int
     noise_ratio: float = math.nan
     seconds: float = 0.0
-    seconds_left: float = math.nan
     frame: int = 0
     light_group: str = ""
     doing: Literal["rendering", "denoising", "exposing"] = "rendering"
+
+    @property
+    def share(self) -> float:
+        """Of the passes or frames that are done; NaN where their number is not known."""
+        return self.done / self.most if self.most else math.nan
 
 
 Progress = Callable[[RenderProgress], None]
 
 
 class ProgressMeter:
-    """Times a render of some strips of rows, forecasts its end, and reports to ``progress``."""
+    """Times a render of some strips of rows, and reports to ``progress``."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._started = progress, time.monotonic()
-        self._value, self._expected, self._tried_s, self._most_s = (
-            math.nan,
-            0,
-            math.nan,
-            math.inf,
-        )
+        self._value, self._most = math.nan, 0
         self.later_pass_s = 0.0  # of one after those that compile
 
     def begin(self, strips: int) -> None:
@@ -201,31 +191,20 @@ class ProgressMeter:
         self._strips, self._began = strips, time.monotonic()
         self._first = self._began, 0  # when the first passes ended, and how many they were
 
-    def try_out(self, render: Callable[[int], object], samples: int) -> None:
-        """Forecast a long render before its first strip ends: the first rows with few samples, twice, because the
-        first time compiles. render : of so many samples per pixel.  samples : of a pass."""
-        few = max(samples // TRIED, 1)
-        for _ in range(2):
-            started = time.monotonic()
-            render(few)
-            self._tried_s = (time.monotonic() - started) * samples / few
-        self.report(0)
-        self.begin(self._strips)
-
     def times(self, passes: int) -> tuple[float, float]:
         """Seconds since the render started, and per pass since :meth:`begin`."""
         now = time.monotonic()
         return now - self._started, (now - self._began) / max(passes, 1)
 
-    def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
-        """So many passes are done, and the criterion has this value."""
+    def passed(self, most: int, passes: int, value: float) -> None:
+        """So many passes of at most ``most`` are done, and the criterion has this value."""
         seconds, per_pass = self.times(passes)
-        now, self._most_s = self._started + seconds, budget.max_seconds
+        now = self._started + seconds
         if not self._first[1]:
             self._first = now, passes
         ended, first = self._first
         self.later_pass_s = (now - ended) / (passes - first) if passes > first else per_pass
-        self._expected, self._value = budget.expected(passes, value, seconds, per_pass), value
+        self._most, self._value = most, value
         self.report(passes * self._strips)
 
     @contextmanager
@@ -239,18 +218,12 @@ class ProgressMeter:
 
     def report_denoising(self) -> None:
         """The passes so far are denoised, to see whether they suffice; what follows is not known."""
-        seconds, strips = self.times(1)[0], self._expected * self._strips
-        self._progress(RenderProgress(strips, strips, self._value, seconds, doing="denoising"))
+        self._progress(RenderProgress(0, 0, self._value, self.times(1)[0], doing="denoising"))
 
     def report(self, strips: int) -> None:
         """So many strips of all passes are done."""
-        (seconds, since), expected = self.times(1), self._expected * self._strips
-        left_s = (expected - strips) * (since / strips if strips else self._tried_s)
-        if (
-            math.isfinite(self._most_s) and not left_s <= self._most_s - seconds
-        ):  # NaN: not known yet
-            left_s = max(self._most_s - seconds, 0.0)
-        self._progress(RenderProgress(strips, expected, self._value, seconds, left_s))
+        seconds, most = self.times(1)[0], self._most * self._strips
+        self._progress(RenderProgress(strips, most, self._value, seconds))
 
 
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:

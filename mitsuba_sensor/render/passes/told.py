@@ -15,10 +15,10 @@ FILES = "report and files"
 
 
 class Standing(NamedTuple):
-    """What is done now, and seconds until all of it ends; NaN where nobody knows."""
+    """What is done now, and the share of all renders that is done; NaN where it is not known."""
 
     doing: str
-    left_s: float
+    share: float
 
 
 class Series:
@@ -34,16 +34,15 @@ class Series:
     def standing(self, step: RenderProgress) -> Standing:
         """Of all renders."""
         doing = self._doing(step)
-        if doing == FILES or math.isnan(step.seconds_left):
-            return Standing(doing, math.nan)
-        behind = 0 if self.renders == 1 else self.first + self.renders - 1 - step.frame
-        left_s = step.seconds_left + behind * (step.seconds + step.seconds_left)
-        return Standing(doing, left_s)
+        if doing == FILES or self.renders == 1 or step.doing == "exposing":
+            return Standing(doing, math.nan if doing == FILES else step.share)
+        own = 0.0 if math.isnan(step.share) else step.share
+        return Standing(doing, (step.frame - self.first + own) / self.renders)
 
     def _doing(self, step: RenderProgress) -> str:
         if step.doing == "exposing":
-            last = step.done == step.expected
-            return FILES if last else f"exposing frame {step.done + 1} of {step.expected}"
+            last = step.done == step.most
+            return FILES if last else f"exposing frame {step.done + 1} of {step.most}"
         if self.renders == 1:
             return f"{step.doing} {step.light_group}".rstrip()
         return f"{step.doing} frame {step.frame - self.first + 1} of {self.renders}"

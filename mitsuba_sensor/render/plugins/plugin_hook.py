@@ -13,7 +13,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
 
-from ...core.argument_names import tells_of_names
+from ...core.llvm import guarded_import
 
 
 def watch() -> None:
@@ -44,7 +44,8 @@ class AfterMitsuba:
         load = spec.loader.exec_module
 
         def load_and_register(module: ModuleType) -> None:
-            load(module)
+            with guarded_import():
+                load(module)
             if self in sys.meta_path:
                 sys.meta_path.remove(self)
             register(sys.modules["mitsuba"])  # which has put another module into its place
@@ -77,7 +78,6 @@ def _register(_before: str | None, _now: str | None) -> None:
     mi.register_sensor("camera", sensor)
 
 
-@tells_of_names
 def register_plugins() -> None:
     """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
 

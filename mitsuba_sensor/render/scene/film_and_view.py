@@ -14,7 +14,8 @@ WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 
 
 def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dict[str, int]:
-    """Width, height and crop of the first sensor's film, by the names of Mitsuba's parameters; scaled to ``width``."""
+    """Width, height and crop of the first sensor's film, by the names of Mitsuba's parameters; scaled so that the crop
+    window, or the film without one, has ``width`` columns."""
     film, size = scene.film(), {}
     if film is not None:
         if film.props.plugin_name() == FILM and camera is not None:
@@ -22,19 +23,24 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
         size |= {k: v for k, v in film.props.items() if k in SIZE}
     if width is None:
         return _fitting(scene, size)
-    full, height = size.get("width", WIDTH), size.get("height", HEIGHT)
-    if not 1 <= width <= full:
-        way_out = ""
-        if width > full:
-            way_out = f"; {_larger_film(scene, width, round(height * width / full))}"
+    whole = {"width": WIDTH, "height": HEIGHT, **size}
+    columns = whole.get("crop_width", whole["width"])
+    if not 1 <= width <= columns:
+        what, way_out = "crop window" if "crop_width" in whole else "film", ""
+        if width > columns:
+            larger = (round(whole[name] * width / columns) for name in ("width", "height"))
+            way_out = f"; {_larger_film(scene, *larger)}"
         raise InputError(
-            f"width is {width!r}; it must be a whole number from 1 to the film's own {full}{way_out}."
+            f"width is {width!r}; it must be a whole number from 1 to the {what}'s own {columns}{way_out}."
         )
-    whole = {"width": full, "height": height, **size}
-    return _fitting(
-        scene,
-        {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()},
-    )
+    scaled = {
+        name: max(round(pixels * width / columns), 0 if "offset" in name else 1)
+        for name, pixels in whole.items()
+    }
+    for side, offset in (("width", "crop_offset_x"), ("height", "crop_offset_y")):
+        end = scaled.get(offset, 0) + scaled.get(f"crop_{side}", 0)  # both were rounded
+        scaled[side] = max(scaled[side], end)
+    return _fitting(scene, scaled)
 
 
 def film_area(

@@ -29,10 +29,21 @@ def gradient_integrators() -> list[str]:
     return sorted(name for name in modules if name not in SHARED)
 
 
+PRIMAL = {
+    "direct_projective": "direct",
+    "prb": "path",
+    "prb_basic": "path",
+    "prb_projective": "path",
+    "prbvolpath": "volpath",
+}
+"""Integrators for gradients, and the one that renders the same image."""
+
+
 def remedy_for_unknown(kind: str) -> str:
     """What to write instead of a type that no plugin of this variant has, from the full stop or semicolon on."""
     if kind in gradient_integrators():
-        return "; it computes gradients and needs an llvm or cuda variant: 'path' gives the same image."
+        same = f": {PRIMAL[kind]!r} gives the same image" if kind in PRIMAL else ""
+        return f"; it computes gradients and needs an llvm or cuda variant{same}."
     return f".{nearest(kind, plugin_names())}"
 
 

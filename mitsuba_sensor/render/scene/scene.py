@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,8 @@ from ..light.bands import (
     restrict_wavelengths,
     take_wavelengths_of,
 )
-from ..lint.finding import Finding, most_serious_first
+from ..light.brightness import HIGHEST_LAMP_CD_PER_M2, brightest_lamp, cd_per_m2
+from ..lint.finding import Finding, lines_of, most_serious_first
 from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
 from ..lint.mesh_attributes import refuse_missing_attributes
 from ..lint.metal_tables import continue_metals
@@ -77,6 +79,11 @@ class Scene:
     weights: WeightCounter | None = None
     polarizers: str | None = None
     _interleaved: dict[tuple[int, tuple[int, int]], MitsubaObject] = field(default_factory=dict)
+
+    @cached_property
+    def brightest_lamp_cd_per_m2(self) -> float | None:
+        """See :func:`..light.brightness.brightest_lamp`."""
+        return brightest_lamp(self.mitsuba_scene)
 
     def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
         """From now on sample wavelengths between two edges of the bands only."""
@@ -140,7 +147,7 @@ class Scene:
             )
         except RuntimeError as error:
             variant = mitsuba().variant()
-            way_out = "`--integrator path`"
+            way_out = "`--integrator path` (volpath if it has media)"
             if not variant.startswith("scalar"):
                 way_out += " or `--variant scalar_spectral`"
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
@@ -230,7 +237,8 @@ def _load(
     spectra = (
         () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
     )
-    findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
+    of_shapes = lint_built(scene, world, sensor, integrator, camera)
+    findings = most_serious_first([*findings, *of_shapes, *spectra])
     sharp, view, lens_notes = with_lens(
         sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
     )
@@ -245,7 +253,7 @@ def _load(
         check_on_sensor(
             f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera
         )
-    said = (finding.as_note for finding in findings)
+    said = (one.as_note for one in findings if one.level != "fact")
     notes = (*said, *lens_notes, *half_notes, *spread_notes)
     loaded = world, integrator, sensor, sharp, view
     described = scene.digest(), bands.responses, notes, tuple(findings)
@@ -266,10 +274,23 @@ def inspect_scene(
     findings, dark = lint(
         scene, Band(*bands.ends_nm, camera), settings_of(scene).metres(scene_unit)
     )
-    return (
-        tuple(findings)
-        if dark
-        else load_scene(scene, bands, parameters, camera, scene_unit).findings
+    if dark:
+        return tuple(findings)
+    loaded = load_scene(scene, bands, parameters, camera, scene_unit)
+    return (*loaded.findings, *_lamp_finding(scene, loaded))
+
+
+def _lamp_finding(scene: SceneFile, loaded: Scene) -> Iterator[Finding]:
+    """How bright the brightest lamp is."""
+    luminance = loaded.brightest_lamp_cd_per_m2
+    if luminance is None:
+        return
+    nodes = [n for n in scene.nodes("Emitter") if n.props.plugin_name() == "area"]
+    yield Finding(
+        "note" if luminance > HIGHEST_LAMP_CD_PER_M2 else "fact",
+        lines_of(scene, nodes),
+        f"the brightest lamp has {cd_per_m2(luminance)}",
+        "`render --luminance 500` scales all light to 500 cd/m² in the median of the picture",
     )
 
 

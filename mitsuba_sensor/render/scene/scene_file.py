@@ -25,6 +25,13 @@ LONGEST = 1000  # characters of a message of Mitsuba, which repeats the values o
 AS_TEXT = (
     "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
 )
+IMAGING = ("perspective", "thinlens", "orthographic", "camera")
+NO_IMAGE = {
+    "irradiancemeter": "measures the irradiance on its shape",
+    "radiancemeter": "measures the radiance along one ray",
+    "distant": "measures the radiance that leaves the scene in one direction",
+}
+"""Sensors of Mitsuba without a focal plane, and what they do."""
 POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 
 
@@ -118,7 +125,13 @@ class SceneFile:
         for key, sensor in self.children(self.root, "Sensor"):
             if self.chosen is None or self.chosen.key == key:
                 return sensor
-        raise InputError(f"scene {self.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
+        on_shapes = sorted({node.props.plugin_name() for node in self.nodes("Sensor")})
+        but = (
+            f" but {', '.join(on_shapes)} on a shape, which takes no image" if on_shapes else ""
+        )
+        raise InputError(
+            f"scene {self.name!r} has no sensor{but}; add one, e.g. {EXAMPLE_SENSOR}."
+        )
 
     def film(self) -> MitsubaObject:
         """The node of that sensor's film; None where it has Mitsuba's default."""
@@ -158,6 +171,19 @@ class SceneFile:
             scene = built[0] if isinstance(built, list) else built
             self.edits.apply(scene)
         return scene
+
+
+def why_no_image(kind: str) -> str:
+    """Why a sensor of this type cannot be rendered, and what can: the end of a sentence."""
+    if kind == "batch":
+        return (
+            "'batch' puts several sensors on one film; move those of type perspective, thinlens or orthographic out of "
+            "it into the scene, and `--sensor all` takes a frame of each"
+        )
+    many = ", ".join(IMAGING)
+    if kind in NO_IMAGE:
+        return f"{kind!r} {NO_IMAGE[kind]} and takes no image; replace it by one of {many}"
+    return f"a sensor of type {kind!r} cannot be rendered; it must be one of {many}"
 
 
 def with_integrator(scene: SceneFile, integrator: str | None) -> SceneFile:
@@ -257,7 +283,7 @@ def _remedy(message: str, file: Path, values: Mapping[str, str]) -> str:
             "failed to instantiate integrator" in message,
         )
         way_out = (
-            "; take `--integrator path` (integrator='path')"
+            "; take `--integrator path` (integrator='path'), or volpath if the scene has media"
             if of_integrator and remedy.startswith(".")
             else ""
         )

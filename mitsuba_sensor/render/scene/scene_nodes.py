@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ...core import InputError
-from ..variants import POLARIZED, MitsubaObject, is_polarized, mitsuba, parser_config
+from ..variants import POLARIZED, MitsubaObject, is_polarized, mitsuba, parser_config, values_of
 from .plugin_id import PluginParameters, parameters_of
 from .plugin_names import (
     OWN_PLUGINS,
@@ -25,7 +25,14 @@ from .plugin_names import (
     remedy_for_unknown,
     type_of_plugin,
 )
-from .scene_file import EXAMPLE_SENSOR, POLARISING, SceneFile, as_input_error, with_integrator
+from .scene_file import (
+    EXAMPLE_SENSOR,
+    POLARISING,
+    SceneFile,
+    as_input_error,
+    why_no_image,
+    with_integrator,
+)
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
 """A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
@@ -36,6 +43,13 @@ SENSORS = {
     "ThinLensCamera": "thinlens",
     "OrthographicCamera": "orthographic",
 }
+NO_CAMERAS = {
+    "IrradianceMeter": "irradiancemeter",
+    "RadianceMeter": "radiancemeter",
+    "DistantSensorImpl": "distant",
+    "BatchSensor": "batch",
+}
+"""Classes of sensors that take no image here, and their types."""
 FILTERS = {
     "BoxFilter": "box",
     "GaussianFilter": "gaussian",
@@ -84,9 +98,10 @@ class LoadedView(NamedTuple):
 
     @classmethod
     def of_first_sensor(cls, scene: MitsubaObject) -> LoadedView:
-        """The picture that Mitsuba itself makes of a scene. Raises InputError for a scene without sensors."""
+        """The picture of the first sensor that is not on a shape. Raises InputError for a scene without sensors."""
         if not (sensors := scene.sensors()):
             raise InputError(f"scene 'mi.Scene' has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
+        sensors = [one for one in sensors if one.get_shape() is None] or sensors
         integrator = scene.integrator()
         return cls(
             scene, sensors[0], getattr(integrator, "inner", integrator), sensors[0].film()
@@ -180,7 +195,9 @@ def _check_dict(tree: Mapping[str, Any], options: Mapping[str, Any]) -> None:
             )
         own, now = _variant_of(value), mitsuba().variant()
         if own not in ("", now):
-            way_out = f"make it in that one, or pass variant={own!r}"
+            way_out = f"call mitsuba.set_variant({now!r}) before you make it"
+            if "_spectral" in own:
+                way_out += f", or pass variant={own!r}"
             raise InputError(
                 f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}."
             )
@@ -282,9 +299,8 @@ def _described_sensor(
     size and crop are those of the film as it is."""
     mi, kind, film = mitsuba(), SENSORS.get(sensor.class_name()), sensor.film()
     if kind is None:
-        raise InputError(
-            f"the sensor of the scene is a {sensor.class_name()}; it must be one of {', '.join(SENSORS)}."
-        )
+        kind = NO_CAMERAS.get(sensor.class_name(), sensor.class_name())
+        raise InputError(f"scene 'mi.Scene': {why_no_image(kind)}.")
     if sensor.get_medium() is not None:
         raise InputError(f"the sensor of the scene is inside a medium; {ANOTHER}.")
     found, size = mi.traverse(sensor), (film.size(), film.crop_size(), film.crop_offset())
@@ -348,6 +364,6 @@ def _digest_of(thing: MitsubaObject) -> str:
 
 
 def _arrays(thing: MitsubaObject) -> Iterator[tuple[str, bytes]]:
-    for name, value in mitsuba().traverse(thing):
+    for name, value in values_of(thing):
         values = getattr(value, "matrix", value)  # of a transform
         yield name, np.ascontiguousarray(np.array(values)).tobytes()

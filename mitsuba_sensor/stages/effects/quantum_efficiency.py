@@ -166,7 +166,7 @@ class QuantumEfficiency(Stage):
         light of a mirror there, behind the filters that are there.
     diffusion : the same by wavelength, instead.
     lag : of the frame before, where its light is given, or None.
-    other_photodiodes : of split pixels, with crosstalk or diffusion of their own; each detects the photoelectrons that
+    photodiodes : of split pixels, with crosstalk or diffusion of their own; each detects the photoelectrons that
         the first one would with these.
     """
 
@@ -177,7 +177,7 @@ class QuantumEfficiency(Stage):
     crosstalk: Crosstalk | None = None
     diffusion: Diffusion | None = None
     lag: ImageLag | None = None
-    other_photodiodes: tuple[OtherPhotodiode, ...] = ()
+    photodiodes: tuple[OtherPhotodiode, ...] = ()
     domain = "electrons"
     table = "quantum_efficiency"
     fields = QuantumEfficiencyFields
@@ -215,7 +215,12 @@ class QuantumEfficiency(Stage):
             if readout.begins_photodiode and not alike:
                 detection = replace(self, crosstalk=own.crosstalk, diffusion=own.diffusion)
                 others.append(OtherPhotodiode(readout.name, readout.exposure_ratio, detection))
-        return replace(self, other_photodiodes=tuple(others))
+        return replace(self, photodiodes=tuple(others))
+
+    @property
+    def other_photodiodes(self) -> tuple[OtherPhotodiode, ...]:
+        """Those of split pixels."""
+        return self.photodiodes
 
     @property
     def light_reach_px(self) -> int:
@@ -302,7 +307,7 @@ class QuantumEfficiency(Stage):
         one_layer = photons.detected or len(photons.shape) == 2 or photons.shape[2] == 1
         spread = self.crosstalk or self.diffusion
         maps = (self.quantum_yield, spread, photons.variance_e2, photons.in_band)
-        if not one_layer or self.other_photodiodes or any(one is not None for one in maps):
+        if not one_layer or self.photodiodes or any(one is not None for one in maps):
             return None
         weights = self._weights(photons)
         layers = range(len(weights)) if photons.detected else [0] * len(weights)

@@ -45,7 +45,7 @@ def ablation(
     render = RenderAblation(kit, subject, spp, seed)
     sensor = SensorAblation(kit, subject, render.light, tolerance_dn, (frames, seed, serial))
     sensor_steps = list(sensor.steps())
-    kit.take([Step("loading the scene", 5.0, render.scene, "loading")], sensor_steps)
+    kit.take([Step("loading the scene", 5.0, render.scene)], sensor_steps)
     kit.take([*render.steps(), *sensor_steps])
     sections = sensor_section(SensorResults(sensor), sensor), render_section(render.changes())
     scene, camera, exposure = kit["loading the scene"], subject.camera, subject.exposure

@@ -131,7 +131,6 @@ class RenderAblation:
                 f"render {pair + 1}: {AS_IT_IS}",
                 1.0,
                 partial(self.rendered, pair, {}),
-                "renders",
             )
         for name, without in self.features().items():
             for pair in range(PAIRS):
@@ -139,7 +138,6 @@ class RenderAblation:
                     f"render {pair + 1} without: {name}",
                     1.0,
                     partial(self.rendered, pair, without),
-                    "renders",
                 )
 
     def rendered(self, pair: int, without: Mapping[str, Any]) -> Rendered | None:

@@ -30,6 +30,12 @@ average to less than this."""
 LEAST_DN = 1e-6
 """What no frame shows: differences of laws below are roundings."""
 
+FEWEST_CODES = 10
+"""Changed codes that a standard error is at least worth. If about 100 codes or fewer change in all frames, their count
+follows Poisson's law; sensors then agree by chance, and the spread between them does not tell the error."""
+
+TOO_FEW = "too few to tell"
+
 
 class Moments(NamedTuple):
     """Averages over the pixels, for each sensor, (3, sensors): mean, temporal and spatial variance [DN, DN², DN²].
@@ -44,12 +50,16 @@ class Moments(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """A change by the laws and in frames, with its standard error, and how many of these the two are apart."""
+    """A change by the laws and in frames, with its standard error, and how many of these the two are apart.
+
+    too_few : so few codes change that the error is that of FEWEST_CODES instead of the spread between sensors.
+    """
 
     predicted_dn: float
     measured_dn: float
     error_dn: float
     z: float
+    too_few: bool
 
 
 class SensorAblation:
@@ -69,7 +79,7 @@ class SensorAblation:
         self.kit, self._subject, self._light = kit, subject, light
         self.tolerance_dn = tolerance_dn
         self.frames, self._seed, self._serial = replicas
-        self.cameras = dict(reduced_cameras(subject.camera))
+        self.camera, self.cameras = subject.camera, dict(reduced_cameras(subject.camera))
 
     @cached_property
     def photons(self) -> ms.Photons:
@@ -87,10 +97,10 @@ class SensorAblation:
 
     def steps(self) -> Iterator[Step]:
         """All measurements."""
-        yield Step("the plan's verdicts", 2.0, self.verdicts, "plan")
+        yield Step("the plan's verdicts", 2.0, self.verdicts)
         for case in self.cameras:
-            yield Step(f"frames: {case}", 1.0, partial(self.moments, case), "frames")
-        yield Step("seconds of frames", 10.0, self.nanoseconds, "seconds of frames")
+            yield Step(f"frames: {case}", 1.0, partial(self.moments, case))
+        yield Step("seconds of frames", 10.0, self.nanoseconds)
 
     def verdicts(self) -> Values:
         """What the plan leaves out, and why."""
@@ -170,18 +180,18 @@ class SensorResults:
             case: kit[f"frames: {case}"] for case in ablation.cameras
         }
         whole = moments[WHOLE]
+        step_dn = max(1.0, ablation.camera.system_gain_dn_per_e)
         self.changes = {
-            case: compare(one, None if case == WHOLE else whole)
+            case: compare(one, None if case == WHOLE else whole, ablation.frames, step_dn)
             for case, one in moments.items()
         }
         self.worst_pixel_dn = {
             case: float(np.abs(one.pixel_dn - whole.pixel_dn).max())
             for case, one in moments.items()
         }
-        self.compared = [
-            one for case in self.changes.values() for one in case if one.error_dn > 0
-        ]
-        self.limit = z_limit(len(self.compared))
+        every = [one for case in self.changes.values() for one in case if one.error_dn > 0]
+        self.limit = z_limit(len(every))
+        self.compared = [one for one in every if not one.too_few or abs(one.z) > self.limit]
         self.agree = max((abs(one.z) for one in self.compared), default=0.0) <= self.limit
         self.plan_keeps = (
             self.worst_pixel_dn[PLAN] <= MOVED_BY_CHANCE * ablation.tolerance_dn + LEAST_DN
@@ -192,30 +202,45 @@ class SensorResults:
         pairs = zip(self.nanoseconds[WHOLE], self.nanoseconds[case], strict=True)
         return spread(1 - other / whole for whole, other in pairs)
 
-    def mark(self, case: str) -> Mark:
-        """Whether nothing changes, laws and frames agree, or not."""
+    def verdict(self, case: str) -> tuple[Mark, str]:
+        """Whether laws and frames agree, do not, or cannot be told apart because too few codes change, or none."""
         changes = self.changes[case]
         if not any(one.error_dn or one.measured_dn for one in changes):
-            return "dim"
-        if all(abs(one.z) <= self.limit for one in changes):
-            return "good"
-        return "bad"
+            return "dim", "no change"
+        if any(abs(one.z) > self.limit for one in changes):
+            return "bad", "differ"
+        if all(one.too_few or not one.error_dn for one in changes):
+            return "dim", TOO_FEW
+        return "good", "agree"
 
 
-def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
-    """Changes of mean, temporal σ and spatial σ from the whole chain; of the whole chain itself its values."""
+def compare(
+    moments: Moments, whole: Moments | None, frames: int, step_dn: float
+) -> tuple[Comparison, ...]:
+    """Changes of mean, temporal σ and spatial σ from the whole chain; of the whole chain itself its values.
+
+    frames : of each sensor.  step_dn : by which one electron changes a code, at least 1.
+    """
     predicted, measured = moments.predicted, moments.measured
     if whole is None:
         before = [0.0] * 3
     else:
         before = [float(values.mean()) for values in whole.predicted]
     off = measured - predicted - (0.0 if whole is None else whole.measured - whole.predicted)
+    few_codes = FEWEST_CODES * step_dn / (moments.pixel_dn.size * frames * predicted.shape[1])
+    noisier = predicted if whole is None else np.maximum(predicted, whole.predicted)
+    sigma_dn = math.sqrt(max(float(noisier[1:].mean(axis=1).sum()), 0.0))
     comparisons = []
     for row in range(3):
         now = predicted[row].mean()
-        error = 0.0
+        error, least = 0.0, few_codes
+        if row:  # a variance, to which a code x that becomes x + d adds about 2 σ |d| + d²
+            least *= 2 * sigma_dn + step_dn
+        too_few = False
         if np.abs(off[row]).max() > LEAST_DN:
             error = standard_error(off[row])
+            too_few = error < least
+            error = max(error, least)
         mean_off = 0.0
         if error:
             mean_off = float(off[row].mean())
@@ -231,7 +256,7 @@ def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
         if error:
             z = as_normal(mean_off / error, SENSORS - 1)
         comparisons.append(
-            Comparison(float(change), float(change) + mean_off / unit, error / unit, z)
+            Comparison(float(change), float(change) + mean_off / unit, error / unit, z, too_few)
         )
     return tuple(comparisons)
 
@@ -253,8 +278,8 @@ def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterato
     saves = (
         f"saves {saved.median:.0%} of the sensor's time ({saved.low:.0%} to {saved.high:.0%})"
     )
-    if saved.low <= 0 <= saved.high:
-        saves = f"saves no time beyond the scatter of the measurement ({saved.low:.0%} to {saved.high:.0%})"
+    if saved.low <= 0:  # this plan is no faster, or the machine was busy
+        saves = f"saves no time that could be measured ({saved.low:.0%} to {saved.high:.0%})"
     yield (
         f"The plan at {ablation.tolerance_dn:g} DN leaves out {len(left_out)} of {len(results.verdicts['stages'])} "
         f"stages ({', '.join(left_out) or 'none'}), {saves}, and changes the mean of no pixel, over {SENSORS} chips, "
@@ -295,10 +320,11 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
         z = max(abs(one.z) for one in changes)
         saved = 100 * results.saved_share(case).median
         reason = results.verdicts["stages"].get(case, "")
+        mark, verdict = results.verdict(case)
         rows.append(
             (
-                results.mark(case),
-                (case, *numbers, z, results.worst_pixel_dn[case], saved, reason),
+                mark,
+                (case, *numbers, z, verdict, results.worst_pixel_dn[case], saved, reason),
             )
         )
     headings = " | ".join(
@@ -308,11 +334,12 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
     whole_ns = spread(results.nanoseconds[WHOLE]).median
     return table(
         "What changes when a noise source is left out",
-        f"left out | {headings} | largest abs(z) [1] | worst pixel's mean [DN] | saved [%] | plan",
+        f"left out | {headings} | largest abs(z) [1] | theory and frames | worst pixel's mean [DN] | saved [%] | plan",
         rows,
         f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the theory "
         f"of every pixel; measured on {ablation.frames} frames of each of {SENSORS} sensors, with the same random "
-        f"numbers; ± is the standard error from sensor to sensor. Seconds are those of NumPy on "
+        f"numbers; ± is the standard error from sensor to sensor, or that of {FEWEST_CODES} changed codes if that "
+        f"is larger; a row with only such errors is {TOO_FEW}. Seconds are those of NumPy on "
         f"{math.prod(TIMED_SHAPE)} pixels, medians of interleaved runs; the whole chain takes {whole_ns:.4g} ns/pixel.",
     )
 
@@ -333,10 +360,10 @@ def changes_bars(results: SensorResults, tolerance_dn: float) -> list[Bars]:
         level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN")
     else:
         level = None
-    title = "What changes without each noise source"
-    bars = Bars(
-        title, "change of mean or σ [DN]", tuple(cases), series, log_x=True, level=level
-    )
+    title = "Frame change versus omitted noise source"
+    note = "Predicted changes, averaged over all pixels. Sources without a bar change no frame."
+    axis = "change of mean or σ [DN]"
+    bars = Bars(title, axis, tuple(cases), series, log_x=True, level=level, note=note)
     if cases:
         return [bars]
     return []

@@ -62,14 +62,11 @@ def stress(kit: Kit) -> Study:
             if engine in theme.engines and problem_of(engine) is None:
                 asked[f"{theme.name} {number}, {engine.name}"] = theme, engine
     steps = [
-        Step(key, theme.seconds, partial(verdicts, theme, engine), theme.name)
+        Step(key, theme.seconds, partial(verdicts, theme, engine))
         for key, (theme, engine) in asked.items()
     ]
     conditions = {f"condition numbers of {name}": name for name in cameras()}
-    steps += [
-        Step(key, 1.0, partial(sensitivities, name), "condition numbers")
-        for key, name in conditions.items()
-    ]
+    steps += [Step(key, 1.0, partial(sensitivities, name)) for key, name in conditions.items()]
     kit.take(steps)
     answers: dict[str, list[tuple[str, Row]]] = {theme.name: [] for theme in THEMES}
     for key, (theme, engine) in asked.items():
@@ -135,7 +132,7 @@ def verdict_grid(answers: dict[str, list[tuple[str, Row]]]) -> Grid:
     names = tuple(engine.name.replace(" ", "\n") for engine in COLUMNS)
     note = "No engine: what is refused before any pixel. Not here: an engine that this machine does not have."
     return Grid(
-        "How many cases have the expected result",
+        "Passed cases versus engine",
         tuple(answers),
         names,
         tuple(marks),

@@ -122,16 +122,15 @@ class Render:
                 f"reference: {kind}",
                 REFERENCE_S,
                 partial(self._reference, setting),
-                "references",
             )
             for kind, setting in references.items()
         ]
         steps += [
-            Step(f"pilot: {one.name}", 2 * RUN_S, partial(self._pilot, one), "pilots")
+            Step(f"pilot: {one.name}", 2 * RUN_S, partial(self._pilot, one))
             for one in self.settings
         ]
         runs = [
-            Step(self._run_key(one, seed), 2 * RUN_S, int, "runs")
+            Step(self._run_key(one, seed), 2 * RUN_S, int)
             for one in self.settings
             for seed in self.seeds
         ]
@@ -146,7 +145,6 @@ class Render:
                         self._run_key(setting, seed),
                         seconds,
                         partial(self._run, setting, rungs, seed),
-                        "runs",
                     )
                 )
         self.kit.take(runs, later)

@@ -63,8 +63,8 @@ def diagram(results: Sequence[Result], tolerance: float) -> Plot:
         if points:
             lines.append(line(one.setting.name, points, dashed=not one.setting.has_law))
     level = tolerance, f"tolerance {tolerance:.3g}"
-    note = f"Rings: no other is as quick and as exact. {PIXELS} The reference's own error is taken off; bars are 1 σ."
-    title, y_label = "Error of the detected electrons", "relative rms error of a pixel [1]"
+    note = f"Rings mark Pareto-optimal settings. {PIXELS} The reference's own error is subtracted; bars are 1 σ."
+    title, y_label = "Pixel error versus render time", "relative rms error of a pixel [1]"
     return Plot(
         title, "wall time of a render [s]", y_label, ringed(lines), level=level, note=note
     )

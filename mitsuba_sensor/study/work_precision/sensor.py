@@ -99,19 +99,17 @@ class Sensor:
     def steps(self) -> list[Step]:
         """All measurements."""
         steps = [
-            Step(f"first frame: {one.name}", 1.0, partial(self.first, one), "first frames")
+            Step(f"first frame: {one.name}", 1.0, partial(self.first, one))
             for one in self.settings
         ]
         steps += [
-            Step(turn_key(turn), 2.0, partial(self.turn, turn), "turns")
-            for turn in range(TURNS + 1)
+            Step(turn_key(turn), 2.0, partial(self.turn, turn)) for turn in range(TURNS + 1)
         ]
         steps += [
-            Step(f"pixels: {one.name}", 2.0, partial(self.pixels, one), "pixels")
-            for one in self.settings
+            Step(f"pixels: {one.name}", 2.0, partial(self.pixels, one)) for one in self.settings
         ]
         steps += [
-            Step(f"moments: {one.name}", 1.0, partial(self.moments, one), "moments")
+            Step(f"moments: {one.name}", 1.0, partial(self.moments, one))
             for one in self.settings
         ]
         return steps

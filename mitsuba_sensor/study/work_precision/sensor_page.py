@@ -125,12 +125,13 @@ def error_plot(rows: Rows) -> Plot:
             (row.ns.median, row.worst_dn)
         )
     lines = [line(label, points, joined=False) for label, points in series.items()]
-    note = f"The largest change, and at least {LEAST_DN:g} DN, where the reference lies. "
-    note += "Rings: no other point is both faster and nearer to it."
-    y_label = "change of mean, temporal σ or spatial σ [DN]"
-    return Plot(
-        "Error of the frames against time", "time [ns/pixel]", y_label, ringed(lines), note=note
+    note = "Each point is one setting's largest change in mean, temporal σ or spatial σ. Smaller changes, and the "
+    note += f"reference, are drawn at {LEAST_DN:g} DN. Rings mark Pareto-optimal settings."
+    title, y_label = (
+        "Frame error versus run time",
+        "change of mean, temporal σ or spatial σ [DN]",
     )
+    return Plot(title, "run time [ns/pixel]", y_label, ringed(lines), note=note)
 
 
 def settings_table(rows: Rows, problems: dict[str, str]) -> Table:

@@ -12,7 +12,7 @@ from helpers.stage_tests import StageTests, backend_of
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.choices import precision_of
-from mitsuba_sensor.stages.chain import black_level_dn, chain
+from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.adc import Adc, AdcWithDnl
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
@@ -252,7 +252,7 @@ def test_the_default_black_level_is_a_whole_number_that_keeps_the_dark_uncut(
     if camera.sensor.technology == "ccd" and "readout.reset" in change:
         change = {"source_follower.read_noise_e": 70.0}
     camera = camera.replace(**change)
-    black_level = black_level_dn(camera)
+    black_level = camera.black_level_dn
     assert black_level == int(black_level) and black_level >= 1
     digital = ms.expose(np.zeros((4, 20_000)), camera, ms.Exposure(0.0)).digital
     assert np.mean(digital == 0) < 3e-4 or camera.adc.bits == 8

@@ -15,7 +15,7 @@ from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.stages.chain import black_level_dn, chain
+from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.adc import Adc
 from mitsuba_sensor.stages.effects.full_well import FullWell
 from mitsuba_sensor.stages.effects.integral_nonlinearity import (
@@ -262,7 +262,7 @@ def test_the_black_level_and_the_dsnu_of_a_curved_camera_are_those_of_its_k() ->
     """4σ of the dark noise in DN by the small-signal K; 33 e- of DSNU are 33·K codes in the dark."""
     camera = TABLE1.replace(**CURVES["all"], **{"adc.bits": 14, "sensor.columns": 2000})
     k, dark_e = gain_dn_per_e(camera), math.hypot(33.0, 6.105069 / 0.8)
-    assert black_level_dn(camera) == math.ceil(4 * math.hypot(k * dark_e, math.sqrt(1 / 12)))
+    assert camera.black_level_dn == math.ceil(4 * math.hypot(k * dark_e, math.sqrt(1 / 12)))
     digital = ms.expose(np.zeros((200, 2000)), camera, ms.Exposure(0.0)).digital[0]
     columns = ms.fpn_maps(camera, (1, 2000))["dsnu_col_e"][0]
     slope = np.polyfit(columns, digital.mean(axis=0), 1)[0]

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
-from ....core.argument_names import tells_of_names
 from ....core.errors import shown
 from ....core.types import Float64Array
 from ...quantity import Quantity, normal_interval
@@ -56,7 +55,6 @@ class Contrast:
         ax.set(xlabel="bright over dark pixel", ylabel="density")
 
 
-@tells_of_names
 def contrast_detection(
     bright: ArrayLike,
     dark: ArrayLike,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
-from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...quantity import TWO_SIDED, Quantity, no_value
 from .shares import share_quantiles
@@ -54,7 +53,6 @@ class Flicker:
         ax.set(xlabel="frame", ylabel="mean of the region above black [DN]")
 
 
-@tells_of_names
 def flicker(
     frames: ArrayLike,
     *,

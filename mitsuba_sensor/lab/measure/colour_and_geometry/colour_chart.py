@@ -12,7 +12,6 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers
-from ....core.argument_names import tells_of_names
 from ....core.errors import shown
 from ....core.types import Float64Array
 from ....optics import spectra
@@ -88,7 +87,6 @@ class _Fit(NamedTuple):
     noise: Float64Array
 
 
-@tells_of_names
 def colour_chart(
     planes: ArrayLike,
     regions: Sequence[Region],

@@ -10,7 +10,6 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
-from ....core.argument_names import tells_of_names
 from ....core.checks import require_pair
 from ....core.types import Float64Array
 from ...quantity import Quantity, student_interval
@@ -53,7 +52,6 @@ class Distortion:
         ax.set(xlabel="ideal image height, 1 in the corner", ylabel="local distortion [%]")
 
 
-@tells_of_names
 def distortion(points_px: ArrayLike, chart: ArrayLike, shape: tuple[int, int]) -> Distortion:
     """Distortion of a picture of a plane chart, which may be turned, tilted and off the centre.
 
@@ -132,7 +130,6 @@ def _line(lens: _Lens, middle: float, symbol: str, name: str) -> Quantity:
     return Quantity(symbol, name, *interval, "%", LINE_SECTION)
 
 
-@tells_of_names
 def lateral_colour(
     points_px: ArrayLike, other_px: ArrayLike, shape: tuple[int, int]
 ) -> Quantity:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers
-from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...quantity import Quantity, student_interval
 
@@ -64,7 +63,6 @@ class FlatField:
         ax.set_ylim(0, None)
 
 
-@tells_of_names
 def flat_field(planes: ArrayLike) -> FlatField:
     """Relative illumination and colour shading of a picture of an evenly lit surface.
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ....core import InputError, finite_numbers, require
-from ....core.argument_names import tells_of_names
 from ....core.errors import shown
 from ....core.types import Float64Array
 from ...quantity import Quantity, student_interval
@@ -62,7 +61,6 @@ class _Tiles(NamedTuple):
     frequency: Float64Array
 
 
-@tells_of_names
 def dead_leaves(
     frames: ArrayLike,
     chart: ArrayLike,

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, require
-from ....core.argument_names import tells_of_names
 from ....core.errors import require_count
 from ....core.types import Float64Array
 from ...quantity import TWO_SIDED, Quantity
@@ -89,7 +88,6 @@ class _Sector(NamedTuple):
     angle: float
 
 
-@tells_of_names
 def siemens_star(
     picture: ArrayLike,
     cycles: int,

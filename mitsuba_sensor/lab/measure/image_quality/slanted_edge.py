@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, require
-from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...quantity import Quantity
 from .edge_line import find_line, middles, upright
@@ -50,7 +49,6 @@ class SlantedEdge:
         self.modulation.plot(ax)
 
 
-@tells_of_names
 def slanted_edge(
     picture: ArrayLike,
     *,

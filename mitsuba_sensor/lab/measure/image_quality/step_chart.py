@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
-from ....core.argument_names import tells_of_names
 from ....core.types import Float64Array
 from ...frames.stack import Stack
 from ...quantity import LEVEL, Quantity, no_value, normal_interval
@@ -135,7 +134,6 @@ def _root(coefficients: Float64Array, ratio: float) -> float:
     return float((linear + math.sqrt(rest)) / (2 * (1 - square)))
 
 
-@tells_of_names
 def step_chart(
     stack: Stack,
     regions: Sequence[Region],
