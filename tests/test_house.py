@@ -36,7 +36,6 @@ ORDER = (
         "capture_options",
         "expose",
         "exposed",
-        "kept_sensor",
         "render_frames",
         "timed_frames",
     ),

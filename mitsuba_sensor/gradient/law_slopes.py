@@ -115,7 +115,10 @@ def slopes_by_names(
 
     def values(camera: Camera, exposure: Exposure) -> Float64Array:
         changed = replace(
-            frame, exposure=exposure, window=replace(frame.window, _maps={}, _tiles={}), _blocks={}
+            frame,
+            exposure=exposure,
+            window=replace(frame.window, _maps={}, _tiles={}),
+            _blocks={},
         )
         return law(camera.stages, light_of(camera, exposure), changed)
 

@@ -15,10 +15,9 @@ from ..camera.dual_pixels import has_several_readouts
 from ..camera.figures import refuse_readouts
 from ..camera.readouts import unknown_readout
 from ..core import InputError, by_weight
-from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
-from ..sensor.frames import RawFrames
+from ..sensor.frames import KEEP, RawFrames
 from ..sensor.readouts import exposures_of_readouts
 from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation
@@ -189,7 +188,8 @@ class Frames(RawFrames):
     def spatial_mean(self) -> NDArray[np.float32]:
         """Average of the clean frames of the 32 first serial numbers, (H, W) [DN]: hardly any fixed pattern."""
         windows = (
-            replace(self.first.window, serial=k, _maps={}, _tiles={}) for k in range(1, SERIALS + 1)
+            replace(self.first.window, serial=k, _maps={}, _tiles={})
+            for k in range(1, SERIALS + 1)
         )
         frames = (replace(self.first, window=window, _blocks={}) for window in windows)
         cleans = [pixel_moments(self.stages, self.detected, frame).mean for frame in frames]

@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import EACH_KIND
+from helpers import EACH_KIND, KEEP
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.sensor.choices import KEEP
-from mitsuba_sensor.sensor.expose import prepare_exposure
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
@@ -355,14 +353,11 @@ def test_arrays_and_endless_integers_are_refused_in_one_sentence(name: str, valu
 
 
 @pytest.mark.parametrize("frames", [1, 3])
-def test_the_frames_with_their_report_are_the_frames(frames: int) -> None:
+def test_every_signal_is_an_array_of_all_pixels_and_no_report_changes_it(frames: int) -> None:
     """At 0 K there is no dark electron: one 0 for all pixels, and yet an array like every other signal."""
-    options: Any = {"frames": frames, "keep": KEEP, "first_frame": 5}
-    cold = ms.Exposure(0.1, 0.0)
-    prepared = prepare_exposure(CAMERA, cold, LIGHT.shape, (0, 0), options).of(
-        ms.Photons(LIGHT)
-    )
-    one, other = ms.Frames.exposed(prepared), ms.Frames.exposed_with_report(prepared)
+    cold, options = ms.Exposure(0.1, 0.0), {"frames": frames, "keep": KEEP, "first_frame": 5}
+    one, other = (ms.expose(LIGHT, CAMERA, cold, **options) for _ in range(2))  # type: ignore[arg-type]
+    assert other.report
     for name in (*KEEP, "digital"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert getattr(other, name).shape == (frames, *LIGHT.shape)

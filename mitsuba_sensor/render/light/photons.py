@@ -30,9 +30,8 @@ from ...core import (
 from ...core.heap import trim_heap
 from ...core.units import photon_energy_j
 from ...optics.shutter import shutter_of
-from ...sensor.checks import as_photons
+from ...sensor.checks import as_photons, check_polarizers
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
-from ...sensor.photon_checks import check_polarizers
 from .bands import Bands
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight
