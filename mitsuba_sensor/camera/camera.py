@@ -160,9 +160,7 @@ class Camera(FileTable):
         sensor, pitch = self.sensor, f"{self.pixel.pitch_x_um:g}"
         if self.pixel.pitch_y_um != self.pixel.pitch_x_um:
             pitch += f" × {self.pixel.pitch_y_um:g}"
-        gain = ""
-        if self.gain:
-            gain = f", gain {self.gain}"
+        gain = f", gain {self.gain}" if self.gain else ""
         size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm"
         kind = sensor.technology.upper()
         return f"<Camera: {self.name}, {kind}, {size}, {self.code_bits} bit{gain}>"
@@ -258,10 +256,7 @@ class Camera(FileTable):
         added = {stage.key() for stage in self.added}
         off = {checked_source(name, added) for name in names}
         known = (*self.sensor.without, *(name for name in noise_sources() if name in off))
-        if off:
-            camera = self.replace(**{"sensor.without": known})
-        else:
-            camera = self.model_copy()
+        camera = self.replace(**{"sensor.without": known}) if off else self.model_copy()
         camera._added = tuple(one for one in self._added if one[1].key() not in off)
         return camera
 
@@ -411,9 +406,7 @@ def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) 
         return Camera.model_validate(data, context={"folder": folder or "."})
     except ValidationError as error:
         found = faults(error, Camera)
-        more = ""
-        if folder is None and found[0].of_table:
-            more = UNSET
+        more = UNSET if folder is None and found[0].of_table else ""
         if folder is not None and len(found) > 1:
             of = f"It is the first of {len(found)} errors"
             more = f" {of}; `mitsuba-sensor cameras check`, or check_camera in Python, lists them all."

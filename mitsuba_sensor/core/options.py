@@ -132,8 +132,7 @@ class Declared:
         return number
 
 
-@cache
-def declared(kind: Any) -> tuple[Declared, ...]:
+def _declared(kind: Any) -> tuple[Declared, ...]:
     """The options of a TypedDict in their order, those of its bases first."""
     found = []
     for name, annotation in kind.__annotations__.items():
@@ -143,6 +142,9 @@ def declared(kind: Any) -> tuple[Declared, ...]:
             )
         found.append(Declared(name, annotation.__origin__, annotation.__metadata__[0]))
     return tuple(found)
+
+
+declared: Callable[[Any], tuple[Declared, ...]] = cache(_declared)
 
 
 def complete(kind: type[Options], given: Mapping[str, object]) -> Options:

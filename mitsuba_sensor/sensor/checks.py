@@ -19,12 +19,14 @@ from ..core import (
     numbers,
     require_seed,
 )
+from ..core.checks import require_pair
 from ..stages.effects.shot_noise import LEFT
 from ..stages.image_lag import BEFORE
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
+ORIGIN = "(row, column) of the first pixel, e.g. (0, 0)"
 FIELDS = {
     "bandwidths_nm": "one positive, finite width in nm per band",
     "in_band": "one finite factor of the photoelectrons per pixel, 0 or more",
@@ -295,8 +297,8 @@ def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:
     """The light where it was asked for on the sensor, or where it is; what is known of each pixel's own filter holds
     behind that one only. Raises InputError."""
     if first_pixel is None:
-        return _at(light, checked_origin(light.origin), moved=False)
-    row, column = checked_origin(first_pixel)
+        return _at(light, require_pair("origin", light.origin, ORIGIN), moved=False)
+    row, column = require_pair("origin", first_pixel, ORIGIN)
     if light.polarizers is not None:
         _refuse_other_polarizers((row, column), light.origin, camera)
     moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(
@@ -322,15 +324,6 @@ def _refuse_other_polarizers(
             f"origin is {first_pixel}, and the light was rendered behind the polarisers of the pixels from {origin} "
             f"on; move it by a multiple of {periods[0]} rows and {periods[1]} columns, or render it there."
         )
-
-
-def checked_origin(origin: Any) -> tuple[int, int]:
-    """(row, column) of the first pixel."""
-    if not isinstance(origin, tuple | list) or len(origin) != 2:
-        raise InputError(
-            f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0)."
-        )
-    return require_seed("origin", origin[0]), require_seed("origin", origin[1])
 
 
 def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:

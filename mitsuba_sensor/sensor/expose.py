@@ -34,6 +34,8 @@ from .options import ExposeOptions
 from .precision import precision_of
 from .run import FrameRunner, Observer, StripWindows, choose_backend
 
+MEMORY_TO_ASK_FOR = 2**24
+"""Frames of fewer bytes are made without a look at the memory that is free, which takes a tenth of a small frame."""
 Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
 
 
@@ -66,8 +68,8 @@ class PreparedExposure:
         """Raise InputError for so many frames that this machine has no memory for them."""
         shape = self.first.window.shape
         bytes_of_pixel = self._code_type.itemsize + 8 * len(self.keep)
-        size, free = count * math.prod(shape) * bytes_of_pixel, free_memory_bytes()
-        if size > free:
+        size = count * math.prod(shape) * bytes_of_pixel
+        if size > MEMORY_TO_ASK_FOR and size > (free := free_memory_bytes()):
             raise InputError(
                 f"frames is {count}, of {shape[1]} × {shape[0]} pixels each: {size / 1e9:.3g} GB, and "
                 f"{free / 1e9:.3g} GB of memory are free; take them one by one from ms.stream, or fewer at a time: "

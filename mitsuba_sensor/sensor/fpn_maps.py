@@ -19,12 +19,12 @@ from ..core import (
     check_types,
     nearest,
     numbers,
-    require_seed,
 )
+from ..core.checks import require_pair
 from ..core.options import complete
 from ..stages.chain import whole_chain
 from ..stages.stage import Chain
-from .checks import checked_origin
+from .checks import ORIGIN
 from .options import ExposeOptions, Precision
 from .precision import precision_of
 from .run import choose_backend
@@ -51,19 +51,18 @@ def fpn_maps(
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
     refuse_readouts(camera, "fixed-pattern noise maps are those of one read-out")
-    size = shape
     if shape is None:
-        size = (camera.sensor.rows, camera.sensor.columns)
-    if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
+        shape = (camera.sensor.rows, camera.sensor.columns)
+    size = require_pair("shape", shape, "(rows, columns) of the window, e.g. (480, 640)")
+    if 0 in size:
         raise InputError(
-            f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640)."
+            f"shape is {size}; it must be (rows, columns) of the window, each at least 1."
         )
-    height, width = require_seed("shape", size[0]), require_seed("shape", size[1])
-    first = checked_origin(origin)
-    check_on_sensor("the window of the maps", (height, width), first, camera)
+    first = require_pair("origin", origin, ORIGIN)
+    check_on_sensor("the window of the maps", size, first, camera)
     asked = complete(ExposeOptions, {"precision": precision})["precision"]
     backend = choose_backend("numpy", precision_of(asked, camera, None), 0)
-    window = SensorWindow(serial, (height, width), first, backend=backend, camera=camera.name)
+    window = SensorWindow(serial, size, first, backend=backend, camera=camera.name)
     found = [stage.fpn_maps(window) for stage in camera.stages]
     return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}
 

@@ -485,7 +485,7 @@ def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> No
 @pytest.mark.parametrize(
     ("variance", "sentence"),
     [
-        ("much", "variance_e2 is not numeric; pass an array"),
+        ("much", "variance_e2 is not numeric; pass one variance per pixel"),
         (1.0, r"has shape \(\); it must be \(53, 47\), one variance per pixel"),
         (np.zeros((47, 53)), r"has shape \(47, 53\)"),
         (

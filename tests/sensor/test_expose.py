@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import pickle
+import sys
+from collections import Counter
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -18,6 +22,7 @@ from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
+PACKAGE = os.path.dirname(ms.__file__)
 CAMERA = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
 LIGHT = np.full((6, 8), 5000.0)
@@ -372,3 +377,22 @@ def test_frames_survive_pickling(engine: Any) -> None:
     other = pickle.loads(pickle.dumps(frames))
     np.testing.assert_array_equal(other.digital, frames.digital)
     assert other.report == frames.report
+
+
+def test_a_small_frame_takes_few_calls_through_few_modules() -> None:
+    """A warm call of 256 pixels, counted so that the machine's speed does not matter. The limits may only fall."""
+    calls = Counter[str]()
+
+    def count(frame: FrameType, event: str, _: object) -> None:
+        if event == "call" and frame.f_code.co_filename.startswith(PACKAGE):
+            calls[frame.f_code.co_filename] += 1
+
+    photons = np.full((16, 16), 20_000.0)
+    for _ in range(2):  # the maps are made, and kept
+        ms.expose(photons, "konnik_table1", EXPOSURE, engine="numpy")
+    sys.setprofile(count)
+    try:
+        ms.expose(photons, "konnik_table1", EXPOSURE, engine="numpy")
+    finally:
+        sys.setprofile(None)
+    assert calls.total() < 720 and len(calls) < 49, calls.most_common(8)
