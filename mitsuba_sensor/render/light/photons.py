@@ -305,7 +305,7 @@ def _photons(
     """Photons of irradiance (H, W, B), those of a render made when somebody asks for them."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     centres, widths = (np.asarray(x, dtype=np.float64) for x in (centres, widths))
-    photons = PhotonsOfBands.of(data, factor, centres).changed(bandwidths_nm=widths)
+    photons = PhotonsOfBands(data, factor, wavelengths_nm=centres, bandwidths_nm=widths)
     return (
         photons
         if data.dtype == np.float32
