@@ -30,7 +30,7 @@ from .sensor.options import ExposeOptions
 from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, joined, timed_exposure
 
-RECENT = KeptMaps(RECENT_BYTES, promised=False)
+RECENT = KeptMaps(RECENT_BYTES, guaranteed=False)
 """FPN maps of the cameras that :func:`expose` had last."""
 FIXED = ("serial", "maps")
 """Options that belong to a :class:`Sensor`."""

@@ -119,6 +119,9 @@ class PhotonsOfBands(Photons):
     ``mean`` in float64 is twice as large as these; it is made when somebody asks, of as many rows as are asked for.
     """
 
+    _values: Float32Array | None
+    _factor: Float64Array
+
     def __init__(
         self,
         values: Float32Array | None = None,
@@ -261,6 +264,9 @@ class CountedElectrons(Electrons):
 
     ``dataclasses.replace(electrons, light=…)`` asks, and its result is the two and their sum.
     """
+
+    _count: Array
+    _split: Callable[[], tuple[Array, Array]]
 
     def __init__(
         self,

@@ -30,12 +30,12 @@ class KeptMaps:
     """Sets of FPN maps, found by the values of camera and window; the set used least recently goes first.
 
     most_bytes : memory of all sets [byte].
-    promised : whether maps are kept from the first call on, the last set whatever its size. Otherwise they are kept
+    guaranteed : whether maps are kept from the first call on, the last set whatever its size. Otherwise they are kept
         from the second call on, so that a camera or a serial number that comes once takes no memory.
     """
 
     most_bytes: float
-    promised: bool = True
+    guaranteed: bool = True
     _sets: list[KeptSet] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -64,7 +64,7 @@ class KeptMaps:
         with self._lock:
             own = next((x for x in self._sets if x.window == key and x.camera == camera), None)
             if own is None:
-                own, keeps = KeptSet(camera, key), self.promised
+                own, keeps = KeptSet(camera, key), self.guaranteed
             else:
                 self._sets.remove(own)
                 keeps = True
@@ -78,9 +78,9 @@ class KeptMaps:
     def drop(self) -> None:
         """Forget the sets that were used least recently, until the others fit."""
         with self._lock:
-            while self.bytes > self.most_bytes and len(self._sets) > self.promised:
+            while self.bytes > self.most_bytes and len(self._sets) > self.guaranteed:
                 del self._sets[0]
-            if not self.promised:
+            if not self.guaranteed:
                 del self._sets[:-RECENT_SETS]
 
 
