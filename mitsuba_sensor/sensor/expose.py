@@ -189,12 +189,12 @@ def prepare_exposure(
     """
     check_types(camera, exposure)
     camera, plan = camera.at_gain(chosen["gain"]), chosen["plan"]
+    keep = _checked_names(chosen["keep"])
     if camera.readouts:
-        _check_options_of_readouts(camera, chosen)
+        _check_options_of_readouts(camera, keep, chosen["maps"])
     seed, serial = first_given(chosen["seed"], 1), first_given(chosen["serial"], 1)
     first_frame, frames = chosen["first_frame"], chosen["frames"]
     check_numbers(frames, first_frame, seed)
-    keep = _checked_names(chosen["keep"])
     stages = _chain_of(camera, plan)
     if plan is not None and chosen["tolerance_dn"] is not None:
         raise InputError(
@@ -267,18 +267,18 @@ def _check_compensation(light: Photons, stages: Chain, frames: int) -> None:
         )
 
 
-def _check_options_of_readouts(camera: Camera, options: ExposeOptions) -> None:
+def _check_options_of_readouts(camera: Camera, keep: tuple[str, ...], maps: object) -> None:
     """Raise InputError for what there is of one read-out only, and for an added stage in front of the read-out, whose
     charge the read-outs would not share."""
     names = ", ".join(one.name for one in camera.readouts)
     alone = f"camera.at_readout({camera.readouts[0].name!r})"
     of = f"{camera.name} combines the read-outs {names}"
-    kept = [name for name in options["keep"] if name != "photons"]
+    kept = [name for name in keep if name != "photons"]
     if kept:
         raise InputError(
             f"keep names {kept[0]!r}, and {of}, each of which has its own; expose one of them, {alone}."
         )
-    if options["maps"]:
+    if maps:
         raise InputError(
             f"maps are of one read-out, and {of}; leave them out, or expose {alone}."
         )

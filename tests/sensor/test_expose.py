@@ -396,3 +396,8 @@ def test_a_small_frame_takes_few_calls_through_few_modules() -> None:
     finally:
         sys.setprofile(None)
     assert calls.total() < 720 and len(calls) < 49, calls.most_common(8)
+
+
+def test_one_name_to_keep_is_named_as_a_whole_where_readouts_are_combined() -> None:
+    with pytest.raises(ms.InputError, match="keep names 'volts', and scmos_dual_gain combines"):
+        ms.expose(LIGHT, "scmos_dual_gain", EXPOSURE, keep="volts")
