@@ -17,11 +17,11 @@ from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning
 from .dataset.read.reader import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
+from .expose import Sensor as Sensor
 from .expose import expose as expose
 from .expose import stream as stream
 from .files.tiff import write_tiff as write_tiff
 from .gradient.gradient import differentiable as differentiable
-from .kept_sensor import Sensor as Sensor
 from .optics.waveform import mains as mains
 from .optics.waveform import pwm as pwm
 from .optics.waveform import sine as sine

@@ -1,35 +1,41 @@
-"""Light in, raw frames out: expose() and stream(), of mean photons or of the irradiance of a render."""
+"""Light in, raw frames out: expose(), stream() and Sensor, of mean photons or of the irradiance of a render."""
 
 from __future__ import annotations
 
 import atexit
+import math
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
-from .core import Exposure, Photons, check_types, warn_of
+from .core import Exposure, InputError, Photons, check_types, require, require_seed, warn_of
 from .core.checks import LIGHT_FILE, refuse_path
-from .core.options import documents, refuse_unknown
+from .core.options import complete, documents
 from .core.progress import automatic_progress, is_asked
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.light.photons import collected
 from .sensor.expose import PreparedExposure, placed_photons
 from .sensor.frame_times import FrameTimes
-from .sensor.kept_maps import RecentMaps
+from .sensor.kept_maps import RECENT_BYTES, KeptMaps, depends_on_camera_alone
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions
 from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, joined, timed_exposure
 
-RECENT = RecentMaps()
+RECENT = KeptMaps(RECENT_BYTES, guaranteed=False)
 """FPN maps of the cameras that :func:`expose` had last."""
+FIXED = ("serial", "maps")
+"""Options that belong to a :class:`Sensor`."""
+COUNTING = threading.Lock()
+"""Held while frames are numbered, so that threads which share a sensor never take the same one."""
 atexit.register(RECENT.clear)  # before Dr.Jit, which owns some of them, is gone
 
 
@@ -57,13 +63,13 @@ def expose(
     A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
-    given = camera_of(camera)
-    prepared = prepare_light(photons, given, exposure, options)
-    asked = _asked_camera(photons, given)
-    lent = RECENT.lend(prepared, asked)
+    chosen = complete(ExposeOptions, options)
+    prepared = prepare_light(photons, camera_of(camera), exposure, chosen)
+    if depends_on_camera_alone(prepared):
+        prepared = RECENT.lend(prepared)
     try:
-        with told_frames(lent, "expose", progress) as sensor:
-            if series := in_time(sensor, photons, options):
+        with told_frames(prepared, "expose", progress) as sensor:
+            if series := in_time(sensor, photons, chosen):
                 frames = joined(series).frames
             else:
                 frames = Frames.exposed(sensor)
@@ -91,15 +97,6 @@ def told_frames(
         yield replace(sensor, told=told)
 
 
-def _asked_camera(photons: Photons | ArrayLike | Irradiance, camera: Camera | None) -> Camera:
-    """The camera that was given, or that of the render; not yet at a gain setting."""
-    if camera is None:
-        assert isinstance(photons, Irradiance) and photons.rendered_for is not None
-        camera = photons.rendered_for.camera
-    assert camera is not None
-    return camera
-
-
 @documents(ExposeOptions)
 def stream(
     photons: Photons | ArrayLike | Irradiance,
@@ -116,10 +113,11 @@ def stream(
 
     Everything is checked at once; light and maps are made with the first frame that is asked for.
     """
-    sensor = prepare_light(photons, camera_of(camera), exposure, options)
+    chosen = complete(ExposeOptions, options)
+    sensor = prepare_light(photons, camera_of(camera), exposure, chosen)
     frames = sensor.stream()
     warn_of(sensor.notes)
-    if series := in_time(sensor, photons, options):
+    if series := in_time(sensor, photons, chosen):
         return (one.frames.digital[0] for one in series)
     return frames
 
@@ -142,19 +140,151 @@ def prepare_light(
     exposure: AskedExposure | None,
     options: ExposeOptions,
 ) -> PreparedExposure:
-    """An exposure with its light, which is collected where it is the irradiance of a render. Raises InputError."""
-    refuse_unknown(options, ExposeOptions)
+    """An exposure with its light, which is collected where it is the irradiance of a render. Raises InputError.
+
+    options : completed.
+    """
     refuse_path("photons", light, LIGHT_FILE)
+    times = FrameTimes.of(options)
     if isinstance(light, Irradiance):
-        begin_s = FrameTimes.of(options).of_frame(options.get("first_frame") or 0)
-        asked = options.get("serial"), options.get("gain"), begin_s
+        asked = options["serial"], options["gain"], times.of_frame(options["first_frame"])
         light, camera, exposure, serial = collected(light, camera, exposure, *asked)
         options = {**options, "serial": serial}
     check_types(camera, exposure)
     assert camera is not None and isinstance(exposure, Exposure)
-    FrameTimes.of(options).check(exposure, camera)
+    times.check(exposure, camera)
     photons = placed_photons(light, camera, options)
     sensor = prepare_planned_exposure(
         camera, exposure, photons.shape[:2], photons.origin, options
     )
     return sensor.of(photons)
+
+
+class Sensor:
+    """A camera, ready to expose: what :func:`expose` makes anew in each call is made once and kept.
+
+    ::
+
+        sensor = ms.Sensor(camera, serial=7)
+        for photons in scenes:
+            frames = sensor.expose(photons, exposure)
+
+    A sensor counts its frames: a call without ``first_frame`` goes on behind all frames taken before, so that no two
+    frames share their temporal noise. They are those of
+    ``ms.expose(photons, camera, exposure, serial=7, first_frame=n)``, byte for byte, where n was
+    ``sensor.frames_taken``. Set that to 0, or pass ``first_frame``, to take the same frames again.
+
+    One set of FPN maps is kept for each shape, origin, backend and precision that was asked for, the last ones up to
+    ``most_bytes``.
+
+    camera : a :class:`Camera`.  serial : its serial number, which selects its fixed-pattern noise.
+    maps : measured FPN maps in place of the serial number's own, as of :func:`expose`.
+    most_bytes : memory for maps [byte]; what was used least recently is dropped beyond it.
+    frames_taken : number of the frame behind the last one taken so far; it can be set.
+    Raises InputError where :func:`expose` does.
+    """
+
+    def __init__(
+        self,
+        camera: AnyCamera,
+        *,
+        serial: int = 1,
+        maps: dict[str, ArrayLike] | None = None,
+        most_bytes: float = 2**30,
+    ) -> None:
+        self.camera, self.serial, self.maps = camera_of(camera), serial, maps
+        require_seed("serial", serial)
+        check_types(self.camera, None, optional=True)
+        most = require("most_bytes", most_bytes, 0.0, math.inf, "bytes, e.g. 2**30")
+        self.frames_taken = 0
+        self._kept = KeptMaps(most)
+
+    def __repr__(self) -> str:
+        kept = f"{self.frames_taken} frames taken, {self.bytes / 2**20:.0f} MiB of FPN maps"
+        return f"Sensor({self.camera.name!r}, serial={self.serial}, {kept})"
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the FPN maps that are kept [byte]."""
+        return self._kept.bytes
+
+    def clear(self) -> None:
+        """Forget all FPN maps; the next call makes them again. The count of the frames goes on."""
+        self._kept.clear()
+
+    @documents(ExposeOptions)
+    def expose(
+        self,
+        photons: Photons | ArrayLike | Irradiance,
+        exposure: Exposure,
+        *,
+        progress: bool | None = None,
+        **options: Unpack[ExposeOptions],
+    ) -> Frames:
+        """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
+        frames = self.frames(photons, exposure, options, progress)
+        warn_of(frames.exposure_notes)
+        return frames
+
+    def frames(
+        self,
+        photons: Photons | ArrayLike | Irradiance,
+        exposure: Exposure,
+        options: ExposeOptions,
+        progress: bool | None = False,
+    ) -> Frames:
+        """What :meth:`expose` returns, without a warning."""
+        made, before = self._counted(photons, exposure, options)
+        try:
+            with told_frames(made, "Sensor.expose", progress) as sensor:
+                return Frames.exposed(sensor)
+        except Exception:
+            with (
+                COUNTING
+            ):  # a frame not taken has no number, unless another thread has gone on from it
+                if self.frames_taken == made.first.index + made.count:
+                    self.frames_taken = before
+            raise
+        finally:
+            self._kept.drop()
+
+    @documents(ExposeOptions)
+    def stream(
+        self,
+        photons: Photons | ArrayLike | Irradiance,
+        exposure: Exposure,
+        **options: Unpack[ExposeOptions],
+    ) -> Iterator[NDArray[np.unsignedinteger]]:
+        """The frames one at a time, as of :func:`stream`; all of them count as taken from now on."""
+        made = self._counted(photons, exposure, options)[0]
+        frames = made.stream()
+        warn_of(made.notes)
+        return frames
+
+    def _counted(
+        self, photons: Any, exposure: Exposure, options: ExposeOptions
+    ) -> tuple[PreparedExposure, int]:
+        """Ready to take the next frames, which nobody else takes from now on, and ``frames_taken`` before these."""
+        with COUNTING:
+            made, before = self._prepared(photons, exposure, options), self.frames_taken
+            self.frames_taken = max(before, made.first.index + made.count)
+        return made, before
+
+    def _prepared(
+        self, photons: Any, exposure: Exposure, options: ExposeOptions
+    ) -> PreparedExposure:
+        for name in FIXED:
+            if name in options:
+                raise InputError(
+                    f"{name} belongs to the sensor; pass it to Sensor(camera, …), or use expose."
+                )
+        begin: ExposeOptions = {"first_frame": self.frames_taken}
+        own: ExposeOptions = {**begin, **options, "serial": self.serial, "maps": self.maps}
+        given = complete(ExposeOptions, own)
+        prepared = prepare_light(photons, self.camera, exposure, given)
+        if in_time(prepared, photons, given):
+            raise InputError(
+                "a Sensor has one light for all frames of a call, and this one flickers; expose them one by one, or "
+                "use ms.expose."
+            )
+        return self._kept.lend(prepared)

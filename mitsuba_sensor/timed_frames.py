@@ -23,10 +23,10 @@ from .render.light.irradiance import Irradiance
 from .render.light.photons import photons_of
 from .render.passes.stop_criterion import Progress, RenderProgress
 from .sensor.auto_exposure import AutoExposure, ExposureControl
-from .sensor.choices import KEEP
 from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
-from .sensor.kept_maps import RECENT_BYTES, KeptMaps
+from .sensor.frames import KEEP
+from .sensor.kept_maps import RECENT_BYTES, KeptMaps, depends_on_camera_alone
 from .sensor.options import ExposeOptions
 from .stages.gains import gain_dn_per_e
 from .stages.image_lag import BEFORE
@@ -124,9 +124,7 @@ class TimedExposure:
             shape, origin = first.window.shape, first.window.origin
             sensor = prepare_planned_exposure(camera, first.exposure, shape, origin, options)
         sensor = replace(sensor, count=1, told=None)
-        if camera.added or first.window.given:
-            return sensor
-        return self.kept.lend(sensor, camera.gain)
+        return self.kept.lend(sensor) if depends_on_camera_alone(sensor) else sensor
 
 
 def after(before: Photons | None, photons: Photons) -> Photons:

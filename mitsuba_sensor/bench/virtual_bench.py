@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..camera.camera import Camera
 from ..camera.figures import refuse_readouts
 from ..core import Exposure, InputError
-from ..kept_sensor import Sensor
+from ..expose import Sensor
 from ..lab.frames.bench import Bench
 from ..lab.frames.stack import Stack
 from ..stages.effects.dark_current import mean_dark_e

@@ -40,7 +40,7 @@ from .datasheet_checks import (
 from .datasheet_errors import doubts, faults, fields_of
 from .dual_pixels import wrong_dual_pixels
 from .field_terms import did_you_mean
-from .figures import EmvaFigures, emva_figures
+from .figures import EmvaFigures, emva_figures, saturation_e
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
 from .gain_ladder import Gains, at_gain, gain_notes, wrong_gain
 from .lens_datasheet import LensSection, lens_notes
@@ -275,7 +275,7 @@ class Camera(FileTable):
     ) -> Self:
         """A copy, as of every pydantic model, with a chain of its own; :meth:`replace` checks the values too."""
         camera = super().model_copy(update=update, deep=deep)
-        for made in ("stages", "notes", "readout_cameras", "combined_readouts"):
+        for made in ("stages", "notes", "readout_cameras", "combined_readouts", "saturation_e"):
             vars(camera).pop(made, None)
         return camera
 
@@ -351,6 +351,11 @@ class Camera(FileTable):
     def black_level_dn(self) -> float:
         """Black level of its frames [DN]: adc.black_level_dn, or 4σ of the noise of a zero exposure if not given."""
         return float(converter_of(self.stages).black_level_dn)
+
+    @cached_property
+    def saturation_e(self) -> float:
+        """Electrons of light and dark current at which a pixel saturates. Raises InputError if darkness does it."""
+        return saturation_e(self)
 
     def emva1288(self, exposure: Exposure = SHORT) -> EmvaFigures:
         """EMVA 1288's K, σ_d, saturation, SNR_max and dynamic range, from the datasheet by the theory of the frames.

@@ -33,17 +33,15 @@ def camera_of(camera: AnyCamera) -> Camera: ...
 def camera_of(camera: AnyCamera | None) -> Camera | None: ...
 def camera_of(camera: AnyCamera | None) -> Camera | None:
     """The camera itself, or the one of this name or file; None stays None. Raises InputError."""
-    if isinstance(camera, str) and camera in list_cameras():
-        return _shipped_camera(camera)
-    if isinstance(camera, str | Path):
-        return load_camera(camera)
-    return camera
+    if isinstance(camera, str):
+        return _shipped_camera(camera) or load_camera(camera)
+    return load_camera(camera) if isinstance(camera, Path) else camera
 
 
 @cache
-def _shipped_camera(name: str) -> Camera:
-    """A camera that ships with the package: the same object in every call, so that its maps can be kept."""
-    return load_camera(name)
+def _shipped_camera(name: str) -> Camera | None:
+    """A camera that ships with the package, checked in the first call only; None for another name."""
+    return load_camera(name) if name in list_cameras() else None
 
 
 def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:

@@ -15,6 +15,7 @@ import numbers
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache, cached_property
 from math import inf
 from pathlib import PurePath
 from typing import Any, ForwardRef, Literal, TypeVar, Union, cast, get_args, get_origin
@@ -69,7 +70,7 @@ class Declared:
     type: Any
     option: Option
 
-    @property
+    @cached_property
     def kinds(self) -> tuple[Any, ...]:
         """The types that it may have, without None."""
         union = get_origin(self.type) in (Union, types.UnionType)
@@ -79,7 +80,7 @@ class Declared:
             if kind is not types.NoneType
         )
 
-    @property
+    @cached_property
     def choices(self) -> tuple[Any, ...]:
         """The values that a Literal allows; none for another type."""
         return tuple(
@@ -131,7 +132,7 @@ class Declared:
         return number
 
 
-def declared(kind: Any) -> tuple[Declared, ...]:
+def _declared(kind: Any) -> tuple[Declared, ...]:
     """The options of a TypedDict in their order, those of its bases first."""
     found = []
     for name, annotation in kind.__annotations__.items():
@@ -141,6 +142,9 @@ def declared(kind: Any) -> tuple[Declared, ...]:
             )
         found.append(Declared(name, annotation.__origin__, annotation.__metadata__[0]))
     return tuple(found)
+
+
+declared: Callable[[Any], tuple[Declared, ...]] = cache(_declared)
 
 
 def complete(kind: type[Options], given: Mapping[str, object]) -> Options:

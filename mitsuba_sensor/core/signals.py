@@ -119,20 +119,22 @@ class PhotonsOfBands(Photons):
     ``mean`` in float64 is twice as large as these; it is made when somebody asks, of as many rows as are asked for.
     """
 
-    _values: Float32Array | None = None
+    _values: Float32Array | None
     _factor: Float64Array
 
-    @classmethod
-    def of(
-        cls, values: Float32Array, factor: Float64Array, wavelengths_nm: Float64Array
-    ) -> Self:
-        """values : (H, W, B).  factor : (B,), photons of a value of 1; where it is 0, so is ``mean``."""
-        photons = cls.__new__(cls)
-        known = {one.name: one.default for one in fields(Photons) if one.name != "mean"}
-        vars(photons).update(
-            known | {"wavelengths_nm": wavelengths_nm, "_values": values, "_factor": factor}
-        )
-        return photons
+    def __init__(
+        self,
+        values: Float32Array | None = None,
+        factor: Float64Array | None = None,
+        **known: Any,
+    ) -> None:
+        """values : (H, W, B); None if ``mean`` is given.  factor : (B,), photons of a value of 1; where it is 0, so is
+        ``mean``.  known : other fields of photons."""
+        super().__init__(**{"mean": None, **known})
+        object.__setattr__(self, "_values", values)
+        object.__setattr__(self, "_factor", factor)
+        if values is not None:
+            del self.__dict__["mean"]  # made when somebody asks
 
     @cached_property
     def mean(self) -> Float64Array:
@@ -182,15 +184,13 @@ class PhotonsOfBands(Photons):
         )
         return cropped.with_readouts(lambda one: one.crop_rows(rows))
 
-    def changed(self, **fields: Any) -> Self:
+    def changed(self, **known: Any) -> Self:
         """With other values of some fields."""
-        if self._values is None or "mean" in fields:
-            return super().changed(**fields)
-        photons = self.__class__.__new__(self.__class__)
-        vars(photons).update(
-            {name: value for name, value in vars(self).items() if name != "mean"} | fields
-        )
-        return photons
+        if self._values is None or "mean" in known:
+            return super().changed(**known)
+        own = {one.name: getattr(self, one.name) for one in fields(Photons)[1:]}
+        values = known.pop("_values", self._values)
+        return type(self)(values, self._factor, **(own | known))
 
 
 def _product(values: Float32Array, factor: Float64Array) -> Float64Array:
@@ -265,15 +265,21 @@ class CountedElectrons(Electrons):
     ``dataclasses.replace(electrons, light=…)`` asks, and its result is the two and their sum.
     """
 
-    _count: Array = None
+    _count: Array
     _split: Callable[[], tuple[Array, Array]]
 
-    @classmethod
-    def of(cls, count: Array, split: Callable[[], tuple[Array, Array]]) -> Self:
-        """count : of both.  split : returns photoelectrons and dark electrons."""
-        electrons = cls.__new__(cls)
-        vars(electrons).update(_count=count, _split=split)
-        return electrons
+    def __init__(
+        self,
+        count: Array = None,
+        split: Callable[[], tuple[Array, Array]] | None = None,
+        **known: Any,
+    ) -> None:
+        """count : of both; None if they are given.  split : returns photoelectrons and dark electrons."""
+        super().__init__(**{"light": None, **known})
+        object.__setattr__(self, "_count", count)
+        object.__setattr__(self, "_split", split)
+        if split is not None:
+            del self.__dict__["light"], self.__dict__["dark"]  # drawn when somebody asks
 
     @property
     def total(self) -> Array:
@@ -302,4 +308,4 @@ class CountedElectrons(Electrons):
         """The same; the parts of the others are drawn when somebody asks, too."""
         if self._count is None:
             return super().changed(total, parts)
-        return self.of(total(self._count), lambda: parts(self.light, self.dark))
+        return type(self)(total(self._count), lambda: parts(self.light, self.dark))

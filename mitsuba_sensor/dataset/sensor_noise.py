@@ -19,7 +19,7 @@ from ..core import Doubt, Exposure, InputError, Photons, check_types, warn_of
 from ..core.errors import shown
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
-from ..kept_sensor import Sensor
+from ..expose import Sensor
 from ..optics.spectra import srgb_curve
 from ..output.demosaic import demosaic
 from ..output.frames import Frames

@@ -28,13 +28,12 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.drjit_backend import DrJitBackend
 from ..core.errors import shown
 from ..core.options import complete, documents
-from ..sensor.checks import as_photons, check_numbers
+from ..sensor.checks import as_photons, check_numbers, placed
 from ..sensor.detection import Detected, detect, uploaded
-from ..sensor.map_checks import checked_maps
+from ..sensor.fpn_maps import checked_maps
 from ..sensor.options import GradientOptions
-from ..sensor.placement import placed
 from ..sensor.run import begin, choose_backend, row_strips_of
-from ..stages.chain import chain, whole_chain
+from ..stages.chain import chain
 from ..stages.stage import Chain, detector_of, sample
 from ..stages.usual_range import warn_of_temperature
 from .law_slopes import Slopes, mean_and_variance, slopes_by_light, slopes_by_names
@@ -273,9 +272,7 @@ def differentiable(
     light = placed(light, chosen["origin"], camera)
     shape = light.mean.shape[0], light.mean.shape[1]
     window = SensorWindow(serial, shape, light.origin, camera=camera.name)
-    window = replace(
-        window, given=checked_maps(chosen["maps"] or {}, whole_chain(camera), window, camera)
-    )
+    window = replace(window, given=checked_maps(chosen["maps"], window, camera))
     first = Frame(exposure, window, seed, gain=camera.gain or "")
     for name in names:
         if name != PHOTONS:

@@ -15,10 +15,9 @@ from ..camera.dual_pixels import has_several_readouts
 from ..camera.figures import refuse_readouts
 from ..camera.readouts import unknown_readout
 from ..core import InputError, by_weight
-from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
-from ..sensor.frames import RawFrames
+from ..sensor.frames import KEEP, RawFrames
 from ..sensor.readouts import exposures_of_readouts
 from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation

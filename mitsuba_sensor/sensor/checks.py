@@ -1,65 +1,38 @@
-"""Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
+"""Checks of mean photons, which expose() and plan() accept, of their bands and of their place on the sensor."""
 
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..camera.camera import Camera
-from ..camera.fingerprint import pixel_fingerprint
+from ..camera.exposure_times import later_exposures
+from ..camera.fingerprint import pixel_fingerprint, polarizer_fingerprint
 from ..core import (
+    Exposure,
     Float64Array,
-    Frame,
     InputError,
     Photons,
     PhotonsOfBands,
-    SensorWindow,
     numbers,
     require_seed,
 )
-from ..core.backend import FLOAT32_LIMIT
-from ..stages.combined_readouts import combined_of
-from ..stages.gains import adc_gain_dn_per_v
-from ..stages.stage import Chain, ElectronCounter
-from .photon_checks import (
-    check_channels,
-    check_lengths,
-    check_light,
-    check_photons,
-    check_polarizers,
-    checked_channels,
-    checked_widths,
-    first_place,
-)
-from .readout_checks import check_light_of_readouts
+from ..core.checks import require_pair
+from ..stages.effects.shot_noise import LEFT
+from ..stages.image_lag import BEFORE
 
+if TYPE_CHECKING:
+    from ..camera.camera import Camera
 
-def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:
-    """The same as Python integers. Raises InputError where the random number generator's counters cannot hold them."""
-    given = {"frames": frames, "first_frame": first_frame, "seed": seed}
-    frames, first_frame, seed = (require_seed(name, number) for name, number in given.items())
-    if frames < 1 or first_frame + frames > 2**32:
-        raise InputError(
-            f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1."
-        )
-    return frames, first_frame, seed
-
-
-def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
-    """The signals to keep, one name or several."""
-    try:
-        if isinstance(keep, str):
-            wanted = (keep,)
-        else:
-            wanted = tuple(keep)
-    except TypeError:  # nothing that has elements
-        wanted = (keep,)
-    for name in wanted:
-        if name not in known:
-            raise InputError(
-                f"keep names {name!r}; the signals that can be kept are {', '.join(known)}."
-            )
-    return wanted
+ORIGIN = "(row, column) of the first pixel, e.g. (0, 0)"
+FIELDS = {
+    "bandwidths_nm": "one positive, finite width in nm per band",
+    "in_band": "one finite factor of the photoelectrons per pixel, 0 or more",
+    "variance_e2": "one variance per pixel in e-², finite and 0 or more; a render of one pass has none, so pass None",
+}
+"""Fields of photons that are arrays beside the mean, and what they hold."""
 
 
 def as_photons(
@@ -73,7 +46,7 @@ def as_photons(
     if not isinstance(photons, Photons) or photons.by_readout is None:
         return checked
     others = dict[str, Photons]()
-    check_light_of_readouts(photons.by_readout, camera)
+    _check_light_of_readouts(photons.by_readout, camera)
     for name, given in photons.by_readout.items():
         others[name] = _as_photons(given, camera, wavelengths_nm, check)
         if others[name].shape != checked.shape:
@@ -92,44 +65,47 @@ def as_photons(
 def _as_photons(
     photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None, check: bool
 ) -> Photons:
-    """The same of one exposure."""
-    if isinstance(photons, Photons):
-        check_polarizers(photons.polarizers, camera)
-    if isinstance(photons, PhotonsOfBands) and wavelengths_nm is None:
-        return _checked_bands(photons, camera, check)
+    """The photons of one exposure."""
     if not isinstance(photons, Photons):
         mean = _mean_photons(photons, camera)
         _refuse_pictures(np.asarray(photons).dtype)
         _refuse_infinite(mean)
-        return _photons_of_array(mean, wavelengths_nm, check)
-    mean = _mean_photons(photons.mean, camera)
-    if photons.detected:
-        mean = checked_channels(mean, camera)
-    centres_nm = wavelengths_nm
-    if wavelengths_nm is None:
-        centres_nm = photons.wavelengths_nm
-    bands_nm = _checked_centres(centres_nm, mean, may_be_unknown=photons.detected)
-    check_lengths(bands_nm)
-    if check:
-        check_photons(mean)
-    variance_e2 = photons.variance_e2
-    if variance_e2 is not None:
-        variance_e2 = _checked_variance(variance_e2, Photons(mean), camera)
-    checked = Photons(
-        mean,
-        bands_nm,
-        variance_e2,
-        photons.detected,
-        photons.origin,
-        illuminant=photons.illuminant,
-    )
-    checked = checked.changed(
-        intrinsics=photons.intrinsics, source=photons.source, polarizers=photons.polarizers
-    )
-    if bands_nm is None or wavelengths_nm is not None or photons.bandwidths_nm is None:
+        checked = Photons(mean, _checked_centres(wavelengths_nm, mean, may_be_unknown=False))
+        if check:
+            check_light(checked)
         return checked
-    widths_nm = checked_widths(photons.bandwidths_nm, bands_nm.shape)
-    in_band = _in_band_of(photons, mean.shape[:2], camera)
+    check_polarizers(photons.polarizers, camera)
+    checked = photons.changed(by_readout=None)
+    if isinstance(photons, PhotonsOfBands) and wavelengths_nm is None:
+        _check_lengths(photons.wavelengths_nm)
+        if photons.detected:
+            _check_channels(photons.shape, camera)
+    else:
+        mean = _mean_photons(photons.mean, camera)
+        mean = _channels(mean, camera) if photons.detected else mean
+        centres_nm = photons.wavelengths_nm if wavelengths_nm is None else wavelengths_nm
+        bands_nm = _checked_centres(centres_nm, mean, may_be_unknown=photons.detected)
+        checked = checked.changed(mean=mean, wavelengths_nm=bands_nm)
+    if check:
+        check_light(checked)
+    variance_e2 = None
+    if photons.variance_e2 is not None:
+        variance_e2 = _checked_variance(photons.variance_e2, checked, camera)
+    checked = checked.changed(
+        variance_e2=variance_e2, bandwidths_nm=None, in_band=None, in_band_of=None
+    )
+    if (
+        checked.wavelengths_nm is None
+        or wavelengths_nm is not None
+        or photons.bandwidths_nm is None
+    ):
+        return checked
+    widths_nm = _checked_field(
+        "bandwidths_nm", photons.bandwidths_nm, checked.wavelengths_nm.shape
+    )
+    in_band = None
+    if photons.in_band is not None and photons.in_band_of in (None, pixel_fingerprint(camera)):
+        in_band = _checked_field("in_band", photons.in_band, checked.shape[:2])
     return checked.changed(
         bandwidths_nm=widths_nm, in_band=in_band, in_band_of=photons.in_band_of
     )
@@ -148,24 +124,11 @@ def _mean_photons(values: ArrayLike, camera: Camera) -> Float64Array:
     return mean
 
 
-def _photons_of_array(
-    mean: Float64Array, wavelengths_nm: ArrayLike | None, check: bool
-) -> Photons:
-    """Photons of an array, of which nothing else is known."""
-    bands_nm = _checked_centres(wavelengths_nm, mean, may_be_unknown=False)
-    check_lengths(bands_nm)
-    if check:
-        check_photons(mean)
-    return Photons(mean, bands_nm)
-
-
 def _checked_centres(
     wavelengths_nm: ArrayLike | None, mean: Float64Array, may_be_unknown: bool
 ) -> Float64Array | None:
     """Centres of the bands [nm], one for each; None where they are not known and need not be."""
-    count = 1
-    if mean.ndim == 3:
-        count = mean.shape[2]
+    count = mean.shape[2] if mean.ndim == 3 else 1
     if wavelengths_nm is None:
         if mean.ndim == 2 or may_be_unknown:
             return None
@@ -179,6 +142,7 @@ def _checked_centres(
     centres_nm = np.atleast_1d(numbers("wavelengths_nm", wavelengths_nm, remedy))
     if centres_nm.shape != (count,):
         raise _wrong_count(count, str(centres_nm.size))
+    _check_lengths(centres_nm)
     return centres_nm
 
 
@@ -190,30 +154,56 @@ def _wrong_count(bands: int, wavelengths: str) -> InputError:
     )
 
 
-def _in_band_of(
-    photons: Photons, shape: tuple[int, ...], camera: Camera
-) -> Float64Array | None:
-    """Factor within the bands, where it was made for pixels like those of this camera."""
-    fits = photons.in_band_of in (None, pixel_fingerprint(camera))
-    if photons.in_band is None or not fits:
-        return None
-    return _checked_factor(photons.in_band, shape)
+def _check_lengths(bands: NDArray[np.float64] | None) -> None:
+    """Raise InputError for a wavelength that is no length."""
+    if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
+        raise InputError(
+            f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm."
+        )
 
 
-def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> PhotonsOfBands:
-    """Photons of a render, of which none are made but strip by strip."""
-    if check:
-        check_light(photons)
-    check_lengths(photons.wavelengths_nm)
-    if photons.bandwidths_nm is not None:
-        checked_widths(photons.bandwidths_nm, photons.shape[2:])
-    if photons.detected:
-        check_channels(photons.shape, camera)
-    in_band = _in_band_of(photons, photons.shape[:2], camera)
-    variance_e2 = photons.variance_e2
-    if variance_e2 is not None:
-        variance_e2 = _checked_variance(variance_e2, photons, camera)
-    return photons.changed(in_band=in_band, variance_e2=variance_e2)
+def _checked_field(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Values of one of :data:`FIELDS`, an array of this shape. Raises InputError."""
+    array = numbers(f"photons.{name}", values, FIELDS[name])
+    if array.shape != shape:
+        raise InputError(
+            f"photons.{name} has shape {array.shape}; it must be {shape}, {FIELDS[name]}."
+        )
+    bad = ~(np.isfinite(array) & (array > 0 if name == "bandwidths_nm" else array >= 0))
+    if bad.any():
+        first = first_place(bad)
+        raise InputError(
+            f"photons.{name} is {array[first]:g} in the first of {int(bad.sum())} bad place(s), {first}; pass "
+            f"{FIELDS[name]}."
+        )
+    return array
+
+
+def _checked_variance(values: Any, photons: Photons, camera: Camera) -> NDArray[np.float64]:
+    """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
+    name, shape = "variance_e2", photons.shape[:2]
+    if camera.quantum_efficiency.quantum_yield:
+        raise InputError(
+            f"photons.{name} is given and quantum_efficiency.quantum_yield of {camera.name} too, whose electrons come "
+            "in bursts; leave one of them out: photons without variance_e2 keep the render's noise beside the shot "
+            "noise."
+        )
+    variance_e2 = numbers(f"photons.{name}", values, FIELDS[name])
+    if variance_e2.shape == shape:
+        variance_e2 = np.where(photons.total == np.inf, 0.0, variance_e2)
+    return _checked_field(name, variance_e2, shape)
+
+
+def check_light(photons: Photons) -> None:
+    """Raise InputError for NaN or negative photons, with how many there are and where the first one is."""
+    if all(strip.mean.min() >= 0 for strip in photons.strips()):  # NaN if any of them is
+        return
+    mean = photons.mean
+    kind, bad = ("NaN", np.isnan(mean)) if np.isnan(mean).any() else ("negative", mean < 0)
+    raise InputError(
+        f"photons is {kind} in {int(bad.sum())} place(s), first at {first_place(bad)}; a mean number of photons is "
+        "0 or more: clamp or correct them before expose()."
+    )
 
 
 def _refuse_pictures(kind: np.dtype[Any]) -> None:
@@ -227,7 +217,7 @@ def _refuse_pictures(kind: np.dtype[Any]) -> None:
 
 def _refuse_infinite(mean: NDArray[np.float64]) -> None:
     """Raise InputError for infinite photons in an array; a render's own (Photons) saturate their pixels."""
-    if mean.size and mean.max() == np.inf:
+    if mean.max() == np.inf:
         bad = np.isinf(mean)
         raise InputError(
             f"photons is infinite in {int(bad.sum())} place(s), first at {first_place(bad)}; pass a finite number, "
@@ -235,145 +225,113 @@ def _refuse_infinite(mean: NDArray[np.float64]) -> None:
         )
 
 
-def _checked_factor(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """One finite factor for every pixel, (H, W)."""
-    found = numbers(
-        "photons.in_band", values, "an array (H, W) of factors of the photoelectrons"
+def first_place(bad: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Index of the first one."""
+    return tuple(int(i) for i in np.argwhere(bad)[0])
+
+
+def _channels(mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Mean photoelectrons behind each colour filter, (H, W, F), of those or of each pixel behind its own, (H, W)."""
+    if mean.ndim == 2:
+        filters = len(camera.quantum_efficiency.curves)
+        mean = np.broadcast_to(mean[..., None], (*mean.shape, filters))
+    _check_channels(mean.shape, camera)
+    return mean
+
+
+def _check_channels(shape: tuple[int, ...], camera: Camera) -> None:
+    """Raise InputError unless these are channels of this camera."""
+    filters = len(camera.quantum_efficiency.curves)
+    if len(shape) != 3 or shape[2] != filters or camera.quantum_efficiency.quantum_yield:
+        raise InputError(
+            f"photons has shape {shape} and is detected already; it must be (H, W), or (H, W, {filters}), one layer "
+            "per colour filter, of a camera without quantum_yield: render it again for this camera."
+        )
+
+
+def check_polarizers(polarizers: str | None, camera: Camera) -> None:
+    """Raise InputError for light behind the polarisers of another camera.  polarizers : fingerprint of its own."""
+    if polarizers not in (None, polarizer_fingerprint(camera)):
+        has = "none" if camera.sensor.polarizers is None else "others"
+        raise InputError(
+            f"the light was rendered behind the polarisers of another camera, and {camera.name} has {has}; render it "
+            "for this camera."
+        )
+
+
+def _check_light_of_readouts(given: Mapping[str, Photons], camera: Camera) -> None:
+    """Raise InputError for light that no part of the pixels of this camera would collect, and where light is missing
+    that later exposures collect."""
+    if not isinstance(given, Mapping) or not all(
+        isinstance(x, Photons) for x in given.values()
+    ):
+        raise InputError(
+            "photons.by_readout holds something else than Photons by name; give {name: ms.Photons(mean)}."
+        )
+    parts = [readout.name for readout in camera.readouts[1:] if readout.of != "charge"]
+    known = f"{camera.name} has light of its own for " + ", ".join(map(repr, parts))
+    needed = [*later_exposures(camera, Exposure(1.0))]
+    if camera.sensor.dual_pixel:
+        parts, needed = [LEFT], [LEFT]
+        known = f"of dual pixels it has the light of the left photodiodes alone, {LEFT!r}"
+    elif camera.quantum_efficiency.image_lag:
+        parts = [BEFORE]
+        known = f"of a camera with image lag it has the light of the frame before, {BEFORE!r}"
+    elif not parts:
+        known = f"{camera.name} has one exposure of one photodiode; pass photons.changed(by_readout=None)"
+    unknown = [name for name in given if name not in parts]
+    if unknown:
+        raise InputError(f"photons.by_readout names {unknown[0]!r}; {known}.")
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise InputError(
+            f"photons.by_readout lacks {missing[0]!r}; give the light of all of {', '.join(map(repr, needed))}, or "
+            "photons.changed(by_readout=None) where it is the same in all exposures."
+        )
+
+
+# -- place on the sensor -----------------------------------------------------------------------------------------------
+
+
+def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:
+    """The light where it was asked for on the sensor, or where it is; what is known of each pixel's own filter holds
+    behind that one only. Raises InputError."""
+    if first_pixel is None:
+        return _at(light, require_pair("origin", light.origin, ORIGIN), moved=False)
+    row, column = require_pair("origin", first_pixel, ORIGIN)
+    if light.polarizers is not None:
+        _refuse_other_polarizers((row, column), light.origin, camera)
+    moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(
+        camera.tile[0]
     )
-    if found.shape != shape or not (np.isfinite(found) & (found >= 0)).all():
-        raise InputError(
-            f"photons.in_band has shape {found.shape}; it must be {shape}, finite and 0 or more."
-        )
-    return found
+    return _at(light, (row, column), bool(moved))
 
 
-def _checked_variance(values: Any, photons: Photons, camera: Camera) -> NDArray[np.float64]:
-    """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
-    name, shape = "photons.variance_e2", photons.shape[:2]
-    variance_e2 = numbers(
-        name, values, "an array (H, W) of variances of the mean photoelectrons in e-²"
-    )
-    if variance_e2.shape != shape:
-        raise InputError(
-            f"{name} has shape {variance_e2.shape}; it must be {shape}, one variance per pixel in e-²."
-        )
-    if camera.quantum_efficiency.quantum_yield:
-        raise InputError(
-            f"{name} is given and quantum_efficiency.quantum_yield of {camera.name} too, whose electrons come in "
-            "bursts; leave one of them out: photons without variance_e2 keep the render's noise beside the shot noise."
-        )
-    variance_e2 = np.where(photons.total == np.inf, 0.0, variance_e2)
-    bad = ~((variance_e2 >= 0) & np.isfinite(variance_e2))
-    if bad.any():
-        first = first_place(bad)
-        raise InputError(
-            f"{name} is {variance_e2[first]:g} in the first of {int(bad.sum())} bad place(s), {first}; a variance is "
-            "finite and 0 or more: a render of one pass has none, so pass None for it."
-        )
-    return variance_e2
+def _at(light: Photons, origin: tuple[int, int], moved: bool) -> Photons:
+    """The light of all exposures from this pixel on.  moved : whether each pixel has another filter there."""
+    in_band = None if moved else light.in_band
+    placed_light = light.changed(origin=origin, in_band=in_band)
+    return placed_light.with_readouts(lambda one: _at(one, origin, moved))
 
 
-def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
-    """Raise InputError where the render's variance cannot be counted within the shot noise of each frame."""
-    if light.variance_e2 is None:
-        return
-    if combined_of(stages) is not None:
+def _refuse_other_polarizers(
+    first_pixel: tuple[int, int], origin: tuple[int, int], camera: Camera
+) -> None:
+    """Raise InputError where each pixel's light would come to a pixel with another polariser."""
+    periods = camera.sensor.polarizer_periods
+    if any((new - old) % n for new, old, n in zip(first_pixel, origin, periods, strict=True)):
         raise InputError(
-            "photons has variance_e2 and this camera has several read-outs of its shot noise; pass photons without it."
-        )
-    if not all(stage.compensates for stage in stages if isinstance(stage, ElectronCounter)):
-        raise InputError(
-            "photons has variance_e2 and this camera has pixel.partial_resets, which it would have to pass; pass "
-            "photons without it."
-        )
-    if not any(stage.counts_electrons for stage in stages):
-        raise InputError(
-            "photons has variance_e2 and this chain has no shot noise to count it in; pass photons without it, or take "
-            "the physical chain with its shot noise: no shot_noise in sensor.without, a smaller tolerance_dn."
-        )
-    if frames != 1:
-        raise InputError(
-            f"frames is {frames} and photons has variance_e2, which is for a frame with a render of its own; render "
-            "and expose one frame at a time, numbered by first_frame, or pass photons without variance_e2."
+            f"origin is {first_pixel}, and the light was rendered behind the polarisers of the pixels from {origin} "
+            f"on; move it by a multiple of {periods[0]} rows and {periods[1]} columns, or render it there."
         )
 
 
-def checked_origin(origin: Any) -> tuple[int, int]:
-    """(row, column) of the first pixel."""
-    if not isinstance(origin, tuple | list) or len(origin) != 2:
+def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:
+    """The same as Python integers. Raises InputError where the random number generator's counters cannot hold them."""
+    given = {"frames": frames, "first_frame": first_frame, "seed": seed}
+    frames, first_frame, seed = (require_seed(name, number) for name, number in given.items())
+    if frames < 1 or first_frame + frames > 2**32:
         raise InputError(
-            f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0)."
+            f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1."
         )
-    return require_seed("origin", origin[0]), require_seed("origin", origin[1])
-
-
-def check_reference_shape(shape: tuple[int, ...], reference: tuple[int, ...]) -> None:
-    """Raise InputError unless a frame is subtracted from each frame, or one from all."""
-    if shape[1:] != reference[1:] or reference[0] not in (1, shape[0]):
-        raise InputError(
-            f"the reference has shape {reference}; it must be {shape}, or (1, {shape[1]}, {shape[2]})."
-        )
-
-
-def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWindow]) -> None:
-    """Raise InputError unless frames and their reference are of the same pixels, whose fixed patterns cancel."""
-    pairs = {
-        "the camera": (one[0].name, other[0].name),
-        "the serial": (one[1].serial, other[1].serial),
-        "the datasheet": (one[0].stages, other[0].stages),
-        "the part of the sensor": (tuple(one[1].origin), tuple(other[1].origin)),
-    }
-    differs = " and ".join(what for what, (mine, its) in pairs.items() if mine != its)
-    if not differs:
-        return
-    mine, its = (
-        f"{camera.name}, serial {at.serial}, from pixel {tuple(at.origin)}"
-        for camera, at in (one, other)
-    )
-    raise InputError(
-        f"the frames are of {mine}, and the reference of {its} ({differs} differs), whose fixed patterns are others; "
-        "expose the reference with the same camera, serial and origin."
-    )
-
-
-def check_streams(one: tuple[Frame, int], other: tuple[Frame, int]) -> None:
-    """Raise InputError where frames and their reference share temporal noise, which would cancel in the difference.
-
-    one, other : the first frame, and how many there are.
-    """
-    (first, count), (reference, references) = one, other
-    begin, end = (
-        max(first.index, reference.index),
-        min(first.index + count, reference.index + references),
-    )
-    if first.key != reference.key or begin >= end:
-        return
-    raise InputError(
-        f"the frames and the reference share frame {begin} of seed {first.seed} at the same exposure, whose temporal "
-        f"noise would cancel; expose the reference with another seed, or with first_frame={first.index + count}."
-    )
-
-
-COUNTABLE_E, COUNTABLE_DN = 2**24, 2**23
-"""What float32 counts: whole electrons; digital numbers, which are rounded and therefore need halves too."""
-
-
-def float32_counts(camera: Camera) -> bool:
-    """Whether float32 holds single electrons of a full well and the codes of this camera."""
-    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.code_bits <= COUNTABLE_DN
-    return countable and adc_gain_dn_per_v(camera) <= FLOAT32_LIMIT
-
-
-def check_float32(camera: Camera) -> None:
-    """Raise InputError where float32, asked for, cannot compute this camera's codes."""
-    gain = adc_gain_dn_per_v(camera)
-    if gain > FLOAT32_LIMIT:
-        raise InputError(
-            f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
-            f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
-        )
-    if camera.adc.dnl_lsb and 2**camera.adc.bits > COUNTABLE_DN:
-        raise InputError(
-            f"precision is 'float32', which has no halves between codes from {COUNTABLE_DN} on, and {camera.name} has "
-            f"adc.dnl_lsb and {camera.adc.bits} bits; leave the precision out, or take 23 bits or fewer."
-        )
+    return frames, first_frame, seed

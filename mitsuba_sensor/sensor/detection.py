@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Self, cast
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from ..core.types import Float64Array
 from ..stages.effects.shot_noise import LEFT
 from ..stages.image_lag import BEFORE
 from ..stages.stage import Detector
-from .photon_checks import check_light, first_place
+from .checks import check_light, first_place
 from .run import Strip, row_strips_of
 from .threads import for_each
 
@@ -55,85 +54,64 @@ class Detected:
         return uploaded(self.crop_rows(rows).signal, frame)
 
     def now(self) -> Detected:
-        """With the signal that the photons make now, whatever is written over them later."""
+        """The light itself, which is detected already."""
         return self
 
-    def check(self) -> None:
-        """Raise InputError for photons that are NaN or negative, if nobody has looked yet."""
+    delivered = now
 
 
-class DetectedByKernel(Detected):
+@dataclass(frozen=True, eq=False)
+class DetectedByKernel:
     """Light that is detected by the kernel that computes the frame, of which there is one.
 
-    Its ``signal`` is what the kernel found. The kernel also notes negative photons and NaN, for :meth:`check`.
+    photons : as for :func:`detect`, but not checked: the kernel notes negative photons and NaN, for :meth:`delivered`.
+    filters : of the stage in these photons.  found : photoelectrons and faulty pixels of each strip, by its first row.
     """
 
-    _stage: Detector
-    _frame: Frame
-    _filters: Filters
-    _found: dict[int, tuple[Array, Array]]
-
-    @classmethod
-    def of(cls, photons: Photons, stage: Detector, frame: Frame, filters: Filters) -> Self:
-        """photons : as for :func:`detect`, but not checked.  filters : of the stage in these photons."""
-        light = cls.__new__(cls)
-        vars(light).update(
-            photons=photons, _stage=stage, _frame=frame, _filters=filters, _found={}
-        )
-        return light
-
-    @cached_property
-    def signal(self) -> Array:
-        """On NumPy; of the kernel once all strips are computed."""
-        height, width = self._frame.window.shape
-        strips = [light.numpy() for _, (light, _) in sorted(self._found.items())]
-        if sum(strip.size for strip in strips) < height * width:
-            return self.now().signal
-        if len(strips) == 1:
-            whole = strips[0]
-        else:
-            whole = np.concatenate(strips)
-        return Electrons(whole.reshape(height, width))
+    photons: Photons
+    stage: Detector
+    frame: Frame
+    filters: Filters
+    found: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
     def on_backend(self, rows: slice, frame: Frame) -> Array:
         """Traced, to be computed with what comes next."""
         photons, backend = self.photons.crop_rows(rows), _compiled(frame)
         layers = np.atleast_3d(photons.mean)
-        light, faulty = (
-            backend.filtered(layers, self._filters, frame.window),
-            backend.faulty(layers),
-        )
+        light = backend.filtered(layers, self.filters, frame.window)
+        faulty = backend.faulty(layers)
         backend.schedule(light, faulty)
-        self._found[rows.start] = light, faulty
+        self.found[rows.start] = light, faulty
         return Electrons(light)
 
     def now(self) -> Detected:
         """Detected by the host."""
-        return checked_and_detected(self.photons, self._stage, self._frame, once=False)
+        return checked_and_detected(self.photons, self.stage, self.frame)
 
-    def check(self) -> None:
-        """By the masks of the kernel."""
-        backend = _compiled(self._frame)
-        if any(backend.any(faulty) for _, faulty in self._found.values()):
+    def delivered(self) -> Detected:
+        """What the kernel found, after the frame. Raises InputError for photons that are NaN or negative."""
+        backend = _compiled(self.frame)
+        strips = [self.found[row] for row in sorted(self.found)]
+        if any(backend.any(faulty) for _, faulty in strips):
             check_light(self.photons)
+        signal = np.concatenate([light.numpy() for light, _ in strips])
+        return Detected(self.photons, Electrons(signal.reshape(self.frame.window.shape)))
 
 
-def checked_and_detected(
-    photons: Photons, stage: Detector, frame: Frame, once: bool
-) -> Detected:
-    """The light of :func:`detect`. Raises InputError for photons that are NaN or negative.
+def detected_by_kernel(
+    photons: Photons, stage: Detector, frame: Frame
+) -> DetectedByKernel | None:
+    """Light of one frame for the kernel that computes it; None where the host has to detect it."""
+    if not frame.window.backend.compiled or photons.by_readout is not None:
+        return None
+    filters = stage.filters(photons)
+    return None if filters is None else DetectedByKernel(photons, stage, frame, filters)
 
-    once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.
-    """
-    if once and frame.window.backend.compiled and photons.by_readout is None:
-        filters = stage.filters(photons)
-    else:
-        filters = None
-    if filters is not None:
-        return DetectedByKernel.of(photons, stage, frame, filters)
-    check_light(photons)
-    for other in (photons.by_readout or {}).values():
-        check_light(other)
+
+def checked_and_detected(photons: Photons, stage: Detector, frame: Frame) -> Detected:
+    """The light of :func:`detect`. Raises InputError for photons that are NaN or negative."""
+    for one in (photons, *(photons.by_readout or {}).values()):
+        check_light(one)
     return detect(photons, stage, frame)
 
 

@@ -23,25 +23,19 @@ from ..core import (
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
 from ..files.memory import free_memory_bytes
-from ..stages.chain import whole_chain
-from ..stages.stage import Chain, converter_of, detector_of
-from .checks import (
-    as_photons,
-    check_compensation,
-    check_numbers,
-    checked_names,
-)
-from .choices import KEEP, PlannedChain, chain_of, precision_of
-from .detection import Detected, checked_and_detected
+from ..stages.combined_readouts import combined_of
+from ..stages.stage import Chain, ElectronCounter, converter_of, detector_of
+from .checks import as_photons, check_numbers, placed
+from .detection import Detected, DetectedByKernel, checked_and_detected, detected_by_kernel
+from .fpn_maps import checked_maps
 from .frame_notes import exposure_notes
-from .frames import RawFrames
-from .map_checks import checked_maps
+from .frames import KEEP, PlannedChain, RawFrames
 from .options import ExposeOptions
-from .photon_checks import check_kept
-from .placement import placed
-from .readout_checks import check_options_of_readouts
-from .run import FrameRunner, Observer, StripWindows, choose_backend, require_kept
+from .precision import precision_of
+from .run import FrameRunner, Observer, StripWindows, choose_backend
 
+MEMORY_TO_ASK_FOR = 2**24
+"""Frames of fewer bytes are made without a look at the memory that is free, which takes a tenth of a small frame."""
 Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
 
 
@@ -62,7 +56,7 @@ class PreparedExposure:
     keep: tuple[str, ...]
     plan: PlannedChain | None = None
     planner: Planner | None = None
-    light: Detected | None = None
+    light: Detected | DetectedByKernel | None = None
     strips: StripWindows | None = None
     told: Callable[[int], object] | None = None
 
@@ -74,11 +68,11 @@ class PreparedExposure:
         """Raise InputError for so many frames that this machine has no memory for them."""
         shape = self.first.window.shape
         bytes_of_pixel = self._code_type.itemsize + 8 * len(self.keep)
-        size, free = count * math.prod(shape) * bytes_of_pixel, free_memory_bytes()
-        if size > free:
+        size = count * math.prod(shape) * bytes_of_pixel
+        if size > MEMORY_TO_ASK_FOR and size > (free := free_memory_bytes()):
             raise InputError(
-                f"frames is {count}, of {shape[1]} × {shape[0]} pixels each: {_gigabytes(size)}, and "
-                f"{_gigabytes(free)} of memory are free; take them one by one from ms.stream, or fewer at a time: "
+                f"frames is {count}, of {shape[1]} × {shape[0]} pixels each: {size / 1e9:.3g} GB, and "
+                f"{free / 1e9:.3g} GB of memory are free; take them one by one from ms.stream, or fewer at a time: "
                 "--first-frame (first_frame) goes on."
             )
 
@@ -91,21 +85,23 @@ class PreparedExposure:
             first = self.first
         else:
             first = replace(self.first, index=number, _blocks={})
-        check_kept(self.keep, light)
-        once = self.count == 1 and self.plan is None and self.planner is None
-        detected, plan = (
-            checked_and_detected(light, detector_of(self.stages), first, once),
-            self.plan,
-        )
-        if self.planner is not None:
-            plan = self.planner(self.camera, detected, first)
-        elif plan is not None:
-            plan.check(detected, first)
-        if plan is None:
-            stages = self.stages
-        else:
-            stages = plan.stages
-        check_compensation(light, stages, self.count)
+        if light.detected and "photons" in self.keep:
+            raise InputError(
+                "keep names 'photons', and of this light only the photoelectrons are known; keep 'photoelectrons', or "
+                "render bands (spectral='cube')."
+            )
+        plan, stages = self.plan, self.stages
+        detected: Detected | DetectedByKernel | None = None
+        if self.count == 1 and plan is None and self.planner is None:
+            detected = detected_by_kernel(light, detector_of(stages), first)
+        if detected is None:
+            detected = checked_and_detected(light, detector_of(stages), first)
+            if self.planner is not None:
+                plan = self.planner(self.camera, detected, on_numpy(first))
+                stages = plan.stages
+            elif plan is not None:
+                plan.check(detected, first)
+        _check_compensation(light, stages, self.count)
         return replace(self, light=detected, first=first, plan=plan, stages=stages)
 
     def frames(self, observer: Observer | None = None) -> RawFrames:
@@ -113,31 +109,19 @@ class PreparedExposure:
         self.check_memory(self.count)
         kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
         kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
-        first = self.first.index
-        light, runner = (
-            self.detected,
-            FrameRunner(self.stages, self.detected, self.first, observer, self.strips),
-        )
+        first, light = self.first.index, self.detected
+        runner = FrameRunner(self.stages, light, self.first, observer, self.strips)
         done = runner.frames(
             first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()}
         )
         for number, _ in enumerate(done, 1):
             if self.told is not None:
                 self.told(number)
-        light.check()
         digital: NDArray[Any] = kept.pop("digital")
-        backend = self.first.window.backend
         return RawFrames(
-            digital,
-            self.camera,
-            light.photons,
-            self.first_on_numpy,
-            self.stages,
-            light,
-            backend,
-            self.plan,
-            **kept,
-        )
+            digital, self.camera, light.photons, on_numpy(self.first), self.stages, light.delivered(),
+            self.first.window.backend, self.plan, **kept,
+        )  # fmt: skip
 
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
         """One frame at a time."""
@@ -146,9 +130,8 @@ class PreparedExposure:
         done = runner.frames(
             self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)}
         )
-        return (
-            sinks.pop("digital") for sinks in done
-        )  # popped: nobody here keeps a frame that was delivered
+        # popped: nobody here keeps a frame that was delivered
+        return (sinks.pop("digital") for sinks in done)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -156,7 +139,7 @@ class PreparedExposure:
         return exposure_notes(self.camera, self.detected.now(), self.first)
 
     @property
-    def detected(self) -> Detected:
+    def detected(self) -> Detected | DetectedByKernel:
         """Mean photoelectrons of the light. Raises TypeError before there is any."""
         if self.light is None:
             raise TypeError("an exposure needs its light: prepare_exposure(…).of(photons)")
@@ -166,11 +149,6 @@ class PreparedExposure:
     def _code_type(self) -> np.dtype[np.unsignedinteger]:
         return np.min_scalar_type(converter_of(self.stages).highest)
 
-    @property
-    def first_on_numpy(self) -> Frame:
-        """The first frame on the NumPy backend of the same precision, which has the same bytes."""
-        return on_numpy(self.first)
-
 
 def on_numpy(frame: Frame) -> Frame:
     """A frame on the NumPy backend of the same precision, which has the same bytes."""
@@ -179,28 +157,23 @@ def on_numpy(frame: Frame) -> Frame:
     return frame.on(NUMPY_FLOAT32)
 
 
-def _gigabytes(size: float) -> str:
-    """A number of bytes, for people."""
-    return f"{size / 1e9:.3g} GB"
-
-
 def exposure_of_photons(
     photons: Photons | ArrayLike, camera: Camera, exposure: Exposure, options: ExposeOptions
 ) -> PreparedExposure:
     """An exposure with its light: mean photons as of :func:`mitsuba_sensor.expose`. Raises InputError."""
     check_types(camera, exposure)
-    light = placed_photons(photons, camera, options)
-    return prepare_exposure(camera, exposure, light.shape[:2], light.origin, options).of(light)
+    chosen = complete(ExposeOptions, options)
+    light = placed_photons(photons, camera, chosen)
+    return prepare_exposure(camera, exposure, light.shape[:2], light.origin, chosen).of(light)
 
 
 def placed_photons(
     photons: Photons | ArrayLike, camera: Camera, options: ExposeOptions
 ) -> Photons:
-    """Mean photons with their bands, at their place on the sensor. Raises InputError."""
-    light = as_photons(
-        photons, camera, options.get("wavelengths_nm"), check=False
-    )  # where it is detected
-    return placed(light, options.get("origin"), camera)
+    """Mean photons with their bands, at their place on the sensor; their values are checked where they are detected.
+    Raises InputError."""
+    light = as_photons(photons, camera, options["wavelengths_nm"], check=False)
+    return placed(light, options["origin"], camera)
 
 
 def prepare_exposure(
@@ -208,29 +181,110 @@ def prepare_exposure(
     exposure: Exposure,
     shape: tuple[int, ...],
     origin: tuple[int, int],
-    options: ExposeOptions,
+    chosen: ExposeOptions,
 ) -> PreparedExposure:
     """Check all that does not depend on the light, and build the chain.
 
-    shape, origin : (rows, columns) of the window and its first pixel.  Raises InputError.
+    shape, origin : (rows, columns) of the window and its first pixel.  chosen : completed.  Raises InputError.
     """
     check_types(camera, exposure)
-    chosen = complete(ExposeOptions, options)
-    camera = camera.at_gain(chosen["gain"])
+    camera, plan = camera.at_gain(chosen["gain"]), chosen["plan"]
+    keep = _checked_names(chosen["keep"])
     if camera.readouts:
-        check_options_of_readouts(camera, chosen)
+        _check_options_of_readouts(camera, keep, chosen["maps"])
     seed, serial = first_given(chosen["seed"], 1), first_given(chosen["serial"], 1)
     first_frame, frames = chosen["first_frame"], chosen["frames"]
     check_numbers(frames, first_frame, seed)
-    keep = checked_names(chosen["keep"], KEEP)
-    require_kept(keep, KEEP)
-    stages = chain_of(camera, chosen["plan"])
-    precision = precision_of(chosen["precision"], camera, chosen["plan"])
+    stages = _chain_of(camera, plan)
+    if plan is not None and chosen["tolerance_dn"] is not None:
+        raise InputError(
+            f"tolerance_dn is {chosen['tolerance_dn']:g} and a plan is given, which has a tolerance of its own; pass "
+            "one of them."
+        )
+    precision = precision_of(
+        chosen["precision"], camera, None if plan is None else plan.precision
+    )
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin, camera=camera.name)
-    named = whole_chain(camera)  # also maps of what is left out
-    maps = {} if chosen["maps"] is None else chosen["maps"]
-    given = checked_maps(maps, named, window, camera)
+    given = checked_maps(chosen["maps"], window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame, camera.gain or "")
-    return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"])
+    return PreparedExposure(camera, stages, first, frames, keep, plan=plan)
+
+
+# -- checks of options -------------------------------------------------------------------------------------------------
+
+
+def _checked_names(keep: Any) -> tuple[str, ...]:
+    """The signals to keep, one name or several."""
+    try:
+        wanted = (keep,) if isinstance(keep, str) else tuple(keep)
+    except TypeError:  # nothing that has elements
+        wanted = (keep,)
+    for name in wanted:
+        if name not in KEEP:
+            raise InputError(
+                f"keep names {name!r}; the signals that can be kept are {', '.join(KEEP)}."
+            )
+    return wanted
+
+
+def _chain_of(camera: Camera, plan: PlannedChain | None) -> Chain:
+    """What the plan left of this camera's chain, or the whole chain."""
+    if plan is None:
+        return camera.stages
+    if not hasattr(plan, "whole"):
+        raise InputError(
+            f"plan is {plan!r}; pass what plan(camera, exposure, photons) returns."
+        )
+    if plan.whole != camera.stages:
+        raise InputError(
+            f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
+        )
+    return plan.stages
+
+
+def _check_compensation(light: Photons, stages: Chain, frames: int) -> None:
+    """Raise InputError where the render's variance cannot be counted within the shot noise of each frame."""
+    if light.variance_e2 is None:
+        return
+    why = ""
+    if combined_of(stages) is not None:
+        why = "this camera has several read-outs of its shot noise; pass photons without it"
+    elif not all(stage.compensates for stage in stages if isinstance(stage, ElectronCounter)):
+        why = "this camera has pixel.partial_resets, which it would have to pass; pass photons without it"
+    elif not any(stage.counts_electrons for stage in stages):
+        why = (
+            "this chain has no shot noise to count it in; pass photons without it, or take the physical chain with "
+            "its shot noise: no shot_noise in sensor.without, a smaller tolerance_dn"
+        )
+    if why:
+        raise InputError(f"photons has variance_e2 and {why}.")
+    if frames != 1:
+        raise InputError(
+            f"frames is {frames} and photons has variance_e2, which is for a frame with a render of its own; render "
+            "and expose one frame at a time, numbered by first_frame, or pass photons without variance_e2."
+        )
+
+
+def _check_options_of_readouts(camera: Camera, keep: tuple[str, ...], maps: object) -> None:
+    """Raise InputError for what there is of one read-out only, and for an added stage in front of the read-out, whose
+    charge the read-outs would not share."""
+    names = ", ".join(one.name for one in camera.readouts)
+    alone = f"camera.at_readout({camera.readouts[0].name!r})"
+    of = f"{camera.name} combines the read-outs {names}"
+    kept = [name for name in keep if name != "photons"]
+    if kept:
+        raise InputError(
+            f"keep names {kept[0]!r}, and {of}, each of which has its own; expose one of them, {alone}."
+        )
+    if maps:
+        raise InputError(
+            f"maps are of one read-out, and {of}; leave them out, or expose {alone}."
+        )
+    for stage in camera.added:
+        if stage.domain in ("photons", "electrons"):
+            raise InputError(
+                f"{camera.name} has several read-outs and an added {type(stage).__name__}, which changes the charge "
+                "that they share; add stages of volts, or take the stage out."
+            )

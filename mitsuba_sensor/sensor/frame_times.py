@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..camera.exposure_times import frame_span_s, longest_exposure_s
 from ..core import Exposure, InputError
-from ..core.options import complete, part_of
-from .options import TimeOptions
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
@@ -27,10 +25,11 @@ class FrameTimes:
     fps: float | None = None
 
     @classmethod
-    def of(cls, options: Mapping[str, object]) -> FrameTimes:
-        """Of the options ``start_s``, ``fps`` and ``frame_period_s``. Raises InputError where both are given."""
-        checked = complete(TimeOptions, part_of(TimeOptions, options))
-        fps, period_s = checked["fps"], checked["frame_period_s"]
+    def of(cls, options: Mapping[str, Any]) -> FrameTimes:
+        """Of these options, completed. Raises InputError where both ``fps`` and ``frame_period_s`` are given."""
+        start_s, fps, period_s = (
+            options[name] for name in ("start_s", "fps", "frame_period_s")
+        )
         if fps is not None and period_s is not None:
             raise InputError(
                 f"fps is {fps} and frame_period_s is {period_s}, which say the same; leave one of them out."
@@ -39,7 +38,7 @@ class FrameTimes:
             period_s = 1 / fps
         elif period_s is not None:
             fps = 1 / period_s
-        return cls(checked["start_s"], period_s, fps)
+        return cls(start_s, period_s, fps)
 
     def of_frame(self, number: int) -> float:
         """When the frame with this number begins [s]."""

@@ -12,88 +12,78 @@ from .run import StripWindows, strips_of
 
 RECENT_BYTES = 2**28
 """Memory of the maps that calls without a sensor of their own share [byte]."""
-RECENT_CAMERAS = 16
+RECENT_SETS = 16
+"""Cameras and windows that such calls remember."""
+
+
+@dataclass(eq=False)
+class KeptSet:
+    """FPN maps of one camera and window.  maps : None until a second call asks for them."""
+
+    camera: Camera
+    window: Hashable
+    maps: StripWindows | None = None
 
 
 @dataclass(eq=False)
 class KeptMaps:
-    """Sets of FPN maps, each for one shape, origin, backend and precision; the one used least recently goes first.
+    """Sets of FPN maps, found by the values of camera and window; the set used least recently goes first.
 
-    most_bytes : memory of all sets [byte].  fewest : sets that are kept whatever their size.
+    most_bytes : memory of all sets [byte].
+    guaranteed : whether maps are kept from the first call on, the last set whatever its size. Otherwise they are kept
+        from the second call on, so that a camera or a serial number that comes once takes no memory.
     """
 
     most_bytes: float
-    fewest: int = 1
-    _sets: dict[Hashable, StripWindows] = field(default_factory=dict)
+    guaranteed: bool = True
+    _sets: list[KeptSet] = field(default_factory=list)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
     def bytes(self) -> int:
         """Memory of all sets [byte]."""
-        return sum(strips.bytes for strips in self._sets.values())
+        return sum(one.maps.bytes for one in self._sets if one.maps is not None)
 
     def clear(self) -> None:
         """Forget all sets."""
-        self._sets.clear()
+        with self._lock:
+            self._sets.clear()
 
-    def lend(self, prepared: PreparedExposure, chip: Hashable = None) -> PreparedExposure:
-        """The same exposure with the maps of its window that were kept, or with an empty set that it fills.
-
-        chip : what the maps depend on beside the window.
-        """
-        window = prepared.first.window
-        backend = window.backend
+    def lend(self, prepared: PreparedExposure) -> PreparedExposure:
+        """The same exposure with the maps that were kept of its camera and window, or with a set that it fills."""
+        camera, window, backend = (
+            prepared.camera,
+            prepared.first.window,
+            prepared.first.window.backend,
+        )
         precision = type(backend), backend.precision, backend.bytes_of_numpy
-        key = (chip, window.shape, window.origin, precision)
-        strips = self._sets.pop(key, None)
-        if strips is None:
-            strips = StripWindows(window, strips_of(prepared.stages, window))
-        self._sets[key] = strips  # at the end: the one that was used last
-        first = replace(prepared.first, window=strips.window, _blocks={})
-        return replace(prepared, first=first, strips=strips)
+        reach_px = sum(
+            stage.reach_px for stage in prepared.stages
+        )  # less where a plan leaves stages out
+        key = window.serial, window.shape, window.origin, precision, reach_px
+        with self._lock:
+            own = next((x for x in self._sets if x.window == key and x.camera == camera), None)
+            if own is None:
+                own, keeps = KeptSet(camera, key), self.guaranteed
+            else:
+                self._sets.remove(own)
+                keeps = True
+            self._sets.append(own)  # at the end: the set that was used last
+            if not keeps:
+                return prepared
+            own.maps = own.maps or StripWindows(window, strips_of(prepared.stages, window))
+            first = replace(prepared.first, window=own.maps.window, _blocks={})
+            return replace(prepared, first=first, strips=own.maps)
 
     def drop(self) -> None:
         """Forget the sets that were used least recently, until the others fit."""
-        while len(self._sets) > self.fewest and self.bytes > self.most_bytes:
-            del self._sets[next(iter(self._sets))]
-
-
-class RecentMaps:
-    """Maps of the chips that calls without a sensor of their own had last.
-
-    A chip that comes once costs no memory: its maps are kept from the second call on. Given maps, and cameras with
-    stages of a user's own, are not kept: nobody knows what the values of such a stage depend on.
-    """
-
-    def __init__(self, most_bytes: float = RECENT_BYTES) -> None:
-        self._maps = KeptMaps(most_bytes, fewest=0)
-        self._chips: dict[Hashable, Camera] = {}  # holds the cameras, or another gets their id
-        self._lock = threading.Lock()
-
-    def lend(self, prepared: PreparedExposure, camera: Camera) -> PreparedExposure:
-        """The same exposure, with maps of earlier calls where this chip came before.
-
-        camera : as it was asked for, whatever its gain setting.
-        """
-        window = prepared.first.window
-        if camera.added or window.given:
-            return prepared
-        chip = id(camera), window.serial
         with self._lock:
-            known = self._chips.pop(chip, None) is not None
-            self._chips[chip] = camera
-            if len(self._chips) > RECENT_CAMERAS:
-                del self._chips[next(iter(self._chips))]
-            if known:
-                return self._maps.lend(prepared, chip)
-            return prepared
+            while self.bytes > self.most_bytes and len(self._sets) > self.guaranteed:
+                del self._sets[0]
+            if not self.guaranteed:
+                del self._sets[:-RECENT_SETS]
 
-    def drop(self) -> None:
-        """Forget what was used least recently, until the rest fits."""
-        with self._lock:
-            self._maps.drop()
 
-    def clear(self) -> None:
-        """Forget everything."""
-        with self._lock:
-            self._maps.clear()
-            self._chips.clear()
+def depends_on_camera_alone(prepared: PreparedExposure) -> bool:
+    """Return False for given maps, and for stages of a user's own: their values may change from call to call."""
+    return not (prepared.camera.added or prepared.first.window.given)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.figures import metered_saturation_e, saturation_e
+from ..camera.figures import metered_saturation_e
 from ..core import (
     Doubt,
     Electrons,
@@ -170,7 +170,7 @@ def saturated_share(
     electrons : mean of the light in each pixel, (H, W).
     """
     try:
-        level_e = saturation_e(camera)
+        level_e = camera.saturation_e
     except InputError:  # darkness is at the highest code
         return 1.0
     limit_e = max(

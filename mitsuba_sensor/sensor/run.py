@@ -23,7 +23,7 @@ from .options import Engine
 from .threads import processors
 
 if TYPE_CHECKING:
-    from .detection import Detected
+    from .detection import Detected, DetectedByKernel
 
 ENGINES = get_args(Engine)
 # Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
@@ -185,7 +185,7 @@ class FrameRunner:
     """
 
     stages: Chain
-    light: Detected
+    light: Detected | DetectedByKernel
     first: Frame
     observer: Observer | None = None
     strips: StripWindows | None = None
@@ -286,7 +286,7 @@ class FrameRunner:
     def _start(self, number: int, frame: Frame, last: bool) -> Array:
         """Mean photoelectrons of a strip; for a compiled backend its own arrays, kept for the next frame."""
         if not frame.window.backend.compiled:
-            return self.light.crop_rows(self._kept.strips[number].around).signal
+            return self.light.now().crop_rows(self._kept.strips[number].around).signal
         if number in self._starts:
             if last:
                 return self._starts.pop(number)

@@ -17,17 +17,14 @@ from numpy.typing import ArrayLike
 from ..camera.camera import Camera
 from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
-from ..core.options import complete
 from ..core.types import Float64Array
 from ..sensor.checks import as_photons
-from ..sensor.choices import tolerance_of
 from ..sensor.detection import Detected, detect
 from ..sensor.expose import PreparedExposure, prepare_exposure
-from ..sensor.map_checks import checked_maps
+from ..sensor.fpn_maps import checked_maps
 from ..sensor.options import ExposeOptions
 from ..sensor.precision import Float32, float32_effect
 from ..sensor.readouts import light_of_readout
-from ..stages.chain import whole_chain
 from ..stages.combined_readouts import ReadoutChain, combined_of
 from ..stages.stage import Chain, detector_of, place_of, without
 from ..stages.usual_range import warn_of_temperature
@@ -261,7 +258,7 @@ def plan(
     require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
     window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin, camera=camera.name)
-    given = checked_maps({} if maps is None else maps, whole_chain(camera), window, camera)
+    given = checked_maps(maps, window, camera)
     frame = Frame(exposure, replace(window, given=given))
     detected = detect(replace(light, variance_e2=None), detector_of(camera.stages), frame)
     return plan_of(camera, detected, frame, tolerance_dn)
@@ -299,10 +296,12 @@ def prepare_planned_exposure(
 ) -> PreparedExposure:
     """What :func:`sensor.expose.prepare_exposure` returns; its light gets a plan within ``tolerance_dn``.
 
-    shape, origin : (rows, columns) of the window and its first pixel.  Raises InputError.
+    shape, origin : (rows, columns) of the window and its first pixel.  options : completed.  Raises InputError.
     """
-    sensor = prepare_exposure(camera, exposure, shape, origin, options)
-    tolerance_dn = tolerance_of(complete(ExposeOptions, options))
+    sensor, tolerance_dn = (
+        prepare_exposure(camera, exposure, shape, origin, options),
+        options["tolerance_dn"],
+    )
     if tolerance_dn is None:
         return sensor
     return replace(sensor, planner=partial(plan_of, tolerance_dn=tolerance_dn))

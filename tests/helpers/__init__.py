@@ -12,5 +12,11 @@ BENCHMARKS = ROOT / "benchmarks"
 ATTACKS = ROOT / "tests" / "attacks"
 CAMERAS = Path(mitsuba_sensor.__file__).parent / "camera" / "cameras"
 
+KEEP = (
+    *("photons", "photoelectrons", "dark_electrons", "electrons", "volts"),
+    "input_referred_electrons",
+)
+"""Signals that `expose(keep=…)` returns."""
+
 EACH_KIND = ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82")
 """A shipped camera of each kind: monochrome CMOS, two mosaics, CCD. Tests that take long are of these."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import BENCHMARKS
+from helpers import BENCHMARKS, KEEP
 from helpers.marks import exhaustive
 from numpy.typing import NDArray
 from scipy import stats
@@ -18,7 +18,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor import expose, run
+from mitsuba_sensor.sensor import run
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.compensation import LIMIT, compensable, largest_e2, reserved
 from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
@@ -359,11 +359,11 @@ def test_no_variance_to_compensate_is_the_plain_frame_bit_for_bit(
             EXPOSURE,
             engine=engine,
             precision=backend.precision,
-            keep=expose.KEEP,
+            keep=KEEP,
         )  # type: ignore[arg-type]
         for light in (rendered(LIGHT_E), rendered(LIGHT_E, np.zeros(SHAPE)))
     )
-    for name in (*expose.KEEP, "digital"):
+    for name in (*KEEP, "digital"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(compensated, name))
 
 
@@ -389,7 +389,7 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes(name: str) -> None:
     light_e = np.geomspace(0.01, 45_000.0, shape[0] * shape[1]).reshape(shape)
     light = rendered(light_e, light_e * np.random.default_rng(1).uniform(0, 0.6, shape))
     one, other = (
-        ms.expose(light, CAMERAS[name], EXPOSURE, engine=e, keep=expose.KEEP)
+        ms.expose(light, CAMERAS[name], EXPOSURE, engine=e, keep=KEEP)
         for e in ("numpy", "drjit")
     )
     for signal in SIGNALS:
@@ -485,7 +485,7 @@ def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> No
 @pytest.mark.parametrize(
     ("variance", "sentence"),
     [
-        ("much", "variance_e2 is not numeric; pass an array"),
+        ("much", "variance_e2 is not numeric; pass one variance per pixel"),
         (1.0, r"has shape \(\); it must be \(53, 47\), one variance per pixel"),
         (np.zeros((47, 53)), r"has shape \(47, 53\)"),
         (

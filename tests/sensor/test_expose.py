@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import pickle
+import sys
+from collections import Counter
+from types import FrameType
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import EACH_KIND
+from helpers import EACH_KIND, KEEP
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.sensor.choices import KEEP
-from mitsuba_sensor.sensor.expose import prepare_exposure
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
+PACKAGE = os.path.dirname(ms.__file__)
 CAMERA = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
 LIGHT = np.full((6, 8), 5000.0)
@@ -355,14 +358,11 @@ def test_arrays_and_endless_integers_are_refused_in_one_sentence(name: str, valu
 
 
 @pytest.mark.parametrize("frames", [1, 3])
-def test_the_frames_with_their_report_are_the_frames(frames: int) -> None:
+def test_every_signal_is_an_array_of_all_pixels_and_no_report_changes_it(frames: int) -> None:
     """At 0 K there is no dark electron: one 0 for all pixels, and yet an array like every other signal."""
-    options: Any = {"frames": frames, "keep": KEEP, "first_frame": 5}
-    cold = ms.Exposure(0.1, 0.0)
-    prepared = prepare_exposure(CAMERA, cold, LIGHT.shape, (0, 0), options).of(
-        ms.Photons(LIGHT)
-    )
-    one, other = ms.Frames.exposed(prepared), ms.Frames.exposed_with_report(prepared)
+    cold, options = ms.Exposure(0.1, 0.0), {"frames": frames, "keep": KEEP, "first_frame": 5}
+    one, other = (ms.expose(LIGHT, CAMERA, cold, **options) for _ in range(2))  # type: ignore[arg-type]
+    assert other.report
     for name in (*KEEP, "digital"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert getattr(other, name).shape == (frames, *LIGHT.shape)
@@ -377,3 +377,27 @@ def test_frames_survive_pickling(engine: Any) -> None:
     other = pickle.loads(pickle.dumps(frames))
     np.testing.assert_array_equal(other.digital, frames.digital)
     assert other.report == frames.report
+
+
+def test_a_small_frame_takes_few_calls_through_few_modules() -> None:
+    """A warm call of 256 pixels, counted so that the machine's speed does not matter. The limits may only fall."""
+    calls = Counter[str]()
+
+    def count(frame: FrameType, event: str, _: object) -> None:
+        if event == "call" and frame.f_code.co_filename.startswith(PACKAGE):
+            calls[frame.f_code.co_filename] += 1
+
+    photons = np.full((16, 16), 20_000.0)
+    for _ in range(2):  # the maps are made, and kept
+        ms.expose(photons, "konnik_table1", EXPOSURE, engine="numpy")
+    sys.setprofile(count)
+    try:
+        ms.expose(photons, "konnik_table1", EXPOSURE, engine="numpy")
+    finally:
+        sys.setprofile(None)
+    assert calls.total() < 720 and len(calls) < 49, calls.most_common(8)
+
+
+def test_one_name_to_keep_is_named_as_a_whole_where_readouts_are_combined() -> None:
+    with pytest.raises(ms.InputError, match="keep names 'volts', and scmos_dual_gain combines"):
+        ms.expose(LIGHT, "scmos_dual_gain", EXPOSURE, keep="volts")

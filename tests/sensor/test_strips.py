@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import EACH_KIND
+from helpers import EACH_KIND, KEEP
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.backend import NUMPY_FLOAT32, Backend
+from mitsuba_sensor.core.backend import Backend
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor import expose, run
+from mitsuba_sensor.sensor import run
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.stage import sample
 
@@ -85,9 +85,8 @@ def signals(
         "first_frame": 5,
         "origin": TILE_EDGE,
     }
-    keep = expose.KEEP
-    frames = ms.expose(light, camera, ms.Exposure(0.3), keep=keep, **(asked | options | more))
-    return {name: getattr(frames, name).tobytes() for name in (*keep, "digital")}
+    frames = ms.expose(light, camera, ms.Exposure(0.3), keep=KEEP, **(asked | options | more))
+    return {name: getattr(frames, name).tobytes() for name in (*KEEP, "digital")}
 
 
 @pytest.mark.parametrize("case", one_in(4, CASES))
@@ -141,20 +140,6 @@ def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) ->
     assert len(plan.stages) < len(plan.whole)
     whole = signals("as shipped", 10**9, monkeypatch, plan=plan)
     assert signals("as shipped", 1, monkeypatch, plan=plan) == whole
-
-
-@pytest.mark.parametrize(
-    "shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)]
-)
-def test_the_strips_are_every_row_once_and_in_order(shape: tuple[int, int]) -> None:
-    strips = list(run.row_strips_of(shape, NUMPY_FLOAT32.strip_pixels))
-    np.testing.assert_array_equal(
-        np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0])
-    )
-    heights = [rows.stop - rows.start for rows in strips]
-    assert all(
-        height == 1 or height * shape[1] <= NUMPY_FLOAT32.strip_pixels for height in heights
-    )
 
 
 def peak_mib(pixels: int) -> float:

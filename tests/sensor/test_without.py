@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_checks import noise_sources
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.metering import AUTO
 from mitsuba_sensor.stages.chain import ORDER, chain
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 from mitsuba_sensor.stages.gains import gain_dn_per_e
@@ -183,9 +182,11 @@ def test_the_weight_of_render_noise_has_no_steps_without_noise() -> None:
 def test_metering_knows_of_no_dark_current_that_is_off() -> None:
     warm = ms.Exposure(1.0, 340.0)
     light = ms.Photons(np.full((4, 4), 1000.0))
-    times = [AUTO.time_s(light, one, warm) for one in (EVERY, EVERY.without("dark_current"))]
+    times = [
+        ms.Metering().time_s(light, one, warm) for one in (EVERY, EVERY.without("dark_current"))
+    ]
     assert times[0] < 0.9 * times[1]
-    assert times[1] == AUTO.time_s(
+    assert times[1] == ms.Metering().time_s(
         light, EVERY.replace(**{"dark_current.fom_na_per_cm2": 0.0}), warm
     )
 

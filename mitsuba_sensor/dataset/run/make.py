@@ -174,9 +174,8 @@ class Rendered:
             photons, camera, exposure, _ = expose(light, camera, longer)
         seed, serial = seed_of(sample.pixels), config["serial"]
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
-        chip = id(config["camera"]), config["gain"], serial
         prepared = exposure_of_photons(photons, camera, exposure, options)
-        frames = Frames.exposed(self._maps.lend(prepared, chip))
+        frames = Frames.exposed(self._maps.lend(prepared))
         self._maps.drop()
         return frames, electrons_of(photons, camera, exposure).astype(np.float32)
 

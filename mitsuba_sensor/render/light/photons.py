@@ -30,9 +30,8 @@ from ...core import (
 from ...core.heap import trim_heap
 from ...core.units import photon_energy_j
 from ...optics.shutter import shutter_of
-from ...sensor.checks import as_photons
+from ...sensor.checks import as_photons, check_polarizers
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
-from ...sensor.photon_checks import check_polarizers
 from .bands import Bands
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight
@@ -306,7 +305,7 @@ def _photons(
     """Photons of irradiance (H, W, B), those of a render made when somebody asks for them."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     centres, widths = (np.asarray(x, dtype=np.float64) for x in (centres, widths))
-    photons = PhotonsOfBands.of(data, factor, centres).changed(bandwidths_nm=widths)
+    photons = PhotonsOfBands(data, factor, wavelengths_nm=centres, bandwidths_nm=widths)
     return (
         photons
         if data.dtype == np.float32

@@ -26,9 +26,8 @@ from ...core.llvm import drjit
 from ...core.options import complete, documents
 from ...gradient.attached_pixels import AttachedPixels
 from ...gradient.parameters import TIME
-from ...sensor.map_checks import checked_maps
+from ...sensor.fpn_maps import checked_maps
 from ...sensor.options import ChipOptions
-from ...stages.chain import whole_chain
 from ..variants import MitsubaObject
 from .image_light import ImageLight
 
@@ -150,7 +149,7 @@ class _Chip:
         light_e = light.electrons(image, exposure, grown)
         serial = require_seed("serial", first_given(chosen["serial"], light.settings.serial, 1))
         window = SensorWindow(serial, light.shape, light.origin, camera=own.name)
-        window = replace(window, given=checked_maps(maps or {}, whole_chain(own), window, own))
+        window = replace(window, given=checked_maps(maps, window, own))
         frame = Frame(exposure, window, gain=own.gain or "")
         pixels = AttachedPixels.of(own, frame, light_e, changes, tuple(grown), backend)
         return cls(image, light, pixels)

@@ -126,7 +126,7 @@ class ShotNoise(ElectronCounter):
                 dark=frame.poisson("dark_shot", dark),
             )
         count = frame.poisson("photon_shot", light + dark)
-        return CountedElectrons.of(count, lambda: frame.split("dark_shot", count, light, dark))
+        return CountedElectrons(count, lambda: frame.split("dark_shot", count, light, dark))
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class DualPixelShotNoise(ShotNoise):
         of_right = replace(electrons, light=(1 - share) * light, dark=dark)
         left = self._counts(of_left, replace(frame, charge=LEFT, _blocks={}))
         right = self._counts(of_right, replace(frame, charge=RIGHT, _blocks={}))
-        return CountedElectrons.of(
+        return CountedElectrons(
             left.total + right.total,
             lambda: (left.light + right.light, left.dark + right.dark),
         )
@@ -180,7 +180,7 @@ class ShotNoiseWithResets(ShotNoise):
             left, begin = arrays.minimum(left, frame.number(level_e)), share
         last = SOURCES[len(self.resets)]
         count = left + frame.poisson(last, frame.number(1 - begin) * mean)
-        return CountedElectrons.of(
+        return CountedElectrons(
             count, lambda: frame.split("dark_shot", count, electrons.light, electrons.dark)
         )
 

@@ -11,7 +11,6 @@ from helpers.stage_tests import StageTests, backend_of
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.choices import precision_of
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.adc import Adc, AdcWithDnl
 from mitsuba_sensor.stages.gains import gain_dn_per_e
@@ -122,7 +121,7 @@ def test_codes_keep_their_range_and_type_at_every_resolution() -> None:
 
 
 @pytest.mark.parametrize("engine", ["float64", "numpy", "drjit"])
-def test_24_bits_deliver_every_code_even_and_odd_in_everyprecision_of(engine: str) -> None:
+def test_24_bits_deliver_every_code_even_and_odd_in_every_precision(engine: str) -> None:
     """x + ½ is a tie from 2^23 on in float32, which would leave the even codes alone; whole numbers stay what they are.
 
     1000 codes on both sides of 2^23, of 3·2^22 and below the last one, given as whole numbers of codes.
@@ -166,12 +165,13 @@ def test_a_camera_of_24_bits_takes_float64_unless_float32_is_asked_for_and_then_
 def test_steps_of_unequal_width_at_24_bits_are_refused_in_float32_and_made_in_float64() -> None:
     """An edge at k − ½ has no float32 from 2^23 on."""
     camera = TABLE1.replace(**{"adc.bits": 24, "adc.dnl_lsb": {"7": 0.5}})
+    light = np.full((4, 4), 1000.0)
     with pytest.raises(
         ms.InputError,
         match=r"no halves between codes from 8388608 on, .*adc\.dnl_lsb and 24 bits; .*23",
     ):
-        precision_of("float32", camera, None)
-    assert precision_of("auto", camera, None) == "float64"
+        ms.expose(light, camera, ms.Exposure(0.01), precision="float32")
+    assert ms.expose(light, camera, ms.Exposure(0.01)).backend.precision == "float64"
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5, 0.9])
