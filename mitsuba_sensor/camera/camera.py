@@ -159,9 +159,8 @@ class Camera(FileTable):
 
     @model_validator(mode="after")
     def _tables_fit(self) -> Camera:
-        for find_wrong in CHECKS:
-            for wrong in find_wrong(self):
-                raise ValueError(wrong)
+        if wrong := next((one for check in CHECKS for one in check(self)), ""):
+            raise ValueError(wrong)
         return self
 
     def __repr__(self) -> str:
@@ -169,9 +168,9 @@ class Camera(FileTable):
         sensor, pitch = self.sensor, f"{self.pixel.pitch_x_um:g}"
         if self.pixel.pitch_y_um != self.pixel.pitch_x_um:
             pitch += f" × {self.pixel.pitch_y_um:g}"
-        gain = f", gain {self.gain}" if self.gain else ""
-        size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm, {self.code_bits} bit"
-        return f"<Camera: {self.name}, {sensor.technology.upper()}, {size}{gain}>"
+        end = f"{self.code_bits} bit" + (f", gain {self.gain}" if self.gain else "")
+        size = f"{sensor.rows} × {sensor.columns} pixels of {pitch} µm"
+        return f"<Camera: {self.name}, {sensor.technology.upper()}, {size}, {end}>"
 
     __str__ = __repr__
 
@@ -281,16 +280,13 @@ class Camera(FileTable):
 
     def to_dict(self) -> dict[str, Any]:
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
-        added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
-        extra = {"added_stages": added, "notes": list(self.notes)}
-        given = {name: x for name, x in extra.items() if x}
-        return {**self.model_dump(), "sources": dict(self.sources), **given}
+        found = {**self.model_dump(), "sources": dict(self.sources)}
+        if self._added:
+            found["added_stages"] = [{"after": a, "stage": repr(one)} for a, one in self._added]
+        return {**found, "notes": list(self.notes)} if self.notes else found
 
     def to_toml(self) -> str:
-        """The text of a camera file that loads again to an equal camera, with every key that there is explained.
-
-        Raises InputError for a camera with stages of :meth:`with_stage`, which no file can hold.
-        """
+        """The text of a camera file with every key explained. Raises InputError for stages that a user added."""
         return camera_file(self)
 
     def _repr_html_(self) -> str:
@@ -416,10 +412,9 @@ def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) 
     try:
         return Camera.model_validate(data, context={"folder": folder or "."})
     except ValidationError as error:
-        found = faults(error, Camera)
-        of_table = found[0].kind == "value_error" and found[0].loc
-        more = UNSET if of_table and folder is None else ""
-        if folder is not None and len(found) > 1:
-            of = f"It is the first of {len(found)} errors"
-            more = f" {of}; `mitsuba-sensor cameras check`, or check_camera in Python, lists them all."
+        found, more = faults(error, Camera), ""
+        if folder is None and found[0].kind == "value_error" and found[0].loc:
+            more = UNSET
+        elif folder is not None and len(found) > 1:
+            more = f" It is the first of {len(found)} errors; `cameras check` or check_camera lists them."
         raise InputError(f"{where}: {found[0].text}{more}") from None
