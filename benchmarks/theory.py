@@ -38,18 +38,18 @@ class Compared:
     """One quantity of one case.
 
     theory, frames : [DN], of variances the root.  z : distance in standard errors, of the variances.
-    room : distance that does not matter [DN].
+    tolerance_dn : distance that does not matter.
     """
 
     theory: float
     frames: float
     z: float
-    room: float
+    tolerance_dn: float
 
     @property
     def close(self) -> bool:
         """Within 1 % of σ, or 0.02 σ of the mean."""
-        return abs(self.theory - self.frames) <= self.room
+        return abs(self.theory - self.frames) <= self.tolerance_dn
 
     @property
     def ok(self) -> bool:
@@ -135,8 +135,10 @@ def compared(
         pair = [float(x[k]) if k == 0 else math.sqrt(max(x[k], 0.0)) for x in (expected, found)]
         rare = 1 / (serials * shape[0] * shape[1])  # what one pixel would have shown
         error = math.hypot(errors[k], own_errors[k])
-        room = OF_MEAN * sigma_dn if k == 0 else OF_SIGMA * pair[1]
-        rows[name] = Compared(*pair, float(expected[k] - found[k]) / max(error, rare), room)
+        tolerance_dn = OF_MEAN * sigma_dn if k == 0 else OF_SIGMA * pair[1]
+        rows[name] = Compared(
+            *pair, float(expected[k] - found[k]) / max(error, rare), tolerance_dn
+        )
     return {
         "case": case.name,
         "level_e": case.level_e,

@@ -40,7 +40,7 @@ LIMITS = {
     "min_length": "at least {} long",
     "max_length": "at most {} long",
 }
-"""Limits in the context of pydantic's errors, in words."""
+"""Limits in the context of pydantic's errors, as text."""
 
 
 def inner_table(annotation: Any) -> tuple[type[BaseModel] | None, Any]:

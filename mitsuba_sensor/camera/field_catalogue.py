@@ -113,7 +113,7 @@ def markdown_rows(entries: Iterable[Entry]) -> str:
 
 
 def _allowed(schema: dict[str, Any]) -> str:
-    """The range of a JSON Schema in words: ``above 0, at most 1``; ``"cmos" or "ccd"``; ``list, each a text``."""
+    """The range of a JSON Schema as text: ``above 0, at most 1``; ``"cmos" or "ccd"``; ``list, each a text``."""
     if "anyOf" in schema:
         kinds = (one for one in schema["anyOf"] if one.get("type") != "null")
         return " or ".join(map(_allowed, kinds))
@@ -124,12 +124,12 @@ def _allowed(schema: dict[str, Any]) -> str:
     kind = schema["type"]
     if kind in ("number", "integer"):
         rules = ["whole number"] if kind == "integer" else []
-        for name, words in LIMITS.items():
+        for name, phrase in LIMITS.items():
             limit = schema.get(name)
             if limit == SMALLEST:
                 rules.append("above 0")
             elif limit is not None and abs(limit) != LARGEST:
-                rules.append(f"{words} {limit:.10g}")
+                rules.append(f"{phrase} {limit:.10g}")
         return ", ".join(rules) or "any number"
     if "prefixItems" in schema:
         items = dict.fromkeys(map(_allowed, schema["prefixItems"]))

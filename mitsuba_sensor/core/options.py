@@ -33,10 +33,10 @@ CALLED_OTHERWISE = {
     **{"wavelength": "wavelength_nm", "wavelengths": "wavelengths_nm"},
     **{"tolerance": "tolerance_dn", "serial_number": "serial"},
 }
-"""Words of other programs → options."""
+"""Names in other programs → options."""
 IN_EXPOSURE = {"exposure_s", "exposure_time", "exposure_time_s", "integration_time", "time_s"}
 IN_EXPOSURE |= {"temperature_k", "temperature"}
-"""Words of other programs for what an exposure holds."""
+"""Names in other programs for what an exposure holds."""
 KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
 
 

@@ -14,7 +14,7 @@ from .clean import pixel_moments
 
 LEVELS = 257  # light levels of the table, evenly spaced in ln(1 + μ): 6 % apart at a full well of 33 000 e-
 BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
-PIXELS = 9  # of each level; their median leaves out hot pixels
+PIXELS = 9  # of each level: the median of their variances leaves out hot pixels
 STEP = 0.25  # of the difference of light, in its shot noise
 NO_SLOPE = 1e-3  # of the gain of small signals: full
 ROUNDING_DN2 = (
@@ -56,12 +56,14 @@ def _input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
     )  # so that a difference shows where the converter is coarse
     step = np.maximum(STEP * np.sqrt(np.maximum(levels, 1.0)), 0.5 * code_e)
     frame = Frame(exposure, SensorWindow(0, (PIXELS, LEVELS), camera=camera.name))
+    within_code_e = code_e * (np.arange(PIXELS)[:, None] + 0.5) / PIXELS  # evens out the steps
 
     def codes(light_e: NDArray[np.float64]) -> NDArray[np.float64]:
-        light = np.broadcast_to(light_e, frame.window.shape)
+        light = light_e + within_code_e
         lit = Detected(Photons(light, detected=True), Electrons(light))
         mean, variance, _ = pixel_moments(camera.stages, lit, frame)
-        return np.asarray(np.median([mean, np.maximum(variance, ROUNDING_DN2)], axis=1))
+        floor_dn2 = np.maximum(variance, ROUNDING_DN2)
+        return np.stack([mean.mean(axis=0), np.median(floor_dn2, axis=0)])
 
     low_e = np.maximum(levels - step, 0.0)
     (low, _), (high, _), (_, variance_dn2) = (codes(x) for x in (low_e, levels + step, levels))

@@ -290,7 +290,7 @@ def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
     far = CURVE_CHECK * root
     missed = ideal(centre + far, quiet) - (here + far * (slope + far * bend))
     if max(np.max(np.abs(x) / np.maximum(noise, 0.01)) for x in (missed, moved)) > CURVED:
-        raise NotStraight("its response bends within the noise of a pixel")
+        raise NotStraight("its response is curved within the noise of a pixel")
     flat = (
         np.ravel(np.broadcast_to(x, shape)) for x in (centre, here + moved, slope, bend, sigma)
     )
@@ -307,17 +307,13 @@ def moments(line: PixelLine) -> tuple[Float64Array, Float64Array]:
     at_clip = ~inside & (above > -0.5) & (below < line.highest + 0.5)
     shows = line.counted & (gain > ELECTRON_SHOWS * line.sigma_dn)
     summed = line.is_near_well | (at_clip & shows)
-    phased = inside & ~summed & (line.sigma_dn < LOUD_DN)
+    phased = inside & ~summed & (line.sigma_dn < LOUD_DN) & line.counted
     normal = ~summed & ~phased
     found = np.empty((2, mean.size))
     found[:, normal] = code_moments(mean[normal], sigma[normal], line.highest)
     if phased.any():
         some = np.flatnonzero(phased)
-        count_e = (
-            np.where(line.rate_e < line.well_e, line.rate_e, 0.0)[some]
-            if line.counted
-            else np.zeros(some.size)
-        )
+        count_e = np.where(line.rate_e < line.well_e, line.rate_e, 0.0)[some]
         found[:, some] = rounded_poisson(mean[some], line.sigma_dn[some], gain[some], count_e)
     if summed.any():
         found[:, summed] = _summed(line.pixels(summed), mean[summed])

@@ -171,12 +171,11 @@ def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -
 
 
 def test_the_weight_of_render_noise_has_no_steps_without_noise() -> None:
-    """K²/(1/12) wherever nothing clips."""
+    """K²/(1/12) wherever nothing clips; of the steps nine places within a code leave 1/9 at each end."""
     found = input_noise(TABLE1.without(*SOURCES), EXPOSURE)
     below = found.electrons_e < 30_000
-    np.testing.assert_allclose(
-        found.weight_per_e2[below], 12 * gain_dn_per_e(TABLE1) ** 2, rtol=1e-6
-    )
+    weights = found.weight_per_e2[below] / (12 * gain_dn_per_e(TABLE1) ** 2)
+    assert (np.abs(weights - 1) < 0.5).all() and abs(weights.mean() - 1) < 0.05
 
 
 def test_metering_knows_of_no_dark_current_that_is_off() -> None:
@@ -227,7 +226,7 @@ def test_names_are_keys_in_any_order_and_as_tables_print_them() -> None:
 REFUSED: dict[str, tuple[Any, str]] = {
     "misspelt": ("shotnoise", "Did you mean 'shot_noise'"),
     "a part": ("photon shot noise", "Did you mean 'shot_noise'"),
-    "a list": (["prnu"], "give names of noise sources: prnu, dark_current"),
+    "a list": (["prnu"], "the noise sources are prnu, dark_current"),
     "full well": ("full_well", "is no noise source; set pixel.full_well_e"),
     "converter": ("ADC", "is no noise source; set adc.bits"),
     "unknown": ("", "the noise sources are prnu, dark_current"),
@@ -248,8 +247,7 @@ def test_derivatives_without_noise_are_the_overall_system_gain_on_average() -> N
     """Over 4096 levels between two codes far apart: Σ dDN/dphoton·Δ is their distance, ±1 DN."""
     backend_of("drjit")
     camera, light = TABLE1.without(*SOURCES), np.linspace(1e4, 1.1e4, 4096).reshape(64, 64)
-    with pytest.warns(UserWarning, match="Without shot noise so are those by the light"):
-        frames = ms.differentiable(light, camera, EXPOSURE, ["photons"])
+    frames = ms.differentiable(light, camera, EXPOSURE, ["photons"])
     slope = frames.frame().forward("photons").mean()
     assert slope * 1e3 == pytest.approx(
         gain_dn_per_e(camera) * camera.qe([550.0]).item() * 1e3, abs=2.0

@@ -82,7 +82,7 @@ class Scene:
 
     @cached_property
     def brightest_lamp_cd_per_m2(self) -> float | None:
-        """See :func:`..light.brightness.brightest_lamp`."""
+        """The highest luminance of the lamps with a surface [cd/m²]; None without one."""
         return brightest_lamp(self.mitsuba_scene)
 
     def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
