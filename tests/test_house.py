@@ -465,8 +465,8 @@ TOKENS_MAX = {
     ".": 8724,
     "bench": 26089,
     "benchmarks": 53951,
-    "camera": 25632,
-    "cli": 30344,
+    "camera": 25718,
+    "cli": 30369,
     "core": 27723,
     "dataset": 71036,
     "examples": 18893,
@@ -481,8 +481,8 @@ TOKENS_MAX = {
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 573219,
-    "theory": 18625,
+    "tests": 573290,
+    "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

@@ -81,9 +81,12 @@ class CameraText(NamedTuple):
 def _meant(name: str) -> str:
     """`` Did you mean …?`` with the cameras that have this text in name or description, a sensor for example, else
     the one whose name is close."""
-    found = cameras_with(name)[:MOST_DESCRIBED] if len(name) >= SHORTEST_TEXT else []
+    found = cameras_with(name) if len(name) >= SHORTEST_TEXT else []
+    found = [one for one in found if _letters(name) in _letters(one)] or found
     if not found:
         return nearest(name, list_cameras())
+    if len(found) > MOST_DESCRIBED:
+        return f" Did you mean one of {', '.join(map(repr, found))}?"
     return f" Did you mean {'; '.join(f'{one!r} ({description_of(one)})' for one in found)}?"
 
 

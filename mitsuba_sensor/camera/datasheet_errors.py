@@ -144,6 +144,17 @@ def _text(
             rule = f"be {LIMITS[name].format(f'{limit:.10g}')}"
     hint = ""
     if what in NUMBER_TYPES:
+        limits = (
+            (
+                (LIMITS.get(name), getattr(x, name))
+                for x in field.metadata
+                for name in LIMITS
+                if hasattr(x, name)
+            )
+            if field
+            else ()
+        )
+        rule += "".join(f", {text.format(f'{limit:.10g}')}" for text, limit in limits)
         hint = number_hint(path, value)
     elif field and (usual := usual_of(field)):
         hint = next((usual.right(number) for number in _numbers(value)), "")

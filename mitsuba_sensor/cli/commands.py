@@ -392,8 +392,10 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
         head = Text.assemble(
             (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm, {disk}"
         )
-        nothing = Text("nothing to say for this camera", style="green")
-        show(Group(head, table if findings else nothing), False)
+        shown = [head, table] if findings else [head]
+        if all(one.level == "fact" for one in findings):
+            shown.append(Text("nothing to say for this camera", style="green"))
+        show(Group(*shown), False)
         show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
     if any(finding.is_serious for finding in findings):
         raise typer.Exit(1)

@@ -56,7 +56,7 @@ def test_the_raw_frames_hold_what_the_report_says(
     raw = tifffile.imread(rendered / "frame.tiff")
     assert raw.dtype == np.uint16 and raw.shape == (2, 12, 16)
     assert raw.max() < 2**14
-    assert raw[0].mean() == pytest.approx(report["stages"][-1]["mean_frame"], rel=1e-9)
+    assert raw.mean() == pytest.approx(report["stages"][-1]["mean_frame"], rel=1e-9)
     assert (raw[0] != raw[1]).any(), "two frames must not share their temporal noise"
 
 
@@ -205,9 +205,7 @@ def test_plan_says_what_each_stage_does(light_file: Path, cli: Callable[..., Any
     assert [stage["stage"] for stage in stages][-1] == "ADC"
 
 
-def test_plan_says_what_the_render_needs_and_what_time_is_saved(
-    light_file: Path, cli: Callable[..., Any]
-) -> None:
+def test_plan_says_what_the_render_needs(light_file: Path, cli: Callable[..., Any]) -> None:
     """The light of these tests comes through a pinhole, in three bands, one of them beyond the QE curve."""
     done = cli("plan", light_file, "--exposure-s", 0.001, "--tolerance-dn", 0.5)
     assert done.exit_code == 0, done.stderr
@@ -216,8 +214,7 @@ def test_plan_says_what_the_render_needs_and_what_time_is_saved(
         "3 bands",
         "depth of field",
         "AOVs",
-        "left out",
-        "s a frame with the whole chain",
+        "no sampled pixel changes by more than 0.5 DN",
     ):
         assert text in said, text
 

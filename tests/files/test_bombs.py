@@ -324,7 +324,7 @@ def test_a_key_of_32_parts_and_texts_with_dots_are_read() -> None:
 def test_a_check_of_a_camera_file_ends_however_it_is_broken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each broken line parses the text again: 20 of them are named. A list over many lines is parsed a few times."""
+    """A text that is not TOML is parsed once, and one error is named. A list over many lines is parsed a few times."""
     parsed, loads = [0], tomllib.loads
 
     def counted_loads(text: str) -> dict[str, Any]:
@@ -333,7 +333,7 @@ def test_a_check_of_a_camera_file_ends_however_it_is_broken(
 
     monkeypatch.setattr(tomllib, "loads", counted_loads)
     for name, text, most_times in (
-        ("broken", "".join(f"x{k} = ?\n" for k in range(20_000)), 22),
+        ("broken", "".join(f"x{k} = ?\n" for k in range(20_000)), 3),
         ("long", "x = [\n" + "[1],\n" * 20_000 + "]\ny = 1\n", 4),
     ):
         (tmp_path / f"{name}.toml").write_text(text)
@@ -341,7 +341,7 @@ def test_a_check_of_a_camera_file_ends_however_it_is_broken(
         found = ms.check_camera(tmp_path / f"{name}.toml")
         assert parsed[0] < most_times * len(text)
         if name == "broken":
-            assert len(found) == 21
+            assert len(found) == 1
         else:
             lines = {one.field: one.line for one in found}
             assert (lines["x"], lines["y"]) == (1, 20_003)

@@ -28,6 +28,7 @@ class Statistics:
 
     intrinsics: None = None
     camera_to_world: None = None
+    brightness: None = None
     notes: tuple[str, ...] = ()
 
 

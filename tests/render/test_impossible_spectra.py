@@ -30,9 +30,9 @@ def variant() -> str:
 
 
 def serious(folder: Path, *elements: str, camera: ms.Camera = VISIBLE) -> list[Finding]:
-    """Findings but notes, and those of metals, of a scene of these elements."""
+    """Findings but notes and facts, and those of metals, of a scene of these elements."""
     found = inspect_scene(write_scene(folder, scene_text(*elements)), camera, {}, None)
-    return [finding for finding in found if finding.level != "note" or "table" in finding.what]
+    return [x for x in found if x.level not in ("note", "fact") or "table" in x.what]
 
 
 def ball(reflectance: str, kind: str = "diffuse") -> str:
@@ -453,7 +453,7 @@ def test_spectra_of_a_loaded_scene_are_looked_at(tmp_path: Path, variant: str) -
         return [
             (finding.level, finding.what.split(" in ")[0].split(":")[0])
             for finding in findings
-            if finding.level != "note"
+            if finding.level not in ("note", "fact")
         ]
 
     black = [("black", "'reflectance'"), ("black", "'radiance'")]

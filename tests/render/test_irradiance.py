@@ -299,7 +299,7 @@ def test_strips_of_rows_see_what_the_whole_film_sees(
     monkeypatch.setattr(passes, "MOST_VALUES", 12 * 2)
     cut = ms.render(path, CAMERA, EXPOSURE, **options, progress=reports.append)
     np.testing.assert_allclose(cut.data, whole.data, rtol=1e-5)
-    rendering = [(step.done, step.expected) for step in reports if step.doing == "rendering"]
+    rendering = [(step.done, step.most) for step in reports if step.doing == "rendering"]
     assert rendering == [(k, 32) for k in range(33)] and reports[-1].doing == "denoising"
 
 

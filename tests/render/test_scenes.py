@@ -259,7 +259,7 @@ def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(
         (scene_text(SKY, '<integrator type="depth"/>'), "computes no radiance"),
         (
             scene_text(SKY, sensor='<sensor type="irradiancemeter"/>'),
-            "must be one of perspective",
+            "irradiancemeter",
         ),
         (scene_text(SKY.replace("360:", "750:")), "no light in the bands"),
     ],
@@ -318,7 +318,7 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
     view = load_scene(
         write_scene(tmp_path, scene_text(SKY, film=crop)), BANDS, {}, width=6
     ).view
-    assert (view.size, view.crop_size, view.crop_offset) == ((6, 4), (3, 2), (2, 1))
+    assert (view.size, view.crop_size, view.crop_offset) == ((12, 8), (6, 4), (4, 2))
 
 
 @pytest.mark.parametrize("columns", [0, 13, 2.5, True, "6"])

@@ -300,6 +300,7 @@ def test_without_llvm_the_compiled_engine_says_what_to_do(
     monkeypatch.setattr(
         run, "backend_problem", lambda backend: "no LLVM 17 or newer on this machine"
     )
+    monkeypatch.setattr("mitsuba_sensor.core.llvm._first_usable", lambda libraries: None)
     with pytest.raises(
         ms.InputError, match=r"take engine numpy, or .*apt-get install libllvm19\.$"
     ):

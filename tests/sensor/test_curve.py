@@ -70,13 +70,14 @@ def test_tails_come_onto_the_scale_along_the_curve_there(
         found = frames.theory.averages(frames.stages[-1])
         mean, *variances = by_quadrature(*asked, electrons)
         far, errors = 0.03 * (electrons > 100), found.errors  # 4 σ beyond the end
+        unseen = 3 / 96  # 95 % bound of what none of 24 × 4 samples shows (rule of three)
         short = HIGHEST - mean
         assert HIGHEST - found.mean == pytest.approx(
-            short, rel=2 * percent / 100 + far, abs=1e-3 + 4 * errors[0]
+            short, rel=2 * percent / 100 + far, abs=unseen + 4 * errors[0]
         )
         for value, expected, error in zip(found[1:3], variances, errors[1:], strict=True):
             assert value == pytest.approx(
-                expected, rel=2 * percent / 100 + 2 * far, abs=0.01 + 4 * error
+                expected, rel=2 * percent / 100 + 2 * far, abs=unseen + 4 * error
             )
 
 

@@ -172,7 +172,9 @@ def test_a_plan_of_a_stage_without_moments_is_that_of_any_other() -> None:
 
 
 def test_derivatives_of_such_a_chain_are_refused_with_the_way_out() -> None:
-    with pytest.raises(ms.InputError, match="compute differences of frames"):
+    with pytest.raises(
+        ms.InputError, match="couples neighbouring pixels; differentiate by fields"
+    ):
         ms.differentiable(SCENE, COUPLED, SHORT, parameters="photons")
 
 

@@ -41,7 +41,7 @@ def refuse_unsuitable(scene: SceneFile) -> None:
             way_out = ""
             if kind not in POLARISING:
                 new = "volpath" if scene.nodes("Medium") else "path"
-                way_out = f"; take `--integrator {new}` (integrator={new!r})"
+                way_out = f"; take {new!r} (--integrator, integrator=)"
             raise InputError(
                 f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}{way_out}."
             )

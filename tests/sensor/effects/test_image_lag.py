@@ -209,7 +209,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "read-outs": (
         {"quantum_efficiency.image_lag": 0.01, "readouts": [{"name": "a"}, {"name": "b"}]},
-        "image_lag is known for pixels with one charge in a frame; set it to 0",
+        "readouts need pixels with one charge in a frame; set quantum_efficiency.image_lag to 0",
     ),
 }
 
