@@ -146,7 +146,7 @@ def _text(
     if what in NUMBER_TYPES:
         limits = (
             (
-                (LIMITS.get(name), getattr(x, name))
+                (LIMITS[name], getattr(x, name))
                 for x in field.metadata
                 for name in LIMITS
                 if hasattr(x, name)
