@@ -133,7 +133,7 @@ def test_the_old_form_renders_as_the_new_one_and_a_note_says_so(
         loaded(tmp_path, light, new, version="3.0.0"),
     )
     np.testing.assert_allclose(picture(found), picture(expected), rtol=1e-4)
-    assert any(note in one for one in found.notes), found.notes
+    assert not note or any(note in one for one in found.notes), found.notes
 
 
 @pytest.mark.parametrize("kind", ["bdpt", "photonmapper", "sppm", "mlt", "vpl"])

