@@ -465,7 +465,7 @@ TOKENS_MAX = {
     ".": 8724,
     "bench": 26089,
     "benchmarks": 53951,
-    "camera": 25718,
+    "camera": 25716,
     "cli": 30369,
     "core": 27723,
     "dataset": 71036,
@@ -481,7 +481,7 @@ TOKENS_MAX = {
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 573290,
+    "tests": 573299,
     "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
