@@ -7,7 +7,7 @@ SCENES = {  # old → new in the scene of conftest.py
     '<sensor type="perspective"> → <sensor type="perspectiv">': ("perspectiv",),
     '<sensor type="perspective"> → <sensor type="fisheye">': ("fisheye",),
     'type="path" → type="pth"': ("pth", "Did you mean 'path'"),
-    'type="path" → type="ptracer"': ("'ptracer'", "--integrator path"),
+    'type="path" → type="ptracer"': ("'ptracer'", "take 'path'"),
     'type="sphere" → type="spere"': ("spere", "Did you mean 'sphere'"),
     'type="diffuse" → type="difuse"': ("difuse", "Did you mean 'diffuse'"),
     'type="constant" → type="constnt"': ("constnt", "Did you mean 'constant'"),
