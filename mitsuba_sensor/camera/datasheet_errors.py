@@ -144,17 +144,13 @@ def _text(
             rule = f"be {LIMITS[name].format(f'{limit:.10g}')}"
     hint = ""
     if what in NUMBER_TYPES:
-        limits = (
-            (
-                (LIMITS[name], getattr(x, name))
-                for x in field.metadata
-                for name in LIMITS
-                if hasattr(x, name)
-            )
-            if field
-            else ()
-        )
-        rule += "".join(f", {text.format(f'{limit:.10g}')}" for text, limit in limits)
+        limits = {
+            LIMITS[name]: getattr(rule_of_field, name)
+            for rule_of_field in (field.metadata if field else ())
+            for name in LIMITS
+            if hasattr(rule_of_field, name) and not name.endswith("_length")
+        }
+        rule += "".join(f", {text.format(f'{limit:.10g}')}" for text, limit in limits.items())
         hint = number_hint(path, value)
     elif field and (usual := usual_of(field)):
         hint = next((usual.right(number) for number in _numbers(value)), "")

@@ -287,7 +287,9 @@ def test_what_a_library_of_the_index_needs_is_loaded_without_its_links(tmp_path:
     )
     code = f"""
 import ctypes
+import os
 from mitsuba_sensor.core import llvm
+os.environ.pop(llvm.LLVM_PATH, None)  # which the import of the package has set where there is an LLVM
 llvm.FOLDERS, llvm.OWN_FOLDERS = ({str(tmp_path)!r},), ()
 assert llvm.guard_llvm().version == 23
 assert ctypes.CDLL({str(library)!r}).b() == 42

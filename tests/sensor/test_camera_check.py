@@ -121,7 +121,7 @@ def test_loading_such_a_file_says_how_many_errors_there_are(tmp_path: Path) -> N
     checked(MANY, tmp_path)
     with pytest.raises(
         ms.InputError,
-        match=r"first of \d+ errors; `mitsuba-sensor cameras check`, or check_camera",
+        match=r"first of \d+ errors; `cameras check` or check_camera",
     ):
         ms.load_camera(tmp_path / "mine.toml")
 
