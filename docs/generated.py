@@ -32,7 +32,7 @@ from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS
 from mitsuba_sensor.camera.emva_sheet_file import NAMES as ROW_NAMES
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
 from mitsuba_sensor.cli import app
-from mitsuba_sensor.cli.sentences import commands_below
+from mitsuba_sensor.cli.help import commands_below
 from mitsuba_sensor.render.infrared.materials import materials
 from mitsuba_sensor.render.motion.motion import KeyPose, RigidMotion
 from mitsuba_sensor.render.scene.plugin_parameters import (

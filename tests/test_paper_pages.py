@@ -21,7 +21,6 @@ from paper.camera import FULL, GAIN, RESPONSES, SMALL, Response
 from paper.check import Check, c4
 from paper.published import DARK_SIGNALS, TABLE_2
 
-from mitsuba_sensor.cli.study_sheet import height, study_sheet
 from mitsuba_sensor.pages.page import Drawing, Line, Plot, Section, Study, Table, study_of
 from mitsuba_sensor.study.kit import Kit
 
@@ -257,12 +256,6 @@ def test_figures_of_two_scales_are_drawn_in_both(study: Study) -> None:
             (False, False),
             (True, True),
         }
-
-
-@pytest.mark.exhaustive
-def test_the_terminal_shows_40_lines_at_most(study: Study) -> None:
-    for width in (60, 100, 160):
-        assert height(study_sheet(study, "study/paper/study.html", width), width) <= 40
 
 
 @pytest.mark.exhaustive

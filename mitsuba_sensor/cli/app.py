@@ -5,6 +5,7 @@ The module of a command is loaded when the command is called: a shell completes,
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterable
 from importlib import import_module
@@ -18,8 +19,7 @@ from rich.text import Text
 
 from .. import __version__, stopping
 from ..core.printable import printable
-from .help import Click, Command, Group, UsageError
-from .sentences import commands_below, options_of, with_flags
+from .help import Click, Command, Group, UsageError, flags_typed
 
 
 class PrintableConsole(Console):
@@ -72,14 +72,8 @@ COMMANDS = {
 """In the order of use."""
 
 
-OTHERWISE = {
-    "height": "--width alone: the picture keeps the shape that the scene gives it",
-    "exposure": "write --exposure-s, in seconds",
-    "temperature": "write --temperature-k, in kelvin",
-    "output": "write -o",
-    "help-all": "--help shows all options of this command",
-}
-"""Options that people expect, and what to write."""
+ARGUMENT = re.compile(r"(?:^|(?<= and ))[a-z]+(?:_[a-z]+)*(?= (?:is|has) | [\d.'-]+[;,])")
+"""The name of an argument at the beginning of a sentence about its value."""
 
 
 class Program(Group):
@@ -143,7 +137,7 @@ def _say(error: Exception) -> None:
     """One sentence on stderr."""
     with stopping.whole_step:  # not if a stop has removed what this thread misses now
         err.print(
-            f"[bold red]error:[/] {escape(with_flags(_sentence(error)))}",
+            f"[bold red]error:[/] {escape(_sentence(error))}",
             highlight=False,
             soft_wrap=True,
         )
@@ -199,30 +193,16 @@ def show_remarks(as_json: bool, remarks: Iterable[str]) -> None:
         out.print(Text(remark), highlight=False)
 
 
-def _of_another_command(usage: Click) -> str:
-    """Behind click's sentence on an option that a command does not have: which one has it, or what to write."""
-    name = getattr(usage, "option_name", None)
-    if name is None or "No such option" not in usage.format_message() or usage.ctx is None:
-        return ""
-    if said := OTHERWISE.get(name.lstrip("-")):
-        return f"; {said}"
-    commands = commands_below(usage.ctx.find_root().command)
-    owners = [command for command, one in commands if name in options_of(one)]
-    if owners:
-        return f"; `{owners[0]}` has it"
-    return ""
-
-
 def _sentence(error: BaseException) -> str:
     if isinstance(error, UsageError):
         usage: Any = error
         path = " ".join(
             ["mitsuba-sensor", *(usage.ctx.command_path.split()[1:] if usage.ctx else ())]
         )
-        elsewhere = _of_another_command(usage)
-        return f"{usage.format_message().rstrip('.')}{elsewhere}; see: {path} -h"
+        return f"{usage.format_message().rstrip('.')}; see: {path} -h"
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); render a smaller picture (--width), fewer bands or fewer frames."
     if isinstance(error, OSError):
         return f"{error.filename or 'the system'}: {error.strerror or error}."
-    return str(error)
+    flags = flags_typed()  # a sentence about noise_ratio is one about --noise-ratio here
+    return ARGUMENT.sub(lambda match: flags.get(match[0], match[0]), str(error))

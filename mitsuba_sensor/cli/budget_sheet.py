@@ -12,7 +12,7 @@ import mitsuba_sensor as ms
 from ..output.readout_files import readout_facts
 from ..stages.stage import converter_of
 from ..theory.noise_budget import HEADINGS
-from .tables import FittedTable
+from .tables import ResultTable
 
 SATURATED_DN = 1e-3
 """Temporal σ of the code of a read-out that is saturated everywhere, at most; rounding alone has 0.29 DN."""
@@ -62,7 +62,7 @@ def sheet_of(frames: ms.Frames, name: str = "") -> Group:
         f", {exposure.time_s:g} s at {exposure.temperature_k:g} K",
     )
     found = frames.noise_budget()
-    table = FittedTable(HEADINGS)
+    table = ResultTable(HEADINGS)
     for row in found.rows:
         table.add_row(row.source, *row.cells)
     return Group(head, table, *map(Text, found.remarks))
@@ -80,7 +80,7 @@ def _combination_sheet(frames: ms.Frames) -> Group:
     head = Text.assemble(
         (f"{camera.name}, combined to {camera.code_bits} bits, {gain:.4g} DN/e-", "bold")
     )
-    table = FittedTable(("read-out", "pixels it counts in alone", "temporal σ [e-]"))
+    table = ResultTable(("read-out", "pixels it counts in alone", "temporal σ [e-]"))
     linear = camera.combined_readouts.combination.readouts
     facts = readout_facts(frames) or []
     for fact, one, own in zip(facts, frames.readouts.values(), linear, strict=True):

@@ -18,8 +18,7 @@ from ..camera.shipped import DEFAULT_CAMERA
 from . import arguments, options
 from .app import app, show
 from .help import Command, Group
-from .sentences import said_here
-from .tables import FittedTable, short
+from .tables import ResultTable, short
 from .values import Flag
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
             f"no camera has {' '.join(search or ())!r} in name or description; `cameras list` has all of them."
         )
     known = [ms.load_camera(name) for name in names]
-    table = FittedTable(("camera", "type", "pixels", "gains or read-outs", "what it is"))
+    table = ResultTable(("camera", "type", "pixels", "gains or read-outs", "what it is"))
     for one in known:
         size = f"{one.sensor.columns} × {one.sensor.rows}"
         gains = _gain_range(one)
@@ -206,7 +205,7 @@ def show_camera(
         both = ", of both photodiodes together" if camera.sensor.dual_pixel else ""
         show(_figure_table(figures, both), False)
     for note in () if as_json else camera.notes:
-        show(f"note: {said_here(note)}", False)
+        show(f"note: {note}", False)
 
 
 def _gain_range(camera: ms.Camera) -> str:
@@ -219,9 +218,9 @@ def _gain_range(camera: ms.Camera) -> str:
     return ", ".join(labels) or "–"
 
 
-def _field_table(camera: ms.Camera) -> FittedTable:
+def _field_table(camera: ms.Camera) -> ResultTable:
     """A row for every number of the camera."""
-    table = FittedTable(("field", "value", "source"))
+    table = ResultTable(("field", "value", "source"))
     own = camera.model_dump(mode="json", exclude={"sources", "gains", "readouts"})
     for name, value in flat_fields(own):
         source = short(camera.sources.get(name, ""))
@@ -229,9 +228,9 @@ def _field_table(camera: ms.Camera) -> FittedTable:
     return table
 
 
-def _figure_table(figures: EmvaFigures, of_what: str) -> FittedTable:
+def _figure_table(figures: EmvaFigures, of_what: str) -> ResultTable:
     """of_what : end of the title, for dual pixels."""
-    table = FittedTable(
+    table = ResultTable(
         ("symbol", "value", "unit", "what it is"),
         title=f"EMVA 1288, from the datasheet, short exposure{of_what}",
     )
@@ -284,20 +283,20 @@ def lenses(as_json: arguments.Json = False) -> None:
         {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source}
         for x, f in lengths
     ]
-    table = FittedTable(("lens", "focal length", "surfaces", "source"))
+    table = ResultTable(("lens", "focal length", "surfaces", "source"))
     for x, f in lengths:
         table.add_row(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source)
     show(found if as_json else table, as_json)
 
 
-def _settings(camera: ms.Camera) -> FittedTable:
+def _settings(camera: ms.Camera) -> ResultTable:
     """One row per gain setting, with what it has in place of the camera's own numbers."""
     from ..camera.gain_ladder import SET
 
     names = [
         name for name in ("gain_dn_per_e", *SET) if getattr(camera.gains[0], name) is not None
     ]
-    table = FittedTable(("gain setting", *names), caption=camera.sources.get("gains", ""))
+    table = ResultTable(("gain setting", *names), caption=camera.sources.get("gains", ""))
     for one in camera.gains:
         chosen = ""
         if one.label == camera.gain:

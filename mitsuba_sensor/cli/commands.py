@@ -22,7 +22,6 @@ from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitO
 from . import arguments, options
 from .app import app, err, show, show_remarks
 from .help import Command
-from .sentences import said_here
 from .values import Flag, number
 
 if TYPE_CHECKING:
@@ -372,7 +371,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
     from ..render.scene.scene import inspect_scene
     from .inputs import render_input
     from .remarks import taken_by_default
-    from .tables import FittedTable
+    from .tables import ResultTable
 
     given, _ = render_input(scene, flags)
     camera, (low, high) = given.camera, given.camera.band_nm
@@ -382,11 +381,11 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
     if as_json:
         show([finding.to_dict() for finding in findings], True)
     else:
-        table = FittedTable(("", "where", "what", "remedy"), keys=2)
+        table = ResultTable(("", "where", "what", "remedy"))
         for one in findings:
             table.add_row(
                 Text(one.level, style=LEVELS[one.level]),
-                *map(Text, (one.where, said_here(one.what), said_here(one.remedy))),
+                *map(Text, (one.where, one.what, one.remedy)),
             )
         disk = f"Airy disk {airy_diameter_px(camera):.2g} px"
         head = Text.assemble(

@@ -15,7 +15,7 @@ from ..dataset.index.verify_objects import verify_objects
 from ..dataset.store.faults import Fault
 from ..dataset.store.record import INDEX
 from ..files.objects import Objects, is_address
-from .tables import FittedTable
+from .tables import ResultTable
 
 MOST_SHOWN = 50
 """Faults in the table."""
@@ -61,8 +61,8 @@ def fault_sheet(folder: str, faults: Sequence[Fault]) -> RenderableType:
     return Lines(*lines)
 
 
-def _table(faults: Sequence[Fault]) -> FittedTable:
-    table = FittedTable(("what", "of", "folder", "file"), keys=2)
+def _table(faults: Sequence[Fault]) -> ResultTable:
+    table = ResultTable(("what", "of", "folder", "file"))
     for one in faults:
         table.add_row(one.what, one.kind, Text(one.name), Text(one.file))
     return table

@@ -20,7 +20,7 @@ from .app import app, err, show
 from .completion import one_of, shell_files
 from .help import Command, Group
 from .progress import samples_bar, steps_bar
-from .tables import FittedTable, rough
+from .tables import ResultTable, rough
 from .values import Flag
 
 if TYPE_CHECKING:
@@ -366,7 +366,7 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
     from ..dataset.exports.summary import LESS_RENDER_NOISE, VISIBLE_RATIO
 
     headings = COUNTED if found is None else (*COUNTED, *MEASURED)
-    table = FittedTable(headings, keys=1)
+    table = ResultTable(headings)
     for scene, (views, samples) in counts.by_scene.items():
         cells = [""] * (len(headings) - len(COUNTED))
         if found and scene in found.scenes:
@@ -399,7 +399,7 @@ def _verified(now: Callable[[int, int, str], object]) -> Callable[[int, int], ob
 
 def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
     """A first line, and the views in quarantine."""
-    table = FittedTable(("view", "why it is in quarantine"), keys=1)
+    table = ResultTable(("view", "why it is in quarantine"))
     for key, why in failed.items():
         table.add_row(key, Text(why))
     if failed:

@@ -9,7 +9,7 @@ from ..camera.shipped import DEFAULT_CAMERA
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import options
-from .app import app, err, out, show, show_remarks
+from .app import app, err, show, show_remarks
 from .help import Command
 from .measuring import SimulatedFlags, how_made, refuse_beside_frames
 from .options import Flags, StudyFlags
@@ -115,9 +115,7 @@ def characterize(**flags: Flag) -> None:
         texts.write_page(scratch / PAGE, html(made))
         texts.write_json(scratch / REPORT, made.to_dict())
     show(
-        made.to_dict()
-        if flags["as_json"]
-        else study_sheet(made, str(Path(folder) / PAGE), out.width),
+        made.to_dict() if flags["as_json"] else study_sheet(made, str(Path(folder) / PAGE)),
         flags["as_json"],
     )
     show_remarks(

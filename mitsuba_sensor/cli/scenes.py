@@ -9,7 +9,7 @@ from ..core.id_groups import as_options, groups_of_ids
 from . import arguments
 from .app import app, show
 from .help import Command, Group
-from .tables import FittedTable
+from .tables import ResultTable
 
 scenes = typer.Typer(
     cls=Group,
@@ -25,7 +25,7 @@ def list_command(as_json: arguments.Json = False) -> None:
     from ..files.shipped_scenes import list_scenes, scene_description
 
     described = {name: scene_description(name) for name in list_scenes()}
-    table = FittedTable(("scene", "what it is"))
+    table = ResultTable(("scene", "what it is"))
     for name, description in described.items():
         table.add_row(name, description)
     listed = [{"name": name, "description": text} for name, text in described.items()]
@@ -55,10 +55,10 @@ def show_scene(name: arguments.SceneName, as_json: arguments.Json = False) -> No
             "emitters": [one._asdict() for one in emitters],
         }
         return show({**facts, "parameters": [one._asdict() for one in parameters]}, True)
-    table = FittedTable(("-D", "default", "meaning"))
+    table = ResultTable(("-D", "default", "meaning"))
     for one in parameters:
         table.add_row(one.name, Text(one.value), Text(one.meaning))
-    lamps = FittedTable(("emitter id", "type"), caption="ids are for --light-groups")
+    lamps = ResultTable(("emitter id", "type"), caption="ids are for --light-groups")
     for emitter in emitters:
         lamps.add_row(emitter.id or "–", emitter.type)
     show(f"{description}\n{file}\nsensors: {', '.join(sensors)}", False)

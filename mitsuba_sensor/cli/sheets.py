@@ -8,7 +8,7 @@ import typer
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
-from .app import app, err, out, show, show_remarks
+from .app import app, err, show, show_remarks
 from .help import Command
 from .measuring import SimulatedFlags, how_made, refuse_beside_frames
 from .options import CameraFlags, Flags, StudyFlags
@@ -136,7 +136,7 @@ def _write(made: "Study", drawn: str, folder: str, flags: Flags) -> None:
         texts.write_json(scratch / data, made.to_dict())
         texts.write_page(scratch / rows, csv_text(made.data["rows"]))
     as_json = bool(flags["as_json"])
-    shown = study_sheet(made, str(Path(folder) / page), out.width)
+    shown = study_sheet(made, str(Path(folder) / page))
     show(made.to_dict() if as_json else shown, as_json)
     show_remarks(as_json, [written(folder, names)])
 

@@ -9,7 +9,6 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core import by_weight
-from .sentences import said_here
 from .tables import number
 from .terminal import (
     Report,
@@ -33,7 +32,7 @@ WHOLE = "signal behind each stage, more facts and all notes: --verbose, or frame
 def short_summary(report: Report, folder: str) -> RenderableType:
     """Camera and exposure, signal and noise, the render's noise, and the notes that matter most."""
     notes, left_out = notes_shown(report["notes"])
-    lines = [Text.assemble(("note: ", "bold yellow"), said_here(note)) for note in notes]
+    lines = [Text.assemble(("note: ", "bold yellow"), note) for note in notes]
     if left_out:
         lines.append(Text(f"{left_out} more notes: --verbose, or frame.json"))
     return Group(head_of(report, folder), *_facts(report), *lines, Text(WHOLE, style="dim"))

@@ -15,7 +15,7 @@ from ..core.options import complete, part_of
 from ..render.options import SceneOptions
 from ..stopping import remark_if_stopped
 from . import arguments, options
-from .app import app, err, out, show, show_remarks
+from .app import app, err, show, show_remarks
 from .help import Command, Group
 from .options import AblationFlags, Flags, StudyFlags, WorkPrecisionFlags
 from .progress import share_bar
@@ -198,7 +198,7 @@ def _run(
     if flags["as_json"]:
         show(outcome.to_dict(), True)
     else:
-        show(study_sheet(outcome, str(path / PAGE), out.width), False)
+        show(study_sheet(outcome, str(path / PAGE)), False)
     show_remarks(flags["as_json"], [*defaults, written(path, folder.written)])
     if not outcome.passed:
         raise typer.Exit(1)

@@ -13,8 +13,7 @@ from rich.text import Text
 from ..core.progress import duration
 from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
 from .counted import counted
-from .sentences import said_here
-from .tables import FittedTable, number, rough
+from .tables import ResultTable, number, rough
 
 if TYPE_CHECKING:
     from ..render.passes.requirements import RenderRequirement
@@ -39,9 +38,7 @@ END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were t
 
 def summary(report: Report, folder: str) -> RenderableType:
     """A frame in whole: photons, the signal after each stage in theory and in the frame, noise by source, all notes."""
-    notes = (
-        Text.assemble(("note: ", "bold yellow"), said_here(note)) for note in report["notes"]
-    )
+    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in report["notes"])
     facts = (fact("fact", one) for one in report["render"]["facts"])
     return Group(head_of(report, folder), _stages(report), *_facts(report), *notes, *facts)
 
@@ -118,11 +115,10 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     )
 
 
-def _effects(plan: Plan) -> FittedTable:
+def _effects(plan: Plan) -> ResultTable:
     """One row per stage that does something and can be left out."""
-    table = FittedTable(
+    table = ResultTable(
         ("stage", "needed", "mean", "temporal", "spatial", "lines", "pixels"),
-        keys=2,
         caption="what leaving out each changes [DN]; lines: what a row or column shares, times √length; pixels: how "
         "many of them change by more than the tolerance",
     )
@@ -132,23 +128,21 @@ def _effects(plan: Plan) -> FittedTable:
     return table
 
 
-def _needs(needs: Sequence[RenderRequirement]) -> FittedTable:
+def _needs(needs: Sequence[RenderRequirement]) -> ResultTable:
     """One row per option of the render."""
-    table = FittedTable(
+    table = ResultTable(
         ("of the render", "needed", "changes by", "why"),
         caption="what the render has, and by how much a pixel changes without it [DN]",
     )
     for need in needs:
-        table.add_row(
-            need.what, KEPT[need.kept], number(need.effect_dn), said_here(need.reason)
-        )
+        table.add_row(need.what, KEPT[need.kept], number(need.effect_dn), need.reason)
     return table
 
 
 def map_list(spread: Report, what: str) -> RenderableType:
     """The FPN maps of a camera: name, shape, mean and spread of each.  what : was written."""
     caption = "gains and dark factors are 1 on average; offsets are in electrons"
-    table = FittedTable(("map", "shape", "mean", "σ"), caption=caption)
+    table = ResultTable(("map", "shape", "mean", "σ"), caption=caption)
     for name, x in spread.items():
         table.add_row(
             name, " × ".join(map(str, x["shape"])), number(x["mean"]), number(x["sigma"])
@@ -158,13 +152,13 @@ def map_list(spread: Report, what: str) -> RenderableType:
 
 def diagnosis(findings: Report) -> RenderableType:
     """What works on this machine, as tables, and the commands that repair what does not."""
-    variants = FittedTable(("variant", "renders?", "why"))
+    variants = ResultTable(("variant", "renders?", "why"))
     yes = {True: Text("yes", style="green"), False: Text("no", style="red")}
     for one in findings["variants"]:
         variants.add_row(one["name"], yes[one["works"]], Text(one["reason"]))
     python = findings["python"]
     variants.add_row("mi.render in Python", yes[python["works"]], Text(python["reason"]))
-    llvm = FittedTable(("LLVM", "used?", "library", "why"))
+    llvm = ResultTable(("LLVM", "used?", "library", "why"))
     for library in findings["llvm"]:
         version, path = str(library["version"] or "?"), Text(library["path"])
         llvm.add_row(version, yes[library["used"]], path, Text(library["reason"]))
@@ -184,7 +178,7 @@ def diagnosis(findings: Report) -> RenderableType:
     return Group(verdict, *remedies, variants, llvm, Text(versions, style="dim"))
 
 
-def _stages(report: Report) -> FittedTable:
+def _stages(report: Report) -> ResultTable:
     """One row per stage that does something: its signal in this frame and in theory, and, where a plan was made, how
     far it changes the noise of the raw frame."""
     effects = {effect["stage"]: effect for effect in report["effects"]}
@@ -197,8 +191,8 @@ def _stages(report: Report) -> FittedTable:
     caption += f"; theory: four samples of {report['theory']['pixels']} pixels"
     if any(map(_is_uncertain, report["stages"])):
         caption += "; ±: standard error of a σ that few very bright pixels make, that of the frame depends on the same"
-    table = FittedTable(
-        ("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption
+    table = ResultTable(
+        ("after", "", "mean", "theory", "σ", "theory σ", *of_plan), caption=caption
     )
     idle = _idle_stages(report)
     for stage in report["stages"]:
@@ -343,7 +337,7 @@ def pictures_of(report: Report) -> Iterator[Text]:
 
 def fact(name: str, text: str) -> Text:
     """A line: what it is about, and what is said of it."""
-    return Text.assemble((f"{name}: ", "bold"), said_here(text))
+    return Text.assemble((f"{name}: ", "bold"), text)
 
 
 def path_fact(name: str, path: str) -> Text:

@@ -11,7 +11,7 @@ import mitsuba_sensor as ms
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
-from .app import app, err, out, show, show_remarks
+from .app import app, err, show, show_remarks
 from .help import Command
 from .measuring import how_made
 from .progress import steps_bar
@@ -101,7 +101,7 @@ def fit(
         for name, maps in found.maps.items():
             npz.write_fpn_maps(scratch / name, maps)
     page, shown = str(path.with_suffix(".html")), found.study.to_dict()
-    show(shown if as_json else study_sheet(found.study, page, out.width), as_json)
+    show(shown if as_json else study_sheet(found.study, page), as_json)
     show_remarks(as_json, [written(path.parent, files), NEXT.format(path)])
     if not found.study.passed:
         raise typer.Exit(1)

@@ -33,31 +33,14 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         ("render", "SCENE", "-o", "OUT", "-D", "levle=1", "--spp", "16"),
         "levle",
     ),
-    "a blank for =": (
-        ("render", "SCENE", "-o", "OUT", "--set", "adc.bits", "14"),
-        "write --set adc.bits=14",
-    ),
-    "a number with a blank": (
-        ("render", "SCENE", "-o", "OUT", "--spp", "10", "500"),
-        "'10 500' is 10500",
-    ),
-    "an option of another command": (
-        ("expose", "LIGHT", "-o", "OUT", "--spp", "10"),
-        "`render` has it",
-    ),
-    "all options of a command that has few": (
-        ("cameras", "new", "--help-all"),
-        "--help shows all options of this command",
-    ),
-    "height": (("render", "SCENE", "-o", "OUT", "--height", "9"), "--width alone"),
     "light in place of a scene": (("render", "LIGHT", "-o", "OUT"), "`mitsuba-sensor expose`"),
     "scene in place of light": (
         ("expose", "SCENE", "-o", "OUT"),
         "`mitsuba-sensor render SCENE",
     ),
-    "no folder": (("render", "SCENE"), "folder for the results, e.g. -o out/"),
-    "no folder of frames": (("fit", "-o", "OUT.toml"), "or its bench.toml; see"),
-    "no scene": (("render", "-o", "OUT"), "e.g. scenes/first_frame.xml"),
+    "no folder": (("render", "SCENE"), "Missing option '-o'"),
+    "no folder of frames": (("fit", "-o", "OUT.toml"), "--frames"),
+    "no scene": (("render", "-o", "OUT"), "Missing argument"),
     "percent": (("render", "SCENE", "-o", "OUT", "--noise-ratio", "3 %"), "'3 %' is 0.03"),
     "frames in words": (
         ("render", "SCENE", "-o", "OUT", "--frames", "four"),

@@ -134,25 +134,6 @@ def test_switches_are_shown_without_a_value(path: tuple[str, ...]) -> None:
         assert "<bool>" not in text and "BOOLEAN" not in text
 
 
-@pytest.mark.parametrize("path", one_in(3, WORK), ids=" ".join)
-@pytest.mark.parametrize("value", ["true", "False", "=true", "=0"])
-def test_a_switch_with_a_value_is_told_what_to_write(path: tuple[str, ...], value: str) -> None:
-    for one in COMMANDS[path].params:
-        if getattr(one, "is_flag", False) and one.name != "help_all":
-            flag = one.opts[0]
-            typed = [f"{flag}{value}"] if value.startswith("=") else [flag, value]
-            done = CliRunner().invoke(app, [*path, *typed])
-            assert done.exit_code == 2
-            sentence = f"error: {flag} is a switch and takes no value"
-            assert done.stderr.startswith(sentence), done.stderr
-
-
-def test_a_switch_before_an_argument_is_no_switch_with_a_value() -> None:
-    assert json.loads(said("cameras", "show", "--json", "bayer_2mp"))["name"] == "bayer_2mp"
-    done = CliRunner().invoke(app, ["cameras", "show", "--json", "1", "bayer_2mp"])
-    assert "--json is a switch and takes no value ('1')" in done.stderr
-
-
 def test_choices_are_shown_as_choices() -> None:
     help_text = flat(said("render", "--help-all", env={"COLUMNS": "200"}))
     choices = [

@@ -13,15 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 from rich.console import Console, RenderableType
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import progress as progress_module
 from mitsuba_sensor.cli import terminal
-from mitsuba_sensor.cli.catalogue import _field_table
 from mitsuba_sensor.cli.study_sheet import study_sheet
-from mitsuba_sensor.cli.tables import FittedTable, number, rough
+from mitsuba_sensor.cli.tables import number, rough
 from mitsuba_sensor.pages.page import Grid, Section, Table, study_of
 from mitsuba_sensor.render.passes.requirements import RenderRequirement
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
@@ -44,7 +42,7 @@ HARD = (
 
 def shown(what: RenderableType, width: int) -> str:
     console = Console(record=True, width=width, file=io.StringIO(), color_system=None)
-    console.print(what, highlight=False)
+    console.print(what, highlight=False, crop=False)
     return console.export_text()
 
 
@@ -108,7 +106,7 @@ def sheets(light: Any) -> dict[str, Any]:
         "stages": lambda width: terminal.summary(report, "out"),
         "plan": lambda width: terminal.plan_sheet(plan, needs),
         "maps": lambda width: terminal.map_list(spread, "maps.npz"),
-        "study": lambda width: study_sheet(study, "study.html", width),
+        "study": lambda width: study_sheet(study, "study.html"),
     }
 
 
@@ -118,34 +116,14 @@ def made(light: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("name", one_in(2, ["stages", "plan", "maps", "study"]))
-def test_every_number_of_a_narrow_table_is_one_of_the_whole_table(
+@pytest.mark.parametrize("name", ["stages", "plan", "maps", "study"])
+def test_every_number_of_a_narrow_table_is_whole(
     name: str, width: int, made: dict[str, Any]
 ) -> None:
-    """Nothing but whole columns of a study is left out, as the sentence below its table says."""
-    whole, narrow = shown(made[name](WHOLE), WHOLE), shown(made[name](width), width)
-    assert max(map(len, narrow.splitlines())) <= width and "…" not in narrow.replace(" … ", " ")
-    left_out = re.findall(r"(\d+) more columns", narrow)
-    found, known = numbers(narrow), numbers(whole)
-    if name == "study":
-        assert set(found) - set(left_out) <= set(known) and (left_out or width >= 120)
-    else:
-        assert found == known and "8.8e-13" not in narrow, (
-            "a number is missing, or cut, or too fine"
-        )
-    assert "e-115" not in narrow
-
-
-def test_all_columns_of_a_narrow_table_follow_in_blocks_that_name_their_rows() -> None:
-    table = FittedTable(("name", "one", "two", "three"))
-    table.add_row("first row", "1111111111", "2222222222", "3333333333")
-    said = shown(table, 24)
-    assert len(re.findall("first row", said)) == 3 and numbers(said) == [
-        "1111111111",
-        "2222222222",
-        "3333333333",
-    ]
-    assert shown(table, 80).count("first row") == 1
+    """A terminal that is too narrow gets a table wider than itself."""
+    narrow = shown(made[name](width), width)
+    assert numbers(narrow) == numbers(shown(made[name](WHOLE), WHOLE))
+    assert "8.8e-13" not in narrow or name == "study", "finer than what matters"
 
 
 def test_a_sigma_that_few_bright_pixels_make_is_printed_with_its_standard_error() -> None:
@@ -174,50 +152,6 @@ def test_the_first_line_of_a_frame_names_gain_setting_and_system_gain(light: Any
         found = ms.capture(light, camera, exposure)
         head = shown(terminal.summary({**found.metadata, "times_s": {}}, "out"), WHOLE)
         assert head.startswith(said)
-
-
-def texts_without_blanks(text: str) -> set[str]:
-    return {piece for piece in text.split() if "─" not in piece}
-
-
-@pytest.mark.parametrize("width", one_in(2, [60, 80, 120]))
-@pytest.mark.parametrize("camera", one_in(6, ms.list_cameras()))
-def test_no_name_and_no_text_of_a_camera_is_split(camera: str, width: int) -> None:
-    """Whatever stands between two blanks at this width does so in a table with all the width there is.
-
-    The exceptions are addresses, at their slashes, and at 60 columns names within the texts, between their parts, that
-    are wider than what the names of the fields leave.
-    """
-    table = _field_table(ms.load_camera(camera))
-    narrow, whole = shown(table, width), shown(table, 2000)
-    assert max(map(len, narrow.splitlines())) <= width
-    ends = "/" if width > 60 else "/._-"
-    pieces = texts_without_blanks(whole)
-    for text in texts_without_blanks(narrow):
-        at_ends = rf"(^|[{ends}]){re.escape(text)}" + ("" if text[-1] in ends else "$")
-        assert any(re.search(at_ends, piece) for piece in pieces), text
-    fields = [line.split()[0] for line in whole.splitlines()[3:-1]]
-    assert [name for name in fields if name not in texts_without_blanks(narrow)] == []
-
-
-@pytest.mark.parametrize("width", [24, 40, 60])
-def test_rows_and_texts_of_later_blocks_are_whole(width: int) -> None:
-    """Addresses break behind slashes, names between their parts; rows of blanks are left out."""
-    table = FittedTable(("name", "value", "source"))
-    table.add_row("first_name.of_two_parts", "value", "https://example.org/one/two/three.html")
-    table.add_row("second", "a_long_value_of_parts", "")
-    narrow = shown(table, width)
-    assert max(map(len, narrow.splitlines())) <= width
-    joined = "".join(narrow.split())
-    for part in ("first_", "parts", "https://", "example.org/", "three.html", "second"):
-        assert part in joined
-    assert narrow.count("second") == 1
-
-
-def test_a_name_breaks_before_a_number_does() -> None:
-    table = FittedTable(("name", "value"))
-    table.add_row("internationalization", "1234567890")
-    assert numbers(shown(table, 18)) == ["1234567890"]
 
 
 @pytest.mark.parametrize(
