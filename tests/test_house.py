@@ -464,13 +464,13 @@ LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 TOKENS_MAX = {
     ".": 8724,
     "bench": 26089,
-    "benchmarks": 53951,
-    "camera": 25716,
-    "cli": 30369,
+    "benchmarks": 44141,
+    "camera": 25726,
+    "cli": 27750,
     "core": 27723,
     "dataset": 71036,
     "examples": 18893,
-    "files": 22831,
+    "files": 22240,
     "gradient": 4252,
     "lab": 90509,
     "optics": 17500,
@@ -481,7 +481,7 @@ TOKENS_MAX = {
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 573299,
+    "tests": 570998,
     "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -19,7 +19,7 @@ from ..core import Array, Frame, arrays
 # Share of μ that is compensated at most; what a render has beyond stays in the frame, and is reported. The noise that
 # is drawn must hide the shape of the render's. Renders should aim at half of this, v = 0.16·μ: where v comes from eight
 # passes, it is measured as more than the double in one pixel of twenty. Then the total has the variance of Poisson's
-# law to 1 % and its third moment to 38 %, from 1 e- up (benchmarks/compensation.py).
+# law to 1 % and its third moment to 38 %, from 1 e- up.
 LIMIT = 1 / 3
 
 
