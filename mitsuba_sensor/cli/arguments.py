@@ -107,14 +107,6 @@ SheetCamera = Annotated[
         autocompletion=camera_names,
     ),
 ]
-Verbose = Annotated[
-    bool,
-    typer.Option(
-        "--verbose",
-        help="Also the signal behind every stage, and all notes.",
-        rich_help_panel=OUTPUT,
-    ),
-]
 SearchText = Annotated[
     list[str] | None,
     typer.Argument(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -24,11 +23,6 @@ from .app import app, err, show, show_remarks
 from .help import Command
 from .values import Flag, number
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from .terminal import Report
-
 LEVELS = {
     "black": "bold red",
     "wrong": "bold yellow",
@@ -36,7 +30,7 @@ LEVELS = {
     "fact": "dim",
 }  # of a finding of lint → its style
 FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
-FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "as_json", "verbose", *FIRST_OF_CAMERA, "frames")
+FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "as_json", *FIRST_OF_CAMERA, "frames")
 FIRST_OF_RENDER = (*FIRST_OF_EXPOSE, "width", "spp")
 FIRST_OF_PLAN = ("as_json", *FIRST_OF_CAMERA, "width", "spp", "tolerance_dn")
 """Options that people use first, as ``--help`` shows them."""
@@ -51,7 +45,6 @@ def render(
     scene: arguments.Scene,
     out_dir: arguments.Out,
     as_json: arguments.Json = False,
-    verbose: arguments.Verbose = False,
     **flags: Flag,
 ) -> None:
     """Render SCENE and expose a camera to it.
@@ -65,9 +58,10 @@ def render(
     from .inputs import render_input
     from .progress import render_progress
     from .remarks import taken_by_default, written
+    from .terminal import summary
 
     if flags["sensor"] == ALL_SENSORS:
-        return _render_sensors(scene, Path(out_dir), (as_json, verbose), flags)
+        return _render_sensors(scene, Path(out_dir), as_json, flags)
     given, asked = render_input(scene, flags)
     with (
         output_folder(out_dir, CAPTURE_FILES) as folder,
@@ -78,28 +72,13 @@ def render(
         )
         found.save(folder)
     report = found.metadata
-    show(report if as_json else _sheet_of(report, str(out_dir), verbose), as_json)
+    show(report if as_json else summary(report, str(out_dir)), as_json)
     defaults = taken_by_default(flags, given.scene.settings, given.camera)
     show_remarks(as_json, [*defaults, written(out_dir, CAPTURE_FILES)])
 
 
-def _sheet_of(report: Report, folder: str, verbose: bool) -> RenderableType:
-    """What is printed of a frame."""
-    from .short_summary import short_summary
-    from .terminal import summary
-
-    if verbose:
-        return summary(report, folder)
-    return short_summary(report, folder)
-
-
-def _render_sensors(
-    scene: str, out_dir: Path, how: tuple[bool, bool], flags: options.Flags
-) -> None:
-    """``render --sensor all``: a folder below ``out_dir`` for each sensor of the scene.
-
-    how : whether JSON is printed, and whether all of each frame.
-    """
+def _render_sensors(scene: str, out_dir: Path, as_json: bool, flags: options.Flags) -> None:
+    """``render --sensor all``: a folder below ``out_dir`` for each sensor of the scene."""
     from rich.console import Group
 
     from ..capture import capture_sensors
@@ -108,8 +87,8 @@ def _render_sensors(
     from .inputs import render_inputs
     from .progress import render_progress
     from .remarks import taken_by_default, written
+    from .terminal import summary
 
-    as_json, verbose = how
     views, flags_left = render_inputs(scene, flags)
     asked = complete(CaptureOptions, flags_left)
     check_asked_files(asked)
@@ -121,7 +100,7 @@ def _render_sensors(
         for name, one in found.sensors.items():
             one.write(folders[name])
     reports = {name: one.metadata for name, one in found.sensors.items()}
-    pages = [_sheet_of(one, str(out_dir / name), verbose) for name, one in reports.items()]
+    pages = [summary(one, str(out_dir / name)) for name, one in reports.items()]
     show(reports if as_json else Group(*pages), as_json)
     remarks = dict[str, None]()
     for view in views.values():
@@ -148,7 +127,6 @@ def expose(
     irradiance: arguments.IrradianceFile,
     out_dir: arguments.Out,
     as_json: arguments.Json = False,
-    verbose: arguments.Verbose = False,
     **flags: Flag,
 ) -> None:
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
@@ -162,6 +140,7 @@ def expose(
     from .inputs import camera_and_exposure, other_flags, settings_of
     from .progress import render_progress
     from .remarks import taken_by_default, written
+    from .terminal import summary
 
     refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     foreign = {name: flags.pop(name) for name in UnitOptions.__annotations__}
@@ -176,7 +155,7 @@ def expose(
         found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
         found.save(folder)
     report = found.metadata
-    show(report if as_json else _sheet_of(report, str(out_dir), verbose), as_json)
+    show(report if as_json else summary(report, str(out_dir)), as_json)
     defaults = taken_by_default(flags, settings, camera)
     show_remarks(as_json, [*defaults, written(out_dir, FRAME_FILES)])
 

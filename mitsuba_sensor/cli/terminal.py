@@ -2,45 +2,96 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..core.progress import duration
+from ..core import by_weight
 from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
-from .counted import counted
 from .tables import ResultTable, number, rough
 
 if TYPE_CHECKING:
     from ..render.passes.requirements import RenderRequirement
 
+NOTES_MAX = 4
+"""Notes that are printed."""
+DIGITS = re.compile(r"\d[\d.,]*")
+GROUP_NAMES = re.compile(r"^(?:[A-Za-z][\w-]*, )*[A-Za-z][\w-]*: ")
+"""Names of light groups in front of a note."""
+WHOLE = "the signal after each stage beside its theory, all facts and notes: frame.json"
+
+
+COUNTED = {
+    "clipped_full_well": "at the full well",
+    "clipped_adc_high": "at the highest code",
+    "clipped_adc_low": "at code 0",
+    "cut_to_zero_prnu": "whose gain would be negative by its distribution, taken as 0",
+    "cut_to_zero_prnu_col": "whose column's gain would be negative by its distribution, taken as 0",
+    "cut_to_zero_dark_fpn": "whose dark current would be negative by its distribution, taken as 0",
+    "compensated_short": "with more render noise than the compensation can take out",
+    "negative": "with negative light, taken as none",
+    "non_finite": "with light that is no number",
+}
+"""Count → what so many pixels are."""
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
-OF_STAGES = (
-    "the signal behind each stage: mean of the pixels and standard deviation σ of their noise in this frame, and as "
-    "theory expects them. At the sense node the charge becomes a voltage"
-)
-"""Below the table of a frame."""
-UNCERTAIN = 0.03
-"""Relative standard error of a σ of the theory from which on it is printed."""
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
-SIGNAL = (
-    "mean_frame",
-    "mean_expected",
-    "sigma_frame",
-    "sigma_expected",
-)  # of a stage in a report
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
 def summary(report: Report, folder: str) -> RenderableType:
-    """A frame in whole: photons, the signal after each stage in theory and in the frame, noise by source, all notes."""
-    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in report["notes"])
-    facts = (fact("fact", one) for one in report["render"]["facts"])
-    return Group(head_of(report, folder), _stages(report), *_facts(report), *notes, *facts)
+    """Camera and exposure, signal and noise, the render's noise, and the notes that matter most."""
+    notes, left_out = notes_shown(report["notes"])
+    lines = [Text.assemble(("note: ", "bold yellow"), note) for note in notes]
+    if left_out:
+        lines.append(Text(f"{left_out} more notes: frame.json"))
+    return Group(head_of(report, folder), *_facts(report), *lines, Text(WHOLE, style="dim"))
+
+
+def _facts(report: Report) -> Iterator[Text]:
+    last = report["stages"][-1]
+    mean, sigma, expected = (
+        number(last[key]) for key in ("mean_frame", "sigma_frame", "sigma_expected")
+    )
+    unit = last["unit"]
+    yield fact(
+        "signal",
+        f"{mean} {unit} on average, with a noise of σ = {sigma} {unit} ({expected} by theory)",
+    )
+    photons = report["photons"]
+    yield fact(
+        "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
+        f"{number(photons['min'])} … {number(photons['median'])} … {number(photons['max'])} (min, median, max)",
+    )
+    noise, render = report["render_noise"], report["render"]
+    said = "none, because there is no light"
+    if report["photons"]["max"]:
+        denoised = ", denoised" if render["denoised"] else ""
+        ended = ended_by(render["noise_ratio_asked"], render["ended_by"])
+        said = (
+            f"its variance is {number(noise['over_sensor_median'])} × the sensor's in the median pixel; "
+            f"{render['samples_per_pixel']} samples per pixel{denoised}{ended}"
+        )
+    yield fact("render noise", said)
+    yield from brightness_of(report)
+    yield pixels_of(report)
+    yield from pictures_of(report)
+    yield from left_out_of(report)
+
+
+def notes_shown(notes: Iterable[str]) -> tuple[list[str], int]:
+    """The notes that are printed, and how many are not: those that change most come first, and notes that differ in
+    their numbers or light groups alone are one."""
+    alike: dict[str, list[str]] = {}
+    for note in by_weight(notes):
+        alike.setdefault(DIGITS.sub("", GROUP_NAMES.sub("", note)), []).append(note)
+    shown = [
+        f"{first} ({len(others)} more notes are alike)" if others else first
+        for first, *others in alike.values()
+    ]
+    return shown[:NOTES_MAX], max(len(shown) - NOTES_MAX, 0)
 
 
 def head_of(report: Report, folder: str) -> Text:
@@ -178,123 +229,6 @@ def diagnosis(findings: Report) -> RenderableType:
     return Group(verdict, *remedies, variants, llvm, Text(versions, style="dim"))
 
 
-def _stages(report: Report) -> ResultTable:
-    """One row per stage that does something: its signal in this frame and in theory, and, where a plan was made, how
-    far it changes the noise of the raw frame."""
-    effects = {effect["stage"]: effect for effect in report["effects"]}
-    of_plan = ("temporal", "spatial") if effects else ()
-    caption = OF_STAGES
-    if effects:
-        caption += (
-            "; temporal, spatial: how far this stage changes the noise of the raw frame [DN]"
-        )
-    caption += f"; theory: four samples of {report['theory']['pixels']} pixels"
-    if any(map(_is_uncertain, report["stages"])):
-        caption += "; ±: standard error of a σ that few very bright pixels make, that of the frame depends on the same"
-    table = ResultTable(
-        ("after", "", "mean", "theory", "σ", "theory σ", *of_plan), caption=caption
-    )
-    idle = _idle_stages(report)
-    for stage in report["stages"]:
-        if stage["name"] in idle:
-            continue
-        scale, unit = (1e3, "mV") if stage["unit"] == "V" else (1.0, stage["unit"])
-        cells = [number(stage[key] * scale) for key in SIGNAL]
-        if _is_uncertain(stage):
-            cells[-1] = f"{cells[-1]}±{rough(_error_of_sigma(stage) * scale)}"
-        effect = effects.get(stage["name"], {})
-        noise = [effect.get(f"{name}_dn") for name in of_plan]
-        cells += [rough(value) if value else "" for value in noise]
-        table.add_row(stage["name"], Text(unit, style="dim"), *cells)
-    return table
-
-
-def _error_of_sigma(stage: Report) -> float:
-    """Standard error of the σ that theory expects behind a stage, in its unit."""
-    parts = [
-        float(stage[f"sigma_{part}_expected"] * stage[f"sigma_{part}_error"])
-        for part in ("temporal", "spatial")
-    ]
-    return math.hypot(*parts) / max(float(stage["sigma_expected"]), math.ulp(0.0))
-
-
-def _is_uncertain(stage: Report) -> bool:
-    """Whether the σ that theory expects is known to no better than a few percent."""
-    return _error_of_sigma(stage) > UNCERTAIN * float(stage["sigma_expected"])
-
-
-def _idle_stages(report: Report) -> list[str]:
-    """Names of the stages behind which the signal is what it was before: unit, means and σ, in the frame too."""
-    seen = [(stage["unit"], *(stage[key] for key in SIGNAL)) for stage in report["stages"]]
-    pairs = zip(report["stages"][1:], itertools.pairwise(seen), strict=True)
-    return [stage["name"] for stage, (before, behind) in pairs if before == behind]
-
-
-def _facts(report: Report) -> Iterator[Text]:
-    photons, noise, render = (report[key] for key in ("photons", "render_noise", "render"))
-    ended = ended_by(render["noise_ratio_asked"], render["ended_by"])
-    yield fact(
-        "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
-        f"{number(photons['min'])} … {number(photons['median'])} … {number(photons['max'])} (min, median, max)",
-    )
-    said = (
-        f"its variance is {number(noise['over_sensor_median'])} × the sensor's in the median pixel, "
-        f"{number(noise['over_sensor_p95'])} × at the 95th percentile; it is larger than the sensor's in "
-        f"{100 * noise['above_sensor']:.0f} % of the pixels; {render['samples_per_pixel']} samples per pixel{ended}"
-    )
-    if not photons["max"]:
-        said = "none, because there is no light"
-    yield fact("render noise", said)
-    most = noise["most_samples"]
-    if most and noise["over_sensor_median"]:
-        ratios = f"{number(noise['most_samples_median'])} × and {number(noise['most_samples_p95'])} ×"
-        more_s = duration(noise["most_samples_more_s"])
-        yield fact(
-            "with more samples",
-            f"--spp {most:.0f} is expected to bring these two to {ratios}, in {more_s} more",
-        )
-    if "uncompensated" in report["origin"]:
-        left, above = (report["origin"][name] for name in ("uncompensated", "above_shot_noise"))
-        left = (
-            f"render noise makes the variance {number(left)} × the shot noise's larger, on average over the pixels; "
-            f"in {100 * above:.2g} % of the pixels it is more than the shot noise"
-        )
-        yield fact("a render for every frame", left)
-    if done := render["denoised"]:
-        before = (
-            f"{number(done['raw_noise_ratio_median'])} × in the median pixel and "
-            f"{number(done['raw_noise_ratio_p95'])} × at the 95th percentile"
-        )
-        before = f"; without it (--no-denoise) the render noise would be {before}"
-        known = {"camera", "exposure"} <= set(
-            report["origin"].get("as_rendered", ("camera", "exposure"))
-        )
-        yield fact(
-            "denoised", f"by {done['by']}{before if known else ''}"
-        )  # before: of the exposure of the render
-    yield from brightness_of(report)
-    yield pixels_of(report)
-    yield from pictures_of(report)
-    idle = _idle_stages(report)
-    yield from left_out_of(report)
-    if idle:
-        yield fact("without effect here", ", ".join(idle))
-    single = report["float32"]
-    if single and report["precision"] == "float32" and single["share_of_pixels"]:
-        share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"
-        advice = "; `--precision float64` is better"
-        if single["precision"] == "float32":
-            advice = ""
-        yield fact(
-            "float32",
-            f"about {share} of the pixels differ from float64, by at most {most}{advice}",
-        )
-    yield fact(
-        "seconds",
-        ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()),
-    )
-
-
 def brightness_of(report: Report) -> Iterator[Text]:
     """How bright lamps, picture and sensor are, where that is known."""
     from ..render.light.brightness import brightness_sentence
@@ -316,7 +250,11 @@ def ended_by(asked: float | None, end: str) -> str:
 
 def pixels_of(report: Report) -> Text:
     """How many pixels are clipped or bad."""
-    seen = [f"{n} {counted(name)}" for name, n in report["counts"].items() if n]
+    seen = [
+        f"{n} {COUNTED.get(name) or name.replace('_', ' ')}"
+        for name, n in report["counts"].items()
+        if n
+    ]
     return fact("pixels", ", ".join(seen) or "none clipped, none bad")
 
 

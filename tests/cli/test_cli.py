@@ -24,7 +24,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
 from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.output import exr
-from mitsuba_sensor.render.light.irradiance import RenderedFor
 
 OUTPUTS = {"frame.tiff", "frame.png", "frame_brightened.png", "irradiance.exr", "frame.json"}
 
@@ -161,40 +160,6 @@ def test_json_is_all_that_stdout_gets(
     assert json.loads(done.stdout) == json.loads(
         (tmp_path / "frame.json").read_text(encoding="utf-8")
     )
-
-
-def test_the_summary_names_every_stage_and_every_note(
-    light: Any, light_file: Path, tmp_path: Path, cli: Any
-) -> None:
-    said = " ".join(cli("expose", light_file, "-o", tmp_path, "--verbose").stdout.split())
-    report = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
-    for text in [stage["name"] for stage in report["stages"]] + list(light.statistics.notes):
-        assert text in said
-
-
-def test_what_denoising_gained_is_said_of_the_exposure_of_the_render_alone(
-    light: Any, tmp_path: Path, cli: Any
-) -> None:
-    """The ratio without it was measured there; in ten times the time it is another."""
-    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.01)
-    done = {"by": "a filter", "raw_noise_ratio_median": 12.5, "raw_noise_ratio_p95": 99.0}
-    statistics, known = (
-        replace(light.statistics, denoised=done),
-        RenderedFor(camera, exposure, 1),
-    )
-    exr.write_irradiance_exr(
-        tmp_path / "x.exr", replace(light, statistics=statistics, rendered_for=known)
-    )
-    same, longer = (
-        " ".join(
-            cli(
-                "expose", tmp_path / "x.exr", "-o", tmp_path / "out", "--verbose", *more
-            ).stdout.split()
-        )
-        for more in ((), ("--exposure-s", 0.1))
-    )
-    assert "denoised: by a filter; without it" in same and "12.5 × in the median pixel" in same
-    assert "denoised: by a filter" in longer and "without it" not in longer
 
 
 def test_plan_says_what_each_stage_does(light_file: Path, cli: Callable[..., Any]) -> None:
@@ -349,7 +314,7 @@ def test_a_camera_whose_noise_band_cuts_its_noise_says_so(
     )
     said = cli("cameras", "show", file).stdout
     assert "note: source_follower.band_hz [1.0, 10000.0] leaves" in said
-    done = cli("expose", light_file, "--camera", file, "-o", tmp_path / "out", "--verbose")
+    done = cli("expose", light_file, "--camera", file, "-o", tmp_path / "out")
     assert done.exit_code == 0, done.stderr
     assert "band_hz" in done.stdout + done.stderr
     (note,) = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))["camera"][

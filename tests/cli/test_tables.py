@@ -11,7 +11,6 @@ import subprocess
 import sys
 from typing import Any
 
-import numpy as np
 import pytest
 from rich.console import Console, RenderableType
 
@@ -54,21 +53,6 @@ def numbers(text: str) -> list[str]:
 def sheets(light: Any) -> dict[str, Any]:
     """Every table of terminal.py, with hard numbers: name → a function of the width."""
     camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
-    found = ms.capture(light, camera, exposure)
-    report = {
-        **found.metadata,
-        "times_s": {},
-        "render": {**found.metadata["render"], "notes": []},
-    }
-    keys = ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")
-    report["stages"] = [
-        {**stage, **{key: HARD[(i + k) % len(HARD)] for k, key in enumerate(keys)}}
-        for i, stage in enumerate(report["stages"])
-    ]
-    report["effects"] = [
-        {**one, "temporal_dn": HARD[i % len(HARD)], "spatial_dn": HARD[-i % len(HARD)]}
-        for i, one in enumerate(report["effects"])
-    ]
     plan = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=0.02)
     names = ("mean_dn", "temporal_dn", "spatial_dn", "structure_dn")
     effects = [
@@ -103,7 +87,6 @@ def sheets(light: Any) -> dict[str, Any]:
         "stress", "hard", [Section((), True, (Table("table", columns, rows), grid))]
     )
     return {
-        "stages": lambda width: terminal.summary(report, "out"),
         "plan": lambda width: terminal.plan_sheet(plan, needs),
         "maps": lambda width: terminal.map_list(spread, "maps.npz"),
         "study": lambda width: study_sheet(study, "study.html"),
@@ -116,7 +99,7 @@ def made(light: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("name", ["stages", "plan", "maps", "study"])
+@pytest.mark.parametrize("name", ["plan", "maps", "study"])
 def test_every_number_of_a_narrow_table_is_whole(
     name: str, width: int, made: dict[str, Any]
 ) -> None:
@@ -124,22 +107,6 @@ def test_every_number_of_a_narrow_table_is_whole(
     narrow = shown(made[name](width), width)
     assert numbers(narrow) == numbers(shown(made[name](WHOLE), WHOLE))
     assert "8.8e-13" not in narrow or name == "study", "finer than what matters"
-
-
-def test_a_sigma_that_few_bright_pixels_make_is_printed_with_its_standard_error() -> None:
-    """PRNU has σ = prnu·√(mean of N²) over all pixels, and the theory samples them: within four standard errors."""
-    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
-    photons = np.full((200, 300), 1e3)
-    uniform = ms.expose(photons, camera, exposure)
-    photons[::67, ::101] = 1e8
-    few = ms.expose(photons, camera, exposure)
-    for frames, is_uncertain in ((uniform, False), (few, True)):
-        stage = frames.report["stages"][1]
-        exact_e = camera.pixel.prnu * np.sqrt((np.asarray(frames.detected.mean_e) ** 2).mean())
-        error_e = terminal._error_of_sigma(stage)
-        assert stage["name"] == "PRNU"
-        assert abs(stage["sigma_expected"] - exact_e) < 4 * error_e
-        assert terminal._is_uncertain(stage) == is_uncertain
 
 
 def test_the_first_line_of_a_frame_names_gain_setting_and_system_gain(light: Any) -> None:

@@ -379,7 +379,7 @@ def test_the_command_line_takes_settings(
     assert found["--gain", "400"]["camera"] == found["--iso", "400"]["camera"]
     assert found["--gain", "hcg 400"]["camera"]["gain"] == "hcg 400"
     assert found["--gain", "hcg 400"]["image"]["black_level_dn"] == 80
-    set_too = ("--set", "adc.black_level_dn=99", "--verbose")
+    set_too = ("--set", "adc.black_level_dn=99")
     done = cli(
         "expose",
         source,
