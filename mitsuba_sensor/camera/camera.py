@@ -37,9 +37,8 @@ from .datasheet_checks import (
     wrong_resets,
     wrong_technology,
 )
-from .datasheet_errors import doubts, faults, fields_of
+from .datasheet_errors import did_you_mean, doubts, faults, fields_of
 from .dual_pixels import wrong_dual_pixels
-from .field_terms import did_you_mean
 from .figures import EmvaFigures, emva_figures, saturation_e
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
 from .gain_ladder import Gains, at_gain, gain_notes, wrong_gain
