@@ -465,7 +465,7 @@ TOKENS_MAX = {
     ".": 8166,
     "bench": 26089,
     "benchmarks": 53962,
-    "camera": 24427,
+    "camera": 24396,
     "cli": 30080,
     "core": 26182,
     "dataset": 71036,
@@ -481,7 +481,7 @@ TOKENS_MAX = {
     "sensor": 14677,
     "stages": 34199,
     "study": 16927,
-    "tests": 559505,
+    "tests": 559504,
     "theory": 18520,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -79,8 +79,8 @@ class EmvaSheet(FileTable):
             percent = getattr(self, name)
             if 0 < percent < least:
                 raise ValueError(
-                    f"{name} is {percent:g}, which looks like a fraction; write {100 * percent:.6g}, or change the camera "
-                    f"file afterwards if {percent:g} % is meant"
+                    f"{name} is {percent:g}, which looks like a fraction; write {100 * percent:.6g}, or change the "
+                    f"camera file afterwards if {percent:g} % is meant"
                 )
         if self.dark_e_per_s and self.dark_temperature_c is None:
             raise ValueError("dark_temperature_c is missing; the dark current depends on it")
