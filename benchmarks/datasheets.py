@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.emva_sheet import camera_of_sheet
+from mitsuba_sensor.camera.emva_sheet import EmvaSheet, camera_of_sheet
 
 PITCH_UM, WAVELENGTH_NM, TEMPERATURE_K = 5.0, 550.0, 298.15
 UNSAID = {
@@ -13,7 +13,7 @@ UNSAID = {
     "size": (1000, 1000),
     "wavelength_nm": WAVELENGTH_NM,
     "dsnu_e": 0.0,
-    "prnu": 0.0,
+    "prnu_percent": 0.0,
     "dark_e_per_s": 0.0,
 }
 """Rows of ``cameras new --emva`` of which a sheet says nothing."""
@@ -93,14 +93,14 @@ def camera_of(sheet: Datasheet) -> ms.Camera:
     """Our camera, as ``mitsuba-sensor cameras new --emva`` makes it; the black level is the sheet's."""
     rows = UNSAID | {
         "bits": sheet.bits,
-        "qe": sheet.qe,
+        "qe_percent": 100 * sheet.qe,
         "gain_dn_per_e": sheet.gain_dn_per_e,
         "read_noise_e": sheet.read_noise_e,
         "saturation_e": sheet.full_well_e,
         "dsnu_e": sheet.dsnu_e,
-        "prnu": sheet.prnu,
+        "prnu_percent": 100 * sheet.prnu,
         "dark_e_per_s": sheet.dark_e_per_s,
-        "dark_temperature_k": TEMPERATURE_K,
+        "dark_temperature_c": TEMPERATURE_K - 273.15,
     }
-    camera = camera_of_sheet(rows, "of_the_sheet", sheet.what)
+    camera = camera_of_sheet(EmvaSheet(**rows), "of_the_sheet", sheet.what)
     return camera.replace(**{"adc.black_level_dn": sheet.black_level_dn})

@@ -22,7 +22,7 @@ import numpy as np
 from datasheets import TEMPERATURE_K, UNSAID, WAVELENGTH_NM
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.emva_sheet import camera_of_sheet
+from mitsuba_sensor.camera.emva_sheet import EmvaSheet, camera_of_sheet
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.emva_linear import EmvaLinear, emva_linear
 
@@ -53,15 +53,15 @@ def camera_of(sheet: Sheet) -> ms.Camera:
     if "e_per_dn" in sheet:
         gain = 1 / float(sheet["e_per_dn"])
     rows = UNSAID | {
-        "pitch_um": (sheet["pitch_um"],) * 2,
+        "pitch_um": sheet["pitch_um"],
         "bits": sheet["bits"],
         "wavelength_nm": sheet.get("wavelength_nm", WAVELENGTH_NM),
-        "qe": float(sheet.get("qe", USUAL_QE)) / 100,
+        "qe_percent": float(sheet.get("qe", USUAL_QE)),
         "gain_dn_per_e": float(sheet.get("gain", gain)),
         "read_noise_e": sigma,
         "saturation_e": saturation,
     }
-    return camera_of_sheet(rows, "of_the_sheet", sheet["camera"])
+    return camera_of_sheet(EmvaSheet(**rows), "of_the_sheet", sheet["camera"])
 
 
 def computed(sheet: Sheet, camera: ms.Camera, release: int) -> dict[str, float]:

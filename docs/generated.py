@@ -28,8 +28,7 @@ from rich.text import Text
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS
-from mitsuba_sensor.camera.emva_sheet_file import NAMES as ROW_NAMES
+from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, EmvaSheet
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.cli.help import commands_below
@@ -65,25 +64,6 @@ MOTION_TABLES: dict[str, type[BaseModel]] = {
     "`[camera]`, `[objects.ID]`": RigidMotion,
     "`[[camera.keys]]`, `[[objects.ID.keys]]`": KeyPose,
 }
-SHEET_EXAMPLE = {
-    "pitch_um": "5.86",
-    "size": "1920 x 1200",
-    "bits": "12",
-    "wavelength_nm": "525",
-    "qe": "77",
-    "gain_dn_per_e": "1/8.16",
-    "read_noise_e": "6.83",
-    "snr_max_db": "45.1",
-    "absolute_sensitivity_e": "7.7",
-    "saturation_e": "32691",
-    "dynamic_range_db": "72.5",
-    "dsnu_e": "0",
-    "prnu": "1",
-    "linearity_percent": "0.2",
-    "dark_e_per_s": "5",
-    "dark_temperature_k": "25",
-}
-"""What the rows of a sheet can say."""
 SHOWN_NM = (700, 850, 1000, 1450, 1550, 2200)
 """Wavelengths of the table of measured materials."""
 WITHOUT_KEY = dict.fromkeys(
@@ -214,23 +194,15 @@ def camera_file() -> str:
 def emva_sheet() -> str:
     """The rows of an EMVA 1288 summary sheet, their keys, and an example of each."""
     lines = [
-        "| EMVA 1288 sheet | name for `--emva-file` | example | key of the camera file | value in the file |",
-        "|---|---|---|---|---|",
+        "| EMVA 1288 sheet | line of the file | key of the camera file |",
+        "|---|---|---|",
     ]
-    for sheet_name, row in ROW_NAMES.items():
-        example = SHEET_EXAMPLE[row.key]
-        keys = ", ".join(f"`{key}`" for key in KEYS.get(row.key, ()))
-        name, text = row.question.partition(", or")[0], _in_file(row.value(example))
-        if not keys:
-            keys, text = WITHOUT_KEY.get(row.key, "none"), ""
-        lines.append(f"| {name} | `{sheet_name}` | {example} | {keys} | {text} |")
+    for name, info in EmvaSheet.model_fields.items():
+        keys = ", ".join(f"`{key}`" for key in KEYS.get(name, ()))
+        keys = keys or WITHOUT_KEY[name]
+        example = f"{name} = {json.dumps((info.examples or [''])[0])}"
+        lines.append(f"| {info.description} | `{example}` | {keys} |")
     return "\n".join(lines)
-
-
-def _in_file(value: object) -> str:
-    """A value, or a pair of them, as TOML has it."""
-    values = value if isinstance(value, tuple) else (value,)
-    return ", ".join(f"{one:.6g}" for one in dict.fromkeys(values))
 
 
 def noise_sources() -> str:

@@ -146,7 +146,7 @@ def capture(
         irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
         rendered for, and so is its serial number; else konnik_table1, as a note says, and a metered exposure ("auto").
-    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
+    progress : None says every ten seconds on stderr how far it is; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
     With ``sensor="all"`` every sensor of the scene takes a frame of the same instant: ``captured.sensors["left"]``.
     Everything is checked before the first ray is traced. Raises InputError.

@@ -28,7 +28,7 @@ from .sensor.kept_maps import RECENT_BYTES, KeptMaps, depends_on_camera_alone
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions
 from .theory.plan import prepare_planned_exposure
-from .timed_frames import TimedFrame, joined, timed_exposure
+from .timed_frames import TimedFrame, frames_in_time, joined
 
 RECENT = KeptMaps(RECENT_BYTES, guaranteed=False)
 """FPN maps of the cameras that :func:`expose` had last."""
@@ -59,7 +59,7 @@ def expose(
     photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
         ``wavelengths_nm`` of length B. Or the Irradiance itself, which is collected: then camera, exposure and serial
         number are by default those that it was rendered for, and the exposure may be "auto" (metered).
-    progress : None says every ten seconds on stderr how many frames are done, in a notebook by a bar; False does not.
+    progress : None says every ten seconds on stderr how many frames are done; False does not.
     A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
@@ -70,7 +70,7 @@ def expose(
     try:
         with told_frames(prepared, "expose", progress) as sensor:
             if series := in_time(sensor, photons, chosen):
-                frames = joined(series).frames
+                frames, _ = joined(series)
             else:
                 frames = Frames.exposed(sensor)
     finally:
@@ -131,7 +131,7 @@ def in_time(
         return None
     if not isinstance(light, Irradiance) or not light.waveforms:
         return None
-    return timed_exposure(sensor, lambda *frame: light, options).each()
+    return frames_in_time(sensor, lambda *frame: light, options)
 
 
 def prepare_light(

@@ -108,8 +108,8 @@ def expose_light(request: Request) -> Exposed:
     )
     check_frame_files(sensor, options)
     with timed(request.times_s, "expose"):
-        exposed = expose_frames(sensor.of(photons), light, options, request.progress)
-    return Exposed(exposed.frames, light, origin, options, timed=exposed.timed)
+        frames, series = expose_frames(sensor.of(photons), light, options, request.progress)
+    return Exposed(frames, light, origin, options, timed=series)
 
 
 def render_once(request: Request) -> Exposed:
@@ -143,9 +143,8 @@ def render_once(request: Request) -> Exposed:
             exposure = metered(lit, render.camera, render.metering)
             lit = metered_at(lit, render.metering, exposure)
         photons = photons_of(lit, render.camera, exposure, rendering["start_s"])
-        exposed = expose_frames(sensor.at(exposure).of(photons), lit, options, progress)
-    scene = exposed_of_scene(request, render, lit, exposed.frames)
-    return replace(scene, timed=exposed.timed)
+        frames, series = expose_frames(sensor.at(exposure).of(photons), lit, options, progress)
+    return replace(exposed_of_scene(request, render, lit, frames), timed=series)
 
 
 def metered_at(light: Irradiance, metering: Metering, exposure: Exposure) -> Irradiance:
@@ -179,9 +178,8 @@ def render_in_time(
             lights.append(lit)
         return lit
 
-    exposed = expose_moving(sensor, light_of, options)
-    scene = exposed_of_scene(request, render, lights[0], exposed.frames)
-    return replace(scene, timed=exposed.timed)
+    frames, series = expose_moving(sensor, light_of, options)
+    return replace(exposed_of_scene(request, render, lights[0], frames), timed=series)
 
 
 def lit_as_asked(light: Irradiance, options: CaptureOptions) -> Irradiance:

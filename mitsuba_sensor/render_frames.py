@@ -60,7 +60,7 @@ def render_frames(
 
     render_noise : "compensated" counts the render's noise as part of the shot noise, so that 16 times fewer samples are
         enough than for a noise ratio of 0.01; "per-frame" adds it to the shot noise.
-    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
+    progress : None says every ten seconds on stderr how far it is; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress` of each frame's render.
 
     By default "compensated" renders until the median of v/μ, the variance of the render over that of the shot noise,

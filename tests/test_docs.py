@@ -184,7 +184,7 @@ def test_command_line_and_api_can_be_read_without_the_site() -> None:
     page, names = PAGES["command-line"], PAGES["api"]
     for path in ("render", "budget", "cameras new", "dataset run", "study ablation"):
         assert f"## {path}\n" in page
-    for option in ("--exposure-s", "--light-groups", "--emva-file", "--tolerance-dn"):
+    for option in ("--exposure-s", "--light-groups", "--emva", "--tolerance-dn"):
         assert f"`{option}`" in page or f"`{option} " in page
     for name in ms.__all__:
         if name != "lab":

@@ -109,22 +109,6 @@ def test_every_output_knows_first_pixel_filters_and_levels(rendered: Path) -> No
         )
 
 
-def test_white_in_a_crop_is_white(rendered: Path) -> None:
-    """The window lies in the white patch: without its first pixel it would be magenta."""
-    means = np.asarray(Image.open(rendered / "frame.png")).mean(axis=(0, 1))
-    assert means.min() > 80 and np.ptp(means) < 6
-
-
-def test_light_without_a_camera_says_so(rendered: Path) -> None:
-    """A stage of one's own cannot be kept in a file, nor what other programs made."""
-    light = exr.read_irradiance_exr(rendered / "irradiance.exr")
-    assert light.rendered_for is not None
-    with pytest.raises(ms.InputError, match="the irradiance names none; pass camera"):
-        ms.capture(replace(light, rendered_for=None))
-    with pytest.raises(ms.InputError, match="the irradiance names none; pass camera"):
-        ms.capture(replace(light, rendered_for=replace(light.rendered_for, camera=None)))
-
-
 def test_the_command_line_says_which_camera_it_takes_where_none_is_known(
     rendered: Path, tmp_path: Path
 ) -> None:

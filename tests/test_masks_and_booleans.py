@@ -21,10 +21,8 @@ NM = np.array([550.0])
 
 MASKED: dict[str, Callable[[Path], Any]] = {
     "photons": lambda _: ms.expose(HIDDEN, TABLE1, EXPOSURE),
-    "photons in a list": lambda _: ms.expose([HIDDEN[0], HIDDEN[1]], TABLE1, EXPOSURE),
     "Photons": lambda _: ms.expose(ms.Photons(HIDDEN[..., None], NM), BAYER, EXPOSURE),
     "stream": lambda _: ms.stream(HIDDEN, TABLE1, EXPOSURE),
-    "plan": lambda _: ms.plan(TABLE1, EXPOSURE, HIDDEN),
     "derivatives": lambda _: ms.differentiable(HIDDEN, TABLE1, EXPOSURE, "photons"),
     "variance": lambda _: ms.expose(ms.Photons(ONES, variance_e2=HIDDEN), TABLE1, EXPOSURE),
     "wavelengths": lambda _: ms.expose(
@@ -32,14 +30,9 @@ MASKED: dict[str, Callable[[Path], Any]] = {
     ),
     "map": lambda _: ms.expose(ONES, TABLE1, EXPOSURE, maps={"prnu": HIDDEN}),
     "light": lambda _: ms.collect(HIDDEN, TABLE1, EXPOSURE),
-    "field": lambda _: ms.collect(HIDDEN * (1 + 1j), TABLE1, EXPOSURE),
-    "image": lambda _: ms.SensorNoise(TABLE1, white_e=100.0)(HIDDEN),
     "measured frames": lambda _: ms.lab.Stack(HIDDEN[None], 0.01),
     "frames of a file": lambda folder: ms.write_tiff(
         folder / "x.tiff", HIDDEN.astype(np.uint16)
-    ),
-    "datasheet": lambda _: TABLE1.replace(
-        **{"quantum_efficiency.curves": np.ma.masked_array(NM, [True])}
     ),
     "QE": lambda _: TABLE1.qe(np.ma.masked_array(NM, [True])),
 }
@@ -64,19 +57,11 @@ def test_a_masked_array_in_which_nothing_is_masked_is_an_array() -> None:
 NUMBERS: dict[str, Callable[[Any], Any]] = {
     "time": lambda yes: ms.Exposure(time_s=yes),
     "temperature": lambda yes: ms.Exposure(1.0, yes),
-    "percentile": lambda yes: ms.Metering(percentile=yes),
     "photons": lambda yes: ms.expose(yes, TABLE1, EXPOSURE),
-    "wavelength": lambda yes: ms.expose(ONES, TABLE1, EXPOSURE, wavelengths_nm=[yes]),
     "map": lambda yes: ms.expose(ONES, TABLE1, EXPOSURE, maps={"prnu": np.full((4, 4), yes)}),
-    "tolerance": lambda yes: ms.plan(TABLE1, EXPOSURE, ONES, tolerance_dn=yes),
-    "irradiance": lambda yes: ms.uniform_light(yes, (2, 2)),
     "wavelength of light": lambda yes: ms.collect(ONES, TABLE1, EXPOSURE, wavelengths_nm=yes),
-    "width of a band": lambda yes: ms.collect(
-        ONES[..., None], TABLE1, EXPOSURE, wavelengths_nm=NM, bandwidths_nm=yes
-    ),
     "field of a camera": lambda yes: TABLE1.replace(**{"pixel.full_well_e": yes}),
     "QE": lambda yes: TABLE1.qe([yes]),
-    "preview": lambda yes: ms.expose(ONES, TABLE1, EXPOSURE).preview(gain=yes),
     "memory": lambda yes: ms.Sensor(TABLE1, most_bytes=yes),
     "measured time": lambda yes: ms.lab.Stack(ONES[None], yes),
 }

@@ -136,15 +136,6 @@ def test_camera_plan_and_budget_show_their_numbers() -> None:
     )
 
 
-def test_the_longest_bar_of_a_budget_is_that_of_the_largest_variance() -> None:
-    budget = noisy(MONO, (16, 16)).noise_budget()
-    widths = [float(px) for px in re.findall(r"width:([\d.]+)px", budget._repr_html_())]
-    rows = [(abs(row.temporal_dn2), abs(row.spatial_dn2)) for row in budget.rows]
-    largest = max(value for row in rows[:-1] for value in row)
-    shares = np.minimum(np.ravel(rows) / largest, 1)
-    np.testing.assert_allclose(widths, 100 * shares, atol=0.051)
-
-
 def test_light_of_one_wavelength_is_grey_and_of_the_visible_has_its_colour(light: Any) -> None:
     """A red band beside dark ones is red; in a single band nothing is known of colours."""
     data = np.zeros((4, 5, 3), np.float32)

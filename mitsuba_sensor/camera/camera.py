@@ -24,7 +24,6 @@ from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSect
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import Chain, Stage, converter_of
 from ..stages.usual_range import warn_of_temperature
-from .camera_toml import camera_file
 from .companding import CompandingSection
 from .datasheet_checks import (
     checked_source,
@@ -37,9 +36,9 @@ from .datasheet_checks import (
     wrong_resets,
     wrong_technology,
 )
-from .datasheet_errors import doubts, faults, fields_of
+from .datasheet_errors import did_you_mean, doubts, faults, fields_of
 from .dual_pixels import wrong_dual_pixels
-from .field_terms import did_you_mean
+from .field_catalogue import camera_file
 from .figures import EmvaFigures, emva_figures, saturation_e
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
 from .gain_ladder import Gains, at_gain, gain_notes, wrong_gain

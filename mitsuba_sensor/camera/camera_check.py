@@ -14,13 +14,16 @@ from pydantic import ValidationError
 
 from ..core import InputError
 from ..core.printable import printable
-from ..core.small_files import toml_tables, without_strings
+from ..core.small_files import toml_tables
 from ..optics.traced_lens import cardinal_points
 from .camera import Camera
 from .camera_file import CameraText, camera_text, plain_tables
 from .datasheet_errors import Loc, dotted, doubts, faults
 
-STATEMENT = re.compile(r"\s*(?P<header>\[\[?)?\s*(?P<key>[^=\[\]{}]+?)\s*[=\]]")
+STATEMENT = re.compile(
+    r"\s*(?:(?P<header>\[\[?)\s*(?P<table>[^\[\],]+)\]+\s*(?:#.*)?$|(?P<key>[^=\[\]{}#,]+)=)"
+)
+PART = re.compile(r"""("[^"]*"|'[^']*'|[^.\s]+)""")
 
 
 @dataclass(frozen=True)
@@ -107,42 +110,27 @@ def _lens_faults(camera: Camera) -> list[str]:
 
 
 def toml_lines(text: str) -> dict[Loc, int]:
-    """The first line, from 1, of each table and key of a valid TOML text; inline tables have that of their key."""
+    """The first line, from 1, of each table and key of a TOML text; inline tables have that of their key."""
     lines: dict[Loc, int] = {}
     table: Loc = ()
     lengths = Counter[Loc]()  # of the lists of tables
-    depth, number, start = 0, 1, 0  # depth : brackets that are open
-    for row in without_strings(text).split("\n"):  # a string of several lines is in one row
-        end = start + len(row)
-        statement = None if depth else STATEMENT.match(row)
-        if statement:
-            key = text[start + statement.start("key") : start + statement.end("key")]
-            path = _key_parts(key)
-            header = statement["header"]
-            if header:
-                table = ()
-            place = table
-            for position, part in enumerate(path, start=1):
-                place = (*place, part)
+    for number, row in enumerate(text.split("\n"), start=1):
+        statement = STATEMENT.match(row)
+        if statement is None:
+            continue
+        header = statement["header"]
+        place = () if header else table
+        path = [
+            part.strip("\"'") for part in PART.findall(statement["table"] or statement["key"])
+        ]
+        for position, part in enumerate(path, start=1):
+            place = (*place, part)
+            lines.setdefault(place, number)
+            if header == "[[" and position == len(path):
+                lengths[place] += 1
+            if header and place in lengths:
+                place = (*place, lengths[place] - 1)
                 lines.setdefault(place, number)
-                if header == "[[" and position == len(path):
-                    lengths[place] += 1
-                if header and place in lengths:
-                    place = (*place, lengths[place] - 1)
-                    lines.setdefault(place, number)
-            if header:
-                table = place
-        depth += sum(map(row.count, "[{")) - sum(map(row.count, "]}"))
-        number += text.count("\n", start, end) + 1
-        start = end + 1
+        if header:
+            table = place
     return lines
-
-
-def _key_parts(key: str) -> list[str]:
-    """The parts of a dotted key without their quotes."""
-    value: Any = toml_tables(f"{key} = 0")
-    parts = list[str]()
-    while isinstance(value, dict):
-        ((part, value),) = value.items()
-        parts.append(part)
-    return parts

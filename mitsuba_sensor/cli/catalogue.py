@@ -72,8 +72,8 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
 def new_camera(new_file: arguments.NewFile, **flags: Flag) -> None:
     """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
 
-    It loads as the camera that it is like, or, with --emva, as the camera of an EMVA 1288 sheet, whose rows it asks
-    for (--emva-file reads them). `cameras check FILE` says what is wrong after a change.
+    It loads as the camera that it is like, or, with --emva, as the camera of an EMVA 1288 sheet. `cameras check FILE`
+    says what is wrong after a change.
     """
     from ..files.texts import write_page
     from .new_camera import new_camera_of
@@ -81,7 +81,7 @@ def new_camera(new_file: arguments.NewFile, **flags: Flag) -> None:
     file = _camera_file(new_file, flags["force"])
     camera, notes = new_camera_of(flags, file)
     write_page(file, camera.to_toml())
-    if flags["emva"] or flags["emva_file"]:
+    if flags["emva"]:
         of = "of an EMVA 1288 sheet"
     else:
         of = f"like {flags['like'] or DEFAULT_CAMERA}"

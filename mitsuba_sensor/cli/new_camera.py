@@ -1,4 +1,4 @@
-"""What ``cameras new`` asks for: the rows of an EMVA 1288 sheet, and a name and description of one's own."""
+"""The camera that ``cameras new`` writes: like another one, or of an EMVA 1288 sheet, with a name of its own."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ import typer
 import mitsuba_sensor as ms
 
 from ..camera.camera import SET_BY_USER
-from ..camera.emva_sheet import ROWS, Row, Value, camera_of_sheet, comparisons, is_asked
-from ..camera.emva_sheet_file import read_sheet
+from ..camera.emva_sheet import camera_of_sheet, comparisons, read_sheet
 from ..camera.gain_ladder import SAME, SET
 from ..camera.shipped import DEFAULT_CAMERA as DEFAULT
 from ..core import InputError
-from .app import err
 from .inputs import changes_of
 from .values import Flag
 
@@ -26,17 +24,15 @@ OF_SHEET = "by its EMVA 1288 sheet"
 
 def new_camera_of(flags: Mapping[str, Flag], file: Path) -> tuple[ms.Camera, list[str]]:
     """The camera to write, and what is to be said of it. Raises InputError."""
-    given = [name for name in ("emva", "emva_file", "like") if flags[name]]
-    if len(given) > 1:
+    if flags["emva"] and flags["like"]:
         raise InputError(
-            "--emva asks for all numbers, --emva-file reads them, and --like takes those of a camera; give "
-            "one of these."
+            "--emva takes the numbers of a sheet, and --like those of a camera; give one of both."
         )
-    if flags["emva"] or flags["emva_file"]:
-        values = read_sheet(flags["emva_file"]) if flags["emva_file"] else asked_rows()
+    if flags["emva"]:
+        sheet = read_sheet(flags["emva"])
         name, description, notes = asked_names(flags, file, OF_SHEET)
-        camera = camera_of_sheet(values, name, description).replace(**changes_of(flags))
-        notes += comparisons(values, camera)
+        camera = camera_of_sheet(sheet, name, description).replace(**changes_of(flags))
+        notes += comparisons(sheet, camera)
     else:
         like = ms.load_camera(flags["like"] or DEFAULT)
         name, description, notes = asked_names(flags, file, f"a camera like {like.name}")
@@ -97,51 +93,3 @@ def asked_names(
 def is_terminal() -> bool:
     """Whether somebody can type answers."""
     return sys.stdin.isatty()
-
-
-def asked_rows() -> dict[str, Value]:
-    """The values of a sheet, each asked until it can be used; of answers that nobody types the first that cannot ends
-    it, because all others would belong to another row. Raises InputError, also where the answers end before."""
-    if is_terminal():
-        err.print(
-            "The rows of the EMVA 1288 summary sheet, from top to bottom; an optional one may stay empty.",
-            highlight=False,
-        )
-    values: dict[str, Value] = {}
-    for row in ROWS:
-        if is_asked(row, values):
-            values[row.key] = _asked(row)
-    return values
-
-
-def _asked(row: Row) -> Value:
-    if row.optional:
-        question = f"{row.question} (optional)"
-    else:
-        question = row.question
-    while True:
-        text = _typed(question)
-        if text is None:
-            raise InputError(
-                f"the answers end before the row {row.question!r} of the sheet; give one line for each row, or a file "
-                "of them (--emva-file)."
-            )
-        try:
-            return row.value(text)
-        except InputError as error:
-            if not is_terminal():
-                raise
-            err.print(str(error), markup=False, highlight=False, soft_wrap=True)
-
-
-def _typed(question: str) -> str | None:
-    """The next answer; of a pipe a line, without asking. None where the answers end."""
-    if is_terminal():
-        try:
-            return str(typer.prompt(question, default="", show_default=False, err=True))
-        except typer.Abort:
-            return None
-    line = sys.stdin.readline()
-    if line:
-        return line.strip()
-    return None

@@ -113,12 +113,11 @@ class NewCameraFlags(TypedDict, total=False):
         ),
     ]
     emva: Annotated[
-        bool,
-        Option("Ask for the rows of an EMVA 1288 sheet, in its order, instead.", False),
-    ]
-    emva_file: Annotated[
         str | None,
-        Option("Read these rows from a file, NAME = VALUE in each line.", metavar="FILE"),
+        Option(
+            "Camera of an EMVA 1288 sheet instead, from a file with its rows, NAME = VALUE in each line.",
+            metavar="FILE",
+        ),
     ]
     name: Annotated[
         str | None,

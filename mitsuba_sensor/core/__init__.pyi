@@ -24,7 +24,6 @@ from .sensor_window import SensorWindow as SensorWindow
 from .signals import CountedElectrons as CountedElectrons
 from .signals import Electrons as Electrons
 from .signals import Photons as Photons
-from .signals import PhotonsOfBands as PhotonsOfBands
 from .types import Array as Array
 from .types import Float32Array as Float32Array
 from .types import Float64Array as Float64Array

@@ -13,20 +13,18 @@ import scipy
 
 from .types import Float64Array
 
-NARROW = 1.0
-"""σ [DN] from which on the sum over equal steps is its integral, by Euler-Maclaurin: there the next term is 4e-5 DN."""
+NARROW_DN, REACH_SIGMAS = 2.0, 7.0
+"""σ from which on the sum over equal steps is its integral, by Euler-Maclaurin to first order: the next term is
+6e-5 DN there. Below it, codes farther from the mean than so many σ are not reached."""
 
 NO_HARMONICS = 1.2
 """σ [DN] from which on rounding far from both clips adds 1/12, to 1e-12."""
 
-BROAD = 0.25
-"""σ as a share of the range from which on the integral is a quadrature."""
+SIGMAS = 9.0
+"""Clips further away are not reached."""
 
-HUGE = 1e90
-"""Numbers beyond this one are as good as infinite, and their powers are not."""
-
-REACH = 7.0
-"""Transitions further away than so many σ are sure."""
+BROADEST = 1e5
+"""σ over the range of codes, beyond which only two codes are left: nothing more is lost to rounding."""
 
 LEAST_DN = 1e-3
 """A smaller σ counts as this one for the chance of a code."""
@@ -44,6 +42,8 @@ NEAR = 2.0**-22
 """So near below a transition, in shares of itself, a signal without noise has the code above, as in frames: whole
 electrons at a gain such as 5/14 DN/e- come that near at every 14th count."""
 
+BLOCK = 2**13
+
 
 def code_moments(
     ideal_dn: Float64Array,
@@ -55,103 +55,50 @@ def code_moments(
     ideal_dn, sigma_dn : of one shape; σ may be 0.  highest : the largest code.
     """
     ideal, sigma = np.broadcast_arrays(ideal_dn, sigma_dn)
-    x, s = (np.clip(np.nan_to_num(part.ravel()), -HUGE, HUGE) for part in (ideal, sigma))
-    mean, variance = np.empty(x.size), np.empty(x.size)
-    even = (s >= NO_HARMONICS) & (x > 9 * s) & (x < highest - 9 * s)
-    mean[even], variance[even] = x[even], s[even] ** 2 + 1 / 12
-    wide = (s >= NARROW) & ~even
-    mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
-    narrow = np.flatnonzero(~wide & ~even)
-    for part in np.array_split(narrow, max(narrow.size // 2**15, 1)):
-        mean[part], variance[part] = _summed(x[part], s[part], highest)
+    s = np.minimum(np.nan_to_num(sigma.ravel()), BROADEST * (highest + 1))
+    x = np.clip(np.nan_to_num(ideal.ravel()), -SIGMAS * s - 1, highest + SIGMAS * s + 1)
+    mean, variance = x.copy(), s**2 + 1 / 12
+    clipped = (s < NO_HARMONICS) | (x < SIGMAS * s) | (x > highest - SIGMAS * s)
+    for law, chosen in ((_integrated, s >= NARROW_DN), (_summed, s < NARROW_DN)):
+        some = np.flatnonzero(chosen & clipped)
+        for part in np.array_split(some, max(some.size // BLOCK, 1)):
+            mean[part], variance[part] = law(x[part], s[part], highest)
     return mean.reshape(ideal.shape), variance.reshape(ideal.shape)
 
 
 def _integrated(
     x: Float64Array, s: Float64Array, highest: int
 ) -> tuple[Float64Array, Float64Array]:
-    """Equal steps: Σ f(k − ½) = ∫ f − [f′]/24 + 7·[f‴]/5760 for f(t) = Φ((x − t)/s), and the same for 2(t − c)·f(t).
-
-    Squares are about c, the place of the mean between the clips: nothing large is subtracted from its like.
-    """
-    x = np.clip(x, -9 * s, highest + 9 * s)
+    """Of y = min(max(X, 0), highest) for normal X, and what equal steps add: Σ f(k − ½) = ∫ f − [f′]/24 for
+    f(t) = Φ((x − t)/s), and the same for 2(t − c)·f(t), with squares about c, so that nothing large is subtracted."""
     c = np.clip(x, 0.0, highest)
-    first, second = np.where(s < BROAD * highest, _clipped(x, s, c, highest), 0.0)
-    broad = s >= BROAD * highest
-    if broad.any():
-        first[broad], second[broad] = _by_quadrature(x[broad], s[broad], c[broad], highest)
-    for edge, sign in ((0.0, 1.0), (float(highest), -1.0)):
-        u = (x - edge) / s
-        below, density = scipy.special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
-        slope, second_slope, third = (
-            -density / s,
-            -u * density / s**2,
-            -(u * u - 1) * density / s**3,
-        )
-        first += sign * (slope / 24 - 7 * third / 5760)
-        slope_of_square = 2 * below + 2 * (edge - c) * slope
-        second += sign * (
-            slope_of_square / 24 - 7 * (6 * second_slope + 2 * (edge - c) * third) / 5760
-        )
-    return c + first, np.maximum(second - first**2, 0.0)
-
-
-def _clipped(
-    x: Float64Array, s: Float64Array, c: Float64Array, highest: int
-) -> tuple[Float64Array, Float64Array]:
-    """E(y − c) and E(y − c)² of y = min(max(X, 0), highest) for normal X."""
     low, high = -x / s, (highest - x) / s
     p_low, p_high = scipy.special.ndtr(low), scipy.special.ndtr(-high)
     d_low, d_high = (np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi) for u in (low, high))
     inside = np.maximum(1 - p_low - p_high, 0.0)
-    about_x = s * (d_low - d_high) + low * s * p_low + high * s * p_high
-    squared = s**2 * (
-        inside - (high * d_high - low * d_low) + low**2 * p_low + high**2 * p_high
-    )
-    return about_x + (x - c), squared + 2 * (x - c) * about_x + (x - c) ** 2
-
-
-def _by_quadrature(
-    x: Float64Array, s: Float64Array, c: Float64Array, highest: int
-) -> tuple[Float64Array, Float64Array]:
-    """The same where the noise is wide beside the range of codes: ∫ f and ∫ 2(t − c)·f by Gauss-Legendre."""
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    first, second = -c, c**2
-    for t, weight in zip(0.5 * highest * (nodes + 1), 0.5 * highest * weights, strict=True):
-        above = scipy.special.ndtr((x - t) / s)
-        first = first + weight * above
-        second = second + weight * 2 * (t - c) * above
-    return first, second
+    off = s * (d_low - d_high + low * p_low + high * p_high)
+    square = s**2 * (inside - (high * d_high - low * d_low) + low**2 * p_low + high**2 * p_high)
+    square += 2 * (x - c) * off + (x - c) ** 2
+    off = off + (x - c) + (d_high - d_low) / s / 24
+    square += (inside + (c * d_low + (highest - c) * d_high) / s) / 12
+    return c + off, np.maximum(square - off**2, 0.0)
 
 
 def _summed(
     x: Float64Array, s: Float64Array, highest: int
 ) -> tuple[Float64Array, Float64Array]:
-    """E d and E d² of d = code − c from P(d ≥ j) and P(d ≤ −j), c the code of the mean."""
-    if not x.size:
-        return x, s
-    centre = np.clip(np.floor(x + 0.5), 0, highest).astype(np.int64)
-    mean, square = np.zeros(x.shape), np.zeros(x.shape)
-    for sign in (1, -1):
-        here, j = (
-            np.arange(x.size),
-            1,
-        )  # those whose noise reaches the transition that d = ±j lies behind
-        while here.size:
-            number = centre[here] + (j if sign > 0 else 1 - j)
-            exists = (number >= 1) & (number <= highest)
-            here, number = here[exists], number[exists]
-            distance, width = sign * (x[here] - (number - 0.5)), s[here]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                near = sign * NEAR * np.abs(x[here])
-                if sign > 0:
-                    sure = distance >= -near
-                else:
-                    sure = distance > -near
-                chance = np.where(width > 0, scipy.special.ndtr(distance / width), sure)
-            mean[here] += sign * chance
-            square[here] += (2 * j - 1) * chance
-            here, j = here[distance > -REACH * width], j + 1
+    """E d and E d² of d = code − c from the chances of the transitions near c, the code of the mean."""
+    centre = np.clip(np.floor(x + 0.5), 0, highest)
+    neighbours = math.ceil(REACH_SIGMAS * s.max(initial=0.0)) + 1
+    j = np.arange(1.0 - neighbours, neighbours + 1)
+    number, at, width = centre[:, None] + j, x[:, None], s[:, None]
+    distance = at - (number - 0.5)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        chance = scipy.special.ndtr(distance / width)
+    chance = np.where(width > 0, chance, distance >= -NEAR * np.abs(at))
+    chance = np.where(number < 1, 1.0, np.where(number > highest, 0.0, chance))
+    mean = chance.sum(axis=1) - neighbours
+    square = chance @ (2 * j - 1) + neighbours**2
     return centre + mean, np.maximum(square - mean**2, 0.0)
 
 

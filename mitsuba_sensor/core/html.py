@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,21 +14,12 @@ if TYPE_CHECKING:
 WIDEST_PX, NARROWEST_PX = 480, 160
 """Widths of a picture on the page; a few pixels are shown enlarged."""
 
-LONGEST_BAR_PX = 100.0
-
 
 class Table(NamedTuple):
-    """Rows of cells below a header, which may be empty. A cell is a text, a number or a :class:`Bar`."""
+    """Rows of texts and numbers below a header, which may be empty."""
 
-    header: tuple[object, ...]
-    rows: tuple[tuple[object, ...], ...]
-
-
-class Bar(NamedTuple):
-    """A horizontal bar, and the text behind it."""
-
-    width_px: str
-    text: str
+    header: Sequence[object]
+    rows: Sequence[Sequence[object]]
 
 
 class Picture(NamedTuple):
@@ -40,27 +31,15 @@ class Picture(NamedTuple):
     described: str
 
 
-def table(header: Sequence[object], rows: Iterable[Sequence[object]]) -> Table:
-    """A table with one line for each row."""
-    return Table(tuple(header), tuple(map(tuple, rows)))
-
-
 def facts(values: Mapping[str, object]) -> Table:
     """A table of names and values."""
-    return table((), values.items())
-
-
-def bar(share: float, text: str) -> Bar:
-    """A horizontal bar, full at a share of 1, behind which stands the text."""
-    return Bar(f"{LONGEST_BAR_PX * min(max(share, 0.0), 1.0):.1f}", text)
+    return Table((), tuple(values.items()))
 
 
 def picture(png: bytes, columns: int, described: str) -> Picture:
     """An embedded PNG of so many columns, enlarged without smoothing where it has few."""
     width_px = min(max(columns, NARROWEST_PX), WIDEST_PX)
-    rendering = "auto"
-    if columns < width_px:
-        rendering = "pixelated"
+    rendering = "pixelated" if columns < width_px else "auto"
     return Picture(base64.b64encode(png).decode(), width_px, rendering, described)
 
 
@@ -73,11 +52,11 @@ def fragment(title: str, *parts: Table | Picture) -> str:
 
 def render_template(template: Path, **values: object) -> str:
     """The text of a Jinja template with these values, which are escaped."""
-    return environment(template.parent).get_template(template.name).render(values)
+    return _environment(template.parent).get_template(template.name).render(values)
 
 
 @cache
-def environment(folder: Path) -> Environment:
+def _environment(folder: Path) -> Environment:
     """Jinja, imported with the first page, for the templates of a folder."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 

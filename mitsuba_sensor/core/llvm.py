@@ -93,24 +93,18 @@ def _libraries_in(folders: tuple[str, ...]) -> list[LlvmLibrary]:
 
 def inspect_llvm(path: str) -> LlvmLibrary:
     """Version and usability of one library file, from its name and its bytes."""
-    real = os.path.realpath(path)
+    real, version, reason = os.path.realpath(path), 0, "usable"
     try:
         with open(real, "rb") as file:
             if not _same_architecture(file.read(20)):
-                return LlvmLibrary(real, 0, False, "not a shared library for this processor")
-        version = _version_of(real)
+                reason = "not a shared library for this processor"
+            elif (version := _version_of(real)) < OLDEST_LLVM:
+                reason = f"older than {OLDEST_LLVM}: Dr.Jit refuses it or aborts the process"
+                if not version:
+                    reason = "has no LLVM version in its name or soname"
     except (OSError, ValueError) as error:
-        return LlvmLibrary(real, 0, False, f"cannot be read ({error})")
-    if not version:
-        return LlvmLibrary(real, 0, False, "has no LLVM version in its name or soname")
-    if version < OLDEST_LLVM:
-        return LlvmLibrary(
-            real,
-            version,
-            False,
-            f"older than {OLDEST_LLVM}: Dr.Jit refuses it or aborts the process",
-        )
-    return LlvmLibrary(real, version, True, "usable")
+        reason = f"cannot be read ({error})"
+    return LlvmLibrary(real, version, reason == "usable", reason)
 
 
 def _version_of(path: str) -> int:
@@ -226,7 +220,7 @@ def backend_problem(backend: str) -> str | None:
         path = os.environ.get(LLVM_PATH, NO_LIBRARY)
         if version:
             early = DRJIT_CAME_FIRST * " and was loaded before mitsuba_sensor was imported"
-            return f"only {_loaded_library() or f'LLVM {version}'}, which aborts the process{early}"
+            return f"only LLVM {version}, which aborts the process{early}"
         if DRJIT_CAME_FIRST and _first_usable(find_llvm()):
             return "no LLVM in Dr.Jit, which was imported before mitsuba_sensor and found none that it can use"
         if path != NO_LIBRARY:
@@ -242,12 +236,3 @@ def llvm_remedy() -> str:
         return INSTALL
     order = DRJIT_CAME_FIRST * "import mitsuba_sensor before mitsuba and drjit, or "
     return f"{order}start Python with {LLVM_PATH}={library.path}"
-
-
-def _loaded_library() -> str | None:
-    """The LLVM library that is loaded in this process, on Linux."""
-    with contextlib.suppress(OSError), open("/proc/self/maps", encoding="utf-8") as file:
-        for line in file:
-            if "libLLVM" in line:
-                return line.split(maxsplit=5)[-1].strip()
-    return None

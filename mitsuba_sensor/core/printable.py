@@ -4,6 +4,7 @@ Names can hold escape sequences, line breaks, letters that turn the direction of
 that are no text. Sentences (InputError), the terminal and JSON show them escaped.
 """
 
+import json
 import unicodedata
 from collections.abc import Callable
 
@@ -44,11 +45,8 @@ def _as_python(letter: str) -> str:
 
 
 def _as_toml(letter: str) -> str:
-    if ord(letter) < 0x10000:
-        return f"\\u{ord(letter):04x}"
     return f"\\U{ord(letter):08x}"
 
 
 def _as_json(letter: str) -> str:
-    units = letter.encode("utf-16-be", "surrogatepass")
-    return "".join(f"\\u{units[k]:02x}{units[k + 1]:02x}" for k in range(0, len(units), 2))
+    return json.dumps(letter)[1:-1]

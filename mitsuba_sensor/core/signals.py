@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .illuminant import Illuminant
+from .errors import InputError
 from .notes import SourceOfLight
-from .types import Array, Float32Array, Float64Array, NumpyArray
+from .types import Array, Float64Array, NumpyArray
 
 LAYERS = ("light", "dark", "yield_mean", "yield_variance", "variance_e2", "left_share")
 """Of Electrons: one value per pixel, or one for all."""
 
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
+
+
+class Illuminant(NamedTuple):
+    """wavelengths_nm, power : (B,) middles of bands of equal width, and relative power per wavelength in them;
+    light groups of one scene have the same unit.
+    """
+
+    wavelengths_nm: Float64Array
+    power: Float64Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,9 +39,9 @@ class Photons:
         ms.Photons(np.full((48, 64, 2), 500.0), wavelengths_nm=np.array([500.0, 600.0]))
         ms.Photons(np.full((48, 64), 300.0), detected=True)  # photoelectrons
 
-    mean : (H, W), or (H, W, B) with one layer per band; never negative, never NaN; +inf saturates the pixel.
-    wavelengths_nm : (B,) centre of each band, or None when ``mean`` is (H, W) at the camera's own wavelength.
-    detected : whether ``mean`` is in photoelectrons, with the QE applied already: (H, W) of each pixel behind its own
+    values : (H, W), or (H, W, B) with one layer per band; never negative, never NaN; +inf saturates the pixel.
+    wavelengths_nm : (B,) centre of each band, or None when ``values`` are (H, W) at the camera's own wavelength.
+    detected : whether they are photoelectrons, with the QE applied already: (H, W) of each pixel behind its own
         colour filter, or (H, W, F) with one layer per filter; ``wavelengths_nm`` are not needed then.
     origin : (row, column) of the first pixel on the sensor, used unless a function is given another.
     bandwidths_nm : (B,) of the bands, over which the QE is then averaged; None: the photons have ``wavelengths_nm``.
@@ -50,9 +59,11 @@ class Photons:
         each in its own exposure time; None where the light does not change in time. Of dual pixels ``left`` is the part
         of this light that falls on the left photodiodes; None: half of it. Of a camera with image lag ``before`` is the
         light of the frame before; None: this light.
+    factor : (B,), photons of a value of 1, for the float32 values of a render: ``mean`` is twice as large, and made
+        when somebody asks, of as many rows as are asked for. Where it is 0, so is ``mean``. None: 1.
     """
 
-    mean: NumpyArray
+    values: NumpyArray
     wavelengths_nm: Float64Array | None = None
     variance_e2: NumpyArray | None = None
     detected: bool = False
@@ -65,37 +76,69 @@ class Photons:
     intrinsics: Mapping[str, Any] | None = None
     source: SourceOfLight | None = None
     by_readout: Mapping[str, Photons] | None = None
+    factor: Float64Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.factor is not None and np.shape(self.factor) != self.shape[-1:]:
+            raise InputError(
+                f"factor has shape {np.shape(self.factor)}; pass one number per band, {self.shape[-1:]}."
+            )
 
     def __repr__(self) -> str:
         """``<Photons: 64 × 64 × 3>``, or electrons where they are detected."""
         size = " × ".join(map(str, self.shape)) or "for every pixel"
         return f"<{type(self).__name__}: {size}{', as photoelectrons behind each filter' * self.detected}>"
 
+    @cached_property
+    def mean(self) -> NumpyArray:
+        """Mean photons of each pixel, (H, W) or (H, W, B)."""
+        return self._mean_of(self.values)
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Of ``mean``."""
-        return np.shape(self.mean)
+        return np.shape(self.values)
 
     @property
     def total(self) -> NumpyArray:
         """Photons per pixel over all bands, (H, W)."""
-        return self.mean if self.mean.ndim == 2 else self.mean.sum(axis=-1)
+        if self.factor is None:
+            return self.mean if self.mean.ndim == 2 else self.mean.sum(axis=-1)
+        return np.concatenate([strip.mean.sum(axis=-1) for strip in self.strips()])
 
     def at(self, pixels: NumpyArray) -> NumpyArray:
         """Photons of some pixels by their numbers, row after row, (N, B)."""
-        return self.mean.reshape(math.prod(self.shape[:2]), -1)[pixels]
+        return self._mean_of(self.values.reshape(math.prod(self.shape[:2]), -1)[pixels])
 
     def strips(self) -> Iterator[Self]:
         """Parts of whole rows, none of which takes much memory beyond what is there already."""
-        yield self
+        if self.factor is None:
+            return iter((self,))
+        step = max(VALUES_AT_ONCE // math.prod(self.shape[1:]), 1)
+        return (
+            self.crop_rows(slice(first, first + step))
+            for first in range(0, self.shape[0], step)
+        )
 
     def crop_rows(self, rows: slice) -> Self:
         """The photons of ``rows`` of the window."""
         variance_e2, in_band = (
             None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
         )
-        cropped = replace(self, mean=self.mean[rows], variance_e2=variance_e2, in_band=in_band)
+        cropped = replace(
+            self, values=self.values[rows], variance_e2=variance_e2, in_band=in_band
+        )
         return cropped.with_readouts(lambda one: one.crop_rows(rows))
+
+    def _mean_of(self, values: NumpyArray) -> NumpyArray:
+        """Photons of some of the values; 0 where the factor is 0, also of infinite irradiance."""
+        if self.factor is None:
+            return values
+        with np.errstate(invalid="ignore"):
+            mean = np.multiply(values, self.factor, dtype=np.float64)
+        if not self.factor.all():
+            mean[..., self.factor == 0] = 0.0
+        return mean
 
     def with_readouts(self, change: Callable[[Photons], Photons]) -> Self:
         """With the photons of other read-outs changed, of later exposures for example; itself where there are none."""
@@ -106,100 +149,13 @@ class Photons:
         )
 
     def changed(self, **fields: Any) -> Self:
-        """With other values of some fields."""
+        """With other values of some fields, or another ``mean``."""
+        if "mean" in fields:
+            fields |= {"values": fields.pop("mean"), "factor": None}
         return replace(self, **fields)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NumpyArray:
         return np.array(self.mean, dtype=dtype, copy=copy)
-
-
-class PhotonsOfBands(Photons):
-    """Photons of a render, a factor times the float32 values of its file.
-
-    ``mean`` in float64 is twice as large as these; it is made when somebody asks, of as many rows as are asked for.
-    """
-
-    _values: Float32Array | None
-    _factor: Float64Array
-
-    def __init__(
-        self,
-        values: Float32Array | None = None,
-        factor: Float64Array | None = None,
-        **known: Any,
-    ) -> None:
-        """values : (H, W, B); None if ``mean`` is given.  factor : (B,), photons of a value of 1; where it is 0, so is
-        ``mean``.  known : other fields of photons."""
-        super().__init__(**{"mean": None, **known})
-        object.__setattr__(self, "_values", values)
-        object.__setattr__(self, "_factor", factor)
-        if values is not None:
-            del self.__dict__["mean"]  # made when somebody asks
-
-    @cached_property
-    def mean(self) -> Float64Array:
-        """(H, W, B), as of :class:`Photons`."""
-        assert self._values is not None
-        return _product(self._values, self._factor)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of ``mean``."""
-        return super().shape if self._values is None else self._values.shape
-
-    @property
-    def total(self) -> NumpyArray:
-        """Photons per pixel over all bands, (H, W)."""
-        if self._values is None:
-            return super().total
-        found, first = np.empty(self.shape[:2]), 0
-        for strip in self.strips():
-            rows = slice(first, first + len(strip.mean))
-            found[rows], first = strip.mean.sum(axis=-1), rows.stop
-        return found
-
-    def at(self, pixels: NumpyArray) -> NumpyArray:
-        """Photons of some pixels by their numbers, row after row, (N, B)."""
-        if self._values is None:
-            return super().at(pixels)
-        return _product(self._values.reshape(-1, self.shape[2])[pixels], self._factor)
-
-    def strips(self) -> Iterator[Self]:
-        """Parts of whole rows, of few megabytes."""
-        step = max(VALUES_AT_ONCE // math.prod(self.shape[1:]), 1)
-        return (
-            self.crop_rows(slice(first, first + step))
-            for first in range(0, self.shape[0], step)
-        )
-
-    def crop_rows(self, rows: slice) -> Self:
-        """The photons of ``rows`` of the window."""
-        if self._values is None:
-            return super().crop_rows(rows)
-        variance_e2, in_band = (
-            None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
-        )
-        cropped = self.changed(
-            _values=self._values[rows], variance_e2=variance_e2, in_band=in_band
-        )
-        return cropped.with_readouts(lambda one: one.crop_rows(rows))
-
-    def changed(self, **known: Any) -> Self:
-        """With other values of some fields."""
-        if self._values is None or "mean" in known:
-            return super().changed(**known)
-        own = {one.name: getattr(self, one.name) for one in fields(Photons)[1:]}
-        values = known.pop("_values", self._values)
-        return type(self)(values, self._factor, **(own | known))
-
-
-def _product(values: Float32Array, factor: Float64Array) -> Float64Array:
-    """Photons (…, B); 0 where the factor is 0, also of infinite irradiance."""
-    with np.errstate(invalid="ignore"):
-        mean = np.multiply(values, factor, dtype=np.float64)
-    if not factor.all():
-        mean[..., factor == 0] = 0.0
-    return mean
 
 
 class Filters(NamedTuple):

@@ -21,7 +21,7 @@ from ..core.arrays import drjit_module, is_numpy, maximum, sqrt, where
 from .ray_trace import D_NM, Ray
 
 if TYPE_CHECKING:
-    from ..camera.ray_transfer_file import RayPolynomialSection, RayTransferSection
+    from ..camera.lens_datasheet import RayPolynomialSection, RayTransferSection
 
 ON_AXIS = 1e-12  # below this distance the direction of r is any [mm]
 NO_STOP_MM = 1e9

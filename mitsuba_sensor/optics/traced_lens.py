@@ -4,6 +4,10 @@ Focal length, focal points, pupils, stop radius and the distance of the sensor f
 linear terms of the polynomials of a ray transfer and the middle of its pupil. For a ray transfer the first vertex is
 that of the lens, and the pass plane, from which its rays are traced, stands for the last one.
 
+Exit-pupil bounds: vignetting and the slant of the pupil leave only a few per cent of the rear of a lens unvignetted for
+the corner of an image. A grid of rays is traced from each of many image heights along one radius, for one half of the
+plane, and an ellipse in the reference plane is found that contains all unvignetted rays; the renderer samples it.
+
 Light runs from the scene to the sensor; a ray is (height y, angle u). A surface of radius R between n and n′ gives
 n′u′ = nu − y(n′ − n)/R, a gap t gives y′ = y + tu. Every distance is in mm, positive towards the sensor.
 """
@@ -17,6 +21,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import Float64Array, InputError
 from .ray_trace import D_NM, Ray, SequentialSurfaces, glass_behind, lens_surfaces, ray_to
@@ -27,7 +32,10 @@ if TYPE_CHECKING:
 
 TracedLens: TypeAlias = SequentialSurfaces | RayTransfer
 """Rays start at z < 0; z is 0 at the reference plane, the last vertex of surfaces or the pass plane of a transfer."""
-AXIAL_RAYS, REFINEMENTS = 256, 3  # by which the widest cone of light on the axis is found
+AXIAL_RAYS, REFINEMENTS = (
+    256,
+    3,
+)  # by which the widest cone of light on the axis, or the exit pupil, is found
 WIDE_OPEN = 1.01  # up to this f-number over the lowest one a ray transfer is not stopped down
 NEAR_AXIS = (
     0.1  # heights over the back focus at which the exit pupil of a ray transfer is sought
@@ -37,6 +45,10 @@ SAME_ETENDUE = (
     0.05  # by how much the determinant of linear terms may differ from 1, that of a lens in air
 )
 SECANTS = 12  # steps to the middle of the stop; superlinear, six are enough
+INTERVALS = 32
+"""Intervals of the table; the ellipses also contain what passes half-way between its entries."""
+GRID = 64  # rays across the window, in each refinement
+TINY = 1e-150  # half axis of an empty ellipse; its square is still above 0
 POINTS = 17  # of the table of chief rays, without the axis
 
 
@@ -312,3 +324,83 @@ def _matrix(
         c, d = index / behind * c - power * a, index / behind * d - power * b
         a, b, index = a + gap * c, b + gap * d, behind
     return a, b, c, d, index
+
+
+@dataclass(frozen=True, eq=False)
+class ExitPupilBounds:
+    """An ellipse in the reference plane of the lens for each image height, (INTERVALS + 1,) [mm].
+
+    highest : image height of the last entry; the first is the axis.
+    centre : on the line through axis and image point, positive on the side of the point.
+    radial, tangential : half axes along that line and across; 0 where no light passes.
+    """
+
+    highest: float
+    centre: Float64Array
+    radial: Float64Array
+    tangential: Float64Array
+
+
+def exit_pupil_bounds(
+    lens: TracedLens,
+    distance: float,
+    highest: float,
+    wavelengths_nm: tuple[float, ...] = (D_NM,),
+) -> ExitPupilBounds:
+    """The bounds for a sensor ``distance`` behind the reference plane, up to the image height ``highest`` [mm].
+
+    wavelengths_nm : rays that pass at any of them are inside.
+    """
+    heights = np.linspace(0.0, highest, 2 * INTERVALS + 1)
+    high = np.full(heights.shape, lens.reach(distance, highest))
+    low, top = -high, high
+    for _ in range(REFINEMENTS):
+        cell, row = (high - low) / GRID, top / (GRID // 2)
+        radial = low[:, None] + cell[:, None] * (np.arange(GRID) + 0.5)
+        tangential = row[:, None] * (np.arange(GRID // 2) + 0.5)
+        start = ray_to(
+            distance, heights[:, None, None], radial[:, :, None], tangential[:, None, :]
+        )
+        with np.errstate(all="ignore"):  # rays that miss a surface give NaN
+            passes = np.logical_or.reduce(
+                [lens.unvignetted(start, nm) for nm in wavelengths_nm]
+            )
+        along, across = passes.any(axis=2), passes.any(axis=1)
+        cells_below, cells_above = _cells_to_last(along[:, ::-1]), _cells_to_last(along)
+        low, high = high - cell * cells_below, low + cell * cells_above
+        top = row * _cells_to_last(across)
+    if not passes[0].any():
+        raise InputError(
+            "no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8."
+        )
+    # Ellipses as wide as the windows, enlarged until the corners of all cells that pass are inside.
+    half, edge = cell[:, None] / 2, tangential + row[:, None] / 2
+
+    def enlargement(first: int, centre: Float64Array, *half_axes: Float64Array) -> Float64Array:
+        """Factors at which ellipses contain the cells of every second height, from the first one on, that pass."""
+        offset = np.abs(radial[first::2] - centre[:, None]) + half[first::2]
+        x, y = (
+            reach / np.maximum(half_axis, TINY)[:, None]
+            for reach, half_axis in zip((offset, edge[first::2]), half_axes, strict=True)
+        )
+        squares = np.where(passes[first::2], x[:, :, None] ** 2 + y[:, None] ** 2, 0.0)
+        return np.asarray(np.sqrt(squares.max(axis=(1, 2))))
+
+    lit = np.asarray(passes.any(axis=(1, 2)))
+    lit_rows = np.flatnonzero(lit)
+    nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
+    centre = ((low + high) / 2)[lit_rows[nearest]][::2]
+    half_axes = [np.where(lit, size, 0.0)[::2] for size in ((high - low) / 2, top)]
+    scale = enlargement(0, centre, *half_axes)
+    half_axes = [half_axis * scale for half_axis in half_axes]
+    # What passes half-way between two entries of the table must be inside the mean of their ellipses.
+    between = enlargement(1, *((v[1:] + v[:-1]) / 2 for v in (centre, *half_axes)))
+    scale = np.maximum(np.append(between, 1.0), np.insert(between, 0, 1.0))
+    scale = np.maximum(scale, 1.0)
+    return ExitPupilBounds(highest, centre, *(half_axis * scale for half_axis in half_axes))
+
+
+def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
+    """Cells up to the last that passes, and one more: (heights, cells) → (heights,); 0 if none does."""
+    cells = passes.shape[1] - np.argmax(passes[:, ::-1], axis=1) + 1.0
+    return np.where(passes.any(axis=1), cells, 0.0)

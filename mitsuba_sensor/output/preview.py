@@ -14,7 +14,7 @@ from ..camera.camera import Camera
 from ..camera.colour_matrix import ColourMatrix, colour_matrix, colour_order
 from ..camera.figures import saturation_dn
 from ..core import Float64Array
-from ..core.illuminant import Illuminant
+from ..core.signals import Illuminant
 from ..optics.spectra import srgb_curve
 from ..stages.stage import converter_of
 from .demosaic import bilinear, demosaic

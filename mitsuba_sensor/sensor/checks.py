@@ -15,7 +15,6 @@ from ..core import (
     Float64Array,
     InputError,
     Photons,
-    PhotonsOfBands,
     numbers,
     require_seed,
 )
@@ -76,7 +75,7 @@ def _as_photons(
         return checked
     check_polarizers(photons.polarizers, camera)
     checked = photons.changed(by_readout=None)
-    if isinstance(photons, PhotonsOfBands) and wavelengths_nm is None:
+    if photons.factor is not None and wavelengths_nm is None:
         _check_lengths(photons.wavelengths_nm)
         if photons.detected:
             _check_channels(photons.shape, camera)

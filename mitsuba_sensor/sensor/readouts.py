@@ -47,7 +47,7 @@ def light_of_readout(readout: ReadoutChain, light: Detected, frame: Frame) -> De
     if light.photons.by_readout is not None and readout.charge in light.photons.by_readout:
         photons = light.photons.by_readout[readout.charge]
     elif readout.exposure_ratio != 1:
-        photons = replace(photons, mean=photons.mean * readout.exposure_ratio)
+        photons = photons.changed(mean=photons.mean * readout.exposure_ratio)
     return Detected(photons, readout.light_of(light.signal, on_numpy(frame)))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -160,7 +160,7 @@ def resized(photons: ms.Photons, shape: tuple[int, int]) -> ms.Photons:
         np.linspace(0, there - 1, here).round().astype(int) for there, here in sizes
     )
     mean = np.ascontiguousarray(photons.mean[rows][:, columns])
-    return replace(photons, mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
+    return photons.changed(mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
 
 
 def measured_moments(sensors: Sequence[NDArray[np.unsignedinteger]]) -> Array:

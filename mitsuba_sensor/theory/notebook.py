@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..core.html import Bar, bar, facts, fragment, table
+from ..core.html import Table, facts, fragment
 
 if TYPE_CHECKING:
     from .noise_budget import NoiseBudget
@@ -42,23 +42,11 @@ def plan_html(plan: Plan) -> str:
         )
         for one in plan.effects
     ]
-    return fragment("Plan of an exposure", facts(head), table(names, rows))
+    return fragment("Plan of an exposure", facts(head), Table(names, rows))
 
 
 def budget_html(budget: NoiseBudget, headings: Sequence[str]) -> str:
-    """The sources that have an effect; bars show the share of each in the variances."""
-    rows = budget.rows
-    most = max(
-        (abs(v) for row in rows[:-1] for v in (row.temporal_dn2, row.spatial_dn2)), default=0
-    )
-
-    def sigma(variance_dn2: float, text: str) -> Bar:
-        return bar(min(abs(variance_dn2) / (most or 1.0), 1.0), text)
-
-    lines = []
-    for row in rows:
-        mean, temporal, spatial, share = row.cells
-        sigmas = sigma(row.temporal_dn2, temporal), sigma(row.spatial_dn2, spatial)
-        lines.append((row.source, mean, *sigmas, share))
+    """The sources that have an effect, with their share in the variances."""
+    lines = [(row.source, *row.cells) for row in budget.rows]
     title = f"Noise budget of one frame ({'; '.join(budget.remarks)})"
-    return fragment(title, table(headings, lines))
+    return fragment(title, Table(headings, lines))

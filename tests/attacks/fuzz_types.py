@@ -27,7 +27,7 @@ import tifffile
 from fuzz_cases import DATASET, MOTION, POSES, ROOT, read, sentences_wrong
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.illuminant import Illuminant
+from mitsuba_sensor.core.signals import Illuminant
 from mitsuba_sensor.files.openexr import Plane, whole_exr, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.frames.bench import read_bench

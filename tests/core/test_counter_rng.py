@@ -38,11 +38,6 @@ def test_philox_gives_the_known_results_of_random123(
     assert " ".join(f"{int(integer[0]):08x}" for integer in integers) == answer
 
 
-def test_a_key_is_taken_as_its_lower_and_upper_half() -> None:
-    assert split_key(0x0123456789ABCDEF) == (0x89ABCDEF, 0x01234567)
-    assert split_key(7) == (7, 0)
-
-
 def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
     """The counter is (x, y, frame, block), so the random bits of each pixel can be computed alone."""
     rows, columns = np.array([3, 4]), np.array([7, 8, 9])
@@ -54,16 +49,6 @@ def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
         assert [int(integer[i, j]) for integer in window] == [
             int(integer[0]) for integer in alone
         ]
-
-
-def test_scattered_pixels_have_the_random_bits_that_a_window_has_there() -> None:
-    rows, columns = np.array([3, 0, 4]), np.array([7, 9, 2])
-    window = random_bits_at(5, np.arange(5)[:, None], np.arange(10), frame=12, key=99)
-    for scattered, whole in zip(
-        random_bits_at(5, rows, columns, frame=12, key=99), window, strict=True
-    ):
-        assert scattered.dtype == np.uint32
-        np.testing.assert_array_equal(scattered, whole[rows, columns])
 
 
 def test_every_part_of_at_changes_all_four_integers() -> None:
@@ -89,15 +74,9 @@ def test_every_part_of_at_changes_all_four_integers() -> None:
     assert len(results) == 4 * (len(changes) + 1)
 
 
-def test_no_two_sources_share_a_stream() -> None:
+def test_no_two_sources_share_random_bits() -> None:
+    """Nor FPN and temporal noise: a serial and a seed of the same number give unrelated integers."""
     assert len(set(STREAMS.values())) == len(STREAMS)
-    assert all(
-        0 <= number < 2**32 and integer in range(4) for number, integer in STREAMS.values()
-    )
-
-
-def test_fpn_and_temporal_noise_never_share_random_bits() -> None:
-    """So that a serial and a seed of the same number give unrelated integers."""
     fixed = {name for name, (number, _) in STREAMS.items() if number & FIXED_PATTERN}
     temporal = {
         "photon_shot",

@@ -26,10 +26,3 @@ def test_what_was_freed_between_live_allocations_is_given_back() -> None:
     heap.trim_heap()
     assert before - resident_bytes() > 0.7 * 0.9 * PIECES * BYTES
     assert all(piece.count(b"x") >= BYTES for piece in kept)
-
-
-def test_another_c_library_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(heap.sys, "platform", "darwin")
-    monkeypatch.setattr(heap, "_glibc", heap._glibc.__wrapped__)
-    assert heap._glibc() is None
-    heap.trim_heap()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.near_names import closest, wrong_letters
+from mitsuba_sensor.core.near_names import closest
 
 KNOWN = ("one_file", "exposure_s", "bayer_2mp", "konnik_table1", "pixel.full_well_e", "spp")
 
@@ -31,18 +31,6 @@ def test_a_misspelling_a_part_and_a_beginning_are_close(written: str, meant: str
 def test_names_that_only_share_letters_are_not_close(written: str) -> None:
     """`nofile` was answered with one_file, `exposure_stop` with exposure_s."""
     assert closest(written, KNOWN) is None
-
-
-def test_wrong_letters_are_a_distance() -> None:
-    """Symmetric, zero for equal names only, and an exchange of neighbours counts once."""
-    names = [*KNOWN, "", "bayer_2pm", "bayer"]
-    for one in names:
-        for other in names:
-            assert wrong_letters(one, other) == wrong_letters(other, one)
-            assert (wrong_letters(one, other) == 0) == (one == other)
-    assert wrong_letters("bayer_2pm", "bayer_2mp") == 1
-    assert wrong_letters("", "bayer") == 5
-    assert wrong_letters("kitten", "sitting") == 3
 
 
 def test_a_scene_file_that_is_missing_is_said_to_be_missing() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 import sys
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from mitsuba_sensor.cli.lines import CommandLines, lines_while_working
 from mitsuba_sensor.core import progress as progress_module
 from mitsuba_sensor.core.progress import (
     EVERY_S,
-    NotebookBar,
     ProgressLines,
     automatic_progress,
     told_outside,
@@ -65,15 +63,6 @@ def test_a_line_is_written_every_ten_seconds_and_none_before(clock: Clock) -> No
     assert said[0] == "loading the scene: 10 s so far"
 
 
-def test_no_two_lines_of_an_hour_are_the_same(clock: Clock) -> None:
-    said: list[str] = []
-    lines = ProgressLines(said.append, "rendering", clock)
-    for _ in range(360):
-        clock.now += 10
-        lines.tick()
-    assert len({*said}) == len(said) == 360
-
-
 def test_a_line_says_what_is_done_the_share_and_the_time_so_far(clock: Clock) -> None:
     said: list[str] = []
     lines = ProgressLines(said.append, "loading the scene", clock)
@@ -114,14 +103,6 @@ def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str])
         clock.now += 1
         tell(RenderProgress(2, 8, seconds=10.0))
     assert written == ["capture: rendering: 25 %, 10 s so far"]
-
-
-def test_false_is_silent_and_a_function_is_called_itself(written: list[str]) -> None:
-    with told_progress(False, "capture", {}) as tell:
-        assert tell is None
-    told: list[RenderProgress] = []
-    with told_progress(told.append, "capture", {}) as tell:
-        assert tell == told.append
 
 
 def test_anything_else_is_refused() -> None:
@@ -185,43 +166,6 @@ def test_work_inside_other_work_says_nothing_of_its_own(
         assert teller is not None
 
 
-def test_a_notebook_has_a_bar_that_goes_when_the_work_ends(clock: Clock) -> None:
-    shown: list[Any] = []
-
-    class Handle:
-        def update(self, what: str) -> None:
-            shown.append(what)
-
-    def display(what: str, display_id: bool) -> Handle:
-        assert display_id
-        shown.append(what)
-        return Handle()
-
-    bar = NotebookBar(SimpleNamespace(HTML=str, display=display), "rendering <b>", clock)
-    clock.now += 1
-    bar.tick()
-    assert not shown, "short work has no bar"
-    clock.now += 4
-    bar.tell("rendering <b>", 0.25)
-    bar.tick()
-    assert shown[-1].startswith('<progress value="0.250"></progress> rendering &lt;b&gt;: 25 %')
-    bar.tell("denoising")
-    bar.tick()
-    assert shown[-1].startswith("<progress></progress> denoising")
-    bar.close()
-    assert shown[-1] == ""
-
-
-def test_a_notebook_is_told_by_its_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    display = SimpleNamespace()
-    shell = SimpleNamespace(kernel=object())
-    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
-    monkeypatch.setitem(sys.modules, "IPython.display", display)
-    assert progress_module.notebook_display() is display
-    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: None))
-    assert progress_module.notebook_display() is None
-
-
 def test_every_command_says_how_far_it_is_where_no_terminal_is(
     clock: Clock, written: list[str]
 ) -> None:
@@ -276,46 +220,6 @@ def test_a_dataset_that_is_made_in_python_says_how_far_it_is(
     assert told == [RunProgress(7)] and len(written) == 1
     with pytest.raises(ms.InputError, match="progress is 3"), shown_run(3):  # type: ignore[arg-type]
         pass
-
-
-def test_a_terminal_has_bars_and_no_lines(clock: Clock, written: list[str]) -> None:
-    with lines_while_working(True, clock):
-        assert CommandLines.running is None
-        with automatic_progress("render", "rendering") as teller:
-            assert teller is None, "the bar of the command is enough"
-
-
-def test_lines_go_on_while_nothing_is_told(
-    clock: Clock, written: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A thread asks; here it is called by hand."""
-    asked: list[Any] = []
-
-    class Thread:
-        def __init__(self, target: Any, **options: Any) -> None:
-            asked.append(target)
-
-        def start(self) -> None:
-            """Nothing runs."""
-
-        def join(self) -> None:
-            """Nothing has run."""
-
-    monkeypatch.setattr(progress_module.threading, "Thread", Thread)
-    waits = iter([False, False, True])
-
-    class Event:
-        def wait(self, seconds: float) -> bool:
-            clock.now += 5
-            return next(waits)
-
-        def set(self) -> None:
-            """Nobody waits."""
-
-    monkeypatch.setattr(progress_module.threading, "Event", Event)
-    with automatic_progress("capture", "loading the scene"):
-        asked[0]()
-    assert written == ["capture: loading the scene: 10 s so far"]
 
 
 @pytest.mark.parametrize("stream", [None, io.StringIO()])

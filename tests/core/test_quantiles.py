@@ -25,21 +25,8 @@ from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.counter_rng import philox, split_key
 from mitsuba_sensor.core.llvm import backend_problem
 
-EDGES = (
-    0,
-    1,
-    2,
-    3,
-    2**30,
-    2**31 - 2,
-    2**31 - 1,
-    2**31,
-    2**31 + 1,
-    3 * 2**30,
-    2**32 - 3,
-    2**32 - 2,
-    2**32 - 1,
-)
+EDGES = (0, 1, 2, 3, 2**30, 2**31 - 2, 2**31 - 1, 2**31, 2**31 + 1, 3 * 2**30)
+EDGES += (2**32 - 3, 2**32 - 2, 2**32 - 1)
 SEARCHED = (1e-12, 1e-6, 1e-3, 0.3, 1.0, 3.0, 5.0, 9.99)
 EXPANDED = (10.0, 10.5, 12.0, 17.0, 22.0, 30.0, 100.0, 1e3, 1e4, 1e5, 1e6)
 CVS = (1e-7, 0.01, 0.4, 1.0, 3.0)
@@ -82,26 +69,41 @@ W = integers(200_000)
 
 # The distributions but Poisson's, integer by integer against float64
 
+CLOSE: dict[str, tuple[Callable[[Backend, Any], Any], float, float]] = {
+    "uniform": (lambda backend, w: backend.uniform(w), 1.2e-7, 0.0),
+    "normal": (lambda backend, w: backend.normal(w), 2.5e-6, 0.0),
+    "logistic": (lambda backend, w: backend.logistic(w), 2e-7, 5e-7),
+    **{
+        f"lognormal {cv:g}": (
+            lambda backend, w, cv=cv: backend.lognormal(w, cv),
+            2.5e-7 + 1.5e-5 * math.log1p(cv * cv) ** 0.5,
+            0.0,
+        )
+        for cv in CVS
+    },
+    **{
+        f"gamma {cv:g}": (lambda backend, w, cv=cv: backend.gamma(w, cv), relative, 0.0)
+        for cv, relative in ((1e-7, 2e-7), (0.01, 3e-7), (0.4, 2e-5), (1.0, 1e-4))
+    },
+}
+"""Draws, and their relative and absolute error. A log-normal has that of its normal, 1.2e-5 at 6.3σ, times σ; a gamma
+that of its logarithm, which reaches −22 at a cv of 1."""
 
-def test_normal_is_exact_to_2e_6_of_itself_in_both_tails() -> None:
-    assert_single_and_close(quantiles.normal(W), distributions.normal(W), 2.5e-6)
 
-
-def test_uniform_is_exact_to_one_rounding_and_keeps_its_digits_near_0() -> None:
-    assert_single_and_close(quantiles.uniform(W), distributions.survival(W), 1.2e-7)
-
-
-def test_logistic_is_exact_to_2e_7() -> None:
-    assert_single_and_close(quantiles.logistic(W), distributions.logistic(W), 2e-7, 5e-7)
+@pytest.mark.parametrize("name", CLOSE)
+def test_a_draw_is_close_to_that_in_float64(name: str) -> None:
+    draw, relative, absolute = CLOSE[name]
+    found, exact = draw(NUMPY_FLOAT32, W), draw(NUMPY_FLOAT64, W)
+    assert_single_and_close(found, exact, relative, absolute)
+    assert np.median(np.abs(found / exact - 1)) < 1.5e-6
 
 
 def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_integer() -> None:
     """Small probabilities keep their digits: 2⁻³³ is 6.338σ. 0 and 1, to which they may round, are the last."""
-    s = single(
-        np.concatenate(
-            [np.geomspace(2.0**-33, 0.5, 1001), np.linspace(0.5, 1 - 2.0**-24, 1001)]
-        )
+    s = np.concatenate(
+        [np.geomspace(2.0**-33, 0.5, 1001), np.linspace(0.5, 1 - 2.0**-24, 1001)]
     )
+    s = single(s)
     assert_single_and_close(
         quantiles.normal_of(s), -special.ndtri(s.astype(np.float64)), 2.5e-6
     )
@@ -111,31 +113,10 @@ def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_integer
     )
 
 
-@pytest.mark.parametrize("cv", CVS)
-def test_lognormal_is_exact_to_its_normal(cv: float) -> None:
-    """The error of a normal, 1.2e-5 at 6.3σ, times σ, and the rounding of an exponential."""
-    assert_single_and_close(
-        NUMPY_FLOAT32.lognormal(W, cv),
-        distributions.lognormal(W, cv),
-        2.5e-7 + 1.5e-5 * math.log1p(cv * cv) ** 0.5,
-    )
-
-
-@pytest.mark.parametrize(
-    ("cv", "relative"), [(1e-7, 2e-7), (0.01, 3e-7), (0.4, 2e-5), (1.0, 1e-4)]
-)
-def test_gamma_is_exact_to_its_logarithm(cv: float, relative: float) -> None:
-    """ln x reaches −22 at a cv of 1, so its last digit is worth more there; the middle is exact to 1e-6."""
-    found, exact = NUMPY_FLOAT32.gamma(W, cv), distributions.gamma(W, cv)
-    assert_single_and_close(found, exact, relative)
-    assert np.median(np.abs(found / exact - 1)) < 1.5e-6
-
-
-@pytest.mark.parametrize("cv", [0.4, 1.0, 3.0])
-def test_gamma_keeps_mean_and_variance_up_to_a_cv_of_3(cv: float) -> None:
+def test_gamma_keeps_mean_and_variance_at_a_cv_of_3() -> None:
     """Against the exact draws of the same 2^16 even integers, so that their coarse grid cancels."""
     w = even_integers(16)
-    found, exact = NUMPY_FLOAT32.gamma(w, cv).astype(np.float64), distributions.gamma(w, cv)
+    found, exact = NUMPY_FLOAT32.gamma(w, 3.0).astype(np.float64), distributions.gamma(w, 3.0)
     assert found.mean() == pytest.approx(exact.mean(), rel=2e-5)
     assert found.var() == pytest.approx(exact.var(), rel=2e-4)
     assert (found >= 0).all()
@@ -172,54 +153,15 @@ def test_exp_and_expm1_are_exact_to_one_rounding_from_minus_69_to_88() -> None:
     assert_single_and_close(arrays.expm1(x), np.expm1(x.astype(np.float64)), 1.5e-7)
 
 
-def test_exp_beyond_its_range_stays_at_its_ends() -> None:
-    x = single([-1e30, -87, 89, 1e30])
-    np.testing.assert_allclose(arrays.exp(x), np.exp([-69.0, -69, 88, 88]), rtol=1e-6)
-    np.testing.assert_allclose(arrays.expm1(x), np.expm1([-69.0, -69, 88, 88]), rtol=1e-6)
-
-
 # Poisson
 
 
-@pytest.mark.parametrize("mean", SEARCHED)
-def test_poisson_below_10_is_the_exact_draw(mean: float) -> None:
-    """But for two of 200 000 integers, by one count: the sums are accurate to a tenth of an integer."""
+@pytest.mark.parametrize("mean", [0.0, 5e-324, 1e-30, *SEARCHED, *EXPANDED])
+def test_poisson_is_the_exact_draw_but_for_one_count_of_few_integers(mean: float) -> None:
+    """Below 10 the sums are accurate to a tenth of an integer; above, one integer in a thousand is in doubt."""
     apart = np.abs(poisson(W, mean) - distributions.poisson(W, float(np.float32(mean))))
     assert apart.max() <= 1
-    assert np.count_nonzero(apart) <= 2
-
-
-@pytest.mark.parametrize("mean", EXPANDED)
-def test_poisson_from_10_on_is_one_count_off_for_one_integer_in_a_thousand_at_most(
-    mean: float,
-) -> None:
-    apart = np.abs(poisson(W, mean) - distributions.poisson(W, float(np.float32(mean))))
-    assert apart.max() <= 1
-    assert np.mean(apart) < (1e-4 if mean <= 1e5 else 5e-4)
-
-
-@pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
-@pytest.mark.parametrize(
-    "mean", one_in(3, [1e-6, 1e-3, 0.3, 3.0, 9.99, 10.0, 12.0, 17.0, 100.0, 1e4, 1e6])
-)
-def test_poisson_passes_chi_squared_with_a_million_draws(mean: float, backend: Backend) -> None:
-    """At most 400 cells of at least 5 expected counts, p > 1e-4: each of the 22 cases fails in 1e-4 of the seeds."""
-    count, mean = 10**6, float(np.float32(mean))
-    seen = backend.poisson(
-        np.random.default_rng(12).integers(0, 2**32, count, dtype=np.uint32), mean
-    )
-    low, high = stats.poisson.ppf([1e-4, 1 - 1e-4], mean)
-    ends = np.unique(np.linspace(low, high, 400).astype(int))
-    expected = np.diff(np.concatenate([[0], stats.poisson.cdf(ends, mean), [1]])) * count
-    found = np.bincount(np.searchsorted(ends, seen), minlength=ends.size + 1)
-    large = expected >= 5
-    expected, found = (np.append(x[large], x[~large].sum()) for x in (expected, found))
-    rare = expected[-1] < 5
-    if rare:  # too few for a cell of their own
-        assert found[-1] <= 20
-        expected, found = expected[:-1], found[:-1]
-    chi2 = np.sum((found - expected) ** 2 / expected)
-    assert stats.chi2.sf(chi2, max(expected.size - 1, 1)) > 1e-4
+    assert np.mean(apart) <= (1e-5 if mean < 10 else 1e-4 if mean <= 1e5 else 5e-4)
 
 
 @pytest.mark.parametrize("mean", one_in(3, [0.01, 1.0, 9.9, 10.0, 12.0, 17.0, 30.0, 1e3, 1e5]))
@@ -242,7 +184,7 @@ def test_poisson_distribution_of_a_million_even_integers_is_the_exact_distributi
     )
 
 
-@pytest.mark.parametrize("mean", [10.0, 12.0, 15.0, 17.5, 18.0, 19.0, 20.0, 21.0, 22.0])
+@pytest.mark.parametrize("mean", [10.0, 17.5, 21.0, 22.0])
 def test_the_count_0_keeps_its_integers_up_to_the_mean_that_has_none_left(mean: float) -> None:
     """2³²·e^(−mean) integers give a count of 0, 195 000 at 10 and one at 22: a fifth more or fewer, and one integer."""
     expected = 2.0**32 * math.exp(-mean)
@@ -251,44 +193,7 @@ def test_the_count_0_keeps_its_integers_up_to_the_mean_that_has_none_left(mean: 
     assert zeros == pytest.approx(expected, rel=0.2, abs=1)
 
 
-@pytest.mark.parametrize("mean", [0.0, 5e-324, 1e-40, 1e-30])
-def test_poisson_of_no_light_is_exactly_0_for_every_integer(mean: float) -> None:
-    np.testing.assert_array_equal(poisson(W, mean), 0.0)
-
-
-def test_poisson_never_falls_by_more_than_one_count_when_the_quantile_rises() -> None:
-    w = np.sort(W)[::-1]
-    for mean in (1e-3, 3.0, 9.99):
-        assert (np.diff(poisson(w, mean)) >= 0).all()
-    for mean in (10.0, 12.0, 17.0, 22.0, 100.0, 1e4, 1e6):
-        assert np.diff(poisson(w, mean)).min() >= -1
-
-
-def test_poisson_never_falls_by_more_than_one_count_when_the_mean_rises() -> None:
-    for integer in EDGES:
-        for means in (np.linspace(0, 40, 4001), np.geomspace(40, 1e6, 4001)):
-            assert (
-                np.diff(poisson(np.full(means.shape, integer, dtype=np.uint32), means)).min()
-                >= -1
-            )
-
-
-def test_mean_and_variance_of_poisson_rise_with_the_mean() -> None:
-    """Even integers: the mean follows in steps of a hundredth from 9 to 11, across 10, where the method changes."""
-    w, means = even_integers(16), np.linspace(9, 11, 201)
-    drawn = [poisson(w, mean) for mean in means]
-    assert np.diff([n.mean(dtype=np.float64) for n in drawn]) == pytest.approx(0.01, abs=2e-4)
-    assert np.diff([n.var(dtype=np.float64) for n in drawn]) == pytest.approx(0.01, abs=2e-3)
-
-
-def test_poisson_just_below_10_and_at_10_draw_the_same_counts() -> None:
-    """In all but one integer of ten thousand, and there it is one count: the search and the expansion meet."""
-    below, at = poisson(W, np.nextafter(np.float32(10), np.float32(0))), poisson(W, 10.0)
-    assert np.abs(at - below).max() <= 1
-    assert np.mean(at != below) < 1e-4
-
-
-@pytest.mark.parametrize("power", range(-12, 31))
+@pytest.mark.parametrize("power", [-12, 0, 3, 8, 18, 30])
 def test_poisson_is_a_whole_number_within_6_4_sigma_for_any_mean(power: int) -> None:
     """Counts above 2^24 are those that float32 holds, 6e-8 of the mean apart."""
     mean = float(np.float32(10.0**power))
@@ -302,21 +207,8 @@ def test_poisson_is_a_whole_number_within_6_4_sigma_for_any_mean(power: int) -> 
 # NumPy and Dr.Jit: the same bits
 
 
-THINNED = (
-    (5, 3.0, 1.0),
-    (30, 100.0, 174.0),
-    (1000, 16_500.0, 174.0),
-    (40, 1.0, 1.0),
-    (60, 1.0, 0.3),
-    (7, 0.0, 3.0),
-)
-THINNED += (
-    (7, 3.0, 0.0),
-    (0, 5.0, 5.0),
-    (400, 1.0, 1.0),
-    (16_674, 174.0, 16_500.0),
-    (10**6, 1e6, 300.0),
-)
+THINNED = ((5, 3.0, 1.0), (30, 100.0, 174.0), (1000, 16_500.0, 174.0), (40, 1.0, 1.0))
+THINNED += ((7, 0.0, 3.0), (0, 5.0, 5.0), (400, 1.0, 1.0), (10**6, 1e6, 300.0))
 """Electrons, and the mean of either kind."""
 
 
@@ -362,18 +254,10 @@ def assert_same_bits(found: Any, expected: Any) -> None:
 
 
 LAWS: dict[str, Callable[[Any, Any], Any]] = {
-    "uniform": lambda backend, w: backend.uniform(w),
-    "normal": lambda backend, w: backend.normal(w),
+    **{name: draw for name, (draw, *_) in CLOSE.items()},
+    "gamma 3": lambda backend, w: backend.gamma(w, 3.0),
     "normal_of": lambda backend, w: backend.normal_of(backend.uniform(w)),
-    "logistic": lambda backend, w: backend.logistic(w),
-    **{f"lognormal {cv:g}": lambda backend, w, cv=cv: backend.lognormal(w, cv) for cv in CVS},
-    **{f"gamma {cv:g}": lambda backend, w, cv=cv: backend.gamma(w, cv) for cv in CVS},
-    **{
-        f"wald {cv:g}": lambda backend, w, cv=cv: backend.wald(
-            backend.normal(w), backend.uniform(~w), cv
-        )
-        for cv in CVS
-    },
+    "wald": lambda backend, w: backend.wald(backend.normal(w), backend.uniform(~w), 0.4),
 }
 
 
@@ -384,9 +268,7 @@ def test_every_distribution_has_the_same_bits_on_numpy_and_on_llvm(
     assert_same_bits(LAWS[name](llvm, llvm.uint(W)), LAWS[name](NUMPY_FLOAT32, W))
 
 
-@pytest.mark.parametrize(
-    "mean", [0.0, 1e-40, 1e-6, 0.3, 9.99, 10.0, 17.0, 100.0, 1e4, 1e6, 1e12, 1e30]
-)
+@pytest.mark.parametrize("mean", [0.0, 1e-40, 0.3, 9.99, 10.0, 1e4, 1e12, 1e30])
 def test_poisson_has_the_same_bits_on_numpy_and_on_llvm(mean: float, llvm: Any) -> None:
     within_float32 = np.full(W.shape, mean, dtype=np.float32)
     assert_same_bits(
@@ -407,7 +289,7 @@ def test_binomial_has_the_same_bits_on_numpy_and_on_llvm(
     assert expected.min() >= 0 and expected.max() <= single(number)
 
 
-@pytest.mark.parametrize("size", [1, 2, 7, 8, 9, 31, 1001, 100_003])
+@pytest.mark.parametrize("size", [1, 9, 1001])
 def test_mixed_means_have_the_same_bits_for_any_number_of_pixels(size: int, llvm: Any) -> None:
     """Means from 0 to 20, some exactly 0 or 10: neighbours take the search and the expansion, centre and tail."""
     means = single(np.random.default_rng(3).uniform(0, 20, size))
@@ -416,78 +298,6 @@ def test_mixed_means_have_the_same_bits_for_any_number_of_pixels(size: int, llvm
     assert_same_bits(
         llvm.poisson(llvm.uint(w), llvm.float(means)), NUMPY_FLOAT32.poisson(w, means)
     )
-
-
-OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
-    "add": lambda x, y: x + y,
-    "subtract": lambda x, y: x - y,
-    "multiply": lambda x, y: x * y,
-    "divide": lambda x, y: x / y,
-    "multiply and add": lambda x, y: x * y + x,
-    "floor": lambda x, y: arrays.floor(x),
-    "where": lambda x, y: arrays.where(x < y, x, y),
-    "minimum": lambda x, y: arrays.minimum(x, y),
-    "maximum": lambda x, y: arrays.maximum(x, 1.0),
-    "sqrt": lambda x, y: arrays.sqrt(x * x + y * y),
-    "exp": lambda x, y: arrays.exp(x),
-    "expm1": lambda x, y: arrays.expm1(x),
-    "log": lambda x, y: quantiles.log(arrays.maximum(x, -x)),
-    "polynomial": lambda x, y: arrays.polynomial(
-        1.0 / (1.0 + x * x), [0.3, -1.7, 2.9, 0.1, -0.4, 1.1, 0.7]
-    ),
-    "bits": lambda x, y: arrays.from_float_bits((arrays.signed_bits(x) >> 1) + 77),
-    "whole": lambda x, y: arrays.float32(
-        arrays.int32(arrays.minimum(arrays.maximum(x, -1e9), 1e9))
-    ),
-    "double": lambda x, y: arrays.float32(arrays.float64(x) * 1.1 + arrays.float64(y)),
-    "product": lambda x, y: arrays.product(x, y),
-    "amend": lambda x, y: arrays.replace_where(x > 3.0, y, lambda a, b: a / b, x, y),
-    "choose": lambda x, y: arrays.branch(x < y, lambda a, b: a * b, lambda a, b: a - b, x, y),
-    "repeat": lambda x, y: arrays.loop(
-        lambda a, b: a > 1.0, lambda a, b: (a * 0.7, b + 1.0), (x, y)
-    ),
-    "count": lambda x, y: arrays.count_at_or_below([-5.0, -0.1, 0.0, 0.3, 1.0, 70.0], x),
-}
-"""All that pixels meet; the numbers stay above 1e-38, below which Dr.Jit takes them for 0."""
-
-
-@pytest.mark.parametrize("name", OPERATIONS)
-def test_every_operation_has_the_same_bits_on_numpy_and_on_llvm(name: str, llvm: Any) -> None:
-    random = np.random.default_rng(6)
-    x, y = (
-        single(random.choice([-1, 1], 10_001) * 10 ** random.uniform(-12, 12, 10_001))
-        for _ in range(2)
-    )
-    x[:3], y[:3] = (0, 1, 3), (1, 1, 3)
-    expected = OPERATIONS[name](x, y)
-    assert_same_bits(OPERATIONS[name](llvm.float(x), llvm.float(y)), expected)
-
-
-def test_whole_numbers_are_counted_between_levels_as_numpy_counts_them(llvm: Any) -> None:
-    levels = np.sort(single(np.random.default_rng(7).uniform(0, 1e4, 4095)))
-    x = np.concatenate([levels, np.nextafter(levels, single(0)), single([-1, 0, 2e4])])
-    assert_same_bits(
-        arrays.count_at_or_below(levels, llvm.float(x)), arrays.count_at_or_below(levels, x)
-    )
-
-
-def test_philox_on_llvm_gives_the_known_answers_of_random123(llvm: Any) -> None:
-    """As in test_counter_rng.py: zeros, ones and digits of π."""
-    asked = [
-        (0,) * 6,
-        (2**32 - 1,) * 6,
-        (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344, 0xA4093822, 0x299F31D0),
-    ]
-    answers = (
-        "6627e8d5 e169c58d bc57ac4c 9b00dbd8",
-        "408f276d 41c83b0e a20bc7c6 6d5451fd",
-        "d16cfe09 94fdcceb 5001e420 24126ea1",
-    )
-    x, y, frame, block, low, high = (
-        llvm.uint(list(column)) for column in zip(*asked, strict=True)
-    )
-    found = np.array([integer.numpy() for integer in philox((x, y, frame, block), (low, high))])
-    assert [" ".join(f"{w:08x}" for w in column) for column in found.T] == list(answers)
 
 
 def test_philox_gives_the_same_integers_on_numpy_and_on_llvm(llvm: Any) -> None:
@@ -515,15 +325,8 @@ def script(name: str, *arguments: str) -> Any:
 @pytest.mark.exhaustive
 def test_the_tables_are_what_their_fit_gives() -> None:
     fits = script("fit_quantiles.py", "--check")
-    limits = {
-        "CENTRE": 4e-7,
-        "TAIL": 2e-6,
-        "LOG": 2.5e-7,
-        "EXP_TAIL": 4e-9,
-        "SKEW": 2e-6,
-        "SHIFT": 2e-6,
-        "SMALL": 2e-6,
-    }
+    limits = {"CENTRE": 4e-7, "TAIL": 2e-6, "LOG": 2.5e-7, "EXP_TAIL": 4e-9}
+    limits |= dict.fromkeys(("SKEW", "SHIFT", "SMALL"), 2e-6)
     assert set(fits) == set(limits)
     for name, limit in limits.items():
         assert fits[name]["error"] < limit
@@ -536,14 +339,6 @@ def test_the_distributions_are_enumerated(llvm: Any) -> None:
     assert found["zero_mean_is_zero"]
     assert [row["electrons"] for row in found["poisson"]] == pytest.approx([0.3, 10, 1e6])
     assert all(row["within_limits"] for row in (*found["poisson"], found["normal"]))
-
-
-def test_the_reference_draws_are_the_exact_ones() -> None:
-    """So that what is compared with above is what the reference engine does."""
-    np.testing.assert_array_equal(NUMPY_FLOAT64.normal(W[:100]), distributions.normal(W[:100]))
-    np.testing.assert_array_equal(
-        NUMPY_FLOAT64.poisson(W[:100], 12.0), distributions.poisson(W[:100], 12.0)
-    )
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import colour
 import numpy as np
 from numpy.typing import NDArray
 
-from mitsuba_sensor.core.illuminant import Illuminant
+from mitsuba_sensor.core.signals import Illuminant
 
 CHECKER = colour.SDS_COLOURCHECKERS["ISO 17321-1"]
 REFLECTANCES = {name: (patch.wavelengths, patch.values) for name, patch in CHECKER.items()}

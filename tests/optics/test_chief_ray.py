@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS, forward, vertices
-from helpers.scenes import skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import chief_ray_deg, shading, solid_angle_sr
@@ -27,22 +27,13 @@ def camera_of(**fields: object) -> ms.Camera:
     return ms.load_camera("konnik_table1").replace(**{**PIXEL, **fields})
 
 
-def test_the_angle_of_a_pinhole_is_that_of_the_field() -> None:
+def test_the_angle_of_a_pinhole_is_that_of_the_field_and_a_larger_pupil_lessens_it() -> None:
     half_mm = 32 * 5.7e-3
     expected = np.degrees(np.arctan(HEIGHTS_MM / (half_mm / 0.5)))
     np.testing.assert_allclose(chief_ray_deg(VIEW, camera_of(), HEIGHTS_MM), expected)
-
-
-def test_a_pupil_magnification_of_two_halves_the_tangent() -> None:
-    one, two = (
-        np.tan(
-            np.radians(
-                chief_ray_deg(VIEW, camera_of(**{"lens.pupil_magnification": p}), HEIGHTS_MM)
-            )
-        )
-        for p in (1.0, 2.0)
-    )
-    np.testing.assert_allclose(two, one / 2)
+    halved = chief_ray_deg(VIEW, camera_of(**{"lens.pupil_magnification": 2.0}), HEIGHTS_MM)
+    tangents = np.tan(np.radians([halved, expected]))
+    np.testing.assert_allclose(tangents[0], tangents[1] / 2)
 
 
 @pytest.mark.parametrize("gap_mm", [30.0, 60.0, 80.0])
@@ -121,16 +112,10 @@ def test_microlenses_that_follow_the_chief_ray_lose_nothing() -> None:
     )
 
 
-def test_a_render_has_it(tmp_path: object) -> None:
+def test_a_render_has_it() -> None:
     """Its ratio to a render with the same random numbers is that of the closed form, with a note."""
-    skip_unless_usable("llvm_ad_spectral")
-    options = {
-        "width": 24,
-        "spp": 4,
-        "wavelength_nm": 550.0,
-        "denoise": False,
-        "progress": False,
-    }
+    options: Any = {"width": 24, "spp": 1, "wavelength_nm": 550.0, "denoise": False}
+    options |= {"progress": False, "variant": "scalar_spectral"}
     plain = ms.load_camera("konnik_table1")
     slanted = plain.replace(
         **{"pixel.angular_response": (1.0, 0.0), "pixel.angular_response_deg": (0.0, 40.0)}
@@ -168,13 +153,3 @@ def test_a_table_that_ends_inside_the_picture_is_refused() -> None:
     short = {"pixel.angular_response": (1.0, 0.9), "pixel.angular_response_deg": (0.0, 3.0)}
     with pytest.raises(ms.InputError, match=r"angular_response_deg \[°\] ends at 3, and"):
         solid_angle_sr(VIEW, camera_of(**short))
-
-
-def test_microlenses_need_a_response() -> None:
-    with pytest.raises(ms.InputError, match="no effect without angular_response"):
-        ms.load_camera("konnik_table1").replace(
-            **{
-                "pixel.microlens_cra_deg": (0.0, 9.0),
-                "pixel.microlens_cra_heights_mm": (0.0, 4.0),
-            }
-        )

@@ -45,15 +45,10 @@ def axis_fov(axis: str) -> str:
     ("text", "film"),
     [
         *[
-            (sensor("perspective", axis_fov(axis)), "")
-            for axis in ("x", "y", "diagonal", "smaller", "larger")
-        ],
-        *[
             (sensor("perspective", axis_fov(axis), 8, 12), "")
-            for axis in ("x", "diagonal", "smaller", "larger")
+            for axis in ("diagonal", "larger")
         ],
         (sensor("perspective", '<string name="focal_length" value="35mm"/>'), ""),
-        (sensor("perspective", axis_fov("x") + SHIFT), ""),
         (sensor("perspective", axis_fov("x") + SHIFT), CROP),
         (sensor("thinlens", axis_fov("y") + LENS), CROP),
         (sensor("orthographic", ""), CROP),
@@ -83,74 +78,39 @@ def test_cos4_is_that_of_mitsubas_own_rays(tmp_path: Path, text: str, film: str)
     np.testing.assert_allclose(found, mean, atol=5e-4)
 
 
-def test_axial_solid_angle_is_pi_over_four_n_squared() -> None:
-    """Ω = π·T/(4N²): 0.100178 sr at f/2.8 for a lens without loss, focused at infinity."""
-    view = View(size=(1, 1), crop_size=(1, 1))
-    camera = CAMERA.replace(**{"lens.transmission": 0.9, "lens.convention": "working"})
-    assert (solid_angle_sr(view, camera) * transmittance(camera, [550.0]))[
-        0, 0
-    ] == pytest.approx(0.9 * math.pi / (4 * 2.8**2), rel=1e-12)
+ON_AXIS = View(size=(1, 1), crop_size=(1, 1))
 
 
-@pytest.mark.parametrize(("f_number", "difference"), [(1.4, 0.13), (2.8, 0.032), (8.0, 0.004)])
-def test_planar_convention_is_lower_by_the_known_amount(
-    f_number: float, difference: float
-) -> None:
-    """(1 + 4N²)/(4N²) − 1 is 13 % at f/1.4, 3.2 % at f/2.8, 0.4 % at f/8."""
-    view, camera = (
-        View(size=(1, 1), crop_size=(1, 1)),
-        CAMERA.replace(**{"lens.f_number": f_number}),
-    )
-    working = solid_angle_sr(view, camera.replace(**{"lens.convention": "working"}))[0, 0]
-    planar = solid_angle_sr(view, camera.replace(**{"lens.convention": "planar"}))[0, 0]
-    assert working / planar - 1 == pytest.approx(difference, rel=0.03)
+@pytest.mark.parametrize("f_number", [1.4, 2.8, 8.0])
+def test_the_axial_solid_angle_is_that_of_its_convention(f_number: float) -> None:
+    """π/(4N²), or EMVA's π/(1 + 4N²), which is 13 % less at f/1.4."""
+    for convention, square in (("working", 4 * f_number**2), ("planar", 1 + 4 * f_number**2)):
+        fields = {"lens.f_number": f_number, "lens.convention": convention}
+        found = solid_angle_sr(ON_AXIS, CAMERA.replace(**fields))[0, 0]
+        assert found == pytest.approx(math.pi / square, rel=1e-12)
 
 
-def test_close_focus_dims_by_the_working_f_number() -> None:
-    """At life size (|m| = 1) and P = 1 the working f-number doubles: a quarter of the light."""
-    half = 0.3
-    image_m = 0.5 * 12 * 5.7e-6 / half
-    view = View(size=(12, 8), crop_size=(12, 8), half_width=half, focus_m=image_m)
+def test_a_thin_lens_is_that_of_its_field_of_view_and_focus() -> None:
+    """At life size (|m| = 1) and P = 1 the working f-number doubles: a quarter of the light. f = 1/(1/image + 1/focus)
+    and N = f/(2·radius); nothing for a pinhole."""
+    image_m = 0.5 * 12 * 5.7e-6 / 0.3
+    view = View((12, 8), (12, 8), half_width=0.3, focus_m=image_m, aperture_radius_m=1e-5)
     assert magnification(view, CAMERA) == pytest.approx(1.0, rel=1e-12)
     far = solid_angle_sr(replace(view, focus_m=math.inf), CAMERA)
     np.testing.assert_allclose(solid_angle_sr(view, CAMERA), far / 4, rtol=1e-12)
-
-
-def test_aperture_means_an_f_number_on_this_sensor() -> None:
-    """f = 1/(1/image + 1/focus), N = f/(2·radius); nothing for a pinhole."""
-    view = View(
-        size=(100, 100),
-        crop_size=(100, 100),
-        half_width=0.1,
-        focus_m=1.0,
-        aperture_radius_m=1e-3,
-    )
-    image_m = 50 * 5.7e-6 / 0.1
-    assert aperture_f_number(view, CAMERA) == pytest.approx(
-        1 / (1 / image_m + 1) / 2e-3, rel=1e-12
-    )
+    assert aperture_f_number(view, CAMERA) == pytest.approx(image_m / 2 / 2e-5, rel=1e-12)
     assert aperture_f_number(replace(view, aperture_radius_m=0.0), CAMERA) is None
 
 
-def test_telecentric_film_has_no_fall_off() -> None:
-    found = solid_angle_sr(View(size=(4, 3), crop_size=(4, 3)), CAMERA)
-    np.testing.assert_allclose(found, math.pi / (4 * CAMERA.lens.f_number**2), rtol=1e-12)
-
-
-@both_variants
-@pytest.mark.parametrize("f_number", [1.4, 5.6])
-def test_light_through_a_thin_lens_follows_cos4_and_the_f_number(
-    tmp_path: Path, variant: str, f_number: float
-) -> None:
+def test_light_through_a_thin_lens_follows_cos4_and_the_f_number(tmp_path: Path) -> None:
     """E = π·L/(4·N_w²)·cos⁴θ in every pixel within 0.1 %; N_w = N·(1 + |m|). 9 × 9 nodes per pixel."""
+    f_number = 1.4
     camera = CAMERA.replace(**{"lens.f_number": f_number})
     scene = write_scene(
         tmp_path, scene_text(SKY, sensor=sensor("thinlens", axis_fov("x") + LENS))
     )
-    skip_unless_usable(variant)
-    light = ms.render(
-        scene, camera, ms.Exposure(0.1), wavelength_nm=550, spp=16, variant=variant
-    ).data[..., 0]
+    options = {"wavelength_nm": 550, "spp": 16, "variant": "scalar_spectral"}
+    light = ms.render(scene, camera, ms.Exposure(0.1), **options).data[..., 0]
     half = math.tan(math.radians(30)) / 6
     x, y = np.meshgrid(half * (np.arange(12) - 5.5), half * (np.arange(8) - 3.5))
     at = (np.arange(9) - 4) / 9 * half
@@ -188,20 +148,6 @@ def test_measured_illumination_stands_in_for_cos4() -> None:
     x, y = np.meshgrid(np.arange(20, 25) + 0.5 - 15.5, np.arange(15, 18) + 0.5 - 10.5)
     expected = math.pi / (4 * 2.8**2) * (1 - np.hypot(x, y) * 0.1 / 4)
     np.testing.assert_allclose(solid_angle_sr(view, camera), expected, rtol=2e-4)
-
-
-def test_measured_illumination_must_reach_the_corner() -> None:
-    heights = {
-        "lens.relative_illumination_heights_mm": [0, 0.039],
-        "lens.relative_illumination": [1.0, 0.5],
-    }
-    with pytest.raises(
-        ms.InputError,
-        match=r"heights_mm \[mm\] ends at 0.039, and the picture reaches 0.03943; extend",
-    ):
-        solid_angle_sr(
-            View(size=(12, 8), crop_size=(12, 8), half_width=0.5), CAMERA.replace(**heights)
-        )
 
 
 BROWN = [-0.18, 0.03, 0.004, -0.006, 0.002]
@@ -251,14 +197,11 @@ def seen(scene: Scene, x: float, y: float) -> np.ndarray:
 
 
 @both_variants
-@pytest.mark.parametrize("film", ["", CROP])
-def test_a_distorted_ray_goes_where_opencv_projects_from(
-    tmp_path: Path, variant: str, film: str
-) -> None:
+def test_a_distorted_ray_goes_where_opencv_projects_from(tmp_path: Path, variant: str) -> None:
     """Nine places per film, through an off-centre axis: projected back to 0.004 pixels."""
     camera = CAMERA.replace(**DISTORTED["brown"])
     scene = loaded(
-        tmp_path, camera, variant, sensor("perspective", axis_fov("x") + SHIFT), film
+        tmp_path, camera, variant, sensor("perspective", axis_fov("x") + SHIFT), CROP
     )
     places = [(x, y) for x in (0.2, 2.5, 4.9) for y in (0.1, 1.5, 2.8)]
     found = intrinsics(scene.view, camera)
@@ -268,24 +211,6 @@ def test_a_distorted_ray_goes_where_opencv_projects_from(
         found["distortion"],
     )
     np.testing.assert_allclose(back + 0.5, places, atol=4e-3)
-
-
-@both_variants
-def test_a_ray_through_a_table_of_distortion_has_the_ideal_height_of_its_place(
-    tmp_path: Path, variant: str
-) -> None:
-    """At the table's own points on the sensor the ideal height is in the table: to 0.004 pixels."""
-    camera = CAMERA.replace(**PERCENT)
-    scene = loaded(tmp_path, camera, variant, sensor("perspective", axis_fov("x")))
-    focal = intrinsics(scene.view, camera)["matrix"][0][0]
-    for ideal, percent in zip(
-        PERCENT["lens.distortion_heights_mm"][1:3], (-1.0, -4.0), strict=True
-    ):
-        real_px = ideal * (1 + percent / 100) / 5.7e-3
-        way = seen(scene, 6.0 + 0.8 * real_px, 4.0 - 0.6 * real_px)
-        np.testing.assert_allclose(
-            way[:2] / way[2] * focal, ideal / 5.7e-3 * np.array([0.8, -0.6]), atol=4e-3
-        )
 
 
 @pytest.mark.parametrize("kind", DISTORTED)
@@ -342,16 +267,10 @@ def test_a_distortion_that_does_not_reach_the_corner_is_refused(
 
 
 FINE = {"pixel.pitch_x_um": 750.0, "pixel.pitch_y_um": 750.0}
-SENSORS = {
-    "off-centre": ({}, sensor("perspective", axis_fov("x") + SHIFT, 48, 32), ""),
-    "crop": (
-        {},
-        sensor("perspective", axis_fov("x") + SHIFT, 48, 32),
-        "".join(
-            f'<integer name="crop_{k}" value="{v}"/>'
-            for k, v in (("width", 30), ("height", 20), ("offset_x", 10), ("offset_y", 8))
-        ),
-    ),
+PLACE = zip(("width", "height", "offset_x", "offset_y"), (30, 20, 10, 8), strict=True)
+CROP_48 = "".join(f'<integer name="crop_{name}" value="{value}"/>' for name, value in PLACE)
+SENSORS: dict[str, tuple[dict[str, Any], str, str]] = {
+    "crop": ({}, sensor("perspective", axis_fov("x") + SHIFT, 48, 32), CROP_48),
     "thin lens": ({}, sensor("thinlens", axis_fov("x") + LENS, 48, 32), ""),
     "distorted": (
         {"lens.distortion": BROWN},
@@ -366,7 +285,7 @@ SENSORS = {
 }
 
 
-@pytest.mark.parametrize("kind", one_in(3, SENSORS))
+@pytest.mark.parametrize("kind", one_in(2, SENSORS))
 def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
     """The centroid of a small luminous ball in a render, in each of two corners, within 0.1 pixel of K and distortion.
 
@@ -409,21 +328,6 @@ def projected(point: np.ndarray, found: dict[str, Any]) -> np.ndarray:
     height_mm = np.hypot(*(ideal - centre)) * FINE["pixel.pitch_x_um"] * 1e-3
     real = np.interp(height_mm, found["heights_mm"]["ideal"], found["heights_mm"]["real"])
     return centre + (ideal - centre) * real / height_mm
-
-
-@pytest.mark.exhaustive
-def test_strips_of_rows_make_the_picture_that_the_whole_film_makes(tmp_path: Path) -> None:
-    """A luminous ball before nothing: the two differ by the noise of its edge (256 samples, four sigma)."""
-    ball = '<shape type="sphere"><point name="center" value="0.1, 0.4, 0"/><float name="radius" value="0.45"/>'
-    ball += '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter></shape>'
-    for fields in ({"lens.distortion": BROWN}, {"lens.prescription": "double_gauss"}):
-        camera = CAMERA.replace(**fields, **FINE)
-        sensor_xml = sensor("perspective", axis_fov("x"), 24, 16)
-        scene = loaded(tmp_path, camera, "llvm_ad_spectral", sensor_xml, "", ball)
-        whole = scene.render(1, 256, (0, 16))
-        parts = np.concatenate([scene.render(1, 256, rows) for rows in ((0, 5), (5, 16))])
-        np.testing.assert_allclose(parts, whole, rtol=0, atol=0.13 * whole.max())
-        assert whole.min() == 0 and 0.03 < (whole > 0).mean() < 0.9
 
 
 def test_intrinsics_name_focal_length_and_field_of_view() -> None:

@@ -10,8 +10,6 @@ import scipy
 from helpers.marks import one_in
 
 from mitsuba_sensor.optics.point_spread import (
-    NODES,
-    SHARES,
     airy_diameter_um,
     aperture_mtf,
     diffraction_mtf,
@@ -21,7 +19,7 @@ from mitsuba_sensor.optics.point_spread import (
     point_spread_tables,
 )
 
-OBSTRUCTIONS = [0.0, 0.2, 0.5, 0.7]
+OBSTRUCTIONS = [0.0, 0.5]
 FREQUENCIES = np.linspace(0.02, 1.0, 50)
 
 
@@ -82,52 +80,13 @@ def test_what_is_drawn_has_the_mtf_of_the_pupil(obstruction: float) -> None:
     assert error < 6e-4
 
 
-@pytest.mark.parametrize("obstruction", OBSTRUCTIONS)
-def test_the_tables_have_all_the_energy(obstruction: float) -> None:
-    """Inside by the density's own integral, outside by ∫tail/x³·2πx dx; both add up to one."""
-    tables = point_spread_tables(obstruction)
-    assert len(tables.radii) == SHARES and len(tables.densities) == NODES
-    assert np.all(np.diff(tables.radii) > 0)
-    x = np.linspace(0, tables.edge, NODES)
-    inside = scipy.integrate.trapezoid(2 * math.pi * x * tables.densities, x)
-    outside = 2 * math.pi * tables.tail / tables.edge
-    assert inside + outside == pytest.approx(1, abs=3e-5)
-    assert tables.radii[-1] == tables.edge
-
-
-def test_first_dark_ring_moves_inwards_with_the_obstruction() -> None:
-    """Of a thin ring it is the first zero of J₀, 2.405; at it nothing is left."""
-    zeros = [first_zero(obstruction) for obstruction in (0.0, 0.2, 0.5, 0.8, 0.99)]
-    assert zeros == sorted(zeros, reverse=True)
-    assert first_zero(0.999) == pytest.approx(2.404826, rel=2e-3)
-    assert point_spread(first_zero(0.5), 0.5) == pytest.approx(0, abs=1e-20)
-
-
-def test_mtf_of_a_pixel_is_the_transform_of_its_box() -> None:
-    place = (np.arange(1000) + 0.5) / 1000 - 0.5
-    for width in (1.0, 0.5):
-        box = np.cos(2 * math.pi * 0.5 * width * place).mean()
-        assert aperture_mtf(0.5, width) == pytest.approx(box, abs=1e-6)
-    assert aperture_mtf([0.5, 0.5], 0.5) == pytest.approx([0.9003, 0.9003], abs=1e-4)
-
-
-def test_mtf_of_a_map_of_a_rectangle_is_that_of_the_rectangle() -> None:
-    """A map of 8 cells whose middle four count, as wide as half the pixel; and any map of one value."""
-    frequency = np.linspace(0, 1, 21)
-    middle = [0.0, 0, 1, 1, 1, 1, 0, 0]
-    np.testing.assert_allclose(
-        aperture_mtf(frequency, cells=middle), aperture_mtf(frequency, 0.5), atol=1e-12
-    )
-    np.testing.assert_allclose(
-        aperture_mtf(frequency, 0.7, [3.0] * 5), aperture_mtf(frequency, 0.7), atol=1e-12
-    )
-
-
 def test_mtf_of_a_map_is_the_transform_of_its_steps() -> None:
     """Summed over 12 000 places; 1 at frequency 0, also of a map that leans to one side."""
-    cells, fine = np.array([0.2, 1.0, 0.7]), 4000
-    place, steps = (np.arange(3 * fine) + 0.5) / (3 * fine), np.repeat(cells, fine)
-    for frequency in (0.0, 0.25, 0.5, 1.5):
-        waves = np.exp(-2j * math.pi * frequency * place)
-        expected = abs((waves * steps).sum()) / steps.sum()
-        assert aperture_mtf(frequency, cells=cells) == pytest.approx(expected, abs=1e-6)
+    fine = 4000
+    for width, cells in ((1.0, [0.2, 1.0, 0.7]), (0.5, [1.0])):
+        count = len(cells) * fine
+        place, steps = width * (np.arange(count) + 0.5) / count, np.repeat(cells, fine)
+        for frequency in (0.0, 0.25, 0.5, 1.5):
+            waves = np.exp(-2j * math.pi * frequency * place)
+            expected = abs((waves * steps).sum()) / steps.sum()
+            assert aperture_mtf(frequency, width, cells) == pytest.approx(expected, abs=1e-6)

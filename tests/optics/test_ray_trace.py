@@ -12,9 +12,13 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.lens_datasheet import LensSection
-from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds
 from mitsuba_sensor.optics.ray_trace import Ray, ray_to
-from mitsuba_sensor.optics.traced_lens import cardinal_points, chief_ray_heights, traced_lens
+from mitsuba_sensor.optics.traced_lens import (
+    cardinal_points,
+    chief_ray_heights,
+    exit_pupil_bounds,
+    traced_lens,
+)
 
 
 def lens(**fields: Any) -> LensSection:
@@ -95,18 +99,6 @@ def test_a_conic_written_as_a_polynomial_is_the_same_surface() -> None:
         terms.append(factor * c ** (2 * n - 1) * ((1 + k) ** (n - 1) - 1.0))
     assert (
         np.abs(slopes(lens(prescription=plano(0.0, tuple(terms)), f_number=2.8))).max() < 1e-9
-    )
-
-
-def test_a_scaled_asphere_refracts_rays_at_scaled_heights_by_the_same_angles() -> None:
-    table = plano(-0.5, (2e-5, -3e-8))
-    small, large = (
-        lens(prescription=table, f_number=2.8, focal_length_mm=f) for f in (40.0, 80.0)
-    )
-    np.testing.assert_allclose(slopes(small), slopes(large), atol=1e-12)
-    assert (
-        np.abs(slopes(small) - slopes(lens(prescription=plano(-0.5), f_number=2.8))).max()
-        > 1e-4
     )
 
 

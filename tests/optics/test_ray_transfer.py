@@ -126,39 +126,19 @@ def gauss() -> tuple[LensSection, dict[str, Any]]:
 def test_a_fitted_double_gauss_is_the_double_gauss(
     gauss: tuple[LensSection, dict[str, Any]], tmp_path: Path
 ) -> None:
-    """Focal length within 1e-4, image heights 2 µm, directions of the rays of a corner 3e-5; pupils 0.15 mm.
-
-    The exit pupil is that of the cones of light of the surfaces near the axis, 0.7 mm beside the paraxial one at f/4,
-    and the entrance pupil is its image.
-    """
+    """Focal length within 1e-4, focus 0.02 mm, image heights 2 µm, directions of the rays of a corner 3e-5."""
     lens, data = gauss
     fitted = lens_of(written(tmp_path, data), 4.03)
     ours, theirs = cardinal_points(fitted), cardinal_points(lens)
     before = theirs.exit_pupil  # its pass plane is there
     assert ours.focal_length == pytest.approx(theirs.focal_length, rel=1e-4)
     assert ours.back_focus == pytest.approx(theirs.back_focus - before, abs=0.02)
-    real = _pupil_of_cones(traced_lens(lens), theirs.back_focus)
-    assert real - before == pytest.approx(0.65, abs=0.1)
-    assert ours.exit_pupil == pytest.approx(real - before, abs=0.15)
-    # Newton's equation; the file's first vertex is the last one of the surfaces.
-    beside = theirs.focal_length**2 / (theirs.back_focus - real)
-    entrance = theirs.front_focus + beside - theirs.length
-    assert ours.entrance_pupil == pytest.approx(entrance, abs=0.15)
     (ideal, real), (expected, same) = (
         chief_ray_heights(section, 2.0, 11.0) for section in (fitted, lens)
     )
     np.testing.assert_allclose(ideal, expected, atol=2e-3)
     np.testing.assert_allclose(real, same)
     _same_rays(traced_lens(fitted), traced_lens(lens), theirs.back_focus, before)
-
-
-def _pupil_of_cones(lens: TracedLens, focus: float) -> float:
-    """Where the middle of the cone of light of an image point 3 mm beside the axis crosses it [mm]."""
-    height, points = 3.0, np.linspace(-12, 12, 20_001)
-    with np.errstate(all="ignore"):
-        passes = lens.unvignetted(ray_to(focus, np.array(height), points, 0 * points))
-    middle = points[np.asarray(passes)][[0, -1]].mean()
-    return float(middle * focus / (middle - height))
 
 
 def _same_rays(ours: TracedLens, theirs: TracedLens, focus: float, before: float) -> None:
@@ -180,23 +160,6 @@ def test_dr_jit_and_numpy_trace_the_same_rays(thin_file: str) -> None:
     )
     for ours, theirs in zip(lens.trace(single), lens.trace(start), strict=True):
         np.testing.assert_allclose(np.array(ours), theirs, atol=1e-5)
-
-
-def test_the_direction_may_have_its_own_dz(thin: dict[str, Any], tmp_path: Path) -> None:
-    """dz of a wide angle, which can be negative: the vector is normalised."""
-    data = {**thin, "useDZpolynomial": True}
-    wavelength = data["polynomials"][0]
-    backwards = {
-        "outputname": "outdz",
-        "coeff": [-0.5],
-        "termr": [0],
-        "termdx": [0],
-        "termdy": [0],
-    }
-    data["polynomials"] = [{**wavelength, "poly": [*wavelength["poly"], backwards]}]
-    lens = lens_of(written(tmp_path, data))
-    end = traced_lens(lens).trace(ray_to(50.0, np.array(0.0), np.array([0.0]), np.array([0.0])))
-    assert end.dz[0] == pytest.approx(-1.0)
 
 
 def test_ellipses_are_linear_between_their_heights(
@@ -227,59 +190,24 @@ def test_ellipses_are_linear_between_their_heights(
     assert not lens.unvignetted(outside)
 
 
-def two_wavelengths(data: dict[str, Any]) -> None:
-    data["polynomials"] = [data["polynomials"][0]] * 2
+SPOILED: dict[str, Callable[[Any, Any], object]] = {
+    "polynomials of one wavelength": lambda data, one: data["polynomials"].append(one),
+    "'convexhull'; it must be": lambda data, one: one["raypass"].update(method="convexhull"),
+    "has x, dx, dy; it needs one of each of x, y": lambda data, one: one["poly"].pop(1),
+    "is not what ISET writes": lambda data, one: data.pop("planeoffsetinput"),
+    "of 'outx' have different lengths": lambda data, one: one["poly"][0]["termr"].append(3),
+    "pass function have different lengths": lambda data, one: one["raypass"]["radii"].append(3),
+    "pass_plane_mm": lambda data, one: one["raypass"].update(intersectPlaneDistance=0),
+    "powers_r": lambda data, one: one["poly"][0]["termr"].__setitem__(0, -1),
+}
 
 
-def another_pass_function(data: dict[str, Any]) -> None:
-    data["polynomials"][0]["raypass"]["method"] = "convexhull"
-
-
-def no_outy(data: dict[str, Any]) -> None:
-    del data["polynomials"][0]["poly"][1]
-
-
-def old_format(data: dict[str, Any]) -> None:
-    del data["planeoffsetinput"]
-
-
-def uneven_terms(data: dict[str, Any]) -> None:
-    data["polynomials"][0]["poly"][0]["termr"].append(3)
-
-
-def fewer_radii(data: dict[str, Any]) -> None:
-    data["polynomials"][0]["raypass"]["radii"].append(3.0)
-
-
-def no_distance(data: dict[str, Any]) -> None:
-    data["polynomials"][0]["raypass"]["intersectPlaneDistance"] = 0
-
-
-def negative_power(data: dict[str, Any]) -> None:
-    data["polynomials"][0]["poly"][0]["termr"][0] = -1
-
-
-@pytest.mark.parametrize(
-    ("spoil", "sentence"),
-    [
-        (two_wavelengths, "must have polynomials of one wavelength"),
-        (
-            another_pass_function,
-            "the pass function is 'convexhull'; it must be 'minimalellipse'",
-        ),
-        (no_outy, "polynomials has x, dx, dy; it needs one of each of x, y, dx, dy"),
-        (old_format, "is not what ISET writes; it must have thickness, planeoffsetinput"),
-        (uneven_terms, "termr, termdx and termdy of 'outx' have different lengths"),
-        (fewer_radii, "lists of the pass function have different lengths"),
-        (no_distance, "pass_plane_mm"),
-        (negative_power, "powers_r"),
-    ],
-)
+@pytest.mark.parametrize("sentence", SPOILED)
 def test_a_file_that_cannot_be_honoured_is_refused(
-    thin: dict[str, Any], tmp_path: Path, spoil: Callable[[dict[str, Any]], None], sentence: str
+    thin: dict[str, Any], tmp_path: Path, sentence: str
 ) -> None:
     data = copy.deepcopy(thin)
-    spoil(data)
+    SPOILED[sentence](data, data["polynomials"][0])
     with pytest.raises(ms.InputError, match=sentence) as caught:
         lens_of(written(tmp_path, data))
     assert "\n" not in str(caught.value)
@@ -291,11 +219,6 @@ def test_polynomials_that_are_no_lens_are_refused(thin: dict[str, Any], tmp_path
     y["coeff"] = [1.2 * c for c in y["coeff"]]
     with pytest.raises(ms.InputError, match=r"have the determinant 1\.2, and those of a lens"):
         cardinal_points(lens_of(written(tmp_path, data)))
-
-
-def test_dispersion_needs_surfaces(thin_file: str) -> None:
-    with pytest.raises(ms.InputError, match="dispersion needs glasses"):
-        lens_of(thin_file, dispersion=True)
 
 
 def test_a_camera_file_keeps_the_ray_transfer(thin_file: str, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.colour_matrix import _fit, colour_matrix, colour_order
-from mitsuba_sensor.core.illuminant import Illuminant
+from mitsuba_sensor.core.signals import Illuminant
 from mitsuba_sensor.optics.spectra import color_checker, surfaces
 
 BAYER, RGBIR = ms.load_camera("bayer_2mp"), ms.load_camera("rgbir_2mp")

@@ -268,7 +268,7 @@ def test_what_is_known_of_a_pixel_holds_for_its_own_filter_only(tmp_path: Path) 
         for origin in (None, (2, 4))
     )
     np.testing.assert_array_equal(own, by_two)
-    twice = ms.expose(replace(photons, mean=2 * photons.mean), BAYER, EXPOSURE).detected.mean_e
+    twice = ms.expose(photons.changed(mean=2 * photons.mean), BAYER, EXPOSURE).detected.mean_e
     np.testing.assert_allclose(twice, 2 * own, rtol=1e-6)
     with pytest.raises(ms.InputError, match="in_band has shape"):
         ms.expose(replace(photons, in_band=np.ones(3)), BAYER, EXPOSURE)

@@ -130,6 +130,8 @@ def test_photons_are_an_array_for_numpy() -> None:
     assert np.asarray(photons).sum() == 15
     assert np.asarray(photons, dtype=np.float32).dtype == np.float32
     assert photons.total is photons.mean
+    with pytest.raises(ms.InputError, match=r"factor has shape \(2,\); pass .* \(3,\)"):
+        photons.changed(factor=np.ones(2))
 
 
 def test_photons_of_a_render_are_the_same_whole_in_strips_and_by_pixel(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +57,7 @@ def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: 
     whole, in_band = np.zeros((8, 12, photons.mean.shape[2])), np.ones((8, 12))
     whole[1:5, 3:9] = photons.mean
     in_band[1:5, 3:9] = 1.0 if photons.in_band is None else photons.in_band
-    full = expose(replace(photons, mean=whole, in_band=in_band, origin=(0, 0)), BAYER, EXPOSURE)
+    full = expose(photons.changed(mean=whole, in_band=in_band, origin=(0, 0)), BAYER, EXPOSURE)
     np.testing.assert_array_equal(
         expose(photons, BAYER, EXPOSURE).digital[0], full.digital[0, 1:5, 3:9]
     )

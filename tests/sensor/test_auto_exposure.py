@@ -146,16 +146,6 @@ def test_frames_of_equal_exposure_are_those_without_a_controller(lamps: ms.Irrad
     assert still.digital.mean() != plain.digital[:2].mean()
 
 
-def test_the_flicker_modulation_index_is_the_contrast_of_the_means(
-    lamps: ms.Irradiance,
-) -> None:
-    """A pulse that lights every other frame: the mean alternates between 1 and 3, the index is ½."""
-    lit = lamps.with_lights(lamp=ms.pwm(FPS / 2, 0.5))
-    found = captured(lit, CAMERA, 0.01, frames=6).metadata["series"]
-    assert found["flicker_modulation_index"] == pytest.approx(0.5, abs=0.02)
-    assert 0.5 < found["flicker_modulation_index_largest"] < 0.65
-
-
 @pytest.mark.parametrize("mains_hz", [None, 50])
 def test_a_rolling_shutter_is_open_for_whole_rows(mains_hz: float | None) -> None:
     """Multiples of 30 µs, within half a row of what a global shutter has, and within the limits."""

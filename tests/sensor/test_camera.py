@@ -20,8 +20,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.effects.dark_current import dark_current_model
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 SCHEMA = ms.Camera.model_json_schema()
@@ -81,27 +79,6 @@ RAY_TRANSFER = {
 }
 
 
-def toml(data: dict[str, Any]) -> str:
-    """A camera file; only what the tests below need of TOML."""
-    plain = [f"{key} = {value(x)}" for key, x in data.items() if not isinstance(x, dict)]
-    tables = [
-        f"[{key}]\n" + "\n".join(f"{json.dumps(k)} = {value(v)}" for k, v in x.items())
-        for key, x in data.items()
-        if isinstance(x, dict)
-    ]
-    return "\n".join([*plain, *tables]) + "\n"
-
-
-def value(x: Any) -> str:
-    if isinstance(x, dict):
-        return "{ " + ", ".join(f"{json.dumps(k)} = {value(v)}" for k, v in x.items()) + " }"
-    if isinstance(x, list | tuple):
-        return "[" + ", ".join(value(v) for v in x) + "]"
-    if isinstance(x, float) and not math.isfinite(x):
-        return "nan" if math.isnan(x) else "inf" if x > 0 else "-inf"
-    return json.dumps(x, ensure_ascii=False)
-
-
 def with_field(dotted: str, new: Any) -> dict[str, Any]:
     """Table 1 with one field set, or taken away (``...``)."""
     data = copy.deepcopy(TABLE1)
@@ -121,33 +98,16 @@ def with_field(dotted: str, new: Any) -> dict[str, Any]:
     return data
 
 
-def refusal(tmp_path: Path, data: dict[str, Any]) -> str:
-    """The one sentence with which a camera file is refused; it names the file, and is one line."""
-    path = tmp_path / "mine.toml"
-    path.write_text(toml(data), encoding="utf-8")
+def refusal(data: dict[str, Any]) -> str:
+    """The one sentence with which a camera is refused; it says what was given, and is one line."""
     with pytest.raises(ms.InputError) as caught:
-        ms.load_camera(path)
+        ms.load_camera(data)
     message = str(caught.value)
-    assert message.startswith(f"{path}: ") and "\n" not in message
-    for jargon in (
-        "Input",
-        "pydantic",
-        "tuple",
-        "dictionary",
-        "instance of",
-        "Section",
-        "validation",
-    ):
-        assert jargon not in message.removeprefix(f"{path}"), message
-    return message.removeprefix(f"{path}: ")
-
-
-def test_the_files_of_these_tests_are_camera_files(tmp_path: Path) -> None:
-    """Otherwise everything below would be refused for a wrong reason."""
-    path = tmp_path / "mine.toml"
-    path.write_text(toml(TABLE1), encoding="utf-8")
-    assert ms.load_camera(path) == ms.load_camera("konnik_table1")
-    assert len(NUMBERS) >= 25 and len(CHOICES) >= 4
+    assert message.startswith("the dict: ") and "\n" not in message
+    assert not re.search(
+        "Input|pydantic|tuple|dictionary|instance of|Section|validation", message
+    )
+    return message.removeprefix("the dict: ")
 
 
 def outside(dotted: str) -> list[float]:
@@ -168,70 +128,55 @@ def outside(dotted: str) -> list[float]:
 
 
 @pytest.mark.parametrize("dotted", NUMBERS)
-def test_every_number_out_of_range_is_refused_with_value_range_and_example(
-    dotted: str, tmp_path: Path
-) -> None:
+def test_every_number_out_of_range_is_refused_with_value_range_and_example(dotted: str) -> None:
     assert outside(dotted)
     for bad in outside(dotted):
-        message = refusal(tmp_path, with_field(dotted, bad))
+        message = refusal(with_field(dotted, bad))
         assert re.match(
             rf"{dotted} is -?(nan|inf|[\d.e+-]+); it must be .+ \(.+{REMEDY}\)\.$", message
         ), message
-        assert value(bad) in message or repr(bad) in message
+        assert repr(bad) in message
 
 
 @pytest.mark.parametrize("dotted", BY_WAVELENGTH)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0, 1e9, [300.0, math.nan]])
 def test_a_number_by_wavelength_out_of_range_is_refused_with_value_and_range(
-    dotted: str, bad: object, tmp_path: Path
+    dotted: str, bad: object
 ) -> None:
-    message = refusal(tmp_path, with_field(dotted, bad))
+    message = refusal(with_field(dotted, bad))
     assert re.match(
         rf"{dotted}: \S+ is not a number from \S+ to \S+; give one .+ e\.g\. ", message
     )
 
 
-@pytest.mark.parametrize("dotted", NUMBERS)
-def test_every_number_has_a_lower_bound(dotted: str) -> None:
-    """A new field without one would let a negative number through."""
-    schema = schema_of(dotted)
-    if dotted == "source_follower.read_noise_shape":  # whose range depends on the distribution
-        return
-    assert "minimum" in schema or "exclusiveMinimum" in schema
-
-
 @pytest.mark.parametrize("dotted", one_in(4, FIELDS))
-def test_every_field_of_the_wrong_type_is_refused_with_the_way_out(
-    dotted: str, tmp_path: Path
-) -> None:
+def test_every_field_of_the_wrong_type_is_refused_with_the_way_out(dotted: str) -> None:
     """No coercion: "5" is no number, 1.5 is no count, true is not 1."""
     for bad in WRONG_TYPES[schema_of(dotted)["type"]]:
         if dotted in BY_WAVELENGTH and isinstance(bad, list):
             continue
-        message = refusal(tmp_path, with_field(dotted, bad))
+        message = refusal(with_field(dotted, bad))
         assert message.startswith(dotted) and re.search(REMEDY, message), message
 
 
 @pytest.mark.parametrize("dotted", CHOICES)
-def test_every_unknown_choice_is_refused_with_the_choices(dotted: str, tmp_path: Path) -> None:
-    message = refusal(tmp_path, with_field(dotted, "unheard_of"))
+def test_every_unknown_choice_is_refused_with_the_choices(dotted: str) -> None:
+    message = refusal(with_field(dotted, "unheard_of"))
     assert "'unheard_of'" in message
     assert all(repr(choice) in message for choice in schema_of(dotted)["enum"])
 
 
 @pytest.mark.parametrize("dotted", required())
-def test_every_missing_field_is_named_with_an_example(dotted: str, tmp_path: Path) -> None:
-    message = refusal(tmp_path, with_field(dotted, ...))
+def test_every_missing_field_is_named_with_an_example(dotted: str) -> None:
+    message = refusal(with_field(dotted, ...))
     assert re.match(rf"{dotted} is missing; .*{REMEDY}", message), message
 
 
 @pytest.mark.parametrize("dotted", one_in(4, [name for name in FIELDS if "." in name]))
-def test_every_misspelt_field_is_refused_with_the_right_one(
-    dotted: str, tmp_path: Path
-) -> None:
+def test_every_misspelt_field_is_refused_with_the_right_one(dotted: str) -> None:
     """A letter too many, in a file and in replace(): the field that was meant is named."""
     data = with_field(dotted + "s", 1)
-    message = refusal(tmp_path, data)
+    message = refusal(data)
     assert dotted + "s" in message and f"Did you mean '{dotted}'?" in message
     with pytest.raises(ms.InputError, match=re.escape(f"Did you mean '{dotted}'?")):
         ms.load_camera("konnik_table1").replace(**{dotted + "s": 1})
@@ -278,16 +223,6 @@ def test_replace_makes_another_camera_and_leaves_the_first() -> None:
         camera.adc.bits = 14
 
 
-def test_replacing_an_unknown_field_says_which_one_was_meant() -> None:
-    with pytest.raises(
-        ms.InputError,
-        match=r"full_well is not a field of a camera\. Did you mean 'pixel\.full_well_e'",
-    ):
-        ms.load_camera("konnik_table1").replace(full_well=5)
-    with pytest.raises(ms.InputError, match="xyzzy is not a field of a camera"):
-        ms.load_camera("konnik_table1").replace(xyzzy=5)
-
-
 @pytest.mark.parametrize("name", ms.list_cameras())
 def test_every_number_of_a_shipped_camera_has_a_source(name: str) -> None:
     """Every number has a father; the curves of all filters share one. And no source speaks of what is not there."""
@@ -310,16 +245,6 @@ def test_every_number_of_a_shipped_camera_has_a_source(name: str) -> None:
     assert all(len(text) > 8 for text in camera.sources.values())
 
 
-def test_the_cameras_that_ship_are_the_ones_that_are_listed() -> None:
-    """Table 1, a CCD, and a colour sensor with a Bayer mosaic of three curves."""
-    cameras = [ms.load_camera(name) for name in ms.list_cameras()]
-    assert "konnik_table1" in ms.list_cameras()
-    assert any(camera.sensor.technology == "ccd" for camera in cameras)
-    assert any(
-        len(camera.filter_names) == 3 and np.shape(camera.tile) == (2, 2) for camera in cameras
-    )
-
-
 @pytest.mark.parametrize("name", ms.list_cameras())
 def test_a_shipped_camera_sees_its_reference_wavelength(name: str) -> None:
     camera = ms.load_camera(name)
@@ -327,32 +252,6 @@ def test_a_shipped_camera_sees_its_reference_wavelength(name: str) -> None:
     low, high = camera.band_nm
     assert 200 <= low < high <= 1800
     assert not camera.qe([low - 1, high + 1]).any()
-
-
-def test_the_schema_is_json_schema_that_names_every_field() -> None:
-    schema = json.loads(json.dumps(SCHEMA, allow_nan=False))
-    assert schema["type"] == "object" and schema["additionalProperties"] is False
-    for table in schema["$defs"].values():
-        assert table["additionalProperties"] is False
-        for field in table["properties"].values():
-            assert field["description"] and field["examples"]
-
-
-@pytest.mark.parametrize(
-    ("name", "k"),
-    [("konnik_table1", 0.12412121), ("bayer_2mp", 4096 / 32_691), ("eev_44_82", 1 / 1.8586)],
-)
-def test_the_gain_of_a_shipped_camera_is_that_of_its_datasheet(name: str, k: float) -> None:
-    assert gain_dn_per_e(ms.load_camera(name)) == pytest.approx(k, rel=1e-4)
-
-
-def test_the_dark_current_model_is_the_one_that_was_given() -> None:
-    camera = ms.load_camera("bayer_2mp")
-    assert dark_current_model(camera).rate_e_per_s(298.15) == pytest.approx(5.0)
-    assert dark_current_model(camera).rate_e_per_s(305.15) == pytest.approx(10.0)
-    assert dark_current_model(ms.load_camera("konnik_table1")).rate_e_per_s(
-        300.0
-    ) == pytest.approx(2027.87, rel=5e-6)
 
 
 def test_quantum_efficiency_is_linear_between_its_points_and_zero_outside() -> None:
@@ -441,34 +340,18 @@ def test_a_broken_camera_file_is_said_with_line_and_column(tmp_path: Path) -> No
         ms.load_camera(path)
 
 
-def test_a_camera_survives_its_own_dump() -> None:
-    """model_dump is what frame.json holds: the camera can be made again from it, through JSON."""
-    for name in ms.list_cameras():
-        camera = ms.load_camera(name)
-        again = ms.Camera.model_validate(
-            json.loads(json.dumps(camera.model_dump(), allow_nan=False))
-        )
-        assert again == camera and chain(again) == chain(camera)
-
-
 @pytest.mark.parametrize("name", ms.list_cameras())
 def test_a_camera_survives_pickling_and_copying(name: str) -> None:
-    """Its chain too, once it is built."""
+    """Its chain too, once it is built; model_dump is what frame.json holds."""
     camera = ms.load_camera(name)
     stages = camera.stages
     for other in (
         pickle.loads(pickle.dumps(camera)),
+        ms.Camera.model_validate(json.loads(json.dumps(camera.model_dump(), allow_nan=False))),
         copy.deepcopy(camera),
         camera.model_copy(),
     ):
         assert other == camera and other.stages == stages
-
-
-def test_a_copy_with_other_fields_has_the_chain_of_those_fields() -> None:
-    camera = ms.load_camera("konnik_table1")
-    assert camera.stages[-1].highest == 4095  # type: ignore[attr-defined]
-    other = camera.model_copy(update={"adc": camera.replace(**{"adc.bits": 14}).adc})
-    assert other.stages[-1].highest == 2**14 - 1  # type: ignore[attr-defined]
 
 
 def test_equal_cameras_have_one_hash() -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from helpers.marks import one_in
 from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.field_catalogue import assignment, markdown, tables, toml_of
+from mitsuba_sensor.camera.field_catalogue import tables
 
 TABLE1 = ms.load_camera("konnik_table1")
 COMPONENT = {"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
@@ -148,49 +146,6 @@ def test_a_camera_with_a_stage_of_ones_own_is_in_no_file() -> None:
         TABLE1.with_stage(Hum(), after="reset_noise").to_toml()
 
 
-def test_values_as_toml_read_again_as_the_same() -> None:
-    random = np.random.default_rng(1)
-    numbers = [
-        float(x) for x in random.standard_normal(200) * 10.0 ** random.integers(-300, 300, 200)
-    ]
-    for value in [
-        *numbers,
-        0.0,
-        -3.0,
-        1e7,
-        1e22,
-        True,
-        12,
-        TEXTS,
-        [1, [2.5, "x"]],
-        {"a b": 1, "c": {"d": [1.5]}},
-    ]:
-        assert tomllib.loads(assignment("key", value))["key"] == value
-        assert math.isfinite(value) if isinstance(value, float) else toml_of(value)
-    assert max(map(len, assignment("key", numbers).splitlines())) <= 110
-
-
-def test_the_tables_of_the_docs_name_every_key_with_its_unit() -> None:
-    page = markdown(ms.Camera)
-    assert (
-        "| `full_well_e` | e- | at least 1 | 200 to 1e8 | required | saturation capacity |"
-        in page
-    )
-    assert (
-        '| `technology` | – | "cmos" or "ccd" | – | required | chooses the stages of the chain |'
-        in page
-    )
-    assert (
-        "| `wavelengths_nm` | nm | list of at least 2, each above 0 | 100 to 3000 | required |"
-        in page
-    )
-    assert (
-        "| `doubling_k` | K | above 0 | 2 to 30 | – | warming that doubles the rate; without it the rate follows "
-        "silicon |" in page
-    )
-    assert page.count("\n### `[") + page.count("\n### `[[") >= 11 and ":meth:" not in page
-
-
 # Alternatives: None unsets.
 
 ELECTRONS = {"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 3.0}
@@ -240,15 +195,3 @@ def test_an_unset_field_has_its_default_again() -> None:
         ms.InputError, match=r"adc\.bits is missing; resolution \[bit\], e\.g\. 12"
     ):
         camera.replace(**{"adc.bits": None})
-
-
-def test_an_alternative_beside_the_other_says_how_to_unset_it() -> None:
-    with pytest.raises(
-        ms.InputError, match=r"and not both\. None unsets a field; .* --set FIELD=none\.$"
-    ):
-        TABLE1.replace(**{"source_follower.read_noise_e": 3.0})
-
-
-def test_a_field_of_a_lens_that_is_not_there_says_what_is_missing() -> None:
-    with pytest.raises(ms.InputError, match=r"lens\.prescription: surfaces has 0 of them"):
-        TABLE1.replace(**{"lens.prescription.name": "mine"})

@@ -10,7 +10,6 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.stages.dark_current_models import Doubling, FigureOfMerit, band_gap_ev
 from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
 from mitsuba_sensor.stages.fpn_distributions import Gaussian, LogNormal
@@ -31,19 +30,6 @@ def test_the_dark_rate_of_table_1_at_four_temperatures(kelvin: float, rate: floa
     """The printed values were made with the Boltzmann constant of CODATA 2006, 1.1e-6 larger: 6e-6 at 400 K."""
     assert TABLE1.rate_e_per_s(kelvin) == pytest.approx(
         rate, rel=1e-4 if kelvin == 77 else 7e-6
-    )
-
-
-def test_the_figure_of_merit_is_what_its_name_says_at_300_k() -> None:
-    """1 nA/cm² on the area of a pixel, in electrons: nothing else may stand in the formula at 300 K."""
-    assert TABLE1.rate_e_per_s(300.0) == pytest.approx(
-        1e-9 * 5.7e-4**2 / 1.602176634e-19, rel=1e-14
-    )
-
-
-def test_eight_kelvin_nearly_double_the_dark_current() -> None:
-    assert TABLE1.rate_e_per_s(308.0) / TABLE1.rate_e_per_s(300.0) == pytest.approx(
-        1.8930, abs=5e-5
     )
 
 
@@ -69,17 +55,10 @@ def test_the_doubling_law_doubles() -> None:
     assert math.isfinite(law.rate_e_per_s(1e9))
 
 
-@pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
+@pytest.mark.parametrize("time_s", [1e-3, 600.0])
 @pytest.mark.parametrize(
     "pattern",
-    [
-        LogNormal(0.01),
-        LogNormal(0.4),
-        Gaussian(0.01),
-        Gaussian(0.2),
-        Gaussian(0.4),
-        LogNormal(1.0),
-    ],
+    [LogNormal(0.01), Gaussian(0.4), LogNormal(1.0)],
     ids=str,
 )
 def test_dark_current_fpn_keeps_the_mean_and_has_its_cv_at_every_time(
@@ -102,7 +81,7 @@ def test_dark_current_fpn_keeps_the_mean_and_has_its_cv_at_every_time(
     assert cv == pytest.approx(pattern.cv, rel=0.007)  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("cv", [0.0, 0.01, 0.4, 1.0, 10.0])
+@pytest.mark.parametrize("cv", [0.0, 0.4, 10.0])
 @pytest.mark.parametrize("family", [Gaussian, LogNormal])
 def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_pattern(
     family: type, cv: float
@@ -115,12 +94,3 @@ def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_patter
     assert np.min(dark) >= 0 and np.isfinite(dark).all()
     tolerance = 5 * math.sqrt(family(cv).variance) / 500 + 1e-9
     assert np.mean(dark) == pytest.approx(202.78665, rel=tolerance + 1e-6)
-
-
-@pytest.mark.parametrize(
-    ("wavelength_nm", "energy_j"),
-    [(200.0, 9.932229286e-19), (550.0, 3.611719740e-19), (1100.0, 1.805859870e-19)],
-)
-def test_the_energy_of_a_photon(wavelength_nm: float, energy_j: float) -> None:
-    """hc = 1.98644586e-25 J·m."""
-    assert photon_energy_j(wavelength_nm) == pytest.approx(energy_j, rel=1e-9)

@@ -93,24 +93,9 @@ def test_a_file_of_maps_in_dn_serves_the_commands(
 ) -> None:
     values = np.random.default_rng(4).normal(0.0, 3.0, (12, 16))
     np.savez(tmp_path / "maps.npz", dsnu_pixel_dn=values)
-    flags = (
-        "--exposure-s",
-        "0",
-        "--clean",
-        "--set",
-        "adc.black_level_dn=60",
-        "--set",
-        "readout.dsnu_col=0",
-    )
-    done = cli(
-        "expose",
-        light_file,
-        "-o",
-        tmp_path / "out",
-        "--fpn-maps",
-        tmp_path / "maps.npz",
-        *flags,
-    )
+    flags = ("--exposure-s", 0, "--clean", "--set", "adc.black_level_dn=60")
+    flags += ("--set", "readout.dsnu_col=0", "--fpn-maps", tmp_path / "maps.npz")
+    done = cli("expose", light_file, "-o", tmp_path / "out", *flags)
     assert done.exit_code == 0, done.stderr
     import tifffile
 

@@ -13,10 +13,8 @@ from helpers.shipped import ONE_READOUT
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.camera.figures import saturation_e
-from mitsuba_sensor.lab.frames.series import series
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
-from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 PUBLISHED = {  # K [DN/e-] and read noise [e-] as published; where, says [sources] of each camera
@@ -120,20 +118,6 @@ def test_every_shipped_ladder_is_in_this_list() -> None:
     assert {name: labels for name, labels in found.items() if labels} == {
         x: list(y) for x, y in LADDERS.items()
     }
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", one_in(3, LADDERS))
-def test_photon_transfer_at_two_settings_has_the_published_gain(name: str) -> None:
-    """Flat pairs at four levels of 80 000 pixels or more: K to 0.25 %, so that 1 % is 4 standard errors."""
-    labels = tuple(LADDERS[name])
-    for setting in STEP if name == "sony_a7s2" else (labels[0], labels[-1]):
-        camera = ms.load_camera(name).at_gain(setting)
-        flats = [stack(camera, share) for share in (0.2, 0.35, 0.5, 0.65, 0.95)]
-        found = photon_transfer(series([stack(camera, 0.0)], flats))
-        assert found.fitted.sum() == 4 and found.gain.value == pytest.approx(
-            LADDERS[name][setting][0], rel=0.01
-        )
 
 
 @pytest.mark.parametrize("name", one_in(3, LADDERS))

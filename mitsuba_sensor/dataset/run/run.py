@@ -76,7 +76,7 @@ Show = Callable[[RunProgress], object]
 
 @contextmanager
 def shown_run(progress: Show | bool | None) -> Iterator[Show]:
-    """What a run reports to: the given function, nothing for False, and for None a bar in a notebook or lines."""
+    """What a run reports to: the given function, nothing for False, and for None a line every ten seconds."""
     if callable(progress):
         yield progress
         return
@@ -127,7 +127,7 @@ def run(
 ) -> RunProgress:
     """Make everything of a dataset that is missing in ``out``.
 
-    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
+    progress : None says every ten seconds on stderr how far it is; False says nothing; a
         function is called with a :class:`RunProgress` after every step.
     Raises InputError; DiskFull where the disk takes no more: what is complete stays, and another run goes on.
     """

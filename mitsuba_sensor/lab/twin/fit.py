@@ -227,7 +227,7 @@ def fit(frames: str | os.PathLike[str] | Bench, *, progress: bool | None = None)
         camera = ms.load_camera(twin.tables())
 
     frames : a folder with a bench.toml or with names that tell bias, dark and flat frames apart; or a bench.
-    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing.
+    progress : None says every ten seconds on stderr how far it is; False says nothing.
 
     At least one dark stack and flat fields of several levels with 2 frames each are needed; at each gain setting.
     Raises InputError where frames cannot be read or do not show K or the dark level.

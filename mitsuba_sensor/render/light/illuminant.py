@@ -10,8 +10,8 @@ import numpy as np
 
 from ...camera.camera import Camera
 from ...core import Exposure, first_given
-from ...core.illuminant import Illuminant
 from ...core.llvm import drjit
+from ...core.signals import Illuminant
 from ..variants import MitsubaObject, mitsuba
 from .irradiance import RenderedFor
 

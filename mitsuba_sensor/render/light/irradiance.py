@@ -14,7 +14,7 @@ from ...camera.camera import Camera
 from ...camera.camera_file import camera_from
 from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
 from ...core import Exposure, InputError
-from ...core.illuminant import Illuminant
+from ...core.signals import Illuminant
 from ...optics.waveform import Waveform
 from ..passes.statistics import RenderStatistics
 from .group_notes import without_unlit

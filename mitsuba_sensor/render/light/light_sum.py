@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Float64Array, InputError, nearest
-from ...core.illuminant import Illuminant
+from ...core.signals import Illuminant
 from ...optics.shutter import Shutter
 from ...optics.waveform import EXAMPLE, Waveform, waveform_of
 from .own_filter import in_band_factor, of_own_filter

@@ -19,7 +19,6 @@ from ...core import (
     Float64Array,
     InputError,
     Photons,
-    PhotonsOfBands,
     check_types,
     first_given,
     numbers,
@@ -305,12 +304,8 @@ def _photons(
     """Photons of irradiance (H, W, B), those of a render made when somebody asks for them."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     centres, widths = (np.asarray(x, dtype=np.float64) for x in (centres, widths))
-    photons = PhotonsOfBands(data, factor, wavelengths_nm=centres, bandwidths_nm=widths)
-    return (
-        photons
-        if data.dtype == np.float32
-        else Photons(photons.mean, centres, bandwidths_nm=widths)
-    )
+    photons = Photons(data, centres, bandwidths_nm=widths, factor=factor)
+    return photons if data.dtype == np.float32 else photons.changed(mean=photons.mean)
 
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:

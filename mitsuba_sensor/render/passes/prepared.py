@@ -87,7 +87,7 @@ def render(
         options wavelength_nm, bandwidth_nm and spectral. A camera that is given brings its own lens; a note says so
         where the scene's <sensor type="camera"> has another, or where nobody names one and konnik_table1 is taken.
         An exposure of "auto", or none anywhere, is metered: ``statistics.metering`` has what was found.
-    progress : None says every ten seconds on stderr how far it is, in a notebook by a bar; False says nothing; a
+    progress : None says every ten seconds on stderr how far it is; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress`, also before the first pass.
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """

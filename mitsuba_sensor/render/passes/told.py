@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from ...core.progress import Teller, automatic_progress, is_asked
+from ...core.progress import ProgressLines, automatic_progress, is_asked
 from .stop_criterion import Progress, RenderProgress
 
 FILES = "report and files"
@@ -55,7 +55,7 @@ def told_progress(
     options: Mapping[str, object],
     thread: bool = True,
 ) -> Iterator[Progress | None]:
-    """What a render reports to: the given function, nothing for False, and for None a bar in a notebook or lines.
+    """What a render reports to: the given function, nothing for False, and for None a line every ten seconds.
 
     name : of the function that the user called.  options : its options.  Raises InputError.
     """
@@ -69,7 +69,7 @@ def told_progress(
         yield None if teller is None else _teller_of(teller, Series(options))
 
 
-def _teller_of(teller: Teller, series: Series) -> Callable[[RenderProgress], None]:
+def _teller_of(teller: ProgressLines, series: Series) -> Callable[[RenderProgress], None]:
     def tell(step: RenderProgress) -> None:
         teller.tell(*series.standing(step))
         teller.tick()

@@ -24,11 +24,10 @@ from ...camera.camera import Camera
 from ...core import Array, Float64Array, InputError
 from ...core.llvm import drjit
 from ...optics.distortion import Distortion, distortion_of
-from ...optics.exit_pupil import exit_pupil_bounds
 from ...optics.f_number_law import numerical_aperture
 from ...optics.intrinsics import View, image_distance_m
 from ...optics.ray_trace import D_NM, Ray
-from ...optics.traced_lens import cardinal_points, traced_lens
+from ...optics.traced_lens import cardinal_points, exit_pupil_bounds, traced_lens
 from ..variants import MitsubaObject, mitsuba
 
 TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection
