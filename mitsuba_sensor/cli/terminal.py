@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..core.progress import duration
 from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
 from .counted import counted
 from .sentences import said_here
@@ -251,21 +250,6 @@ def _facts(report: Report) -> Iterator[Text]:
     if not photons["max"]:
         said = "none, because there is no light"
     yield fact("render noise", said)
-    most = noise["most_samples"]
-    if most and noise["over_sensor_median"]:
-        ratios = f"{number(noise['most_samples_median'])} × and {number(noise['most_samples_p95'])} ×"
-        more_s = duration(noise["most_samples_more_s"])
-        yield fact(
-            "with more samples",
-            f"--spp {most:.0f} is expected to bring these two to {ratios}, in {more_s} more",
-        )
-    if "uncompensated" in report["origin"]:
-        left, above = (report["origin"][name] for name in ("uncompensated", "above_shot_noise"))
-        left = (
-            f"render noise makes the variance {number(left)} × the shot noise's larger, on average over the pixels; "
-            f"in {100 * above:.2g} % of the pixels it is more than the shot noise"
-        )
-        yield fact("a render for every frame", left)
     if done := render["denoised"]:
         before = (
             f"{number(done['raw_noise_ratio_median'])} × in the median pixel and "

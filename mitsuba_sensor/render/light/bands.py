@@ -263,14 +263,6 @@ def restrict_wavelengths(film: MitsubaObject, low_nm: float, high_nm: float) -> 
     )
 
 
-def take_wavelengths_of(film: MitsubaObject, other: MitsubaObject) -> None:
-    """From now on sample wavelengths for another film with the same channels as for this one."""
-    mine, others = (mitsuba().traverse(one.sensor_response_function()) for one in (film, other))
-    values = np.array(mine["values"], dtype=float)
-    if not np.array_equal(values, np.array(others["values"], dtype=float)):
-        _set_density(others, values)
-
-
 def round_wavelength_density(film: MitsubaObject) -> None:
     """Round the density from which the film samples wavelengths, so that its inversion in float32 is accurate.
 

@@ -1,9 +1,8 @@
-"""Requirements: which options a scene and camera need, measured on a render; a scene without some of its features."""
+"""Requirements: which options a scene and camera need, measured on a render."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,29 +10,6 @@ from ...camera.camera import Camera
 from ...core import Exposure, Float64Array
 from ..light.irradiance import Irradiance, is_exact
 from ..light.photons import photons_per_irradiance
-from ..lint.lint import WRAPPERS
-from ..scene.scene_file import SceneFile
-from ..variants import mitsuba
-from .prepared import PreparedRender
-from .renderer import Renderer
-
-WITH_DEPTH = (
-    "path",
-    "volpath",
-    "volpathmis",
-    "prb",
-    "prb_basic",
-    "prb_projective",
-    "prbvolpath",
-)
-"""Integrators of Mitsuba whose ``max_depth`` cuts off indirect light."""
-PASSED = (
-    "max_depth",
-    "hide_emitters",
-)  # what an integrator without indirect light takes from the scene's own
-STOPPED_DOWN = (
-    1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
-)
 
 
 @dataclass(frozen=True)
@@ -127,54 +103,3 @@ def _groups(light: Irradiance, size: int) -> tuple[Float64Array, Float64Array]:
     starts = np.arange(0, len(widths), size)
     grouped = np.add.reduceat(widths, starts)
     return grouped, np.add.reduceat(light.wavelengths_nm * widths, starts) / grouped
-
-
-def grouped_electrons(
-    light: Irradiance, camera: Camera, exposure: Exposure, size: int
-) -> Float64Array:
-    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W)."""
-    finite = np.where(np.isfinite(light.data), light.data, 0.0) * light.bandwidths_nm
-    data = np.add.reduceat(finite, np.arange(0, finite.shape[2], size), axis=2)
-    per_irradiance = _per_irradiance(camera, exposure, *_groups(light, size))
-    filters = camera.filter_index((data.shape[0], data.shape[1]), light.origin)
-    return np.asarray(np.einsum("hwb,hwb->hw", data, per_irradiance[filters]))
-
-
-def without_depth_of_field(loaded: PreparedRender) -> PreparedRender:
-    """The same, its thin lens stopped down to a point; the scene that was loaded is changed."""
-    parameters = mitsuba().traverse(loaded.at_rest.sensor)
-    parameters["aperture_radius"] = parameters["aperture_radius"] * STOPPED_DOWN
-    parameters.update()
-    return loaded
-
-
-def without_indirect_light(loaded: PreparedRender) -> PreparedRender:
-    """The same with the integrator of :func:`direct_integrator`, which must not be None."""
-    scene = replace(
-        loaded.at_rest, integrator=mitsuba().load_dict(direct_integrator(loaded.parsed.file))
-    )
-    return replace(
-        loaded,
-        scene=scene,
-        renderer=Renderer(scene, loaded.camera, loaded.exposure, loaded.bands),
-    )
-
-
-def direct_integrator(scene: SceneFile) -> dict[str, Any] | None:
-    """The scene's integrator without indirect light, in Mitsuba's terms; None where it has no more to lose."""
-    name, given = "path", dict[str, Any]()
-    for _, node in scene.children(scene.root, "Integrator"):
-        nested: list[Any] = [node]
-        while nested:
-            node, name = nested[0], nested[0].props.plugin_name()
-            given = {key: node.props[key] for key in node.props if key in PASSED}
-            nested = (
-                [one for _, one in scene.children(node.props, "Integrator")]
-                if name in WRAPPERS
-                else []
-            )
-    if name in WRAPPERS:
-        name, given = "path", {}
-    if name not in WITH_DEPTH or 0 <= given.get("max_depth", -1) <= 2:
-        return None
-    return {"type": name, **given, "max_depth": 2}

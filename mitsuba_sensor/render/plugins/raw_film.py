@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...sensor.expose import exposure_of_photons
 from ..light.photons import collected
-from ..passes.passes import hashed_seed
 from ..passes.prepared import render
+from ..samples import hashed_seed
 from ..scene.plugin_id import PluginParameters, parameters_of
 from ..scene.scene_nodes import LoadedView
 from ..variants import MitsubaObject, mitsuba
