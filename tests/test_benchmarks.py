@@ -174,15 +174,6 @@ def test_a_render_is_timed_against_plain_mitsuba_in_one_process_and_in_new_ones(
 
 
 @pytest.mark.exhaustive
-def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
-    found = run("compensated_frames.py", "--quick")
-    assert_positive(found["time"])
-    assert found["frames"]["variance_over_mean"] == pytest.approx(
-        1, abs=5 * found["frames"]["standard_error"]
-    )
-
-
-@pytest.mark.exhaustive
 def test_denoised_light_is_compared_with_a_reference() -> None:
     """16 samples of a Cornell box of 32 × 32 pixels: denoised, the median squared error is at most two thirds."""
     scene = str(BENCHMARKS.parent / "scenes" / "cornell_box.xml")

@@ -12,7 +12,7 @@ import pytest
 from helpers import DATA
 from helpers.marks import one_in
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
-from scipy.ndimage import gaussian_filter, uniform_filter
+from scipy.ndimage import gaussian_filter, median_filter, uniform_filter
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
@@ -81,12 +81,13 @@ def test_what_a_filter_takes_from_a_lamp_does_not_brighten_the_walls() -> None:
 
 
 def test_error_bars_hold_also_where_the_filter_is_wrong() -> None:
-    """Gradient, edge and texture: |z| < 1 in 0.60 … 0.78, |z| < 2 in 0.90 … 0.97 of 8 × 4096 pixels."""
+    """Gradient, edge and texture: |z| < 1 in 0.60 … 0.78, |z| < 2 in 0.90 … 0.97 of 8 × 4096 pixels. The filter keeps
+    edges, as the network does."""
     rows, columns = np.mgrid[:64, :64]
     texture = np.where((rows < 20) & (columns > 40), 6.0 * (columns % 3), 0.0)
     truth, z = 50 + columns / 2 + 40.0 * (rows > 30) + texture, []
     for seed in range(8):
-        found, _ = combined(truth, 0.02 * truth, seed, lambda half: gaussian_filter(half, 2.0))
+        found, _ = combined(truth, 0.02 * truth, seed, lambda half: median_filter(half, 5))
         z.append(np.abs(found.mean - truth) / np.sqrt(found.variance))
     assert 0.60 < np.mean(np.array(z) < 1) < 0.78
     assert 0.90 < np.mean(np.array(z) < 2) < 0.97
@@ -215,7 +216,7 @@ def test_a_textured_floor_is_denoised_without_its_texture() -> None:
 @pytest.mark.parametrize(
     ("scene", "options"),
     [
-        # A flat field has no noise but that of λ within its band, 3e-4 of the light; a filter's own pattern has as much.
+        # A flat field has no noise but that of λ within its band, 3e-4 of the light.
         ("flat_field", {"spp": 32}),
         ("cornell_box", {"parameters": {"width": 1, "height": 1}}),
         ("cornell_box", {"parameters": {"width": 12, "height": 14}}),
@@ -285,7 +286,7 @@ def test_guides_of_other_light_and_more_filters_compile_and_trace_no_more() -> N
             guided(BOX, filters, nm, width=32)
             kernels.append([k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])])
     assert kernels[1] and {*kernels[2]} <= {*kernels[1]}
-    assert len(kernels[0]) == len(kernels[1])
+    assert len(kernels[1]) <= len(kernels[0]) + 2  # two more sums over the rays of a pixel
 
 
 def test_without_the_library_the_render_is_raw_and_asked_for_it_is_refused(

@@ -29,10 +29,10 @@ from helpers.scenes import (
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.optics import spectra
+from mitsuba_sensor.render import samples
 from mitsuba_sensor.render.light import bands as film
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
-from mitsuba_sensor.render.passes import passes
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -254,7 +254,12 @@ def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> Non
         + mean_dark_e(camera, EXPOSURE)
         + (read_noise.sigma_v / sense_gain_v_per_e(camera)) ** 2
     )
-    ratio = job.renderer.electrons()[1] / (noise + 1 / 12 / k**2)
+    variance = (
+        (light.pass_error * electrons[..., 0]) ** 2
+        if electrons.ndim > 2
+        else (light.pass_error * electrons) ** 2
+    )
+    ratio = variance / (noise + 1 / 12 / k**2)
     found = light.statistics
     assert found.noise_ratio_median == pytest.approx(
         np.median(ratio) * 7 / 6.346, rel=2e-3
@@ -296,7 +301,7 @@ def test_strips_of_rows_see_what_the_whole_film_sees(
         "denoise": True,
     }
     whole = ms.render(path, CAMERA, EXPOSURE, **options)
-    monkeypatch.setattr(passes, "MOST_VALUES", 12 * 2)
+    monkeypatch.setattr(samples, "IN_FLIGHT_MAX", 12 * 2 * 2)
     cut = ms.render(path, CAMERA, EXPOSURE, **options, progress=reports.append)
     np.testing.assert_allclose(cut.data, whole.data, rtol=1e-5)
     rendering = [(step.done, step.most) for step in reports if step.doing == "rendering"]

@@ -25,6 +25,7 @@ from mitsuba_sensor.optics.point_spread import (
     encircled_energy,
     first_zero,
 )
+from mitsuba_sensor.render.denoise.guides import trace_guides
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
@@ -352,7 +353,7 @@ def test_guides_of_the_denoiser_are_as_blurred_as_the_picture(tmp_path: Path) ->
     cam = camera(lens__f_number=22.0)
     upright = HALF_PLANE.replace(f'angle="{ANGLE_DEG}"', 'angle="0"')
     scene = load(tmp_path, cam, [549.5, 550.5], upright, shape=(32, 64))
-    normals = scene.guides(np.full((1, 4), 550.0), (0, 32), 256)[..., -1]
+    normals = trace_guides(scene, np.full((1, 4), 550.0), 1, 256, (0, 32))[..., -1]
     profile = np.abs(normals).mean(axis=0)
 
     def mtf(frequency: Float64Array) -> Float64Array:

@@ -18,7 +18,7 @@ CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 def test_a_pixel_as_noisy_by_the_render_as_by_the_sensor_owes_half_its_variance_to_it(
     light: Any,
 ) -> None:
-    """The render's error scaled until the median ratio is 1: half of the variance, more than that in half the pixels."""
+    """The render's error scaled until the median ratio is 1: half of the variance, more in half the pixels."""
     known = replace(light, statistics=replace(light.statistics, passes=2**20))
     frames = ms.expose(ms.collect(known, CAMERA, EXPOSURE), CAMERA, EXPOSURE)
     before = render_noise(known, frames)["over_sensor_median"]

@@ -162,16 +162,8 @@ def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> No
 def test_a_quantum_yield_has_bands_with_a_render_for_every_frame() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
     options = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
-    frame = next(
-        ms.render_frames(
-            SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **options
-        )
-    )
+    frame = next(ms.render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, **options))
     assert frame.light.statistics.spectral == "cube"
-    with pytest.raises(ms.InputError, match="take render_noise 'per-frame'"):
-        ms.render_frames(
-            SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **options
-        )
 
 
 def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:

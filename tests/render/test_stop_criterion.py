@@ -103,9 +103,7 @@ def test_progress_of_a_number_of_passes_goes_from_none_to_all(options: dict[str,
     assert shares[0] == 0 and shares[-1] == 1 and shares == sorted(shares)
 
 
-@pytest.mark.parametrize(
-    "time_s", [0.0005, *one_in(2, [0.002, 0.005]), 0.05], ids=lambda s: f"{s} s"
-)
+@pytest.mark.parametrize("time_s", one_in(2, [0.0005, 0.01, 0.05, 0.5]))
 def test_a_render_stops_where_the_sensor_is_noisier_than_the_render(time_s: float) -> None:
     """95 % of the lit pixels; the same bytes as of so many samples that were asked for. Much light has little shot
     noise beside it, so that all samples are taken."""
@@ -114,7 +112,7 @@ def test_a_render_stops_where_the_sensor_is_noisier_than_the_render(time_s: floa
     stopped = found.samples_per_pixel < DEFAULT_SPP
     assert (found.ended_by == "sensor_noise") == (found.noise_ratio_p95 <= 1)
     assert stopped <= (found.ended_by == "sensor_noise")
-    assert stopped == (time_s < 0.01)
+    assert stopped == (time_s < 0.1)
 
 
 @pytest.mark.parametrize(

@@ -193,8 +193,8 @@ def _bars(signs: Float64Array, around: Float64Array, raw: Float64Array) -> Float
 
 
 def _missing_light(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Float64Array:
-    """Return (H, W) what the mean lacks of the raw sums over the pixels of each brightness, in proportion to the spread:
-    what a filter takes from a lamp does not go to the walls. Between the levels of brightness a pixel belongs to both
+    """Return (H, W) what the mean lacks of the raw sums over the pixels of each brightness, as ``spread`` is: what
+    a filter takes from a lamp does not go to the walls. Between the levels of brightness a pixel belongs to both
     neighbours, so that its own noise hardly decides where."""
     lit = mean[mean > 0]
     usual = float(np.median(lit)) if lit.size else 1.0
