@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -14,9 +14,6 @@ from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
 from .counted import counted
 from .sentences import said_here
 from .tables import FittedTable, number, rough
-
-if TYPE_CHECKING:
-    from ..render.passes.requirements import RenderRequirement
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 OF_STAGES = (
@@ -68,21 +65,19 @@ def _camera_and_gain(report: Report) -> str:
     return f"{camera['name']}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-"
 
 
-def plans_sheet(
-    plan: Plan | CombinedPlan, needs: Sequence[RenderRequirement]
-) -> RenderableType:
-    """What a plan keeps and leaves out, sensor and render; of several read-outs that of each."""
+def plans_sheet(plan: Plan | CombinedPlan) -> RenderableType:
+    """What a plan keeps and leaves out; of several read-outs that of each."""
     if isinstance(plan, Plan):
-        return plan_sheet(plan, needs)
+        return plan_sheet(plan)
     head = f"{plan.camera}: without the stages that are not needed, the linear code changes by at most "
     parts: list[RenderableType] = [Text(f"{head}{plan.tolerance_dn:g} DN", style="bold")]
     for name, own in plan.readouts.items():
-        parts += [Text(f"\nread-out {name}", style="bold"), plan_sheet(own, [])]
-    return Group(*parts, _needs(needs))
+        parts += [Text(f"\nread-out {name}", style="bold"), plan_sheet(own)]
+    return Group(*parts)
 
 
-def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
-    """What a plan keeps and leaves out, sensor and render, with the effect in DN."""
+def plan_sheet(plan: Plan) -> RenderableType:
+    """What a plan keeps and leaves out, with the effect in DN."""
     held = plan.range
     head = (
         f"{plan.camera}: without the stages that are not needed, no sampled pixel changes by more than "
@@ -106,15 +101,8 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     lists = {name: ", ".join(found) for name, found in names.items() if found}
     facts = {"holds for": f"{light}, {conditions}", **lists, "clipped": clipped}
     lines = (fact(name, text) for name, text in facts.items())
-    tables = [_effects(plan)]
-    if needs:
-        tables.append(_needs(needs))
-    return Group(
-        Text(head, style="bold"),
-        *tables,
-        *lines,
-        Text(plan.float32.explain()),
-    )
+    sentence = Text(plan.float32.explain())
+    return Group(Text(head, style="bold"), _effects(plan), *lines, sentence)
 
 
 def _effects(plan: Plan) -> FittedTable:
@@ -128,19 +116,6 @@ def _effects(plan: Plan) -> FittedTable:
     for e in plan.effects:
         if e.reason not in (IDLE, NEEDED):
             table.add_row(e.stage, KEPT[e.kept], *map(rough, e.columns))
-    return table
-
-
-def _needs(needs: Sequence[RenderRequirement]) -> FittedTable:
-    """One row per option of the render."""
-    table = FittedTable(
-        ("of the render", "needed", "changes by", "why"),
-        caption="what the render has, and by how much a pixel changes without it [DN]",
-    )
-    for need in needs:
-        table.add_row(
-            need.what, KEPT[need.kept], number(need.effect_dn), said_here(need.reason)
-        )
     return table
 
 
