@@ -143,16 +143,6 @@ def test_a_group_that_is_off_is_darkness_and_all_off_is_a_dark_frame(
     np.testing.assert_array_equal(frames.digital, black.digital)
 
 
-def test_photons_are_those_of_the_levels(light: ms.Irradiance) -> None:
-    photons = [
-        ms.collect(one, CAMERA, EXPOSURE).total
-        for one in (light.with_lights(lamps=0.5), *light.groups.values())
-    ]
-    np.testing.assert_allclose(
-        photons[0], photons[1] + 0.5 * photons[2] + photons[3], rtol=1e-5
-    )
-
-
 @pytest.mark.parametrize("half", [False, True])
 def test_a_file_keeps_the_groups(half: bool, light: ms.Irradiance, tmp_path: Path) -> None:
     file = tmp_path / "irradiance.exr"
@@ -166,16 +156,6 @@ def test_a_file_keeps_the_groups(half: bool, light: ms.Irradiance, tmp_path: Pat
     relit, expected = (one.with_lights(lamps=0.2, other=2) for one in (again, light))
     np.testing.assert_allclose(relit.data, expected.data, rtol=tolerance)
     np.testing.assert_allclose(relit.relative_error, expected.relative_error, rtol=1e-3)
-
-
-def test_what_reads_the_file_of_today_reads_the_sum(
-    light: ms.Irradiance, tmp_path: Path
-) -> None:
-    colour = pytest.importorskip("colour")
-    file = tmp_path / "irradiance.exr"
-    write_irradiance_exr(file, light)
-    components = colour.read_spectral_image_Fichet2021(str(file))
-    np.testing.assert_allclose(components["S0"][1][..., 0], light.data[..., 0], rtol=1e-6)
 
 
 def test_expose_takes_levels_of_the_command_line(light: ms.Irradiance, tmp_path: Path) -> None:
@@ -308,21 +288,6 @@ def test_bad_groups_and_levels_are_refused_with_the_way_out(case: str, tmp_path:
     told = list[RenderProgress]()
     with pytest.raises(ms.InputError, match=sentence):
         ms.capture(scene_of(tmp_path, "all"), CAMERA, EXPOSURE, progress=told.append, **options)
-    assert not told
-
-
-def test_more_frames_than_memory_holds_are_refused_before_the_render(tmp_path: Path) -> None:
-    told = list[RenderProgress]()
-    with pytest.raises(ms.InputError, match=r"frames is 4294967295, .* GB, .*first_frame"):
-        ms.capture(
-            scene_of(tmp_path, "all"),
-            CAMERA,
-            EXPOSURE,
-            frames=2**32 - 1,
-            progress=told.append,
-            spp=1,
-            denoise=False,
-        )
     assert not told
 
 
