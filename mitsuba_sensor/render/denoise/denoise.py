@@ -148,30 +148,26 @@ def combine(
     of the raw mean, and so is that over the pixels of about one brightness.
     """
     raw = share * even + (1 - share) * odd
-    smooth = share * smooth_even + (1 - share) * smooth_odd
     scale = _scale(raw, variance)
-    of_half = variance * (0.5 / share + 0.5 / (1 - share))  # noise, on average
-    apart = smooth_even - smooth_odd
-    crossed = smooth_even - odd, smooth_odd - even
-    # Two halves have half the noise of one.
-    squared = (0.5 * (crossed[0] ** 2 + crossed[1] ** 2) - of_half - 0.25 * apart**2) / scale
-    product = 0.5 * ((even - odd) * crossed[0] + (odd - even) * crossed[1])
-    product = (product - of_half - 0.25 * (even - odd) * apart) / scale
-    own = variance / scale
-    v, m, c = (_box(x, RADIUS_PX) for x in (own, squared, product))
-    m = np.maximum(m, LEAST * v)
-    curve = v - 2 * c + m
-    weight = np.clip(np.where(curve > 0, (v - c) / np.where(curve > 0, curve, 1), m < v), 0, 1)
-    first, second = (x + weight * (f - x) for x, f in ((even, smooth_even), (odd, smooth_odd)))
+    own, squared, product = (
+        x / scale for x in _error_products(even, odd, smooth_even, smooth_odd, variance, share)
+    )
+    near = _box(own, RADIUS_PX)
+    weight = _weight(near, _box(squared, RADIUS_PX), _box(product, RADIUS_PX))
+    error = (1 - weight) ** 2 * own + 2 * weight * (1 - weight) * product + weight**2 * squared
+    del own, squared, product
     typical = np.maximum(variance, _median(variance))
     limit = MOVED_SIGMAS * np.sqrt(typical)
-    mean = np.clip(raw + weight * (smooth - raw), raw - limit, raw + limit)
-    error = (1 - weight) ** 2 * own + 2 * weight * (1 - weight) * product + weight**2 * squared
+    mean = raw + weight * (share * smooth_even + (1 - share) * smooth_odd - raw)
+    mean = np.clip(mean, raw - limit, raw + limit)
+    near = np.maximum(scale * near, ROUNDING * typical + SMALLEST)
+    apart = even - odd
+    apart += weight * (smooth_even - smooth_odd - apart)
     # A box behind a firefly has its rounding, of any sign.
-    signs = BAR_APART * np.maximum(_box((first - second) ** 2, 1), 0)
+    signs = BAR_APART * np.maximum(_box(apart**2, 1), 0)
     signs += BAR_MOVED * (mean - raw) ** 2
     signs += BAR_RAW * (1 - weight) ** 2 * variance + BAR_TYPICAL * typical
-    near = np.maximum(scale * v, ROUNDING * typical + SMALLEST)
+    del apart, limit
     most = BAR_SIGMAS**2 * typical
     around = np.clip(scale * _box(error, BAR_RADIUS_PX), LEAST_BAR * near, most)
     bars = np.minimum(_bars(signs, around, near), most)
@@ -179,6 +175,32 @@ def combine(
     missing = _missing_light(raw, mean, spread)
     shift = float(np.abs(missing).sum()) / (float(raw.sum()) or 1.0)
     return Combined(np.maximum(mean + missing, 0.0), bars, float(1 - weight.mean()), shift)
+
+
+def _error_products(
+    even: Float64Array,
+    odd: Float64Array,
+    smooth_even: Float64Array,
+    smooth_odd: Float64Array,
+    variance: Float64Array,
+    share: float,
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return unbiased estimates of the squared errors of the raw and of the filtered mean, and of their product."""
+    of_half = variance * (0.5 / share + 0.5 / (1 - share))  # noise, on average
+    apart, raw_apart = smooth_even - smooth_odd, even - odd
+    first, second = smooth_even - odd, smooth_odd - even
+    product = 0.5 * raw_apart * (first - second) - of_half - 0.25 * raw_apart * apart
+    # Two halves have half the noise of one.
+    squared = 0.5 * (first**2 + second**2) - of_half - 0.25 * apart**2
+    return variance, squared, product
+
+
+def _weight(raw: Float64Array, smooth: Float64Array, product: Float64Array) -> Float64Array:
+    """Return the weight of the filtered mean, 0 to 1, that minimises the squared error of the weighted mean."""
+    smooth = np.maximum(smooth, LEAST * raw)
+    curve = raw - 2 * product + smooth
+    best = np.divide(raw - product, curve, out=(smooth < raw).astype(float), where=curve > 0)
+    return np.clip(best, 0.0, 1.0)
 
 
 def _bars(signs: Float64Array, around: Float64Array, raw: Float64Array) -> Float64Array:

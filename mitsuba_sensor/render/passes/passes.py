@@ -80,9 +80,12 @@ class Passes:
             brightest = float(radiance.max(initial=0.0, where=np.isfinite(radiance)))
             self.unit = 1.0 if USUAL[0] < brightest < USUAL[1] or not brightest else brightest
         step = max(VALUES_AT_ONCE // max(radiance[0].size, 1), 1)
-        for start in range(0, len(radiance), step):
-            some = radiance[start : start + step]
-            self._add_rows(slice(first + start, first + start + len(some)), some)
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # of fireflies, whose square is infinite
+            for start in range(0, len(radiance), step):
+                some = radiance[start : start + step]
+                self._add_rows(slice(first + start, first + start + len(some)), some)
 
     def _add_rows(self, rows: slice, radiance: NDArray[np.float32]) -> None:
         values, excess = radiance[..., : self._channels], radiance[..., self._channels :]
