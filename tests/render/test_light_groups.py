@@ -15,7 +15,7 @@ from helpers.scenes import write_scene
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.id_groups import groups_of_ids
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.render.light.group_notes import notes_of_groups
+from mitsuba_sensor.render.light.light_sum import notes_of_groups
 from mitsuba_sensor.render.passes import prepared as prepared_module
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress

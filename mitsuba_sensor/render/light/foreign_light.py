@@ -26,9 +26,8 @@ from ...optics.veiling_glare import glare_sentence, veiling_glare_of
 from ..lint.scene_spectra import MITSUBA_NM
 from ..samples import clean
 from ..variants import choose_variant, mitsuba, restores_variant, use
-from .bands import BANDWIDTH_NM
+from .bands import BANDWIDTH_NM, in_band_factor, of_own_filter
 from .irradiance import Irradiance
-from .own_filter import in_band_factor, of_own_filter
 from .statistics import RenderStatistics
 
 D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION

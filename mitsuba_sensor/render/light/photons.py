@@ -32,11 +32,10 @@ from ...core.units import photon_energy_j
 from ...optics.shutter import shutter_of
 from ...sensor.checks import as_photons, check_polarizers
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
-from .bands import Bands
+from .bands import Bands, of_own_filter
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight
 from .light_sum import OF_PHOTODIODES, light_of_frame
-from .own_filter import of_own_filter
 
 
 def photons_per_irradiance(

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from ...camera.dual_pixels import PHOTODIODES
 from ..light.brightness import with_brightness
-from ..light.group_notes import notes_of_groups
 from ..light.irradiance import Irradiance
-from ..light.light_sum import sum_of_groups
+from ..light.light_sum import notes_of_groups, sum_of_groups
 from ..light.photons import mean_electrons
 from ..light.statistics import POOLED, NoiseRatios, RenderStatistics, coarsest, summary_of
 from ..lint.electron_share import with_notes_of_shares

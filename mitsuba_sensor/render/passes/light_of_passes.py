@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from ...core import Float64Array
 from ..denoise.denoise import Denoised
-from ..light.bands import Bands
-from ..light.own_filter import in_band_factor
+from ..light.bands import Bands, in_band_factor
 from ..light.statistics import pooled
 from .passes import Passes
 

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Float64Array
-from ..light.bands import Bands
-from ..light.own_filter import of_own_filter
+from ..light.bands import Bands, of_own_filter
 from ..samples import clean
 from ..scene.weight_noise import without_weight_noise
 
