@@ -71,7 +71,7 @@ def main() -> None:
     parser.add_argument(
         "--rays",
         type=int,
-        help="of the guides, per pixel, a square number; by default one for each sample, 16 to 64",
+        help="of the guides, per pixel, a square number; by default 16 to 256, as the samples",
     )
     parser.add_argument(
         "--references",

@@ -24,7 +24,6 @@ VISIBLE_NOISE = 1e-6  # relative variance that a camera may see: a tenth of the 
 VISIBLE_SHARE = (
     0.01  # of the lit pixels; small things before an even sky are to be denoised too
 )
-DARKEST_ALBEDO = 0.02  # what is darker is not divided by its own
 RADIUS_PX = 6  # of the neighbourhood of the weights
 BAR_RADIUS_PX = 12  # of the neighbourhood whose mean squared error an error bar knows
 BAR_APART, BAR_MOVED, BAR_RAW, BAR_TYPICAL = 0.16, 0.06, 1.1, 0.06
@@ -110,18 +109,14 @@ def _phases(periods: tuple[int, int]) -> Iterator[Phase]:
 def _filtered(
     network: Network, image: NDArray[np.float32], guides: Guides | None
 ) -> NDArray[np.float32]:
-    """Return the denoised picture (H, W, F): three filters at a time, over their mean. Light is divided by the albedo
-    of the surfaces, so that no texture is lost."""
-    albedo = None if guides is None else np.maximum(guides.albedo, DARKEST_ALBEDO)
-    light = image if albedo is None else image / albedo
-    scale, smooth = np.float32(light.mean(dtype=np.float64) or 1.0), np.empty_like(image)
+    """Return the denoised picture (H, W, F): three filters at a time, over their mean."""
+    scale, smooth = np.float32(image.mean(dtype=np.float64) or 1.0), np.empty_like(image)
     for first in range(0, image.shape[2], COLOURS):
         numbers = np.minimum(np.arange(first, first + COLOURS), image.shape[2] - 1)
-        of_surfaces = None if albedo is None else albedo[..., numbers]
-        filtered = network.filtered(light[..., numbers] / scale, of_surfaces)
+        albedo = None if guides is None else guides.albedo[..., numbers]
+        filtered = network.filtered(image[..., numbers] / scale, albedo)
         smooth[..., first : first + COLOURS] = filtered[..., : image.shape[2] - first]
-    smooth = np.maximum(smooth, 0.0) * scale
-    return smooth if albedo is None else smooth * albedo
+    return np.maximum(smooth, 0.0) * scale
 
 
 class Combined(NamedTuple):
